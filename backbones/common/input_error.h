@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Errors that a user can mend, kept apart from failures.
+#pragma once
+
+#include <stdexcept>
+
+namespace splatboost {
+
+/// Bad input: what is wrong, where, and what to do, in one line. The program prints it and exits with 2.
+/// Every other exception is a failure and exits with 1.
+class InputError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+}  // namespace splatboost

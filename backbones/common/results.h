@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What a run measured: results.json, and the page that shows it.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+namespace splatboost {
+
+struct ViewResult {
+  std::string name;
+  double psnr = 0;
+  double ssim = 0;
+  std::optional<double> lpips;
+};
+
+/// A point of the training curves.
+struct CurvePoint {
+  int iteration = 0;
+  double seconds = 0;             ///< training time so far, evaluation excluded
+  double loss = 0;                ///< exponential mean of the training loss
+  std::size_t primitives = 0;
+  std::optional<double> psnr;     ///< on (a few) test views, where evaluated
+};
+
+struct Results {
+  std::string backbone;
+  bool boost = false;
+  int iterations = 0;
+  double psnr = 0;
+  double ssim = 0;
+  std::optional<double> lpips;
+  double psnr_beta1 = 0;          ///< what a viewer without the compact box shows
+  std::string split;              ///< "test" or "train": which views were measured
+  std::size_t primitives = 0;
+  double train_seconds = 0;       ///< wall time of the loop, evaluation and saving excluded
+  double fps = 0;                 ///< rendering the measured views
+  std::uint64_t peak_memory_bytes = 0;
+  std::uint64_t storage_bytes = 0;  ///< of the .ply
+  std::string device;             ///< "cpu"
+  std::string machine;            ///< processor name
+  int threads = 0;
+  std::uint64_t seed = 0;
+  std::string version;
+  std::string command;            ///< the command line
+  std::string date;               ///< ISO 8601, UTC
+  std::string source;             ///< name of the scene folder
+  int width = 0, height = 0;      ///< of the first training view
+  std::vector<ViewResult> views;
+  std::map<std::string, double> stage_seconds;
+  std::vector<CurvePoint> curve;
+};
+
+nlohmann::json to_json(const Results& results);
+/// Throws InputError if a required key is missing.
+Results results_from_json(const nlohmann::json& json);
+
+/// Peak resident memory of this process so far.
+std::uint64_t peak_memory_bytes();
+/// Name of the processor, for reports.
+std::string machine_name();
+
+/// Ratios boosted / baseline of time, primitives, storage, memory; differences of PSNR, SSIM, LPIPS.
+nlohmann::json comparison_to_json(const Results& baseline, const Results& boosted);
+
+/// The table of a comparison for a terminal.
+std::string comparison_table(const Results& baseline, const Results& boosted);
+
+}  // namespace splatboost

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The standard 3DGS .ply, in and out.
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+namespace splatboost {
+
+/// Raw (not activated) parameters, as 3DGS stores them. Shapes as in Gaussians.
+struct SplatCloud {
+  std::vector<float> means;          ///< [N,3]
+  std::vector<float> sh_dc;          ///< [N,3]
+  std::vector<float> sh_rest;        ///< [N,rest,3]; (channel-major in the file, as the field has it)
+  int sh_rest_rows = 0;              ///< 0, 3, 8 or 15
+  std::vector<float> logit_opacities;///< [N]
+  std::vector<float> log_scales;     ///< [N,3]
+  std::vector<float> rotations;      ///< [N,4] w,x,y,z
+  std::size_t size() const { return logit_opacities.size(); }
+};
+
+/// Binary little endian, properties x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*. Written aside, then renamed.
+void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud);
+
+/// Reads what write_splat_ply and other 3DGS programs write (binary or ascii, properties in any order). Throws
+/// InputError on anything missing or truncated.
+SplatCloud read_splat_ply(const std::filesystem::path& path);
+
+}  // namespace splatboost

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+# How targets of this project are made: one call a library, which also enforces the layers.
+#
+#   splatboost_library(NAME adapter_vanilla LAYER adapter SOURCES … PUBLIC_LINKS … PRIVATE_LINKS …)
+#
+# makes splatboost_adapter_vanilla with the alias splatboost::adapter_vanilla. A link to another
+# splatboost:: target that the layer table does not allow stops the configure step.
+include_guard(GLOBAL)
+
+# layer -> the layers it may link to
+set(SPLATBOOST_LAYER_core "")
+set(SPLATBOOST_LAYER_adapter core)
+set(SPLATBOOST_LAYER_common core)
+set(SPLATBOOST_LAYER_backbone core common)
+set(SPLATBOOST_LAYER_patch "")
+set(SPLATBOOST_LAYER_cli core adapter common backbone patch)
+set(SPLATBOOST_LAYER_test core adapter common backbone patch cli reference)
+set(SPLATBOOST_LAYER_reference "")
+
+function(splatboost_target_options target)
+  target_compile_features(${target} PUBLIC cxx_std_20)
+  set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF)
+  # Traps and errno of math functions are never read; NaN and infinity keep their meaning.
+  target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wshadow -Wconversion
+    -Wno-sign-conversion -fno-math-errno -fno-trapping-math
+    $<$<BOOL:${SPLATBOOST_WARNINGS_AS_ERRORS}>:-Werror>)
+  if(SPLATBOOST_SANITIZE)
+    target_compile_options(${target} PRIVATE -fsanitize=${SPLATBOOST_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+    target_link_options(${target} PUBLIC -fsanitize=${SPLATBOOST_SANITIZE})
+  endif()
+endfunction()
+
+function(splatboost_check_layer target layer)
+  set_property(TARGET ${target} PROPERTY SPLATBOOST_LAYER ${layer})
+  foreach(link IN LISTS ARGN)
+    if(link MATCHES "^splatboost::(.+)$")
+      if(NOT TARGET ${link})
+        message(FATAL_ERROR "${target}: ${link} does not exist (yet): add its folder before this one.")
+      endif()
+      get_target_property(real ${link} ALIASED_TARGET)
+      get_target_property(other ${real} SPLATBOOST_LAYER)
+      if(NOT other IN_LIST SPLATBOOST_LAYER_${layer})
+        message(FATAL_ERROR "${target} is of layer '${layer}', which may not depend on ${link} (layer '${other}').")
+      endif()
+    endif()
+  endforeach()
+endfunction()
+
+function(splatboost_library)
+  cmake_parse_arguments(ARG "" "NAME;LAYER" "SOURCES;PUBLIC_LINKS;PRIVATE_LINKS" ${ARGN})
+  set(target splatboost_${ARG_NAME})
+  add_library(${target} STATIC ${ARG_SOURCES})
+  add_library(splatboost::${ARG_NAME} ALIAS ${target})
+  set_target_properties(${target} PROPERTIES EXPORT_NAME ${ARG_NAME} POSITION_INDEPENDENT_CODE ON)
+  target_link_libraries(${target} PUBLIC ${ARG_PUBLIC_LINKS} PRIVATE ${ARG_PRIVATE_LINKS})
+  splatboost_target_options(${target})
+  splatboost_check_layer(${target} ${ARG_LAYER} ${ARG_PUBLIC_LINKS} ${ARG_PRIVATE_LINKS})
+endfunction()
+
+function(splatboost_executable)
+  cmake_parse_arguments(ARG "" "NAME;LAYER;OUTPUT" "SOURCES;LINKS" ${ARGN})
+  add_executable(${ARG_NAME} ${ARG_SOURCES})
+  if(ARG_OUTPUT)
+    set_target_properties(${ARG_NAME} PROPERTIES OUTPUT_NAME ${ARG_OUTPUT})
+  endif()
+  target_link_libraries(${ARG_NAME} PRIVATE ${ARG_LINKS})
+  splatboost_target_options(${ARG_NAME})
+  splatboost_check_layer(${ARG_NAME} ${ARG_LAYER} ${ARG_LINKS})
+endfunction()

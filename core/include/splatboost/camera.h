@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file A pinhole camera.
+#pragma once
+
+#include <glm/mat3x3.hpp>
+#include <glm/mat4x4.hpp>
+#include <glm/vec3.hpp>
+
+namespace splatboost {
+
+/// Pinhole camera, COLMAP's frame: x right, y down, z forward. Pixel (column i, row j) has its centre at
+/// (i + 0.5, j + 0.5); a point (x, y, z) in the camera frame projects to (fx·x/z + cx, fy·y/z + cy).
+struct Camera {
+  int width = 0;   ///< pixels
+  int height = 0;  ///< pixels
+  float fx = 0;    ///< focal lengths and principal point in pixels
+  float fy = 0;
+  float cx = 0;
+  float cy = 0;
+  glm::mat4 camera_from_world{1.0f};  ///< rigid, column-major (glm); points are column vectors
+
+  glm::mat3 rotation() const { return glm::mat3(camera_from_world); }
+  /// Centre of projection in world coordinates.
+  glm::vec3 centre() const;
+  int tiles_x() const;
+  int tiles_y() const;
+};
+
+/// Throws ArgumentError unless sizes and focal lengths are positive and all entries are finite.
+void check_camera(const Camera& camera);
+
+}  // namespace splatboost

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The numbers of the splatting model, each with its reason. They live here and nowhere else.
+#pragma once
+
+namespace splatboost {
+
+/// Side of a square tile in pixels. 16 makes one tile row one 512-bit register, and is the field's value.
+inline constexpr int kTileSize = 16;
+
+/// A splat contributes to a pixel where its alpha reaches one step of an 8-bit image: τ_α of paper eq. 15.
+inline constexpr float kMinAlpha = 1.0f / 255.0f;
+
+/// Alpha is clamped here, so that 1 / (1 - alpha) stays bounded in the backward pass.
+inline constexpr float kMaxAlpha = 0.99f;
+
+/// A pixel is saturated once the next splat would take its transmittance below this; that splat is not blended.
+inline constexpr float kMinTransmittance = 1e-4f;
+
+/// Variance in px² that is added to both axes of a projected covariance, about one pixel's footprint (3DGS).
+inline constexpr float kLowPass = 0.3f;
+
+/// Means nearer than this (world units along the view axis) are not drawn (3DGS).
+inline constexpr float kNearPlane = 0.2f;
+
+/// Half side of the 3DGS box in standard deviations of the longer axis.
+inline constexpr float kBoxSigmas = 3.0f;
+
+/// In the projection's Jacobian, x/z and y/z are clamped to this many times the half field of view (3DGS):
+/// beyond it the affine approximation blows up.
+inline constexpr float kFieldOfViewMargin = 1.3f;
+
+/// Floor of the squared opacity compensation det(Σ)/det(Σ + low-pass), keeps its square root differentiable.
+inline constexpr float kMinCompensation2 = 2.5e-5f;
+
+/// Highest degree of spherical harmonics, and the number of coefficients a channel then has.
+inline constexpr int kMaxShDegree = 3;
+inline constexpr int kMaxShCoefficients = 16;
+
+/// Most extra feature channels that one pass can blend.
+inline constexpr int kMaxFeatures = 8;
+
+}  // namespace splatboost

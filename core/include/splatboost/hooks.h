@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The three places where acceleration meets a backbone. Read this page and you know how SplatBoost plugs in.
+///
+/// A *primitive* is whatever the backbone grows and removes: a Gaussian, an (anchor, offset) slot, a convex. The
+/// backbone numbers its primitives 0 .. N-1 and keeps that numbering between two of its own changes.
+///
+///   RasterizerHook   the backbone implements it:  "draw view j", "who was blended where these pixels are flagged?"
+///   DensityHook      an adapter implements it:    "these would grow (go) by your own rule; which shall?"
+///   OptimizerHook    an adapter implements it:    "does this parameter group step now?"
+///
+/// A backbone without hooks is exactly its published self.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string_view>
+
+#include "splatboost/photometric.h"
+#include "splatboost/schedule.h"
+
+namespace splatboost {
+
+/// A view as the scores need it; valid until the next render_for_score() or change of the backbone.
+struct ScoredView {
+  std::span<const float> color;  ///< [3,H,W] rendered, without anything random (dropout, exposure jitter)
+  TruthImage truth;
+};
+
+/// What the pack may ask of a backbone's renderer.
+class RasterizerHook {
+ public:
+  virtual ~RasterizerHook() = default;
+  /// Compact box with this β from now on; nullopt restores the backbone's own box.
+  virtual void set_beta(std::optional<float> beta) = 0;
+  virtual std::size_t primitives() const = 0;
+  /// Training views that may be scored now, numbered 0 .. n-1 (a SLAM backbone's grows).
+  virtual std::size_t scorable_views() const = 0;
+  virtual ScoredView render_for_score(std::size_t view) = 0;
+  /// Adds to counts [N] the flagged pixels where each primitive was blended in the view just rendered, by replaying
+  /// its tile lists. A backbone whose Gaussians differ from view to view maps them to its primitives here.
+  virtual void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) = 0;
+};
+
+/// What a backbone knows about its primitives when it would grow or prune. Spans are [N] unless said otherwise, read
+/// only, valid during the call; empty where the backbone has no such notion.
+struct DensityStatistics {
+  Moment moment;
+  float scene_extent = 0;                 ///< radius of the camera positions, world units
+  std::span<const float> gradients;       ///< mean norm of the signed screen gradient, in NDC units
+  std::span<const float> gradients_abs;   ///< same of the absolute gradient (AbsGS)
+  std::span<const float> opacities;       ///< activated
+  std::span<const float> max_scales;      ///< longest standard deviation, world units
+};
+
+/// Decisions about growth. They arrive holding what the backbone's own rule says; the hook overwrites them.
+struct GrowDecisions {
+  std::span<std::uint8_t> clone;  ///< [N] duplicate (for an anchor backbone: grow from this slot)
+  std::span<std::uint8_t> split;  ///< [N] replace by smaller ones; empty where the backbone cannot
+};
+
+/// Decisions about removal, after growth. They arrive holding the backbone's own rule.
+struct PruneDecisions {
+  std::span<std::uint8_t> remove;         ///< [N]
+  /// [N] index that the primitive (or the one it was made from) had in the last grow(); empty: unchanged since.
+  std::span<const std::uint32_t> origins;
+};
+
+/// Decides what exists. The backbone mutates itself, and may veto (a SLAM backbone spares what it just inserted).
+class DensityHook {
+ public:
+  virtual ~DensityHook() = default;
+  virtual bool grows_at(Moment moment, bool backbone_would) const { (void)moment; return backbone_would; }
+  virtual void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) = 0;
+  virtual bool prunes_at(Moment moment, bool backbone_would) const { (void)moment; return backbone_would; }
+  virtual void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) = 0;
+};
+
+/// Decides when parameters move. Between steps gradients accumulate; the backbone applies what is accumulated before
+/// it removes primitives and at the end of the run.
+class OptimizerHook {
+ public:
+  virtual ~OptimizerHook() = default;
+  /// @param group the backbone's own name of the group
+  virtual bool steps_at(std::string_view group, Moment moment) const = 0;
+};
+
+}  // namespace splatboost

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The photometric loss (1−λ)·L1 + λ·(1−SSIM) (paper eq. 10), value and gradient in one pass over strips.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "splatboost/threads.h"
+
+namespace splatboost {
+
+/// A truth image as it is kept in memory: 8 bit, planar.
+struct TruthImage {
+  int width = 0;
+  int height = 0;
+  std::span<const std::uint8_t> color;  ///< [3,H,W], 255 = 1.0
+  std::span<const std::uint8_t> valid;  ///< [H,W] non-zero where the pixel counts; empty: all do
+};
+
+struct PhotometricLoss {
+  double l1 = 0;    ///< mean |render − truth| over valid pixels and channels
+  double ssim = 0;  ///< mean SSIM over valid pixels and channels (11×11 Gaussian, σ 1.5, zero padding)
+  double total = 0;
+};
+
+/// Owns the workspace of the loss; a steady loop allocates nothing. Sums are of fixed order.
+class Photometric {
+ public:
+  explicit Photometric(Threads& threads);
+  ~Photometric();
+  Photometric(Photometric&&) noexcept;
+  Photometric& operator=(Photometric&&) noexcept;
+
+  /// @param render [3,H,W]
+  /// @param gradient [3,H,W] receives d total / d render; empty: value only
+  /// Pixels that are not valid take part in no mean; in SSIM windows they read as truth, so they add no error.
+  PhotometricLoss evaluate(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
+                           std::span<float> gradient);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace splatboost

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The differentiable rasterizer: project → tile lists → blend, its gradient, and the count replay.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include <glm/vec3.hpp>
+
+#include "splatboost/camera.h"
+#include "splatboost/constants.h"
+#include "splatboost/gaussians.h"
+#include "splatboost/threads.h"
+
+namespace splatboost {
+
+/// Which tiles a splat is listed in.
+enum class BoxPolicy {
+  square,   ///< all tiles of the 3σ square of 3DGS: the baseline
+  ellipse,  ///< tiles that the ellipse A(p) <= β·2·ln(σ/τ_α) meets: the compact box, paper eq. 15
+};
+
+/// How to draw. Defaults are 3DGS as published.
+struct RasterOptions {
+  BoxPolicy box = BoxPolicy::square;
+  float beta = 1.0f;              ///< (0,1]; only for the ellipse. 1 loses nothing with alpha >= 1/255
+  float low_pass = kLowPass;      ///< px², >= 0
+  bool compensate_opacity = false;  ///< opacity × sqrt(det Σ / det(Σ + low-pass)), keeps a splat's energy
+  float near_plane = kNearPlane;
+  glm::vec3 background{0.0f};
+};
+
+/// Where a forward pass writes; planar images of the camera's size. Empty spans are not computed.
+struct RasterImages {
+  std::span<float> color;          ///< [3,H,W], required; background added, not clamped
+  std::span<float> features;       ///< [F,H,W], F = features_per_gaussian; over a background of zero
+  std::span<float> inverse_depth;  ///< [1,H,W] Σ wᵢ / zᵢ
+  std::span<float> alpha;          ///< [1,H,W] 1 − final transmittance
+};
+
+/// Gradients of the loss with respect to the images; empty means zero.
+struct RasterImageGradients {
+  std::span<const float> color;
+  std::span<const float> features;
+  std::span<const float> inverse_depth;
+  std::span<const float> alpha;
+};
+
+/// Figures of the last forward pass.
+struct RasterCounts {
+  std::size_t visible = 0;       ///< Gaussians that are listed in at least one tile
+  std::size_t tile_entries = 0;  ///< (tile, Gaussian) pairs
+};
+
+/// Renders views of Gaussians and differentiates them.
+///
+/// Owns the workspace (projected splats, tile lists) of one view; it grows geometrically and is kept, so a steady
+/// loop allocates nothing. backward(), count_flagged(), visible() and screen_radii() speak of the last forward()
+/// and must get the same Gaussians, unchanged. Not thread safe; use one a thread of control.
+class Rasterizer {
+ public:
+  explicit Rasterizer(Threads& threads);
+  ~Rasterizer();
+  Rasterizer(Rasterizer&&) noexcept;
+  Rasterizer& operator=(Rasterizer&&) noexcept;
+
+  /// Throws ArgumentError on a contract broken. Gaussians with a non-finite, zero or overflowing projection are
+  /// not drawn.
+  void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
+               const RasterImages& images);
+
+  /// Gradients of every input. The clamp of alpha at 0.99 and of colour at 0 pass no gradient where they act.
+  void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
+                const GaussianGradients& gradients);
+
+  /// Adds to counts[i] the number of flagged pixels where Gaussian i was blended (paper eq. 9, inner sum), by a
+  /// replay of the tile lists: no second projection, no second sort. Exact integers.
+  /// @param flagged [H,W], non-zero where flagged
+  /// @param counts [N]
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts);
+
+  /// [N] non-zero where the last forward() listed the Gaussian in at least one tile. Valid until the next forward().
+  std::span<const std::uint8_t> visible() const;
+
+  /// [N] 3σ radius on screen in pixels, rounded up; 0 where not visible. Valid until the next forward().
+  std::span<const std::int32_t> screen_radii() const;
+
+  RasterCounts counts() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace splatboost

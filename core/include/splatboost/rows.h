@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Row surgery: tensors follow the primitives when these are cloned, split and pruned.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace splatboost {
+
+/// Keeps the rows whose mask byte is zero, in order. A tensor is values [rows, width], row-major.
+void remove_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed);
+
+/// Appends copies of the given rows.
+void append_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
+
+/// Appends `count` rows of zeros: the moments of new primitives.
+void append_zero_rows(std::vector<float>& tensor, std::size_t width, std::size_t count);
+
+}  // namespace splatboost

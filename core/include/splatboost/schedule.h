@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file When things happen in a run of any length: the paper's 30 000-iteration plan, in proportion.
+#pragma once
+
+namespace splatboost {
+
+/// Length of the published run; iteration numbers of the papers refer to it.
+inline constexpr int kPublishedIterations = 30000;
+
+/// A moment of a run. Iterations count from 1 to total.
+struct Moment {
+  int iteration = 0;
+  int total = kPublishedIterations;
+};
+
+/// The iteration of a run of `total` that corresponds to `published` of 30 000, at least 1.
+int scaled_iteration(int published, int total);
+
+/// How often a parameter group steps in each of three phases of the run; gradients accumulate in between.
+/// Counts are of the published run's iterations.
+struct StepIntervals {
+  int early = 1;   ///< until early_end
+  int middle = 1;  ///< until middle_end
+  int late = 1;    ///< after it
+  int early_end = 15000;
+  int middle_end = 20000;
+};
+
+/// Whether a group of these intervals steps at this moment. The last iteration of a run always steps.
+bool steps_at(const StepIntervals& intervals, Moment moment);
+
+/// Log-linear interpolation from `initial` at iteration 0 to `final_value` at `steps` and after.
+double exponential_rate(double initial, double final_value, int iteration, int steps);
+
+}  // namespace splatboost

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Multi-view consistency scores of primitives, from counts of flagged pixels (paper eqs. 9 and 11).
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace splatboost {
+
+/// Sums over the scored views, a primitive each. Owned by the caller, reused from event to event.
+struct ScoreSums {
+  int views = 0;                        ///< K, views added so far
+  std::vector<std::int64_t> counts;     ///< [N] Σ_j n_ij
+  std::vector<double> weighted_counts;  ///< [N] Σ_j E_j · n_ij
+
+  void reset(std::size_t primitives);
+  /// Adds one view: its counts [N] and its photometric loss E_j.
+  void add_view(std::span<const std::int32_t> view_counts, double photometric_loss);
+};
+
+/// Importance s⁺_i = ⌊Σ_j n_ij / K⌋ (paper eq. 9); 0 where no view was added.
+/// @param scores [N]
+void importance_scores(const ScoreSums& sums, std::span<std::int64_t> scores);
+
+/// Pruning score s⁻_i = (x_i − min x) / (max x − min x), x_i = Σ_j E_j·n_ij (paper eq. 11); all 0 where all x are equal.
+/// @param scores [N]
+void pruning_scores(const ScoreSums& sums, std::span<float> scores);
+
+}  // namespace splatboost

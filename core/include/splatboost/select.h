@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file From scores to decisions: which primitives grow and which go. Masks are bytes, non-zero = selected.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "splatboost/random.h"
+
+namespace splatboost {
+
+/// Keeps growth candidates whose importance exceeds a threshold (VCD): candidate_i &= importance_i > threshold.
+/// @return number kept
+std::size_t keep_important(std::span<const std::int64_t> importance, double threshold, std::span<std::uint8_t> candidates);
+
+/// Keeps `keep` of the candidates, drawn without replacement and weighted (VCP before half of the run). The draw is
+/// exponential keys (Efraimidis and Spirakis 2006): key_i = −ln(u_i) / weight_i, smallest first; ties by index.
+/// A candidate of weight 0 is drawn only after all others. If there are at most `keep` candidates, all stay.
+void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
+                          std::span<std::uint8_t> candidates);
+
+/// Keeps the `keep` candidates of the largest priority, ties to the lower index: how a hard cap is held.
+void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates);
+
+/// A pass never removes all: if every primitive is selected, the one of the largest priority (ties: lowest index)
+/// is deselected. @return number selected afterwards
+std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals);
+
+}  // namespace splatboost

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "splatboost/camera.h"
+
+#include <cmath>
+
+#include "splatboost/constants.h"
+#include "splatboost/errors.h"
+
+namespace splatboost {
+
+glm::vec3 Camera::centre() const {
+  const glm::vec3 translation(camera_from_world[3]);
+  return -(glm::transpose(rotation()) * translation);
+}
+
+int Camera::tiles_x() const { return (width + kTileSize - 1) / kTileSize; }
+int Camera::tiles_y() const { return (height + kTileSize - 1) / kTileSize; }
+
+void check_camera(const Camera& camera) {
+  SPLATBOOST_CHECK(camera.width > 0 && camera.height > 0, "a camera needs a positive width and height");
+  SPLATBOOST_CHECK(camera.fx > 0 && camera.fy > 0 && std::isfinite(camera.fx) && std::isfinite(camera.fy),
+                   "a camera needs finite focal lengths above zero");
+  SPLATBOOST_CHECK(std::isfinite(camera.cx) && std::isfinite(camera.cy), "a camera's principal point must be finite");
+  for (int column = 0; column < 4; ++column) {
+    for (int row = 0; row < 4; ++row) {
+      SPLATBOOST_CHECK(std::isfinite(camera.camera_from_world[column][row]), "a camera's pose must be finite");
+    }
+  }
+}
+
+}  // namespace splatboost
