@@ -71,6 +71,8 @@ struct PruneDecisions {
 class DensityHook {
  public:
   virtual ~DensityHook() = default;
+  /// Whether the backbone shall gather gradients_abs; without it that span may be empty.
+  virtual bool needs_absolute_gradients() const { return false; }
   virtual bool grows_at(Moment moment, bool backbone_would) const { (void)moment; return backbone_would; }
   virtual void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) = 0;
   virtual bool prunes_at(Moment moment, bool backbone_would) const { (void)moment; return backbone_would; }

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file FastGS for vanilla 3DGS: VCD, VCP, the compact box, absolute gradients and the optimizer schedule.
+#pragma once
+
+#include <cstdint>
+
+#include "splatboost/hooks.h"
+#include "splatboost/multi_view_scores.h"
+#include "splatboost/threads.h"
+
+namespace splatboost {
+
+/// The parts and constants of the method. Iteration numbers are of the published run (30 000) and scale with length.
+struct VanillaBoost {
+  bool vcd = true;        ///< multi-view consistent densification
+  bool vcp = true;        ///< multi-view consistent pruning
+  bool cb = true;         ///< compact box
+  bool absgrad = true;    ///< split on absolute gradients
+  bool schedule = true;   ///< optimizer schedule
+  float beta = 0.5f;
+  double tau_d = 5;       ///< importance that growth must exceed, at the paper's image size
+  int views = 10;         ///< K
+  float tau = 0.1f;       ///< error threshold
+  float lambda_dssim = 0.2f;
+  double gradient_threshold = 2e-4;      ///< clone
+  double gradient_abs_threshold = 1.2e-3;///< split
+  double percent_dense = 0.01;           ///< × extent, where clone ends and split begins
+  int densify_interval = 500;
+  int late_prune_from = 15000;
+  int late_prune_interval = 3000;
+  double late_min_opacity = 0.1;
+  double late_max_score = 0.9;
+  std::uint64_t seed = 0;
+};
+
+/// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
+class VanillaAdapter final : public DensityHook, public OptimizerHook {
+ public:
+  VanillaAdapter(const VanillaBoost& boost, Threads& threads);
+
+  /// β for the rasterizer, nullopt without the compact box.
+  std::optional<float> beta() const;
+
+  bool needs_absolute_gradients() const override;
+  bool grows_at(Moment moment, bool backbone_would) const override;
+  void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
+  bool prunes_at(Moment moment, bool backbone_would) const override;
+  void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
+  bool steps_at(std::string_view group, Moment moment) const override;
+
+ private:
+  VanillaBoost boost_;
+  MultiViewScorer scorer_;
+  std::vector<std::int64_t> importance_;
+  std::vector<float> pruning_;  ///< of the primitives as they were at the last scoring
+  int scored_at_ = -1;          ///< iteration of that scoring
+};
+
+}  // namespace splatboost

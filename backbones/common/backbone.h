@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What the trainer and the program need from a backbone. It knows of hooks, not of what is behind them.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include <nlohmann/json.hpp>
+
+#include "common/archive.h"
+#include "common/scene.h"
+#include "splatboost/hooks.h"
+#include "splatboost/threads.h"
+
+namespace splatboost {
+
+/// Wall time by stage of training ("project", "blend", …), summed over a run.
+class StageClock {
+ public:
+  /// Adds the time since the last call (or restart) to `stage`.
+  void lap(std::string_view stage);
+  void restart();
+  const std::map<std::string, double, std::less<>>& seconds() const { return seconds_; }
+
+ private:
+  std::map<std::string, double, std::less<>> seconds_;
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+/// What a backbone is made of. References outlive the backbone.
+struct BackboneContext {
+  const Scene& scene;
+  Threads& threads;
+  std::uint64_t seed = 0;
+  int iterations = kPublishedIterations;
+  std::size_t max_primitives = 0;  ///< hard cap, never exceeded; 0: none
+};
+
+class Backbone {
+ public:
+  virtual ~Backbone() = default;
+
+  /// One iteration (from 1) on one training view: render, loss, backward, steps, density control.
+  /// @return the training loss
+  virtual double train_step(int iteration, const View& view) = 0;
+
+  /// Applies what the optimizer has accumulated; called once after the last iteration and before a model is exported.
+  virtual void finish() = 0;
+
+  virtual std::size_t primitives() const = 0;
+
+  /// Renders as trained (hook's box), or with a compact box of `beta`.
+  /// @param color [3,H,W] of the camera's size
+  virtual void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) = 0;
+
+  /// Writes the model into `folder` (for Gaussians: point_cloud.ply). @return bytes written
+  virtual std::uint64_t export_model(const std::filesystem::path& folder) const = 0;
+  /// Reads what export_model() wrote.
+  virtual void import_model(const std::filesystem::path& folder) = 0;
+
+  /// Everything that training needs to go on: loading and continuing gives the bytes of an uninterrupted run.
+  virtual void save(ArchiveWriter& archive) const = 0;
+  virtual void load(ArchiveReader& archive) = 0;
+
+  /// All constants in use, as --config takes them.
+  virtual nlohmann::json config() const = 0;
+
+  virtual RasterizerHook& rasterizer_hook() = 0;
+  /// Either may be null (the published behaviour). Not owned.
+  virtual void set_hooks(DensityHook* density, OptimizerHook* optimizer) = 0;
+
+  virtual const StageClock& stages() const = 0;
+};
+
+}  // namespace splatboost

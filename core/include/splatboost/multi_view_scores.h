@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Scores a backbone's primitives over K of its views: one render and one replay a view.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "splatboost/hooks.h"
+#include "splatboost/random.h"
+#include "splatboost/scores.h"
+#include "splatboost/threads.h"
+
+namespace splatboost {
+
+struct MultiViewOptions {
+  int views = 10;            ///< K; min(K, views there are) are drawn without replacement
+  float tau = 0.1f;          ///< error threshold of paper eq. 8
+  float lambda_dssim = 0.2f; ///< of the view loss E_j, paper eq. 10
+};
+
+/// Draws the views, renders each, flags its errors and counts. Owns the workspace.
+class MultiViewScorer {
+ public:
+  explicit MultiViewScorer(Threads& threads);
+  /// @return the sums; valid until the next call
+  const ScoreSums& score(RasterizerHook& rasterizer, const MultiViewOptions& options, const RandomStream& random);
+  /// Mean pixels (valid ones) of the views scored last; the unit of the area rule.
+  double mean_pixels() const { return mean_pixels_; }
+
+ private:
+  Threads& threads_;
+  Photometric photometric_;
+  ScoreSums sums_;
+  std::vector<float> error_;
+  std::vector<std::uint8_t> flagged_;
+  std::vector<std::int32_t> counts_;
+  double mean_pixels_ = 0;
+};
+
+/// Views 0..n-1, min(k, n) of them without replacement, in the order drawn.
+std::vector<std::size_t> draw_views(std::size_t n, int k, const RandomStream& random);
+
+}  // namespace splatboost
