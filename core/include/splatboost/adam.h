@@ -16,9 +16,10 @@ struct AdamOptions {
   float epsilon = 1e-15f;  ///< 3DGS's value
 };
 
-/// values, gradients and moments are of one shape, owned by the caller.
+/// values, gradients and moments are of one shape, owned by the caller. The gradients are consumed: they are zero
+/// afterwards, ready to accumulate again.
 /// @param step number of this step, from 1
-void adam_step(std::span<float> values, std::span<const float> gradients, std::span<float> first_moments,
+void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
                std::span<float> second_moments, std::int64_t step, const AdamOptions& options, Threads& threads);
 
 }  // namespace splatboost

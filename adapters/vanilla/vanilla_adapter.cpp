@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "vanilla/vanilla_adapter.h"
+
+#include <algorithm>
+
+#include "splatboost/errors.h"
+#include "splatboost/select.h"
+
+namespace splatboost {
+namespace {
+
+/// Optimizer schedule of the paper's supplement, Sec. 9.1.
+constexpr StepIntervals kRestIntervals{16, 32, 64};
+constexpr StepIntervals kOtherIntervals{1, 32, 64};
+
+}  // namespace
+
+VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Threads& threads) : boost_(boost), scorer_(threads) {
+  SPLATBOOST_CHECK(boost.beta > 0.0f && boost.beta <= 1.0f, "beta must lie in (0, 1]");
+  SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
+  SPLATBOOST_CHECK(boost.densify_interval > 0 && boost.late_prune_interval > 0, "intervals must be above 0");
+}
+
+std::optional<float> VanillaAdapter::beta() const {
+  return boost_.cb ? std::optional<float>(boost_.beta) : std::nullopt;
+}
+
+bool VanillaAdapter::needs_absolute_gradients() const { return boost_.absgrad; }
+
+bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
+  return backbone_would;
+}
+
+void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
+  const std::size_t n = statistics.gradients.size();
+  if (boost_.absgrad) {
+    const auto border = static_cast<float>(boost_.percent_dense * static_cast<double>(statistics.scene_extent));
+    for (std::size_t i = 0; i < n; ++i) {
+      const bool small = statistics.max_scales[i] <= border;
+      decisions.clone[i] = small && statistics.gradients[i] >= static_cast<float>(boost_.gradient_threshold);
+      decisions.split[i] = !small && statistics.gradients_abs[i] >= static_cast<float>(boost_.gradient_abs_threshold);
+    }
+  }
+  if (!boost_.vcd && !boost_.vcp) return;
+  const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration), RandomPurpose::scored_views);
+  const ScoreSums& sums = scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random);
+  pruning_.resize(n);
+  pruning_scores(sums, pruning_);
+  scored_at_ = statistics.moment.iteration;
+  if (boost_.vcd) {
+    importance_.resize(n);
+    importance_scores(sums, importance_);
+    keep_important(importance_, boost_.tau_d, decisions.clone);
+    keep_important(importance_, boost_.tau_d, decisions.split);
+  }
+}
+
+bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
+  if (!boost_.vcp) return backbone_would;
+  const int from = scaled_iteration(boost_.late_prune_from, moment.total);
+  const int interval = scaled_iteration(boost_.late_prune_interval, moment.total);
+  const bool late = moment.iteration > from && moment.iteration < moment.total && moment.iteration % interval == 0;
+  return backbone_would || late;
+}
+
+void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) {
+  if (!boost_.vcp) return;
+  const std::size_t n = decisions.remove.size();
+  const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
+  if (scored_at_ == statistics.moment.iteration && !decisions.origins.empty()) {
+    // Within growth: of the backbone's candidates half go, drawn by the scores of what they were made from.
+    std::vector<float> weights(n);
+    for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
+    const auto candidates = static_cast<std::size_t>(
+        std::count_if(decisions.remove.begin(), decisions.remove.end(), [](std::uint8_t r) { return r != 0; }));
+    keep_weighted_sample(weights, candidates / 2, RandomStream(boost_.seed, iteration, RandomPurpose::prune), decisions.remove);
+    return;
+  }
+  const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
+  pruning_.resize(n);
+  pruning_scores(scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random), pruning_);
+  for (std::size_t i = 0; i < n; ++i) {
+    decisions.remove[i] = statistics.opacities[i] < static_cast<float>(boost_.late_min_opacity) ||
+                          pruning_[i] > static_cast<float>(boost_.late_max_score);
+  }
+}
+
+bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
+  if (!boost_.schedule) return true;
+  return splatboost::steps_at(group == "f_rest" ? kRestIntervals : kOtherIntervals, moment);
+}
+
+}  // namespace splatboost

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <atomic>
+#include <bit>
+
+#include "frame.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "count_cpu.cpp"
+#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/highway.h>
+
+#include "splat_rows-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatboost {
+namespace HWY_NAMESPACE {
+
+/// Counts one tile's flagged pixels a splat. Integer sums: any order of tiles gives the same counts.
+/// @param flagged [256] 1 or 0
+void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT flagged, std::int32_t* counts) {
+  const Lanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int x0 = static_cast<int>(tile % static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
+  const int y0 = static_cast<int>(tile / static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
+  alignas(64) float transmittance[kPixels];
+  open_tile(frame.camera, x0, y0, transmittance);
+
+  const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
+  for (std::uint32_t at = begin; at < stop; ++at) {
+    const BlendRecord& splat = frame.records[frame.entries[at]];
+    const std::uint32_t reach = rows_in_reach(splat, y0);
+    if (reach == 0) continue;
+    Vec sum = hn::Zero(d);
+    for (int x = 0; x < kTileSize; x += lanes) {
+      const Columns columns(splat, x0 + x);
+      for (std::uint32_t rows = reach; rows != 0; rows &= rows - 1) {
+        const int row = std::countr_zero(rows);
+        const int pixel = row * kTileSize + x;
+        const float dy = static_cast<float>(y0 + row) + 0.5f - splat.mean_y;
+        RowStep step;
+        bool saturated;
+        if (!advance_row(columns, dy, transmittance + pixel, step, saturated)) continue;
+        sum = hn::Add(sum, hn::IfThenElseZero(step.blended, hn::Load(d, flagged + pixel)));
+      }
+    }
+    const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
+    if (count > 0) std::atomic_ref(counts[splat.gaussian]).fetch_add(count, std::memory_order_relaxed);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace splatboost
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace splatboost {
+namespace {
+HWY_EXPORT(count_tile);
+}  // namespace
+
+void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
+                          Threads& threads) {
+  const auto width = static_cast<std::size_t>(frame.camera.width);
+  const auto height = static_cast<std::size_t>(frame.camera.height);
+  const auto columns = static_cast<std::size_t>(frame.tiles_x);
+  threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
+    alignas(64) float tile_flags[kTileSize * kTileSize];
+    for (std::size_t tile = begin; tile < end; ++tile) {
+      const std::size_t x0 = tile % columns * kTileSize, y0 = tile / columns * kTileSize;
+      bool any = false;
+      for (std::size_t y = 0; y < kTileSize; ++y) {
+        for (std::size_t x = 0; x < kTileSize; ++x) {
+          const bool inside = x0 + x < width && y0 + y < height;
+          const bool flag = inside && flagged[(y0 + y) * width + x0 + x] != 0;
+          tile_flags[y * kTileSize + x] = flag ? 1.0f : 0.0f;
+          any |= flag;
+        }
+      }
+      if (any) HWY_DYNAMIC_DISPATCH(count_tile)(frame, tile, tile_flags, counts.data());
+    }
+  });
+}
+
+}  // namespace splatboost
+#endif  // HWY_ONCE

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What the stages of the rasterizer hand to one another for one view: project → tiles → blend → backward.
+#pragma once
+
+#include <cstdint>
+
+#include <glm/vec2.hpp>
+#include <glm/vec3.hpp>
+
+#include "buffer.h"
+#include "project_math.h"
+#include "splatboost/rasterizer.h"
+#include "tile_math.h"
+
+namespace splatboost {
+
+/// A projected Gaussian, at the Gaussian's own index.
+struct Splat {
+  glm::vec2 mean;         ///< px
+  Symmetric2 covariance;  ///< px², low-pass included
+  Symmetric2 conic;
+  float depth;
+  float opacity;          ///< compensated
+  float reach;            ///< Mahalanobis² where alpha = 1/255
+  glm::vec3 color;
+  std::uint16_t tile_x0, tile_x1, tile_y0, tile_y1;  ///< bounding tiles; empty: not drawn
+};
+
+/// What blending reads of a splat, one cache line, stored near to far.
+struct alignas(64) BlendRecord {
+  float mean_x, mean_y;
+  float conic_xx, conic_xy, conic_yy;
+  float log2_opacity;
+  float red, green, blue;
+  float opacity;
+  std::int32_t row_begin, row_end;  ///< pixel rows that the splat can reach with alpha >= 1/255
+  std::uint32_t gaussian;
+};
+
+/// Gradients of one (tile, splat) entry; summed per splat in the order of the lists.
+struct EntryGradient {
+  float mean_x, mean_y;          ///< signed
+  float mean_abs_x, mean_abs_y;  ///< sums over pixels of absolute values
+  float conic_xx, conic_xy, conic_yy;
+  float opacity;
+  float red, green, blue;
+  float inverse_depth;
+};
+
+/// Workspace of one view.
+struct Frame {
+  Camera camera;
+  RasterOptions options;
+  ProjectionCamera projection;
+  std::size_t gaussians = 0;
+  int features = 0;               ///< extra channels of the Gaussians that are drawn in this view
+  bool inverse_depth = false;     ///< whether inverse depth is drawn
+  int tiles_x = 0, tiles_y = 0;
+
+  Buffer<Splat> splats;               ///< [N]
+  Buffer<std::uint8_t> visible;       ///< [N]
+  Buffer<std::int32_t> radii;         ///< [N]
+
+  Buffer<std::uint32_t> order;        ///< [V] Gaussians that may be visible, near to far
+  Buffer<std::uint32_t> sort_keys, sort_keys_swap, order_swap;
+  Buffer<std::uint32_t> row_begin;    ///< [V+1] first row span of a splat in row_spans
+  Buffer<TileRange> row_spans;
+  Buffer<std::uint32_t> tile_begin;   ///< [T+1] first entry of a tile
+  Buffer<std::uint32_t> tile_cursor;  ///< [chunks, T]
+  Buffer<std::uint32_t> entries;      ///< [E] positions in `order`, tile by tile, near to far
+  Buffer<std::uint32_t> splat_begin;  ///< [V+1] first entry of a splat in entry_of
+  Buffer<std::uint32_t> entry_of;     ///< [E] where a splat's entries stand in `entries`
+
+  Buffer<BlendRecord> records;        ///< [V]
+  Buffer<float> channels;             ///< [V, extra_channels()] features, then inverse depth
+  Buffer<std::uint32_t> tile_stop;    ///< [T] entries of the tile that were looked at before all pixels were full
+  Buffer<float> tile_images;          ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
+
+  Buffer<EntryGradient> entry_gradients;  ///< [E]
+  Buffer<float> entry_channel_gradients;  ///< [E, features]
+
+  int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
+  std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
+};
+
+/// Fills splats and radii. (project_cpu.cpp)
+void project(Frame& frame, const Gaussians& gaussians, Threads& threads);
+/// Sums entry gradients per splat and takes them back to the Gaussians. (project_cpu.cpp)
+void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
+                      Threads& threads);
+/// Sorts by depth and fills the tile lists, visible and records. (tiles_cpu.cpp)
+void build_tile_lists(Frame& frame, const Gaussians& gaussians, Threads& threads);
+/// Blends all tiles. (blend_cpu.cpp)
+void blend(Frame& frame, const RasterImages& images, Threads& threads);
+/// Fills the entry gradients. (blend_cpu.cpp)
+void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool absolute, Threads& threads);
+/// Adds flagged pixels to counts. (count_cpu.cpp)
+void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
+                          Threads& threads);
+
+}  // namespace splatboost

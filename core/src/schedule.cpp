@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "splatboost/schedule.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "splatboost/errors.h"
+
+namespace splatboost {
+
+int scaled_iteration(int published, int total) {
+  SPLATBOOST_CHECK(published >= 0 && total > 0, "iterations must not be negative, nor a run empty");
+  const double scaled = static_cast<double>(published) * total / kPublishedIterations;
+  return std::max(1, static_cast<int>(std::lround(scaled)));
+}
+
+bool steps_at(const StepIntervals& intervals, Moment moment) {
+  if (moment.iteration >= moment.total) return true;
+  int interval = intervals.late;
+  if (moment.iteration <= scaled_iteration(intervals.early_end, moment.total)) {
+    interval = intervals.early;
+  } else if (moment.iteration <= scaled_iteration(intervals.middle_end, moment.total)) {
+    interval = intervals.middle;
+  }
+  return interval <= 1 || moment.iteration % interval == 0;
+}
+
+double exponential_rate(double initial, double final_value, int iteration, int steps) {
+  SPLATBOOST_CHECK(initial > 0 && final_value > 0 && steps > 0, "rates and steps must be above 0");
+  const double t = std::clamp(static_cast<double>(iteration) / steps, 0.0, 1.0);
+  return std::exp(std::log(initial) * (1 - t) + std::log(final_value) * t);
+}
+
+}  // namespace splatboost
