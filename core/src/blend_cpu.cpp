@@ -35,6 +35,7 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   std::uint32_t at = begin;
   for (; at < end; ++at) {
+    prefetch_record(frame, at, end);
     const std::uint32_t k = frame.entries[at];
     const BlendRecord& splat = frame.records[k];
     const std::uint32_t reach = rows_in_reach(splat, y0);
@@ -129,6 +130,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   const std::uint32_t stop = begin + frame.tile_stop[tile];
   for (std::uint32_t at = begin; at < stop; ++at) {
+    prefetch_record(frame, at, stop);
     const std::uint32_t k = frame.entries[at];
     const BlendRecord& splat = frame.records[k];
     const float* channels = frame.channels.data() + k * static_cast<std::size_t>(frame.extra_channels());
@@ -218,17 +220,18 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
       }
       if (kExtra && frame.inverse_depth) gradient.inverse_depth = channel_gradient[features];
     }
-    frame.entry_gradients[at] = gradient;
+    const std::size_t slot = frame.slots[at];
+    frame.entry_gradients[slot] = gradient;
     if (features > 0) {
       std::copy_n(channel_gradient, features,
-                  frame.entry_channel_gradients.data() + static_cast<std::size_t>(features) * at);
+                  frame.entry_channel_gradients.data() + static_cast<std::size_t>(features) * slot);
     }
   }
   // Entries behind the last open pixel moved nothing.
-  std::fill(frame.entry_gradients.data() + stop, frame.entry_gradients.data() + end, EntryGradient{});
-  if (features > 0) {
-    float* first = frame.entry_channel_gradients.data();
-    std::fill(first + static_cast<std::size_t>(features) * stop, first + static_cast<std::size_t>(features) * end, 0.0f);
+  for (std::uint32_t at = stop; at < end; ++at) {
+    const std::size_t slot = frame.slots[at];
+    frame.entry_gradients[slot] = EntryGradient{};
+    std::fill_n(frame.entry_channel_gradients.data() + static_cast<std::size_t>(features) * slot, features, 0.0f);
   }
 }
 

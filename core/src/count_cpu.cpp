@@ -27,6 +27,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
   for (std::uint32_t at = begin; at < stop; ++at) {
+    prefetch_record(frame, at, stop);
     const BlendRecord& splat = frame.records[frame.entries[at]];
     const std::uint32_t reach = rows_in_reach(splat, y0);
     if (reach == 0) continue;

@@ -37,14 +37,16 @@ struct alignas(64) BlendRecord {
   std::uint32_t gaussian;
 };
 
-/// Gradients of one (tile, splat) entry; summed per splat in the order of the lists.
-struct EntryGradient {
+/// Gradients of one (tile, splat) entry, one cache line. Written where the splat's sum will read them in a row: a write
+/// that misses the cache costs little, a read that does stalls.
+struct alignas(64) EntryGradient {
   float mean_x, mean_y;          ///< signed
   float mean_abs_x, mean_abs_y;  ///< sums over pixels of absolute values
   float conic_xx, conic_xy, conic_yy;
   float opacity;
   float red, green, blue;
   float inverse_depth;
+  float unused[4];
 };
 
 /// Workspace of one view.
@@ -62,22 +64,23 @@ struct Frame {
   Buffer<std::int32_t> radii;         ///< [N]
 
   Buffer<std::uint32_t> order;        ///< [V] Gaussians that may be visible, near to far
+  Buffer<std::uint32_t> rank;         ///< [N] a Gaussian's place in `order`, where visible
   Buffer<std::uint32_t> sort_keys, sort_keys_swap, order_swap;
   Buffer<std::uint32_t> row_begin;    ///< [V+1] first row span of a splat in row_spans
   Buffer<TileRange> row_spans;
   Buffer<std::uint32_t> tile_begin;   ///< [T+1] first entry of a tile
   Buffer<std::uint32_t> tile_cursor;  ///< [chunks, T]
   Buffer<std::uint32_t> entries;      ///< [E] positions in `order`, tile by tile, near to far
-  Buffer<std::uint32_t> splat_begin;  ///< [V+1] first entry of a splat in entry_of
-  Buffer<std::uint32_t> entry_of;     ///< [E] where a splat's entries stand in `entries`
+  Buffer<std::uint32_t> splat_begin;  ///< [V+1] first slot of a splat
+  Buffer<std::uint32_t> slots;        ///< [E] an entry's place when entries are ordered splat by splat
 
   Buffer<BlendRecord> records;        ///< [V]
   Buffer<float> channels;             ///< [V, extra_channels()] features, then inverse depth
   Buffer<std::uint32_t> tile_stop;    ///< [T] entries of the tile that were looked at before all pixels were full
   Buffer<float> tile_images;          ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
 
-  Buffer<EntryGradient> entry_gradients;  ///< [E]
-  Buffer<float> entry_channel_gradients;  ///< [E, features]
+  Buffer<EntryGradient> entry_gradients;  ///< [E] by slot
+  Buffer<float> entry_channel_gradients;  ///< [E, features] by slot
 
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }

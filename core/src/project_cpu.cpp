@@ -1,13 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <bit>
 #include <cstring>
 
 #include "frame.h"
 #include "sh_math.h"
 
-namespace splatboost {
-namespace {
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "project_cpu.cpp"
+#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/highway.h>
 
-constexpr std::size_t kGrain = 512;
+HWY_BEFORE_NAMESPACE();
+namespace splatboost {
+namespace HWY_NAMESPACE {
 
 glm::vec3 vec3_at(std::span<const float> rows, std::size_t i) { return {rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]}; }
 
@@ -56,64 +63,46 @@ void set_bounding_tiles(const Frame& frame, Splat& splat) {
   splat.tile_y1 = static_cast<std::uint16_t>(y.end);
 }
 
-}  // namespace
-
-void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
-  frame.splats.ensure(gaussians.count);
-  frame.radii.ensure(gaussians.count);
+void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, std::size_t end) {
   const RasterOptions& options = frame.options;
   const ProjectionCamera& camera = frame.projection;
-  threads.for_range(gaussians.count, kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      Splat& splat = frame.splats[i];
-      splat.tile_x0 = splat.tile_x1 = splat.tile_y0 = splat.tile_y1 = 0;
-      frame.radii[i] = 0;
-      const glm::vec3 mean = vec3_at(gaussians.means, i);
-      glm::mat3 rotation;
-      const Symmetric3 covariance = covariance_at(gaussians, i, rotation);
-      const Projection p = project_gaussian(camera, mean, covariance, options.low_pass, options.compensate_opacity,
-                                            options.near_plane);
-      if (!p.valid) continue;
-      splat.mean = p.mean;
-      splat.covariance = p.covariance;
-      splat.conic = p.conic;
-      splat.depth = p.view.z;
-      splat.opacity = gaussians.opacities[i] * p.compensation;
-      if (!(splat.opacity >= 0.0f)) continue;  // NaN
-      splat.reach = reach_of(splat.opacity);
-      set_bounding_tiles(frame, splat);
-      if (splat.tile_x0 >= splat.tile_x1) continue;
-      frame.radii[i] = static_cast<std::int32_t>(fminf(square_radius(p.covariance), 1e9f));
-      if (!gaussians.colors.empty()) {
-        splat.color = vec3_at(gaussians.colors, i);
-      } else {
-        splat.color = sh_color(gaussians, i, glm::normalize(mean - camera.centre));
-      }
+  for (std::size_t i = begin; i < end; ++i) {
+    Splat& splat = frame.splats[i];
+    splat.tile_x0 = splat.tile_x1 = splat.tile_y0 = splat.tile_y1 = 0;
+    frame.radii[i] = 0;
+    const glm::vec3 mean = vec3_at(gaussians.means, i);
+    glm::mat3 rotation;
+    const Symmetric3 covariance = covariance_at(gaussians, i, rotation);
+    const Projection p =
+        project_gaussian(camera, mean, covariance, options.low_pass, options.compensate_opacity, options.near_plane);
+    if (!p.valid) continue;
+    splat.mean = p.mean;
+    splat.covariance = p.covariance;
+    splat.conic = p.conic;
+    splat.depth = p.view.z;
+    splat.opacity = gaussians.opacities[i] * p.compensation;
+    if (!(splat.opacity >= 0.0f)) continue;  // NaN
+    splat.reach = reach_of(splat.opacity);
+    set_bounding_tiles(frame, splat);
+    if (splat.tile_x0 >= splat.tile_x1) continue;
+    frame.radii[i] = static_cast<std::int32_t>(min_of(square_radius(p.covariance), 1e9f));
+    if (!gaussians.colors.empty()) {
+      splat.color = vec3_at(gaussians.colors, i);
+    } else {
+      splat.color = sh_color(gaussians, i, glm::normalize(mean - camera.centre));
     }
-  });
+  }
 }
-
-namespace {
 
 /// Sum of a splat's entries in the order of the lists.
 EntryGradient gather(const Frame& frame, std::uint32_t k) {
-  EntryGradient sum{};
-  for (std::uint32_t j = frame.splat_begin[k]; j < frame.splat_begin[k + 1]; ++j) {
-    const EntryGradient& g = frame.entry_gradients[frame.entry_of[j]];
-    sum.mean_x += g.mean_x;
-    sum.mean_y += g.mean_y;
-    sum.mean_abs_x += g.mean_abs_x;
-    sum.mean_abs_y += g.mean_abs_y;
-    sum.conic_xx += g.conic_xx;
-    sum.conic_xy += g.conic_xy;
-    sum.conic_yy += g.conic_yy;
-    sum.opacity += g.opacity;
-    sum.red += g.red;
-    sum.green += g.green;
-    sum.blue += g.blue;
-    sum.inverse_depth += g.inverse_depth;
+  using Lane = std::array<float, sizeof(EntryGradient) / sizeof(float)>;
+  Lane sum{};
+  for (std::uint32_t slot = frame.splat_begin[k]; slot < frame.splat_begin[k + 1]; ++slot) {
+    const auto entry = std::bit_cast<Lane>(frame.entry_gradients[slot]);
+    for (std::size_t c = 0; c < sum.size(); ++c) sum[c] += entry[c];
   }
-  return sum;
+  return std::bit_cast<EntryGradient>(sum);
 }
 
 void add(std::span<float> rows, std::size_t width, std::size_t i, const float* values, GradientMode mode) {
@@ -181,8 +170,8 @@ void clear_gaussian(const GaussianGradients& g, std::size_t i, std::size_t rest_
   clear(g.features, features, i);
 }
 
-void backward_one(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::uint32_t k) {
-  const std::size_t i = frame.order[k];
+void backward_one(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i,
+                  std::uint32_t k) {
   const Splat& splat = frame.splats[i];
   const ProjectionCamera& camera = frame.projection;
   const RasterOptions& options = frame.options;
@@ -229,8 +218,8 @@ void backward_one(const Frame& frame, const Gaussians& gaussians, const Gaussian
   if (!out.features.empty()) {
     float sum[kMaxFeatures] = {};
     const auto drawn = static_cast<std::size_t>(frame.features);  // none, if the view was drawn without them
-    for (std::uint32_t j = frame.splat_begin[k]; drawn > 0 && j < frame.splat_begin[k + 1]; ++j) {
-      const float* entry = frame.entry_channel_gradients.data() + drawn * frame.entry_of[j];
+    for (std::size_t slot = frame.splat_begin[k]; drawn > 0 && slot < frame.splat_begin[k + 1]; ++slot) {
+      const float* entry = frame.entry_channel_gradients.data() + drawn * slot;
       for (std::size_t f = 0; f < drawn; ++f) sum[f] += entry[f];
     }
     add(out.features, static_cast<std::size_t>(gaussians.features_per_gaussian), i, sum, out.mode);
@@ -245,25 +234,47 @@ void backward_one(const Frame& frame, const Gaussians& gaussians, const Gaussian
   }
 }
 
+void backward_range(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
+                    std::size_t begin, std::size_t end) {
+  const std::size_t rest_width = 3 * static_cast<std::size_t>(gaussians.sh_rest_rows);
+  const auto feature_width = static_cast<std::size_t>(gaussians.features_per_gaussian);
+  for (std::size_t i = begin; i < end; ++i) {
+    if (frame.visible[i]) {
+      backward_one(frame, gaussians, gradients, i, frame.rank[i]);
+      continue;
+    }
+    if (gradients.mode == GradientMode::overwrite) clear_gaussian(gradients, i, rest_width, feature_width);
+    clear(gradients.screen_means, 2, i);
+    clear(gradients.screen_means_abs, 2, i);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace splatboost
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace splatboost {
+namespace {
+HWY_EXPORT(project_range);
+HWY_EXPORT(backward_range);
+constexpr std::size_t kGrain = 512;
 }  // namespace
+
+void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
+  frame.splats.ensure(gaussians.count);
+  frame.radii.ensure(gaussians.count);
+  threads.for_range(gaussians.count, kGrain, [&](std::size_t begin, std::size_t end) {
+    HWY_DYNAMIC_DISPATCH(project_range)(frame, gaussians, begin, end);
+  });
+}
 
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       Threads& threads) {
-  const std::size_t rest_width = 3 * static_cast<std::size_t>(gaussians.sh_rest_rows);
-  const auto feature_width = static_cast<std::size_t>(gaussians.features_per_gaussian);
-  threads.for_range(frame.gaussians, 4 * kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      if (frame.visible[i]) continue;
-      if (gradients.mode == GradientMode::overwrite) clear_gaussian(gradients, i, rest_width, feature_width);
-      clear(gradients.screen_means, 2, i);
-      clear(gradients.screen_means_abs, 2, i);
-    }
-  });
-  threads.for_range(frame.order.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t k = begin; k < end; ++k) {
-      if (frame.visible[frame.order[k]]) backward_one(frame, gaussians, gradients, static_cast<std::uint32_t>(k));
-    }
+  threads.for_range(frame.gaussians, kGrain, [&](std::size_t begin, std::size_t end) {
+    HWY_DYNAMIC_DISPATCH(backward_range)(frame, gaussians, gradients, begin, end);
   });
 }
 
 }  // namespace splatboost
+#endif  // HWY_ONCE

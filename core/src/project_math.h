@@ -88,8 +88,8 @@ SPLATBOOST_HOST_DEVICE Projection project_gaussian(const ProjectionCamera& camer
   const float inverse_z = 1.0f / t.z;
   p.mean = {camera.fx * t.x * inverse_z + camera.cx, camera.fy * t.y * inverse_z + camera.cy};
 
-  const float ratio_x = fminf(fmaxf(t.x * inverse_z, -camera.limit_x), camera.limit_x);
-  const float ratio_y = fminf(fmaxf(t.y * inverse_z, -camera.limit_y), camera.limit_y);
+  const float ratio_x = min_of(max_of(t.x * inverse_z, -camera.limit_x), camera.limit_x);
+  const float ratio_y = min_of(max_of(t.y * inverse_z, -camera.limit_y), camera.limit_y);
   const glm::mat3 world_rows = glm::transpose(camera.rotation);  // its columns are the camera's axes in the world
   p.row_x = (camera.fx * inverse_z) * (world_rows[0] - ratio_x * world_rows[2]);
   p.row_y = (camera.fy * inverse_z) * (world_rows[1] - ratio_y * world_rows[2]);
@@ -105,7 +105,7 @@ SPLATBOOST_HOST_DEVICE Projection project_gaussian(const ProjectionCamera& camer
   p.conic = {p.covariance.yy * inverse_det, -p.covariance.xy * inverse_det, p.covariance.xx * inverse_det};
   if (compensate) {
     const float bare_det = bare.xx * bare.yy - bare.xy * bare.xy;
-    p.compensation = sqrtf(fmaxf(kMinCompensation2, bare_det * inverse_det));
+    p.compensation = sqrtf(max_of(kMinCompensation2, bare_det * inverse_det));
   }
   p.valid = true;
   return p;

@@ -20,14 +20,14 @@ struct TileRange {
 
 SPLATBOOST_HOST_DEVICE int clamp_tile(float tile, int tiles) {
   // In float first: far-off splats overflow an int.
-  return static_cast<int>(fminf(fmaxf(tile, 0.0f), static_cast<float>(tiles)));
+  return static_cast<int>(min_of(max_of(tile, 0.0f), static_cast<float>(tiles)));
 }
 
 /// 3DGS's radius: 3σ of the longer axis, rounded up.
 SPLATBOOST_HOST_DEVICE float square_radius(const Symmetric2& covariance) {
   const float mid = 0.5f * (covariance.xx + covariance.yy);
   const float det = covariance.xx * covariance.yy - covariance.xy * covariance.xy;
-  return ceilf(kBoxSigmas * sqrtf(mid + sqrtf(fmaxf(0.1f, mid * mid - det))));
+  return ceilf(kBoxSigmas * sqrtf(mid + sqrtf(max_of(0.1f, mid * mid - det))));
 }
 
 /// Tiles of one axis that the square [centre ± radius] meets, centre in 3DGS's pixel coordinates (centres at integers).
@@ -67,16 +67,16 @@ SPLATBOOST_HOST_DEVICE TileRange ellipse_tile_rows(const Ellipse& e, int tiles_y
 /// Tiles of one tile row that the ellipse meets: exact, because the part of a convex shape within the row's band is
 /// convex, so its extent in x is one interval.
 SPLATBOOST_HOST_DEVICE TileRange ellipse_tiles_in_row(const Ellipse& e, int row, int tiles_x) {
-  const float y0 = fmaxf(static_cast<float>(row * kTileSize) + 0.5f - e.mean.y, -e.half_height);
-  const float y1 = fminf(static_cast<float>((row + 1) * kTileSize) - 0.5f - e.mean.y, e.half_height);
+  const float y0 = max_of(static_cast<float>(row * kTileSize) + 0.5f - e.mean.y, -e.half_height);
+  const float y1 = min_of(static_cast<float>((row + 1) * kTileSize) - 0.5f - e.mean.y, e.half_height);
   const float a = e.conic.xx, b = e.conic.xy, c = e.conic.yy;
   const float det = a * c - b * b;
   // Height at which the ellipse is rightmost (leftmost: its negative), brought into the band.
   const float y_right = -b / c * e.half_width;
-  const float at_right = fminf(fmaxf(y_right, y0), y1);
-  const float at_left = fminf(fmaxf(-y_right, y0), y1);
-  const float right = (-b * at_right + sqrtf(fmaxf(0.0f, a * e.t - det * at_right * at_right))) / a;
-  const float left = (-b * at_left - sqrtf(fmaxf(0.0f, a * e.t - det * at_left * at_left))) / a;
+  const float at_right = min_of(max_of(y_right, y0), y1);
+  const float at_left = min_of(max_of(-y_right, y0), y1);
+  const float right = (-b * at_right + sqrtf(max_of(0.0f, a * e.t - det * at_right * at_right))) / a;
+  const float left = (-b * at_left - sqrtf(max_of(0.0f, a * e.t - det * at_left * at_left))) / a;
   return tiles_meeting(e.mean.x + left - kTileSlack, e.mean.x + right + kTileSlack, tiles_x);
 }
 

@@ -110,6 +110,7 @@ void build_tile_lists(Frame& frame, const Gaussians& gaussians, Threads& threads
   if (chunks * tiles > 0) std::memset(frame.tile_cursor.data(), 0, chunks * tiles * sizeof(std::uint32_t));
   frame.splat_begin.ensure(visible + 1);
   frame.records.ensure(visible);
+  frame.rank.ensure(frame.gaussians);
   frame.visible.ensure(frame.gaussians);
   if (frame.gaussians > 0) std::memset(frame.visible.data(), 0, frame.gaussians);
   const auto extra = static_cast<std::size_t>(frame.extra_channels());
@@ -138,6 +139,7 @@ void build_tile_lists(Frame& frame, const Gaussians& gaussians, Threads& threads
       }
       frame.splat_begin[k] = listed;
       frame.visible[gaussian] = listed > 0;
+      frame.rank[gaussian] = static_cast<std::uint32_t>(k);
       if (listed == 0) frame.radii[gaussian] = 0;
       fill_record(frame, gaussian, frame.records[k]);
       float* channels = frame.channels.data() + k * extra;
@@ -167,7 +169,7 @@ void build_tile_lists(Frame& frame, const Gaussians& gaussians, Threads& threads
   }
   frame.splat_begin[visible] = entry;
   frame.entries.ensure(sum);
-  frame.entry_of.ensure(sum);
+  frame.slots.ensure(sum);
 
   threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
     std::uint32_t* cursor = frame.tile_cursor.data() + chunk * tiles;
@@ -175,13 +177,13 @@ void build_tile_lists(Frame& frame, const Gaussians& gaussians, Threads& threads
     for (std::size_t k = chunk * chunk_size; k < end; ++k) {
       const Splat& splat = frame.splats[frame.order[k]];
       const TileRange* spans = frame.row_spans.data() + frame.row_begin[k];
-      std::uint32_t at = frame.splat_begin[k];
+      std::uint32_t slot = frame.splat_begin[k];
       for (int row = splat.tile_y0; row < splat.tile_y1; ++row, ++spans) {
         std::uint32_t* tile = cursor + static_cast<std::size_t>(row) * tiles_x;
         for (int x = spans->begin; x < spans->end; ++x) {
           const std::uint32_t position = tile[x]++;
           frame.entries[position] = static_cast<std::uint32_t>(k);
-          frame.entry_of[at++] = position;
+          frame.slots[position] = slot++;
         }
       }
     }

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+// The adapter on hand-made tensors: which primitives clone, split and go.
+#include <gtest/gtest.h>
+
+#include <numeric>
+
+#include "vanilla/vanilla_adapter.h"
+
+namespace splatboost {
+namespace {
+
+/// A renderer whose errors and counts are given. Views are 8×8; the left half is wrong, so 32 pixels are flagged.
+class FakeRasterizer : public RasterizerHook {
+ public:
+  explicit FakeRasterizer(std::vector<std::int32_t> counts, std::size_t views = 10)
+      : counts_(std::move(counts)), views_(views), color_(3 * 64, 0.0f), truth_(3 * 64, 0) {
+    for (std::size_t p = 0; p < 3 * 64; ++p) truth_[p] = p % 8 < 4 ? 255 : 0;
+  }
+  void set_beta(std::optional<float>) override {}
+  std::size_t primitives() const override { return counts_.size(); }
+  std::size_t scorable_views() const override { return views_; }
+  ScoredView render_for_score(std::size_t view) override {
+    rendered.push_back(view);
+    return {color_, {8, 8, truth_, {}}};
+  }
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    flagged_pixels = static_cast<std::size_t>(std::count(flagged.begin(), flagged.end(), 1));
+    for (std::size_t i = 0; i < counts.size(); ++i) counts[i] += counts_[i];
+  }
+  std::vector<std::size_t> rendered;
+  std::size_t flagged_pixels = 0;
+
+ private:
+  std::vector<std::int32_t> counts_;
+  std::size_t views_;
+  std::vector<float> color_;
+  std::vector<std::uint8_t> truth_;
+};
+
+constexpr float kExtent = 10;  // the border between small and large is extent × percent_dense
+
+/// Statistics of hand-made Gaussians.
+struct Hand {
+  std::vector<float> gradients, gradients_abs, opacities, max_scales;
+  DensityStatistics at(int iteration) const {
+    return {{iteration, 30000}, kExtent, gradients, gradients_abs, opacities, max_scales};
+  }
+};
+
+VanillaBoost boost_at_paper_size() {
+  VanillaBoost boost;
+  boost.percent_dense = 0.01;
+  return boost;
+}
+
+class VanillaAdapterTest : public ::testing::Test {
+ protected:
+  Threads threads_{1};
+};
+
+TEST_F(VanillaAdapterTest, clones_on_the_signed_and_splits_on_the_absolute_gradient) {
+  VanillaBoost boost = boost_at_paper_size();
+  boost.vcd = boost.vcp = false;
+  VanillaAdapter adapter(boost, threads_);
+  //                  small+moving  small+still  large+abs   large+signed only
+  const Hand hand{{2e-4f, 1.9e-4f, 0.0f, 1.0f}, {0.0f, 1.0f, 1.2e-3f, 1.1e-3f}, {0.5f, 0.5f, 0.5f, 0.5f}, {0.05f, 0.05f, 0.2f, 0.2f}};
+  std::vector<std::uint8_t> clone(4, 9), split(4, 9);
+  GrowDecisions decisions{clone, split};
+  FakeRasterizer rasterizer({0, 0, 0, 0});
+  adapter.grow(hand.at(1000), rasterizer, decisions);
+  EXPECT_EQ(clone, (std::vector<std::uint8_t>{1, 0, 0, 0}));
+  EXPECT_EQ(split, (std::vector<std::uint8_t>{0, 0, 1, 0}));
+  EXPECT_TRUE(rasterizer.rendered.empty()) << "nothing is scored when neither VCD nor VCP is on";
+}
+
+TEST_F(VanillaAdapterTest, without_absolute_gradients_the_backbones_rule_stands) {
+  VanillaBoost boost = boost_at_paper_size();
+  boost.vcd = boost.vcp = boost.absgrad = false;
+  VanillaAdapter adapter(boost, threads_);
+  const Hand hand{{1, 1}, {}, {0.5f, 0.5f}, {0.05f, 0.2f}};
+  std::vector<std::uint8_t> clone{0, 1}, split{1, 0};
+  GrowDecisions decisions{clone, split};
+  FakeRasterizer rasterizer({0, 0});
+  adapter.grow(hand.at(1000), rasterizer, decisions);
+  EXPECT_EQ(clone, (std::vector<std::uint8_t>{0, 1}));
+  EXPECT_EQ(split, (std::vector<std::uint8_t>{1, 0}));
+  EXPECT_FALSE(adapter.needs_absolute_gradients());
+}
+
+TEST_F(VanillaAdapterTest, an_appended_primitive_is_judged_by_what_it_was_made_from) {
+  VanillaBoost boost = boost_at_paper_size();
+  boost.vcd = false;
+  VanillaAdapter adapter(boost, threads_);
+  // Of two candidates one goes. Primitive 0 has all of the score, primitive 1 none; after growth the candidates are
+  // row 0 (made from 1) and row 1 (made from 0): row 1 must be the one removed, whatever the draw.
+  const Hand hand{{0, 0}, {0, 0}, {0.001f, 0.001f}, {0.05f, 0.05f}};
+  std::vector<std::uint8_t> clone(2), split(2), remove{1, 1};
+  const std::vector<std::uint32_t> origins{1, 0};
+  GrowDecisions grow{clone, split};
+  FakeRasterizer rasterizer({100, 0});
+  for (int iteration = 500; iteration < 15000; iteration += 500) {
+    remove = {1, 1};
+    adapter.grow(hand.at(iteration), rasterizer, grow);
+    PruneDecisions prune{remove, origins};
+    adapter.prune(hand.at(iteration), rasterizer, prune);
+    EXPECT_EQ(remove, (std::vector<std::uint8_t>{0, 1}));
+  }
+}
+
+TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
+  VanillaBoost boost = boost_at_paper_size();
+  boost.vcd = false;
+  VanillaAdapter adapter(boost, threads_);
+  const std::size_t n = 101;
+  Hand hand;
+  hand.gradients.assign(n, 0);
+  hand.gradients_abs.assign(n, 0);
+  hand.opacities.assign(n, 0.001f);
+  hand.max_scales.assign(n, 0.05f);
+  std::vector<std::int32_t> counts(n);
+  std::iota(counts.begin(), counts.end(), 0);
+  FakeRasterizer rasterizer(counts);
+  std::vector<std::uint8_t> clone(n), split(n), remove(n, 0);
+  for (std::size_t i = 0; i < 40; ++i) remove[2 * i] = 1;
+  const std::vector<std::uint8_t> candidates = remove;
+  std::vector<std::uint32_t> origins(n);
+  std::iota(origins.begin(), origins.end(), 0u);
+  GrowDecisions grow{clone, split};
+  PruneDecisions prune{remove, origins};
+  adapter.grow(hand.at(1000), rasterizer, grow);
+  adapter.prune(hand.at(1000), rasterizer, prune);
+  EXPECT_EQ(std::count(remove.begin(), remove.end(), 1), 20);
+  for (std::size_t i = 0; i < n; ++i) EXPECT_LE(remove[i], candidates[i]);
+}
+
+TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
+  VanillaAdapter adapter(boost_at_paper_size(), threads_);
+  EXPECT_FALSE(adapter.prunes_at({15000, 30000}, false));
+  EXPECT_TRUE(adapter.prunes_at({18000, 30000}, false));
+  EXPECT_TRUE(adapter.prunes_at({27000, 30000}, false));
+  EXPECT_FALSE(adapter.prunes_at({18001, 30000}, false));
+  EXPECT_FALSE(adapter.prunes_at({30000, 30000}, false)) << "nothing is left to recover in";
+  EXPECT_TRUE(adapter.prunes_at({4200, 7000}, false)) << "the plan scales with the run";
+  const Hand hand{{0, 0, 0, 0}, {}, {0.09f, 0.11f, 0.5f, 0.5f}, {1, 1, 1, 1}};
+  FakeRasterizer rasterizer({0, 10, 95, 100});
+  std::vector<std::uint8_t> remove(4);
+  PruneDecisions prune{remove, {}};
+  adapter.prune(hand.at(18000), rasterizer, prune);
+  EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 1, 1}));
+}
+
+TEST_F(VanillaAdapterTest, fewer_views_than_k_score_each_once) {
+  VanillaBoost boost = boost_at_paper_size();
+  VanillaAdapter adapter(boost, threads_);
+  const Hand hand{{0}, {0}, {0.5f}, {1}};
+  FakeRasterizer rasterizer({1}, 3);
+  std::vector<std::uint8_t> remove(1);
+  PruneDecisions prune{remove, {}};
+  adapter.prune(hand.at(18000), rasterizer, prune);
+  std::sort(rasterizer.rendered.begin(), rasterizer.rendered.end());
+  EXPECT_EQ(rasterizer.rendered, (std::vector<std::size_t>{0, 1, 2}));
+  EXPECT_EQ(rasterizer.flagged_pixels, 32u);
+}
+
+TEST_F(VanillaAdapterTest, schedule_follows_the_paper) {
+  VanillaAdapter adapter(boost_at_paper_size(), threads_);
+  int rest = 0, others = 0;
+  for (int i = 1; i <= 30000; ++i) {
+    rest += adapter.steps_at("f_rest", {i, 30000});
+    others += adapter.steps_at("xyz", {i, 30000});
+  }
+  // 15 000 + 5 000/32 + 10 000/64, and 15 000/16 in place of the first; the last iteration steps as well.
+  EXPECT_EQ(others, 15000 + 157 + 156);
+  EXPECT_EQ(rest, 937 + 157 + 156);
+}
+
+}  // namespace
+}  // namespace splatboost

@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: Apache-2.0
+// The baseline is the published one: every decision of a run is recorded and compared with a plain re-statement of the
+// rules of adaptive density control (Kerbl et al. 2023, Sec. 5, with the constants of the 2023 release).
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <set>
+
+#include "../../support/tiny_scene.h"
+#include "vanilla/vanilla.h"
+
+namespace splatboost {
+namespace {
+
+/// What one call of the hook saw, and what the backbone had decided before it.
+struct Event {
+  int iteration;
+  bool growth;
+  std::vector<float> gradients, opacities, max_scales;
+  std::vector<std::uint8_t> clone, split, remove;
+  std::vector<std::uint32_t> origins;
+};
+
+/// Changes nothing, writes everything down.
+class Recorder : public DensityHook {
+ public:
+  void grow(const DensityStatistics& s, RasterizerHook&, GrowDecisions& d) override {
+    Event e{s.moment.iteration, true, {}, {}, {}, {}, {}, {}, {}};
+    e.gradients.assign(s.gradients.begin(), s.gradients.end());
+    e.max_scales.assign(s.max_scales.begin(), s.max_scales.end());
+    e.opacities.assign(s.opacities.begin(), s.opacities.end());
+    e.clone.assign(d.clone.begin(), d.clone.end());
+    e.split.assign(d.split.begin(), d.split.end());
+    events.push_back(e);
+  }
+  void prune(const DensityStatistics& s, RasterizerHook&, PruneDecisions& d) override {
+    Event e{s.moment.iteration, false, {}, {}, {}, {}, {}, {}, {}};
+    e.max_scales.assign(s.max_scales.begin(), s.max_scales.end());
+    e.opacities.assign(s.opacities.begin(), s.opacities.end());
+    e.remove.assign(d.remove.begin(), d.remove.end());
+    e.origins.assign(d.origins.begin(), d.origins.end());
+    events.push_back(e);
+  }
+  std::vector<Event> events;
+};
+
+class AdcTrace : public ::testing::Test {
+ protected:
+  static constexpr int kIterations = 600;  // 1/50 of the published run
+
+  void run(VanillaConfig config, std::size_t cap = 0) {
+    backbone_ = make_vanilla({scene_, threads_, 3, kIterations, cap}, config);
+    backbone_->set_hooks(&recorder_, nullptr);
+    sizes_.push_back(backbone_->primitives());
+    for (int i = 1; i <= kIterations; ++i) {
+      backbone_->train_step(i, scene_.train[static_cast<std::size_t>(i) % scene_.train.size()]);
+      sizes_.push_back(backbone_->primitives());
+    }
+  }
+
+  Threads threads_{2};
+  Scene scene_ = testing::tiny_scene(threads_);
+  Recorder recorder_;
+  std::unique_ptr<Backbone> backbone_;
+  std::vector<std::size_t> sizes_;  ///< after each iteration; [0] at the start
+};
+
+VanillaConfig eager() {
+  VanillaConfig config;
+  config.densify_interval = 500;        // at 1/50: every 10 iterations
+  config.opacity_reset_interval = 3000; // every 60
+  return config;
+}
+
+TEST_F(AdcTrace, grows_and_prunes_when_and_only_when_the_published_plan_says) {
+  run(eager());
+  std::set<int> expected;
+  for (int i = 1; i <= kIterations; ++i) {
+    if (i < 300 && i > 10 && i % 10 == 0) expected.insert(i);
+  }
+  std::set<int> growths, prunes;
+  for (const Event& e : recorder_.events) (e.growth ? growths : prunes).insert(e.iteration);
+  EXPECT_EQ(growths, expected);
+  EXPECT_EQ(prunes, expected);
+  for (std::size_t i = 301; i < sizes_.size(); ++i) EXPECT_EQ(sizes_[i], sizes_[300]);
+}
+
+TEST_F(AdcTrace, clones_small_and_splits_large_ones_that_move) {
+  run(eager());
+  const double border = 0.01 * static_cast<double>(scene_.extent);
+  std::size_t clones = 0, splits = 0;
+  for (const Event& e : recorder_.events) {
+    if (!e.growth) continue;
+    for (std::size_t i = 0; i < e.clone.size(); ++i) {
+      const bool moves = e.gradients[i] >= 2e-4f;
+      const bool small = static_cast<double>(e.max_scales[i]) <= border;
+      EXPECT_EQ(e.clone[i] != 0, moves && small) << "iteration " << e.iteration << " Gaussian " << i;
+      EXPECT_EQ(e.split[i] != 0, moves && !small) << "iteration " << e.iteration << " Gaussian " << i;
+      clones += e.clone[i];
+      splits += e.split[i];
+    }
+  }
+  EXPECT_GT(splits, 10u) << "the scene must exercise the rule";
+}
+
+TEST_F(AdcTrace, growth_changes_the_count_by_one_a_decision_and_pruning_by_the_rule) {
+  run(eager());
+  for (std::size_t k = 0; k + 1 < recorder_.events.size(); k += 2) {
+    const Event& grow = recorder_.events[k];
+    const Event& prune = recorder_.events[k + 1];
+    ASSERT_TRUE(grow.growth && !prune.growth && grow.iteration == prune.iteration);
+    const auto added = static_cast<std::size_t>(std::count(grow.clone.begin(), grow.clone.end(), 1) +
+                                                std::count(grow.split.begin(), grow.split.end(), 1));
+    EXPECT_EQ(prune.remove.size(), grow.clone.size() + added);
+    std::size_t removed = 0;
+    for (std::size_t i = 0; i < prune.remove.size(); ++i) {
+      const bool large_go = grow.iteration > 60;
+      const bool large = static_cast<double>(prune.max_scales[i]) > 0.1 * static_cast<double>(scene_.extent);
+      EXPECT_EQ(prune.remove[i] != 0, prune.opacities[i] < 0.005f || (large_go && large));
+      removed += prune.remove[i];
+      // Children and clones know what they came from: their parent had been chosen to grow.
+      ASSERT_LT(prune.origins[i], grow.clone.size());
+      if (i >= grow.clone.size()) {
+        const std::uint32_t parent = prune.origins[i];
+        EXPECT_TRUE(grow.clone[parent] != 0 || grow.split[parent] != 0);
+      }
+    }
+    EXPECT_EQ(sizes_[static_cast<std::size_t>(grow.iteration)], prune.remove.size() - removed);
+  }
+}
+
+TEST_F(AdcTrace, opacities_are_reset_on_schedule) {
+  run(eager());
+  // The events right after a reset (at 60, 120, …, 240) see no opacity far above the reset value; those before it do.
+  float before = 0, after = 0;
+  for (const Event& e : recorder_.events) {
+    if (!e.growth) continue;
+    const float highest = *std::max_element(e.opacities.begin(), e.opacities.end());
+    if (e.iteration == 60) before = highest;
+    if (e.iteration == 70) after = highest;
+  }
+  EXPECT_GT(before, 0.1f);
+  EXPECT_LT(after, 0.05f);
+}
+
+TEST_F(AdcTrace, the_cap_is_never_exceeded) {
+  run(eager(), 55);
+  for (const std::size_t n : sizes_) EXPECT_LE(n, 55u);
+  EXPECT_EQ(*std::max_element(sizes_.begin(), sizes_.end()), 55u) << "the cap must have been reached to be tested";
+}
+
+TEST_F(AdcTrace, a_cap_below_the_initial_points_keeps_a_subset) {
+  run(eager(), 17);
+  for (const std::size_t n : sizes_) EXPECT_LE(n, 17u);
+}
+
+/// Selects everything for removal.
+class RemoveAll : public Recorder {
+ public:
+  void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions& d) override {
+    std::fill(d.remove.begin(), d.remove.end(), std::uint8_t{1});
+  }
+};
+
+TEST_F(AdcTrace, a_pass_never_removes_all) {
+  RemoveAll all;
+  backbone_ = make_vanilla({scene_, threads_, 3, kIterations, 0}, eager());
+  backbone_->set_hooks(&all, nullptr);
+  for (int i = 1; i <= 40; ++i) backbone_->train_step(i, scene_.train[0]);
+  EXPECT_EQ(backbone_->primitives(), 1u);
+}
+
+TEST(VanillaTraining, reaches_a_stated_quality_on_a_tiny_scene) {
+  Threads threads(2);
+  const Scene scene = testing::tiny_scene(threads);
+  const auto backbone = make_vanilla({scene, threads, 0, 400, 0}, {});
+  double first = 0, last = 0;
+  for (int i = 1; i <= 400; ++i) {
+    const double loss = backbone->train_step(i, scene.train[static_cast<std::size_t>(i) % scene.train.size()]);
+    if (i <= 10) first += loss / 10;
+    if (i > 390) last += loss / 10;
+  }
+  EXPECT_LT(last, 0.35 * first);
+}
+
+/// Steps a group only now and then.
+class EveryThird : public OptimizerHook {
+ public:
+  bool steps_at(std::string_view, Moment moment) const override { return moment.iteration % 3 == 0; }
+};
+
+TEST(VanillaTraining, accumulated_gradients_are_applied_at_the_end) {
+  Threads threads(1);
+  const Scene scene = testing::tiny_scene(threads);
+  const auto backbone = make_vanilla({scene, threads, 0, 10000, 0}, {});
+  EveryThird hook;
+  backbone->set_hooks(nullptr, &hook);
+  std::vector<float> before(scene.train[0].color.size()), after(before.size());
+  for (int i = 1; i <= 4; ++i) backbone->train_step(i, scene.train[0]);
+  backbone->render(scene.train[0].camera, 0, std::nullopt, before);
+  backbone->finish();
+  backbone->render(scene.train[0].camera, 0, std::nullopt, after);
+  EXPECT_NE(before, after) << "the gradient of iteration 4 must not be lost";
+}
+
+}  // namespace
+}  // namespace splatboost
