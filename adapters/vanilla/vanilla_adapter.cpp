@@ -27,10 +27,6 @@ std::optional<float> VanillaAdapter::beta() const {
 
 bool VanillaAdapter::needs_absolute_gradients() const { return boost_.absgrad; }
 
-bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
-  return backbone_would;
-}
-
 void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
   const std::size_t n = statistics.gradients.size();
   if (boost_.absgrad) {

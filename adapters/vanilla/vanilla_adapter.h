@@ -42,7 +42,6 @@ class VanillaAdapter final : public DensityHook, public OptimizerHook {
   std::optional<float> beta() const;
 
   bool needs_absolute_gradients() const override;
-  bool grows_at(Moment moment, bool backbone_would) const override;
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -61,13 +62,35 @@ nlohmann::json to_json(const Results& results);
 /// Throws InputError if a required key is missing.
 Results results_from_json(const nlohmann::json& json);
 
-/// Peak resident memory of this process so far.
+/// Peak resident memory of this process since its start or the last reset; 0 where the system does not tell.
 std::uint64_t peak_memory_bytes();
+/// Starts a new peak, so that the second run of a comparison does not inherit the first one's. False if not possible.
+bool reset_peak_memory();
 /// Name of the processor, for reports.
 std::string machine_name();
 
-/// Ratios boosted / baseline of time, primitives, storage, memory; differences of PSNR, SSIM, LPIPS.
+/// compare.json: {"baseline", "boosted", "ratios": boosted / baseline of time ("speedup": its inverse), primitives,
+/// storage, memory and fps, "differences": boosted − baseline of PSNR, SSIM, LPIPS}. Null where a value is missing or
+/// the baseline is 0.
 nlohmann::json comparison_to_json(const Results& baseline, const Results& boosted);
+
+/// One line of the table of one or more runs, in words and units for people.
+struct ResultRow {
+  enum class Verdict { kNone, kBetter, kWorse, kSame };
+  std::string label;
+  std::vector<std::string> values;  ///< one a run
+  std::string change;               ///< of two runs: "4.1× faster", "0.28×", "−0.05 dB"; else empty
+  Verdict verdict = Verdict::kNone;  ///< what that change means
+};
+
+/// The most important first. With two runs, the second is compared with the first.
+std::vector<ResultRow> result_rows(std::span<const Results> runs);
+
+/// 42.3 s, 12 min 05 s, 3 h 07 min.
+std::string human_seconds(double seconds);
+
+/// 1 234 567 with no-break thin spaces between the thousands.
+std::string human_count(std::uint64_t count);
 
 /// The table of a comparison for a terminal.
 std::string comparison_table(const Results& baseline, const Results& boosted);

@@ -34,6 +34,7 @@ struct Scene {
   PointCloud points;
   float extent = 0;        ///< 1.1 × largest distance of a training camera from their mean (3DGS)
   bool white_background = false;
+  std::vector<std::string> notes;  ///< what a user should know about how the data was read, a line each
 };
 
 /// 3DGS's scene extent of these views.

@@ -5,17 +5,19 @@
 #include <filesystem>
 #include <vector>
 
+#include "common/scene.h"
+
 namespace splatboost {
 
 /// Raw (not activated) parameters, as 3DGS stores them. Shapes as in Gaussians.
 struct SplatCloud {
-  std::vector<float> means;          ///< [N,3]
-  std::vector<float> sh_dc;          ///< [N,3]
-  std::vector<float> sh_rest;        ///< [N,rest,3]; (channel-major in the file, as the field has it)
-  int sh_rest_rows = 0;              ///< 0, 3, 8 or 15
-  std::vector<float> logit_opacities;///< [N]
-  std::vector<float> log_scales;     ///< [N,3]
-  std::vector<float> rotations;      ///< [N,4] w,x,y,z
+  std::vector<float> means;            ///< [N,3]
+  std::vector<float> sh_dc;            ///< [N,3]
+  std::vector<float> sh_rest;          ///< [N,rest,3]; (channel-major in the file, as the field has it)
+  int sh_rest_rows = 0;                ///< 0, 3, 8 or 15
+  std::vector<float> logit_opacities;  ///< [N]
+  std::vector<float> log_scales;       ///< [N,3]
+  std::vector<float> rotations;        ///< [N,4] w,x,y,z
   std::size_t size() const { return logit_opacities.size(); }
 };
 
@@ -25,5 +27,8 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
 /// Reads what write_splat_ply and other 3DGS programs write (binary or ascii, properties in any order). Throws
 /// InputError on anything missing or truncated.
 SplatCloud read_splat_ply(const std::filesystem::path& path);
+
+/// Reads x y z and, where there, red green blue (else mid grey) of a .ply. Throws InputError likewise.
+PointCloud read_point_ply(const std::filesystem::path& path);
 
 }  // namespace splatboost

@@ -19,7 +19,7 @@ struct SynthOptions {
 };
 
 /// Writes a COLMAP scene: images/*.png, sparse/0/*.bin, and beside it depth/*.png (16 bit, millimetres of z),
-/// normals/*.png, masks/*.png (objects white, room black). Same options, same bytes.
+/// normals/*.png (world frame, 127.5·(n + 1)), masks/*.png (objects white, room black). Same options, same bytes.
 /// Throws InputError on impossible options.
 void write_synthetic_scene(const SynthOptions& options);
 

@@ -4,10 +4,13 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <functional>
+#include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
+
+#include <nlohmann/json.hpp>
 
 #include "common/backbone.h"
 #include "common/metrics.h"
@@ -25,30 +28,51 @@ struct TrainOptions {
   int curve_points = 20;               ///< how often the curve is sampled with a PSNR (on up to curve_views views)
   int curve_views = 4;
   std::filesystem::path resume;        ///< checkpoint to continue from
+  /// Settings that make the run what it is, by the names a user knows them by; flat. A checkpoint of a run that
+  /// differs in one of them is refused. Iterations, seed and the views' number and size are added by train().
+  nlohmann::json identity = nlohmann::json::object();
   std::string label;                   ///< shown in the progress line
   bool quiet = false;
 };
 
 struct TrainOutcome {
-  bool interrupted = false;            ///< by Ctrl-C; a checkpoint was written
+  int interrupted_by = 0;              ///< the signal (SIGINT, SIGTERM), 0: ran to its end; a checkpoint was written
   std::filesystem::path checkpoint;    ///< the one written on interruption
   int iteration = 0;                   ///< last iteration done
   double seconds = 0;                  ///< wall time of training, evaluation and saving excluded
   std::vector<CurvePoint> curve;
+  std::map<std::string, double> stage_seconds;
+  std::uint64_t storage_bytes = 0;     ///< of the final model; 0 if interrupted
 };
 
 /// Which training view an iteration sees: a fresh random permutation every epoch, a pure function of the arguments.
 std::size_t view_of_iteration(int iteration, std::size_t views, std::uint64_t seed);
 
-/// Trains until done or interrupted (SIGINT, SIGTERM).
+/// Trains until done or interrupted. The first SIGINT or SIGTERM lets the iteration end and writes
+/// checkpoints/iteration_N.ckpt; the second ends the process at once. While training runs, those two signals are its own.
+///
+/// Exports to point_cloud/iteration_N. Backbone::finish() is called after the last iteration only, so that models saved
+/// on the way do not change the run. Throws std::runtime_error naming the iteration if the loss is not finite, and
+/// InputError if options.resume is not a checkpoint of this run.
 TrainOutcome train(Backbone& backbone, const Scene& scene, const TrainOptions& options);
 
-/// Renders the test views (training views if there are none) into `renders` as PNG, measures them, and fills the
-/// quality part of `results` (psnr, ssim, lpips, psnr_beta1, split, views, fps).
+/// The views that a run is measured on: the test views, or the training views if there are none.
+const std::vector<View>& measured_views(const Scene& scene);
+
+/// Renders the measured views as trained into `renders` as <picture_names>.png (none if empty), measures them, and
+/// fills the quality part of `results` (psnr, ssim, lpips, psnr_beta1, split, views, fps). Lpips may be null.
 void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::filesystem::path& renders,
               Results& results);
 
-/// Saves a planar [3,H,W] float image as PNG, clamped to [0,1]. Atomic.
+/// Mean PSNR of up to `count` measured views, evenly spread, rendered as trained.
+double quick_psnr(Backbone& backbone, const Scene& scene, int count);
+
+/// File name stem of each view's pictures: the stem of its name, or, where views in several folders share one,
+/// of the whole name with '_' for '/'.
+std::vector<std::string> picture_names(const std::vector<View>& views);
+
+/// Saves a planar [3,H,W] image as PNG; floats are clamped to [0,1]. Atomic.
 void write_png(const std::filesystem::path& path, std::span<const float> color, int width, int height);
+void write_png(const std::filesystem::path& path, std::span<const std::uint8_t> color, int width, int height);
 
 }  // namespace splatboost

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The subcommands. Each adds itself to the program and returns what runs it.
+#pragma once
+
+#include <functional>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+namespace splatboost::cli {
+
+struct Command {
+  CLI::App* app = nullptr;
+  /// @param command_line as typed, for the record. @return exit code
+  std::function<int(const std::string& command_line)> run;
+};
+
+Command add_train(CLI::App& program);
+Command add_compare(CLI::App& program);
+Command add_render(CLI::App& program);
+Command add_eval(CLI::App& program);
+Command add_synth(CLI::App& program);
+
+}  // namespace splatboost::cli

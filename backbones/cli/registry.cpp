@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/registry.h"
+
+#include <concepts>
+#include <type_traits>
+
+#include "cli/json_values.h"
+#include "common/input_error.h"
+#include "common/json_fields.h"
+#include "vanilla/vanilla.h"
+#include "vanilla/vanilla_adapter.h"
+
+namespace splatboost::cli {
+namespace {
+
+using Json = nlohmann::json;
+
+// --- vanilla ----------------------------------------------------------------------------------------------------------
+
+/// Visits the fields of the settings by name; the seed is the run's.
+template <class Settings, class Visitor>
+void for_each_field(Settings& boost, Visitor&& visit) {
+  visit("vcd", boost.vcd);
+  visit("vcp", boost.vcp);
+  visit("cb", boost.cb);
+  visit("absgrad", boost.absgrad);
+  visit("schedule", boost.schedule);
+  visit("beta", boost.beta);
+  visit("tau_d", boost.tau_d);
+  visit("views", boost.views);
+  visit("tau", boost.tau);
+  visit("lambda_dssim", boost.lambda_dssim);
+  visit("gradient_threshold", boost.gradient_threshold);
+  visit("gradient_abs_threshold", boost.gradient_abs_threshold);
+  visit("percent_dense", boost.percent_dense);
+  visit("densify_interval", boost.densify_interval);
+  visit("late_prune_from", boost.late_prune_from);
+  visit("late_prune_interval", boost.late_prune_interval);
+  visit("late_min_opacity", boost.late_min_opacity);
+  visit("late_max_score", boost.late_max_score);
+}
+
+VanillaBoost vanilla_boost_from_json(const Json& given) {
+  VanillaBoost boost;
+  fields_from_json(given, "boost", [&](auto&& visit) { for_each_field(boost, visit); });
+  require(boost.beta > 0 && boost.beta <= 1, "boost: beta must be in (0, 1]");
+  require(boost.tau_d >= 0, "boost: tau_d must be at least 0");
+  require(boost.views >= 1, "boost: views must be at least 1");
+  require(boost.tau > 0 && boost.tau < 1, "boost: tau must be in (0, 1)");
+  require(boost.lambda_dssim >= 0 && boost.lambda_dssim <= 1, "boost: lambda_dssim must be in [0, 1]");
+  require(boost.gradient_threshold >= 0, "boost: gradient_threshold must be at least 0");
+  require(boost.gradient_abs_threshold >= 0, "boost: gradient_abs_threshold must be at least 0");
+  require(boost.percent_dense >= 0, "boost: percent_dense must be at least 0");
+  require(boost.densify_interval >= 1, "boost: densify_interval must be at least 1");
+  require(boost.late_prune_from >= 0, "boost: late_prune_from must be at least 0");
+  require(boost.late_prune_interval >= 1, "boost: late_prune_interval must be at least 1");
+  return boost;
+}
+
+Json vanilla_boost_settings(const Json& given) {
+  const VanillaBoost boost = vanilla_boost_from_json(given);
+  Json settings = Json::object();
+  for_each_field(boost, [&](const char* name, const auto& field) {
+    if constexpr (std::same_as<std::remove_cvref_t<decltype(field)>, float>) {
+      settings[name] = readable(field);
+    } else {
+      settings[name] = field;
+    }
+  });
+  return settings;
+}
+
+PluggedBackbone make_plugged_vanilla(const BackboneContext& context, const Json& constants, const Json* settings) {
+  PluggedBackbone plugged;
+  plugged.backbone = make_vanilla(context, vanilla_config_from_json(constants));
+  if (settings) {
+    VanillaBoost boost = vanilla_boost_from_json(*settings);
+    boost.seed = context.seed;
+    const auto adapter = std::make_shared<VanillaAdapter>(boost, context.threads);
+    plugged.beta = adapter->beta();
+    plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
+    plugged.backbone->set_hooks(adapter.get(), adapter.get());
+    plugged.adapter = adapter;
+  }
+  return plugged;
+}
+
+}  // namespace
+
+const std::vector<BackboneEntry>& backbones() {
+  static const std::vector<BackboneEntry> entries = {
+      {"vanilla", vanilla_boost_settings, make_plugged_vanilla},
+  };
+  return entries;
+}
+
+const BackboneEntry& find_backbone(std::string_view name) {
+  std::string names;
+  for (const BackboneEntry& entry : backbones()) {
+    if (entry.name == name) return entry;
+    names += (names.empty() ? "" : ", ") + std::string(entry.name);
+  }
+  throw InputError("--backbone: no '" + std::string(name) + "' here; there is: " + names);
+}
+
+}  // namespace splatboost::cli

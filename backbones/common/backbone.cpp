@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/backbone.h"
+
+namespace splatboost {
+
+void StageClock::lap(std::string_view stage) {
+  const auto now = std::chrono::steady_clock::now();
+  const double seconds = std::chrono::duration<double>(now - last_).count();
+  last_ = now;
+  // The name is copied once a stage: a steady loop allocates nothing.
+  const auto found = seconds_.find(stage);
+  if (found != seconds_.end()) {
+    found->second += seconds;
+  } else {
+    seconds_.emplace(stage, seconds);
+  }
+}
+
+void StageClock::restart() { last_ = std::chrono::steady_clock::now(); }
+
+}  // namespace splatboost

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Structs of constants from and to JSON, with unknown keys refused by name.
+#pragma once
+
+#include <set>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "common/input_error.h"
+
+namespace splatboost {
+
+/// @param for_each calls its argument as visit(name, field) for every field
+template <class ForEach>
+nlohmann::json fields_to_json(ForEach&& for_each) {
+  nlohmann::json json = nlohmann::json::object();
+  for_each([&](const char* name, const auto& field) { json[name] = field; });
+  return json;
+}
+
+/// Overwrites the fields that the object names. Throws InputError on an unknown key or a value of the wrong type.
+/// @param what whose constants these are, for messages
+template <class ForEach>
+void fields_from_json(const nlohmann::json& json, const std::string& what, ForEach&& for_each) {
+  if (!json.is_object()) throw InputError("config of " + what + ": expected a JSON object");
+  std::set<std::string> known;
+  for_each([&](const char* name, auto& field) {
+    known.insert(name);
+    const auto found = json.find(name);
+    if (found == json.end()) return;
+    using Field = std::remove_reference_t<decltype(field)>;
+    const bool fits = std::is_same_v<Field, bool>      ? found->is_boolean()
+                      : std::is_integral_v<Field>      ? found->is_number_integer()
+                      : std::is_floating_point_v<Field> ? found->is_number()
+                                                        : found->is_string();
+    if (!fits) throw InputError("config of " + what + ": '" + name + "' has a value of the wrong type (" + found->dump() + ")");
+    field = found->get<Field>();
+  });
+  for (const auto& [key, value] : json.items()) {
+    if (!known.contains(key)) {
+      std::string names;
+      for (const std::string& name : known) names += (names.empty() ? "" : ", ") + name;
+      throw InputError("config of " + what + ": unknown key '" + key + "'; known are " + names);
+    }
+  }
+}
+
+}  // namespace splatboost

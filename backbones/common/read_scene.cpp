@@ -1,0 +1,347 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/read_scene.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <exception>
+#include <fstream>
+#include <optional>
+#include <span>
+#include <thread>
+#include <utility>
+
+#include <glm/geometric.hpp>
+#include <glm/mat3x3.hpp>
+#include <glm/matrix.hpp>
+
+#include "common/colmap.h"
+#include "common/input_error.h"
+#include "common/splat_ply.h"
+#include "common/transforms.h"
+#include "common/view_image.h"
+#include "splatboost/random.h"
+
+namespace splatboost {
+namespace {
+
+constexpr float kBlenderBox = 1.3f;  // 3DGS's for NeRF-synthetic, whose objects fit into it
+
+/// What a dataset lists, before any photo is read.
+struct Dataset {
+  std::filesystem::path listing;  ///< the file to name in messages
+  std::vector<Photo> photos;
+  std::vector<Photo> test_photos;  ///< of a split that the dataset itself makes
+  bool has_test_split = false;
+  bool blender = false;
+  PointCloud points;
+};
+
+bool is_file(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::is_regular_file(path, ignored);
+}
+
+Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& folder) {
+  ColmapModel model = read_colmap_model(folder);
+  Dataset dataset;
+  dataset.listing = model.images_file;
+  const std::filesystem::path images = options.source / options.images;
+  std::error_code ignored;
+  if (!model.images.empty() && !std::filesystem::is_directory(images, ignored)) {
+    throw InputError(images.string() + ": the image folder does not exist; name the right one with --images");
+  }
+  dataset.photos = colmap_photos(model, images);
+  dataset.points = std::move(model.points);
+  return dataset;
+}
+
+Dataset read_blender(const SceneOptions& options, const std::filesystem::path& train) {
+  Dataset dataset;
+  dataset.listing = train;
+  dataset.blender = true;
+  Transforms transforms = read_transforms(train);
+  dataset.photos = std::move(transforms.photos);
+  if (const auto test = options.source / "transforms_test.json"; is_file(test)) {
+    dataset.test_photos = read_transforms(test).photos;
+    dataset.has_test_split = true;
+  }
+  if (!transforms.points_file.empty()) {
+    dataset.points = read_point_ply(transforms.points_file);
+  } else if (const auto points = options.source / "points3d.ply"; is_file(points)) {
+    dataset.points = read_point_ply(points);  // where 3DGS leaves the points that it drew
+  }
+  return dataset;
+}
+
+Dataset read_frames(const std::filesystem::path& file) {
+  Dataset dataset;
+  dataset.listing = file;
+  Transforms transforms = read_transforms(file);
+  dataset.photos = std::move(transforms.photos);
+  std::ranges::stable_sort(dataset.photos, {}, &Photo::name);
+  if (!transforms.points_file.empty()) dataset.points = read_point_ply(transforms.points_file);
+  return dataset;
+}
+
+Dataset read_dataset(const SceneOptions& options) {
+  const std::filesystem::path& source = options.source;
+  std::error_code ignored;
+  if (source.empty()) throw InputError("no scene is given; name its folder with --source");
+  if (!std::filesystem::exists(source, ignored)) throw InputError(source.string() + ": does not exist");
+  if (!std::filesystem::is_directory(source, ignored)) {
+    throw InputError(source.string() + ": is not a folder; --source takes the folder of a scene");
+  }
+  if (const auto model = find_colmap_model(source)) return read_colmap(options, *model);
+  if (const auto file = source / "transforms_train.json"; is_file(file)) return read_blender(options, file);
+  if (const auto file = source / "transforms.json"; is_file(file)) return read_frames(file);
+  throw InputError(source.string() +
+                   ": holds no dataset (looked for sparse/0/cameras.bin, sparse/0/cameras.txt, "
+                   "sparse/cameras.bin, sparse/cameras.txt, transforms_train.json, transforms.json)");
+}
+
+/// Names of a list file, one a line; empty lines and # comments do not count.
+std::vector<std::string> read_names(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  if (!is_file(file) || !in) throw InputError(file.string() + ": the list of test images cannot be opened");
+  std::vector<std::string> names;
+  for (std::string line; std::getline(in, line);) {
+    const std::size_t begin = line.find_first_not_of(" \t\r");
+    if (begin == std::string::npos || line[begin] == '#') continue;
+    names.push_back(line.substr(begin, line.find_last_not_of(" \t\r") - begin + 1));
+  }
+  if (names.empty()) throw InputError(file.string() + ": the list of test images is empty");
+  return names;
+}
+
+/// A name may be written with or without its folder, and with or without its extension.
+bool names_match(const std::string& listed, const std::string& name) {
+  const std::filesystem::path path(name);
+  return listed == name || listed == path.filename().string() || listed == path.stem().string() ||
+         listed == (path.parent_path() / path.stem()).generic_string();
+}
+
+struct Split {
+  std::vector<Photo> train;
+  std::vector<Photo> test;
+};
+
+Split split_photos(const SceneOptions& options, Dataset& dataset) {
+  Split split;
+  if (!options.test_list.empty()) {
+    const std::vector<std::string> names = read_names(options.test_list);
+    std::vector<bool> used(names.size(), false);
+    std::vector<Photo> all = std::move(dataset.photos);
+    std::ranges::move(dataset.test_photos, std::back_inserter(all));
+    for (Photo& photo : all) {
+      bool is_test = false;
+      for (std::size_t i = 0; i < names.size(); ++i) {
+        if (!names_match(names[i], photo.name)) continue;
+        used[i] = true;
+        is_test = true;
+      }
+      (is_test ? split.test : split.train).push_back(std::move(photo));
+    }
+    if (const auto unused = std::ranges::find(used, false); unused != used.end()) {
+      throw InputError(options.test_list.string() + ": the test image '" +
+                       names[static_cast<std::size_t>(unused - used.begin())] + "' matches no image of " +
+                       dataset.listing.string());
+    }
+  } else if (dataset.has_test_split) {
+    split.train = std::move(dataset.photos);
+    // Without --eval nothing is held out, as in 3DGS.
+    std::ranges::move(dataset.test_photos, std::back_inserter(options.eval ? split.test : split.train));
+  } else {
+    for (std::size_t i = 0; i < dataset.photos.size(); ++i) {
+      const bool is_test = options.eval && i % static_cast<std::size_t>(options.llffhold) == 0;
+      (is_test ? split.test : split.train).push_back(std::move(dataset.photos[i]));
+    }
+  }
+  if (split.train.empty()) {
+    throw InputError(
+        dataset.listing.string() + ": all " + std::to_string(split.test.size()) +
+        " images are held out for the test, none is left for training; raise --llffhold or shorten the list");
+  }
+  return split;
+}
+
+/// `count` photos from the first to the last, in even steps.
+std::vector<Photo> spread(std::vector<Photo> photos, std::size_t count) {
+  if (count >= photos.size()) return photos;
+  std::vector<Photo> kept;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::size_t index = count == 1 ? 0 : (i * (photos.size() - 1) + (count - 1) / 2) / (count - 1);
+    kept.push_back(std::move(photos[index]));
+  }
+  return kept;
+}
+
+/// Reads photos on all hardware threads. Results are in order; of several broken photos the first is reported,
+/// because a photo is only begun when all before it are.
+std::vector<LoadedView> load_views(std::span<const Photo> photos, const ImageOptions& options) {
+  std::vector<LoadedView> views(photos.size());
+  std::vector<std::exception_ptr> errors(photos.size());
+  std::atomic<std::size_t> next{0};
+  std::atomic<bool> failed{false};
+  const auto work = [&] {
+    while (!failed) {
+      const std::size_t i = next++;
+      if (i >= photos.size()) return;
+      try {
+        views[i] = load_view(photos[i], options);
+      } catch (...) {
+        errors[i] = std::current_exception();
+        failed = true;
+      }
+    }
+  };
+  {
+    std::vector<std::jthread> threads;
+    const std::size_t count = std::min<std::size_t>(std::max(1u, std::thread::hardware_concurrency()), photos.size());
+    for (std::size_t i = 1; i < count; ++i) threads.emplace_back(work);
+    work();
+  }
+  for (const std::exception_ptr& error : errors) {
+    if (error) std::rethrow_exception(error);
+  }
+  return views;
+}
+
+struct Box {
+  glm::dvec3 centre{0.0};
+  double half = 0;
+};
+
+/// Where the cameras look: the point nearest to all optical axes, or, where the axes are almost parallel, a point
+/// in front of the cameras; and as far around it as the farthest camera is.
+Box look_at_box(const std::vector<View>& views) {
+  const auto forward = [](const View& view) { return glm::dvec3(glm::transpose(view.camera.rotation())[2]); };
+  glm::dvec3 mean_centre(0.0), mean_forward(0.0);
+  for (const View& view : views) {
+    mean_centre += glm::dvec3(view.camera.centre());
+    mean_forward += forward(view);
+  }
+  const auto n = static_cast<double>(views.size());
+  mean_centre /= n;
+
+  // Least squares: sum (I - d dᵀ)(p - c) = 0.
+  glm::dmat3 normal(0.0);
+  glm::dvec3 right(0.0);
+  for (const View& view : views) {
+    const glm::dvec3 d = forward(view);
+    const glm::dmat3 across = glm::dmat3(1.0) - glm::outerProduct(d, d);
+    normal += across;
+    right += across * glm::dvec3(view.camera.centre());
+  }
+  double spread_of_cameras = 0;
+  for (const View& view : views) {
+    spread_of_cameras = std::max(spread_of_cameras, glm::length(glm::dvec3(view.camera.centre()) - mean_centre));
+  }
+  Box box;
+  const double determinant = glm::determinant(normal / n);
+  if (determinant > 1e-3) {
+    box.centre = glm::inverse(normal) * right;
+  } else {
+    const double length = glm::length(mean_forward);
+    const glm::dvec3 direction = length > 1e-9 ? mean_forward / length : forward(views.front());
+    box.centre = mean_centre + direction * (spread_of_cameras > 0 ? 3 * spread_of_cameras : 1.0);
+  }
+  for (const View& view : views) {
+    box.half = std::max(box.half, glm::length(glm::dvec3(view.camera.centre()) - box.centre));
+  }
+  if (!(box.half > 0)) box.half = 1;
+  return box;
+}
+
+PointCloud random_points(const Box& box, int count, std::uint64_t seed) {
+  const RandomStream random(seed, 0, RandomPurpose::init_points);
+  const auto n = static_cast<std::size_t>(count);
+  PointCloud points;
+  points.positions.resize(3 * n);
+  points.colors.assign(3 * n, 128);
+  for (std::size_t i = 0; i < 3 * n; ++i) {
+    const double middle = box.centre[static_cast<int>(i % 3)];
+    points.positions[i] = static_cast<float>(middle + box.half * (2 * random.uniform(i) - 1));
+  }
+  return points;
+}
+
+void check_options(const SceneOptions& options) {
+  check_resolution(options.resolution);
+  if (options.eval && options.llffhold < 1) {
+    throw InputError("llffhold " + std::to_string(options.llffhold) +
+                     " is not possible: every N-th image is held out, N at least 2");
+  }
+  if (options.n_views < 0)
+    throw InputError("n-views " + std::to_string(options.n_views) + " is not possible: use 0 for all views");
+}
+
+void note_images(const std::vector<LoadedView>& loaded, std::vector<std::string>& notes) {
+  std::size_t limited = 0, undistorted = 0;
+  int widest = 0;
+  for (const LoadedView& view : loaded) {
+    limited += view.limited ? 1 : 0;
+    undistorted += view.undistorted ? 1 : 0;
+    widest = std::max(widest, view.photo_width);
+  }
+  if (limited > 0) {
+    notes.push_back("photos are " + std::to_string(widest) +
+                    " px wide and were reduced to 1600 px; --resolution 1 keeps them full");
+  }
+  if (undistorted > 0) notes.push_back(std::to_string(undistorted) + " photos were undistorted");
+}
+
+}  // namespace
+
+Scene read_scene(const SceneOptions& options) {
+  check_options(options);
+  Dataset dataset = read_dataset(options);
+  if (dataset.photos.empty()) throw InputError(dataset.listing.string() + ": lists no images");
+  Split split = split_photos(options, dataset);
+
+  Scene scene;
+  scene.white_background = options.white_background;
+  if (const auto wanted = static_cast<std::size_t>(options.n_views); wanted > 0) {
+    if (wanted > split.train.size()) {
+      scene.notes.push_back("there are only " + std::to_string(split.train.size()) + " training views, not " +
+                            std::to_string(wanted));
+    }
+    split.train = spread(std::move(split.train), wanted);
+  }
+
+  const std::size_t train_count = split.train.size();
+  std::vector<Photo> photos = std::move(split.train);
+  std::ranges::move(split.test, std::back_inserter(photos));
+  std::vector<LoadedView> loaded = load_views(photos, {options.resolution, options.white_background});
+  note_images(loaded, scene.notes);
+  for (std::size_t i = 0; i < loaded.size(); ++i) {
+    (i < train_count ? scene.train : scene.test).push_back(std::move(loaded[i].view));
+  }
+
+  scene.extent = camera_extent(scene.train);
+  scene.points = std::move(dataset.points);
+  if (scene.points.size() == 0) {
+    if (options.random_points < 1) {
+      throw InputError(dataset.listing.string() + ": the dataset has no points to start from, and random_points is " +
+                       std::to_string(options.random_points));
+    }
+    const Box box = dataset.blender ? Box{glm::dvec3(0.0), kBlenderBox} : look_at_box(scene.train);
+    scene.points = random_points(box, options.random_points, options.seed);
+    scene.notes.push_back("the dataset has no points; training starts from " + std::to_string(options.random_points) +
+                          " random ones");
+  }
+  if (!(scene.extent > 0)) {
+    // One camera, or all at one place: 3DGS's extent would be 0 and nothing would ever move. Take the scene's size.
+    double farthest = 0;
+    const glm::vec3 centre = scene.train.front().camera.centre();
+    for (std::size_t i = 0; i < scene.points.size(); ++i) {
+      const float* p = scene.points.positions.data() + 3 * i;
+      farthest = std::max(farthest, static_cast<double>(glm::length(glm::vec3(p[0], p[1], p[2]) - centre)));
+    }
+    scene.extent = farthest > 0 ? static_cast<float>(farthest) : 1.0f;
+    scene.notes.push_back("all training cameras are at one place; the points give the size of the scene");
+  }
+  return scene;
+}
+
+}  // namespace splatboost

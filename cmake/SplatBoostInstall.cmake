@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+# What `cmake --install` puts where, and the package that find_package(SplatBoost) finds.
+include_guard(GLOBAL)
+include(GNUInstallDirs)
+include(CMakePackageConfigHelpers)
+
+# nanoflann is headers only and compiled in: who links the core needs none of it.
+get_target_property(links splatboost_core INTERFACE_LINK_LIBRARIES)
+list(FILTER links EXCLUDE REGEX "nanoflann")
+set_target_properties(splatboost_core PROPERTIES INTERFACE_LINK_LIBRARIES "${links}")
+
+install(TARGETS splatboost_core splatboost_adapter_vanilla EXPORT SplatBoostTargets
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/core/include/splatboost DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/adapters/vanilla DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/splatboost/adapters
+  FILES_MATCHING PATTERN "*.h")
+if(TARGET splatboost_program)
+  install(TARGETS splatboost_program RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+endif()
+
+set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/SplatBoost)
+install(EXPORT SplatBoostTargets NAMESPACE splatboost:: DESTINATION ${package_folder})
+configure_package_config_file(${PROJECT_SOURCE_DIR}/cmake/SplatBoostConfig.cmake.in
+  ${PROJECT_BINARY_DIR}/SplatBoostConfig.cmake INSTALL_DESTINATION ${package_folder})
+# Before 1.0 a minor version may change an interface.
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/SplatBoostConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/SplatBoostConfig.cmake ${PROJECT_BINARY_DIR}/SplatBoostConfigVersion.cmake
+  DESTINATION ${package_folder})
+install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/splatboost)
