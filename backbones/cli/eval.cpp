@@ -44,7 +44,7 @@ struct Eval {
     const fs::path results_path = options.model / "results.json";
     require(fs::exists(results_path), results_path.string() + ": missing: the run did not end; let it end with "
                                                               "splatboost train --resume");
-    Results results = results_from_json(read_settings_file(results_path));
+    Results results = results_from_json(read_json_file(results_path));
 
     Workbench bench = make_workbench(options);
     const PluggedBackbone plugged = load_model(bench, options, saved, beta);

@@ -26,6 +26,11 @@ std::string backbone_names() {
 
 }  // namespace
 
+CLI::Validator unsigned_number() {
+  return CLI::Validator(
+      [](const std::string& text) { return text.substr(0, 1) == "-" ? "must be at least 0" : std::string(); }, "");
+}
+
 void OptionSet::overlay(const Json& object, const std::string& place, const std::set<std::string>& reserved) {
   std::vector<std::string> names;
   for (const Entry& entry : entries_) names.push_back(entry.name);
@@ -137,7 +142,7 @@ void add_config_option(OptionSet& set, RunOptions& options) {
   set.add("--quiet", options.quiet, "no progress line", false);
 }
 
-nlohmann::json read_settings_file(const std::filesystem::path& path) {
+Json read_json_file(const std::filesystem::path& path) {
   std::ifstream stream(path);
   if (!stream) throw InputError(path.string() + ": no such file, or it cannot be opened");
   Json settings;
@@ -150,6 +155,11 @@ nlohmann::json read_settings_file(const std::filesystem::path& path) {
     throw InputError(path.string() + ": not JSON: " + what);
   }
   if (!settings.is_object()) throw InputError(path.string() + ": must hold a JSON object");
+  return settings;
+}
+
+Json read_settings_file(const std::filesystem::path& path) {
+  Json settings = read_json_file(path);
   if (settings.contains("backbone") && settings["backbone"].is_string()) {
     settings["backbone"] = {{"name", settings["backbone"]}};
   }

@@ -29,6 +29,9 @@ class UsageError : public InputError {
   using InputError::InputError;
 };
 
+/// Refuses a sign: the parser would take -1 for the largest number there is.
+CLI::Validator unsigned_number();
+
 /// Options that a JSON file can give too, by their long names. The command line wins over the file.
 class OptionSet {
  public:
@@ -49,6 +52,7 @@ class OptionSet {
       option = app_->add_option(names, value, help);
     }
     option->group(group_);
+    if constexpr (std::unsigned_integral<T> && !std::same_as<T, bool>) option->check(unsigned_number());
     Entry entry;
     entry.option = option;
     entry.name = option->get_lnames().front();
@@ -135,6 +139,9 @@ void add_boost_options(OptionSet& set, RunOptions& options);
 void add_machine_options(OptionSet& set, RunOptions& options);
 void add_lpips_option(OptionSet& set, RunOptions& options);
 void add_config_option(OptionSet& set, RunOptions& options);
+
+/// Parses a file that holds a JSON object; throws InputError with its name and the place of a mistake.
+nlohmann::json read_json_file(const std::filesystem::path& path);
 
 /// A settings file as an object: {"backbone": {"name", constants…}, "boost": {"enabled", settings…}, options…}.
 /// "backbone" may be just the name and "boost" just true or false; both come out as objects.

@@ -24,7 +24,10 @@ Command add_synth(CLI::App& program) {
   app->add_option("--samples", options->samples, "per pixel and axis, against aliasing")
       ->type_name("N")
       ->capture_default_str();
-  app->add_option("--seed", options->seed, "same seed, same bytes")->type_name("N")->capture_default_str();
+  app->add_option("--seed", options->seed, "same seed, same bytes")
+      ->type_name("N")
+      ->check(unsigned_number())
+      ->capture_default_str();
   return {app, [options](const std::string&) {
             if (options->output.empty()) throw UsageError("no output folder given: splatboost synth DIR");
             write_synthetic_scene(*options);

@@ -18,6 +18,7 @@ constexpr std::size_t kGrain = 1 << 14;
 
 std::size_t flag_errors(std::span<const float> render, const TruthImage& truth, float tau, std::span<float> error,
                         std::span<std::uint8_t> flagged, Threads& threads) {
+  SPLATBOOST_CHECK(truth.width > 0 && truth.height > 0, "truth.width and truth.height must be above 0");
   const std::size_t pixels = static_cast<std::size_t>(truth.width) * static_cast<std::size_t>(truth.height);
   SPLATBOOST_CHECK(render.size() == 3 * pixels && truth.color.size() == 3 * pixels, "render and truth must be [3,H,W]");
   SPLATBOOST_CHECK(truth.valid.empty() || truth.valid.size() == pixels, "truth.valid must be empty or [H,W]");

@@ -262,7 +262,7 @@ Photometric& Photometric::operator=(Photometric&&) noexcept = default;
 
 PhotometricLoss Photometric::evaluate(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
                                       std::span<float> gradient) {
-  SPLATBOOST_CHECK(truth.width > 0 && truth.height > 0, "the truth image must not be empty");
+  SPLATBOOST_CHECK(truth.width > 0 && truth.height > 0, "truth.width and truth.height must be above 0");
   const auto width = static_cast<std::size_t>(truth.width), height = static_cast<std::size_t>(truth.height);
   const std::size_t pixels = width * height;
   SPLATBOOST_CHECK(truth.color.size() == 3 * pixels, "truth.color must be [3,H,W]");

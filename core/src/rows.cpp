@@ -8,27 +8,33 @@
 namespace splatboost {
 
 void remove_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed) {
-  SPLATBOOST_CHECK(tensor.size() == width * removed.size(), "the mask must have one byte a row");
+  SPLATBOOST_CHECK(width > 0, "width must be above 0");
+  SPLATBOOST_CHECK(tensor.size() == width * removed.size(), "removed must have one byte a row");
   std::size_t kept = 0;
   for (std::size_t i = 0; i < removed.size(); ++i) {
     if (removed[i] != 0) continue;
-    if (kept != i) std::copy_n(tensor.begin() + static_cast<std::ptrdiff_t>(i * width), width, tensor.begin() + static_cast<std::ptrdiff_t>(kept * width));
+    if (kept != i) {
+      std::copy_n(tensor.begin() + static_cast<std::ptrdiff_t>(i * width), width,
+                  tensor.begin() + static_cast<std::ptrdiff_t>(kept * width));
+    }
     ++kept;
   }
   tensor.resize(kept * width);
 }
 
 void append_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows) {
+  SPLATBOOST_CHECK(width > 0, "width must be above 0");
   const std::size_t before = tensor.size();
+  for (const std::size_t row : rows) SPLATBOOST_CHECK(row < before / width, "rows must name rows that exist");
   tensor.resize(before + width * rows.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    SPLATBOOST_CHECK((rows[i] + 1) * width <= before, "a row to copy must exist");
     std::copy_n(tensor.begin() + static_cast<std::ptrdiff_t>(rows[i] * width), width,
                 tensor.begin() + static_cast<std::ptrdiff_t>(before + i * width));
   }
 }
 
 void append_zero_rows(std::vector<float>& tensor, std::size_t width, std::size_t count) {
+  SPLATBOOST_CHECK(width > 0, "width must be above 0");
   tensor.resize(tensor.size() + width * count, 0.0f);
 }
 

@@ -181,6 +181,16 @@ TEST_F(BadArguments, ImageGradients) {
   broken(&RasterImageGradients::alpha, "alpha");
 }
 
+TEST_F(BadArguments, GradientsOfImagesThatWereNotDrawn) {
+  rasterizer.forward(camera, scene.view(), options, color_only(images.color));
+  RasterImageGradients bad;
+  bad.features = weights.features;
+  expect_named([&] { rasterizer.backward(scene.view(), bad, gradients.view()); }, "features");
+  bad = {};
+  bad.inverse_depth = weights.inverse_depth;
+  expect_named([&] { rasterizer.backward(scene.view(), bad, gradients.view()); }, "inverse_depth");
+}
+
 TEST_F(BadArguments, GaussianGradients) {
   forward();
   const auto broken = [&](std::span<float> GaussianGradients::*field, const char* name) {

@@ -190,7 +190,7 @@ TEST_P(RasterizerReference, GradientsAgree) {
   const auto check = [&](const char* name, const std::vector<float>& actual, Input input) {
     if (actual.empty()) return;
     // Every element where that is affordable, otherwise every few, coprime to the widths of rows.
-    const std::size_t stride = scene.count <= 40 ? 1 : scene.count <= 100 ? 7 : 11;
+    const std::size_t stride = scene.count <= 24 ? 1 : scene.count <= 100 ? 7 : 23;
     std::vector<std::size_t> elements;
     std::vector<float> picked;
     for (std::size_t k = 0; k < actual.size(); ++k) {

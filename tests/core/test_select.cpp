@@ -48,7 +48,7 @@ TEST(KeepWeightedSample, KeepsTheNumberAskedAmongCandidatesOnly) {
   Mask candidates;
   for (int i = 0; i < 500; ++i) {
     weights.push_back(random.real(0, 1));
-    candidates.push_back(random.uniform(0, 1) < 0.6 ? static_cast<std::uint8_t>(1 + i % 200) : 0);
+    candidates.push_back(random.uniform(0, 1) < 0.6 ? static_cast<std::uint8_t>(1 + i % 200) : std::uint8_t{0});
   }
   const std::size_t number = count_nonzero(candidates);
   for (const std::size_t keep : {std::size_t{0}, std::size_t{1}, number / 2, number - 1, number, number + 7}) {

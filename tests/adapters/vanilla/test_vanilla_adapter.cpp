@@ -170,8 +170,8 @@ TEST_F(VanillaAdapterTest, schedule_follows_the_paper) {
     others += adapter.steps_at("xyz", {i, 30000});
   }
   // 15 000 + 5 000/32 + 10 000/64, and 15 000/16 in place of the first; the last iteration steps as well.
-  EXPECT_EQ(others, 15000 + 157 + 156);
-  EXPECT_EQ(rest, 937 + 157 + 156);
+  EXPECT_EQ(others, 15000 + 157 + 156 + 1);
+  EXPECT_EQ(rest, 937 + 157 + 156 + 1);
 }
 
 }  // namespace

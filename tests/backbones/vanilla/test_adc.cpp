@@ -67,8 +67,8 @@ class AdcTrace : public ::testing::Test {
 
 VanillaConfig eager() {
   VanillaConfig config;
-  config.densify_interval = 500;        // at 1/50: every 10 iterations
-  config.opacity_reset_interval = 3000; // every 60
+  config.densify_interval = 10;
+  config.opacity_reset_interval = 3000;  // at 1/50: every 60 iterations
   return config;
 }
 

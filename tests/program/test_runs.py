@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs of the program: what they leave, and that the same run gives the same bytes however it is cut or threaded."""
+
+import json
+import shutil
+import signal
+import struct
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+from conftest import PROGRAM, SHORT_RUN, run_program, run_well
+
+RESULT_KEYS = {"backbone", "boost", "iterations", "psnr", "ssim", "lpips", "psnr_beta1", "primitives", "train_seconds",
+               "fps", "peak_memory_bytes", "storage_bytes", "device", "threads", "seed", "version"}
+
+
+def ply(model, iteration=60):
+    return (model / f"point_cloud/iteration_{iteration}/point_cloud.ply").read_bytes()
+
+
+def results(model):
+    return json.loads((model / "results.json").read_text())
+
+
+def png_size(path):
+    head = path.read_bytes()[:24]
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    return struct.unpack(">II", head[16:24])
+
+
+def test_train_leaves_a_full_folder(trained):
+    files = {str(path.relative_to(trained)) for path in trained.rglob("*") if path.is_file()}
+    tests = ["0000", "0004", "0008"]
+    assert files == {"config.json", "results.json", "report.html", "point_cloud/iteration_60/point_cloud.ply",
+                     "checkpoints/iteration_25.ckpt", *(f"test/renders/{name}.png" for name in tests),
+                     *(f"test/truth/{name}.png" for name in tests)}
+    assert png_size(trained / "test/renders/0000.png") == (80, 60)
+
+    found = results(trained)
+    assert RESULT_KEYS <= set(found)
+    assert found["boost"] is True
+    assert found["iterations"] == 60
+    assert found["primitives"] > 50
+    assert found["storage_bytes"] == len(ply(trained))
+    assert found["split"] == "test"
+    assert len(found["views"]) == 3
+    assert found["lpips"] is None
+    assert found["psnr"] == pytest.approx(np.mean([view["psnr"] for view in found["views"]]))
+    assert found["curve"][-1]["iteration"] == 60
+    assert found["train_seconds"] == pytest.approx(found["curve"][-1]["seconds"])
+
+
+def test_config_can_be_used_again(trained, scene, tmp_path):
+    config = json.loads((trained / "config.json").read_text())
+    assert config["trained"]["beta"] == 0.5
+    assert config["trained"]["background"] == "black"
+    assert config["source"] == str(scene)
+    run_well("train", "--config", trained / "config.json", "-m", tmp_path / "again", "--quiet")
+    assert ply(tmp_path / "again") == ply(trained)
+
+
+def test_command_line_wins_over_the_file(scene, tmp_path):
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps({"source": str(scene), "iterations": 7, "seed": 3, "boost": {"beta": 0.25},
+                                  "threads": 1}))
+    model = tmp_path / "model"
+    run_well("train", "--config", config, "-m", model, "--iterations", "5", "--quiet")
+    assert results(model)["iterations"] == 5
+    assert results(model)["seed"] == 3
+    assert results(model)["threads"] == 1
+    assert json.loads((model / "config.json").read_text())["trained"]["beta"] == 0.25
+    run_well("train", "--config", config, "-m", model, "--iterations", "5", "--beta", "0.75", "--no_boost", "--quiet")
+    assert results(model)["boost"] is False
+    assert json.loads((model / "config.json").read_text())["trained"]["beta"] is None
+    assert json.loads((model / "config.json").read_text())["boost"]["beta"] == 0.75
+
+
+def test_resume_gives_the_bytes_of_an_uninterrupted_run(trained, tmp_path):
+    model = tmp_path / "resumed"
+    run_well("train", "--resume", trained / "checkpoints/iteration_25.ckpt", "-m", model, "--quiet")
+    assert ply(model) == ply(trained)
+    found, whole = results(model), results(trained)
+    assert found["psnr"] == whole["psnr"]
+    assert [(p["iteration"], p["loss"], p["psnr"]) for p in found["curve"]] == \
+           [(p["iteration"], p["loss"], p["psnr"]) for p in whole["curve"]]
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_interruption_leaves_a_checkpoint(scene, tmp_path, stop):
+    long_run = ["-s", scene, "--eval", "--iterations", "2000", "--threads", "1", "--max-primitives", "1500"]
+    model = tmp_path / "model"
+    started = subprocess.Popen([str(PROGRAM), "train", "-m", str(model), *map(str, long_run)], stderr=subprocess.PIPE,
+                               stdout=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not (model / "point_cloud").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(0.5)
+    started.send_signal(stop)
+    _, errors = started.communicate(timeout=60)
+    assert started.returncode == 128 + stop
+    [checkpoint] = (model / "checkpoints").iterdir()
+    assert str(checkpoint) in errors.splitlines()[-1]
+    assert "--resume" in errors.splitlines()[-1]
+    assert not (model / "results.json").exists()
+
+    done = run_well("train", "--resume", checkpoint)
+    assert "report" in done.stdout
+    whole = tmp_path / "whole"
+    run_well("train", "-m", whole, *long_run)
+    assert ply(model, 2000) == ply(whole, 2000)
+
+
+def test_threads_do_not_change_the_bytes(trained, scene, tmp_path):
+    for threads in (1, 2):
+        model = tmp_path / f"threads{threads}"
+        run_well("train", "-s", scene, "-m", model, *SHORT_RUN, "--threads", threads)
+        assert ply(model) == ply(trained)
+
+
+def test_seed_changes_the_bytes(trained, scene, tmp_path):
+    run_well("train", "-s", scene, "-m", tmp_path / "model", *SHORT_RUN, "--seed", "1")
+    assert ply(tmp_path / "model") != ply(trained)
+
+
+def test_saving_on_the_way_does_not_change_the_run(trained, scene, tmp_path):
+    model = tmp_path / "model"
+    run_well("train", "-s", scene, "-m", model, *SHORT_RUN, "--save-iterations", "10,30", "--checkpoint_iterations",
+             "20", "40")
+    assert sorted(path.name for path in (model / "point_cloud").iterdir()) == \
+           ["iteration_10", "iteration_30", "iteration_60"]
+    assert sorted(path.name for path in (model / "checkpoints").iterdir()) == ["iteration_20.ckpt", "iteration_40.ckpt"]
+    assert ply(model) == ply(trained)
+
+
+def test_a_run_replaces_an_older_one(trained, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(trained, model)
+    run_well("train", "--config", model / "config.json", "-m", model, "--iterations", "5", "--quiet")
+    assert [path.name for path in (model / "point_cloud").iterdir()] == ["iteration_5"]
+    assert (model / "checkpoints/iteration_25.ckpt").exists()
+
+
+def test_cap_on_primitives_holds(scene, tmp_path):
+    run_well("train", "-s", scene, "-m", tmp_path / "model", *SHORT_RUN, "--max-primitives", "250")
+    assert results(tmp_path / "model")["primitives"] <= 250
+
+
+def test_without_test_views_the_training_views_are_measured(scene, tmp_path):
+    run_well("train", "-s", scene, "-m", tmp_path / "model", "--iterations", "5", "--quiet")
+    assert results(tmp_path / "model")["split"] == "train"
+    assert len(list((tmp_path / "model/train/renders").iterdir())) == 10
+
+
+def test_progress_is_plain_lines_when_not_on_a_terminal(scene, tmp_path):
+    done = run_well("train", "-s", scene, "-m", tmp_path / "model", "--iterations", "20")
+    lines = [line for line in done.stderr.splitlines() if "20/20" in line]
+    assert len(lines) == 1
+    for word in ("loss", "primitives", "it/s", "left"):
+        assert word in lines[0]
+    assert "\r" not in done.stderr
+
+
+def test_compare_writes_all_files(scene, tmp_path):
+    model = tmp_path / "both"
+    done = run_well("compare", "-s", scene, "-m", model, *SHORT_RUN)
+    for run in ("baseline", "boosted"):
+        for name in ("config.json", "results.json", "report.html", "point_cloud/iteration_60/point_cloud.ply",
+                     "test/renders/0004.png", "test/truth/0004.png"):
+            assert (model / run / name).is_file(), f"{run}/{name}"
+    assert (model / "report.html").is_file()
+    found = json.loads((model / "compare.json").read_text())
+    assert {"baseline", "boosted", "ratios"} <= set(found)
+    assert found["baseline"]["boost"] is False
+    assert found["boosted"]["boost"] is True
+    assert found["baseline"]["seed"] == found["boosted"]["seed"]
+    assert found["baseline"]["psnr"] == results(model / "baseline")["psnr"]
+    assert found["boosted"]["peak_memory_bytes"] > 0
+    assert "PSNR" in done.stdout
+    assert str(model / "report.html") in done.stdout
+    # Its own folder may be written again, and each run equals the one that train does.
+    run_well("compare", "-s", scene, "-m", model, *SHORT_RUN)
+    run_well("train", "-s", scene, "-m", tmp_path / "alone", *SHORT_RUN, "--no-boost")
+    assert ply(tmp_path / "alone") == ply(model / "baseline")
+
+
+def test_eval_finds_the_same_results(trained, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(trained, model)
+    done = run_well("eval", "-m", model)
+    assert "PSNR" in done.stdout
+    before, after = results(trained), results(model)
+    for key in ("psnr", "ssim", "psnr_beta1", "views", "primitives", "train_seconds", "curve"):
+        assert after[key] == before[key], key
+
+
+def test_render_all_views(trained, tmp_path):
+    run_well("render", "-m", trained, "-o", tmp_path)
+    assert len(list((tmp_path / "test/renders").iterdir())) == 3
+    assert len(list((tmp_path / "train/renders").iterdir())) == 7
+    assert (tmp_path / "test/renders/0004.png").read_bytes() == (trained / "test/renders/0004.png").read_bytes()
+
+
+def test_render_orbit(trained, tmp_path):
+    run_well("render", "-m", trained, "-o", tmp_path, "--orbit", "5")
+    pictures = sorted((tmp_path / "orbit").iterdir())
+    assert [path.name for path in pictures] == [f"{i:05d}.png" for i in range(5)]
+    assert png_size(pictures[0]) == (80, 60)
+    assert len({path.read_bytes() for path in pictures}) == 5
+
+
+def test_render_video_or_say_why_not(trained, tmp_path):
+    done = run_program("render", "-m", trained, "--orbit", "4", "--video", tmp_path / "turn.mp4")
+    if done.returncode == 0:
+        assert (tmp_path / "turn.mp4").stat().st_size > 500
+    else:
+        assert done.returncode == 2
+        assert "PNG" in done.stderr
+    done = run_program("render", "-m", trained, "--orbit", "4", "--video", tmp_path / "turn.xyz")
+    assert done.returncode == 2
+    assert [path.name for path in tmp_path.iterdir() if path.name != "turn.mp4"] == []
+
+
+def test_synth_is_deterministic(tmp_path):
+    for name in ("a", "b"):
+        run_well("synth", tmp_path / name, "--width", 40, "--height", 30, "--views", 3, "--points", 50)
+    a = {str(p.relative_to(tmp_path / "a")): p.read_bytes() for p in (tmp_path / "a").rglob("*") if p.is_file()}
+    b = {str(p.relative_to(tmp_path / "b")): p.read_bytes() for p in (tmp_path / "b").rglob("*") if p.is_file()}
+    assert a == b
