@@ -25,6 +25,7 @@ void remove_rows(std::vector<float>& tensor, std::size_t width, std::span<const 
 void append_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows) {
   SPLATBOOST_CHECK(width > 0, "width must be above 0");
   const std::size_t before = tensor.size();
+  SPLATBOOST_CHECK(before % width == 0, "tensor must hold whole rows of width");
   for (const std::size_t row : rows) SPLATBOOST_CHECK(row < before / width, "rows must name rows that exist");
   tensor.resize(before + width * rows.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {

@@ -22,7 +22,7 @@ bool steps_at(const StepIntervals& intervals, Moment moment) {
   } else if (moment.iteration <= scaled_iteration(intervals.middle_end, moment.total)) {
     interval = intervals.middle;
   }
-  return interval <= 1 || moment.iteration % interval == 0;
+  return interval <= 1 || moment.iteration % scaled_iteration(interval, moment.total) == 0;
 }
 
 double exponential_rate(double initial, double final_value, int iteration, int steps) {

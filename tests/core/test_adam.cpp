@@ -25,7 +25,8 @@ TEST(Adam, FollowsTheWitnessOverManySteps) {
     for (std::int64_t step = 1; step <= 25; ++step) {
       std::vector<float> gradients;
       // Magnitudes from vanishing to large: Adam's step must not care.
-      for (std::size_t i = 0; i < size; ++i) gradients.push_back(static_cast<float>(random.uniform(-1, 1.5) * std::pow(10.0, -static_cast<double>(i % 9))));
+      for (std::size_t i = 0; i < size; ++i)
+        gradients.push_back(static_cast<float>(random.uniform(-1, 1.5) * std::pow(10.0, -static_cast<double>(i % 9))));
       reference::adam_step(exact, {gradients.begin(), gradients.end()}, step, 0.01f, 0.9f, 0.999f, 1e-15f);
       adam_step(values, gradients, first, second, step, options, threads);
       for (const float gradient : gradients) ASSERT_EQ(gradient, 0);  // consumed
@@ -72,7 +73,8 @@ TEST(Adam, OtherOptionsCount) {
   std::vector<float> first{0.1f};
   std::vector<float> second{0.2f};
   reference::adam_step(exact, {0.3}, 3, 0.1, 0.5, 0.9, 0.01);
-  adam_step(values, gradients, first, second, 3, {.learning_rate = 0.1f, .beta1 = 0.5f, .beta2 = 0.9f, .epsilon = 0.01f}, threads);
+  adam_step(values, gradients, first, second, 3,
+            {.learning_rate = 0.1f, .beta1 = 0.5f, .beta2 = 0.9f, .epsilon = 0.01f}, threads);
   EXPECT_NEAR(static_cast<double>(values[0]), exact.values[0], 1e-7);
 }
 

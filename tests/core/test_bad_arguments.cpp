@@ -30,7 +30,8 @@ void expect_named(const std::function<void()>& call, const std::string& name) {
     call();
     ADD_FAILURE() << "nothing was thrown for " << name;
   } catch (const ArgumentError& error) {
-    EXPECT_NE(std::string(error.what()).find(name), std::string::npos) << "\"" << error.what() << "\" does not name " << name;
+    EXPECT_NE(std::string(error.what()).find(name), std::string::npos)
+        << "\"" << error.what() << "\" does not name " << name;
   }
 }
 
@@ -282,7 +283,8 @@ TEST_F(BadArguments, PhotometricAndErrorMap) {
   expect_named([&] { photometric.evaluate(short_render, good, 0.2f, gradient); }, "render");
   expect_named([&] { flag_errors(short_render, good, 0.1f, error, flagged, threads); }, "render");
   expect_named([&] { photometric.evaluate(render, good, 0.2f, std::span(gradient).first(9)); }, "gradient");
-  for (const float lambda : {-0.1f, 1.1f, kNan}) expect_named([&] { photometric.evaluate(render, good, lambda, gradient); }, "lambda");
+  for (const float lambda : {-0.1f, 1.1f, kNan})
+    expect_named([&] { photometric.evaluate(render, good, lambda, gradient); }, "lambda");
   expect_named([&] { flag_errors(render, good, 0.1f, std::span(error).first(9), flagged, threads); }, "error");
   expect_named([&] { flag_errors(render, good, 0.1f, error, std::span(flagged).first(9), threads); }, "flagged");
 }
@@ -299,9 +301,11 @@ TEST_F(BadArguments, Adam) {
 TEST_F(BadArguments, Neighbors) {
   std::vector<float> points(9);
   std::vector<float> distances(3);
-  expect_named([&] { mean_squared_neighbor_distances(std::span<const float>(points).first(8), 3, distances, threads); }, "points");
+  expect_named([&] { mean_squared_neighbor_distances(std::span<const float>(points).first(8), 3, distances, threads); },
+               "points");
   expect_named([&] { mean_squared_neighbor_distances(points, 0, distances, threads); }, "k");
-  expect_named([&] { mean_squared_neighbor_distances(points, 3, std::span(distances).first(2), threads); }, "mean_squared_distances");
+  expect_named([&] { mean_squared_neighbor_distances(points, 3, std::span(distances).first(2), threads); },
+               "mean_squared_distances");
   points[4] = kNan;
   expect_named([&] { mean_squared_neighbor_distances(points, 3, distances, threads); }, "points");
 }

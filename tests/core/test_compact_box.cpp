@@ -33,8 +33,12 @@ SceneData flat_splat(double x, double y, double major, double minor, double turn
   SceneData scene;
   scene.count = 1;
   scene.means = {static_cast<float>(x), static_cast<float>(y), 1};
-  scene.covariances = {static_cast<float>(a * c * c + b * s * s), static_cast<float>((a - b) * c * s), 0,
-                       static_cast<float>(a * s * s + b * c * c), 0, 0};
+  scene.covariances = {static_cast<float>(a * c * c + b * s * s),
+                       static_cast<float>((a - b) * c * s),
+                       0,
+                       static_cast<float>(a * s * s + b * c * c),
+                       0,
+                       0};
   scene.opacities = {static_cast<float>(opacity)};
   scene.colors = {1, 1, 1};
   return scene;
@@ -76,7 +80,8 @@ void check_single_tile(const RasterOptions& options, std::size_t trials, std::ui
     const SceneData scene = random_splat(random, 16, 16);
     rasterizer.forward(camera, scene.view(), options, color_only(color));
     const auto splat = reference::project(scene.reference(), 0, exact_camera, exact_options);
-    const auto listing = splat.drawn ? reference::tile_lists(splat, 0, 0, exact_camera, exact_options) : reference::TileListing{};
+    const auto listing =
+        splat.drawn ? reference::tile_lists(splat, 0, 0, exact_camera, exact_options) : reference::TileListing{};
     if (listing.uncertain) {
       ++tally.uncertain;
       continue;
@@ -84,7 +89,8 @@ void check_single_tile(const RasterOptions& options, std::size_t trials, std::ui
     ++(listing.listed ? tally.certain_in : tally.certain_out);
     ASSERT_EQ(rasterizer.counts().tile_entries, listing.listed ? 1u : 0u)
         << "trial " << trial << ": mean " << scene.means[0] << " " << scene.means[1] << ", covariance "
-        << scene.covariances[0] << " " << scene.covariances[1] << " " << scene.covariances[3] << ", opacity " << scene.opacities[0];
+        << scene.covariances[0] << " " << scene.covariances[1] << " " << scene.covariances[3] << ", opacity "
+        << scene.opacities[0];
     ASSERT_EQ(rasterizer.visible()[0] != 0, listing.listed);
   }
   EXPECT_TRUE(are_few(tally.uncertain, trials, 0.002));
@@ -132,7 +138,8 @@ void check_many_tiles(const RasterOptions& options, std::size_t trials, std::uin
       for (int x = 0; x < camera.width; ++x) {
         const double dx = splat.x - (x + 0.5);
         const double dy = splat.y - (y + 0.5);
-        const double exponent = 0.5 * (splat.conic_xx * dx * dx + 2 * splat.conic_xy * dx * dy + splat.conic_yy * dy * dy);
+        const double exponent =
+            0.5 * (splat.conic_xx * dx * dx + 2 * splat.conic_xy * dx * dy + splat.conic_yy * dy * dy);
         const double alpha = splat.opacity * std::exp(-exponent);
         const float shown = images.alpha[static_cast<std::size_t>(y * camera.width + x)];
         if (alpha < reference::kAlphaFloor * 0.9999) {
@@ -272,7 +279,8 @@ TEST(CompactBox, DegenerateGaussiansAreHarmless) {
           GradientData gradients(scene);
           rasterizer.backward(scene.view(), weights.view(), gradients.view());
           // The sane one's gradient is untouched by its neighbour's.
-          for (std::size_t axis = 0; axis < 3; ++axis) ASSERT_TRUE(std::isfinite(gradients.means[axis])) << "odd Gaussian " << k;
+          for (std::size_t axis = 0; axis < 3; ++axis)
+            ASSERT_TRUE(std::isfinite(gradients.means[axis])) << "odd Gaussian " << k;
           ASSERT_TRUE(std::isfinite(gradients.opacities[0])) << "odd Gaussian " << k;
           if (rasterizer.visible()[1] == 0) {
             for (std::size_t axis = 3; axis < 6; ++axis) ASSERT_EQ(gradients.means[axis], 0) << "odd Gaussian " << k;

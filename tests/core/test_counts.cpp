@@ -54,7 +54,8 @@ TEST_P(Counts, EqualTheWitnessAwayFromThresholds) {
   Numbers random(5);
   for (const double share : {0.02, 0.5, 1.0}) {
     std::vector<std::uint8_t> flagged(pixels);
-    for (std::size_t p = 0; p < pixels; ++p) flagged[p] = expected.uncertain[p] == 0 && random.uniform(0, 1) < share ? 1 : 0;
+    for (std::size_t p = 0; p < pixels; ++p)
+      flagged[p] = expected.uncertain[p] == 0 && random.uniform(0, 1) < share ? 1 : 0;
     std::vector<std::int32_t> counts(scene.count, 0);
     rasterizer.count_flagged(flagged, counts);
     const auto truth = exact(flagged);
@@ -110,8 +111,10 @@ TEST_P(Counts, AreTheSameAfterABackwardPass) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Boxes, Counts,
-                         ::testing::Values(CountsCase{BoxPolicy::square, 1, 0.95}, CountsCase{BoxPolicy::ellipse, 1, 0.95},
-                                           CountsCase{BoxPolicy::ellipse, 0.5f, 0.95}, CountsCase{BoxPolicy::ellipse, 1, 0.1}));
+                         ::testing::Values(CountsCase{BoxPolicy::square, 1, 0.95},
+                                           CountsCase{BoxPolicy::ellipse, 1, 0.95},
+                                           CountsCase{BoxPolicy::ellipse, 0.5f, 0.95},
+                                           CountsCase{BoxPolicy::ellipse, 1, 0.1}));
 
 TEST(CountsKnown, OneSplatIsCountedWhereItReachesOneStep) {
   Camera camera;

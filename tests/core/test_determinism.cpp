@@ -39,11 +39,14 @@ std::vector<float> train(int thread_count, BoxPolicy box) {
   ImageData images(camera, 1);
   rasterizer.forward(camera, goal.view(), options, images.view());
   std::vector<std::uint8_t> truth;
-  for (const float value : images.color) truth.push_back(static_cast<std::uint8_t>(std::min(255.0f, std::max(0.0f, 255 * value))));
+  for (const float value : images.color)
+    truth.push_back(static_cast<std::uint8_t>(std::min(255.0f, std::max(0.0f, 255 * value))));
   const TruthImage truth_image{camera.width, camera.height, truth, {}};
 
   std::vector<float> everything;
-  const auto keep = [&](const std::vector<float>& values) { everything.insert(everything.end(), values.begin(), values.end()); };
+  const auto keep = [&](const std::vector<float>& values) {
+    everything.insert(everything.end(), values.begin(), values.end());
+  };
   std::vector<std::vector<float>*> tensors{&scene.means, &scene.scales, &scene.opacities, &scene.sh_dc, &scene.sh_rest};
   std::vector<std::vector<float>> first;
   std::vector<std::vector<float>> second;
@@ -59,7 +62,8 @@ std::vector<float> train(int thread_count, BoxPolicy box) {
     RasterImageGradients driving;
     driving.color = image_gradient;
     driving.alpha = images.inverse_depth;  // anything of the right shape
-    rasterizer.backward(scene.view(), driving, gradients.view(step % 2 == 0 ? GradientMode::overwrite : GradientMode::accumulate));
+    rasterizer.backward(scene.view(), driving,
+                        gradients.view(step % 2 == 0 ? GradientMode::overwrite : GradientMode::accumulate));
     keep(images.color);
     keep(images.features);
     keep(image_gradient);
@@ -69,7 +73,8 @@ std::vector<float> train(int thread_count, BoxPolicy box) {
     keep(gradients.screen_means);
     keep(gradients.screen_means_abs);
     keep({static_cast<float>(loss.l1), static_cast<float>(loss.ssim), static_cast<float>(loss.total)});
-    std::vector<std::vector<float>*> slopes{&gradients.means, &gradients.scales, &gradients.opacities, &gradients.sh_dc, &gradients.sh_rest};
+    std::vector<std::vector<float>*> slopes{&gradients.means, &gradients.scales, &gradients.opacities, &gradients.sh_dc,
+                                            &gradients.sh_rest};
     for (std::size_t k = 0; k < tensors.size(); ++k) {
       adam_step(*tensors[k], *slopes[k], first[k], second[k], step, {.learning_rate = 1e-4f}, threads);
     }

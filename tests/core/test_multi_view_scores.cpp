@@ -86,7 +86,8 @@ TEST(MultiViewScorer, ScoresKDifferentViewsOnce) {
   Threads threads(2);
   MultiViewScorer scorer(threads);
   Cardboard backbone(25);
-  const ScoreSums& sums = scorer.score(backbone, {.views = 10, .tau = 0.3f, .lambda_dssim = 0.2f}, RandomStream(1, 600, RandomPurpose::scored_views));
+  const ScoreSums& sums = scorer.score(backbone, {.views = 10, .tau = 0.3f, .lambda_dssim = 0.2f},
+                                       RandomStream(1, 600, RandomPurpose::scored_views));
   EXPECT_EQ(backbone.rendered.size(), 10u);
   EXPECT_EQ(std::set<std::size_t>(backbone.rendered.begin(), backbone.rendered.end()).size(), 10u);
   backbone.expect(sums, backbone.rendered, 0.3f, 0.2f);
@@ -116,7 +117,8 @@ TEST(DrawViews, DrawsWithoutReplacementAndFairly) {
   std::vector<int> included(6, 0);
   const int trials = 12000;
   for (int trial = 0; trial < trials; ++trial) {
-    const auto views = draw_views(6, 3, RandomStream(7, static_cast<std::uint64_t>(trial), RandomPurpose::scored_views));
+    const auto views =
+        draw_views(6, 3, RandomStream(7, static_cast<std::uint64_t>(trial), RandomPurpose::scored_views));
     ASSERT_EQ(views.size(), 3u);
     ASSERT_EQ(std::set<std::size_t>(views.begin(), views.end()).size(), 3u);
     ++first[views[0]];

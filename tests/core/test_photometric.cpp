@@ -47,7 +47,8 @@ Picture noise(int width, int height, double invalid, std::uint64_t seed) {
     picture.render.push_back(random.real(-0.1, 1.2));
   }
   if (invalid > 0) {
-    for (std::size_t k = 0; k < picture.pixels(); ++k) picture.valid.push_back(random.uniform(0, 1) < invalid ? 0 : static_cast<std::uint8_t>(1 + k % 255));
+    for (std::size_t k = 0; k < picture.pixels(); ++k)
+      picture.valid.push_back(random.uniform(0, 1) < invalid ? 0 : static_cast<std::uint8_t>(1 + k % 255));
   }
   return picture;
 }
@@ -100,8 +101,8 @@ void check(const Picture& picture, float lambda, Photometric& photometric, const
 TEST(Photometric, AgreesWithBruteForceAtEverySize) {
   Threads threads(2);
   Photometric photometric(threads);  // one object for all sizes: its workspace must not remember
-  const int sizes[][2] = {{1, 1}, {2, 1}, {1, 7}, {5, 5}, {6, 4}, {11, 11}, {15, 16}, {16, 17}, {33, 10}, {1, 130}, {130, 1},
-                          {67, 35}, {20, 150}, {3, 3}};
+  const int sizes[][2] = {{1, 1},   {2, 1},   {1, 7},   {5, 5},   {6, 4},   {11, 11},  {15, 16},
+                          {16, 17}, {33, 10}, {1, 130}, {130, 1}, {67, 35}, {20, 150}, {3, 3}};
   for (const auto& size : sizes) {
     for (const float lambda : {0.2f, 1.0f}) {
       check(noise(size[0], size[1], 0, 1 + size[0]), lambda, photometric,
@@ -114,7 +115,8 @@ TEST(Photometric, AgreesWithBruteForceUnderMasks) {
   Threads threads(2);
   Photometric photometric(threads);
   for (const double invalid : {0.1, 0.5, 0.97}) {
-    for (const float lambda : {0.0f, 0.2f, 1.0f}) check(noise(37, 41, invalid, 7), lambda, photometric, "masked " + std::to_string(invalid));
+    for (const float lambda : {0.0f, 0.2f, 1.0f})
+      check(noise(37, 41, invalid, 7), lambda, photometric, "masked " + std::to_string(invalid));
   }
   // A mask of whole regions, and one of a single valid pixel.
   Picture half = noise(40, 70, 0, 8);
@@ -166,7 +168,8 @@ TEST(Photometric, OppositeImagesAreFarApart) {
   Threads threads(1);
   Photometric photometric(threads);
   Picture picture = noise(30, 30, 0, 6);
-  for (std::size_t k = 0; k < picture.render.size(); ++k) picture.render[k] = static_cast<float>(1 - picture.truth[k] / 255.0);
+  for (std::size_t k = 0; k < picture.render.size(); ++k)
+    picture.render[k] = static_cast<float>(1 - picture.truth[k] / 255.0);
   const PhotometricLoss loss = photometric.evaluate(picture.render, picture.view(), 0.2f, {});
   EXPECT_LT(loss.ssim, -0.5);
   EXPECT_GT(loss.total, 0.5);
@@ -178,7 +181,8 @@ TEST(Photometric, WhatIsMaskedCannotMatter) {
   const Picture picture = noise(29, 31, 0.3, 10);
   Picture other = picture;
   for (std::size_t k = 0; k < other.render.size(); ++k) {
-    if (other.valid[k % other.pixels()] == 0) other.render[k] = k % 3 == 0 ? std::numeric_limits<float>::quiet_NaN() : 1e30f;
+    if (other.valid[k % other.pixels()] == 0)
+      other.render[k] = k % 3 == 0 ? std::numeric_limits<float>::quiet_NaN() : 1e30f;
   }
   std::vector<float> a(picture.render.size(), 9);
   std::vector<float> b(picture.render.size(), 9);

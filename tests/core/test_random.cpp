@@ -66,7 +66,9 @@ TEST(Random, UniformAlongTheKey) {
   double sum = 0;
   double lag = 0;
   for (int k = 0; k < n; ++k) {
-    const auto at = [](int iteration) { return RandomStream(3, static_cast<std::uint64_t>(iteration), RandomPurpose::prune).uniform(0); };
+    const auto at = [](int iteration) {
+      return RandomStream(3, static_cast<std::uint64_t>(iteration), RandomPurpose::prune).uniform(0);
+    };
     sum += at(k);
     lag += (at(k) - 0.5) * (at(k + 1) - 0.5);
   }

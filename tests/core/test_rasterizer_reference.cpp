@@ -24,7 +24,7 @@ struct Case {
   SceneSpec scene;
   RasterOptions options;
   std::uint64_t seed = 1;
-  double band = 0.03;  ///< fraction of pixels that may lie at a threshold
+  double band = 0.03;   ///< fraction of pixels that may lie at a threshold
   double rounding = 1;  ///< factor on the gradients' tolerance
 };
 
@@ -58,38 +58,97 @@ std::vector<Case> cases() {
   all.push_back({"inactive_degrees", 32, 32, {.sh_degree = 1, .sh_rest_rows = 15}, square(), 40});
   all.push_back({"one_feature", 48, 32, {.sh_degree = 0, .features = 1}, square(), 41});
   all.push_back({"eight_features", 48, 32, {.sh_degree = 0, .features = 8}, ellipse(1), 42});
-  all.push_back({"given_colors_and_covariances_square", 40, 40, {.colors = true, .covariances = true, .features = 3}, square(), 43});
-  all.push_back({"given_colors_and_covariances_compact", 40, 40, {.colors = true, .covariances = true}, ellipse(0.5f), 44});
+  all.push_back({"given_colors_and_covariances_square",
+                 40,
+                 40,
+                 {.colors = true, .covariances = true, .features = 3},
+                 square(),
+                 43});
+  all.push_back(
+      {"given_colors_and_covariances_compact", 40, 40, {.colors = true, .covariances = true}, ellipse(0.5f), 44});
   all.push_back({"given_colors_with_scales", 40, 40, {.colors = true}, square(), 45});
   all.push_back({"sh_with_covariances", 40, 40, {.sh_degree = 2, .covariances = true}, ellipse(1), 46});
-  all.push_back({"compensated_square", 45, 30, {.sh_degree = 1, .smallest = 0.2, .largest = 3}, compensated(square()), 47});
-  all.push_back({"compensated_ellipse", 45, 30, {.sh_degree = 1, .smallest = 0.2, .largest = 3}, compensated(ellipse(1)), 48});
-  all.push_back({"compensated_compact_covariances", 45, 30,
-                 {.colors = true, .covariances = true, .smallest = 0.2, .largest = 3}, compensated(ellipse(0.5f)), 49});
+  all.push_back(
+      {"compensated_square", 45, 30, {.sh_degree = 1, .smallest = 0.2, .largest = 3}, compensated(square()), 47});
+  all.push_back(
+      {"compensated_ellipse", 45, 30, {.sh_degree = 1, .smallest = 0.2, .largest = 3}, compensated(ellipse(1)), 48});
+  all.push_back({"compensated_compact_covariances",
+                 45,
+                 30,
+                 {.colors = true, .covariances = true, .smallest = 0.2, .largest = 3},
+                 compensated(ellipse(0.5f)),
+                 49});
   // The floor of the compensation acts: splats far below a pixel.
-  all.push_back({"one_pixel_splats", 40, 24, {.count = 60, .sh_degree = 1, .smallest = 0.005, .largest = 0.2}, square(), 50});
-  all.push_back({"one_pixel_splats_compensated", 40, 24,
-                 {.count = 60, .sh_degree = 1, .smallest = 0.005, .largest = 0.4, .opacity_low = 0.6}, compensated(ellipse(1)), 51});
-  // Alpha is clamped at 0.99 in their middle, and pixels end after a few. 1/(1 − alpha) amplifies rounding up to 100 times.
-  all.push_back({"saturated_square", 40, 40, {.count = 60, .sh_degree = 1, .smallest = 4, .largest = 15, .opacity_low = 0.9, .opacity_high = 1},
-                 square(), 52, 0.06, 3});
-  all.push_back({"saturated_compact", 40, 40, {.count = 60, .sh_degree = 1, .smallest = 4, .largest = 15, .opacity_low = 0.9, .opacity_high = 1},
-                 ellipse(0.5f), 53, 0.06, 3});
+  all.push_back(
+      {"one_pixel_splats", 40, 24, {.count = 60, .sh_degree = 1, .smallest = 0.005, .largest = 0.2}, square(), 50});
+  all.push_back({"one_pixel_splats_compensated",
+                 40,
+                 24,
+                 {.count = 60, .sh_degree = 1, .smallest = 0.005, .largest = 0.4, .opacity_low = 0.6},
+                 compensated(ellipse(1)),
+                 51});
+  // Alpha is clamped at 0.99 in their middle, and pixels end after a few. 1/(1 − alpha) amplifies rounding up to 100
+  // times.
+  all.push_back({"saturated_square",
+                 40,
+                 40,
+                 {.count = 60, .sh_degree = 1, .smallest = 4, .largest = 15, .opacity_low = 0.9, .opacity_high = 1},
+                 square(),
+                 52,
+                 0.06,
+                 3});
+  all.push_back({"saturated_compact",
+                 40,
+                 40,
+                 {.count = 60, .sh_degree = 1, .smallest = 4, .largest = 15, .opacity_low = 0.9, .opacity_high = 1},
+                 ellipse(0.5f),
+                 53,
+                 0.06,
+                 3});
   // Means far beyond the image, wide enough to reach it: the clamp of the field of view acts.
-  all.push_back({"beyond_the_field_of_view", 40, 30, {.count = 30, .sh_degree = 1, .smallest = 10, .largest = 40, .nearest = 0.3, .margin = 1.5},
-                 square(), 54, 0.06});
-  all.push_back({"beyond_the_field_of_view_compact", 40, 30, {.count = 30, .sh_degree = 1, .smallest = 10, .largest = 40, .nearest = 0.3, .margin = 1.5},
-                 ellipse(1), 55, 0.06});
-  all.push_back({"around_the_near_plane", 40, 30, {.count = 40, .sh_degree = 0, .nearest = 0.02, .farthest = 0.5}, square(), 56});
-  all.push_back({"single_pixel_image", 1, 1, {.count = 12, .sh_degree = 2, .smallest = 0.3, .largest = 3}, square(), 57, 0.5});
-  all.push_back({"single_pixel_image_compact", 1, 1, {.count = 12, .sh_degree = 2, .smallest = 0.3, .largest = 3}, ellipse(0.5f), 57, 0.5});
+  all.push_back({"beyond_the_field_of_view",
+                 40,
+                 30,
+                 {.count = 30, .sh_degree = 1, .smallest = 10, .largest = 40, .nearest = 0.3, .margin = 1.5},
+                 square(),
+                 54,
+                 0.06});
+  all.push_back({"beyond_the_field_of_view_compact",
+                 40,
+                 30,
+                 {.count = 30, .sh_degree = 1, .smallest = 10, .largest = 40, .nearest = 0.3, .margin = 1.5},
+                 ellipse(1),
+                 55,
+                 0.06});
+  all.push_back(
+      {"around_the_near_plane", 40, 30, {.count = 40, .sh_degree = 0, .nearest = 0.02, .farthest = 0.5}, square(), 56});
+  all.push_back(
+      {"single_pixel_image", 1, 1, {.count = 12, .sh_degree = 2, .smallest = 0.3, .largest = 3}, square(), 57, 0.5});
+  all.push_back({"single_pixel_image_compact",
+                 1,
+                 1,
+                 {.count = 12, .sh_degree = 2, .smallest = 0.3, .largest = 3},
+                 ellipse(0.5f),
+                 57,
+                 0.5});
   all.push_back({"column_image", 1, 70, {.sh_degree = 0}, ellipse(1), 58, 0.06});
   all.push_back({"row_image", 70, 1, {.sh_degree = 0}, square(), 59, 0.06});
   all.push_back({"exact_tiles", 64, 16, {.sh_degree = 0}, ellipse(1), 60});
   all.push_back({"one_beyond_tiles", 65, 17, {.sh_degree = 0}, ellipse(0.5f), 61});
   all.push_back({"all_behind", 20, 20, {.count = 5, .sh_degree = 1, .behind = 1}, square(), 62});
-  all.push_back({"all_off_screen", 20, 20, {.count = 8, .sh_degree = 1, .smallest = 0.5, .largest = 1, .margin = 0, .behind = 0.5}, ellipse(1), 63});
-  all.push_back({"faint", 48, 32, {.count = 80, .sh_degree = 0, .opacity_low = 0.001, .opacity_high = 0.02}, ellipse(1), 64, 0.15});
+  all.push_back({"all_off_screen",
+                 20,
+                 20,
+                 {.count = 8, .sh_degree = 1, .smallest = 0.5, .largest = 1, .margin = 0, .behind = 0.5},
+                 ellipse(1),
+                 63});
+  all.push_back({"faint",
+                 48,
+                 32,
+                 {.count = 80, .sh_degree = 0, .opacity_low = 0.001, .opacity_high = 0.02},
+                 ellipse(1),
+                 64,
+                 0.15});
   {
     RasterOptions options = square();
     options.low_pass = 0.1f;
@@ -101,7 +160,8 @@ std::vector<Case> cases() {
     options.compensate_opacity = true;  // of nothing: the ratio is 1
     all.push_back({"no_low_pass_compensated", 48, 32, {.sh_degree = 0, .smallest = 1}, options, 67});
   }
-  all.push_back({"hundreds", 60, 44, {.count = 300, .colors = true, .smallest = 0.5, .largest = 4}, ellipse(0.5f), 68, 0.12});
+  all.push_back(
+      {"hundreds", 60, 44, {.count = 300, .colors = true, .smallest = 0.5, .largest = 4}, ellipse(0.5f), 68, 0.12});
   return all;
 }
 
@@ -129,7 +189,8 @@ TEST_P(RasterizerReference, ValuesAgree) {
   EXPECT_TRUE(are_few(count_nonzero(expected.uncertain), expected.uncertain.size(), c.band));
   EXPECT_TRUE(is_close(images.color, expected.color, kImageTolerance, expected.uncertain)) << "color";
   EXPECT_TRUE(is_close(images.features, expected.features, kImageTolerance, expected.uncertain)) << "features";
-  EXPECT_TRUE(is_close(images.inverse_depth, expected.inverse_depth, kImageTolerance, expected.uncertain)) << "inverse depth";
+  EXPECT_TRUE(is_close(images.inverse_depth, expected.inverse_depth, kImageTolerance, expected.uncertain))
+      << "inverse depth";
   EXPECT_TRUE(is_close(images.alpha, expected.alpha, kImageTolerance, expected.uncertain)) << "alpha";
 }
 
@@ -200,7 +261,8 @@ TEST_P(RasterizerReference, GradientsAgree) {
       }
       EXPECT_TRUE(std::isfinite(actual[k])) << name << " " << k;
     }
-    const auto exact = reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), input, elements);
+    const auto exact =
+        reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), input, elements);
     EXPECT_TRUE(is_close(picked, exact.sum, tolerance)) << name;
   };
   check("means", gradients.means, Input::means);
@@ -218,7 +280,8 @@ TEST_P(RasterizerReference, GradientsAgree) {
     // The six numbers are the independent entries of a symmetric matrix: an off-diagonal one moves two entries.
     check("covariances", gradients.covariances, Input::covariances);
   }
-  const auto screen = reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), Input::screen_means);
+  const auto screen =
+      reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), Input::screen_means);
   EXPECT_TRUE(is_close(gradients.screen_means, screen.sum, tolerance)) << "screen_means";
   EXPECT_TRUE(is_close(gradients.screen_means_abs, screen.absolute_sum, tolerance)) << "screen_means_abs";
 }
@@ -238,7 +301,9 @@ TEST_P(RasterizerReference, CountsAgreeAwayFromThresholds) {
   Numbers random(c.seed + 200);
   for (std::size_t pixel = 0; pixel < flagged.size(); ++pixel) {
     // Any non-zero byte is a flag.
-    flagged[pixel] = expected.uncertain[pixel] != 0 || random.uniform(0, 1) < 0.4 ? 0 : static_cast<std::uint8_t>(1 + random.bits() % 255);
+    flagged[pixel] = expected.uncertain[pixel] != 0 || random.uniform(0, 1) < 0.4
+                         ? 0
+                         : static_cast<std::uint8_t>(1 + random.bits() % 255);
   }
   const auto exact = reference::count_flagged(scene.reference(), exact_camera, exact_options, flagged);
   std::vector<std::int32_t> counts(scene.count, 0);
@@ -277,7 +342,8 @@ TEST(RasterizerReferenceDeep, ValuesAndGradientsAgree) {
     const Tolerance deep{.relative = 1e-4, .scale = 0, .absolute = 1e-4 + 1.0 / 255, .l2 = 1e-3};
     EXPECT_TRUE(is_close(images.color, expected.color, deep));
     EXPECT_TRUE(is_close(images.alpha, expected.alpha, deep));
-    EXPECT_TRUE(is_close(images.color, expected.color, {.relative = 2e-4, .scale = 2e-5, .absolute = 2e-5, .l2 = 1e-4}, expected.uncertain));
+    EXPECT_TRUE(is_close(images.color, expected.color, {.relative = 2e-4, .scale = 2e-5, .absolute = 2e-5, .l2 = 1e-4},
+                         expected.uncertain));
     // ... yet there are enough certain pixels for a test.
     EXPECT_GT(expected.uncertain.size() - count_nonzero(expected.uncertain), expected.uncertain.size() / 4);
 
@@ -292,9 +358,11 @@ TEST(RasterizerReferenceDeep, ValuesAndGradientsAgree) {
       return picked;
     };
     const Tolerance tolerance{.relative = 1e-3, .scale = 1e-4, .absolute = 0, .l2 = 2e-4};
-    const auto means = reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), Input::means, elements);
+    const auto means =
+        reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), Input::means, elements);
     EXPECT_TRUE(is_close(pick(gradients.means, elements), means.sum, tolerance)) << "means";
-    const auto colors = reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), Input::colors, elements);
+    const auto colors =
+        reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), Input::colors, elements);
     EXPECT_TRUE(is_close(pick(gradients.colors, elements), colors.sum, tolerance)) << "colors";
 
     // And all inputs at once, along random directions.
@@ -315,7 +383,8 @@ TEST(RasterizerReferenceDeep, ValuesAndGradientsAgree) {
       move(direction.rotations, gradients.rotations);
       move(direction.opacities, gradients.opacities);
       move(direction.colors, gradients.colors);
-      const double exact = reference::directional_derivative(exact_scene, direction, exact_camera, exact_options, weights.reference());
+      const double exact =
+          reference::directional_derivative(exact_scene, direction, exact_camera, exact_options, weights.reference());
       EXPECT_NEAR(along, exact, 1e-5 * size);
     }
   }
@@ -375,7 +444,8 @@ TEST(RasterizerReferenceKnown, NoGaussiansGiveTheBackground) {
     options.box = box;
     ImageData images(camera, 0);
     rasterizer.forward(camera, scene.view(), options, images.view());
-    for (std::size_t k = 0; k < images.color.size(); ++k) EXPECT_EQ(images.color[k], options.background[static_cast<int>(k / 105)]);
+    for (std::size_t k = 0; k < images.color.size(); ++k)
+      EXPECT_EQ(images.color[k], options.background[static_cast<int>(k / 105)]);
     for (std::size_t k = 0; k < 105; ++k) EXPECT_EQ(images.alpha[k], 0);
     for (std::size_t k = 0; k < 105; ++k) EXPECT_EQ(images.inverse_depth[k], 0);
     EXPECT_EQ(rasterizer.counts().visible, 0u);
@@ -396,7 +466,8 @@ TEST(RasterizerReferenceKnown, TheEllipseShowsTheRimThatTheSquareCuts) {
   SceneData scene;
   scene.count = 1;
   scene.means = {0, 0, 1};
-  scene.covariances = {24.7e-4f, 0, 0, 24.7e-4f, 0, 0};  // 25 px² with the low-pass: σ = 5, 3σ ends at 48, the rim at 49.6
+  scene.covariances = {24.7e-4f, 0, 0,
+                       24.7e-4f, 0, 0};  // 25 px² with the low-pass: σ = 5, 3σ ends at 48, the rim at 49.6
   scene.opacities = {1};
   scene.colors = {1, 1, 1};
   Threads threads(1);

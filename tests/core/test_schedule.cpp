@@ -37,7 +37,8 @@ TEST(ScaledIteration, KeepsProportions) {
 TEST(ScaledIteration, DoesNotOverflow) { EXPECT_EQ(scaled_iteration(15000, 2000000), 1000000); }
 
 TEST(StepsAt, EveryIterationByDefault) {
-  for (const int total : {1, 10, 3000}) EXPECT_EQ(steps_between({}, total, 1, total), total);
+  // Also in runs longer than the published one: an interval of 1 is no plan to be stretched.
+  for (const int total : {1, 10, 3000, 30000, 60000}) EXPECT_EQ(steps_between({}, total, 1, total), total) << total;
 }
 
 TEST(StepsAt, FollowsThePapersPlan) {
@@ -63,6 +64,17 @@ TEST(StepsAt, PhasesScaleWithTheRun) {
   EXPECT_EQ(steps_between(intervals, 3000, 1, 1500), 1500);
   EXPECT_EQ(steps_between(intervals, 3000, 1501, 2000), 0);
   EXPECT_EQ(steps_between(intervals, 3000, 2001, 3000), 1000);
+}
+
+TEST(StepsAt, IntervalsScaleWithTheRun) {
+  const StepIntervals rest{16, 32, 64, 15000, 20000};
+  for (const int total : {15000, 60000}) {
+    const int middle = total / 2;
+    const int late = scaled_iteration(20000, total);
+    EXPECT_NEAR(steps_between(rest, total, 1, middle), 15000 / 16, 1) << total;
+    EXPECT_NEAR(steps_between(rest, total, middle + 1, late), 5000 / 32, 1) << total;
+    EXPECT_NEAR(steps_between(rest, total, late + 1, total), 10000 / 64, 2) << total;
+  }
 }
 
 TEST(StepsAt, TheLastIterationAlwaysSteps) {

@@ -100,12 +100,14 @@ TEST(KeepWeightedSample, IncludesWithTheRightChances) {
     std::vector<int> included(weights.size(), 0);
     for (int trial = 0; trial < trials; ++trial) {
       Mask kept(weights.size(), 1);
-      keep_weighted_sample(given, keep, RandomStream(1234, static_cast<std::uint64_t>(trial), RandomPurpose::prune), kept);
+      keep_weighted_sample(given, keep, RandomStream(1234, static_cast<std::uint64_t>(trial), RandomPurpose::prune),
+                           kept);
       for (std::size_t i = 0; i < kept.size(); ++i) included[i] += kept[i] != 0 ? 1 : 0;
     }
     for (std::size_t i = 0; i < weights.size(); ++i) {
       const double deviation = std::sqrt(chances[i] * (1 - chances[i]) / trials);
-      EXPECT_NEAR(included[i] / static_cast<double>(trials), chances[i], 4.5 * deviation) << "keep " << keep << ", item " << i;
+      EXPECT_NEAR(included[i] / static_cast<double>(trials), chances[i], 4.5 * deviation)
+          << "keep " << keep << ", item " << i;
     }
   }
 }
@@ -153,7 +155,8 @@ TEST(KeepLargest, AgreesWithASort) {
   for (std::size_t i = 0; i < 1000; ++i) {
     if (candidates[i] != 0) order.push_back(i);
   }
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return priorities[a] > priorities[b]; });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return priorities[a] > priorities[b]; });
   for (const std::size_t keep : {1u, 10u, 333u, 600u}) {
     Mask expected(1000, 0);
     for (std::size_t k = 0; k < std::min<std::size_t>(keep, order.size()); ++k) expected[order[k]] = 1;

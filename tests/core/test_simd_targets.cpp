@@ -66,7 +66,8 @@ TEST(SimdTargets, RasterizerAgreesWithTheWitness) {
     const auto features = exact(Input::features);
     const auto screen = exact(Input::screen_means);
     std::vector<std::uint8_t> flagged;
-    for (const std::uint8_t uncertain : expected.uncertain) flagged.push_back(uncertain == 0 && flagged.size() % 3 != 0 ? 1 : 0);
+    for (const std::uint8_t uncertain : expected.uncertain)
+      flagged.push_back(uncertain == 0 && flagged.size() % 3 != 0 ? 1 : 0);
     const auto counts = reference::count_flagged(exact_scene, exact_camera, exact_options, flagged);
 
     for_each_target([&] {

@@ -87,7 +87,8 @@ Loss photometric(const ImagePair& images, double lambda) {
       if (!counts(images, pixel)) continue;
       const std::size_t element = static_cast<std::size_t>(channel) * pixels + pixel;
       loss.l1 += std::abs(images.render[element] - images.truth[element]);
-      loss.ssim += ssim_at<double>(images, channel, static_cast<int>(pixel % width), static_cast<int>(pixel / width), 0);
+      loss.ssim +=
+          ssim_at<double>(images, channel, static_cast<int>(pixel % width), static_cast<int>(pixel / width), 0);
     }
   }
   const double number = 3.0 * static_cast<double>(valid_pixels(images));

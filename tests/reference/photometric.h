@@ -33,8 +33,8 @@ std::vector<double> photometric_gradient(const ImagePair& images, double lambda,
 
 /// Error map and its flags (paper eqs. 6-8), in double precision.
 struct ErrorMap {
-  std::vector<double> error;            ///< [H,W] mean over channels of |render − truth|
-  std::vector<double> normalized;       ///< [H,W] (e − min)/(max − min + 1e-8) over valid pixels; 0 where invalid
+  std::vector<double> error;       ///< [H,W] mean over channels of |render − truth|
+  std::vector<double> normalized;  ///< [H,W] (e − min)/(max − min + 1e-8) over valid pixels; 0 where invalid
 };
 ErrorMap error_map(const ImagePair& images);
 

@@ -21,7 +21,9 @@ using Narrow = Dual<1>;
 double squared(double x) { return x * x; }
 
 /// Whether x is within a relative distance of a threshold.
-bool near(double x, double threshold, double relative) { return std::abs(x - threshold) <= relative * std::abs(threshold); }
+bool near(double x, double threshold, double relative) {
+  return std::abs(x - threshold) <= relative * std::abs(threshold);
+}
 
 /// Real spherical harmonics up to degree 3 in closed form, in the field's order and with its signs (Condon-Shortley
 /// phase kept: odd orders carry a minus).
@@ -102,16 +104,14 @@ std::array<Scalar, 3> color_of(const Scene<Scalar>& scene, std::size_t i, const 
     for (std::size_t k = 0; k < 3; ++k) centre -= camera.rotation[k][axis] * camera.translation[k];
     direction[axis] = scene.means[3 * i + axis] - centre;
   }
-  const Scalar length =
-      sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+  const Scalar length = sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
   const auto basis = sh_basis<Scalar>(direction[0] / length, direction[1] / length, direction[2] / length);
   const std::size_t used = static_cast<std::size_t>((scene.sh_degree + 1) * (scene.sh_degree + 1));
   for (std::size_t c = 0; c < 3; ++c) {
     Scalar sum = 0.5 + basis[0] * scene.sh_dc[3 * i + c];
     double magnitude = 0.5;
     for (std::size_t k = 1; k < used; ++k) {
-      const Scalar& coefficient =
-          scene.sh_rest[(i * static_cast<std::size_t>(scene.sh_rest_rows) + k - 1) * 3 + c];
+      const Scalar& coefficient = scene.sh_rest[(i * static_cast<std::size_t>(scene.sh_rest_rows) + k - 1) * 3 + c];
       sum += basis[k] * coefficient;
       magnitude += std::abs(value_of(basis[k]) * value_of(coefficient));
     }
@@ -152,8 +152,8 @@ TileListing square_lists(double position, const int (&radii)[3], int tile, int t
 template <class Scalar>
 double alpha_error(const Splat<Scalar>& splat, double exponent, const Camera& camera) {
   const double position = std::abs(value_of(splat.x)) + std::abs(value_of(splat.y)) + camera.width + camera.height;
-  return kFloatRounding * (16 + 16 * splat.condition * exponent +
-                           8 * position * std::sqrt(2 * exponent * splat.conic_norm));
+  return kFloatRounding *
+         (16 + 16 * splat.condition * exponent + 8 * position * std::sqrt(2 * exponent * splat.conic_norm));
 }
 
 template <class Scalar>
@@ -199,16 +199,26 @@ Scalar pixel_objective(const Rendering<Scalar>& images, const ImageGradients& gr
 template <class Scalar>
 std::vector<Scalar>& field(Scene<Scalar>& scene, Input input) {
   switch (input) {
-    case Input::means: return scene.means;
-    case Input::scales: return scene.scales;
-    case Input::rotations: return scene.rotations;
-    case Input::covariances: return scene.covariances;
-    case Input::opacities: return scene.opacities;
-    case Input::sh_dc: return scene.sh_dc;
-    case Input::sh_rest: return scene.sh_rest;
-    case Input::colors: return scene.colors;
-    case Input::features: return scene.features;
-    case Input::screen_means: return scene.screen_means;
+    case Input::means:
+      return scene.means;
+    case Input::scales:
+      return scene.scales;
+    case Input::rotations:
+      return scene.rotations;
+    case Input::covariances:
+      return scene.covariances;
+    case Input::opacities:
+      return scene.opacities;
+    case Input::sh_dc:
+      return scene.sh_dc;
+    case Input::sh_rest:
+      return scene.sh_rest;
+    case Input::colors:
+      return scene.colors;
+    case Input::features:
+      return scene.features;
+    case Input::screen_means:
+      return scene.screen_means;
   }
   throw std::logic_error("unknown input");
 }
@@ -227,7 +237,8 @@ Splat<Scalar> project(const Scene<Scalar>& scene, std::size_t i, const Camera& c
   if (near(value_of(t[2]), options.near_plane, 1e-6)) splat.uncertain = true;
 
   // Affine approximation of the projection at the mean, which is held inside a widened field of view.
-  const double limits[2] = {kFieldMargin * camera.width / (2 * camera.fx), kFieldMargin * camera.height / (2 * camera.fy)};
+  const double limits[2] = {kFieldMargin * camera.width / (2 * camera.fx),
+                            kFieldMargin * camera.height / (2 * camera.fy)};
   std::array<Scalar, 2> held;
   for (std::size_t axis = 0; axis < 2; ++axis) {
     const double slope = value_of(t[axis]) / value_of(t[2]);
@@ -282,9 +293,7 @@ Splat<Scalar> project(const Scene<Scalar>& scene, std::size_t i, const Camera& c
   const double middle = 0.5 * (value_of(xx) + value_of(yy));
   const double spread = squared(middle) - value_of(determinant);
   const double slack = 8 * kFloatRounding * squared(middle);
-  const auto radius = [&](double square) {
-    return 3 * std::sqrt(middle + std::sqrt(std::max(0.1, square)));
-  };
+  const auto radius = [&](double square) { return 3 * std::sqrt(middle + std::sqrt(std::max(0.1, square))); };
   const double radius_limit = 1e9;
   const double exact = radius(spread);
   if (!std::isfinite(exact) || exact > radius_limit) return splat;
@@ -293,8 +302,8 @@ Splat<Scalar> project(const Scene<Scalar>& scene, std::size_t i, const Camera& c
   splat.radius_high = static_cast<int>(std::ceil(radius(spread + slack) * (1 + 16 * kFloatRounding)));
   splat.condition = (value_of(xx) * value_of(yy) + squared(value_of(xy))) / value_of(determinant);
   splat.conic_norm = value_of(splat.conic_xx) + value_of(splat.conic_yy);
-  splat.drawn = std::isfinite(value_of(splat.x)) && std::isfinite(value_of(splat.y)) &&
-                std::isfinite(value_of(splat.opacity));
+  splat.drawn =
+      std::isfinite(value_of(splat.x)) && std::isfinite(value_of(splat.y)) && std::isfinite(value_of(splat.opacity));
   return splat;
 }
 
@@ -368,9 +377,8 @@ Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const
     splats[i] = project(scene, i, camera, options);
     if (splats[i].drawn) order.push_back(i);
   }
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return value_of(splats[a].depth) < value_of(splats[b].depth);
-  });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return value_of(splats[a].depth) < value_of(splats[b].depth); });
 
   for (int tile_y = 0; tile_y < camera.tiles_y(); ++tile_y) {
     for (int tile_x = 0; tile_x < camera.tiles_x(); ++tile_x) {
@@ -428,8 +436,9 @@ Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const
 
             const Scalar dx = splat.x - (column + 0.5);
             const Scalar dy = splat.y - (row + 0.5);
-            const Scalar raw = splat.opacity * exp(-0.5 * (splat.conic_xx * dx * dx + 2.0 * splat.conic_xy * dx * dy +
-                                                           splat.conic_yy * dy * dy));
+            const Scalar raw =
+                splat.opacity *
+                exp(-0.5 * (splat.conic_xx * dx * dx + 2.0 * splat.conic_xy * dx * dy + splat.conic_yy * dy * dy));
             const Scalar alpha = value_of(raw) > kAlphaCeiling ? Scalar(kAlphaCeiling) : raw;
             const Scalar after = transmittance * (1.0 - alpha);
             transmittance_error += error * value_of(alpha) / (1 - value_of(alpha)) + 2 * kFloatRounding;

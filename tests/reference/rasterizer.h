@@ -82,17 +82,18 @@ std::vector<Scalar>& field(Scene<Scalar>& scene, Input input);
 template <class Scalar>
 struct Splat {
   bool drawn = false;
-  Scalar x, y;                ///< mean on the image, pixels
-  Scalar depth;               ///< along the view axis
+  Scalar x, y;   ///< mean on the image, pixels
+  Scalar depth;  ///< along the view axis
   Scalar conic_xx, conic_xy, conic_yy;
-  Scalar opacity;             ///< compensated where that is asked for
+  Scalar opacity;  ///< compensated where that is asked for
   std::array<Scalar, 3> color;
-  int radius = 0;             ///< of the 3σ square, pixels
-  int radius_low = 0;         ///< the same where float arithmetic may round the other way
+  int radius = 0;      ///< of the 3σ square, pixels
+  int radius_low = 0;  ///< the same where float arithmetic may round the other way
   int radius_high = 0;
-  double condition = 1;       ///< of the covariance on screen: how much its inversion amplifies rounding
+  double condition = 1;  ///< of the covariance on screen: how much its inversion amplifies rounding
   double conic_norm = 0;
-  bool uncertain = false;     ///< a clamp of the projection (field of view, colour at 0, compensation) acts or not by a hair
+  bool uncertain =
+      false;  ///< a clamp of the projection (field of view, colour at 0, compensation) acts or not by a hair
 };
 
 template <class Scalar>
@@ -105,7 +106,8 @@ struct TileListing {
 };
 
 template <class Scalar>
-TileListing tile_lists(const Splat<Scalar>& splat, int tile_x, int tile_y, const Camera& camera, const Options& options);
+TileListing tile_lists(const Splat<Scalar>& splat, int tile_x, int tile_y, const Camera& camera,
+                       const Options& options);
 
 /// Smallest value of dᵀ conic d over the closed rectangle [x0,x1]×[y0,y1], d = point − (x, y).
 double smallest_in_rectangle(double conic_xx, double conic_xy, double conic_yy, double x, double y, double x0,
@@ -120,12 +122,12 @@ struct Rendering {
   /// [H,W] non-zero where a decision of this pixel (alpha against 1/255 or 0.99, transmittance against 1e-4, order of
   /// depths, listed in the tile) is so close that single precision may decide otherwise.
   std::vector<std::uint8_t> uncertain;
-  std::vector<std::uint8_t> visible;        ///< [N] listed in a tile
+  std::vector<std::uint8_t> visible;            ///< [N] listed in a tile
   std::vector<std::uint8_t> listing_uncertain;  ///< [N] whether a tile lists it may be decided otherwise
-  std::vector<int> radii;                   ///< [N] 0 where not visible
-  std::vector<int> radii_low;               ///< [N] bounds of the radius under rounding
+  std::vector<int> radii;                       ///< [N] 0 where not visible
+  std::vector<int> radii_low;                   ///< [N] bounds of the radius under rounding
   std::vector<int> radii_high;
-  std::size_t tile_entries = 0;             ///< (tile, Gaussian) pairs
+  std::size_t tile_entries = 0;  ///< (tile, Gaussian) pairs
   std::size_t uncertain_entries = 0;
 };
 

@@ -138,9 +138,10 @@ TEST(ReferenceRasterizer, SphericalHarmonicsAreOrthonormalOnTheSphere) {
     std::array<double, 3> right{h[1] * d[2] - h[2] * d[1], h[2] * d[0] - h[0] * d[2], h[0] * d[1] - h[1] * d[0]};
     const double length = std::sqrt(right[0] * right[0] + right[1] * right[1] + right[2] * right[2]);
     for (double& r : right) r /= length;
-    camera.rotation = {{{right[0], right[1], right[2]},
-                        {d[1] * right[2] - d[2] * right[1], d[2] * right[0] - d[0] * right[2], d[0] * right[1] - d[1] * right[0]},
-                        {d[0], d[1], d[2]}}};
+    camera.rotation = {
+        {{right[0], right[1], right[2]},
+         {d[1] * right[2] - d[2] * right[1], d[2] * right[0] - d[0] * right[2], d[0] * right[1] - d[1] * right[0]},
+         {d[0], d[1], d[2]}}};
     scene.means = {2 * d[0], 2 * d[1], 2 * d[2]};
     double basis[16];
     for (std::size_t k = 0; k < 16; ++k) {

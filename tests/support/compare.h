@@ -50,8 +50,7 @@ inline ::testing::AssertionResult is_close(std::span<const float> actual, const 
   for (std::size_t k = 0; k < expected.size(); ++k) {
     if (skipped(k)) continue;
     const double error = std::abs(static_cast<double>(actual[k]) - expected[k]);
-    const double bound =
-        tolerance.absolute + tolerance.scale * largest + tolerance.relative * std::abs(expected[k]);
+    const double bound = tolerance.absolute + tolerance.scale * largest + tolerance.relative * std::abs(expected[k]);
     error2 += error * error;
     norm2 += expected[k] * expected[k];
     if (!(error <= bound)) {  // NaN is wrong too
@@ -63,12 +62,12 @@ inline ::testing::AssertionResult is_close(std::span<const float> actual, const 
     }
   }
   if (wrong > 0) {
-    return ::testing::AssertionFailure()
-           << wrong << " of " << expected.size() << " elements are off; the worst is [" << worst << "]: " << actual[worst]
-           << ", expected " << expected[worst] << " (largest " << largest << ", " << worst_excess << " times its bound)";
+    return ::testing::AssertionFailure() << wrong << " of " << expected.size() << " elements are off; the worst is ["
+                                         << worst << "]: " << actual[worst] << ", expected " << expected[worst]
+                                         << " (largest " << largest << ", " << worst_excess << " times its bound)";
   }
-  const double allowed = tolerance.l2 * std::sqrt(norm2) +
-                         tolerance.absolute * std::sqrt(static_cast<double>(expected.size()));
+  const double allowed =
+      tolerance.l2 * std::sqrt(norm2) + tolerance.absolute * std::sqrt(static_cast<double>(expected.size()));
   if (!(std::sqrt(error2) <= allowed)) {
     return ::testing::AssertionFailure() << "norm of the error " << std::sqrt(error2) << " of " << std::sqrt(norm2)
                                          << ", allowed " << allowed;
@@ -80,7 +79,8 @@ inline ::testing::AssertionResult is_close(std::span<const float> actual, const 
 inline ::testing::AssertionResult are_few(std::size_t number, std::size_t total, double fraction = 0.02) {
   const auto allowed = static_cast<std::size_t>(std::ceil(fraction * static_cast<double>(total)));
   if (number <= allowed) return ::testing::AssertionSuccess();
-  return ::testing::AssertionFailure() << number << " of " << total << " lie in the threshold band; allowed " << allowed;
+  return ::testing::AssertionFailure() << number << " of " << total << " lie in the threshold band; allowed "
+                                       << allowed;
 }
 
 inline std::size_t count_nonzero(std::span<const std::uint8_t> mask) {

@@ -54,19 +54,19 @@ inline Camera oblique_camera(int width, int height) {
 /// What a random scene holds.
 struct SceneSpec {
   std::size_t count = 24;
-  int sh_degree = 3;          ///< ignored with colors
-  int sh_rest_rows = -1;      ///< −1: as the degree needs
-  bool colors = false;        ///< given colours instead of spherical harmonics
-  bool covariances = false;   ///< given covariances instead of scales and rotations
+  int sh_degree = 3;         ///< ignored with colors
+  int sh_rest_rows = -1;     ///< −1: as the degree needs
+  bool colors = false;       ///< given colours instead of spherical harmonics
+  bool covariances = false;  ///< given covariances instead of scales and rotations
   int features = 0;
-  double smallest = 0.6;      ///< standard deviations on screen, pixels
+  double smallest = 0.6;  ///< standard deviations on screen, pixels
   double largest = 7;
   double opacity_low = 0.05;
   double opacity_high = 0.95;
-  double nearest = 1;         ///< depths
+  double nearest = 1;  ///< depths
   double farthest = 6;
-  double margin = 0.15;       ///< means lie in the image widened by this fraction on each side
-  double behind = 0.1;        ///< fraction of means behind the camera
+  double margin = 0.15;  ///< means lie in the image widened by this fraction on each side
+  double behind = 0.1;   ///< fraction of means behind the camera
 };
 
 /// A scene's memory.
@@ -131,15 +131,17 @@ inline SceneData random_scene(const Camera& camera, const SceneSpec& spec, std::
     const double u = random.uniform(-spec.margin, 1 + spec.margin) * camera.width;
     const double v = random.uniform(-spec.margin, 1 + spec.margin) * camera.height;
     const double sign = random.uniform(0, 1) < spec.behind ? -1 : 1;
-    const glm::vec3 in_camera(static_cast<float>((u - static_cast<double>(camera.cx)) * z / static_cast<double>(camera.fx)),
-                              static_cast<float>((v - static_cast<double>(camera.cy)) * z / static_cast<double>(camera.fy)),
-                              static_cast<float>(sign * z));
+    const glm::vec3 in_camera(
+        static_cast<float>((u - static_cast<double>(camera.cx)) * z / static_cast<double>(camera.fx)),
+        static_cast<float>((v - static_cast<double>(camera.cy)) * z / static_cast<double>(camera.fy)),
+        static_cast<float>(sign * z));
     const glm::vec3 mean = world_from_camera * in_camera + centre;
     for (int axis = 0; axis < 3; ++axis) scene.means.push_back(mean[axis]);
 
     glm::vec3 scale;
     for (int axis = 0; axis < 3; ++axis) {
-      scale[axis] = static_cast<float>(random.magnitude(spec.smallest, spec.largest) * z / static_cast<double>(camera.fx));
+      scale[axis] =
+          static_cast<float>(random.magnitude(spec.smallest, spec.largest) * z / static_cast<double>(camera.fx));
     }
     glm::vec4 q;
     for (int k = 0; k < 4; ++k) q[k] = random.real(-1, 1);
@@ -147,7 +149,8 @@ inline SceneData random_scene(const Camera& camera, const SceneSpec& spec, std::
       const glm::mat3 axes = glm::mat3_cast(glm::normalize(glm::quat(q[0], q[1], q[2], q[3])));
       const glm::mat3 root = axes * glm::mat3(scale[0], 0, 0, 0, scale[1], 0, 0, 0, scale[2]);
       const glm::mat3 c = root * glm::transpose(root);
-      for (const float value : {c[0][0], c[0][1], c[0][2], c[1][1], c[1][2], c[2][2]}) scene.covariances.push_back(value);
+      for (const float value : {c[0][0], c[0][1], c[0][2], c[1][1], c[1][2], c[2][2]})
+        scene.covariances.push_back(value);
     } else {
       for (int axis = 0; axis < 3; ++axis) scene.scales.push_back(scale[axis]);
       for (int k = 0; k < 4; ++k) scene.rotations.push_back(q[k]);
@@ -189,7 +192,8 @@ inline reference::Options reference_options(const RasterOptions& options) {
   result.low_pass = static_cast<double>(options.low_pass);
   result.compensate_opacity = options.compensate_opacity;
   result.near_plane = static_cast<double>(options.near_plane);
-  for (int c = 0; c < 3; ++c) result.background[static_cast<std::size_t>(c)] = static_cast<double>(options.background[c]);
+  for (int c = 0; c < 3; ++c)
+    result.background[static_cast<std::size_t>(c)] = static_cast<double>(options.background[c]);
   return result;
 }
 

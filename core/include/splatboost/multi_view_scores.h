@@ -19,6 +19,7 @@ struct MultiViewOptions {
 };
 
 /// Draws the views, renders each, flags its errors and counts. Owns the workspace.
+/// One render a view: the counts replay the tile lists of the render that gave the errors.
 class MultiViewScorer {
  public:
   explicit MultiViewScorer(Threads& threads);

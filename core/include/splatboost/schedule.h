@@ -16,8 +16,9 @@ struct Moment {
 /// The iteration of a run of `total` that corresponds to `published` of 30 000, at least 1.
 int scaled_iteration(int published, int total);
 
-/// How often a parameter group steps in each of three phases of the run; gradients accumulate in between.
-/// Counts are of the published run's iterations.
+/// How often a parameter group steps in each of three phases of the run; gradients accumulate in between. All are of
+/// the published run and scale with the length, so that a phase always makes about the same number of steps; an interval of
+/// 1 stays 1.
 struct StepIntervals {
   int early = 1;   ///< until early_end
   int middle = 1;  ///< until middle_end

@@ -16,7 +16,7 @@ std::size_t keep_important(std::span<const std::int64_t> importance, double thre
 
 /// Keeps `keep` of the candidates, drawn without replacement and weighted (VCP before half of the run). The draw is
 /// exponential keys (Efraimidis and Spirakis 2006): key_i = −ln(u_i) / weight_i, smallest first; ties by index.
-/// A candidate of weight 0 is drawn only after all others. If there are at most `keep` candidates, all stay.
+/// Candidates of weight 0 are drawn only after all others, at random. If there are at most `keep` candidates, all stay.
 void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
                           std::span<std::uint8_t> candidates);
 
