@@ -42,8 +42,9 @@ struct Eval {
     const std::optional<float> beta = trained_beta(config);
     const fs::path saved = saved_model(options.model, iteration);
     const fs::path results_path = options.model / "results.json";
-    require(fs::exists(results_path), results_path.string() + ": missing: the run did not end; let it end with "
-                                                              "splatboost train --resume");
+    require(fs::exists(results_path), results_path.string() +
+                                          ": missing: the run did not end; let it end with "
+                                          "splatboost train --resume");
     Results results = results_from_json(read_json_file(results_path));
 
     Workbench bench = make_workbench(options);

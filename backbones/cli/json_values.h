@@ -30,8 +30,7 @@ inline void read_value(const nlohmann::json& json, const std::string& place, boo
 }
 
 template <std::integral T>
-  requires(!std::same_as<T, bool>)
-void read_value(const nlohmann::json& json, const std::string& place, T& value) {
+requires(!std::same_as<T, bool>) void read_value(const nlohmann::json& json, const std::string& place, T& value) {
   if (!json.is_number_integer()) wrong_type(place, "a whole number");
   // Compared before it is narrowed, in the type that the number has.
   const bool fits = json.is_number_unsigned() ? std::in_range<T>(json.get<std::uint64_t>())

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The output folder of a run: what is ours, what a run finds there, what it leaves. docs/formats.md has the layout.
+/// @file The output folder of a run: what is ours, what a run finds there, what it leaves. docs/formats.md has the
+/// layout.
 #pragma once
 
 #include <filesystem>
@@ -22,8 +23,8 @@ void require_ours_or_empty(const std::filesystem::path& folder);
 
 /// config.json: the options, the constants in use, and what a viewer must know of the training.
 /// @param plugged the run's backbone; null: of a comparison, which has two
-void write_config(const std::filesystem::path& folder, const OptionSet& set, const RunOptions& options,
-                  bool boost, const PluggedBackbone* plugged);
+void write_config(const std::filesystem::path& folder, const OptionSet& set, const RunOptions& options, bool boost,
+                  const PluggedBackbone* plugged);
 
 /// config.json of a run; throws InputError where there is none.
 nlohmann::json read_config(const std::filesystem::path& folder);

@@ -93,7 +93,8 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
   set.add("--backbone", options.backbone, "method to train: " + backbone_names(), false)
       ->type_name("NAME")
       ->capture_default_str();
-  if (choose_boost) set.add("--boost,!--no-boost", options.boost, "train accelerated (default), or as published", false);
+  if (choose_boost)
+    set.add("--boost,!--no-boost", options.boost, "train accelerated (default), or as published", false);
   set.add("--iterations", options.iterations, "length of the run; every schedule scales with it")
       ->type_name("N")
       ->capture_default_str();

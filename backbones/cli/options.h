@@ -90,7 +90,8 @@ class OptionSet {
     return value ? nlohmann::json(*value) : nlohmann::json(nullptr);
   }
   static nlohmann::json to_record(const std::filesystem::path& value) {
-    return value.empty() ? nlohmann::json(nullptr) : nlohmann::json(std::filesystem::absolute(value).lexically_normal().string());
+    return value.empty() ? nlohmann::json(nullptr)
+                         : nlohmann::json(std::filesystem::absolute(value).lexically_normal().string());
   }
 
   CLI::App* app_;

@@ -31,7 +31,8 @@ glm::dvec3 middle_of(const PointCloud& cloud) {
   glm::dvec3 middle(0);
   std::vector<float> values(cloud.size());
   for (int axis_index = 0; axis_index < 3; ++axis_index) {
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = cloud.positions[3 * i + static_cast<std::size_t>(axis_index)];
+    for (std::size_t i = 0; i < values.size(); ++i)
+      values[i] = cloud.positions[3 * i + static_cast<std::size_t>(axis_index)];
     const auto half = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
     std::nth_element(values.begin(), half, values.end());
     middle[axis_index] = *half;

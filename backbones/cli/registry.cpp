@@ -15,7 +15,8 @@ namespace {
 
 using Json = nlohmann::json;
 
-// --- vanilla ----------------------------------------------------------------------------------------------------------
+// --- vanilla
+// ----------------------------------------------------------------------------------------------------------
 
 /// Visits the fields of the settings by name; the seed is the run's.
 template <class Settings, class Visitor>

@@ -18,7 +18,7 @@ namespace splatboost::cli {
 struct PluggedBackbone {
   std::shared_ptr<void> adapter;  ///< outlives the backbone, which holds plain pointers to it
   std::unique_ptr<Backbone> backbone;
-  std::optional<float> beta;      ///< of the compact box in use; none: the backbone's own box
+  std::optional<float> beta;  ///< of the compact box in use; none: the backbone's own box
 };
 
 /// What the program needs to know of a backbone. Settings are JSON objects by field name, as --config takes them.

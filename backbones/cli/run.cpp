@@ -76,9 +76,9 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   reset_peak_memory();
 
   const Json settings = boost_settings(options);
-  const PluggedBackbone plugged = find_backbone(options.backbone)
-                                      .make(context_of(bench, options), options.backbone_settings,
-                                            boost ? &settings : nullptr);
+  const PluggedBackbone plugged =
+      find_backbone(options.backbone)
+          .make(context_of(bench, options), options.backbone_settings, boost ? &settings : nullptr);
   Backbone& backbone = *plugged.backbone;
   write_config(folder, set, options, boost, &plugged);
 
@@ -145,7 +145,8 @@ std::string results_table(const Results& results) {
   const std::vector<ResultRow> rows = result_rows(std::span(&results, 1));
   // Columns are of characters, of which UTF-8's continuation bytes are none.
   const auto width = [](const std::string& text) {
-    return std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; });
+    return std::count_if(text.begin(), text.end(),
+                         [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; });
   };
   std::ptrdiff_t label_width = 0;
   std::ptrdiff_t value_width = 0;

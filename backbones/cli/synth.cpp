@@ -10,7 +10,8 @@
 namespace splatboost::cli {
 
 Command add_synth(CLI::App& program) {
-  CLI::App* app = program.add_subcommand("synth", "Make a ray-traced scene with exact cameras, depth, normals and masks");
+  CLI::App* app =
+      program.add_subcommand("synth", "Make a ray-traced scene with exact cameras, depth, normals and masks");
   app->footer("Example: splatboost synth room && splatboost compare -s room -m out --eval --iterations 1000");
   const auto options = std::make_shared<SynthOptions>();
   app->add_option("-o,--output,output", options->output, "folder to make")->type_name("DIR");

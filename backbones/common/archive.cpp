@@ -22,7 +22,8 @@ constexpr char kTypeIndices = 'u';
 constexpr char kTypeInteger = 'i';
 constexpr char kTypeText = 't';
 
-static_assert(std::endian::native == std::endian::little, "checkpoints hold little-endian numbers as they lie in memory");
+static_assert(std::endian::native == std::endian::little,
+              "checkpoints hold little-endian numbers as they lie in memory");
 
 std::vector<std::byte> tagged(char type, const void* data, std::size_t bytes) {
   std::vector<std::byte> content(1 + bytes);
@@ -62,9 +63,7 @@ class BoundedInput {
 
   std::uint64_t left() const { return left_; }
 
-  [[noreturn]] void fail(const std::string& what) const {
-    throw InputError(path_.string() + ": checkpoint " + what);
-  }
+  [[noreturn]] void fail(const std::string& what) const { throw InputError(path_.string() + ": checkpoint " + what); }
 
  private:
   const std::filesystem::path& path_;
@@ -122,7 +121,8 @@ void ArchiveWriter::write(const std::filesystem::path& path) const {
 
 ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)) {
   std::error_code error;
-  const std::uint64_t size = std::filesystem::is_regular_file(path_, error) ? std::filesystem::file_size(path_, error) : 0;
+  const std::uint64_t size =
+      std::filesystem::is_regular_file(path_, error) ? std::filesystem::file_size(path_, error) : 0;
   std::ifstream stream(path_, std::ios::binary);
   if (error || !stream || !std::filesystem::is_regular_file(path_, error)) {
     throw InputError(path_.string() + ": no such checkpoint, or it cannot be opened");
@@ -179,7 +179,8 @@ std::int64_t ArchiveReader::integer(std::string_view name) const {
   const auto content = entry(name);
   require_type(content, kTypeInteger, path_, name);
   const auto values = numbers<std::int64_t>(content.subspan(1), path_, name);
-  if (values.size() != 1) throw InputError(path_.string() + ": checkpoint entry '" + std::string(name) + "' is not whole");
+  if (values.size() != 1)
+    throw InputError(path_.string() + ": checkpoint entry '" + std::string(name) + "' is not whole");
   return values[0];
 }
 

@@ -149,9 +149,9 @@ std::vector<std::string> picture_names(const std::vector<View>& views) {
 
 void write_png(const std::filesystem::path& path, std::span<const float> color, int width, int height) {
   write_png_pixels(path, interleaved(color, width, height, [](float value) {
-    const float clamped = std::isnan(value) ? 0.0f : std::clamp(value, 0.0f, 1.0f);
-    return static_cast<unsigned char>(std::lround(clamped * 255.0f));
-  }));
+                     const float clamped = std::isnan(value) ? 0.0f : std::clamp(value, 0.0f, 1.0f);
+                     return static_cast<unsigned char>(std::lround(clamped * 255.0f));
+                   }));
 }
 
 void write_png(const std::filesystem::path& path, std::span<const std::uint8_t> color, int width, int height) {

@@ -93,8 +93,8 @@ void make_folder(const std::filesystem::path& folder) {
 Json curve_to_json(const std::vector<CurvePoint>& curve) {
   Json json = Json::array();
   for (const CurvePoint& point : curve) {
-    json.push_back({point.iteration, point.seconds, point.loss, point.primitives,
-                    point.psnr ? Json(*point.psnr) : Json(nullptr)});
+    json.push_back(
+        {point.iteration, point.seconds, point.loss, point.primitives, point.psnr ? Json(*point.psnr) : Json(nullptr)});
   }
   return json;
 }
@@ -134,8 +134,8 @@ class Run {
     identity_["iterations"] = options.iterations;
     identity_["seed"] = options.seed;
     identity_["training views"] = scene.train.size();
-    identity_["image size"] = std::to_string(scene.train[0].camera.width) + "x" +
-                              std::to_string(scene.train[0].camera.height);
+    identity_["image size"] =
+        std::to_string(scene.train[0].camera.width) + "x" + std::to_string(scene.train[0].camera.height);
   }
 
   TrainOutcome train() {
@@ -212,9 +212,9 @@ class Run {
   std::filesystem::path save() const {
     const auto folder = options_.model / "checkpoints";
     make_folder(folder);
-    const Json trainer = {{"iteration", outcome_.iteration}, {"seconds", outcome_.seconds},
-                          {"loss", loss_},                   {"identity", identity_},
-                          {"stages", stage_seconds()},       {"curve", curve_to_json(outcome_.curve)}};
+    const Json trainer = {
+        {"iteration", outcome_.iteration}, {"seconds", outcome_.seconds}, {"loss", loss_},
+        {"identity", identity_},           {"stages", stage_seconds()},   {"curve", curve_to_json(outcome_.curve)}};
     ArchiveWriter archive;
     archive.put(kTrainerEntry, std::string_view(trainer.dump()));
     backbone_.save(archive);

@@ -57,8 +57,9 @@ VideoFile::VideoFile(const fs::path& path, int width, int height, double frames_
   }
   std::error_code ignored;
   fs::remove(state_->unfinished, ignored);
-  throw InputError(path.string() +
-                   ": this OpenCV cannot write such a video (no codec, or no permission); leave out --video for PNG files");
+  throw InputError(
+      path.string() +
+      ": this OpenCV cannot write such a video (no codec, or no permission); leave out --video for PNG files");
 }
 
 VideoFile::~VideoFile() {
@@ -73,7 +74,8 @@ void VideoFile::add(std::span<const float> color) {
   for (int y = 0; y < state_->frame.rows; ++y) {
     unsigned char* row = state_->frame.ptr(y);
     for (int x = 0; x < state_->frame.cols; ++x) {
-      const std::size_t pixel = static_cast<std::size_t>(y) * static_cast<std::size_t>(state_->width) + static_cast<std::size_t>(x);
+      const std::size_t pixel =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(state_->width) + static_cast<std::size_t>(x);
       for (std::size_t c = 0; c < 3; ++c) {
         row[3 * static_cast<std::size_t>(x) + c] =
             static_cast<unsigned char>(std::lround(std::clamp(color[(2 - c) * plane + pixel], 0.0f, 1.0f) * 255.0f));
