@@ -18,6 +18,7 @@ constexpr StepIntervals kOtherIntervals{1, 32, 64};
 VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Threads& threads) : boost_(boost), scorer_(threads) {
   SPLATBOOST_CHECK(boost.beta > 0.0f && boost.beta <= 1.0f, "beta must lie in (0, 1]");
   SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
+  SPLATBOOST_CHECK(boost.densify_from >= 0 && boost.densify_until >= 0, "densify_from and densify_until must not be negative");
   SPLATBOOST_CHECK(boost.densify_interval > 0 && boost.late_prune_interval > 0, "intervals must be above 0");
 }
 
@@ -26,6 +27,14 @@ std::optional<float> VanillaAdapter::beta() const {
 }
 
 bool VanillaAdapter::needs_absolute_gradients() const { return boost_.absgrad; }
+
+bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
+  if (!boost_.vcd) return backbone_would;
+  const int from = scaled_iteration(boost_.densify_from, moment.total);
+  const int until = scaled_iteration(boost_.densify_until, moment.total);
+  const int interval = std::max(1, std::min(boost_.densify_interval, until / kMinGrowths));
+  return moment.iteration > from && moment.iteration < until && moment.iteration % interval == 0;
+}
 
 void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
   const std::size_t n = statistics.gradients.size();

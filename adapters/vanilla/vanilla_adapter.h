@@ -25,6 +25,10 @@ struct VanillaBoost {
   double gradient_threshold = 2e-4;      ///< clone
   double gradient_abs_threshold = 1.2e-3;///< split
   double percent_dense = 0.01;           ///< × extent, where clone ends and split begins
+  int densify_from = 500;
+  int densify_until = 15000;
+  /// VCD grows every so many iterations (not scaled: statistics need that many views), but a run makes at least
+  /// kMinGrowths of them.
   int densify_interval = 500;
   int late_prune_from = 15000;
   int late_prune_interval = 3000;
@@ -32,6 +36,9 @@ struct VanillaBoost {
   double late_max_score = 0.9;
   std::uint64_t seed = 0;
 };
+
+/// Fewest growths of a run, so that short ones grow too.
+inline constexpr int kMinGrowths = 10;
 
 /// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
 class VanillaAdapter final : public DensityHook, public OptimizerHook {
@@ -42,6 +49,7 @@ class VanillaAdapter final : public DensityHook, public OptimizerHook {
   std::optional<float> beta() const;
 
   bool needs_absolute_gradients() const override;
+  bool grows_at(Moment moment, bool backbone_would) const override;
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;

@@ -61,6 +61,28 @@ glm::dvec3 middle_of_interest(const Scene& scene) {
   return glm::inverse(a + glm::dmat3(weight)) * (b + weight * middle);
 }
 
+/// Away from the ground. Photographers keep the horizon level, so it is what all cameras' right axes are at right
+/// angles to, even where most of them look down from one side; where the right axes agree, the cameras' own up decides.
+glm::dvec3 up_of(const std::vector<View>& views) {
+  constexpr int kSteps = 200;
+  glm::dvec3 up(0);
+  glm::dmat3 right_axes(0);
+  for (const View& view : views) {
+    up -= axis(view.camera, 1);
+    right_axes += glm::outerProduct(axis(view.camera, 0), axis(view.camera, 0));
+  }
+  if (glm::length(up) < 1e-6) return -axis(views[0].camera, 1);
+  // Power iteration towards the smallest eigenvalue, from the mean up.
+  const glm::dmat3 towards = glm::dmat3(1) - right_axes / static_cast<double>(views.size());
+  for (int step = 0; step < kSteps; ++step) {
+    up = glm::normalize(up);
+    const glm::dvec3 next = towards * up;
+    if (glm::length(next) < 1e-6) break;
+    up = next;
+  }
+  return glm::normalize(up);
+}
+
 Camera looking_at(const Camera& optics, const glm::dvec3& eye, const glm::dvec3& target, const glm::dvec3& up) {
   const glm::dvec3 z = glm::normalize(target - eye);
   const glm::dvec3 x = glm::normalize(glm::cross(z, up));
@@ -79,9 +101,7 @@ Camera looking_at(const Camera& optics, const glm::dvec3& eye, const glm::dvec3&
 
 std::vector<Camera> orbit_cameras(const Scene& scene, int count) {
   const glm::dvec3 middle = middle_of_interest(scene);
-  glm::dvec3 up(0);
-  for (const View& view : scene.train) up -= axis(view.camera, 1);
-  up = glm::length(up) > 1e-6 ? glm::normalize(up) : -axis(scene.train[0].camera, 1);
+  const glm::dvec3 up = up_of(scene.train);
 
   // An orthogonal frame around `up`, from whichever world axis is far from it.
   const glm::dvec3 helper = std::abs(up.x) < 0.7 ? glm::dvec3(1, 0, 0) : glm::dvec3(0, 1, 0);

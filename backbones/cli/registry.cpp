@@ -34,6 +34,8 @@ void for_each_field(Settings& boost, Visitor&& visit) {
   visit("gradient_threshold", boost.gradient_threshold);
   visit("gradient_abs_threshold", boost.gradient_abs_threshold);
   visit("percent_dense", boost.percent_dense);
+  visit("densify_from", boost.densify_from);
+  visit("densify_until", boost.densify_until);
   visit("densify_interval", boost.densify_interval);
   visit("late_prune_from", boost.late_prune_from);
   visit("late_prune_interval", boost.late_prune_interval);

@@ -162,6 +162,25 @@ TEST_F(VanillaAdapterTest, fewer_views_than_k_score_each_once) {
   EXPECT_EQ(rasterizer.flagged_pixels, 32u);
 }
 
+TEST_F(VanillaAdapterTest, grows_every_500_iterations_or_ten_times_in_a_short_run) {
+  VanillaAdapter adapter(boost_at_paper_size(), threads_);
+  const auto growths = [&](int total) {
+    std::vector<int> at;
+    for (int i = 1; i <= total; ++i) {
+      if (adapter.grows_at({i, total}, false)) at.push_back(i);
+    }
+    return at;
+  };
+  const std::vector<int> published = growths(30000);
+  EXPECT_EQ(published.size(), 28u);
+  EXPECT_EQ(published.front(), 1000);
+  EXPECT_EQ(published.back(), 14500);
+  EXPECT_EQ(growths(2000), (std::vector<int>{100, 200, 300, 400, 500, 600, 700, 800, 900}));
+  VanillaBoost without = boost_at_paper_size();
+  without.vcd = false;
+  EXPECT_TRUE(VanillaAdapter(without, threads_).grows_at({7, 2000}, true)) << "without VCD the backbone decides";
+}
+
 TEST_F(VanillaAdapterTest, schedule_follows_the_paper) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
   int rest = 0, others = 0;
