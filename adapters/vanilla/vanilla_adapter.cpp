@@ -18,7 +18,8 @@ constexpr StepIntervals kOtherIntervals{1, 32, 64};
 VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Threads& threads) : boost_(boost), scorer_(threads) {
   SPLATBOOST_CHECK(boost.beta > 0.0f && boost.beta <= 1.0f, "beta must lie in (0, 1]");
   SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
-  SPLATBOOST_CHECK(boost.densify_from >= 0 && boost.densify_until >= 0, "densify_from and densify_until must not be negative");
+  SPLATBOOST_CHECK(boost.densify_from >= 0 && boost.densify_until >= 0,
+                   "densify_from and densify_until must not be negative");
   SPLATBOOST_CHECK(boost.densify_interval > 0 && boost.late_prune_interval > 0, "intervals must be above 0");
 }
 
@@ -47,7 +48,8 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
     }
   }
   if (!boost_.vcd && !boost_.vcp) return;
-  const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration), RandomPurpose::scored_views);
+  const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
+                            RandomPurpose::scored_views);
   const ScoreSums& sums = scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random);
   pruning_.resize(n);
   pruning_scores(sums, pruning_);
@@ -78,7 +80,8 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
     for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
     const auto candidates = static_cast<std::size_t>(
         std::count_if(decisions.remove.begin(), decisions.remove.end(), [](std::uint8_t r) { return r != 0; }));
-    keep_weighted_sample(weights, candidates / 2, RandomStream(boost_.seed, iteration, RandomPurpose::prune), decisions.remove);
+    keep_weighted_sample(weights, candidates / 2, RandomStream(boost_.seed, iteration, RandomPurpose::prune),
+                         decisions.remove);
     return;
   }
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);

@@ -12,19 +12,19 @@ namespace splatboost {
 
 /// The parts and constants of the method. Iteration numbers are of the published run (30 000) and scale with length.
 struct VanillaBoost {
-  bool vcd = true;        ///< multi-view consistent densification
-  bool vcp = true;        ///< multi-view consistent pruning
-  bool cb = true;         ///< compact box
-  bool absgrad = true;    ///< split on absolute gradients
-  bool schedule = true;   ///< optimizer schedule
+  bool vcd = true;       ///< multi-view consistent densification
+  bool vcp = true;       ///< multi-view consistent pruning
+  bool cb = true;        ///< compact box
+  bool absgrad = true;   ///< split on absolute gradients
+  bool schedule = true;  ///< optimizer schedule
   float beta = 0.5f;
-  double tau_d = 5;       ///< importance that growth must exceed, at the paper's image size
-  int views = 10;         ///< K
-  float tau = 0.1f;       ///< error threshold
+  double tau_d = 5;  ///< importance that growth must exceed, at the paper's image size
+  int views = 10;    ///< K
+  float tau = 0.1f;  ///< error threshold
   float lambda_dssim = 0.2f;
-  double gradient_threshold = 2e-4;      ///< clone
-  double gradient_abs_threshold = 1.2e-3;///< split
-  double percent_dense = 0.01;           ///< × extent, where clone ends and split begins
+  double gradient_threshold = 2e-4;        ///< clone
+  double gradient_abs_threshold = 1.2e-3;  ///< split
+  double percent_dense = 0.001;            ///< × extent, where clone ends and split begins
   int densify_from = 500;
   int densify_until = 15000;
   /// VCD grows every so many iterations (not scaled: statistics need that many views), but a run makes at least
@@ -38,7 +38,7 @@ struct VanillaBoost {
 };
 
 /// Fewest growths of a run, so that short ones grow too.
-inline constexpr int kMinGrowths = 10;
+inline constexpr int kMinGrowths = 12;
 
 /// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
 class VanillaAdapter final : public DensityHook, public OptimizerHook {

@@ -30,11 +30,12 @@ void fields_from_json(const nlohmann::json& json, const std::string& what, ForEa
     const auto found = json.find(name);
     if (found == json.end()) return;
     using Field = std::remove_reference_t<decltype(field)>;
-    const bool fits = std::is_same_v<Field, bool>      ? found->is_boolean()
-                      : std::is_integral_v<Field>      ? found->is_number_integer()
+    const bool fits = std::is_same_v<Field, bool>       ? found->is_boolean()
+                      : std::is_integral_v<Field>       ? found->is_number_integer()
                       : std::is_floating_point_v<Field> ? found->is_number()
                                                         : found->is_string();
-    if (!fits) throw InputError("config of " + what + ": '" + name + "' has a value of the wrong type (" + found->dump() + ")");
+    if (!fits)
+      throw InputError("config of " + what + ": '" + name + "' has a value of the wrong type (" + found->dump() + ")");
     field = found->get<Field>();
   });
   for (const auto& [key, value] : json.items()) {

@@ -22,8 +22,8 @@ struct ParameterGroup {
   std::vector<float> gradients;  ///< accumulate until the next step
   std::vector<float> first_moments;
   std::vector<float> second_moments;
-  std::int64_t steps = 0;        ///< Adam steps so far
-  bool pending = false;          ///< gradients hold something not yet applied
+  std::int64_t steps = 0;  ///< Adam steps so far
+  bool pending = false;    ///< gradients hold something not yet applied
 
   ParameterGroup(std::string group_name, std::size_t row_width) : name(std::move(group_name)), width(row_width) {}
 

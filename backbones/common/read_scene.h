@@ -12,14 +12,14 @@ namespace splatboost {
 
 struct SceneOptions {
   std::filesystem::path source;
-  std::string images = "images";     ///< image folder of a COLMAP scene
-  int resolution = -1;               ///< -1: full, but at most 1600 px wide (with a note); 1, 2, 4, 8: divisor; larger: width in px
-  bool eval = false;                 ///< hold out test views: every llffhold-th by name, or a Blender test split
+  std::string images = "images";  ///< image folder of a COLMAP scene
+  int resolution = -1;  ///< -1: full, but at most 1600 px wide (with a note); 1, 2, 4, 8: divisor; larger: width in px
+  bool eval = false;    ///< hold out test views: every llffhold-th by name, or a Blender test split
   int llffhold = 8;
-  std::filesystem::path test_list;   ///< file with one image name a line; instead of llffhold
-  int n_views = 0;                   ///< > 0: keep that many training views, evenly spread (sparse-view protocol)
+  std::filesystem::path test_list;  ///< file with one image name a line; instead of llffhold
+  int n_views = 0;                  ///< > 0: keep that many training views, evenly spread (sparse-view protocol)
   bool white_background = false;
-  int random_points = 100000;        ///< points to draw in the scene's box if the dataset has none
+  int random_points = 100000;  ///< points to draw in the scene's box if the dataset has none
   std::uint64_t seed = 0;
 };
 

@@ -35,11 +35,21 @@ std::string escape(const std::string& text) {
   std::string out;
   for (const char c : text) {
     switch (c) {
-      case '&': out += "&amp;"; break;
-      case '<': out += "&lt;"; break;
-      case '>': out += "&gt;"; break;
-      case '"': out += "&quot;"; break;
-      case '\'': out += "&#39;"; break;
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      case '\'':
+        out += "&#39;";
+        break;
       default:
         // Control characters are not allowed in XML, and show nothing in HTML.
         if (static_cast<unsigned char>(c) >= 0x20 || c == '\n' || c == '\t') out += c;
@@ -439,7 +449,7 @@ std::string pictures(const std::vector<ReportRun>& runs, const std::vector<Repor
     out += picture_cell(truth.empty() ? truth : shrink(truth), "truth", "", "truth");
     std::string errors;
     for (std::size_t r = 0; r < runs.size(); ++r) {
-      const cv::Mat render = read_picture(runs[r].renders / (fs::path(view.name).stem().string() + ".png"));
+      const cv::Mat render = read_picture(runs[r].renders / view.truth.filename());
       const bool comparable = !render.empty() && render.size() == truth.size();
       const std::string error_name = runs.size() == 1 ? "error" : runs[r].label + " error";
       const std::string color = runs.size() == 1 ? "" : color_of(r, runs.size());
@@ -458,10 +468,14 @@ std::string pictures(const std::vector<ReportRun>& runs, const std::vector<Repor
 
 std::string verdict_class(ResultRow::Verdict verdict) {
   switch (verdict) {
-    case ResultRow::Verdict::kBetter: return "better";
-    case ResultRow::Verdict::kWorse: return "worse";
-    case ResultRow::Verdict::kSame: return "same";
-    case ResultRow::Verdict::kNone: break;
+    case ResultRow::Verdict::kBetter:
+      return "better";
+    case ResultRow::Verdict::kWorse:
+      return "worse";
+    case ResultRow::Verdict::kSame:
+      return "same";
+    case ResultRow::Verdict::kNone:
+      break;
   }
   return "none";
 }

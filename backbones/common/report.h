@@ -14,13 +14,13 @@ namespace splatboost {
 struct ReportRun {
   std::string label;  ///< "baseline", "boosted"
   Results results;
-  std::filesystem::path renders;  ///< folder of <view stem>.png renders of the measured views
+  std::filesystem::path renders;  ///< folder of PNG renders, named as the views' truth files
 };
 
 /// One measured view: its truth as a PNG on disk.
 struct ReportView {
-  std::string name;                   ///< as in Results::views
-  std::filesystem::path truth;        ///< PNG
+  std::string name;             ///< as in Results::views
+  std::filesystem::path truth;  ///< PNG; the renders of the view have its file name
 };
 
 /// Writes the page: the table, curves of PSNR, primitives and time (inline SVG), and for up to `max_views` views the

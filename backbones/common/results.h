@@ -24,10 +24,10 @@ struct ViewResult {
 /// A point of the training curves.
 struct CurvePoint {
   int iteration = 0;
-  double seconds = 0;             ///< training time so far, evaluation excluded
-  double loss = 0;                ///< exponential mean of the training loss
+  double seconds = 0;  ///< training time so far, evaluation excluded
+  double loss = 0;     ///< exponential mean of the training loss
   std::size_t primitives = 0;
-  std::optional<double> psnr;     ///< on (a few) test views, where evaluated
+  std::optional<double> psnr;  ///< on (a few) test views, where evaluated
 };
 
 struct Results {
@@ -37,22 +37,22 @@ struct Results {
   double psnr = 0;
   double ssim = 0;
   std::optional<double> lpips;
-  double psnr_beta1 = 0;          ///< what a viewer without the compact box shows
-  std::string split;              ///< "test" or "train": which views were measured
+  double psnr_beta1 = 0;  ///< what a viewer without the compact box shows
+  std::string split;      ///< "test" or "train": which views were measured
   std::size_t primitives = 0;
-  double train_seconds = 0;       ///< wall time of the loop, evaluation and saving excluded
-  double fps = 0;                 ///< rendering the measured views
+  double train_seconds = 0;  ///< wall time of the loop, evaluation and saving excluded
+  double fps = 0;            ///< rendering the measured views
   std::uint64_t peak_memory_bytes = 0;
   std::uint64_t storage_bytes = 0;  ///< of the .ply
-  std::string device;             ///< "cpu"
-  std::string machine;            ///< processor name
+  std::string device;               ///< "cpu"
+  std::string machine;              ///< processor name
   int threads = 0;
   std::uint64_t seed = 0;
   std::string version;
-  std::string command;            ///< the command line
-  std::string date;               ///< ISO 8601, UTC
-  std::string source;             ///< name of the scene folder
-  int width = 0, height = 0;      ///< of the first training view
+  std::string command;        ///< the command line
+  std::string date;           ///< ISO 8601, UTC
+  std::string source;         ///< name of the scene folder
+  int width = 0, height = 0;  ///< of the first training view
   std::vector<ViewResult> views;
   std::map<std::string, double> stage_seconds;
   std::vector<CurvePoint> curve;
@@ -78,8 +78,8 @@ nlohmann::json comparison_to_json(const Results& baseline, const Results& booste
 struct ResultRow {
   enum class Verdict { kNone, kBetter, kWorse, kSame };
   std::string label;
-  std::vector<std::string> values;  ///< one a run
-  std::string change;               ///< of two runs: "4.1× faster", "0.28×", "−0.05 dB"; else empty
+  std::vector<std::string> values;   ///< one a run
+  std::string change;                ///< of two runs: "4.1× faster", "0.28×", "−0.05 dB"; else empty
   Verdict verdict = Verdict::kNone;  ///< what that change means
 };
 

@@ -23,8 +23,8 @@ struct View {
 
 /// Points to start from.
 struct PointCloud {
-  std::vector<float> positions;        ///< [N,3] world
-  std::vector<std::uint8_t> colors;    ///< [N,3]
+  std::vector<float> positions;      ///< [N,3] world
+  std::vector<std::uint8_t> colors;  ///< [N,3]
   std::size_t size() const { return positions.size() / 3; }
 };
 
@@ -32,7 +32,7 @@ struct Scene {
   std::vector<View> train;
   std::vector<View> test;
   PointCloud points;
-  float extent = 0;        ///< 1.1 × largest distance of a training camera from their mean (3DGS)
+  float extent = 0;  ///< 1.1 × largest distance of a training camera from their mean (3DGS)
   bool white_background = false;
   std::vector<std::string> notes;  ///< what a user should know about how the data was read, a line each
 };

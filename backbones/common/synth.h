@@ -11,10 +11,10 @@ struct SynthOptions {
   std::filesystem::path output;
   int width = 320;
   int height = 240;
-  int views = 48;          ///< cameras, all COLMAP images
-  int points = 4000;       ///< of the sparse cloud
+  int views = 48;             ///< cameras, all COLMAP images
+  int points = 4000;          ///< of the sparse cloud
   float point_noise = 0.01f;  ///< standard deviation of the points, world units (the room is a few units wide)
-  int samples = 2;         ///< per pixel and axis, for antialiasing
+  int samples = 2;            ///< per pixel and axis, for antialiasing
   std::uint64_t seed = 0;
 };
 

@@ -22,6 +22,7 @@ constexpr float kMinSquaredDistance = 1e-7f;   // of neighbours at initialisatio
 constexpr int kRestRows = 15;
 constexpr int kSplitChildren = 2;
 constexpr float kSplitShrink = 0.8f * kSplitChildren;
+constexpr int kLeastGrowthsAReset = 5;
 constexpr std::size_t kGrain = 4096;
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
@@ -64,6 +65,10 @@ class Vanilla final : public Backbone, private RasterizerHook {
   Gaussians activated() const;
   RasterOptions raster_options(std::optional<float> beta) const;
   int at(int published) const { return scaled_iteration(published, context_.iterations); }
+  /// Scaled as all phases are, but in a short run opacities need time to come back.
+  int opacity_reset_interval() const {
+    return std::max(at(config_.opacity_reset_interval), kLeastGrowthsAReset * config_.densify_interval);
+  }
   int sh_degree(int iteration) const { return std::min(config_.sh_degree, iteration / at(config_.sh_interval)); }
   Moment moment() const { return {iteration_, context_.iterations}; }
 
@@ -80,7 +85,8 @@ class Vanilla final : public Backbone, private RasterizerHook {
   void control_density();
   DensityStatistics statistics();
   void grow();
-  void hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone, std::vector<std::uint8_t>& split) const;
+  void hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
+                std::vector<std::uint8_t>& split) const;
   void prune(bool by_own_rule);
   void append_children(std::span<const std::uint32_t> parents);
   void remove(std::span<const std::uint8_t> removed);
@@ -105,11 +111,11 @@ class Vanilla final : public Backbone, private RasterizerHook {
   std::vector<float> scales_, opacities_;
 
   std::vector<float> image_, image_gradient_;
-  std::vector<float> screen_, screen_abs_;                 ///< [N,2] gradients of this iteration
-  std::vector<float> gradient_sum_, gradient_abs_sum_;     ///< [N] norms since the last growth, NDC
-  std::vector<float> seen_;                                ///< [N] views that they come from
+  std::vector<float> screen_, screen_abs_;              ///< [N,2] gradients of this iteration
+  std::vector<float> gradient_sum_, gradient_abs_sum_;  ///< [N] norms since the last growth, NDC
+  std::vector<float> seen_;                             ///< [N] views that they come from
   std::vector<float> mean_gradients_, mean_gradients_abs_, max_scales_;
-  std::vector<std::uint32_t> origins_;                     ///< [N] index before the growth of this iteration
+  std::vector<std::uint32_t> origins_;  ///< [N] index before the growth of this iteration
 };
 
 void Vanilla::initialise() {
@@ -286,7 +292,8 @@ void Vanilla::gather_statistics(const Camera& camera) {
     for (std::size_t i = begin; i < end; ++i) {
       if (visible[i] == 0) continue;
       gradient_sum_[i] += std::hypot(screen_[2 * i] * to_ndc_x, screen_[2 * i + 1] * to_ndc_y);
-      if (absolute) gradient_abs_sum_[i] += std::hypot(screen_abs_[2 * i] * to_ndc_x, screen_abs_[2 * i + 1] * to_ndc_y);
+      if (absolute)
+        gradient_abs_sum_[i] += std::hypot(screen_abs_[2 * i] * to_ndc_x, screen_abs_[2 * i + 1] * to_ndc_y);
       seen_[i] += 1.0f;
     }
   });
@@ -309,8 +316,8 @@ DensityStatistics Vanilla::statistics() {
 
 void Vanilla::control_density() {
   const int until = at(config_.densify_until);
-  const bool own = iteration_ < until && iteration_ > at(config_.densify_from) &&
-                   iteration_ % config_.densify_interval == 0;
+  const bool own =
+      iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
   if (density_ != nullptr ? density_->grows_at(moment(), own) : own) {
     step_all(iteration_);
     grow();
@@ -323,7 +330,7 @@ void Vanilla::control_density() {
     restart_statistics();
   }
   const bool white_start = context_.scene.white_background && iteration_ == at(config_.densify_from);
-  if (iteration_ < until && (iteration_ % at(config_.opacity_reset_interval) == 0 || white_start)) {
+  if (iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start)) {
     step_all(iteration_);
     reset_opacities();
   }
@@ -397,7 +404,8 @@ void Vanilla::append_children(std::span<const std::uint32_t> parents) {
         offset[c] = static_cast<float>(random.normal(number)) * scales_[3 * parent + c];
       }
       for (std::size_t c = 0; c < 3; ++c) {
-        xyz_.values[3 * row + c] += rotation[c][0] * offset[0] + rotation[c][1] * offset[1] + rotation[c][2] * offset[2];
+        xyz_.values[3 * row + c] +=
+            rotation[c][0] * offset[0] + rotation[c][1] * offset[1] + rotation[c][2] * offset[2];
         scaling_.values[3 * row + c] = std::log(scales_[3 * parent + c] / kSplitShrink);
       }
     }
@@ -412,10 +420,11 @@ void Vanilla::prune(bool by_own_rule) {
   std::vector<std::uint8_t> removed(n, 0);
   if (by_own_rule) {
     // The released code also tests sizes on screen, but zeroes them in the growth just before: that test never holds.
-    const bool large_go = iteration_ > at(config_.opacity_reset_interval);
+    const bool large_go = iteration_ > opacity_reset_interval();
     const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
     for (std::size_t i = 0; i < n; ++i) {
-      removed[i] = known.opacities[i] < static_cast<float>(config_.min_opacity) || (large_go && known.max_scales[i] > large);
+      removed[i] =
+          known.opacities[i] < static_cast<float>(config_.min_opacity) || (large_go && known.max_scales[i] > large);
     }
   } else {
     origins_.clear();

@@ -20,17 +20,17 @@ struct VanillaConfig {
   double scaling_rate = 5e-3;
   double rotation_rate = 1e-3;
   double lambda_dssim = 0.2;
-  double percent_dense = 0.01;            ///< × scene extent: largest scale that is cloned rather than split
-  double gradient_threshold = 2e-4;       ///< of the mean screen gradient, NDC units
+  double percent_dense = 0.01;       ///< × scene extent: largest scale that is cloned rather than split
+  double gradient_threshold = 2e-4;  ///< of the mean screen gradient, NDC units
   double min_opacity = 0.005;
-  double max_world_scale = 0.1;           ///< × scene extent; larger ones go after the first opacity reset
+  double max_world_scale = 0.1;  ///< × scene extent; larger ones go after the first opacity reset
   double initial_opacity = 0.1;
   double reset_opacity = 0.01;
   int densify_from = 500;
   int densify_until = 15000;
-  int densify_interval = 100;
-  int opacity_reset_interval = 3000;
-  int sh_interval = 1000;                 ///< one degree more every so many iterations
+  int densify_interval = 100;         ///< not scaled: statistics need that many views
+  int opacity_reset_interval = 3000;  ///< in short runs not below 5 densify intervals
+  int sh_interval = 1000;             ///< one degree more every so many iterations
 };
 
 nlohmann::json to_json(const VanillaConfig& config);

@@ -21,7 +21,8 @@ struct AdamFactors {
 inline AdamFactors adam_factors(const AdamOptions& options, std::int64_t step) {
   const double t = static_cast<double>(step);
   return {options.beta1, options.beta2,
-          static_cast<float>(static_cast<double>(options.learning_rate) / (1.0 - std::pow(static_cast<double>(options.beta1), t))),
+          static_cast<float>(static_cast<double>(options.learning_rate) /
+                             (1.0 - std::pow(static_cast<double>(options.beta1), t))),
           static_cast<float>(1.0 / std::sqrt(1.0 - std::pow(static_cast<double>(options.beta2), t))), options.epsilon};
 }
 

@@ -20,8 +20,8 @@ struct Splat {
   Symmetric2 covariance;  ///< px², low-pass included
   Symmetric2 conic;
   float depth;
-  float opacity;          ///< compensated
-  float reach;            ///< Mahalanobis² where alpha = 1/255
+  float opacity;  ///< compensated
+  float reach;    ///< Mahalanobis² where alpha = 1/255
   glm::vec3 color;
   std::uint16_t tile_x0, tile_x1, tile_y0, tile_y1;  ///< bounding tiles; empty: not drawn
 };
@@ -55,18 +55,18 @@ struct Frame {
   RasterOptions options;
   ProjectionCamera projection;
   std::size_t gaussians = 0;
-  int features = 0;               ///< extra channels of the Gaussians that are drawn in this view
-  bool inverse_depth = false;     ///< whether inverse depth is drawn
+  int features = 0;            ///< extra channels of the Gaussians that are drawn in this view
+  bool inverse_depth = false;  ///< whether inverse depth is drawn
   int tiles_x = 0, tiles_y = 0;
 
-  Buffer<Splat> splats;               ///< [N]
-  Buffer<std::uint8_t> visible;       ///< [N]
-  Buffer<std::int32_t> radii;         ///< [N]
+  Buffer<Splat> splats;          ///< [N]
+  Buffer<std::uint8_t> visible;  ///< [N]
+  Buffer<std::int32_t> radii;    ///< [N]
 
-  Buffer<std::uint32_t> order;        ///< [V] Gaussians that may be visible, near to far
-  Buffer<std::uint32_t> rank;         ///< [N] a Gaussian's place in `order`, where visible
+  Buffer<std::uint32_t> order;  ///< [V] Gaussians that may be visible, near to far
+  Buffer<std::uint32_t> rank;   ///< [N] a Gaussian's place in `order`, where visible
   Buffer<std::uint32_t> sort_keys, sort_keys_swap, order_swap;
-  Buffer<std::uint32_t> row_begin;    ///< [V+1] first row span of a splat in row_spans
+  Buffer<std::uint32_t> row_begin;  ///< [V+1] first row span of a splat in row_spans
   Buffer<TileRange> row_spans;
   Buffer<std::uint32_t> tile_begin;   ///< [T+1] first entry of a tile
   Buffer<std::uint32_t> tile_cursor;  ///< [chunks, T]
@@ -74,10 +74,10 @@ struct Frame {
   Buffer<std::uint32_t> splat_begin;  ///< [V+1] first slot of a splat
   Buffer<std::uint32_t> slots;        ///< [E] an entry's place when entries are ordered splat by splat
 
-  Buffer<BlendRecord> records;        ///< [V]
-  Buffer<float> channels;             ///< [V, extra_channels()] features, then inverse depth
-  Buffer<std::uint32_t> tile_stop;    ///< [T] entries of the tile that were looked at before all pixels were full
-  Buffer<float> tile_images;          ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
+  Buffer<BlendRecord> records;      ///< [V]
+  Buffer<float> channels;           ///< [V, extra_channels()] features, then inverse depth
+  Buffer<std::uint32_t> tile_stop;  ///< [T] entries of the tile that were looked at before all pixels were full
+  Buffer<float> tile_images;        ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
 
   Buffer<EntryGradient> entry_gradients;  ///< [E] by slot
   Buffer<float> entry_channel_gradients;  ///< [E, features] by slot

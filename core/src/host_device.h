@@ -11,7 +11,8 @@
 
 namespace splatboost {
 
-/// Minimum and maximum that compile to one instruction (std::fmin must honour NaN on either side): a NaN in `a` yields b.
+/// Minimum and maximum that compile to one instruction (std::fmin must honour NaN on either side): a NaN in `a` yields
+/// b.
 SPLATBOOST_HOST_DEVICE constexpr float min_of(float a, float b) { return a < b ? a : b; }
 SPLATBOOST_HOST_DEVICE constexpr float max_of(float a, float b) { return a > b ? a : b; }
 

@@ -40,7 +40,8 @@ void mean_squared_neighbor_distances(std::span<const float> points, int k, std::
     std::vector<float> squared(wanted);
     for (std::size_t i = begin; i < end; ++i) {
       const std::size_t found = tree.knnSearch(&points[3 * i], wanted, indices.data(), squared.data());
-      // Among coincident points the search may name another one in place of the point itself; its distance is the same 0.
+      // Among coincident points the search may name another one in place of the point itself; its distance is the same
+      // 0.
       float sum = 0;
       for (std::size_t j = 1; j < found; ++j) sum += squared[j];
       mean_squared_distances[i] = found > 1 ? sum / static_cast<float>(found - 1) : 0.0f;

@@ -38,8 +38,8 @@ inline constexpr std::size_t kHalo = kSsimRadius;
 
 /// Row buffers of one band; wide enough for the padding on both sides.
 struct PhotometricRows {
-  Buffer<float> padded;     ///< [3, W + 2·halo] render, truth, and a product of the two
-  Buffer<float> horizontal; ///< [quantities, band + 2·halo, W]
+  Buffer<float> padded;      ///< [3, W + 2·halo] render, truth, and a product of the two
+  Buffer<float> horizontal;  ///< [quantities, band + 2·halo, W]
 };
 
 struct PhotometricSums {
@@ -273,7 +273,8 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
 
   std::size_t counted = pixels;
   if (!truth.valid.empty()) {
-    counted = static_cast<std::size_t>(std::count_if(truth.valid.begin(), truth.valid.end(), [](std::uint8_t v) { return v != 0; }));
+    counted = static_cast<std::size_t>(
+        std::count_if(truth.valid.begin(), truth.valid.end(), [](std::uint8_t v) { return v != 0; }));
   }
   if (counted == 0) {  // nothing to compare: no error, no gradient
     std::fill(gradient.begin(), gradient.end(), 0.0f);

@@ -16,7 +16,9 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-glm::vec3 vec3_at(std::span<const float> rows, std::size_t i) { return {rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]}; }
+glm::vec3 vec3_at(std::span<const float> rows, std::size_t i) {
+  return {rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]};
+}
 
 glm::vec4 vec4_at(std::span<const float> rows, std::size_t i) {
   return {rows[4 * i], rows[4 * i + 1], rows[4 * i + 2], rows[4 * i + 3]};
@@ -52,8 +54,8 @@ void set_bounding_tiles(const Frame& frame, Splat& splat) {
     const float t = frame.options.beta * splat.reach;
     if (!(t > 0.0f)) return;
     const Ellipse ellipse = make_ellipse(splat.mean, splat.covariance, splat.conic, t);
-    x = tiles_meeting(ellipse.mean.x - ellipse.half_width - kTileSlack, ellipse.mean.x + ellipse.half_width + kTileSlack,
-                      frame.tiles_x);
+    x = tiles_meeting(ellipse.mean.x - ellipse.half_width - kTileSlack,
+                      ellipse.mean.x + ellipse.half_width + kTileSlack, frame.tiles_x);
     y = ellipse_tile_rows(ellipse, frame.tiles_y);
   }
   if (x.begin >= x.end || y.begin >= y.end) return;
@@ -188,8 +190,8 @@ void backward_one(const Frame& frame, const Gaussians& gaussians, const Gaussian
   up.conic = {g.conic_xx, g.conic_xy, g.conic_yy};
   up.compensation = g.opacity * gaussians.opacities[i];
   up.view_z = -g.inverse_depth / (splat.depth * splat.depth);
-  GaussianGeometryGradient geometry = project_gaussian_backward(camera, p, covariance, options.low_pass,
-                                                                options.compensate_opacity, up);
+  GaussianGeometryGradient geometry =
+      project_gaussian_backward(camera, p, covariance, options.low_pass, options.compensate_opacity, up);
 
   const glm::vec3 g_color(g.red, g.green, g.blue);
   if (!gaussians.colors.empty()) {

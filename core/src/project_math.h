@@ -29,7 +29,7 @@ struct Symmetric2 {
 struct ProjectionCamera {
   glm::mat3 rotation;  ///< camera from world
   glm::vec3 translation;
-  glm::vec3 centre;    ///< in world
+  glm::vec3 centre;  ///< in world
   float fx, fy, cx, cy;
   float limit_x, limit_y;  ///< clamp of x/z and y/z in the Jacobian
 };
@@ -69,13 +69,13 @@ SPLATBOOST_HOST_DEVICE glm::vec3 multiply(const Symmetric3& m, glm::vec3 v) {
 
 /// What projection computes of one Gaussian.
 struct Projection {
-  bool valid = false;       ///< in front of the near plane and finite
-  glm::vec3 view;           ///< mean in the camera frame
-  glm::vec2 mean;           ///< px
-  Symmetric2 covariance;    ///< px², low-pass included
-  Symmetric2 conic;         ///< its inverse
-  float compensation = 1;   ///< factor of opacity
-  glm::vec3 row_x, row_y;   ///< rows of J·R: how the screen moves with the world
+  bool valid = false;      ///< in front of the near plane and finite
+  glm::vec3 view;          ///< mean in the camera frame
+  glm::vec2 mean;          ///< px
+  Symmetric2 covariance;   ///< px², low-pass included
+  Symmetric2 conic;        ///< its inverse
+  float compensation = 1;  ///< factor of opacity
+  glm::vec3 row_x, row_y;  ///< rows of J·R: how the screen moves with the world
 };
 
 SPLATBOOST_HOST_DEVICE Projection project_gaussian(const ProjectionCamera& camera, glm::vec3 mean,
@@ -116,7 +116,7 @@ struct ProjectionGradient {
   glm::vec2 mean{0.0f};
   Symmetric2 conic{0, 0, 0};  ///< of xx, xy (as it stands twice in the quadratic form), yy
   float compensation = 0;
-  float view_z = 0;           ///< from inverse depth
+  float view_z = 0;  ///< from inverse depth
 };
 
 /// ... and with respect to what went in.
@@ -163,8 +163,10 @@ SPLATBOOST_HOST_DEVICE GaussianGeometryGradient project_gaussian_backward(const 
   const float x = p.view.x * inverse_z, y = p.view.y * inverse_z;
   glm::vec3 g_view(0.0f);
   g_view.z += -(glm::dot(g_row_x, a) + glm::dot(g_row_y, b)) * inverse_z;
-  const float g_ratio_x = -camera.fx * inverse_z * glm::dot(g_row_x, axes[2]) * (fabsf(x) < camera.limit_x ? 1.0f : 0.0f);
-  const float g_ratio_y = -camera.fy * inverse_z * glm::dot(g_row_y, axes[2]) * (fabsf(y) < camera.limit_y ? 1.0f : 0.0f);
+  const float g_ratio_x =
+      -camera.fx * inverse_z * glm::dot(g_row_x, axes[2]) * (fabsf(x) < camera.limit_x ? 1.0f : 0.0f);
+  const float g_ratio_y =
+      -camera.fy * inverse_z * glm::dot(g_row_y, axes[2]) * (fabsf(y) < camera.limit_y ? 1.0f : 0.0f);
   const float g_x = g_ratio_x + camera.fx * g.mean.x;  // of x/z
   const float g_y = g_ratio_y + camera.fy * g.mean.y;
   g_view.x += g_x * inverse_z;

@@ -13,19 +13,22 @@ namespace {
 
 void check_rows(std::span<const float> rows, std::size_t n, std::size_t width, const char* name) {
   SPLATBOOST_CHECK(rows.size() == n * width, std::string(name) + " must hold " + std::to_string(n) + " × " +
-                                                 std::to_string(width) + " numbers, not " + std::to_string(rows.size()));
+                                                 std::to_string(width) + " numbers, not " +
+                                                 std::to_string(rows.size()));
 }
 
 void check_optional(std::span<const float> values, std::size_t size, const char* name) {
-  SPLATBOOST_CHECK(values.empty() || values.size() == size,
-                   std::string(name) + " must be empty or hold " + std::to_string(size) + " numbers, not " +
-                       std::to_string(values.size()));
+  SPLATBOOST_CHECK(values.empty() || values.size() == size, std::string(name) + " must be empty or hold " +
+                                                                std::to_string(size) + " numbers, not " +
+                                                                std::to_string(values.size()));
 }
 
 void check_options(const RasterOptions& options) {
   SPLATBOOST_CHECK(options.beta > 0.0f && options.beta <= 1.0f, "beta must lie in (0, 1]");
-  SPLATBOOST_CHECK(options.low_pass >= 0.0f && std::isfinite(options.low_pass), "low_pass must be finite and not negative");
-  SPLATBOOST_CHECK(options.near_plane > 0.0f && std::isfinite(options.near_plane), "near_plane must be finite and above 0");
+  SPLATBOOST_CHECK(options.low_pass >= 0.0f && std::isfinite(options.low_pass),
+                   "low_pass must be finite and not negative");
+  SPLATBOOST_CHECK(options.near_plane > 0.0f && std::isfinite(options.near_plane),
+                   "near_plane must be finite and above 0");
 }
 
 }  // namespace
@@ -111,7 +114,8 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
   Frame& frame = state_->frame;
   SPLATBOOST_CHECK(state_->drawn && gaussians.count == frame.gaussians,
                    "backward() needs a forward() of the same Gaussians before it");
-  const std::size_t pixels = static_cast<std::size_t>(frame.camera.width) * static_cast<std::size_t>(frame.camera.height);
+  const std::size_t pixels =
+      static_cast<std::size_t>(frame.camera.width) * static_cast<std::size_t>(frame.camera.height);
   const std::size_t n = gaussians.count;
   check_optional(image_gradients.color, 3 * pixels, "gradient of color");
   check_optional(image_gradients.features, pixels * static_cast<std::size_t>(frame.features), "gradient of features");
@@ -123,9 +127,12 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
   check_optional(gradients.covariances, gaussians.covariances.empty() ? 0 : 6 * n, "gradients.covariances");
   check_optional(gradients.opacities, n, "gradients.opacities");
   check_optional(gradients.sh_dc, gaussians.colors.empty() ? 3 * n : 0, "gradients.sh_dc");
-  check_optional(gradients.sh_rest, (gaussians.colors.empty() ? 3 * n : 0) * static_cast<std::size_t>(gaussians.sh_rest_rows), "gradients.sh_rest");
+  check_optional(gradients.sh_rest,
+                 (gaussians.colors.empty() ? 3 * n : 0) * static_cast<std::size_t>(gaussians.sh_rest_rows),
+                 "gradients.sh_rest");
   check_optional(gradients.colors, gaussians.colors.empty() ? 0 : 3 * n, "gradients.colors");
-  check_optional(gradients.features, n * static_cast<std::size_t>(gaussians.features_per_gaussian), "gradients.features");
+  check_optional(gradients.features, n * static_cast<std::size_t>(gaussians.features_per_gaussian),
+                 "gradients.features");
   check_optional(gradients.screen_means, 2 * n, "gradients.screen_means");
   check_optional(gradients.screen_means_abs, 2 * n, "gradients.screen_means_abs");
 
@@ -136,9 +143,9 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
 void Rasterizer::count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) {
   const Frame& frame = state_->frame;
   SPLATBOOST_CHECK(state_->drawn, "count_flagged() needs a forward() before it");
-  SPLATBOOST_CHECK(flagged.size() == static_cast<std::size_t>(frame.camera.width) *
-                                         static_cast<std::size_t>(frame.camera.height),
-                   "flagged must have one byte a pixel");
+  SPLATBOOST_CHECK(
+      flagged.size() == static_cast<std::size_t>(frame.camera.width) * static_cast<std::size_t>(frame.camera.height),
+      "flagged must have one byte a pixel");
   SPLATBOOST_CHECK(counts.size() == frame.gaussians, "counts must have one number a Gaussian");
   count_flagged_pixels(frame, flagged, counts, state_->threads);
 }

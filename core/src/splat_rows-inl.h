@@ -64,7 +64,7 @@ HWY_INLINE std::uint32_t rows_in_reach(const BlendRecord& splat, int tile_y) {
 
 /// A splat's exponent over a block of columns: log2 α = constant(x) + dy·(linear(x) + quadratic·dy).
 struct Columns {
-  Vec dx;        ///< pixel centre − mean
+  Vec dx;  ///< pixel centre − mean
   Vec constant;
   Vec linear;
   float quadratic;
@@ -87,10 +87,10 @@ struct Columns {
 
 /// What one splat does to one row of pixels.
 struct RowStep {
-  Mask blended;      ///< pixels where the splat contributes
-  Vec unclamped;     ///< α before the clamp at 0.99
+  Mask blended;   ///< pixels where the splat contributes
+  Vec unclamped;  ///< α before the clamp at 0.99
   Vec alpha;
-  Vec before;        ///< transmittance before the splat
+  Vec before;  ///< transmittance before the splat
 };
 
 /// Advances the transmittances of a row. A saturated pixel keeps its final transmittance with a minus sign.

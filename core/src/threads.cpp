@@ -15,7 +15,8 @@
 namespace splatboost {
 
 struct Threads::Arena {
-  explicit Arena(int count) : parallelism(tbb::global_control::max_allowed_parallelism, std::max(count, 1)), arena(count) {}
+  explicit Arena(int count)
+      : parallelism(tbb::global_control::max_allowed_parallelism, std::max(count, 1)), arena(count) {}
   // TBB caps its workers at the hardware's threads unless told otherwise; more than that serves tests only.
   tbb::global_control parallelism;
   tbb::task_arena arena;

@@ -37,7 +37,8 @@ SPLATBOOST_HOST_DEVICE TileRange square_tiles(float mean, float radius, int tile
           clamp_tile(floorf((centre + radius + kTileSize - 1) / kTileSize), tiles)};
 }
 
-/// Slack in pixels by which an ellipse is widened, so that rounding never loses a tile. Listing one too many is harmless.
+/// Slack in pixels by which an ellipse is widened, so that rounding never loses a tile. Listing one too many is
+/// harmless.
 inline constexpr float kTileSlack = 1e-3f;
 
 /// Tiles whose pixel centres' interval [16t + 0.5, 16t + 15.5] meets [low, high].
@@ -56,7 +57,8 @@ struct Ellipse {
   float half_width, half_height;  ///< of its bounding box
 };
 
-SPLATBOOST_HOST_DEVICE Ellipse make_ellipse(glm::vec2 mean, const Symmetric2& covariance, const Symmetric2& conic, float t) {
+SPLATBOOST_HOST_DEVICE Ellipse make_ellipse(glm::vec2 mean, const Symmetric2& covariance, const Symmetric2& conic,
+                                            float t) {
   return {mean, conic, t, sqrtf(t * covariance.xx), sqrtf(t * covariance.yy)};
 }
 

@@ -9,7 +9,6 @@
 namespace splatboost {
 namespace {
 
-
 /// Gaussians that have a bounding box, near to far, ties by index: a stable radix sort of the depth's bits, which order
 /// as integers because depths are positive.
 void sort_by_depth(Frame& frame) {
@@ -78,7 +77,8 @@ void fill_record(const Frame& frame, std::uint32_t gaussian, BlendRecord& record
   if (splat.reach > 0.0f) {
     const float half = std::sqrt(splat.reach * splat.covariance.yy) + kTileSlack;
     const auto rows = static_cast<float>(frame.camera.height);
-    record.row_begin = static_cast<std::int32_t>(std::fmin(std::fmax(std::ceil(splat.mean.y - half - 0.5f), 0.0f), rows));
+    record.row_begin =
+        static_cast<std::int32_t>(std::fmin(std::fmax(std::ceil(splat.mean.y - half - 0.5f), 0.0f), rows));
     record.row_end =
         static_cast<std::int32_t>(std::fmin(std::fmax(std::floor(splat.mean.y + half - 0.5f) + 1.0f, 0.0f), rows));
   }
@@ -130,8 +130,8 @@ void build_tile_lists(Frame& frame, const Gaussians& gaussians, Threads& threads
       TileRange* spans = frame.row_spans.data() + frame.row_begin[k];
       std::uint32_t listed = 0;
       for (int row = splat.tile_y0; row < splat.tile_y1; ++row) {
-        const TileRange span = square ? TileRange{splat.tile_x0, splat.tile_x1}
-                                      : ellipse_tiles_in_row(ellipse, row, frame.tiles_x);
+        const TileRange span =
+            square ? TileRange{splat.tile_x0, splat.tile_x1} : ellipse_tiles_in_row(ellipse, row, frame.tiles_x);
         *spans++ = span;
         std::uint32_t* tile = cursor + static_cast<std::size_t>(row) * tiles_x;
         for (int x = span.begin; x < span.end; ++x) ++tile[x];

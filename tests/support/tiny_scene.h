@@ -28,13 +28,13 @@ inline Camera camera_looking_at_origin(glm::vec3 eye, int width, int height) {
     camera.camera_from_world[c][1] = down[c];
     camera.camera_from_world[c][2] = forward[c];
   }
-  camera.camera_from_world[3] =
-      glm::vec4(-glm::dot(right, eye), -glm::dot(down, eye), -glm::dot(forward, eye), 1.0f);
+  camera.camera_from_world[3] = glm::vec4(-glm::dot(right, eye), -glm::dot(down, eye), -glm::dot(forward, eye), 1.0f);
   return camera;
 }
 
 /// Views of `blobs` random Gaussians, and `points` sparse points near them.
-inline Scene tiny_scene(Threads& threads, int views = 6, int width = 48, int height = 40, int blobs = 60, int points = 40) {
+inline Scene tiny_scene(Threads& threads, int views = 6, int width = 48, int height = 40, int blobs = 60,
+                        int points = 40) {
   const RandomStream random(7, 0, RandomPurpose::synth);
   std::uint64_t next = 0;
   const auto n = static_cast<std::size_t>(blobs);
@@ -62,8 +62,8 @@ inline Scene tiny_scene(Threads& threads, int views = 6, int width = 48, int hei
     const double angle = 6.283185307179586 * v / views;
     View view;
     view.name = "view_" + std::to_string(v) + ".png";
-    view.camera = camera_looking_at_origin(
-        {4 * std::cos(angle), -0.8 + 0.3 * (v % 2), 4 * std::sin(angle)}, width, height);
+    view.camera =
+        camera_looking_at_origin({4 * std::cos(angle), -0.8 + 0.3 * (v % 2), 4 * std::sin(angle)}, width, height);
     std::vector<float> image(3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
     RasterImages images;
     images.color = image;

@@ -20,7 +20,7 @@ class ArgumentError : public std::invalid_argument {
 }  // namespace splatboost
 
 /// Checks a contract at the edge of the library; kernels check nothing.
-#define SPLATBOOST_CHECK(expression, reason) \
-  do {                                       \
+#define SPLATBOOST_CHECK(expression, reason)                                    \
+  do {                                                                          \
     if (!(expression)) ::splatboost::throw_argument_error(#expression, reason); \
   } while (false)

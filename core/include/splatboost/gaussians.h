@@ -9,18 +9,18 @@ namespace splatboost {
 
 /// N Gaussians, row-major, owned by the caller. Shapes in brackets; an empty span means "not given".
 struct Gaussians {
-  std::size_t count = 0;                ///< N
-  std::span<const float> means;         ///< [N,3] world
-  std::span<const float> scales;        ///< [N,3] standard deviations along the own axes, world units, > 0
-  std::span<const float> rotations;     ///< [N,4] quaternions (w,x,y,z), of any non-zero length: normalised here
-  std::span<const float> covariances;   ///< [N,6] xx xy xz yy yz zz in world; instead of scales and rotations
-  std::span<const float> opacities;     ///< [N] in [0,1]
-  std::span<const float> sh_dc;         ///< [N,3] degree-0 spherical harmonics
-  std::span<const float> sh_rest;       ///< [N,sh_rest_rows,3] higher degrees, in the field's order
-  int sh_rest_rows = 0;                 ///< coefficients stored a Gaussian beyond the first (15 for degree 3)
-  int sh_degree = 0;                    ///< active degree 0..3; (degree+1)² - 1 <= sh_rest_rows
-  std::span<const float> colors;        ///< [N,3] instead of spherical harmonics, used as given
-  std::span<const float> features;      ///< [N,features_per_gaussian] extra channels to blend, 0..8 of them
+  std::size_t count = 0;               ///< N
+  std::span<const float> means;        ///< [N,3] world
+  std::span<const float> scales;       ///< [N,3] standard deviations along the own axes, world units, > 0
+  std::span<const float> rotations;    ///< [N,4] quaternions (w,x,y,z), of any non-zero length: normalised here
+  std::span<const float> covariances;  ///< [N,6] xx xy xz yy yz zz in world; instead of scales and rotations
+  std::span<const float> opacities;    ///< [N] in [0,1]
+  std::span<const float> sh_dc;        ///< [N,3] degree-0 spherical harmonics
+  std::span<const float> sh_rest;      ///< [N,sh_rest_rows,3] higher degrees, in the field's order
+  int sh_rest_rows = 0;                ///< coefficients stored a Gaussian beyond the first (15 for degree 3)
+  int sh_degree = 0;                   ///< active degree 0..3; (degree+1)² - 1 <= sh_rest_rows
+  std::span<const float> colors;       ///< [N,3] instead of spherical harmonics, used as given
+  std::span<const float> features;     ///< [N,features_per_gaussian] extra channels to blend, 0..8 of them
   int features_per_gaussian = 0;
 };
 

@@ -47,11 +47,11 @@ class RasterizerHook {
 /// only, valid during the call; empty where the backbone has no such notion.
 struct DensityStatistics {
   Moment moment;
-  float scene_extent = 0;                 ///< radius of the camera positions, world units
-  std::span<const float> gradients;       ///< mean norm of the signed screen gradient, in NDC units
-  std::span<const float> gradients_abs;   ///< same of the absolute gradient (AbsGS)
-  std::span<const float> opacities;       ///< activated
-  std::span<const float> max_scales;      ///< longest standard deviation, world units
+  float scene_extent = 0;                ///< radius of the camera positions, world units
+  std::span<const float> gradients;      ///< mean norm of the signed screen gradient, in NDC units
+  std::span<const float> gradients_abs;  ///< same of the absolute gradient (AbsGS)
+  std::span<const float> opacities;      ///< activated
+  std::span<const float> max_scales;     ///< longest standard deviation, world units
 };
 
 /// Decisions about growth. They arrive holding what the backbone's own rule says; the hook overwrites them.
@@ -62,7 +62,7 @@ struct GrowDecisions {
 
 /// Decisions about removal, after growth. They arrive holding the backbone's own rule.
 struct PruneDecisions {
-  std::span<std::uint8_t> remove;         ///< [N]
+  std::span<std::uint8_t> remove;  ///< [N]
   /// [N] index that the primitive (or the one it was made from) had in the last grow(); empty: unchanged since.
   std::span<const std::uint32_t> origins;
 };
@@ -73,9 +73,15 @@ class DensityHook {
   virtual ~DensityHook() = default;
   /// Whether the backbone shall gather gradients_abs; without it that span may be empty.
   virtual bool needs_absolute_gradients() const { return false; }
-  virtual bool grows_at(Moment moment, bool backbone_would) const { (void)moment; return backbone_would; }
+  virtual bool grows_at(Moment moment, bool backbone_would) const {
+    (void)moment;
+    return backbone_would;
+  }
   virtual void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) = 0;
-  virtual bool prunes_at(Moment moment, bool backbone_would) const { (void)moment; return backbone_would; }
+  virtual bool prunes_at(Moment moment, bool backbone_would) const {
+    (void)moment;
+    return backbone_would;
+  }
   virtual void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) = 0;
 };
 

@@ -13,9 +13,9 @@
 namespace splatboost {
 
 struct MultiViewOptions {
-  int views = 10;            ///< K; min(K, views there are) are drawn without replacement
-  float tau = 0.1f;          ///< error threshold of paper eq. 8
-  float lambda_dssim = 0.2f; ///< of the view loss E_j, paper eq. 10
+  int views = 10;             ///< K; min(K, views there are) are drawn without replacement
+  float tau = 0.1f;           ///< error threshold of paper eq. 8
+  float lambda_dssim = 0.2f;  ///< of the view loss E_j, paper eq. 10
 };
 
 /// Draws the views, renders each, flags its errors and counts. Owns the workspace.

@@ -17,7 +17,17 @@ constexpr std::uint64_t mix_bits(std::uint64_t x) {
 
 /// What a stream of random numbers serves. Streams never share numbers, so that switching one feature on or off
 /// does not disturb another.
-enum class RandomPurpose : std::uint64_t { view_order, scored_views, split, prune, init_points, background, dropout, synth, grow };
+enum class RandomPurpose : std::uint64_t {
+  view_order,
+  scored_views,
+  split,
+  prune,
+  init_points,
+  background,
+  dropout,
+  synth,
+  grow
+};
 
 /// The i-th number of the stream (seed, iteration, purpose): the same for every order of calls and every thread.
 class RandomStream {
@@ -31,9 +41,7 @@ class RandomStream {
   double uniform(std::uint64_t i) const { return (static_cast<double>(bits(i) >> 12) + 0.5) * 0x1.0p-52; }
 
   /// Uniform in 0 .. n-1; n > 0 and far below 2^64.
-  std::uint64_t below(std::uint64_t i, std::uint64_t n) const {
-    return bits(i) % n;
-  }
+  std::uint64_t below(std::uint64_t i, std::uint64_t n) const { return bits(i) % n; }
 
   /// Standard normal (Box-Muller on numbers 2i and 2i+1).
   double normal(std::uint64_t i) const {

@@ -24,8 +24,8 @@ enum class BoxPolicy {
 /// How to draw. Defaults are 3DGS as published.
 struct RasterOptions {
   BoxPolicy box = BoxPolicy::square;
-  float beta = 1.0f;              ///< (0,1]; only for the ellipse. 1 loses nothing with alpha >= 1/255
-  float low_pass = kLowPass;      ///< px², >= 0
+  float beta = 1.0f;                ///< (0,1]; only for the ellipse. 1 loses nothing with alpha >= 1/255
+  float low_pass = kLowPass;        ///< px², >= 0
   bool compensate_opacity = false;  ///< opacity × sqrt(det Σ / det(Σ + low-pass)), keeps a splat's energy
   float near_plane = kNearPlane;
   glm::vec3 background{0.0f};

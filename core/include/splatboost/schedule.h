@@ -17,8 +17,8 @@ struct Moment {
 int scaled_iteration(int published, int total);
 
 /// How often a parameter group steps in each of three phases of the run; gradients accumulate in between. All are of
-/// the published run and scale with the length, so that a phase always makes about the same number of steps; an interval of
-/// 1 stays 1.
+/// the published run: the ends of the phases scale with a run's length, the intervals with its square, because a short
+/// run has made few steps when a phase begins; never above the published interval.
 struct StepIntervals {
   int early = 1;   ///< until early_end
   int middle = 1;  ///< until middle_end

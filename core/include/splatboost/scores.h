@@ -23,7 +23,8 @@ struct ScoreSums {
 /// @param scores [N]
 void importance_scores(const ScoreSums& sums, std::span<std::int64_t> scores);
 
-/// Pruning score s⁻_i = (x_i − min x) / (max x − min x), x_i = Σ_j E_j·n_ij (paper eq. 11); all 0 where all x are equal.
+/// Pruning score s⁻_i = (x_i − min x) / (max x − min x), x_i = Σ_j E_j·n_ij (paper eq. 11); all 0 where all x are
+/// equal.
 /// @param scores [N]
 void pruning_scores(const ScoreSums& sums, std::span<float> scores);
 

@@ -12,7 +12,8 @@ namespace splatboost {
 
 /// Keeps growth candidates whose importance exceeds a threshold (VCD): candidate_i &= importance_i > threshold.
 /// @return number kept
-std::size_t keep_important(std::span<const std::int64_t> importance, double threshold, std::span<std::uint8_t> candidates);
+std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
+                           std::span<std::uint8_t> candidates);
 
 /// Keeps `keep` of the candidates, drawn without replacement and weighted (VCP before half of the run). The draw is
 /// exponential keys (Efraimidis and Spirakis 2006): key_i = −ln(u_i) / weight_i, smallest first; ties by index.

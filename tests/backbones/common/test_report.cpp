@@ -221,9 +221,7 @@ TEST_F(Report, ErrorsAreSeen) {
   EXPECT_GT(full, 200);
 }
 
-TEST_F(Report, NeedsARun) {
-  EXPECT_THROW(write_report(folder_ / "report.html", "t", {}, {}), std::invalid_argument);
-}
+TEST_F(Report, NeedsARun) { EXPECT_THROW(write_report(folder_ / "report.html", "t", {}, {}), std::invalid_argument); }
 
 }  // namespace
 }  // namespace splatboost
