@@ -66,15 +66,18 @@ TEST(StepsAt, PhasesScaleWithTheRun) {
   EXPECT_EQ(steps_between(intervals, 3000, 2001, 3000), 1000);
 }
 
-TEST(StepsAt, IntervalsScaleWithTheRun) {
+TEST(StepsAt, IntervalsOfAShortRunScaleWithItsSquare) {
   const StepIntervals rest{16, 32, 64, 15000, 20000};
-  for (const int total : {15000, 60000}) {
-    const int middle = total / 2;
-    const int late = scaled_iteration(20000, total);
-    EXPECT_NEAR(steps_between(rest, total, 1, middle), 15000 / 16, 1) << total;
-    EXPECT_NEAR(steps_between(rest, total, middle + 1, late), 5000 / 32, 1) << total;
-    EXPECT_NEAR(steps_between(rest, total, late + 1, total), 10000 / 64, 2) << total;
-  }
+  EXPECT_NEAR(steps_between(rest, 15000, 1, 7500), 7500 / 4, 1);
+  EXPECT_NEAR(steps_between(rest, 15000, 7501, 10000), 2500 / 8, 1);
+  EXPECT_NEAR(steps_between(rest, 15000, 10001, 15000), 5000 / 16, 2);
+}
+
+TEST(StepsAt, IntervalsNeverExceedThePublishedOnes) {
+  const StepIntervals rest{16, 32, 64, 15000, 20000};
+  EXPECT_NEAR(steps_between(rest, 60000, 1, 30000), 30000 / 16, 1);
+  EXPECT_NEAR(steps_between(rest, 60000, 30001, 40000), 10000 / 32, 1);
+  EXPECT_NEAR(steps_between(rest, 60000, 40001, 60000), 20000 / 64, 2);
 }
 
 TEST(StepsAt, TheLastIterationAlwaysSteps) {
