@@ -16,8 +16,8 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "cli/json_values.h"
 #include "common/input_error.h"
+#include "common/json_values.h"
 #include "common/read_scene.h"
 #include "splatboost/schedule.h"
 

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/registry.h"
 
-#include <concepts>
-#include <type_traits>
-
-#include "cli/json_values.h"
 #include "common/input_error.h"
 #include "common/json_fields.h"
 #include "vanilla/vanilla.h"
@@ -14,9 +10,6 @@ namespace splatboost::cli {
 namespace {
 
 using Json = nlohmann::json;
-
-// --- vanilla
-// ----------------------------------------------------------------------------------------------------------
 
 /// Visits the fields of the settings by name; the seed is the run's.
 template <class Settings, class Visitor>
@@ -62,15 +55,7 @@ VanillaBoost vanilla_boost_from_json(const Json& given) {
 
 Json vanilla_boost_settings(const Json& given) {
   const VanillaBoost boost = vanilla_boost_from_json(given);
-  Json settings = Json::object();
-  for_each_field(boost, [&](const char* name, const auto& field) {
-    if constexpr (std::same_as<std::remove_cvref_t<decltype(field)>, float>) {
-      settings[name] = readable(field);
-    } else {
-      settings[name] = field;
-    }
-  });
-  return settings;
+  return fields_to_json([&](auto&& visit) { for_each_field(boost, visit); });
 }
 
 PluggedBackbone make_plugged_vanilla(const BackboneContext& context, const Json& constants, const Json* settings) {

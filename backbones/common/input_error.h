@@ -3,6 +3,7 @@
 #pragma once
 
 #include <stdexcept>
+#include <string>
 
 namespace splatboost {
 
@@ -12,5 +13,9 @@ class InputError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+
+inline void require(bool holds, const std::string& what) {
+  if (!holds) throw InputError(what);
+}
 
 }  // namespace splatboost

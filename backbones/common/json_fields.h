@@ -4,10 +4,12 @@
 
 #include <set>
 #include <string>
+#include <type_traits>
 
 #include <nlohmann/json.hpp>
 
 #include "common/input_error.h"
+#include "common/json_values.h"
 
 namespace splatboost {
 
@@ -15,7 +17,13 @@ namespace splatboost {
 template <class ForEach>
 nlohmann::json fields_to_json(ForEach&& for_each) {
   nlohmann::json json = nlohmann::json::object();
-  for_each([&](const char* name, const auto& field) { json[name] = field; });
+  for_each([&](const char* name, const auto& field) {
+    if constexpr (std::is_same_v<std::remove_cvref_t<decltype(field)>, float>) {
+      json[name] = readable(field);
+    } else {
+      json[name] = field;
+    }
+  });
   return json;
 }
 
@@ -29,14 +37,7 @@ void fields_from_json(const nlohmann::json& json, const std::string& what, ForEa
     known.insert(name);
     const auto found = json.find(name);
     if (found == json.end()) return;
-    using Field = std::remove_reference_t<decltype(field)>;
-    const bool fits = std::is_same_v<Field, bool>       ? found->is_boolean()
-                      : std::is_integral_v<Field>       ? found->is_number_integer()
-                      : std::is_floating_point_v<Field> ? found->is_number()
-                                                        : found->is_string();
-    if (!fits)
-      throw InputError("config of " + what + ": '" + name + "' has a value of the wrong type (" + found->dump() + ")");
-    field = found->get<Field>();
+    read_value(*found, "config of " + what + ": '" + name + "'", field);
   });
   for (const auto& [key, value] : json.items()) {
     if (!known.contains(key)) {

@@ -73,13 +73,14 @@ bool contains(const std::vector<int>& numbers, int number) {
   return std::find(numbers.begin(), numbers.end(), number) != numbers.end();
 }
 
-/// Iterations at which the curve is sampled: evenly spread, the last included.
+/// Iterations at which the curve is sampled: evenly spread, the last included. One before the round numbers, because
+/// at those backbones reset opacities, and a curve of just-reset models would say nothing.
 bool samples_curve_at(int iteration, int total, int points) {
   if (iteration == total) return true;
   if (points <= 0) return false;
-  // True where floor(iteration · points / total) steps up.
+  // True where floor(iteration · points / total) is about to step up.
   const auto passed = [&](int i) { return static_cast<long long>(i) * points / total; };
-  return passed(iteration) != passed(iteration - 1);
+  return iteration + 1 < total && passed(iteration + 1) != passed(iteration);
 }
 
 std::string iteration_name(int iteration) { return "iteration_" + std::to_string(iteration); }

@@ -38,17 +38,16 @@ nlohmann::json to_json(const VanillaConfig& config) {
 VanillaConfig vanilla_config_from_json(const nlohmann::json& json) {
   VanillaConfig config;
   fields_from_json(json, "backbone vanilla", [&](auto&& visit) { for_each_field(config, visit); });
-  const auto require = [](bool holds, const char* what) {
-    if (!holds) throw InputError(std::string("config of backbone vanilla: ") + what);
-  };
-  require(config.sh_degree >= 0 && config.sh_degree <= 3, "sh_degree must be 0 to 3");
-  require(config.position_rate_initial > 0 && config.position_rate_final > 0, "position rates must be above 0");
-  require(config.lambda_dssim >= 0 && config.lambda_dssim <= 1, "lambda_dssim must lie in [0, 1]");
-  require(config.initial_opacity > 0 && config.initial_opacity < 1, "initial_opacity must lie in (0, 1)");
-  require(config.reset_opacity > 0 && config.reset_opacity < 1, "reset_opacity must lie in (0, 1)");
+  const std::string what = "config of backbone vanilla: ";
+  require(config.sh_degree >= 0 && config.sh_degree <= 3, what + "sh_degree must be 0 to 3");
+  require(config.position_rate_initial > 0 && config.position_rate_final > 0, what + "position rates must be above 0");
+  require(config.lambda_dssim >= 0 && config.lambda_dssim <= 1, what + "lambda_dssim must lie in [0, 1]");
+  require(config.initial_opacity > 0 && config.initial_opacity < 1, what + "initial_opacity must lie in (0, 1)");
+  require(config.reset_opacity > 0 && config.reset_opacity < 1, what + "reset_opacity must lie in (0, 1)");
   require(config.densify_interval > 0 && config.opacity_reset_interval > 0 && config.sh_interval > 0,
-          "intervals must be above 0");
-  require(config.densify_from >= 0 && config.densify_until >= 0, "densify_from and densify_until must not be negative");
+          what + "intervals must be above 0");
+  require(config.densify_from >= 0 && config.densify_until >= 0,
+          what + "densify_from and densify_until must not be negative");
   return config;
 }
 

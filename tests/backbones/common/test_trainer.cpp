@@ -134,7 +134,7 @@ TEST_F(Trainer, SamplesTheCurveEvenlyAndAtTheEnd) {
   FakeBackbone backbone(scene);
   const TrainOutcome outcome = train(backbone, scene, options);
   ASSERT_EQ(outcome.curve.size(), 4u);
-  EXPECT_EQ(outcome.curve[0].iteration, 26);
+  EXPECT_EQ(outcome.curve[0].iteration, 25);
   EXPECT_EQ(outcome.curve[3].iteration, 103);
   EXPECT_NEAR(outcome.curve[0].psnr.value(), 10 * std::log10(1 / 0.25), 1e-6);
   EXPECT_EQ(outcome.curve[0].primitives, 7u);

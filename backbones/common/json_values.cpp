@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/json_values.h"
+#include "common/json_values.h"
 
 #include <array>
 #include <charconv>
 
-namespace splatboost::cli {
+namespace splatboost {
 
 nlohmann::json readable(float value) {
   std::array<char, 32> text{};
@@ -14,4 +14,4 @@ nlohmann::json readable(float value) {
   return decimal;
 }
 
-}  // namespace splatboost::cli
+}  // namespace splatboost

@@ -14,11 +14,7 @@
 
 #include "common/input_error.h"
 
-namespace splatboost::cli {
-
-inline void require(bool holds, const std::string& what) {
-  if (!holds) throw InputError(what);
-}
+namespace splatboost {
 
 [[noreturn]] inline void wrong_type(const std::string& place, const char* wanted) {
   throw InputError(place + " must be " + wanted);
@@ -74,4 +70,4 @@ void read_value(const nlohmann::json& json, const std::string& place, std::optio
 /// A float as the shortest decimal that reads back as the same float: 0.1, not 0.10000000149011612.
 nlohmann::json readable(float value);
 
-}  // namespace splatboost::cli
+}  // namespace splatboost
