@@ -2,6 +2,7 @@
 #include "vanilla/vanilla_adapter.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "splatboost/errors.h"
 #include "splatboost/select.h"
@@ -39,28 +40,36 @@ bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
 
 void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
   const std::size_t n = statistics.gradients.size();
-  if (boost_.absgrad) {
-    const auto border = static_cast<float>(boost_.percent_dense * static_cast<double>(statistics.scene_extent));
-    for (std::size_t i = 0; i < n; ++i) {
-      const bool small = statistics.max_scales[i] <= border;
-      decisions.clone[i] = small && statistics.gradients[i] >= static_cast<float>(boost_.gradient_threshold);
-      decisions.split[i] = !small && statistics.gradients_abs[i] >= static_cast<float>(boost_.gradient_abs_threshold);
-    }
-  }
-  if (!boost_.vcd && !boost_.vcp) return;
-  const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
-                            RandomPurpose::scored_views);
-  const ScoreSums& sums = scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random);
-  pruning_.resize(n);
-  pruning_scores(sums, pruning_);
-  scored_at_ = statistics.moment.iteration;
-  if (boost_.vcd) {
+  double gradient_scale = 1;
+  if (boost_.vcd || boost_.vcp) {
+    const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
+                              RandomPurpose::scored_views);
+    const ScoreSums& sums = scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random);
+    pruning_.resize(n);
+    pruning_scores(sums, pruning_);
     importance_.resize(n);
     importance_scores(sums, importance_);
-    keep_important(importance_, boost_.tau_d, decisions.clone);
-    keep_important(importance_, boost_.tau_d, decisions.split);
+    scored_at_ = statistics.moment.iteration;
+    gradient_scale = std::sqrt(scorer_.covered_share());
+  }
+  if (boost_.absgrad) {
+    const auto border = static_cast<float>(boost_.percent_dense * static_cast<double>(statistics.scene_extent));
+    const auto clone_from = static_cast<float>(boost_.gradient_threshold * gradient_scale);
+    const auto split_from = static_cast<float>(boost_.gradient_abs_threshold * gradient_scale);
+    for (std::size_t i = 0; i < n; ++i) {
+      const bool small = statistics.max_scales[i] <= border;
+      decisions.clone[i] = small && statistics.gradients[i] >= clone_from;
+      decisions.split[i] = !small && statistics.gradients_abs[i] >= split_from;
+    }
+  }
+  if (boost_.vcd) {
+    const double tau_d = tau_d_at(scorer_.mean_pixels());
+    keep_important(importance_, tau_d, decisions.clone);
+    keep_important(importance_, tau_d, decisions.split);
   }
 }
+
+double VanillaAdapter::tau_d_at(double pixels) const { return boost_.tau_d * std::min(1.0, pixels / kTauDPixels); }
 
 bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcp) return backbone_would;

@@ -18,7 +18,7 @@ struct VanillaBoost {
   bool absgrad = true;   ///< split on absolute gradients
   bool schedule = true;  ///< optimizer schedule
   float beta = 0.5f;
-  double tau_d = 5;  ///< importance that growth must exceed, at the paper's image size
+  double tau_d = 5;  ///< importance that growth must exceed; less where images are below kTauDPixels
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   float lambda_dssim = 0.2f;
@@ -40,6 +40,9 @@ struct VanillaBoost {
 /// Fewest growths of a run, so that short ones grow too.
 inline constexpr int kMinGrowths = 12;
 
+/// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
+inline constexpr double kTauDPixels = 1e6;
+
 /// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
 class VanillaAdapter final : public DensityHook, public OptimizerHook {
  public:
@@ -56,6 +59,8 @@ class VanillaAdapter final : public DensityHook, public OptimizerHook {
   bool steps_at(std::string_view group, Moment moment) const override;
 
  private:
+  double tau_d_at(double pixels) const;
+
   VanillaBoost boost_;
   MultiViewScorer scorer_;
   std::vector<std::int64_t> importance_;

@@ -4,9 +4,11 @@
 namespace splatboost {
 
 void StageClock::lap(std::string_view stage) {
-  const auto now = std::chrono::steady_clock::now();
-  const double seconds = std::chrono::duration<double>(now - last_).count();
-  last_ = now;
+  add(stage, std::chrono::duration<double>(std::chrono::steady_clock::now() - last_).count());
+}
+
+void StageClock::add(std::string_view stage, double seconds) {
+  restart();
   // The name is copied once a stage: a steady loop allocates nothing.
   const auto found = seconds_.find(stage);
   if (found != seconds_.end()) {

@@ -26,6 +26,8 @@ class StageClock {
  public:
   /// Adds the time since the last call (or restart) to `stage`.
   void lap(std::string_view stage);
+  /// Adds a time that was measured elsewhere; what has passed since the last call counts to no stage.
+  void add(std::string_view stage, double seconds);
   void restart();
   const std::map<std::string, double, std::less<>>& seconds() const { return seconds_; }
 

@@ -68,6 +68,8 @@ std::uint64_t peak_memory_bytes();
 bool reset_peak_memory();
 /// Name of the processor, for reports.
 std::string machine_name();
+/// Now, as 2026-01-31T12:00:00Z.
+std::string utc_now();
 
 /// compare.json: {"baseline", "boosted", "ratios": boosted / baseline of time ("speedup": its inverse), primitives,
 /// storage, memory and fps, "differences": boosted − baseline of PSNR, SSIM, LPIPS}. Null where a value is missing or

@@ -202,11 +202,14 @@ double Vanilla::train_step(int iteration, const View& view) {
   image_.resize(pixels);
   image_gradient_.resize(pixels);
   activate();
+  clock_.lap("activate");
   const Gaussians gaussians = activated();
   RasterImages images;
   images.color = image_;
   rasterizer_.forward(view.camera, gaussians, raster_options(beta_), images);
-  clock_.lap("forward");
+  clock_.add("project", rasterizer_.seconds().project);
+  clock_.add("tile_lists", rasterizer_.seconds().tile_lists);
+  clock_.add("blend", rasterizer_.seconds().blend);
 
   const PhotometricLoss loss =
       photometric_.evaluate(image_, view.truth(), static_cast<float>(config_.lambda_dssim), image_gradient_);
@@ -233,7 +236,8 @@ double Vanilla::train_step(int iteration, const View& view) {
   image_gradients.color = image_gradient_;
   rasterizer_.backward(gaussians, image_gradients, gradients);
   for (ParameterGroup* group : groups()) group->pending = true;
-  clock_.lap("backward");
+  clock_.add("blend_backward", rasterizer_.seconds().blend_backward);
+  clock_.add("project_backward", rasterizer_.seconds().project_backward);
 
   if (growing) gather_statistics(view.camera);
   clock_.lap("statistics");

@@ -25,7 +25,7 @@ const ScoreSums& MultiViewScorer::score(RasterizerHook& rasterizer, const MultiV
                                         const RandomStream& random) {
   const std::size_t primitives = rasterizer.primitives();
   sums_.reset(primitives);
-  double pixels_sum = 0;
+  double pixels_sum = 0, valid = 0, covered = 0;
   for (const std::size_t index : draw_views(rasterizer.scorable_views(), options.views, random)) {
     const ScoredView view = rasterizer.render_for_score(index);
     const std::size_t pixels = static_cast<std::size_t>(view.truth.width) * static_cast<std::size_t>(view.truth.height);
@@ -37,8 +37,14 @@ const ScoreSums& MultiViewScorer::score(RasterizerHook& rasterizer, const MultiV
     rasterizer.count_flagged(flagged_, counts_);
     sums_.add_view(counts_, loss.total);
     pixels_sum += static_cast<double>(pixels);
+    for (std::size_t p = 0; p < pixels; ++p) {
+      if (!view.truth.valid.empty() && view.truth.valid[p] == 0) continue;
+      valid += 1;
+      covered += error_[p] > kNoError ? 1 : 0;
+    }
   }
   mean_pixels_ = sums_.views > 0 ? pixels_sum / sums_.views : 0;
+  covered_share_ = valid > 0 ? covered / valid : 1;
   return sums_;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/rasterizer.h"
 
+#include <chrono>
 #include <cmath>
 #include <string>
 
@@ -29,6 +30,14 @@ void check_options(const RasterOptions& options) {
                    "low_pass must be finite and not negative");
   SPLATBOOST_CHECK(options.near_plane > 0.0f && std::isfinite(options.near_plane),
                    "near_plane must be finite and above 0");
+}
+
+/// Runs a stage and notes how long it took.
+template <class Stage>
+void timed(double& seconds, Stage&& stage) {
+  const auto start = std::chrono::steady_clock::now();
+  stage();
+  seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 }  // namespace
@@ -65,6 +74,7 @@ struct Rasterizer::State {
   explicit State(Threads& pool) : threads(pool) {}
   Threads& threads;
   Frame frame;
+  RasterSeconds seconds;
   bool drawn = false;
 };
 
@@ -103,9 +113,10 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
   frame.tiles_y = camera.tiles_y();
   SPLATBOOST_CHECK(frame.tiles_x < 65536 && frame.tiles_y < 65536, "images are limited to 2^20 pixels a side");
 
-  project(frame, gaussians, state_->threads);
-  build_tile_lists(frame, gaussians, state_->threads);
-  blend(frame, images, state_->threads);
+  RasterSeconds& seconds = state_->seconds;
+  timed(seconds.project, [&] { project(frame, gaussians, state_->threads); });
+  timed(seconds.tile_lists, [&] { build_tile_lists(frame, gaussians, state_->threads); });
+  timed(seconds.blend, [&] { blend(frame, images, state_->threads); });
   state_->drawn = true;
 }
 
@@ -136,8 +147,10 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
   check_optional(gradients.screen_means, 2 * n, "gradients.screen_means");
   check_optional(gradients.screen_means_abs, 2 * n, "gradients.screen_means_abs");
 
-  blend_backward(frame, image_gradients, !gradients.screen_means_abs.empty(), state_->threads);
-  project_backward(frame, gaussians, gradients, state_->threads);
+  RasterSeconds& seconds = state_->seconds;
+  timed(seconds.blend_backward,
+        [&] { blend_backward(frame, image_gradients, !gradients.screen_means_abs.empty(), state_->threads); });
+  timed(seconds.project_backward, [&] { project_backward(frame, gaussians, gradients, state_->threads); });
 }
 
 void Rasterizer::count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) {
@@ -147,11 +160,13 @@ void Rasterizer::count_flagged(std::span<const std::uint8_t> flagged, std::span<
       flagged.size() == static_cast<std::size_t>(frame.camera.width) * static_cast<std::size_t>(frame.camera.height),
       "flagged must have one byte a pixel");
   SPLATBOOST_CHECK(counts.size() == frame.gaussians, "counts must have one number a Gaussian");
-  count_flagged_pixels(frame, flagged, counts, state_->threads);
+  timed(state_->seconds.count, [&] { count_flagged_pixels(frame, flagged, counts, state_->threads); });
 }
 
 std::span<const std::uint8_t> Rasterizer::visible() const { return state_->frame.visible.span(); }
 std::span<const std::int32_t> Rasterizer::screen_radii() const { return state_->frame.radii.span(); }
+
+const RasterSeconds& Rasterizer::seconds() const { return state_->seconds; }
 
 RasterCounts Rasterizer::counts() const {
   RasterCounts counts;

@@ -92,6 +92,7 @@ TEST(MultiViewScorer, ScoresKDifferentViewsOnce) {
   EXPECT_EQ(std::set<std::size_t>(backbone.rendered.begin(), backbone.rendered.end()).size(), 10u);
   backbone.expect(sums, backbone.rendered, 0.3f, 0.2f);
   EXPECT_DOUBLE_EQ(scorer.mean_pixels(), 600);
+  EXPECT_DOUBLE_EQ(scorer.covered_share(), 1);  // noise against noise: an error everywhere
 }
 
 TEST(MultiViewScorer, TakesWhatThereIs) {

@@ -18,6 +18,9 @@ struct MultiViewOptions {
   float lambda_dssim = 0.2f;  ///< of the view loss E_j, paper eq. 10
 };
 
+/// Error of a pixel that nothing but the background was drawn into, with room for rounding; a photo has next to none.
+inline constexpr float kNoError = 1e-4f;
+
 /// Draws the views, renders each, flags its errors and counts. Owns the workspace.
 /// One render a view: the counts replay the tile lists of the render that gave the errors.
 class MultiViewScorer {
@@ -25,8 +28,11 @@ class MultiViewScorer {
   explicit MultiViewScorer(Threads& threads);
   /// @return the sums; valid until the next call
   const ScoreSums& score(RasterizerHook& rasterizer, const MultiViewOptions& options, const RandomStream& random);
-  /// Mean pixels (valid ones) of the views scored last; the unit of the area rule.
+  /// Mean pixels of the views scored last.
   double mean_pixels() const { return mean_pixels_; }
+  /// Share of the valid pixels of the views scored last that hold any part of the scene: those with an error above
+  /// kNoError. Nearly 1 for photos; small for an object before an empty background, which is matched exactly.
+  double covered_share() const { return covered_share_; }
 
  private:
   Threads& threads_;
@@ -36,6 +42,7 @@ class MultiViewScorer {
   std::vector<std::uint8_t> flagged_;
   std::vector<std::int32_t> counts_;
   double mean_pixels_ = 0;
+  double covered_share_ = 1;
 };
 
 /// Views 0..n-1, min(k, n) of them without replacement, in the order drawn.

@@ -53,6 +53,16 @@ struct RasterCounts {
   std::size_t tile_entries = 0;  ///< (tile, Gaussian) pairs
 };
 
+/// Wall time of each stage of the last forward(), backward() and count_flagged().
+struct RasterSeconds {
+  double project = 0;
+  double tile_lists = 0;  ///< depth sort and binning
+  double blend = 0;
+  double blend_backward = 0;
+  double project_backward = 0;
+  double count = 0;
+};
+
 /// Renders views of Gaussians and differentiates them.
 ///
 /// Owns the workspace (projected splats, tile lists) of one view; it grows geometrically and is kept, so a steady
@@ -87,6 +97,7 @@ class Rasterizer {
   std::span<const std::int32_t> screen_radii() const;
 
   RasterCounts counts() const;
+  const RasterSeconds& seconds() const;
 
  private:
   struct State;

@@ -9,19 +9,24 @@
 namespace splatboost {
 namespace {
 
-/// A renderer whose errors and counts are given. Views are 8×8; the left half is wrong, so 32 pixels are flagged.
+/// A renderer whose errors and counts are given. Views are black, and the left half is wrong: in 8×8 views 32 pixels
+/// are flagged.
 class FakeRasterizer : public RasterizerHook {
  public:
-  explicit FakeRasterizer(std::vector<std::int32_t> counts, std::size_t views = 10)
-      : counts_(std::move(counts)), views_(views), color_(3 * 64, 0.0f), truth_(3 * 64, 0) {
-    for (std::size_t p = 0; p < 3 * 64; ++p) truth_[p] = p % 8 < 4 ? 255 : 0;
+  explicit FakeRasterizer(std::vector<std::int32_t> counts, std::size_t views = 10, int width = 8, int height = 8)
+      : counts_(std::move(counts)), views_(views), width_(width), height_(height) {
+    const auto numbers = static_cast<std::size_t>(3 * width * height);
+    color_.assign(numbers, 0.0f);
+    for (std::size_t p = 0; p < numbers; ++p) {
+      truth_.push_back(static_cast<int>(p % static_cast<std::size_t>(width)) < width / 2 ? 255 : 0);
+    }
   }
   void set_beta(std::optional<float>) override {}
   std::size_t primitives() const override { return counts_.size(); }
   std::size_t scorable_views() const override { return views_; }
   ScoredView render_for_score(std::size_t view) override {
     rendered.push_back(view);
-    return {color_, {8, 8, truth_, {}}};
+    return {color_, {width_, height_, truth_, {}}};
   }
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     flagged_pixels = static_cast<std::size_t>(std::count(flagged.begin(), flagged.end(), 1));
@@ -33,6 +38,7 @@ class FakeRasterizer : public RasterizerHook {
  private:
   std::vector<std::int32_t> counts_;
   std::size_t views_;
+  int width_, height_;
   std::vector<float> color_;
   std::vector<std::uint8_t> truth_;
 };
@@ -88,6 +94,42 @@ TEST_F(VanillaAdapterTest, without_absolute_gradients_the_backbones_rule_stands)
   EXPECT_EQ(clone, (std::vector<std::uint8_t>{0, 1}));
   EXPECT_EQ(split, (std::vector<std::uint8_t>{1, 0}));
   EXPECT_FALSE(adapter.needs_absolute_gradients());
+}
+
+TEST_F(VanillaAdapterTest, tau_d_is_the_papers_at_the_papers_sizes_and_shrinks_with_the_area_below) {
+  const Hand hand{{1, 1, 1, 1, 1}, {}, {}, {}};
+  const auto grown = [&](int width, int height) {
+    VanillaBoost boost = boost_at_paper_size();
+    boost.absgrad = false;  // all are candidates of the backbone
+    VanillaAdapter adapter(boost, threads_);
+    FakeRasterizer rasterizer({1, 2, 3, 5, 6}, 2, width, height);
+    std::vector<std::uint8_t> clone(5, 1), split(5, 0);
+    GrowDecisions decisions{clone, split};
+    adapter.grow(hand.at(1000), rasterizer, decisions);
+    return clone;
+  };
+  using Mask = std::vector<std::uint8_t>;
+  EXPECT_EQ(grown(1000, 1000), (Mask{0, 0, 0, 0, 1}));  // 5
+  EXPECT_EQ(grown(1600, 1066), (Mask{0, 0, 0, 0, 1}));  // 5, the paper's larger photos
+  EXPECT_EQ(grown(1000, 500), (Mask{0, 0, 1, 1, 1}));   // 2.5
+  EXPECT_EQ(grown(500, 500), (Mask{0, 1, 1, 1, 1}));    // 1.25
+  EXPECT_EQ(grown(8, 8), (Mask{1, 1, 1, 1, 1}));
+}
+
+TEST_F(VanillaAdapterTest, gradients_are_judged_by_the_part_of_the_image_that_the_scene_covers) {
+  VanillaAdapter adapter(boost_at_paper_size(), threads_);
+  // Half of the views is empty background, rendered exactly: thresholds are those at full cover × √½.
+  const float clone_from = 2e-4f * 0.70711f, split_from = 1.2e-3f * 0.70711f;
+  const Hand hand{{1.001f * clone_from, 0.999f * clone_from, 0, 0},
+                  {0, 0, 1.001f * split_from, 0.999f * split_from},
+                  {0.5f, 0.5f, 0.5f, 0.5f},
+                  {0.05f, 0.05f, 0.2f, 0.2f}};
+  FakeRasterizer rasterizer({9, 9, 9, 9});
+  std::vector<std::uint8_t> clone(4), split(4);
+  GrowDecisions decisions{clone, split};
+  adapter.grow(hand.at(1000), rasterizer, decisions);
+  EXPECT_EQ(clone, (std::vector<std::uint8_t>{1, 0, 0, 0}));
+  EXPECT_EQ(split, (std::vector<std::uint8_t>{0, 0, 1, 0}));
 }
 
 TEST_F(VanillaAdapterTest, an_appended_primitive_is_judged_by_what_it_was_made_from) {

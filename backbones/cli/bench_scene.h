@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The fixed scenes of `splatboost bench`.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+
+#include "common/scene.h"
+#include "common/splat_ply.h"
+
+namespace splatboost::cli {
+
+struct BenchSize {
+  std::string name;
+  std::size_t splats;
+  int width, height;
+};
+
+/// 20k, 60k and 200k splats at 400×300, 640×480 and 1024×680.
+std::span<const BenchSize> bench_sizes();
+
+/// One camera before `size.splats` random ellipses spread evenly over its image, most of them faint, and one photo of
+/// smooth noise. About 56 splats blend into a pixel of 60k. Same size, same bytes.
+struct BenchScene {
+  Scene scene;
+  SplatCloud cloud;
+};
+BenchScene make_bench_scene(const BenchSize& size);
+
+}  // namespace splatboost::cli

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Which SIMD instructions the CPU operations use.
+#pragma once
+
+#include <string>
+
+namespace splatboost {
+
+enum class InstructionSet {
+  best,      ///< the best that this machine has
+  avx512,    ///< rows of 16 pixels
+  avx2,      ///< rows of 8
+  portable,  ///< what every machine of this architecture has (SSE2 on x86-64)
+};
+
+/// Holds every operation to these instructions from now on, in the whole process; not while one runs. Throws
+/// ArgumentError if this machine has them not. Results differ in the last bits from set to set; within one they are
+/// the same bytes for any number of threads.
+void use_instruction_set(InstructionSet set);
+
+/// Name of the instructions in use, as Highway calls them: "AVX3_ZEN4", "AVX2", "SSE2" …
+std::string instruction_set_name();
+
+}  // namespace splatboost

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "splatboost/instruction_set.h"
+
+#include <cstdint>
+
+#include <hwy/highway.h>
+#include <hwy/targets.h>
+
+#include "splatboost/errors.h"
+
+namespace splatboost {
+namespace {
+
+constexpr std::int64_t kAvx512 = HWY_AVX3 | HWY_AVX3_DL
+#ifdef HWY_AVX3_ZEN4  // Highway 1.0.4 and later
+                                 | HWY_AVX3_ZEN4 | HWY_AVX3_SPR
+#endif
+    ;
+
+/// Compiled and supported; the lowest bit is the best.
+std::int64_t usable() { return static_cast<std::int64_t>(hwy::SupportedTargets()) & HWY_TARGETS; }
+
+}  // namespace
+
+void use_instruction_set(InstructionSet set) {
+  hwy::SetSupportedTargetsForTest(0);  // 0: all that there are
+  if (set == InstructionSet::best) return;
+  const std::int64_t wanted = set == InstructionSet::avx512 ? kAvx512
+                              : set == InstructionSet::avx2 ? HWY_AVX2
+                                                            : HWY_STATIC_TARGET;
+  const std::int64_t held = usable() & wanted;
+  SPLATBOOST_CHECK(held != 0, "this machine or build has not these instructions");
+  hwy::SetSupportedTargetsForTest(held);
+}
+
+std::string instruction_set_name() {
+  const std::int64_t targets = usable();
+  return hwy::TargetName(targets & -targets);
+}
+
+}  // namespace splatboost
