@@ -13,6 +13,8 @@
 #include "reference/rasterizer.h"
 #include "reference/training.h"
 #include "splatboost/adam.h"
+#include "splatboost/errors.h"
+#include "splatboost/instruction_set.h"
 #include "splatboost/photometric.h"
 #include "splatboost/rasterizer.h"
 #include "support/compare.h"
@@ -41,6 +43,24 @@ void for_each_target(const Body& body) {
     ++number;
   }
   EXPECT_GE(number, 1);
+}
+
+TEST(InstructionSets, CanBeChosen) {
+  const RestoreTargets restore;
+  use_instruction_set(InstructionSet::best);
+  const std::string best = instruction_set_name();
+  use_instruction_set(InstructionSet::portable);
+  EXPECT_EQ(instruction_set_name(), hwy::TargetName(HWY_STATIC_TARGET));
+  for (const InstructionSet set : {InstructionSet::avx512, InstructionSet::avx2}) {
+    try {
+      use_instruction_set(set);
+    } catch (const ArgumentError&) {
+      continue;  // not on this machine
+    }
+    EXPECT_NE(instruction_set_name().find(set == InstructionSet::avx2 ? "AVX2" : "AVX3"), std::string::npos);
+  }
+  use_instruction_set(InstructionSet::best);
+  EXPECT_EQ(instruction_set_name(), best);
 }
 
 TEST(SimdTargets, RasterizerAgreesWithTheWitness) {

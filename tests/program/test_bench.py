@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""splatboost bench: figures of every stage, as a table and as JSON; never how large they are."""
+
+import json
+
+import pytest
+
+from conftest import run_program, run_well
+
+STAGES = {"activate", "project", "tile_lists", "blend", "loss", "blend_backward", "project_backward", "statistics",
+          "optimizer", "iteration", "scoring"}
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    path = tmp_path_factory.mktemp("bench") / "bench.json"
+    done = run_well("bench", "--scenes", "20k", "--repeats", "2", "--threads", "1", "-o", path)
+    return path, done.stdout
+
+
+def test_writes_every_stage(measured):
+    path, table = measured
+    found = json.loads(path.read_text())
+    assert found["threads"] == 1 and found["repeats"] == 2
+    assert found["machine"] and found["instruction_set"] in table
+    (scene,) = found["scenes"]
+    assert (scene["splats"], scene["width"], scene["height"]) == (20000, 400, 300)
+    assert set(scene["milliseconds"]) == STAGES
+    assert all(value > 0 for value in scene["milliseconds"].values())
+    stages = sum(scene["milliseconds"][s] for s in STAGES - {"iteration", "scoring"})
+    assert scene["milliseconds"]["iteration"] > 0.8 * stages
+    assert 30 < scene["blended_per_pixel"] < 100
+
+
+def test_compares_with_an_earlier_file(measured, tmp_path):
+    path, _ = measured
+    old = json.loads(path.read_text())
+    for stage in STAGES:
+        old["scenes"][0]["milliseconds"][stage] = 1e6
+    (tmp_path / "old.json").write_text(json.dumps(old))
+    done = run_well("bench", "--scenes", "20k", "--repeats", "1", "--instruction-set", "portable", "--compare",
+                    tmp_path / "old.json")
+    rows = [line for line in done.stdout.splitlines() if line.endswith("x")]
+    assert len(rows) == len(STAGES)
+    assert all(float(row.split()[-1][:-1]) > 10 for row in rows)
+
+
+@pytest.mark.parametrize("arguments, told", [
+    (["--scenes", "5k"], "no scene '5k'"),
+    (["--repeats", "0"], "--repeats must be"),
+    (["--instruction-set", "mmx"], "'mmx' is none of"),
+    (["--compare", "nowhere.json"], "nowhere.json"),
+])
+def test_mistakes_are_told(arguments, told):
+    done = run_program("bench", *arguments)
+    assert done.returncode == 2
+    assert told in done.stderr and len(done.stderr.splitlines()) == 1
