@@ -97,6 +97,31 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
 /// Sum over the lanes.
 HWY_INLINE float sum_of(Vec v) { return hn::GetLane(hn::SumOfLanes(Lanes(), v)); }
 
+/// Sums over the lanes of four vectors at once, half the work of four single ones: the vectors are woven into one
+/// whose every 128-bit block holds a part of each sum, and blocks are added.
+HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
+#if HWY_TARGET == HWY_SCALAR
+  sums[0] = sum_of(a);
+  sums[1] = sum_of(b);
+  sums[2] = sum_of(c);
+  sums[3] = sum_of(e);
+#else
+  const Lanes d;
+  const hn::Repartition<std::uint64_t, Lanes> wide;
+  const Vec ab = hn::Add(hn::InterleaveLower(d, a, b), hn::InterleaveUpper(d, a, b));
+  const Vec ce = hn::Add(hn::InterleaveLower(d, c, e), hn::InterleaveUpper(d, c, e));
+  const auto ab2 = hn::BitCast(wide, ab), ce2 = hn::BitCast(wide, ce);
+  const Vec blocks = hn::Add(hn::BitCast(d, hn::InterleaveLower(wide, ab2, ce2)),
+                             hn::BitCast(d, hn::InterleaveUpper(wide, ab2, ce2)));
+  alignas(64) float parts[kTileSize];
+  hn::Store(blocks, d, parts);
+  const hn::CappedTag<float, 4> four;
+  auto sum = hn::Load(four, parts);
+  for (std::size_t i = 4; i < hn::Lanes(d); i += 4) sum = hn::Add(sum, hn::Load(four, parts + i));
+  hn::StoreU(sum, four, sums);
+#endif
+}
+
 /// Gradients of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4 + X, 256] what blend_tile made
 /// @param upstream [4 + X, 256] gradients of it
@@ -204,19 +229,22 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
       s_yy = hn::Add(s_yy, column_syy);
     }
     if (touched) {
-      const float sx = sum_of(s_x), sy = sum_of(s_y);
-      gradient.mean_x = splat.conic_xx * sx + splat.conic_xy * sy;
-      gradient.mean_y = splat.conic_xy * sx + splat.conic_yy * sy;
-      gradient.conic_xx = -0.5f * sum_of(s_xx);
-      gradient.conic_xy = -sum_of(s_xy);
-      gradient.conic_yy = -0.5f * sum_of(s_yy);
-      gradient.opacity = sum_of(s_sum) / splat.opacity;
-      gradient.red = sum_of(red);
-      gradient.green = sum_of(green);
-      gradient.blue = sum_of(blue);
+      float moments[4], squares[4], others[4];
+      sums_of(s_sum, s_x, s_y, s_xx, moments);
+      sums_of(s_xy, s_yy, red, green, squares);
+      sums_of(blue, abs_x, abs_y, hn::Zero(d), others);
+      gradient.mean_x = splat.conic_xx * moments[1] + splat.conic_xy * moments[2];
+      gradient.mean_y = splat.conic_xy * moments[1] + splat.conic_yy * moments[2];
+      gradient.conic_xx = -0.5f * moments[3];
+      gradient.conic_xy = -squares[0];
+      gradient.conic_yy = -0.5f * squares[1];
+      gradient.opacity = moments[0] / splat.opacity;
+      gradient.red = squares[2];
+      gradient.green = squares[3];
+      gradient.blue = others[0];
       if (kAbsolute) {
-        gradient.mean_abs_x = sum_of(abs_x);
-        gradient.mean_abs_y = sum_of(abs_y);
+        gradient.mean_abs_x = others[1];
+        gradient.mean_abs_y = others[2];
       }
       if (kExtra && frame.inverse_depth) gradient.inverse_depth = channel_gradient[features];
     }

@@ -14,8 +14,8 @@
 
 namespace splatboost {
 
-/// A projected Gaussian, at the Gaussian's own index.
-struct Splat {
+/// A projected Gaussian, at the Gaussian's own index; one cache line, because the tile lists visit them by depth.
+struct alignas(64) Splat {
   glm::vec2 mean;         ///< px
   Symmetric2 covariance;  ///< px², low-pass included
   Symmetric2 conic;
@@ -63,16 +63,20 @@ struct Frame {
   Buffer<std::uint8_t> visible;  ///< [N]
   Buffer<std::int32_t> radii;    ///< [N]
 
+  // Small arrays of what sorting and binning ask of every splat: these stay in the cache, splats do not.
+  Buffer<std::uint16_t> tile_rows;   ///< [N] height of a splat's bounding tiles; 0: not drawn
+  Buffer<std::uint32_t> depth_bits;  ///< [N] depth as an integer of the same order, where drawn
+
   Buffer<std::uint32_t> order;  ///< [V] Gaussians that may be visible, near to far
-  Buffer<std::uint32_t> rank;   ///< [N] a Gaussian's place in `order`, where visible
   Buffer<std::uint32_t> sort_keys, sort_keys_swap, order_swap;
   Buffer<std::uint32_t> row_begin;  ///< [V+1] first row span of a splat in row_spans
   Buffer<TileRange> row_spans;
+  Buffer<std::uint16_t> first_row;  ///< [V] tile row of a splat's first span
   Buffer<std::uint32_t> tile_begin;   ///< [T+1] first entry of a tile
   Buffer<std::uint32_t> tile_cursor;  ///< [chunks, T]
   Buffer<std::uint32_t> entries;      ///< [E] positions in `order`, tile by tile, near to far
-  Buffer<std::uint32_t> splat_begin;  ///< [V+1] first slot of a splat
-  Buffer<std::uint32_t> slots;        ///< [E] an entry's place when entries are ordered splat by splat
+  Buffer<std::uint32_t> splat_begin;  ///< [N+1] first slot of a Gaussian
+  Buffer<std::uint32_t> slots;        ///< [E] an entry's place when entries are ordered Gaussian by Gaussian
 
   Buffer<BlendRecord> records;      ///< [V]
   Buffer<float> channels;           ///< [V, extra_channels()] features, then inverse depth

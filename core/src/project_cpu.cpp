@@ -72,6 +72,7 @@ void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, 
     Splat& splat = frame.splats[i];
     splat.tile_x0 = splat.tile_x1 = splat.tile_y0 = splat.tile_y1 = 0;
     frame.radii[i] = 0;
+    frame.tile_rows[i] = 0;
     const glm::vec3 mean = vec3_at(gaussians.means, i);
     glm::mat3 rotation;
     const Symmetric3 covariance = covariance_at(gaussians, i, rotation);
@@ -87,6 +88,8 @@ void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, 
     splat.reach = reach_of(splat.opacity);
     set_bounding_tiles(frame, splat);
     if (splat.tile_x0 >= splat.tile_x1) continue;
+    frame.tile_rows[i] = static_cast<std::uint16_t>(splat.tile_y1 - splat.tile_y0);
+    frame.depth_bits[i] = std::bit_cast<std::uint32_t>(splat.depth);  // positive, so these order as depths do
     frame.radii[i] = static_cast<std::int32_t>(min_of(square_radius(p.covariance), 1e9f));
     if (!gaussians.colors.empty()) {
       splat.color = vec3_at(gaussians.colors, i);
@@ -97,10 +100,10 @@ void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, 
 }
 
 /// Sum of a splat's entries in the order of the lists.
-EntryGradient gather(const Frame& frame, std::uint32_t k) {
+EntryGradient gather(const Frame& frame, std::size_t i) {
   using Lane = std::array<float, sizeof(EntryGradient) / sizeof(float)>;
   Lane sum{};
-  for (std::uint32_t slot = frame.splat_begin[k]; slot < frame.splat_begin[k + 1]; ++slot) {
+  for (std::uint32_t slot = frame.splat_begin[i]; slot < frame.splat_begin[i + 1]; ++slot) {
     const auto entry = std::bit_cast<Lane>(frame.entry_gradients[slot]);
     for (std::size_t c = 0; c < sum.size(); ++c) sum[c] += entry[c];
   }
@@ -172,12 +175,11 @@ void clear_gaussian(const GaussianGradients& g, std::size_t i, std::size_t rest_
   clear(g.features, features, i);
 }
 
-void backward_one(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i,
-                  std::uint32_t k) {
+void backward_one(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i) {
   const Splat& splat = frame.splats[i];
   const ProjectionCamera& camera = frame.projection;
   const RasterOptions& options = frame.options;
-  const EntryGradient g = gather(frame, k);
+  const EntryGradient g = gather(frame, i);
 
   const glm::vec3 mean = vec3_at(gaussians.means, i);
   glm::mat3 rotation;
@@ -220,7 +222,7 @@ void backward_one(const Frame& frame, const Gaussians& gaussians, const Gaussian
   if (!out.features.empty()) {
     float sum[kMaxFeatures] = {};
     const auto drawn = static_cast<std::size_t>(frame.features);  // none, if the view was drawn without them
-    for (std::size_t slot = frame.splat_begin[k]; drawn > 0 && slot < frame.splat_begin[k + 1]; ++slot) {
+    for (std::size_t slot = frame.splat_begin[i]; drawn > 0 && slot < frame.splat_begin[i + 1]; ++slot) {
       const float* entry = frame.entry_channel_gradients.data() + drawn * slot;
       for (std::size_t f = 0; f < drawn; ++f) sum[f] += entry[f];
     }
@@ -242,7 +244,7 @@ void backward_range(const Frame& frame, const Gaussians& gaussians, const Gaussi
   const auto feature_width = static_cast<std::size_t>(gaussians.features_per_gaussian);
   for (std::size_t i = begin; i < end; ++i) {
     if (frame.visible[i]) {
-      backward_one(frame, gaussians, gradients, i, frame.rank[i]);
+      backward_one(frame, gaussians, gradients, i);
       continue;
     }
     if (gradients.mode == GradientMode::overwrite) clear_gaussian(gradients, i, rest_width, feature_width);
@@ -266,6 +268,8 @@ constexpr std::size_t kGrain = 512;
 void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
   frame.splats.ensure(gaussians.count);
   frame.radii.ensure(gaussians.count);
+  frame.tile_rows.ensure(gaussians.count);
+  frame.depth_bits.ensure(gaussians.count);
   threads.for_range(gaussians.count, kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(project_range)(frame, gaussians, begin, end);
   });
