@@ -245,6 +245,13 @@ namespace splatboost {
 namespace {
 HWY_EXPORT(photometric_band);
 HWY_EXPORT(photometric_gradient_band);
+
+/// One band's rows fill half a megabyte: shared by all bands of a thread they stay in its cache.
+PhotometricRows& rows_of_thread() {
+  thread_local PhotometricRows rows;
+  return rows;
+}
+
 }  // namespace
 
 struct Photometric::State {
@@ -252,7 +259,6 @@ struct Photometric::State {
   Threads& threads;
   Buffer<float> maps;  ///< [3 derivatives, 3 channels, H, W]
   std::vector<PhotometricSums> sums;
-  std::vector<PhotometricRows> rows;  ///< one a band and channel, so that threads need no storage of their own
 };
 
 Photometric::Photometric(Threads& threads) : state_(std::make_unique<State>(threads)) {}
@@ -286,7 +292,6 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
   s.maps.ensure(9 * pixels);
   const std::size_t bands = (height + kBandRows - 1) / kBandRows;
   s.sums.resize(3 * bands);
-  s.rows.resize(3 * bands);
   const auto job_of = [&](std::size_t channel) {
     PhotometricJob job;
     job.width = width;
@@ -304,13 +309,13 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
   };
   s.threads.for_range(3 * bands, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      HWY_DYNAMIC_DISPATCH(photometric_band)(job_of(i / bands), i % bands, s.rows[i], s.sums[i]);
+      HWY_DYNAMIC_DISPATCH(photometric_band)(job_of(i / bands), i % bands, rows_of_thread(), s.sums[i]);
     }
   });
   if (!gradient.empty()) {
     s.threads.for_range(3 * bands, 1, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
-        HWY_DYNAMIC_DISPATCH(photometric_gradient_band)(job_of(i / bands), i % bands, s.rows[i]);
+        HWY_DYNAMIC_DISPATCH(photometric_gradient_band)(job_of(i / bands), i % bands, rows_of_thread());
       }
     });
   }
