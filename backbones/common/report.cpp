@@ -29,7 +29,6 @@ constexpr std::size_t kLinePoints = 400;  // of a curve
 constexpr std::size_t kHoverPoints = 60;
 
 // --- text
-// -------------------------------------------------------------------------------------------------------------
 
 std::string escape(const std::string& text) {
   std::string out;
@@ -100,7 +99,6 @@ std::string legend(const std::vector<ReportRun>& runs) {
 }
 
 // --- curves
-// -----------------------------------------------------------------------------------------------------------
 
 struct Point {
   double x = 0;
@@ -299,6 +297,7 @@ std::string curves(const std::vector<ReportRun>& runs) {
   Chart time{"Training time", "in " + unit_name, "iteration", {}, true, false, true};
   quality_time.y_from_zero = quality_iteration.y_from_zero = !measured;
   quality_time.end_digits = quality_iteration.end_digits = measured ? 2 : 3;
+  time.end_digits = unit > 1 ? 1 : 0;
   for (std::size_t r = 0; r < runs.size(); ++r) {
     for (Chart* chart : {&quality_time, &quality_iteration, &primitives, &time}) {
       chart->series.push_back({color_of(r, runs.size()), {}});
@@ -327,7 +326,6 @@ std::string curves(const std::vector<ReportRun>& runs) {
 }
 
 // --- pictures
-// ---------------------------------------------------------------------------------------------------------
 
 cv::Mat read_picture(const fs::path& path) {
   std::error_code error;
@@ -464,7 +462,6 @@ std::string pictures(const std::vector<ReportRun>& runs, const std::vector<Repor
 }
 
 // --- tables
-// -----------------------------------------------------------------------------------------------------------
 
 std::string verdict_class(ResultRow::Verdict verdict) {
   switch (verdict) {

@@ -22,7 +22,6 @@ using nlohmann::json;
 json optional_number(const std::optional<double>& value) { return value ? json(*value) : json(nullptr); }
 
 // --- reading
-// ----------------------------------------------------------------------------------------------------------
 
 [[noreturn]] void fail(const std::string& key, const std::string& problem) {
   throw InputError("results: " + key + " " + problem + ".");
@@ -97,7 +96,6 @@ const json& need_array(const Member& member) {
 }
 
 // --- words for people
-// -------------------------------------------------------------------------------------------------
 
 std::string format(const char* pattern, double value) {
   char text[64];
