@@ -111,8 +111,8 @@ HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
   const Vec ab = hn::Add(hn::InterleaveLower(d, a, b), hn::InterleaveUpper(d, a, b));
   const Vec ce = hn::Add(hn::InterleaveLower(d, c, e), hn::InterleaveUpper(d, c, e));
   const auto ab2 = hn::BitCast(wide, ab), ce2 = hn::BitCast(wide, ce);
-  const Vec blocks = hn::Add(hn::BitCast(d, hn::InterleaveLower(wide, ab2, ce2)),
-                             hn::BitCast(d, hn::InterleaveUpper(wide, ab2, ce2)));
+  const Vec blocks =
+      hn::Add(hn::BitCast(d, hn::InterleaveLower(wide, ab2, ce2)), hn::BitCast(d, hn::InterleaveUpper(wide, ab2, ce2)));
   alignas(64) float parts[kTileSize];
   hn::Store(blocks, d, parts);
   const hn::CappedTag<float, 4> four;

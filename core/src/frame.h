@@ -71,7 +71,7 @@ struct Frame {
   Buffer<std::uint32_t> sort_keys, sort_keys_swap, order_swap;
   Buffer<std::uint32_t> row_begin;  ///< [V+1] first row span of a splat in row_spans
   Buffer<TileRange> row_spans;
-  Buffer<std::uint16_t> first_row;  ///< [V] tile row of a splat's first span
+  Buffer<std::uint16_t> first_row;    ///< [V] tile row of a splat's first span
   Buffer<std::uint32_t> tile_begin;   ///< [T+1] first entry of a tile
   Buffer<std::uint32_t> tile_cursor;  ///< [chunks, T]
   Buffer<std::uint32_t> entries;      ///< [E] positions in `order`, tile by tile, near to far
