@@ -160,7 +160,7 @@ void print_table(const Json& now, const Json* old) {
       row += column(fixed(value, "%.2f"), kColumn);
       if (old == nullptr) continue;
       const double before = find_milliseconds(*old, scene["name"].get<std::string>(), stage);
-      row += column(std::isnan(before) || value <= 0 ? "-" : fixed(before / value, "%.2fx"), kRatio);
+      row += " " + column(std::isnan(before) || value <= 0 ? "-" : fixed(before / value, "%.2fx"), kRatio - 1);
     }
     std::printf("%s\n", row.c_str());
   }

@@ -22,9 +22,9 @@ bool steps_at(const StepIntervals& intervals, Moment moment) {
   } else if (moment.iteration <= scaled_iteration(intervals.middle_end, moment.total)) {
     interval = intervals.middle;
   }
-  // With the square of the length: a short run has had few steps when it comes to a phase and cannot spare as many.
+  // With the cube of the length: a short run has had few steps when it comes to a phase and can spare none.
   const double length = std::min(1.0, static_cast<double>(moment.total) / kPublishedIterations);
-  return moment.iteration % std::max(1L, std::lround(interval * length * length)) == 0;
+  return moment.iteration % std::max(1L, std::lround(interval * length * length * length)) == 0;
 }
 
 double exponential_rate(double initial, double final_value, int iteration, int steps) {

@@ -60,17 +60,17 @@ TEST(StepsAt, FollowsThePapersPlan) {
 }
 
 TEST(StepsAt, PhasesScaleWithTheRun) {
-  const StepIntervals intervals{1, 1000000, 1, 15000, 20000};
+  const StepIntervals intervals{1, 1000000000, 1, 15000, 20000};
   EXPECT_EQ(steps_between(intervals, 3000, 1, 1500), 1500);
   EXPECT_EQ(steps_between(intervals, 3000, 1501, 2000), 0);
   EXPECT_EQ(steps_between(intervals, 3000, 2001, 3000), 1000);
 }
 
-TEST(StepsAt, IntervalsOfAShortRunScaleWithItsSquare) {
+TEST(StepsAt, IntervalsOfAShortRunScaleWithItsCube) {
   const StepIntervals rest{16, 32, 64, 15000, 20000};
-  EXPECT_NEAR(steps_between(rest, 15000, 1, 7500), 7500 / 4, 1);
-  EXPECT_NEAR(steps_between(rest, 15000, 7501, 10000), 2500 / 8, 1);
-  EXPECT_NEAR(steps_between(rest, 15000, 10001, 15000), 5000 / 16, 2);
+  EXPECT_NEAR(steps_between(rest, 15000, 1, 7500), 7500 / 2, 1);
+  EXPECT_NEAR(steps_between(rest, 15000, 7501, 10000), 2500 / 4, 1);
+  EXPECT_NEAR(steps_between(rest, 15000, 10001, 15000), 5000 / 8, 2);
 }
 
 TEST(StepsAt, IntervalsNeverExceedThePublishedOnes) {

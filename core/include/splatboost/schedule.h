@@ -17,7 +17,7 @@ struct Moment {
 int scaled_iteration(int published, int total);
 
 /// How often a parameter group steps in each of three phases of the run; gradients accumulate in between. All are of
-/// the published run: the ends of the phases scale with a run's length, the intervals with its square, because a short
+/// the published run: the ends of the phases scale with a run's length, the intervals with its cube, because a short
 /// run has made few steps when a phase begins; never above the published interval.
 struct StepIntervals {
   int early = 1;   ///< until early_end
