@@ -34,7 +34,7 @@ bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcd) return backbone_would;
   const int from = scaled_iteration(boost_.densify_from, moment.total);
   const int until = scaled_iteration(boost_.densify_until, moment.total);
-  const int interval = std::max(1, std::min(boost_.densify_interval, until / kMinGrowths));
+  const int interval = std::min(boost_.densify_interval, std::max(kMinGrowthInterval, until / kMinGrowths));
   return moment.iteration > from && moment.iteration < until && moment.iteration % interval == 0;
 }
 

@@ -27,8 +27,7 @@ struct VanillaBoost {
   double percent_dense = 0.001;            ///< × extent, where clone ends and split begins
   int densify_from = 500;
   int densify_until = 15000;
-  /// VCD grows every so many iterations (not scaled: statistics need that many views), but a run makes at least
-  /// kMinGrowths of them.
+  /// VCD grows every so many iterations (not scaled: statistics need that many views); more often in a short run.
   int densify_interval = 500;
   int late_prune_from = 15000;
   int late_prune_interval = 3000;
@@ -37,8 +36,9 @@ struct VanillaBoost {
   std::uint64_t seed = 0;
 };
 
-/// Fewest growths of a run, so that short ones grow too.
+/// Fewest growths of a run, so that short ones grow too, but never more often than 3DGS itself.
 inline constexpr int kMinGrowths = 12;
+inline constexpr int kMinGrowthInterval = 100;
 
 /// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
 inline constexpr double kTauDPixels = 1e6;

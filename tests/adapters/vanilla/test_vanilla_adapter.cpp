@@ -220,6 +220,7 @@ TEST_F(VanillaAdapterTest, grows_every_500_iterations_and_more_often_in_a_short_
   EXPECT_EQ(published.size(), 28u);
   EXPECT_EQ(published.front(), 1000);
   EXPECT_EQ(published.back(), 14500);
+  EXPECT_EQ(growths(1200), (std::vector<int>{100, 200, 300, 400, 500})) << "never more often than 3DGS itself";
   EXPECT_EQ(growths(2400), (std::vector<int>{100, 200, 300, 400, 500, 600, 700, 800, 900, 1000, 1100}));
   VanillaBoost without = boost_at_paper_size();
   without.vcd = false;
