@@ -16,33 +16,34 @@ namespace splatboost {
 namespace HWY_NAMESPACE {
 
 /// Counts one tile's flagged pixels a splat. Integer sums: any order of tiles gives the same counts.
-/// @param flagged [256] 1 or 0
+/// @param flagged [256 and a spare row] 1 or 0
 void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT flagged, std::int32_t* counts) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const int x0 = static_cast<int>(tile % static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-  const int y0 = static_cast<int>(tile / static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-  alignas(64) float transmittance[kPixels];
-  open_tile(frame.camera, x0, y0, transmittance);
+  const int blocks = kTileSize / lanes;
+  TilePixels pixels(frame, tile);
+  std::uint32_t flagged_rows[kMostBlocks];  // the others need no replay: pixels do not know of one another
+  for (int b = 0; b < blocks; ++b) flagged_rows[b] = open_rows(flagged, b * lanes);
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
+  const std::uint16_t* blended_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
     const BlendRecord& splat = frame.records[frame.entries[at]];
-    const std::uint32_t reach = rows_in_reach(splat, y0);
-    if (reach == 0) continue;
     Vec sum = hn::Zero(d);
-    for (int x = 0; x < kTileSize; x += lanes) {
-      const Columns columns(splat, x0 + x);
-      for (std::uint32_t rows = reach; rows != 0; rows &= rows - 1) {
-        const int row = std::countr_zero(rows);
-        const int pixel = row * kTileSize + x;
-        const float dy = static_cast<float>(y0 + row) + 0.5f - splat.mean_y;
-        RowStep step;
-        bool saturated;
-        if (!advance_row(columns, dy, transmittance + pixel, step, saturated)) continue;
-        sum = hn::Add(sum, hn::IfThenElseZero(step.blended, hn::Load(d, flagged + pixel)));
-      }
+    for (int b = 0; b < blocks; ++b) {
+      std::uint32_t rows = *blended_rows++ & flagged_rows[b];
+      if (rows == 0) continue;
+      const Columns columns(splat, pixels.x0 + b * lanes);
+      do {
+        const RowPair pair(rows);
+        for (const int row : pair.rows) {
+          const int pixel = row * kTileSize + b * lanes;
+          const RowStep step = step_row(columns, pixels.y + row, pixels.transmittance + pixel);
+          hn::Store(step.next, d, pixels.transmittance + pixel);
+          sum = hn::Add(sum, hn::IfThenElseZero(step.blended, hn::Load(d, flagged + pixel)));
+        }
+      } while (rows != 0);
     }
     const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
     if (count > 0) std::atomic_ref(counts[splat.gaussian]).fetch_add(count, std::memory_order_relaxed);
@@ -65,7 +66,7 @@ void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flag
   const auto height = static_cast<std::size_t>(frame.camera.height);
   const auto columns = static_cast<std::size_t>(frame.tiles_x);
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
-    alignas(64) float tile_flags[kTileSize * kTileSize];
+    alignas(64) float tile_flags[(kTileSize + 1) * kTileSize] = {};
     for (std::size_t tile = begin; tile < end; ++tile) {
       const std::size_t x0 = tile % columns * kTileSize, y0 = tile / columns * kTileSize;
       bool any = false;

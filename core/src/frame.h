@@ -26,25 +26,27 @@ struct alignas(64) Splat {
   std::uint16_t tile_x0, tile_x1, tile_y0, tile_y1;  ///< bounding tiles; empty: not drawn
 };
 
-/// What blending reads of a splat, one cache line, stored near to far.
+inline constexpr float kHalfLog2E = 0.7213475204444817f;  ///< ½·log2(e): from ½·Mahalanobis² to powers of two
+
+/// What blending reads of a splat, one cache line, stored near to far. The quadratic form is that of log2 α:
+/// log2 α(d) = log2_opacity + quadratic_xx·dx² + quadratic_xy·dx·dy + quadratic_yy·dy².
 struct alignas(64) BlendRecord {
   float mean_x, mean_y;
-  float conic_xx, conic_xy, conic_yy;
+  float quadratic_xx, quadratic_xy, quadratic_yy;
   float log2_opacity;
+  float ridge;  ///< dx / dy of the line along which a row's α is greatest
   float red, green, blue;
-  float opacity;
-  std::int32_t row_begin, row_end;  ///< pixel rows that the splat can reach with alpha >= 1/255
   std::uint32_t gaussian;
 };
 
-/// Gradients of one (tile, splat) entry, one cache line. Written where the splat's sum will read them in a row: a write
-/// that misses the cache costs little, a read that does stalls.
-struct alignas(64) EntryGradient {
-  float mean_x, mean_y;          ///< signed
-  float mean_abs_x, mean_abs_y;  ///< sums over pixels of absolute values
-  float conic_xx, conic_xy, conic_yy;
-  float opacity;
-  float red, green, blue;
+/// Sums over the pixels of one (tile, splat) entry, from which the gradients of its splat follow; one cache line.
+/// Written where the splat's sum will read them in a row: a write that misses the cache costs little, a read that does
+/// stalls. s = α·dL/dα.
+struct alignas(64) EntryMoments {
+  float s, s_x, s_y;            ///< Σs, Σs·dx, Σs·dy
+  float s_xx, s_xy, s_yy;       ///< Σs·dx², Σs·dx·dy, Σs·dy²
+  float red, green, blue;       ///< Σ weight · gradient of the image
+  float abs_x, abs_y;           ///< Σ|s·∂ log2 α/∂x|, Σ|s·∂ log2 α/∂y|
   float inverse_depth;
   float unused[4];
 };
@@ -80,10 +82,11 @@ struct Frame {
 
   Buffer<BlendRecord> records;      ///< [V]
   Buffer<float> channels;           ///< [V, extra_channels()] features, then inverse depth
+  Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] rows of the tile that an entry was blended in
   Buffer<std::uint32_t> tile_stop;  ///< [T] entries of the tile that were looked at before all pixels were full
   Buffer<float> tile_images;        ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
 
-  Buffer<EntryGradient> entry_gradients;  ///< [E] by slot
+  Buffer<EntryMoments> entry_moments;     ///< [E] by slot
   Buffer<float> entry_channel_gradients;  ///< [E, features] by slot
 
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }

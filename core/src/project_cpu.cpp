@@ -100,14 +100,14 @@ void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, 
 }
 
 /// Sum of a splat's entries in the order of the lists.
-EntryGradient gather(const Frame& frame, std::size_t i) {
-  using Lane = std::array<float, sizeof(EntryGradient) / sizeof(float)>;
+EntryMoments gather(const Frame& frame, std::size_t i) {
+  using Lane = std::array<float, sizeof(EntryMoments) / sizeof(float)>;
   Lane sum{};
   for (std::uint32_t slot = frame.splat_begin[i]; slot < frame.splat_begin[i + 1]; ++slot) {
-    const auto entry = std::bit_cast<Lane>(frame.entry_gradients[slot]);
+    const auto entry = std::bit_cast<Lane>(frame.entry_moments[slot]);
     for (std::size_t c = 0; c < sum.size(); ++c) sum[c] += entry[c];
   }
-  return std::bit_cast<EntryGradient>(sum);
+  return std::bit_cast<EntryMoments>(sum);
 }
 
 void add(std::span<float> rows, std::size_t width, std::size_t i, const float* values, GradientMode mode) {
@@ -175,11 +175,13 @@ void clear_gaussian(const GaussianGradients& g, std::size_t i, std::size_t rest_
   clear(g.features, features, i);
 }
 
+constexpr float kPerLog2 = 0.5f / kHalfLog2E;  // from log2 α to ln α
+
 void backward_one(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i) {
   const Splat& splat = frame.splats[i];
   const ProjectionCamera& camera = frame.projection;
   const RasterOptions& options = frame.options;
-  const EntryGradient g = gather(frame, i);
+  const EntryMoments g = gather(frame, i);
 
   const glm::vec3 mean = vec3_at(gaussians.means, i);
   glm::mat3 rotation;
@@ -188,9 +190,10 @@ void backward_one(const Frame& frame, const Gaussians& gaussians, const Gaussian
       project_gaussian(camera, mean, covariance, options.low_pass, options.compensate_opacity, options.near_plane);
 
   ProjectionGradient up;
-  up.mean = {g.mean_x, g.mean_y};
-  up.conic = {g.conic_xx, g.conic_xy, g.conic_yy};
-  up.compensation = g.opacity * gaussians.opacities[i];
+  up.mean = {p.conic.xx * g.s_x + p.conic.xy * g.s_y, p.conic.xy * g.s_x + p.conic.yy * g.s_y};
+  up.conic = {-0.5f * g.s_xx, -g.s_xy, -0.5f * g.s_yy};
+  const float g_drawn_opacity = splat.opacity > 0.0f ? g.s / splat.opacity : 0.0f;
+  up.compensation = g_drawn_opacity * gaussians.opacities[i];
   up.view_z = -g.inverse_depth / (splat.depth * splat.depth);
   GaussianGeometryGradient geometry =
       project_gaussian_backward(camera, p, covariance, options.low_pass, options.compensate_opacity, up);
@@ -203,7 +206,7 @@ void backward_one(const Frame& frame, const Gaussians& gaussians, const Gaussian
     geometry.mean += sh_backward(gaussians, out, i, mean, camera.centre, unclamped);
   }
   add(out.means, 3, i, &geometry.mean.x, out.mode);
-  const float g_opacity = g.opacity * p.compensation;
+  const float g_opacity = g_drawn_opacity * p.compensation;
   add(out.opacities, 1, i, &g_opacity, out.mode);
 
   if (!gaussians.covariances.empty()) {
@@ -229,12 +232,12 @@ void backward_one(const Frame& frame, const Gaussians& gaussians, const Gaussian
     add(out.features, static_cast<std::size_t>(gaussians.features_per_gaussian), i, sum, out.mode);
   }
   if (!out.screen_means.empty()) {
-    out.screen_means[2 * i] = g.mean_x;
-    out.screen_means[2 * i + 1] = g.mean_y;
+    out.screen_means[2 * i] = up.mean.x;
+    out.screen_means[2 * i + 1] = up.mean.y;
   }
   if (!out.screen_means_abs.empty()) {
-    out.screen_means_abs[2 * i] = g.mean_abs_x;
-    out.screen_means_abs[2 * i + 1] = g.mean_abs_y;
+    out.screen_means_abs[2 * i] = g.abs_x * kPerLog2;
+    out.screen_means_abs[2 * i + 1] = g.abs_y * kPerLog2;
   }
 }
 

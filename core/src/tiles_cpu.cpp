@@ -64,25 +64,15 @@ void fill_record(const Frame& frame, std::uint32_t gaussian, BlendRecord& record
   const Splat& splat = frame.splats[gaussian];
   record.mean_x = splat.mean.x;
   record.mean_y = splat.mean.y;
-  record.conic_xx = splat.conic.xx;
-  record.conic_xy = splat.conic.xy;
-  record.conic_yy = splat.conic.yy;
-  record.opacity = splat.opacity;
+  record.quadratic_xx = -kHalfLog2E * splat.conic.xx;
+  record.quadratic_xy = -2 * kHalfLog2E * splat.conic.xy;
+  record.quadratic_yy = -kHalfLog2E * splat.conic.yy;
   record.log2_opacity = splat.opacity > 0.0f ? std::log2(splat.opacity) : -1e30f;
+  record.ridge = -splat.conic.xy / splat.conic.xx;
   record.red = splat.color.x;
   record.green = splat.color.y;
   record.blue = splat.color.z;
   record.gaussian = gaussian;
-  // Rows with a pixel centre within the reach, one row of slack for rounding; the exact test is per pixel.
-  record.row_begin = record.row_end = 0;
-  if (splat.reach > 0.0f) {
-    const float half = std::sqrt(splat.reach * splat.covariance.yy) + kTileSlack;
-    const auto rows = static_cast<float>(frame.camera.height);
-    record.row_begin =
-        static_cast<std::int32_t>(std::fmin(std::fmax(std::ceil(splat.mean.y - half - 0.5f), 0.0f), rows));
-    record.row_end =
-        static_cast<std::int32_t>(std::fmin(std::fmax(std::floor(splat.mean.y + half - 0.5f) + 1.0f, 0.0f), rows));
-  }
 }
 
 }  // namespace
