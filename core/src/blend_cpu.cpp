@@ -26,63 +26,55 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
   const int extra = kExtra ? frame.extra_channels() : 0;
-  TilePixels pixels(frame, tile);
-  alignas(64) float color[3 * kPaddedPixels] = {};
-  alignas(64) float more[kExtra ? (kMaxFeatures + 1) * kPaddedPixels : 1];
-  if (kExtra) std::memset(more, 0, sizeof(float) * kPaddedPixels * static_cast<std::size_t>(extra));
+  TileRows<kExtra ? 4 + kMaxFeatures + 1 : 4> pixels(frame, tile);  // transmittance, colour, extra channels
 
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   std::uint32_t at = begin;
   std::uint32_t open[kMostBlocks];
   while (at < end) {
     std::uint32_t left = 0;
-    for (int b = 0; b < blocks; ++b) left |= open[b] = open_rows(pixels.transmittance, b * lanes);
+    for (int b = 0; b < blocks; ++b) left |= open[b] = pixels.open_rows(b * lanes);
     if (left == 0) break;
     const std::uint32_t batch_end = std::min(at + kBatch, end);
-    std::uint32_t rows_of[kBatch * kMostBlocks];
+    std::uint16_t* const rows_of = frame.entry_rows.data();
     for (std::uint32_t e = at; e < batch_end; ++e) {
       prefetch_record(frame, e, end);
       const BlendRecord& splat = frame.records[frame.entries[e]];
       for (int b = 0; b < blocks; ++b) {
         const float x = static_cast<float>(pixels.x0 + b * lanes) + 0.5f;
-        rows_of[(e - at) * static_cast<std::uint32_t>(blocks) + static_cast<std::uint32_t>(b)] =
-            open[b] & rows_in_reach(splat, pixels.y[0], x, x + static_cast<float>(lanes - 1));
+        rows_of[e * static_cast<std::size_t>(blocks) + static_cast<std::size_t>(b)] =
+            static_cast<std::uint16_t>(open[b] & rows_in_reach(splat, pixels.first_y, x, x + static_cast<float>(lanes - 1)));
       }
     }
-    const std::uint32_t* found = rows_of;
-    std::uint16_t* blended_rows = frame.entry_rows.data() + at * static_cast<std::size_t>(blocks);
+    const std::uint16_t* found = rows_of + at * static_cast<std::size_t>(blocks);
     for (std::uint32_t e = at; e < batch_end; ++e) {
       const std::uint32_t k = frame.entries[e];
       const BlendRecord& splat = frame.records[k];
       const Vec red = hn::Set(d, splat.red), green = hn::Set(d, splat.green), blue = hn::Set(d, splat.blue);
       const float* channels = frame.channels.data() + k * static_cast<std::size_t>(extra);
+      const RowOffsets offsets(splat, pixels.first_y);
       for (int b = 0; b < blocks; ++b) {
         std::uint32_t rows = *found++;
-        std::uint32_t blended = 0;
-        if (rows != 0) {
-          const Columns columns(splat, pixels.x0 + b * lanes);
-          do {
-            const RowPair pair(rows);
-            for (const int row : pair.rows) {
-              const int pixel = row * kTileSize + b * lanes;
-              const RowStep step = step_row(columns, pixels.y + row, pixels.transmittance + pixel);
-              hn::Store(step.next, d, pixels.transmittance + pixel);
-              const Vec weight = hn::IfThenElseZero(step.blended, hn::Mul(step.before, step.alpha));
-              float* to = color + pixel;
-              hn::Store(hn::MulAdd(weight, red, hn::Load(d, to)), d, to);
-              to += kPaddedPixels;
-              hn::Store(hn::MulAdd(weight, green, hn::Load(d, to)), d, to);
-              to += kPaddedPixels;
-              hn::Store(hn::MulAdd(weight, blue, hn::Load(d, to)), d, to);
-              for (int c = 0; c < extra; ++c) {
-                float* channel = more + c * kPaddedPixels + pixel;
-                hn::Store(hn::MulAdd(weight, hn::Set(d, channels[c]), hn::Load(d, channel)), d, channel);
-              }
-              blended |= static_cast<std::uint32_t>(!hn::AllFalse(d, step.blended)) << row;
+        if (rows == 0) continue;
+        const Columns columns(splat, pixels.x0 + b * lanes);
+        do {
+          const RowPair pair(rows);
+          for (const int row : pair.rows) {
+            float* const at_row = pixels.at(row, b * lanes);
+            const RowStep step = step_row(columns, offsets.dy[row], at_row);
+            const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
+            float* plane = at_row + kTileSize;
+            hn::Store(hn::MulAdd(weight, red, hn::Load(d, plane)), d, plane);
+            plane += kTileSize;
+            hn::Store(hn::MulAdd(weight, green, hn::Load(d, plane)), d, plane);
+            plane += kTileSize;
+            hn::Store(hn::MulAdd(weight, blue, hn::Load(d, plane)), d, plane);
+            for (int c = 0; c < extra; ++c) {
+              plane += kTileSize;
+              hn::Store(hn::MulAdd(weight, hn::Set(d, channels[c]), hn::Load(d, plane)), d, plane);
             }
-          } while (rows != 0);
-        }
-        *blended_rows++ = static_cast<std::uint16_t>(blended);
+          }
+        } while (rows != 0);
       }
     }
     at = batch_end;
@@ -91,15 +83,16 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
 
   const glm::vec3 background = frame.options.background;
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
-    const Vec rest = hn::Abs(hn::Load(d, pixels.transmittance + pixel));
+    const float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
+    const Vec rest = hn::Abs(hn::Load(d, state));
     for (int c = 0; c < 3; ++c) {
-      const Vec blended = hn::Load(d, color + c * kPaddedPixels + pixel);
+      const Vec blended = hn::Load(d, state + (1 + c) * kTileSize);
       hn::Store(hn::MulAdd(rest, hn::Set(d, background[c]), blended), d, image + c * kPixels + pixel);
     }
     hn::Store(hn::Sub(hn::Set(d, 1.0f), rest), d, image + 3 * kPixels + pixel);
-  }
-  for (int c = 0; c < extra; ++c) {
-    std::memcpy(image + (4 + c) * kPixels, more + c * kPaddedPixels, kPixels * sizeof(float));
+    for (int c = 4; c < 4 + extra; ++c) {
+      hn::Store(hn::Load(d, state + c * kTileSize), d, image + c * kPixels + pixel);
+    }
   }
 }
 
@@ -137,7 +130,7 @@ HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
 
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4 + X, 256] what blend_tile made
-/// @param upstream [4 + X, 256] gradients of it, with room for a spare row after each plane
+/// @param upstream [4 + X, 256] gradients of it
 template <bool kAbsolute, bool kExtra>
 void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRICT image,
                          const float* HWY_RESTRICT upstream) {
@@ -146,22 +139,24 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   const int blocks = kTileSize / lanes;
   const int extra = kExtra ? frame.extra_channels() : 0;
   const int features = frame.features;
-  TilePixels pixels(frame, tile);
-
-  // Per pixel, gradient · (what the splats behind the current one, and the background, add to the image).
-  alignas(64) float behind[kPaddedPixels];
-  std::memset(behind + kPixels, 0, sizeof(float) * kTileSize);
+  // Planes of a row: transmittance; gradient · (what the splats behind the current one, and the background, add to the
+  // image); upstream gradients of colour, and of alpha and the extra channels.
+  constexpr int kBehind = kTileSize, kUpstream = 2 * kTileSize;
+  TileRows<kExtra ? 6 + kMaxFeatures + 1 : 5> pixels(frame, tile);
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
+    float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
     Vec sum = hn::Zero(d);
     for (int c = 0; c < (kExtra ? 4 + extra : 3); ++c) {
-      sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), hn::Load(d, upstream + c * kPaddedPixels + pixel), sum);
+      const Vec g = hn::Load(d, upstream + c * kPixels + pixel);
+      sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), g, sum);
+      hn::Store(g, d, state + kUpstream + c * kTileSize);
     }
-    hn::Store(sum, d, behind + pixel);
+    hn::Store(sum, d, state + kBehind);
   }
 
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   const std::uint32_t stop = begin + frame.tile_stop[tile];
-  const std::uint16_t* blended_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
+  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
     const std::uint32_t k = frame.entries[at];
@@ -169,12 +164,13 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
     const float* channels = frame.channels.data() + k * static_cast<std::size_t>(frame.extra_channels());
     const Vec own_red = hn::Set(d, splat.red), own_green = hn::Set(d, splat.green), own_blue = hn::Set(d, splat.blue);
     float channel_gradient[kMaxFeatures + 1] = {};
+    const RowOffsets offsets(splat, pixels.first_y);
     Vec s_sum = hn::Zero(d), s_x = hn::Zero(d), s_y = hn::Zero(d);
     Vec s_xx = hn::Zero(d), s_xy = hn::Zero(d), s_yy = hn::Zero(d);
     Vec abs_x = hn::Zero(d), abs_y = hn::Zero(d);
     Vec red = hn::Zero(d), green = hn::Zero(d), blue = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
-      std::uint32_t rows = *blended_rows++;
+      std::uint32_t rows = *reached_rows++;
       if (rows == 0) continue;
       const Columns columns(splat, pixels.x0 + b * lanes);
       const Vec slope_x = hn::Mul(columns.dx, hn::Set(d, 2.0f * splat.quadratic_xx));
@@ -183,35 +179,35 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
       do {
         const RowPair pair(rows);
         for (const int row : pair.rows) {
-          const int pixel = row * kTileSize + b * lanes;
-          const RowStep step = step_row(columns, pixels.y + row, pixels.transmittance + pixel);
-          hn::Store(step.next, d, pixels.transmittance + pixel);
-          const Vec g_red = hn::Load(d, upstream + pixel);
-          const Vec g_green = hn::Load(d, upstream + kPaddedPixels + pixel);
-          const Vec g_blue = hn::Load(d, upstream + 2 * kPaddedPixels + pixel);
+          float* const at_row = pixels.at(row, b * lanes);
+          const RowStep step = step_row(columns, offsets.dy[row], at_row);
+          const float* const g_row = at_row + kUpstream;
+          const Vec g_red = hn::Load(d, g_row);
+          const Vec g_green = hn::Load(d, g_row + kTileSize);
+          const Vec g_blue = hn::Load(d, g_row + 2 * kTileSize);
           Vec along = hn::Mul(g_red, own_red);  // gradient · the splat's own colour
           along = hn::MulAdd(g_green, own_green, along);
           along = hn::MulAdd(g_blue, own_blue, along);
-          const Vec weight = hn::IfThenElseZero(step.blended, hn::Mul(step.before, step.alpha));
+          const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
           red = hn::MulAdd(weight, g_red, red);
           green = hn::MulAdd(weight, g_green, green);
           blue = hn::MulAdd(weight, g_blue, blue);
           if (kExtra) {
-            along = hn::Add(along, hn::Load(d, upstream + 3 * kPaddedPixels + pixel));  // alpha: a channel that is 1
+            along = hn::Add(along, hn::Load(d, g_row + 3 * kTileSize));  // alpha: a channel that is 1
             for (int c = 0; c < extra; ++c) {
-              const Vec g = hn::Load(d, upstream + (4 + c) * kPaddedPixels + pixel);
+              const Vec g = hn::Load(d, g_row + (4 + c) * kTileSize);
               along = hn::MulAdd(g, hn::Set(d, channels[c]), along);
               channel_gradient[c] += sum_of(hn::Mul(weight, g));
             }
           }
           const Vec gain = hn::Mul(weight, along);
-          const Vec rest = hn::Sub(hn::Load(d, behind + pixel), gain);
-          hn::Store(rest, d, behind + pixel);
+          const Vec rest = hn::Sub(hn::Load(d, at_row + kBehind), gain);
+          hn::Store(rest, d, at_row + kBehind);
           // s = α·dL/dα = weight·along − rest·α/(1 − α); the reciprocal is refined once by Newton.
           const Vec transparency = hn::Sub(hn::Set(d, 1.0f), step.alpha);
           Vec inverse = hn::ApproximateReciprocal(transparency);
           inverse = hn::Mul(inverse, hn::NegMulAdd(transparency, inverse, hn::Set(d, 2.0f)));
-          const Mask moves = hn::And(step.blended, hn::Le(step.unclamped, hn::Set(d, kMaxAlpha)));
+          const Mask moves = hn::And(step.open, hn::Lt(step.alpha, hn::Set(d, kMaxAlpha)));
           const Vec s = hn::IfThenElseZero(moves, hn::NegMulAdd(rest, hn::Mul(step.alpha, inverse), gain));
           const Vec sy = hn::Mul(s, step.dy);
           column_s = hn::Add(column_s, s);
@@ -276,7 +272,6 @@ HWY_EXPORT(blend_tile_any);
 HWY_EXPORT(blend_tile_backward_any);
 
 constexpr std::size_t kTilePixels = kTileSize * kTileSize;
-constexpr std::size_t kPaddedTilePixels = kTilePixels + kTileSize;  // with a spare row
 
 /// The part of an image that a tile covers.
 struct TileArea {
@@ -295,21 +290,30 @@ struct TileArea {
   std::size_t row(std::size_t plane, std::size_t y) const { return plane * image_pixels + (y0 + y) * image_width + x0; }
 };
 
+/// Copies a row of an area. Nearly all are as wide as the tile, which is a few moves instead of a call.
+inline void copy_row(const float* from, float* to, std::size_t width) {
+  if (width == kTileSize) {
+    std::memcpy(to, from, kTileSize * sizeof(float));
+  } else {
+    std::memcpy(to, from, width * sizeof(float));
+  }
+}
+
 void store_planes(const TileArea& area, const float* tile, std::size_t planes, std::span<float> image) {
   if (image.empty()) return;
   for (std::size_t c = 0; c < planes; ++c) {
     for (std::size_t y = 0; y < area.height; ++y) {
-      std::memcpy(image.data() + area.row(c, y), tile + c * kTilePixels + y * kTileSize, area.width * sizeof(float));
+      copy_row(tile + c * kTilePixels + y * kTileSize, image.data() + area.row(c, y), area.width);
     }
   }
 }
 
 void load_planes(const TileArea& area, std::span<const float> image, std::size_t planes, float* tile) {
-  std::memset(tile, 0, planes * kPaddedTilePixels * sizeof(float));
+  if (image.empty() || area.width * area.height < kTilePixels) std::memset(tile, 0, planes * kTilePixels * sizeof(float));
   if (image.empty()) return;
   for (std::size_t c = 0; c < planes; ++c) {
     for (std::size_t y = 0; y < area.height; ++y) {
-      std::memcpy(tile + c * kPaddedTilePixels + y * kTileSize, image.data() + area.row(c, y), area.width * sizeof(float));
+      copy_row(image.data() + area.row(c, y), tile + c * kTilePixels + y * kTileSize, area.width);
     }
   }
 }
@@ -343,15 +347,15 @@ void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool ab
   const bool extra = !gradients.alpha.empty() || (!gradients.features.empty() && features > 0) ||
                      (!gradients.inverse_depth.empty() && frame.inverse_depth);
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
-    alignas(64) float upstream[(4 + kMaxFeatures + 1) * kPaddedTilePixels];
+    alignas(64) float upstream[(4 + kMaxFeatures + 1) * kTilePixels];
     for (std::size_t tile = begin; tile < end; ++tile) {
       const TileArea area(frame, tile);
       load_planes(area, gradients.color, 3, upstream);
       if (extra) {
-        load_planes(area, gradients.alpha, 1, upstream + 3 * kPaddedTilePixels);
-        load_planes(area, gradients.features, features, upstream + 4 * kPaddedTilePixels);
+        load_planes(area, gradients.alpha, 1, upstream + 3 * kTilePixels);
+        load_planes(area, gradients.features, features, upstream + 4 * kTilePixels);
         if (frame.inverse_depth) {
-          load_planes(area, gradients.inverse_depth, 1, upstream + (4 + features) * kPaddedTilePixels);
+          load_planes(area, gradients.inverse_depth, 1, upstream + (4 + features) * kTilePixels);
         }
       }
       HWY_DYNAMIC_DISPATCH(blend_tile_backward_any)

@@ -16,32 +16,39 @@ namespace splatboost {
 namespace HWY_NAMESPACE {
 
 /// Counts one tile's flagged pixels a splat. Integer sums: any order of tiles gives the same counts.
-/// @param flagged [256 and a spare row] 1 or 0
+/// @param flagged [256] 1 or 0
 void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT flagged, std::int32_t* counts) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
-  TilePixels pixels(frame, tile);
-  std::uint32_t flagged_rows[kMostBlocks];  // the others need no replay: pixels do not know of one another
-  for (int b = 0; b < blocks; ++b) flagged_rows[b] = open_rows(flagged, b * lanes);
+  TileRows<2> pixels(frame, tile);  // transmittance, flags
+  std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
+  for (int pixel = 0; pixel < kPixels; pixel += lanes) {
+    const int row = pixel / kTileSize, x = pixel % kTileSize;
+    const Vec flags = hn::Load(d, flagged + pixel);
+    hn::Store(flags, d, pixels.at(row, x, 1));
+    const bool any = !hn::AllFalse(d, hn::Gt(flags, hn::Zero(d)));
+    flagged_rows[x / lanes] |= static_cast<std::uint32_t>(any) << row;
+  }
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
-  const std::uint16_t* blended_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
+  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
     const BlendRecord& splat = frame.records[frame.entries[at]];
+    const RowOffsets offsets(splat, pixels.first_y);
     Vec sum = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
-      std::uint32_t rows = *blended_rows++ & flagged_rows[b];
+      std::uint32_t rows = *reached_rows++ & flagged_rows[b];
       if (rows == 0) continue;
       const Columns columns(splat, pixels.x0 + b * lanes);
       do {
         const RowPair pair(rows);
         for (const int row : pair.rows) {
-          const int pixel = row * kTileSize + b * lanes;
-          const RowStep step = step_row(columns, pixels.y + row, pixels.transmittance + pixel);
-          hn::Store(step.next, d, pixels.transmittance + pixel);
-          sum = hn::Add(sum, hn::IfThenElseZero(step.blended, hn::Load(d, flagged + pixel)));
+          float* const at_row = pixels.at(row, b * lanes);
+          const RowStep step = step_row(columns, offsets.dy[row], at_row);
+          const Mask blended = hn::And(step.open, hn::Gt(step.alpha, hn::Zero(d)));
+          sum = hn::Add(sum, hn::IfThenElseZero(blended, hn::Load(d, at_row + kTileSize)));
         }
       } while (rows != 0);
     }
@@ -66,7 +73,7 @@ void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flag
   const auto height = static_cast<std::size_t>(frame.camera.height);
   const auto columns = static_cast<std::size_t>(frame.tiles_x);
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
-    alignas(64) float tile_flags[(kTileSize + 1) * kTileSize] = {};
+    alignas(64) float tile_flags[kTileSize * kTileSize];
     for (std::size_t tile = begin; tile < end; ++tile) {
       const std::size_t x0 = tile % columns * kTileSize, y0 = tile / columns * kTileSize;
       bool any = false;

@@ -82,7 +82,7 @@ struct Frame {
 
   Buffer<BlendRecord> records;      ///< [V]
   Buffer<float> channels;           ///< [V, extra_channels()] features, then inverse depth
-  Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] rows of the tile that an entry was blended in
+  Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] rows of the tile that an entry reaches
   Buffer<std::uint32_t> tile_stop;  ///< [T] entries of the tile that were looked at before all pixels were full
   Buffer<float> tile_images;        ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
 

@@ -33,7 +33,6 @@ using Mask = hn::Mask<Lanes>;
 inline constexpr int kPixels = kTileSize * kTileSize;
 /// Rows are taken two at a time; where their number is odd, the second is this one, whose pixels are closed.
 inline constexpr int kSpareRow = kTileSize;
-inline constexpr int kPaddedPixels = kPixels + kTileSize;
 /// Entries of a tile that are handled together: their rows are found in one go, ahead of the branches on them.
 inline constexpr std::uint32_t kBatch = 32;
 /// Blocks of columns in a tile.
@@ -43,7 +42,7 @@ inline constexpr float kMinLog2Alpha = -7.994353436858858f;  // log2(1/255)
 /// By how much a row's greatest exponent may miss the threshold: more than rounding. The exact test is per pixel.
 inline constexpr float kRowSlack = 0.02f;
 
-/// 2^x for x in [-126, 1]; polynomial fitted at Chebyshev nodes on [-½, ½], relative error 1e-7.
+/// 2^x for x in [-126, 1], anything elsewhere; polynomial fitted at Chebyshev nodes on [-½, ½], relative error 1e-7.
 HWY_INLINE Vec exp2_of(Vec x) {
   const Lanes d;
   const hn::RebindToSigned<Lanes> di;
@@ -95,7 +94,6 @@ struct Columns {
   Vec constant;
   Vec linear;
   Vec quadratic;
-  Vec mean_y;
 
   HWY_INLINE Columns(const BlendRecord& splat, int x0) {
     const Lanes d;
@@ -103,67 +101,21 @@ struct Columns {
     constant = hn::MulAdd(hn::Mul(dx, dx), hn::Set(d, splat.quadratic_xx), hn::Set(d, splat.log2_opacity));
     linear = hn::Mul(dx, hn::Set(d, splat.quadratic_xy));
     quadratic = hn::Set(d, splat.quadratic_yy);
-    mean_y = hn::Set(d, splat.mean_y);
   }
 };
 
-/// What one splat does to one row of pixels. Lanes that are not blended hold anything but `next`.
-struct RowStep {
-  Vec dy;         ///< pixel centre − mean
-  Mask blended;   ///< pixels where the splat contributes
-  Vec unclamped;  ///< α before the clamp at 0.99
-  Vec alpha;
-  Vec before;  ///< transmittance before the splat
-  Vec next;    ///< ... and after it
-};
+/// dy of a tile's rows, pixel centre − mean, and of the spare row. In memory, because a processor broadcasts a number
+/// that it loads at no cost.
+struct RowOffsets {
+  alignas(64) float dy[kTileSize + 1];
 
-/// One row. A saturated pixel is closed: it keeps its transmittance with a minus sign, which no splat can blend.
-/// @param y the row's pixel centre
-HWY_INLINE RowStep step_row(const Columns& columns, const float* HWY_RESTRICT y,
-                            const float* HWY_RESTRICT transmittance) {
-  const Lanes d;
-  RowStep step;
-  step.dy = hn::Sub(hn::Set(d, *y), columns.mean_y);
-  const Vec exponent =
-      hn::MulAdd(step.dy, hn::MulAdd(step.dy, columns.quadratic, columns.linear), columns.constant);
-  step.before = hn::Load(d, transmittance);
-  const Mask reached = hn::Ge(exponent, hn::Set(d, kMinLog2Alpha));
-  step.unclamped = exp2_of(hn::Max(exponent, hn::Set(d, -32.0f)));
-  step.alpha = hn::Min(step.unclamped, hn::Set(d, kMaxAlpha));
-  const Vec after = hn::NegMulAdd(step.before, step.alpha, step.before);
-  step.blended = hn::And(reached, hn::Ge(after, hn::Set(d, kMinTransmittance)));
-  const Vec closed = hn::IfThenElse(reached, hn::Or(step.before, hn::SignBit(d)), step.before);
-  step.next = hn::IfThenElse(step.blended, after, closed);
-  return step;
-}
-
-/// Rows of one block of columns that still have an open pixel, as a bit mask.
-HWY_INLINE std::uint32_t open_rows(const float* HWY_RESTRICT transmittance, int x) {
-  const Lanes d;
-  std::uint32_t open = 0;
-  for (int row = 0; row < kTileSize; ++row) {
-    const Vec t = hn::Load(d, transmittance + row * kTileSize + x);
-    if (!hn::AllFalse(d, hn::Gt(t, hn::Zero(d)))) open |= 1u << row;
-  }
-  return open;
-}
-
-/// Pixels of a tile: transmittance 1, and closed from the start outside the image.
-struct TilePixels {
-  alignas(64) float transmittance[kPaddedPixels];
-  alignas(64) float y[kTileSize + 1];  ///< pixel centres of the rows
-  int x0, y0;
-
-  TilePixels(const Frame& frame, std::size_t tile) {
-    x0 = static_cast<int>(tile % static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-    y0 = static_cast<int>(tile / static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-    const int width = std::min(frame.camera.width - x0, kTileSize), height = std::min(frame.camera.height - y0, kTileSize);
-    for (int row = 0; row <= kSpareRow; ++row) {
-      y[row] = static_cast<float>(y0 + row) + 0.5f;
-      for (int x = 0; x < kTileSize; ++x) {
-        transmittance[row * kTileSize + x] = x < width && row < height ? 1.0f : -1.0f;
-      }
+  HWY_INLINE RowOffsets(const BlendRecord& splat, float first_y) {
+    const Lanes d;
+    const int lanes = static_cast<int>(hn::Lanes(d));
+    for (int row = 0; row < kTileSize; row += lanes) {
+      hn::Store(hn::Sub(hn::Iota(d, first_y + static_cast<float>(row)), hn::Set(d, splat.mean_y)), d, dy + row);
     }
+    dy[kSpareRow] = 0.0f;
   }
 };
 
@@ -175,6 +127,69 @@ struct RowPair {
     mask &= mask - 1;
     rows[1] = std::countr_zero(mask | (1u << kSpareRow));
     mask &= mask - 1;
+  }
+};
+
+/// What one splat does to one row of pixels.
+struct RowStep {
+  Vec dy;
+  Vec alpha;   ///< 0 where it is below the threshold
+  Vec before;  ///< transmittance before the splat
+  Mask open;   ///< pixels that are open afterwards: there, and where α is not 0, the splat was blended
+};
+
+/// Takes a row of transmittances behind a splat. A pixel that the splat would saturate is closed before it: it keeps
+/// its transmittance with a minus sign, which no later splat brings past the comparison.
+HWY_INLINE RowStep step_row(const Columns& columns, float dy, float* HWY_RESTRICT transmittance) {
+  const Lanes d;
+  RowStep step;
+  step.dy = hn::Set(d, dy);
+  const Vec exponent =
+      hn::MulAdd(step.dy, hn::MulAdd(step.dy, columns.quadratic, columns.linear), columns.constant);
+  const Mask reached = hn::Ge(exponent, hn::Set(d, kMinLog2Alpha));
+  step.alpha = hn::IfThenElseZero(reached, hn::Min(exp2_of(exponent), hn::Set(d, kMaxAlpha)));
+  step.before = hn::Load(d, transmittance);
+  const Vec after = hn::NegMulAdd(step.before, step.alpha, step.before);
+  step.open = hn::Ge(after, hn::Set(d, kMinTransmittance));
+  hn::Store(hn::IfThenElse(step.open, after, hn::Or(step.before, hn::SignBit(d))), d, transmittance);
+  return step;
+}
+
+/// The part of a tile's state that the loops over rows read and write. What is used together lies together: a row's
+/// transmittance, then its other planes. Planes far apart would meet in the low bits of their addresses, and a load
+/// that looks like a store in flight waits for it.
+/// @tparam kPlanes planes of a row, the transmittance included
+template <int kPlanes>
+struct TileRows {
+  static constexpr int kStride = kPlanes * kTileSize;
+  alignas(64) float rows[(kTileSize + 1) * kStride];
+  int x0, y0;
+  float first_y;  ///< pixel centre of the first row
+
+  /// Transmittance 1, and closed from the start outside the image; the other planes are zero.
+  TileRows(const Frame& frame, std::size_t tile) {
+    x0 = static_cast<int>(tile % static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
+    y0 = static_cast<int>(tile / static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
+    first_y = static_cast<float>(y0) + 0.5f;
+    const int width = std::min(frame.camera.width - x0, kTileSize);
+    const int height = std::min(frame.camera.height - y0, kTileSize);
+    std::memset(rows, 0, sizeof rows);
+    for (int row = 0; row <= kSpareRow; ++row) {
+      for (int x = 0; x < kTileSize; ++x) rows[row * kStride + x] = x < width && row < height ? 1.0f : -1.0f;
+    }
+  }
+
+  HWY_INLINE float* at(int row, int x, int plane = 0) { return rows + row * kStride + plane * kTileSize + x; }
+
+  /// Rows of a block of columns that still have an open pixel, as a bit mask.
+  HWY_INLINE std::uint32_t open_rows(int x) {
+    const Lanes d;
+    std::uint32_t open = 0;
+    for (int row = 0; row < kTileSize; ++row) {
+      const bool any = !hn::AllFalse(d, hn::Gt(hn::Load(d, at(row, x)), hn::Zero(d)));
+      open |= static_cast<std::uint32_t>(any) << row;
+    }
+    return open;
   }
 };
 
