@@ -42,8 +42,8 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
       const BlendRecord& splat = frame.records[frame.entries[e]];
       for (int b = 0; b < blocks; ++b) {
         const float x = static_cast<float>(pixels.x0 + b * lanes) + 0.5f;
-        rows_of[e * static_cast<std::size_t>(blocks) + static_cast<std::size_t>(b)] =
-            static_cast<std::uint16_t>(open[b] & rows_in_reach(splat, pixels.first_y, x, x + static_cast<float>(lanes - 1)));
+        rows_of[e * static_cast<std::size_t>(blocks) + static_cast<std::size_t>(b)] = static_cast<std::uint16_t>(
+            open[b] & rows_in_reach(splat, pixels.first_y, x, x + static_cast<float>(lanes - 1)));
       }
     }
     const std::uint16_t* found = rows_of + at * static_cast<std::size_t>(blocks);
@@ -309,7 +309,8 @@ void store_planes(const TileArea& area, const float* tile, std::size_t planes, s
 }
 
 void load_planes(const TileArea& area, std::span<const float> image, std::size_t planes, float* tile) {
-  if (image.empty() || area.width * area.height < kTilePixels) std::memset(tile, 0, planes * kTilePixels * sizeof(float));
+  if (image.empty() || area.width * area.height < kTilePixels)
+    std::memset(tile, 0, planes * kTilePixels * sizeof(float));
   if (image.empty()) return;
   for (std::size_t c = 0; c < planes; ++c) {
     for (std::size_t y = 0; y < area.height; ++y) {

@@ -21,7 +21,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
-  TileRows<2> pixels(frame, tile);  // transmittance, flags
+  TileRows<2> pixels(frame, tile);               // transmittance, flags
   std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
     const int row = pixel / kTileSize, x = pixel % kTileSize;
@@ -53,7 +53,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
       } while (rows != 0);
     }
     const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (count > 0) std::atomic_ref(counts[splat.gaussian]).fetch_add(count, std::memory_order_relaxed);
+    if (count > 0) std::atomic_ref(counts[frame.entries[at]]).fetch_add(count, std::memory_order_relaxed);
   }
 }
 

@@ -19,17 +19,12 @@
 #include <hwy/highway.h>
 
 #include "frame.h"
+#include "lanes-inl.h"
 #include "splatboost/constants.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
-
-using Lanes = hn::CappedTag<float, kTileSize>;
-using Vec = hn::Vec<Lanes>;
-using Mask = hn::Mask<Lanes>;
-
 inline constexpr int kPixels = kTileSize * kTileSize;
 /// Rows are taken two at a time; where their number is odd, the second is this one, whose pixels are closed.
 inline constexpr int kSpareRow = kTileSize;
@@ -37,8 +32,6 @@ inline constexpr int kSpareRow = kTileSize;
 inline constexpr std::uint32_t kBatch = 32;
 /// Blocks of columns in a tile.
 inline constexpr int kMostBlocks = kTileSize;
-/// Alpha's threshold as a base-2 logarithm: comparing exponents spares most exponentials.
-inline constexpr float kMinLog2Alpha = -7.994353436858858f;  // log2(1/255)
 /// By how much a row's greatest exponent may miss the threshold: more than rounding. The exact test is per pixel.
 inline constexpr float kRowSlack = 0.02f;
 
@@ -144,8 +137,7 @@ HWY_INLINE RowStep step_row(const Columns& columns, float dy, float* HWY_RESTRIC
   const Lanes d;
   RowStep step;
   step.dy = hn::Set(d, dy);
-  const Vec exponent =
-      hn::MulAdd(step.dy, hn::MulAdd(step.dy, columns.quadratic, columns.linear), columns.constant);
+  const Vec exponent = hn::MulAdd(step.dy, hn::MulAdd(step.dy, columns.quadratic, columns.linear), columns.constant);
   const Mask reached = hn::Ge(exponent, hn::Set(d, kMinLog2Alpha));
   step.alpha = hn::IfThenElseZero(reached, hn::Min(exp2_of(exponent), hn::Set(d, kMaxAlpha)));
   step.before = hn::Load(d, transmittance);
