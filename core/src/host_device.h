@@ -34,6 +34,7 @@ SPLATBOOST_HOST_DEVICE float abs_of(float a) { return fabsf(a); }
 SPLATBOOST_HOST_DEVICE float sqrt_of(float a) { return sqrtf(a); }
 SPLATBOOST_HOST_DEVICE float floor_of(float a) { return floorf(a); }
 SPLATBOOST_HOST_DEVICE float ceil_of(float a) { return ceilf(a); }
+SPLATBOOST_HOST_DEVICE float reciprocal_of(float a) { return 1.0f / a; }
 SPLATBOOST_HOST_DEVICE float log2_of(float a) { return log2f(a); }
 /// a where the condition holds, else b.
 SPLATBOOST_HOST_DEVICE constexpr float select(bool condition, float a, float b) { return condition ? a : b; }
