@@ -39,7 +39,7 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
     std::uint16_t* const rows_of = frame.entry_rows.data();
     for (std::uint32_t e = at; e < batch_end; ++e) {
       prefetch_record(frame, e, end);
-      const BlendRecord& splat = frame.records[frame.entries[e]];
+      const BlendRecord& splat = frame.records[frame.entries[e].gaussian];
       for (int b = 0; b < blocks; ++b) {
         const float x = static_cast<float>(pixels.x0 + b * lanes) + 0.5f;
         rows_of[e * static_cast<std::size_t>(blocks) + static_cast<std::size_t>(b)] = static_cast<std::uint16_t>(
@@ -48,7 +48,7 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
     }
     const std::uint16_t* found = rows_of + at * static_cast<std::size_t>(blocks);
     for (std::uint32_t e = at; e < batch_end; ++e) {
-      const std::uint32_t k = frame.entries[e];
+      const std::uint32_t k = frame.entries[e].gaussian;
       const BlendRecord& splat = frame.records[k];
       const Vec red = hn::Set(d, splat.red), green = hn::Set(d, splat.green), blue = hn::Set(d, splat.blue);
       const float* channels = frame.channels.data() + k * static_cast<std::size_t>(extra);
@@ -159,7 +159,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
-    const std::uint32_t k = frame.entries[at];
+    const std::uint32_t k = frame.entries[at].gaussian;
     const BlendRecord& splat = frame.records[k];
     const float* channels = frame.channels.data() + k * static_cast<std::size_t>(frame.extra_channels());
     const Vec own_red = hn::Set(d, splat.red), own_green = hn::Set(d, splat.green), own_blue = hn::Set(d, splat.blue);
@@ -229,7 +229,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
       s_xy = hn::MulAdd(column_sy, columns.dx, s_xy);
       s_yy = hn::Add(s_yy, column_syy);
     }
-    const std::size_t slot = frame.slots[at];
+    const std::size_t slot = frame.entries[at].slot;
     auto* moments = reinterpret_cast<float*>(&frame.entry_moments[slot]);
     sums_of(s_sum, s_x, s_y, s_xx, moments);
     sums_of(s_xy, s_yy, red, green, moments + 4);
@@ -242,7 +242,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   }
   // Entries behind the last open pixel moved nothing.
   for (std::uint32_t at = stop; at < end; ++at) {
-    const std::size_t slot = frame.slots[at];
+    const std::size_t slot = frame.entries[at].slot;
     frame.entry_moments[slot] = EntryMoments{};
     std::fill_n(frame.entry_channel_gradients.data() + static_cast<std::size_t>(features) * slot, features, 0.0f);
   }

@@ -35,7 +35,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
-    const BlendRecord& splat = frame.records[frame.entries[at]];
+    const BlendRecord& splat = frame.records[frame.entries[at].gaussian];
     const RowOffsets offsets(splat, pixels.first_y);
     Vec sum = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
@@ -53,7 +53,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
       } while (rows != 0);
     }
     const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (count > 0) std::atomic_ref(counts[frame.entries[at]]).fetch_add(count, std::memory_order_relaxed);
+    if (count > 0) std::atomic_ref(counts[frame.entries[at].gaussian]).fetch_add(count, std::memory_order_relaxed);
   }
 }
 

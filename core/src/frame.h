@@ -25,9 +25,17 @@ struct alignas(64) BlendRecord {
   float unused[5];
 };
 
-/// Tiles [begin, end) of one tile row.
-struct TileSpan {
-  std::uint16_t begin, end;
+/// The tiles that a Gaussian is listed in.
+struct alignas(16) TileListing {
+  std::uint32_t first;  ///< in the array of the Gaussian's piece
+  std::uint32_t tiles;  ///< 0: not drawn
+  std::uint32_t slot;   ///< first of its slots, one a tile
+};
+
+/// A Gaussian in a tile's list.
+struct TileEntry {
+  std::uint32_t gaussian;
+  std::uint32_t slot;  ///< the entry's place when entries are ordered Gaussian by Gaussian
 };
 
 /// Sums over the pixels of one (tile, splat) entry, from which the gradients of its splat follow; one cache line.
@@ -61,20 +69,17 @@ struct Frame {
   Buffer<std::int32_t> radii;    ///< [N]
   Buffer<float> channels;        ///< [N, extra_channels()] features, then inverse depth
 
-  // Tiles that a Gaussian is listed in, a span for each row of tiles. Found piece by piece, each into its own array.
-  Buffer<std::uint16_t> first_row;           ///< [N] tile row of the first span
-  Buffer<std::uint16_t> row_count;           ///< [N] spans; 0: not drawn
-  Buffer<std::uint32_t> span_begin;          ///< [N] first span, in the array of the Gaussian's piece
-  Buffer<std::uint32_t> listed;              ///< [N] tiles
-  std::vector<std::vector<TileSpan>> spans;  ///< [N / kProjectGrain] pieces
+  Buffer<TileListing> listings;                          ///< [N]
+  std::vector<std::vector<std::uint32_t>> listed_tiles;  ///< an array for each piece of kProjectGrain Gaussians
 
   Buffer<std::uint32_t> order;  ///< [V] Gaussians that are listed, near to far
   Buffer<std::uint32_t> sort_keys, sort_keys_swap, order_swap;
-  Buffer<std::uint32_t> tile_begin;   ///< [T+1] first entry of a tile
-  Buffer<std::uint32_t> tile_cursor;  ///< [chunks, T]
-  Buffer<std::uint32_t> entries;      ///< [E] Gaussians, tile by tile, near to far
-  Buffer<std::uint32_t> splat_begin;  ///< [N+1] first slot of a Gaussian
-  Buffer<std::uint32_t> slots;        ///< [E] an entry's place when entries are ordered Gaussian by Gaussian
+  Buffer<std::uint32_t> tile_begin;      ///< [T+1] first entry of a tile
+  Buffer<std::uint32_t> tile_cursor;     ///< [chunks, T]
+  Buffer<std::uint32_t> chunk_entries;   ///< [chunks + 1] first of a chunk's unsorted entries
+  Buffer<TileEntry> entries;             ///< [E] tile by tile, near to far
+  Buffer<std::uint32_t> unsorted_tiles;  ///< [E, and room behind] tiles of the entries, all near to far
+  Buffer<TileEntry> unsorted_entries;    ///< ... and the entries
 
   Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] rows of the tile that an entry reaches
   Buffer<std::uint32_t> tile_stop;   ///< [T] entries of the tile that were looked at before all pixels were full
@@ -83,9 +88,6 @@ struct Frame {
   Buffer<EntryMoments> entry_moments;     ///< [E] by slot
   Buffer<float> entry_channel_gradients;  ///< [E, features] by slot
 
-  const TileSpan* spans_of(std::uint32_t gaussian) const {
-    return spans[gaussian / kProjectGrain].data() + span_begin[gaussian];
-  }
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
 };

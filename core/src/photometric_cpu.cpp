@@ -32,8 +32,8 @@ struct PhotometricJob {
 
 inline constexpr std::size_t kHalo = kSsimRadius;
 inline constexpr std::size_t kWindow = 2 * kHalo + 1;
-/// A block of an image that is handled at a time, from the pixels to the gradient: narrow enough that the window's eleven
-/// rows of all that is blurred stay in the first cache, high enough that the halo above and below is cheap.
+/// A block of an image that is handled at a time, from the pixels to the gradient: narrow enough that the window's
+/// eleven rows of all that is blurred stay in the first cache, high enough that the halo above and below is cheap.
 inline constexpr std::size_t kBlockColumns = 96;
 inline constexpr std::size_t kBlockRows = 128;
 /// Columns where SSIM's derivatives are needed: the block's and its halo, in whole vectors.
@@ -136,8 +136,8 @@ HWY_INLINE double sum_of(Float a) {
 }
 
 /// Value and gradient of one block of one channel, in one sweep down the rows: pixels are blurred along x; five rows
-/// later, along y, which gives SSIM and its derivatives; these are blurred in turn, the window being its own adjoint, and
-/// five rows later still the gradient is known.
+/// later, along y, which gives SSIM and its derivatives; these are blurred in turn, the window being its own adjoint,
+/// and five rows later still the gradient is known.
 void photometric_block(const PhotometricJob& job, const BlockRange& block, PhotometricSums& sums) {
   enum : std::size_t { kRender, kTruth, kSquares, kProduct, kQuantities };
   alignas(64) float pixels[kQuantities][kPixelColumns] = {};

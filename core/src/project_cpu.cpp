@@ -100,38 +100,71 @@ void store_whole(Float a, std::int32_t* to) {
   hn::StoreU(hn::ConvertTo(d, a.v), d, to);
 }
 
-/// Lists the tiles of a block's Gaussians, row by row.
+/// Numbers of a block's rows of tiles: [rows, lanes] where the tiles of a row begin and end.
+struct RowTilesScratch {
+  Buffer<std::int32_t> begin, end;
+};
+
+RowTilesScratch& row_tiles_of_thread() {
+  thread_local RowTilesScratch scratch;
+  return scratch;
+}
+
+/// Lists the tiles of a block's Gaussians.
 /// @param first_row,row_count [lanes] rows of their bounding boxes
 template <class RowTiles>
-void list_spans(Frame& frame, std::size_t i, std::size_t count, Float first_row, const std::int32_t* row_count,
-                std::vector<TileSpan>& spans, RowTiles&& tiles_in_row) {
-  std::size_t first[kMostLanes];
-  std::size_t at = spans.size();
-  std::int32_t most = 0;
-  for (std::size_t lane = 0; lane < count; ++lane) {
-    first[lane] = at;
-    frame.span_begin[i + lane] = static_cast<std::uint32_t>(at);
-    frame.listed[i + lane] = 0;
-    at += static_cast<std::size_t>(row_count[lane]);
-    most = std::max(most, row_count[lane]);
-  }
-  spans.resize(at);
+void list_tiles(Frame& frame, std::size_t i, std::size_t count, Float first_row, Float row_count,
+                std::vector<std::uint32_t>& listed, RowTiles&& tiles_in_row) {
+  alignas(64) std::int32_t first[kMostLanes], rows[kMostLanes], totals[kMostLanes];
+  store_whole(first_row, first);
+  store_whole(row_count, rows);
+  const std::int32_t most = *std::max_element(rows, rows + count);
+  RowTilesScratch& scratch = row_tiles_of_thread();
+  scratch.begin.ensure(static_cast<std::size_t>(most) * lanes());
+  scratch.end.ensure(static_cast<std::size_t>(most) * lanes());
+  Float total(0.0f);
   for (std::int32_t row = 0; row < most; ++row) {
-    const TileRange<Float> tiles = tiles_in_row(first_row + Float(static_cast<float>(row)));
-    alignas(64) std::int32_t begin[kMostLanes], end[kMostLanes];
-    store_whole(tiles.begin, begin);
-    store_whole(tiles.end, end);
-    for (std::size_t lane = 0; lane < count; ++lane) {
-      if (row >= row_count[lane]) continue;
-      spans[first[lane] + static_cast<std::size_t>(row)] = {static_cast<std::uint16_t>(begin[lane]),
-                                                            static_cast<std::uint16_t>(end[lane])};
-      frame.listed[i + lane] += static_cast<std::uint32_t>(std::max(0, end[lane] - begin[lane]));
+    const Float at(static_cast<float>(row));
+    TileRange<Float> tiles = tiles_in_row(first_row + at);
+    tiles.begin = select(at < row_count, tiles.begin, Float(0.0f));
+    tiles.end = select(at < row_count, max_of(tiles.end, tiles.begin), Float(0.0f));
+    total += tiles.end - tiles.begin;
+    store_whole(tiles.begin, scratch.begin.data() + static_cast<std::size_t>(row) * lanes());
+    store_whole(tiles.end, scratch.end.data() + static_cast<std::size_t>(row) * lanes());
+  }
+  store_whole(total, totals);
+
+  // Tiles are written eight at a time, whatever their number: rows are short, and so nothing is left to be guessed of
+  // where a loop ends. What is too much, the next row writes over.
+  constexpr std::size_t kAtATime = 8;
+  std::size_t at = listed.size() < kAtATime ? 0 : listed.size() - kAtATime;
+  std::size_t end = at;
+  for (std::size_t lane = 0; lane < count; ++lane) end += static_cast<std::size_t>(totals[lane]);
+  listed.resize(end + kAtATime);
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    TileListing& listing = frame.listings[i + lane];
+    listing.first = static_cast<std::uint32_t>(at);
+    listing.tiles = static_cast<std::uint32_t>(totals[lane]);
+    auto row_start = static_cast<std::uint32_t>(first[lane] * frame.tiles_x);
+    const std::int32_t* begin = scratch.begin.data() + lane;
+    const std::int32_t* row_end = scratch.end.data() + lane;
+    for (std::int32_t row = 0; row < rows[lane]; ++row) {
+      const std::uint32_t tile = row_start + static_cast<std::uint32_t>(*begin);
+      const auto n = static_cast<std::size_t>(*row_end - *begin);
+      for (std::size_t done = 0; done < n; done += kAtATime) {
+        std::uint32_t* to = listed.data() + at + done;
+        for (std::uint32_t k = 0; k < kAtATime; ++k) to[k] = tile + static_cast<std::uint32_t>(done) + k;
+      }
+      at += n;
+      row_start += static_cast<std::uint32_t>(frame.tiles_x);
+      begin += lanes();
+      row_end += lanes();
     }
   }
 }
 
 void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std::size_t count,
-                   std::vector<TileSpan>& spans) {
+                   std::vector<std::uint32_t>& listed) {
   const RasterOptions& options = frame.options;
   const Float zero(0.0f);
   const Vec3<Float> mean = vec3_at(gaussians.means, i, count);
@@ -161,22 +194,18 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
   }
   visible = visible & (x.begin < x.end) & (y.begin < y.end);
 
-  alignas(64) std::int32_t row_count[kMostLanes], first_row[kMostLanes], radii[kMostLanes];
-  const Float top = select(visible, y.begin, zero);
-  store_whole(top, first_row);
-  store_whole(select(visible, y.end - y.begin, zero), row_count);
+  alignas(64) std::int32_t radii[kMostLanes];
   store_whole(select(visible, min_of(radius, Float(1e9f)), zero), radii);
+  const Float top = select(visible, y.begin, zero), rows = select(visible, y.end - y.begin, zero);
   if (square) {
-    list_spans(frame, i, count, top, row_count, spans, [&](Float) HWY_ATTR { return x; });
+    list_tiles(frame, i, count, top, rows, listed, [&](Float) HWY_ATTR { return x; });
   } else {
-    list_spans(frame, i, count, top, row_count, spans,
+    list_tiles(frame, i, count, top, rows, listed,
                [&](Float row) HWY_ATTR { return ellipse_tiles_in_row(ellipse, row, frame.tiles_x); });
   }
   bool any = false;
   for (std::size_t lane = 0; lane < count; ++lane) {
-    const bool seen = frame.listed[i + lane] > 0;
-    frame.first_row[i + lane] = static_cast<std::uint16_t>(first_row[lane]);
-    frame.row_count[i + lane] = static_cast<std::uint16_t>(seen ? row_count[lane] : 0);
+    const bool seen = frame.listings[i + lane].tiles > 0;
     frame.visible[i + lane] = seen ? 1 : 0;
     frame.radii[i + lane] = seen ? radii[lane] : 0;
     any |= seen;
@@ -213,10 +242,10 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
 }
 
 void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, std::size_t end) {
-  std::vector<TileSpan>& spans = frame.spans[begin / kProjectGrain];
-  spans.clear();
+  std::vector<std::uint32_t>& listed = frame.listed_tiles[begin / kProjectGrain];
+  listed.clear();
   for (std::size_t i = begin; i < end; i += lanes()) {
-    project_block(frame, gaussians, i, std::min(lanes(), end - i), spans);
+    project_block(frame, gaussians, i, std::min(lanes(), end - i), listed);
   }
 }
 
@@ -228,9 +257,10 @@ void gather(const Frame& frame, std::size_t i, std::size_t count, float* columns
   for (std::size_t lane = 0; lane < count; ++lane) {
     Float sum[kWidth / lanes()];
     for (Float& s : sum) s = Float(0.0f);
-    for (std::uint32_t slot = frame.splat_begin[i + lane]; slot < frame.splat_begin[i + lane + 1]; ++slot) {
-      const auto* entry = reinterpret_cast<const float*>(&frame.entry_moments[slot]);
-      for (std::size_t k = 0; k < kWidth / lanes(); ++k) sum[k] += Float(hn::Load(d, entry + k * lanes()));
+    const TileListing& listing = frame.listings[i + lane];
+    for (std::uint32_t k = 0; k < listing.tiles; ++k) {
+      const auto* entry = reinterpret_cast<const float*>(&frame.entry_moments[listing.slot + k]);
+      for (std::size_t v = 0; v < kWidth / lanes(); ++v) sum[v] += Float(hn::Load(d, entry + v * lanes()));
     }
     for (std::size_t k = 0; k < kWidth / lanes(); ++k) hn::Store(sum[k].v, d, rows + lane * kWidth + k * lanes());
   }
@@ -320,8 +350,9 @@ void clear_block(const GaussianGradients& g, const Gaussians& gaussians, std::si
 void feature_gradients(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i) {
   float sum[kMaxFeatures] = {};
   const auto drawn = static_cast<std::size_t>(frame.features);  // none, if the view was drawn without them
-  for (std::size_t slot = frame.splat_begin[i]; drawn > 0 && slot < frame.splat_begin[i + 1]; ++slot) {
-    const float* entry = frame.entry_channel_gradients.data() + drawn * slot;
+  const TileListing& listing = frame.listings[i];
+  for (std::size_t k = 0; drawn > 0 && k < listing.tiles; ++k) {
+    const float* entry = frame.entry_channel_gradients.data() + drawn * (listing.slot + k);
     for (std::size_t f = 0; f < drawn; ++f) sum[f] += entry[f];
   }
   const auto width = static_cast<std::size_t>(gaussians.features_per_gaussian);
@@ -436,12 +467,9 @@ void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
   frame.visible.ensure(n);
   frame.radii.ensure(n);
   frame.channels.ensure(n * static_cast<std::size_t>(frame.extra_channels()));
-  frame.first_row.ensure(n);
-  frame.row_count.ensure(n);
-  frame.span_begin.ensure(n);
-  frame.listed.ensure(n);
+  frame.listings.ensure(n);
   const std::size_t pieces = (n + kProjectGrain - 1) / kProjectGrain;
-  if (frame.spans.size() < pieces) frame.spans.resize(pieces);
+  if (frame.listed_tiles.size() < pieces) frame.listed_tiles.resize(pieces);
   threads.for_range(n, kProjectGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(project_range)(frame, gaussians, begin, end);
   });

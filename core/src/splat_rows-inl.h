@@ -55,7 +55,7 @@ HWY_INLINE Vec exp2_of(Vec x) {
 /// A tile's records lie scattered over the view's: without this the loop waits for memory a fifth of its time.
 HWY_INLINE void prefetch_record(const Frame& frame, std::uint32_t at, std::uint32_t end) {
   constexpr std::uint32_t kAhead = 8;
-  if (at + kAhead < end) __builtin_prefetch(&frame.records[frame.entries[at + kAhead]]);
+  if (at + kAhead < end) __builtin_prefetch(&frame.records[frame.entries[at + kAhead].gaussian]);
 }
 
 /// Rows of a tile where a splat reaches a block of columns, as a bit mask: those where the greatest exponent between

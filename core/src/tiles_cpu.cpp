@@ -9,7 +9,8 @@
 namespace splatboost {
 namespace {
 
-constexpr std::size_t kSplatsAhead = 16;
+constexpr std::size_t kListingsAhead = 24, kTilesAhead = 12;
+constexpr std::uint32_t kAtATime = 8;
 
 /// Gaussians that are listed, near to far, ties by index: a stable radix sort of the depth's bits, which order as
 /// integers because depths are positive.
@@ -24,7 +25,6 @@ void sort_by_depth(Frame& frame) {
     frame.sort_keys[count] = std::bit_cast<std::uint32_t>(frame.depths[i]);
     count += frame.visible[i];
   }
-  frame.order.ensure(count);
 
   constexpr int kBits = 11;
   constexpr std::uint32_t kBins = 1u << kBits;
@@ -55,8 +55,8 @@ void sort_by_depth(Frame& frame) {
     std::swap(keys, keys_to);
     std::swap(order, order_to);
   }
-  // Three passes end in the swap buffers.
-  if (count > 0) std::memcpy(order_to, order, count * sizeof(std::uint32_t));
+  std::swap(frame.order, frame.order_swap);  // where three passes end
+  frame.order.ensure(count);
 }
 
 }  // namespace
@@ -65,69 +65,92 @@ void build_tile_lists(Frame& frame, Threads& threads) {
   sort_by_depth(frame);
   const std::size_t visible = frame.order.size();
   const std::size_t tiles = frame.tiles();
-  const auto tiles_x = static_cast<std::size_t>(frame.tiles_x);
 
-  // Gaussians are cut into one chunk a thread; each counts its entries a tile, so that chunk after chunk can be written
-  // without locks. The lists do not depend on the number of chunks.
+  // Gaussians are cut into one chunk a thread, in the order of depth. Each chunk writes down its entries, near to far,
+  // and counts them a tile, so that chunk after chunk can be sorted into the tiles without locks. The lists do not
+  // depend on the number of chunks.
   const auto chunks = static_cast<std::size_t>(threads.count());
   const std::size_t chunk_size = (visible + chunks - 1) / chunks;
+  const auto chunk_begin = [&](std::size_t chunk) { return std::min(visible, chunk * chunk_size); };
+  frame.chunk_entries.ensure(chunks + 1);
+  threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
+    std::uint32_t entries = 0;
+    for (std::size_t k = chunk_begin(chunk); k < chunk_begin(chunk + 1); ++k) {
+      entries += frame.listings[frame.order[k]].tiles;
+    }
+    frame.chunk_entries[chunk] = entries;
+  });
+  std::uint32_t total = 0;
+  for (std::size_t chunk = 0; chunk <= chunks; ++chunk) {
+    const std::uint32_t entries = chunk < chunks ? frame.chunk_entries[chunk] : 0;
+    frame.chunk_entries[chunk] = total;
+    total += entries;
+  }
+  std::uint32_t slot = 0;
+  for (TileListing& listing : frame.listings.span()) {
+    listing.slot = slot;
+    slot += listing.tiles;
+  }
+
   frame.tile_cursor.ensure(chunks * tiles);
   if (chunks * tiles > 0) std::memset(frame.tile_cursor.data(), 0, chunks * tiles * sizeof(std::uint32_t));
-  // For each Gaussian of a chunk: body(gaussian, cursor of the first row's first tile)
-  const auto visit = [&](std::size_t chunk, const auto& body) {
-    std::uint32_t* cursor = frame.tile_cursor.data() + chunk * tiles;
-    const std::size_t end = std::min(visible, (chunk + 1) * chunk_size);
-    for (std::size_t k = chunk * chunk_size; k < end; ++k) {
-      // Gaussians are met by depth, which is at random: without this half of the loop's time is waiting.
-      if (k + kSplatsAhead < end) __builtin_prefetch(frame.spans_of(frame.order[k + kSplatsAhead]));
-      const std::uint32_t gaussian = frame.order[k];
-      body(gaussian, cursor + frame.first_row[gaussian] * tiles_x);
-    }
-  };
-
+  frame.unsorted_tiles.ensure(total + kAtATime);
+  frame.unsorted_entries.ensure(total + kAtATime);
   threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
-    visit(chunk, [&](std::uint32_t gaussian, std::uint32_t* row) {
-      const TileSpan* span = frame.spans_of(gaussian);
-      for (int left = frame.row_count[gaussian]; left > 0; --left, ++span, row += tiles_x) {
-        for (int x = span->begin; x < span->end; ++x) ++row[x];
+    std::uint32_t* const first_tile = frame.unsorted_tiles.data() + frame.chunk_entries[chunk];
+    std::uint32_t* tile = first_tile;
+    TileEntry* entry = frame.unsorted_entries.data() + frame.chunk_entries[chunk];
+    const std::size_t end = chunk_begin(chunk + 1);
+    const auto tiles_of = [&](std::uint32_t gaussian) {
+      return frame.listed_tiles[gaussian / kProjectGrain].data() + frame.listings[gaussian].first;
+    };
+    const TileEntry* const last = frame.unsorted_entries.data() + frame.chunk_entries[chunk + 1];
+    for (std::size_t k = chunk_begin(chunk); k < end; ++k) {
+      // Gaussians are met by depth, which is at random: without this half of the loop's time is waiting.
+      if (k + kListingsAhead < end) __builtin_prefetch(&frame.listings[frame.order[k + kListingsAhead]]);
+      if (k + kTilesAhead < end) __builtin_prefetch(tiles_of(frame.order[k + kTilesAhead]));
+      const std::uint32_t gaussian = frame.order[k];
+      const TileListing listing = frame.listings[gaussian];
+      const std::uint32_t* from = tiles_of(gaussian);
+      // Eight at a time, as far as the chunk's own part goes: what is too much, the next Gaussian writes over.
+      for (std::uint32_t done = 0; done < listing.tiles; done += kAtATime) {
+        const auto n = std::min<std::ptrdiff_t>(kAtATime, last - entry - done);
+        if (n == kAtATime) {
+          for (std::uint32_t j = 0; j < kAtATime; ++j) tile[done + j] = from[done + j];
+          for (std::uint32_t j = 0; j < kAtATime; ++j) entry[done + j] = {gaussian, listing.slot + done + j};
+        } else {
+          for (std::uint32_t j = 0; j < n; ++j) tile[done + j] = from[done + j];
+          for (std::uint32_t j = 0; j < n; ++j) entry[done + j] = {gaussian, listing.slot + done + j};
+        }
       }
-    });
+      tile += listing.tiles;
+      entry += listing.tiles;
+    }
+    std::uint32_t* const cursor = frame.tile_cursor.data() + chunk * tiles;
+    for (const std::uint32_t* t = first_tile; t != tile; ++t) ++cursor[*t];
   });
 
   frame.tile_begin.ensure(tiles + 1);
   std::uint32_t sum = 0;
-  for (std::size_t tile = 0; tile < tiles; ++tile) {
-    frame.tile_begin[tile] = sum;
+  for (std::size_t t = 0; t < tiles; ++t) {
+    frame.tile_begin[t] = sum;
     for (std::size_t chunk = 0; chunk < chunks; ++chunk) {
-      std::uint32_t& cursor = frame.tile_cursor[chunk * tiles + tile];
+      std::uint32_t& cursor = frame.tile_cursor[chunk * tiles + t];
       const std::uint32_t count = cursor;
       cursor = sum;
       sum += count;
     }
   }
   frame.tile_begin[tiles] = sum;
-  frame.splat_begin.ensure(frame.gaussians + 1);
-  std::uint32_t entry = 0;
-  for (std::size_t i = 0; i < frame.gaussians; ++i) {
-    frame.splat_begin[i] = entry;
-    entry += frame.listed[i];
-  }
-  frame.splat_begin[frame.gaussians] = entry;
-  frame.entries.ensure(sum);
-  frame.slots.ensure(sum);
 
+  frame.entries.ensure(total);
   threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
-    visit(chunk, [&](std::uint32_t gaussian, std::uint32_t* row) {
-      const TileSpan* span = frame.spans_of(gaussian);
-      std::uint32_t slot = frame.splat_begin[gaussian];
-      for (int left = frame.row_count[gaussian]; left > 0; --left, ++span, row += tiles_x) {
-        for (int x = span->begin; x < span->end; ++x) {
-          const std::uint32_t position = row[x]++;
-          frame.entries[position] = gaussian;
-          frame.slots[position] = slot++;
-        }
-      }
-    });
+    std::uint32_t* const cursor = frame.tile_cursor.data() + chunk * tiles;
+    TileEntry* const entries = frame.entries.data();
+    const std::uint32_t* const tile_of = frame.unsorted_tiles.data();
+    const TileEntry* const unsorted = frame.unsorted_entries.data();
+    const std::uint32_t end = frame.chunk_entries[chunk + 1];
+    for (std::uint32_t e = frame.chunk_entries[chunk]; e < end; ++e) entries[cursor[tile_of[e]]++] = unsorted[e];
   });
 }
 
