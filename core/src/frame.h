@@ -32,6 +32,12 @@ struct alignas(16) TileListing {
   std::uint32_t slot;   ///< first of its slots, one a tile
 };
 
+/// A Gaussian in the order of depth.
+struct DepthOrder {
+  std::uint32_t depth_bits;
+  std::uint32_t gaussian;
+};
+
 /// A Gaussian in a tile's list.
 struct TileEntry {
   std::uint32_t gaussian;
@@ -72,8 +78,8 @@ struct Frame {
   Buffer<TileListing> listings;                          ///< [N]
   std::vector<std::vector<std::uint32_t>> listed_tiles;  ///< an array for each piece of kProjectGrain Gaussians
 
-  Buffer<std::uint32_t> order;  ///< [V] Gaussians that are listed, near to far
-  Buffer<std::uint32_t> sort_keys, sort_keys_swap, order_swap;
+  Buffer<DepthOrder> order;  ///< [V] Gaussians that are listed, near to far
+  Buffer<DepthOrder> order_swap;
   Buffer<std::uint32_t> tile_begin;      ///< [T+1] first entry of a tile
   Buffer<std::uint32_t> tile_cursor;     ///< [chunks, T]
   Buffer<std::uint32_t> chunk_entries;   ///< [chunks + 1] first of a chunk's unsorted entries

@@ -3,6 +3,7 @@
 #include <array>
 #include <bit>
 #include <cstring>
+#include <numeric>
 
 #include "frame.h"
 
@@ -10,52 +11,33 @@ namespace splatboost {
 namespace {
 
 constexpr std::size_t kListingsAhead = 24, kTilesAhead = 12;
+constexpr std::uint32_t kWritesAhead = 16;
 constexpr std::uint32_t kAtATime = 8;
 
 /// Gaussians that are listed, near to far, ties by index: a stable radix sort of the depth's bits, which order as
-/// integers because depths are positive.
+/// integers because depths are positive. Bytes, not wider digits: 256 places that are written in turn stay in the first
+/// cache and its table of pages.
 void sort_by_depth(Frame& frame) {
   frame.order.ensure(frame.gaussians);
   frame.order_swap.ensure(frame.gaussians);
-  frame.sort_keys.ensure(frame.gaussians);
-  frame.sort_keys_swap.ensure(frame.gaussians);
+  std::array<std::array<std::uint32_t, 256>, 4> bins{};
   std::size_t count = 0;
   for (std::size_t i = 0; i < frame.gaussians; ++i) {
-    frame.order[count] = static_cast<std::uint32_t>(i);
-    frame.sort_keys[count] = std::bit_cast<std::uint32_t>(frame.depths[i]);
-    count += frame.visible[i];
+    const auto key = std::bit_cast<std::uint32_t>(frame.depths[i]);
+    const std::uint32_t seen = frame.visible[i];
+    frame.order[count] = {key, static_cast<std::uint32_t>(i)};
+    for (std::size_t digit = 0; digit < 4; ++digit) bins[digit][(key >> (8 * digit)) & 255] += seen;
+    count += seen;
   }
-
-  constexpr int kBits = 11;
-  constexpr std::uint32_t kBins = 1u << kBits;
-  std::array<std::array<std::uint32_t, kBins>, 3> bins{};
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::uint32_t key = frame.sort_keys[i];
-    ++bins[0][key & (kBins - 1)];
-    ++bins[1][(key >> kBits) & (kBins - 1)];
-    ++bins[2][key >> (2 * kBits)];
+  for (std::size_t digit = 0; digit < 4; ++digit) {
+    auto& bin = bins[digit];
+    if (*std::max_element(bin.begin(), bin.end()) == count) continue;  // all alike
+    std::exclusive_scan(bin.begin(), bin.end(), bin.begin(), 0u);
+    const DepthOrder* const from = frame.order.data();
+    DepthOrder* const to = frame.order_swap.data();
+    for (std::size_t i = 0; i < count; ++i) to[bin[(from[i].depth_bits >> (8 * digit)) & 255]++] = from[i];
+    std::swap(frame.order, frame.order_swap);
   }
-  std::uint32_t* keys = frame.sort_keys.data();
-  std::uint32_t* keys_to = frame.sort_keys_swap.data();
-  std::uint32_t* order = frame.order.data();
-  std::uint32_t* order_to = frame.order_swap.data();
-  for (int pass = 0; pass < 3; ++pass) {
-    auto& bin = bins[static_cast<std::size_t>(pass)];
-    std::uint32_t sum = 0;
-    for (std::uint32_t& b : bin) {
-      const std::uint32_t n = b;
-      b = sum;
-      sum += n;
-    }
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::uint32_t to = bin[(keys[i] >> (pass * kBits)) & (kBins - 1)]++;
-      keys_to[to] = keys[i];
-      order_to[to] = order[i];
-    }
-    std::swap(keys, keys_to);
-    std::swap(order, order_to);
-  }
-  std::swap(frame.order, frame.order_swap);  // where three passes end
   frame.order.ensure(count);
 }
 
@@ -76,7 +58,7 @@ void build_tile_lists(Frame& frame, Threads& threads) {
   threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
     std::uint32_t entries = 0;
     for (std::size_t k = chunk_begin(chunk); k < chunk_begin(chunk + 1); ++k) {
-      entries += frame.listings[frame.order[k]].tiles;
+      entries += frame.listings[frame.order[k].gaussian].tiles;
     }
     frame.chunk_entries[chunk] = entries;
   });
@@ -107,20 +89,22 @@ void build_tile_lists(Frame& frame, Threads& threads) {
     const TileEntry* const last = frame.unsorted_entries.data() + frame.chunk_entries[chunk + 1];
     for (std::size_t k = chunk_begin(chunk); k < end; ++k) {
       // Gaussians are met by depth, which is at random: without this half of the loop's time is waiting.
-      if (k + kListingsAhead < end) __builtin_prefetch(&frame.listings[frame.order[k + kListingsAhead]]);
-      if (k + kTilesAhead < end) __builtin_prefetch(tiles_of(frame.order[k + kTilesAhead]));
-      const std::uint32_t gaussian = frame.order[k];
+      if (k + kListingsAhead < end) __builtin_prefetch(&frame.listings[frame.order[k + kListingsAhead].gaussian]);
+      if (k + kTilesAhead < end) __builtin_prefetch(tiles_of(frame.order[k + kTilesAhead].gaussian));
+      const std::uint32_t gaussian = frame.order[k].gaussian;
       const TileListing listing = frame.listings[gaussian];
       const std::uint32_t* from = tiles_of(gaussian);
       // Eight at a time, as far as the chunk's own part goes: what is too much, the next Gaussian writes over.
       for (std::uint32_t done = 0; done < listing.tiles; done += kAtATime) {
         const auto n = std::min<std::ptrdiff_t>(kAtATime, last - entry - done);
+        std::array<TileEntry, kAtATime> entries;
+        for (std::uint32_t j = 0; j < kAtATime; ++j) entries[j] = {gaussian, listing.slot + done + j};
         if (n == kAtATime) {
-          for (std::uint32_t j = 0; j < kAtATime; ++j) tile[done + j] = from[done + j];
-          for (std::uint32_t j = 0; j < kAtATime; ++j) entry[done + j] = {gaussian, listing.slot + done + j};
+          std::memcpy(tile + done, from + done, kAtATime * sizeof(std::uint32_t));
+          std::memcpy(entry + done, entries.data(), sizeof entries);
         } else {
-          for (std::uint32_t j = 0; j < n; ++j) tile[done + j] = from[done + j];
-          for (std::uint32_t j = 0; j < n; ++j) entry[done + j] = {gaussian, listing.slot + done + j};
+          std::copy_n(from + done, n, tile + done);
+          std::copy_n(entries.begin(), n, entry + done);
         }
       }
       tile += listing.tiles;
@@ -150,7 +134,10 @@ void build_tile_lists(Frame& frame, Threads& threads) {
     const std::uint32_t* const tile_of = frame.unsorted_tiles.data();
     const TileEntry* const unsorted = frame.unsorted_entries.data();
     const std::uint32_t end = frame.chunk_entries[chunk + 1];
-    for (std::uint32_t e = frame.chunk_entries[chunk]; e < end; ++e) entries[cursor[tile_of[e]]++] = unsorted[e];
+    for (std::uint32_t e = frame.chunk_entries[chunk]; e < end; ++e) {
+      __builtin_prefetch(&entries[cursor[tile_of[std::min(e + kWritesAhead, end - 1)]]], 1);
+      entries[cursor[tile_of[e]]++] = unsorted[e];
+    }
   });
 }
 
