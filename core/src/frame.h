@@ -80,6 +80,7 @@ struct Frame {
 
   Buffer<DepthOrder> order;  ///< [V] Gaussians that are listed, near to far
   Buffer<DepthOrder> order_swap;
+  std::vector<std::uint32_t> sort_bins;  ///< [chunks, 256]
   Buffer<std::uint32_t> tile_begin;      ///< [T+1] first entry of a tile
   Buffer<std::uint32_t> tile_cursor;     ///< [chunks, T]
   Buffer<std::uint32_t> chunk_entries;   ///< [chunks + 1] first of a chunk's unsorted entries

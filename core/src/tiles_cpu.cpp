@@ -3,7 +3,7 @@
 #include <array>
 #include <bit>
 #include <cstring>
-#include <numeric>
+#include <utility>
 
 #include "frame.h"
 
@@ -16,27 +16,46 @@ constexpr std::uint32_t kAtATime = 8;
 
 /// Gaussians that are listed, near to far, ties by index: a stable radix sort of the depth's bits, which order as
 /// integers because depths are positive. Bytes, not wider digits: 256 places that are written in turn stay in the first
-/// cache and its table of pages.
-void sort_by_depth(Frame& frame) {
+/// cache and its table of pages. Each thread sorts a chunk into places of its own.
+void sort_by_depth(Frame& frame, Threads& threads) {
+  const auto chunks = static_cast<std::size_t>(threads.count());
   frame.order.ensure(frame.gaussians);
   frame.order_swap.ensure(frame.gaussians);
-  std::array<std::array<std::uint32_t, 256>, 4> bins{};
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < frame.gaussians; ++i) {
-    const auto key = std::bit_cast<std::uint32_t>(frame.depths[i]);
-    const std::uint32_t seen = frame.visible[i];
-    frame.order[count] = {key, static_cast<std::uint32_t>(i)};
-    for (std::size_t digit = 0; digit < 4; ++digit) bins[digit][(key >> (8 * digit)) & 255] += seen;
-    count += seen;
-  }
-  for (std::size_t digit = 0; digit < 4; ++digit) {
-    auto& bin = bins[digit];
-    if (*std::max_element(bin.begin(), bin.end()) == count) continue;  // all alike
-    std::exclusive_scan(bin.begin(), bin.end(), bin.begin(), 0u);
-    const DepthOrder* const from = frame.order.data();
+  frame.sort_bins.resize(256 * chunks);
+  const auto bins_of = [&](std::size_t chunk) { return frame.sort_bins.data() + 256 * chunk; };
+
+  // One digit: visit(chunk, use) calls use(element) for each of the chunk's elements.
+  const auto pass = [&](int shift, const auto& visit) {
+    const auto digit = [shift](DepthOrder e) { return (e.depth_bits >> shift) & 255u; };
+    threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
+      std::uint32_t* const bins = bins_of(chunk);
+      std::fill_n(bins, 256, 0u);
+      visit(chunk, [&](DepthOrder e) { ++bins[digit(e)]; });
+    });
+    std::uint32_t sum = 0;
+    for (std::size_t bin = 0; bin < 256; ++bin) {
+      for (std::size_t chunk = 0; chunk < chunks; ++chunk) sum += std::exchange(bins_of(chunk)[bin], sum);
+    }
     DepthOrder* const to = frame.order_swap.data();
-    for (std::size_t i = 0; i < count; ++i) to[bin[(from[i].depth_bits >> (8 * digit)) & 255]++] = from[i];
+    threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
+      std::uint32_t* const bins = bins_of(chunk);
+      visit(chunk, [&](DepthOrder e) { to[bins[digit(e)]++] = e; });
+    });
     std::swap(frame.order, frame.order_swap);
+    return sum;
+  };
+  const auto part = [chunks](std::size_t n, std::size_t chunk) { return n * chunk / chunks; };
+  const std::size_t count = pass(0, [&](std::size_t chunk, const auto& use) {
+    for (std::size_t i = part(frame.gaussians, chunk); i < part(frame.gaussians, chunk + 1); ++i) {
+      if (frame.visible[i] == 0) continue;
+      use(DepthOrder{std::bit_cast<std::uint32_t>(frame.depths[i]), static_cast<std::uint32_t>(i)});
+    }
+  });
+  for (const int shift : {8, 16, 24}) {
+    const DepthOrder* const from = frame.order.data();
+    pass(shift, [&](std::size_t chunk, const auto& use) {
+      for (std::size_t i = part(count, chunk); i < part(count, chunk + 1); ++i) use(from[i]);
+    });
   }
   frame.order.ensure(count);
 }
@@ -44,7 +63,7 @@ void sort_by_depth(Frame& frame) {
 }  // namespace
 
 void build_tile_lists(Frame& frame, Threads& threads) {
-  sort_by_depth(frame);
+  sort_by_depth(frame, threads);
   const std::size_t visible = frame.order.size();
   const std::size_t tiles = frame.tiles();
 
@@ -97,14 +116,13 @@ void build_tile_lists(Frame& frame, Threads& threads) {
       // Eight at a time, as far as the chunk's own part goes: what is too much, the next Gaussian writes over.
       for (std::uint32_t done = 0; done < listing.tiles; done += kAtATime) {
         const auto n = std::min<std::ptrdiff_t>(kAtATime, last - entry - done);
-        std::array<TileEntry, kAtATime> entries;
-        for (std::uint32_t j = 0; j < kAtATime; ++j) entries[j] = {gaussian, listing.slot + done + j};
+        TileEntry* const to = entry + done;
         if (n == kAtATime) {
           std::memcpy(tile + done, from + done, kAtATime * sizeof(std::uint32_t));
-          std::memcpy(entry + done, entries.data(), sizeof entries);
+          for (std::uint32_t j = 0; j < kAtATime; ++j) to[j] = {gaussian, listing.slot + done + j};
         } else {
           std::copy_n(from + done, n, tile + done);
-          std::copy_n(entries.begin(), n, entry + done);
+          for (std::uint32_t j = 0; j < n; ++j) to[j] = {gaussian, listing.slot + done + j};
         }
       }
       tile += listing.tiles;
