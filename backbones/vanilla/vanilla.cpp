@@ -13,6 +13,7 @@
 #include "splatboost/random.h"
 #include "splatboost/rasterizer.h"
 #include "splatboost/select.h"
+#include "splatboost/spatial_order.h"
 
 namespace splatboost {
 namespace {
@@ -91,6 +92,7 @@ class Vanilla final : public Backbone, private RasterizerHook {
   void append_children(std::span<const std::uint32_t> parents);
   void remove(std::span<const std::uint8_t> removed);
   void reset_opacities();
+  void reorder();
   void restart_statistics();
 
   BackboneContext context_;
@@ -146,6 +148,7 @@ void Vanilla::initialise() {
   opacity_.assign(std::vector<float>(n, logit(config_.initial_opacity)));
   scaling_.assign(std::move(log_scales));
   rotation_.assign(std::move(rotations));
+  reorder();
   restart_statistics();
 }
 
@@ -326,6 +329,7 @@ void Vanilla::control_density() {
     step_all(iteration_);
     grow();
     prune(true);
+    reorder();
     restart_statistics();
   } else if (density_ != nullptr && density_->prunes_at(moment(), false)) {
     step_all(iteration_);
@@ -449,6 +453,14 @@ void Vanilla::remove(std::span<const std::uint8_t> removed) {
     }
     origins_.resize(kept);
   }
+  stale_ = true;
+}
+
+/// Growth appends; here neighbours in space become neighbours in memory again, which the rasterizer's caches thank.
+void Vanilla::reorder() {
+  std::vector<std::uint32_t> order(primitives());
+  spatial_order(xyz_.values, order);
+  for (ParameterGroup* group : groups()) group->reorder(order);
   stale_ = true;
 }
 
