@@ -3,6 +3,8 @@
 
 #include "common/input_error.h"
 #include "common/json_fields.h"
+#include "mip_splatting/mip_splatting.h"
+#include "mip_splatting/mip_splatting_adapter.h"
 #include "vanilla/vanilla.h"
 #include "vanilla/vanilla_adapter.h"
 
@@ -86,6 +88,8 @@ const std::vector<BackboneEntry>& backbones() {
   static const std::vector<BackboneEntry> entries = {
       gaussian_entry<paper_boost, vanilla_config_from_json, make_vanilla, VanillaAdapter>("vanilla",
                                                                                           kPublishedIterations),
+      gaussian_entry<paper_boost, mip_splatting_config_from_json, make_mip_splatting, MipSplattingAdapter>(
+          "mip-splatting", kPublishedIterations),
   };
   return entries;
 }
