@@ -3,6 +3,8 @@
 
 #include "common/input_error.h"
 #include "common/json_fields.h"
+#include "dropgaussian/dropgaussian.h"
+#include "dropgaussian/dropgaussian_adapter.h"
 #include "mip_splatting/mip_splatting.h"
 #include "mip_splatting/mip_splatting_adapter.h"
 #include "vanilla/vanilla.h"
@@ -90,6 +92,8 @@ const std::vector<BackboneEntry>& backbones() {
                                                                                           kPublishedIterations),
       gaussian_entry<paper_boost, mip_splatting_config_from_json, make_mip_splatting, MipSplattingAdapter>(
           "mip-splatting", kPublishedIterations),
+      gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, VanillaAdapter>(
+          "dropgaussian", kDropGaussianIterations),
   };
   return entries;
 }

@@ -161,7 +161,7 @@ void GaussianBackbone::initialise() {
   scaling_.assign(std::move(log_scales));
   rotation_.assign(std::move(rotations));
   restart_statistics();
-  stale_ = set_changed_ = true;
+  activate();
 }
 
 void GaussianBackbone::restart_statistics() {
@@ -555,6 +555,7 @@ void GaussianBackbone::import_model(const std::filesystem::path& folder) {
   restart_statistics();
   iteration_ = context_.iterations;  // a finished model: all degrees are active
   stale_ = true;
+  activate();
 }
 
 void GaussianBackbone::save(ArchiveWriter& archive) const {
