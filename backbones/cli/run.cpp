@@ -39,7 +39,7 @@ Json identity_of(const RunOptions& options, bool boost, const Json& constants) {
 }
 
 BackboneContext context_of(Workbench& bench, const RunOptions& options) {
-  return {bench.scene, *bench.threads, options.seed, options.iterations, options.max_primitives};
+  return {bench.scene, *bench.threads, options.seed, options.iterations.value(), options.max_primitives};
 }
 
 }  // namespace
@@ -73,7 +73,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   write_config(folder, set, options, boost, &plugged);
 
   TrainOptions train_options;
-  train_options.iterations = options.iterations;
+  train_options.iterations = options.iterations.value();
   train_options.seed = options.seed;
   train_options.model = folder;
   train_options.save_iterations = options.save_iterations;
@@ -94,7 +94,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   Results& results = outcome.run.results;
   results.backbone = options.backbone;
   results.boost = boost;
-  results.iterations = options.iterations;
+  results.iterations = options.iterations.value();
   results.primitives = backbone.primitives();
   results.train_seconds = trained.seconds;
   results.peak_memory_bytes = peak_memory_bytes();
