@@ -48,20 +48,21 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
     }
     const std::uint16_t* found = rows_of + at * static_cast<std::size_t>(blocks);
     for (std::uint32_t e = at; e < batch_end; ++e) {
-      const std::uint32_t k = frame.entries[e].gaussian;
-      const BlendRecord& splat = frame.records[k];
+      const std::uint32_t gaussian = frame.entries[e].gaussian;
+      const BlendRecord& splat = frame.records[gaussian];
       const Vec red = hn::Set(d, splat.red), green = hn::Set(d, splat.green), blue = hn::Set(d, splat.blue);
-      const float* channels = frame.channels.data() + k * static_cast<std::size_t>(extra);
+      const float* channels = frame.channels.data() + gaussian * static_cast<std::size_t>(extra);
       const RowOffsets offsets(splat, pixels.first_y);
       for (int b = 0; b < blocks; ++b) {
-        std::uint32_t rows = *found++;
-        if (rows == 0) continue;
+        const std::uint32_t mask = *found++;
+        if (mask == 0) continue;
         const Columns columns(splat, pixels.x0 + b * lanes);
-        do {
-          const RowPair pair(rows);
-          for (const int row : pair.rows) {
-            float* const at_row = pixels.at(row, b * lanes);
-            const RowStep step = step_row(columns, offsets.dy[row], at_row);
+        const RowRange rows(mask);
+        float* at_pair = pixels.at(rows.first, b * lanes);
+        for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+          for (int k = 0; k < 2; ++k) {
+            float* const at_row = at_pair + k * pixels.kStride;
+            const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
             const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
             float* plane = at_row + kTileSize;
             hn::Store(hn::MulAdd(weight, red, hn::Load(d, plane)), d, plane);
@@ -74,7 +75,7 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
               hn::Store(hn::MulAdd(weight, hn::Set(d, channels[c]), hn::Load(d, plane)), d, plane);
             }
           }
-        } while (rows != 0);
+        }
       }
     }
     at = batch_end;
@@ -166,9 +167,9 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
     prefetch_moments(frame, at, stop);
-    const std::uint32_t k = frame.entries[at].gaussian;
-    const BlendRecord& splat = frame.records[k];
-    const float* channels = frame.channels.data() + k * static_cast<std::size_t>(frame.extra_channels());
+    const std::uint32_t gaussian = frame.entries[at].gaussian;
+    const BlendRecord& splat = frame.records[gaussian];
+    const float* channels = frame.channels.data() + gaussian * static_cast<std::size_t>(frame.extra_channels());
     const Vec own_red = hn::Set(d, splat.red), own_green = hn::Set(d, splat.green), own_blue = hn::Set(d, splat.blue);
     float channel_gradient[kMaxFeatures + 1] = {};
     const RowOffsets offsets(splat, pixels.first_y);
@@ -177,17 +178,18 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
     Vec abs_x = hn::Zero(d), abs_y = hn::Zero(d);
     Vec red = hn::Zero(d), green = hn::Zero(d), blue = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
-      std::uint32_t rows = *reached_rows++;
-      if (rows == 0) continue;
+      const std::uint32_t mask = *reached_rows++;
+      if (mask == 0) continue;
       const Columns columns(splat, pixels.x0 + b * lanes);
       const Vec slope_x = hn::Mul(columns.dx, hn::Set(d, 2.0f * splat.quadratic_xx));
       const Vec slope_xy = hn::Set(d, splat.quadratic_xy), slope_yy = hn::Set(d, 2.0f * splat.quadratic_yy);
       Vec column_s = hn::Zero(d), column_sy = hn::Zero(d), column_syy = hn::Zero(d);
-      do {
-        const RowPair pair(rows);
-        for (const int row : pair.rows) {
-          float* const at_row = pixels.at(row, b * lanes);
-          const RowStep step = step_row(columns, offsets.dy[row], at_row);
+      const RowRange rows(mask);
+      float* at_pair = pixels.at(rows.first, b * lanes);
+      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+        for (int k = 0; k < 2; ++k) {
+          float* const at_row = at_pair + k * pixels.kStride;
+          const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
           const float* const g_row = at_row + kUpstream;
           const Vec g_red = hn::Load(d, g_row);
           const Vec g_green = hn::Load(d, g_row + kTileSize);
@@ -228,7 +230,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
             abs_y = hn::MulAdd(size, hn::Abs(pull_y), abs_y);
           }
         }
-      } while (rows != 0);
+      }
       const Vec column_sx = hn::Mul(column_s, columns.dx);
       s_sum = hn::Add(s_sum, column_s);
       s_x = hn::Add(s_x, column_sx);
