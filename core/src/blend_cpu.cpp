@@ -212,8 +212,8 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
           const Vec gain = hn::Mul(weight, along);
           const Vec rest = hn::Sub(hn::Load(d, at_row + kBehind), gain);
           hn::Store(rest, d, at_row + kBehind);
-          // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after; the reciprocal is refined once by
-          // Newton.
+          // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after; the reciprocal is refined once
+          // by Newton.
           Vec inverse = hn::ApproximateReciprocal(step.after);
           inverse = hn::Mul(inverse, hn::NegMulAdd(step.after, inverse, hn::Set(d, 2.0f)));
           const Mask moves = hn::Lt(step.alpha, hn::Set(d, kMaxAlpha));

@@ -116,8 +116,7 @@ struct RowOffsets {
 /// closed: a splat does nothing to them, nor to the one behind the last.
 struct RowRange {
   int first, last;
-  HWY_INLINE explicit RowRange(std::uint32_t mask)
-      : first(std::countr_zero(mask)), last(31 - std::countl_zero(mask)) {}
+  HWY_INLINE explicit RowRange(std::uint32_t mask) : first(std::countr_zero(mask)), last(31 - std::countl_zero(mask)) {}
 };
 
 /// What one splat does to one row of pixels.
