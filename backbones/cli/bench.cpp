@@ -7,11 +7,11 @@
 #include <cstdio>
 #include <memory>
 
-#include "cli/bench_scene.h"
 #include "cli/commands.h"
 #include "cli/options.h"
 #include "cli/run.h"
 #include "common/atomic_file.h"
+#include "common/bench_scene.h"
 #include "common/results.h"
 #include "splatboost/instruction_set.h"
 #include "splatboost/multi_view_scores.h"

@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/bench_scene.h"
+#include "common/bench_scene.h"
 
 #include <cmath>
 
 #include "splatboost/random.h"
 
-namespace splatboost::cli {
+namespace splatboost {
 namespace {
 
 constexpr std::uint64_t kSeed = 1;
 constexpr float kFocalPerWidth = 0.9f;
 constexpr int kRestRows = 15;
-// Standard deviations of the ellipses, px: a geometric mean, and a spread of its logarithm an axis. Chosen so that the
-// 60k scene has the density of cpu benchmarks of the field: about 56 splats blended a pixel.
-constexpr double kMeanDeviation = 3.2;
+// Spread of the logarithm of a standard deviation, an axis. With the default of BenchSize it gives the 60k scene the
+// density of cpu benchmarks of the field: about 56 splats blended a pixel.
 constexpr double kDeviationSpread = 0.5;
 constexpr double kNearest = 2, kFarthest = 10;
 
@@ -72,7 +71,7 @@ BenchScene make_bench_scene(const BenchSize& size) {
     cloud.means.push_back(static_cast<float>((uniform() - 0.5) * size.height * to_world));
     cloud.means.push_back(static_cast<float>(z));
     for (int axis = 0; axis < 3; ++axis) {
-      cloud.log_scales.push_back(static_cast<float>(std::log(kMeanDeviation * to_world) + kDeviationSpread * normal()));
+      cloud.log_scales.push_back(static_cast<float>(std::log(size.deviation * to_world) + kDeviationSpread * normal()));
     }
     for (int k = 0; k < 4; ++k) cloud.rotations.push_back(static_cast<float>(normal()));
     const double u = uniform();
@@ -85,4 +84,4 @@ BenchScene make_bench_scene(const BenchSize& size) {
   return bench;
 }
 
-}  // namespace splatboost::cli
+}  // namespace splatboost
