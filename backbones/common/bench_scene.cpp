@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "splatboost/constants.h"
 #include "splatboost/random.h"
 
 namespace splatboost {
@@ -44,6 +45,20 @@ std::vector<std::uint8_t> noise_photo(int width, int height) {
 
 std::span<const BenchSize> bench_sizes() { return kSizes; }
 
+Gaussians BenchScene::gaussians() const {
+  Gaussians gaussians;
+  gaussians.count = cloud.size();
+  gaussians.means = cloud.means;
+  gaussians.scales = scales;
+  gaussians.rotations = cloud.rotations;
+  gaussians.opacities = opacities;
+  gaussians.sh_dc = cloud.sh_dc;
+  gaussians.sh_rest = cloud.sh_rest;
+  gaussians.sh_rest_rows = cloud.sh_rest_rows;
+  gaussians.sh_degree = kMaxShDegree;
+  return gaussians;
+}
+
 BenchScene make_bench_scene(const BenchSize& size) {
   BenchScene bench;
   View view;
@@ -80,6 +95,8 @@ BenchScene make_bench_scene(const BenchSize& size) {
     for (int k = 0; k < 3; ++k) cloud.sh_dc.push_back(static_cast<float>(0.8 * normal()));
     for (int k = 0; k < 3 * kRestRows; ++k) cloud.sh_rest.push_back(static_cast<float>(0.1 * normal()));
   }
+  for (const float x : cloud.log_scales) bench.scales.push_back(std::exp(x));
+  for (const float x : cloud.logit_opacities) bench.opacities.push_back(1.0f / (1.0f + std::exp(-x)));
   bench.scene.points = {{cloud.means.begin(), cloud.means.begin() + 3}, {128, 128, 128}};  // replaced by the cloud
   return bench;
 }

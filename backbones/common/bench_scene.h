@@ -5,9 +5,11 @@
 #include <cstddef>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "common/scene.h"
 #include "common/splat_ply.h"
+#include "splatboost/gaussians.h"
 
 namespace splatboost {
 
@@ -26,6 +28,9 @@ std::span<const BenchSize> bench_sizes();
 struct BenchScene {
   Scene scene;
   SplatCloud cloud;
+  std::vector<float> scales, opacities;  ///< the cloud's, activated
+  /// Views of this scene.
+  Gaussians gaussians() const;
 };
 BenchScene make_bench_scene(const BenchSize& size);
 

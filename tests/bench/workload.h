@@ -4,7 +4,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -21,22 +20,14 @@ namespace splatboost::test {
 class Workload {
  public:
   Workload(const BenchSize& size, Threads& threads)
-      : bench_(make_bench_scene(size)), threads_(threads), rasterizer_(threads), photometric_(threads) {
-    const SplatCloud& cloud = bench_.cloud;
-    for (const float x : cloud.log_scales) scales_.push_back(std::exp(x));
-    for (const float x : cloud.logit_opacities) opacities_.push_back(1.0f / (1.0f + std::exp(-x)));
-    gaussians_.count = cloud.size();
-    gaussians_.means = cloud.means;
-    gaussians_.scales = scales_;
-    gaussians_.rotations = cloud.rotations;
-    gaussians_.opacities = opacities_;
-    gaussians_.sh_dc = cloud.sh_dc;
-    gaussians_.sh_rest = cloud.sh_rest;
-    gaussians_.sh_rest_rows = cloud.sh_rest_rows;
-    gaussians_.sh_degree = kMaxShDegree;
+      : bench_(make_bench_scene(size)),
+        gaussians_(bench_.gaussians()),
+        threads_(threads),
+        rasterizer_(threads),
+        photometric_(threads) {
     options_.box = BoxPolicy::ellipse;
 
-    const std::size_t n = cloud.size(), pixels = bench_.scene.train[0].color.size() / 3;
+    const std::size_t n = bench_.cloud.size(), pixels = bench_.scene.train[0].color.size() / 3;
     image_.resize(3 * pixels);
     image_gradient_.resize(3 * pixels);
     error_.resize(pixels);
@@ -107,12 +98,12 @@ class Workload {
   };
 
   BenchScene bench_;
+  Gaussians gaussians_;
   Threads& threads_;
   Rasterizer rasterizer_;
   Photometric photometric_;
-  Gaussians gaussians_;
   RasterOptions options_;
-  std::vector<float> scales_, opacities_, image_, image_gradient_, error_;
+  std::vector<float> image_, image_gradient_, error_;
   std::vector<std::uint8_t> flagged_;
   std::vector<std::int32_t> counts_;
   Tensor means_{3}, scale_{3}, rotation_{4}, opacity_{1}, dc_{3}, rest_{45};
