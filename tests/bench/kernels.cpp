@@ -45,16 +45,20 @@ constexpr Kernel kKernels[] = {
     {"count", [](Workload& w) { return w.count(), w.seconds().count; }},
 };
 
-/// The scene in use; benchmarks run in the order of their registration, scene by scene, so one is enough.
-Workload& workload_of(const BenchSize& size) {
+/// The scene in use, warm with the instructions in use. Benchmarks run in the order of their registration, so that one
+/// at a time is enough.
+Workload& workload_of(const BenchSize& size, const Set& set) {
   static Threads threads(1);
-  static std::string name;
   static std::unique_ptr<Workload> work;
-  if (name != size.name) {
+  static const BenchSize* of_size = nullptr;
+  static const Set* of_set = nullptr;
+  if (of_size != &size) {
     work.reset();
     work = std::make_unique<Workload>(size, threads);
-    name = size.name;
   }
+  if (of_size != &size || of_set != &set) work->iteration();
+  of_size = &size;
+  of_set = &set;
   return *work;
 }
 
@@ -65,8 +69,7 @@ void run(benchmark::State& state, const BenchSize& size, const Set& set, const K
     state.SkipWithError("not on this machine");
     return;
   }
-  Workload& work = workload_of(size);
-  work.iteration();  // of this instruction set, with warm caches
+  Workload& work = workload_of(size, set);
   for (auto _ : state) state.SetIterationTime(kernel.seconds(work));
   state.SetItemsProcessed(static_cast<std::int64_t>(size.splats) * state.iterations());
 }
