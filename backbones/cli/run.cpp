@@ -89,7 +89,6 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   Backbone& backbone = *plugged.backbone;
   write_config(folder, set, options, boost, &plugged);
   const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
-  tell_memory(memory, backbone.primitives(), options, label, resident);
 
   TrainOptions train_options;
   train_options.iterations = options.iterations;
@@ -99,6 +98,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   train_options.checkpoint_iterations = options.checkpoint_iterations;
   train_options.resume = options.resume;
   train_options.identity = identity_of(options, boost, backbone.config());
+  train_options.on_start = [&](std::size_t primitives) { tell_memory(memory, primitives, options, label, resident); };
   train_options.label = label;
   train_options.quiet = options.quiet;
   TrainOutcome trained = train(backbone, bench.scene, train_options);
