@@ -10,15 +10,17 @@
 namespace splatboost::cli {
 namespace {
 
-// Operations a pixel of a row. Both directions: exponent 4, power of two 14, clamp 1, transmittance 2.
-constexpr double kAdvance = 21;
-constexpr double kBlendRow = kAdvance + 7;           // weight 1, three colours 6
-constexpr double kBlendBackwardRow = kAdvance + 28;  // slope of alpha 16, colours' slopes 6, weight 1, moments 5
-// Operations a pixel of an entry's 16 columns: the exponent's part that rows share; its moments and their sums.
-constexpr double kBlendEntry = 5;
-constexpr double kBlendBackwardEntry = 5 + 9 + 9;
+// Operations a pixel of a row. Both directions: exponent 4, power of two 13, clamp 1, transmittance 2.
+constexpr double kStep = 20;
+constexpr double kBlendRow = kStep + 7;           // weight 1, three colours 6
+constexpr double kBlendBackwardRow = kStep + 27;  // slope of alpha 15, colours' slopes 6, weight 1, moments 5
+// Operations an entry, for each of its 16 columns or rows. Both directions: the exponent's part that rows share 5,
+// offsets of rows 1.
+constexpr double kBlendEntry = 6 + 12;             // greatest exponent of a row
+constexpr double kBlendBackwardEntry = 6 + 9 + 9;  // moments of columns, their sums
 
-constexpr double kList = 4, kSlot = 4, kRecord = 64, kEntryGradient = 64;
+// Bytes an entry: its place in the lists, the rows it reaches, its splat's record, its sums. Bytes a pixel.
+constexpr double kList = 8, kRows = 2, kRecord = 64, kMoments = 64;
 constexpr double kTilePixel = 16;   // colour and alpha of a tile's image
 constexpr double kImagePixel = 12;  // colour, or its gradient
 
@@ -71,14 +73,14 @@ BlendWork count_blend_work(const BenchScene& bench, Threads& threads) {
 Effort blend_effort(const BlendWork& work) {
   const auto rows = static_cast<double>(work.rows), entries = static_cast<double>(work.entries);
   return {kTileSize * (kBlendRow * rows + kBlendEntry * entries),
-          (kList + kRecord) * entries + (kTilePixel + kImagePixel) * static_cast<double>(work.pixels)};
+          (kList + kRows + kRecord) * entries + (kTilePixel + kImagePixel) * static_cast<double>(work.pixels)};
 }
 
 Effort blend_backward_effort(const BlendWork& work) {
   const auto rows = static_cast<double>(work.rows), entries = static_cast<double>(work.entries);
-  return {kTileSize * (kBlendBackwardRow * rows + kBlendBackwardEntry * entries),
-          (kList + kRecord + kSlot + kEntryGradient) * entries +
-              (kTilePixel + kImagePixel) * static_cast<double>(work.pixels)};
+  return {
+      kTileSize * (kBlendBackwardRow * rows + kBlendBackwardEntry * entries),
+      (kList + kRows + kRecord + kMoments) * entries + (kTilePixel + kImagePixel) * static_cast<double>(work.pixels)};
 }
 
 }  // namespace splatboost::cli

@@ -20,17 +20,16 @@ constexpr std::size_t kTrained = 4 * kParameters * kFloat;     // values, gradie
 constexpr std::size_t kActivated = 4 * kFloat;                 // scales, opacity
 constexpr std::size_t kStatistics = (2 + 2 + 3 + 3) * kFloat;  // screen gradients, their sums and means
 constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;             // sums over views, importance, pruning score, counts
-constexpr std::size_t kProjected = 2 * 64 + 48;                // splat, blend record, sort keys and small arrays
+constexpr std::size_t kProjected = 64 + 16 + 2 * 8 + 9;        // blend record, listing, order, small arrays
 // (tile, Gaussian) pairs a Gaussian. In scenes of photos 3 (small images) to 20 (half a megapixel) with the 3σ square,
 // 2 to 7 with the compact box, which needs room for scores instead.
 constexpr std::size_t kEntries = 10;
-constexpr std::size_t kEntry = 4 + 4 + 64;  // list, slot, gradients
+constexpr std::size_t kEntry = 4 + 8 + 4 + 8 + 4 + 64;  // listing, list sorted and not, rows, sums
 // Growth copies one tensor at a time; this is the largest.
 constexpr std::size_t kGrowth = 45 * kFloat;
 
-// A pixel of the largest view, in all: image and its gradient; blended tiles; derivatives of SSIM, a channel; error
-// and mask of a scored view.
-constexpr std::size_t kPixel = (3 + 3 + 4 + 9) * kFloat + kFloat + 1;
+// A pixel of the largest view: image and its gradient; blended tiles; error and mask of a scored view.
+constexpr std::size_t kPixel = (3 + 3 + 4) * kFloat + kFloat + 1;
 
 double mebibytes(std::uint64_t bytes) { return static_cast<double>(bytes) / (1024.0 * 1024.0); }
 

@@ -65,7 +65,7 @@ int posix_memalign(void** result, std::size_t alignment, std::size_t size) {
   *result = __libc_memalign(alignment, size);
   return *result == nullptr ? ENOMEM : 0;
 }
-// oneTBB's pool (libtbbmalloc) takes its memory from the system in large pieces.
+// Pools that are not malloc's take their memory from the system in large pieces.
 void* mmap(void* address, std::size_t size, int protection, int flags, int file, off_t offset) noexcept {
   note(size);
   return reinterpret_cast<void*>(syscall(SYS_mmap, address, size, protection, flags, file, offset));

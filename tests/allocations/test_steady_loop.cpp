@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // After the first iterations have grown all workspaces, training allocates nothing: neither the core's calls nor a step
-// of vanilla. Counted is what the whole process asks for. oneTBB allocates a task a loop, but from a pool of its own
-// (libtbbmalloc where it is installed, else malloc) that recycles them: it asks for memory only while it grows.
+// of vanilla. Counted is what the whole process asks for, the runtime of the threads included.
 #include <gtest/gtest.h>
 
 #include <atomic>
