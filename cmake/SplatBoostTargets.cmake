@@ -9,8 +9,8 @@ include_guard(GLOBAL)
 
 # layer -> the layers it may link to
 set(SPLATBOOST_LAYER_core "")
-set(SPLATBOOST_LAYER_adapter core)
-set(SPLATBOOST_LAYER_common core)
+set(SPLATBOOST_LAYER_adapter core adapter)
+set(SPLATBOOST_LAYER_common core common)
 set(SPLATBOOST_LAYER_backbone core common)
 set(SPLATBOOST_LAYER_patch "")
 set(SPLATBOOST_LAYER_cli core adapter common backbone patch)

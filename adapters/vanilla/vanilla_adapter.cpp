@@ -32,8 +32,8 @@ bool VanillaAdapter::needs_absolute_gradients() const { return boost_.absgrad; }
 
 bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcd) return backbone_would;
-  const int from = scaled_iteration(boost_.densify_from, moment.total);
-  const int until = scaled_iteration(boost_.densify_until, moment.total);
+  const int from = at(boost_.densify_from, moment);
+  const int until = at(boost_.densify_until, moment);
   const int interval = std::min(boost_.densify_interval, std::max(kMinGrowthInterval, until / kMinGrowths));
   return moment.iteration > from && moment.iteration < until && moment.iteration % interval == 0;
 }
@@ -73,8 +73,8 @@ double VanillaAdapter::tau_d_at(double pixels) const { return boost_.tau_d * std
 
 bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcp) return backbone_would;
-  const int from = scaled_iteration(boost_.late_prune_from, moment.total);
-  const int interval = scaled_iteration(boost_.late_prune_interval, moment.total);
+  const int from = at(boost_.late_prune_from, moment);
+  const int interval = at(boost_.late_prune_interval, moment);
   const bool late = moment.iteration > from && moment.iteration < moment.total && moment.iteration % interval == 0;
   return backbone_would || late;
 }

@@ -34,6 +34,7 @@ struct VanillaBoost {
   double late_min_opacity = 0.1;
   double late_max_score = 0.9;
   std::uint64_t seed = 0;
+  int published_iterations = kPublishedIterations;  ///< length of the run that iteration numbers are of
 };
 
 /// Fewest growths of a run, so that short ones grow too, but never more often than 3DGS itself.
@@ -44,7 +45,7 @@ inline constexpr int kMinGrowthInterval = 100;
 inline constexpr double kTauDPixels = 1e6;
 
 /// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
-class VanillaAdapter final : public DensityHook, public OptimizerHook {
+class VanillaAdapter : public DensityHook, public OptimizerHook {
  public:
   VanillaAdapter(const VanillaBoost& boost, Threads& threads);
 
@@ -60,6 +61,9 @@ class VanillaAdapter final : public DensityHook, public OptimizerHook {
 
  private:
   double tau_d_at(double pixels) const;
+  int at(int published, Moment moment) const {
+    return scaled_iteration(published, moment.total, boost_.published_iterations);
+  }
 
   VanillaBoost boost_;
   MultiViewScorer scorer_;

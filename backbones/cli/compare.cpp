@@ -55,7 +55,10 @@ struct Compare {
     write_text_atomically(options.model / "compare.json", comparison_to_json(baseline, boosted).dump(2) + "\n");
     const fs::path report = options.model / "report.html";
     write_report(report, baseline.source + " — " + options.backbone + ", baseline and boosted", runs, views);
-    std::printf("%s\nreport: %s\n", comparison_table(baseline, boosted).c_str(), report.c_str());
+    const std::string labels[] = {runs[0].label, runs[1].label};
+    const Results both[] = {baseline, boosted};
+    std::printf("%s\n%s\nreport: %s\n", comparison_table(baseline, boosted).c_str(), scales_table(labels, both).c_str(),
+                report.c_str());
     return 0;
   }
 

@@ -75,6 +75,9 @@ struct Eval {
     line("SSIM", fixed(results.ssim, 4), fixed(exact.ssim, 4));
     if (results.lpips && exact.lpips) line("LPIPS (SqueezeNet)", fixed(*results.lpips, 4), fixed(*exact.lpips, 4));
     line("frames a second", fixed(results.fps, 1), fixed(exact.fps, 1));
+    const std::string labels[] = {"as trained", "beta 1"};
+    const Results both[] = {results, exact};
+    std::printf("\n%s", scales_table(labels, both).c_str());
   }
 
   RunOptions options;
@@ -85,7 +88,8 @@ struct Eval {
 }  // namespace
 
 Command add_eval(CLI::App& program) {
-  CLI::App* app = program.add_subcommand("eval", "Measure a saved model again, as trained and with beta = 1");
+  CLI::App* app =
+      program.add_subcommand("eval", "Measure a saved model again, as trained and with beta = 1, at several scales");
   app->footer("Example: splatboost eval -m OUT");
   const auto eval = std::make_shared<Eval>(*app);
   return {app, [eval](const std::string&) { return eval->run(); }};

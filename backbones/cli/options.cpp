@@ -24,6 +24,16 @@ std::string backbone_names() {
   return names;
 }
 
+/// "30000; dropgaussian 10000": that of the first backbone, and those that differ.
+std::string published_lengths() {
+  std::string lengths = std::to_string(backbones()[0].iterations);
+  for (const BackboneEntry& entry : backbones()) {
+    if (entry.iterations == backbones()[0].iterations) continue;
+    lengths += "; " + std::string(entry.name) + " " + std::to_string(entry.iterations);
+  }
+  return lengths;
+}
+
 }  // namespace
 
 CLI::Validator unsigned_number() {
@@ -95,9 +105,9 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
       ->capture_default_str();
   if (choose_boost)
     set.add("--boost,!--no-boost", options.boost, "train accelerated (default), or as published", false);
-  set.add("--iterations", options.iterations, "length of the run; every schedule scales with it")
-      ->type_name("N")
-      ->capture_default_str();
+  set.add("--iterations", options.iterations,
+          "length of the run; every schedule scales with it [" + published_lengths() + "]")
+      ->type_name("N");
   set.add("--max-primitives", options.max_primitives, "hard cap on primitives; 0: none")
       ->type_name("N")
       ->capture_default_str();
@@ -212,14 +222,14 @@ Json boost_settings(const RunOptions& options) {
   return find_backbone(options.backbone).boost_settings(settings);
 }
 
-void check_options(const RunOptions& options) {
+void check_options(RunOptions& options) {
   const auto usage = [](bool holds, const std::string& what) {
     if (!holds) throw UsageError(what);
   };
   usage(options.device != "cuda", "--device cuda: this build has no CUDA; use --device cpu");
   usage(options.device == "cpu", "--device: '" + options.device + "' is neither cpu nor cuda");
   usage(options.threads >= 0, "--threads must be at least 0");
-  usage(options.iterations >= 1, "--iterations must be at least 1");
+  usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
   usage(options.scene.resolution == -1 || options.scene.resolution >= 1, "--resolution must be -1 or at least 1");
   usage(options.scene.llffhold >= 1, "--llffhold must be at least 1");
   usage(options.scene.n_views >= 0, "--n-views must be at least 0");
@@ -232,7 +242,8 @@ void check_options(const RunOptions& options) {
   for (const int iteration : options.checkpoint_iterations) {
     usage(iteration >= 1, "--checkpoint-iterations must be at least 1");
   }
-  find_backbone(options.backbone);
+  const BackboneEntry& backbone = find_backbone(options.backbone);
+  if (!options.iterations) options.iterations = backbone.iterations;
 }
 
 void require_source(const RunOptions& options) {

@@ -106,7 +106,7 @@ struct RunOptions {
   std::filesystem::path model;
   std::string backbone = "vanilla";
   bool boost = true;
-  int iterations = kPublishedIterations;
+  std::optional<int> iterations;  ///< of every run after check_options()
   std::uint64_t seed = 0;
   std::size_t max_primitives = 0;
   std::string device = "cpu";
@@ -154,8 +154,9 @@ void apply_settings(const nlohmann::json& settings, const std::string& place, Op
 /// Settings of the acceleration: of the files, overlaid with the command line; complete and checked.
 nlohmann::json boost_settings(const RunOptions& options);
 
-/// Throws on values no run can have, and on --device cuda in a build without it. Names the option.
-void check_options(const RunOptions& options);
+/// Throws on values no run can have, and on --device cuda in a build without it. Names the option. Where no length is
+/// given, the run gets that of its backbone as published.
+void check_options(RunOptions& options);
 
 /// Throws UsageError unless a source is given.
 void require_source(const RunOptions& options);

@@ -3,6 +3,10 @@
 
 #include "common/input_error.h"
 #include "common/json_fields.h"
+#include "dropgaussian/dropgaussian.h"
+#include "dropgaussian/dropgaussian_adapter.h"
+#include "mip_splatting/mip_splatting.h"
+#include "mip_splatting/mip_splatting_adapter.h"
 #include "vanilla/vanilla.h"
 #include "vanilla/vanilla_adapter.h"
 
@@ -36,8 +40,8 @@ void for_each_field(Settings& boost, Visitor&& visit) {
   visit("late_max_score", boost.late_max_score);
 }
 
-VanillaBoost vanilla_boost_from_json(const Json& given) {
-  VanillaBoost boost;
+/// @param defaults of the backbone's acceleration
+VanillaBoost boost_from_json(VanillaBoost boost, const Json& given) {
   fields_from_json(given, "boost", [&](auto&& visit) { for_each_field(boost, visit); });
   require(boost.beta > 0 && boost.beta <= 1, "boost: beta must be in (0, 1]");
   require(boost.tau_d >= 0, "boost: tau_d must be at least 0");
@@ -53,31 +57,43 @@ VanillaBoost vanilla_boost_from_json(const Json& given) {
   return boost;
 }
 
-Json vanilla_boost_settings(const Json& given) {
-  const VanillaBoost boost = vanilla_boost_from_json(given);
-  return fields_to_json([&](auto&& visit) { for_each_field(boost, visit); });
+/// A backbone of explicit Gaussians: all share the settings of their acceleration, with defaults of their own.
+/// @tparam kDefaults makes these, kConfig reads the backbone's constants, kMake makes the backbone
+template <auto kDefaults, auto kConfig, auto kMake, class Adapter>
+BackboneEntry gaussian_entry(std::string_view name, int iterations) {
+  return {name, iterations,
+          [](const Json& given) {
+            const VanillaBoost boost = boost_from_json(kDefaults(), given);
+            return fields_to_json([&](auto&& visit) { for_each_field(boost, visit); });
+          },
+          [](const BackboneContext& context, const Json& constants, const Json* settings) {
+            PluggedBackbone plugged;
+            plugged.backbone = kMake(context, kConfig(constants));
+            if (settings) {
+              VanillaBoost boost = boost_from_json(kDefaults(), *settings);
+              boost.seed = context.seed;
+              const auto adapter = std::make_shared<Adapter>(boost, context.threads);
+              plugged.beta = adapter->beta();
+              plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
+              plugged.backbone->set_hooks(adapter.get(), adapter.get());
+              plugged.adapter = adapter;
+            }
+            return plugged;
+          }};
 }
 
-PluggedBackbone make_plugged_vanilla(const BackboneContext& context, const Json& constants, const Json* settings) {
-  PluggedBackbone plugged;
-  plugged.backbone = make_vanilla(context, vanilla_config_from_json(constants));
-  if (settings) {
-    VanillaBoost boost = vanilla_boost_from_json(*settings);
-    boost.seed = context.seed;
-    const auto adapter = std::make_shared<VanillaAdapter>(boost, context.threads);
-    plugged.beta = adapter->beta();
-    plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
-    plugged.backbone->set_hooks(adapter.get(), adapter.get());
-    plugged.adapter = adapter;
-  }
-  return plugged;
-}
+VanillaBoost paper_boost() { return {}; }
 
 }  // namespace
 
 const std::vector<BackboneEntry>& backbones() {
   static const std::vector<BackboneEntry> entries = {
-      {"vanilla", vanilla_boost_settings, make_plugged_vanilla},
+      gaussian_entry<paper_boost, vanilla_config_from_json, make_vanilla, VanillaAdapter>("vanilla",
+                                                                                          kPublishedIterations),
+      gaussian_entry<paper_boost, mip_splatting_config_from_json, make_mip_splatting, MipSplattingAdapter>(
+          "mip-splatting", kPublishedIterations),
+      gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, VanillaAdapter>(
+          "dropgaussian", kDropGaussianIterations),
   };
   return entries;
 }
@@ -88,7 +104,7 @@ const BackboneEntry& find_backbone(std::string_view name) {
     if (entry.name == name) return entry;
     names += (names.empty() ? "" : ", ") + std::string(entry.name);
   }
-  throw InputError("--backbone: no '" + std::string(name) + "' here; there is: " + names);
+  throw InputError("--backbone: no '" + std::string(name) + "' here; there are: " + names);
 }
 
 }  // namespace splatboost::cli

@@ -24,6 +24,7 @@ struct PluggedBackbone {
 /// What the program needs to know of a backbone. Settings are JSON objects by field name, as --config takes them.
 struct BackboneEntry {
   std::string_view name;
+  int iterations;  ///< length of the published run, the default
   /// All settings of the acceleration: the defaults overlaid with the given ones. Throws InputError on an unknown
   /// key, a wrong type or an impossible value.
   nlohmann::json (*boost_settings)(const nlohmann::json& given);

@@ -55,7 +55,7 @@ std::size_t most_primitives(const std::vector<CurvePoint>& curve, std::size_t at
 }
 
 BackboneContext context_of(Workbench& bench, const RunOptions& options) {
-  return {bench.scene, *bench.threads, options.seed, options.iterations, options.max_primitives};
+  return {bench.scene, *bench.threads, options.seed, options.iterations.value(), options.max_primitives};
 }
 
 }  // namespace
@@ -91,7 +91,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
 
   TrainOptions train_options;
-  train_options.iterations = options.iterations;
+  train_options.iterations = options.iterations.value();
   train_options.seed = options.seed;
   train_options.model = folder;
   train_options.save_iterations = options.save_iterations;
@@ -113,7 +113,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   Results& results = outcome.run.results;
   results.backbone = options.backbone;
   results.boost = boost;
-  results.iterations = options.iterations;
+  results.iterations = options.iterations.value();
   results.primitives = backbone.primitives();
   results.train_seconds = trained.seconds;
   results.peak_memory_bytes = peak_memory_bytes();

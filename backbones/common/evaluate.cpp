@@ -9,6 +9,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "common/atomic_file.h"
+#include "common/multi_scale.h"
 #include "common/trainer.h"
 
 namespace splatboost {
@@ -19,6 +20,8 @@ constexpr double kTimedSeconds = 1.0;
 constexpr std::size_t kTimedRenders = 20;
 // and never longer than this, for large scenes on slow machines
 constexpr double kLongestTiming = 10.0;
+
+constexpr int kSsimWindow = 11;  // pixels
 
 constexpr int kPngCompression = 3;  // higher levels cost much time for a few per cent
 
@@ -53,6 +56,25 @@ double measure_fps(Backbone& backbone, const std::vector<View>& views) {
   const auto middle = times.begin() + static_cast<std::ptrdiff_t>(times.size() / 2);
   std::nth_element(times.begin(), middle, times.end());
   return 1.0 / std::max(*middle, 1e-9);
+}
+
+/// Quality at this and smaller scales, as trained.
+std::vector<ScaleResult> measure_scales(Backbone& backbone, const std::vector<View>& views) {
+  std::vector<ScaleResult> scales;
+  std::vector<float> color;
+  for (const int divisor : kScaleDivisors) {
+    ScaleResult scale;
+    scale.divisor = divisor;
+    for (const View& view : views) {
+      if (std::min(view.camera.width, view.camera.height) / divisor < kSsimWindow) return scales;
+      const View smaller = smaller_view(view, divisor);
+      render_clamped(backbone, smaller, std::nullopt, color);
+      scale.psnr += psnr(color, smaller.truth()) / static_cast<double>(views.size());
+      scale.ssim += ssim(color, smaller.truth()) / static_cast<double>(views.size());
+    }
+    scales.push_back(scale);
+  }
+  return scales;
 }
 
 void write_png_pixels(const std::filesystem::path& path, const cv::Mat& pixels) {
@@ -127,6 +149,7 @@ void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::f
   results.ssim = ssim_sum / n;
   results.lpips = lpips ? std::optional<double>(lpips_sum / n) : std::nullopt;
   results.psnr_beta1 = psnr_beta1_sum / n;
+  results.scales = measure_scales(backbone, views);
   results.fps = measure_fps(backbone, views);
 }
 

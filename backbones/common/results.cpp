@@ -177,6 +177,28 @@ std::size_t display_width(const std::string& text) {
       std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
 }
 
+// Words of the first column to the left, numbers of the others to the right, a rule under the head.
+std::string text_table(const std::vector<std::vector<std::string>>& lines) {
+  std::vector<std::size_t> widths(lines[0].size());
+  for (const auto& line : lines) {
+    for (std::size_t c = 0; c < widths.size(); ++c) widths[c] = std::max(widths[c], display_width(line[c]));
+  }
+  std::string table;
+  for (std::size_t l = 0; l < lines.size(); ++l) {
+    std::string text;
+    for (std::size_t c = 0; c < widths.size(); ++c) {
+      const std::string padding(widths[c] - display_width(lines[l][c]), ' ');
+      text += c == 0 ? lines[l][c] + padding : "   " + padding + lines[l][c];
+    }
+    table += text + "\n";
+    if (l == 0) {
+      for (std::size_t i = 0; i < display_width(text); ++i) table += "─";
+      table += "\n";
+    }
+  }
+  return table;
+}
+
 json ratio(double boosted, double baseline) { return baseline != 0 ? json(boosted / baseline) : json(nullptr); }
 
 json ratio(std::uint64_t boosted, std::uint64_t baseline) {
@@ -190,6 +212,10 @@ json to_json(const Results& r) {
   for (const ViewResult& view : r.views) {
     views.push_back(
         {{"name", view.name}, {"psnr", view.psnr}, {"ssim", view.ssim}, {"lpips", optional_number(view.lpips)}});
+  }
+  json scales = json::array();
+  for (const ScaleResult& scale : r.scales) {
+    scales.push_back({{"divisor", scale.divisor}, {"psnr", scale.psnr}, {"ssim", scale.ssim}});
   }
   json curve = json::array();
   for (const CurvePoint& point : r.curve) {
@@ -224,6 +250,7 @@ json to_json(const Results& r) {
           {"width", r.width},
           {"height", r.height},
           {"views", std::move(views)},
+          {"scales", std::move(scales)},
           {"stage_seconds", r.stage_seconds},
           {"curve", std::move(curve)}};
 }
@@ -266,6 +293,17 @@ Results results_from_json(const json& document) {
     read(Member(object, place + ".", "psnr"), view.psnr);
     read(Member(object, place + ".", "ssim"), view.ssim);
     read(Member(object, place + ".", "lpips"), view.lpips);
+  }
+  if (member("scales").value) {
+    const json& scales = need_array(member("scales"));
+    for (std::size_t i = 0; i < scales.size(); ++i) {
+      const std::string place = "scales[" + std::to_string(i) + "]";
+      const json& object = need_object(scales[i], place);
+      ScaleResult& scale = r.scales.emplace_back();
+      read(Member(object, place + ".", "divisor"), scale.divisor);
+      read(Member(object, place + ".", "psnr"), scale.psnr);
+      read(Member(object, place + ".", "ssim"), scale.ssim);
+    }
   }
   for (const auto& [stage, value] : need_object(member("stage_seconds").need(), "\"stage_seconds\"").items()) {
     read(Member(document.at("stage_seconds"), "stage_seconds.", stage), r.stage_seconds[stage]);
@@ -425,25 +463,21 @@ std::string comparison_table(const Results& baseline, const Results& boosted) {
   for (const ResultRow& row : result_rows(runs)) {
     lines.push_back({row.label, row.values[0], row.values[1], row.change});
   }
-  std::size_t widths[4] = {};
-  for (const auto& line : lines) {
-    for (std::size_t c = 0; c < 4; ++c) widths[c] = std::max(widths[c], display_width(line[c]));
+  return text_table(lines);
+}
+
+std::string scales_table(std::span<const std::string> labels, std::span<const Results> runs) {
+  std::vector<std::vector<std::string>> lines(1, {"scale"});
+  for (const std::string& label : labels) lines[0].push_back("PSNR " + label);
+  for (const std::string& label : labels) lines[0].push_back("SSIM " + label);
+  for (std::size_t i = 0; i < runs[0].scales.size(); ++i) {
+    const int divisor = runs[0].scales[i].divisor;
+    std::vector<std::string>& line = lines.emplace_back();
+    line.push_back(divisor == 1 ? "1 (trained)" : "1/" + std::to_string(divisor));
+    for (const Results& run : runs) line.push_back(human_number(run.scales.at(i).psnr, 2, " dB"));
+    for (const Results& run : runs) line.push_back(human_number(run.scales.at(i).ssim, 4));
   }
-  std::string table;
-  for (std::size_t l = 0; l < lines.size(); ++l) {
-    std::string text;
-    for (std::size_t c = 0; c < 4; ++c) {
-      const std::string padding(widths[c] - display_width(lines[l][c]), ' ');
-      // Words to the left, numbers to the right.
-      text += c == 0 ? lines[l][c] + padding : "   " + padding + lines[l][c];
-    }
-    table += text + "\n";
-    if (l == 0) {
-      for (std::size_t i = 0; i < display_width(text); ++i) table += "─";
-      table += "\n";
-    }
-  }
-  return table;
+  return text_table(lines);
 }
 
 }  // namespace splatboost

@@ -21,6 +21,13 @@ struct ViewResult {
   std::optional<double> lpips;
 };
 
+/// Quality at another scale than the trained one, means over the measured views.
+struct ScaleResult {
+  int divisor = 1;  ///< of the trained resolution
+  double psnr = 0;
+  double ssim = 0;
+};
+
 /// A point of the training curves.
 struct CurvePoint {
   int iteration = 0;
@@ -55,6 +62,7 @@ struct Results {
   std::string source;         ///< name of the scene folder
   int width = 0, height = 0;  ///< of the first training view
   std::vector<ViewResult> views;
+  std::vector<ScaleResult> scales;  ///< the trained one first
   std::map<std::string, double> stage_seconds;
   std::vector<CurvePoint> curve;
 };
@@ -97,5 +105,8 @@ std::string human_count(std::uint64_t count);
 
 /// The table of a comparison for a terminal.
 std::string comparison_table(const Results& baseline, const Results& boosted);
+
+/// Quality at the trained and at smaller scales, a column of PSNR and one of SSIM a run, under its label.
+std::string scales_table(std::span<const std::string> labels, std::span<const Results> runs);
 
 }  // namespace splatboost

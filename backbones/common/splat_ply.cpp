@@ -327,7 +327,8 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
       cloud.sh_rest_rows == 0 || cloud.sh_rest_rows == 3 || cloud.sh_rest_rows == 8 || cloud.sh_rest_rows == 15,
       "spherical harmonics above degree 0 have 0, 3, 8 or 15 rows");
   SPLATBOOST_CHECK(cloud.means.size() == 3 * n && cloud.sh_dc.size() == 3 * n && cloud.log_scales.size() == 3 * n &&
-                       cloud.rotations.size() == 4 * n && cloud.sh_rest.size() == 3 * n * rest_rows,
+                       cloud.rotations.size() == 4 * n && cloud.sh_rest.size() == 3 * n * rest_rows &&
+                       (cloud.filters.empty() || cloud.filters.size() == n),
                    "all arrays of a splat cloud must have one row a splat");
 
   write_file_atomically(path, [&](std::ostream& out) {
@@ -339,6 +340,7 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
     names.emplace_back("opacity");
     add("scale_", 3);
     add("rot_", 4);
+    if (!cloud.filters.empty()) names.emplace_back("filter_3D");
     out << "ply\nformat binary_little_endian 1.0\nelement vertex " << n << "\n";
     for (const std::string& name : names) out << "property float " << name << "\n";
     out << "end_header\n";
@@ -360,6 +362,7 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
         block.push_back(cloud.logit_opacities[i]);
         append(cloud.log_scales, 3);
         append(cloud.rotations, 4);
+        if (!cloud.filters.empty()) append(cloud.filters, 1);
       }
       out.write(reinterpret_cast<const char*>(block.data()),
                 static_cast<std::streamsize>(block.size() * sizeof(float)));
@@ -381,6 +384,8 @@ SplatCloud read_splat_ply(const std::filesystem::path& path) {
   const Columns opacity(ply, {"opacity"});
   const Columns scales(ply, numbered("scale_", 3));
   const Columns rotations(ply, numbered("rot_", 4));
+  const Columns filters(
+      ply, ply.find("filter_3D") >= 0 ? std::vector<std::string>{"filter_3D"} : std::vector<std::string>{});
 
   SplatCloud cloud;
   cloud.sh_rest_rows = rest / 3;
@@ -406,6 +411,7 @@ SplatCloud read_splat_ply(const std::filesystem::path& path) {
     opacity.append(row, values, cloud.logit_opacities);
     scales.append(row, values, cloud.log_scales);
     rotations.append(row, values, cloud.rotations);
+    filters.append(row, values, cloud.filters);
   });
   return cloud;
 }

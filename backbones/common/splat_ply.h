@@ -18,10 +18,12 @@ struct SplatCloud {
   std::vector<float> logit_opacities;  ///< [N]
   std::vector<float> log_scales;       ///< [N,3]
   std::vector<float> rotations;        ///< [N,4] w,x,y,z
+  std::vector<float> filters;          ///< [N] standard deviation of Mip-Splatting's 3D filter; empty: there is none
   std::size_t size() const { return logit_opacities.size(); }
 };
 
-/// Binary little endian, properties x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*. Written aside, then renamed.
+/// Binary little endian, properties x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*, and filter_3D where there are
+/// filters. Written aside, then renamed.
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud);
 
 /// Reads what write_splat_ply and other 3DGS programs write (binary or ascii, properties in any order). Throws

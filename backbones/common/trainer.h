@@ -64,7 +64,8 @@ TrainOutcome train(Backbone& backbone, const Scene& scene, const TrainOptions& o
 const std::vector<View>& measured_views(const Scene& scene);
 
 /// Renders the measured views as trained into `renders` as <picture_names>.png (none if empty), measures them, and
-/// fills the quality part of `results` (psnr, ssim, lpips, psnr_beta1, split, views, fps). Lpips may be null.
+/// fills the quality part of `results` (psnr, ssim, lpips, psnr_beta1, split, views, scales, fps). Lpips may be null.
+/// Scales at which a view would be smaller than SSIM's window are left out.
 void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::filesystem::path& renders,
               Results& results);
 

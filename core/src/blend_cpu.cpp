@@ -128,6 +128,12 @@ HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
 #endif
 }
 
+/// Slots lie scattered as records do; the lines they are in are asked for before they are written.
+HWY_INLINE void prefetch_moments(Frame& frame, std::uint32_t at, std::uint32_t end) {
+  constexpr std::uint32_t kAhead = 8;
+  if (at + kAhead < end) __builtin_prefetch(&frame.entry_moments[frame.entries[at + kAhead].slot], 1);
+}
+
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4 + X, 256] what blend_tile made
 /// @param upstream [4 + X, 256] gradients of it
@@ -159,6 +165,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
+    prefetch_moments(frame, at, stop);
     const std::uint32_t k = frame.entries[at].gaussian;
     const BlendRecord& splat = frame.records[k];
     const float* channels = frame.channels.data() + k * static_cast<std::size_t>(frame.extra_channels());
@@ -203,21 +210,22 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
           const Vec gain = hn::Mul(weight, along);
           const Vec rest = hn::Sub(hn::Load(d, at_row + kBehind), gain);
           hn::Store(rest, d, at_row + kBehind);
-          // s = α·dL/dα = weight·along − rest·α/(1 − α); the reciprocal is refined once by Newton.
-          const Vec transparency = hn::Sub(hn::Set(d, 1.0f), step.alpha);
-          Vec inverse = hn::ApproximateReciprocal(transparency);
-          inverse = hn::Mul(inverse, hn::NegMulAdd(transparency, inverse, hn::Set(d, 2.0f)));
-          const Mask moves = hn::And(step.open, hn::Lt(step.alpha, hn::Set(d, kMaxAlpha)));
-          const Vec s = hn::IfThenElseZero(moves, hn::NegMulAdd(rest, hn::Mul(step.alpha, inverse), gain));
+          // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after; the reciprocal is refined once by
+          // Newton.
+          Vec inverse = hn::ApproximateReciprocal(step.after);
+          inverse = hn::Mul(inverse, hn::NegMulAdd(step.after, inverse, hn::Set(d, 2.0f)));
+          const Mask moves = hn::Lt(step.alpha, hn::Set(d, kMaxAlpha));
+          const Vec s = hn::IfThenElseZero(moves, hn::NegMulAdd(rest, hn::Mul(weight, inverse), gain));
           const Vec sy = hn::Mul(s, step.dy);
           column_s = hn::Add(column_s, s);
           column_sy = hn::Add(column_sy, sy);
           column_syy = hn::MulAdd(sy, step.dy, column_syy);
           if (kAbsolute) {
-            const Vec pull_x = hn::Mul(s, hn::MulAdd(step.dy, slope_xy, slope_x));
-            const Vec pull_y = hn::Mul(s, hn::MulAdd(step.dy, slope_yy, columns.linear));
-            abs_x = hn::Add(abs_x, hn::Abs(pull_x));
-            abs_y = hn::Add(abs_y, hn::Abs(pull_y));
+            const Vec size = hn::Abs(s);
+            const Vec pull_x = hn::MulAdd(step.dy, slope_xy, slope_x);
+            const Vec pull_y = hn::MulAdd(step.dy, slope_yy, columns.linear);
+            abs_x = hn::MulAdd(size, hn::Abs(pull_x), abs_x);
+            abs_y = hn::MulAdd(size, hn::Abs(pull_y), abs_y);
           }
         }
       } while (rows != 0);

@@ -35,7 +35,7 @@ inline constexpr std::size_t kWindow = 2 * kHalo + 1;
 /// A block of an image that is handled at a time, from the pixels to the gradient: narrow enough that the window's
 /// eleven rows of all that is blurred stay in the first cache, high enough that the halo above and below is cheap.
 inline constexpr std::size_t kBlockColumns = 96;
-inline constexpr std::size_t kBlockRows = 128;
+inline constexpr std::size_t kBlockRows = 256;
 /// Columns where SSIM's derivatives are needed: the block's and its halo, in whole vectors.
 inline constexpr std::size_t kMapColumns = kBlockColumns + 16;
 /// Columns of pixels that these need.
@@ -64,14 +64,23 @@ struct BlurredRows {
 
   float* slot(std::size_t quantity, std::size_t row) { return rows[quantity][row % kWindow]; }
 
-  /// The window along y, whose oldest row is in the given slot, at column x.
-  HWY_INLINE Float blur(std::size_t quantity, std::size_t oldest, std::size_t x) const {
-    const auto at = [&](std::size_t k) HWY_ATTR {
-      const std::size_t s = oldest + k;
-      return load(rows[quantity][s < kWindow ? s : s - kWindow] + x);
-    };
-    Float sum = Float(kSsimWindow[kHalo]) * at(kHalo);
-    for (std::size_t k = 0; k < kHalo; ++k) sum += Float(kSsimWindow[k]) * (at(k) + at(kWindow - 1 - k));
+  /// The rows of a window, oldest first, of the first quantity.
+  struct Window {
+    const float* row[kWindow];
+  };
+  Window window(std::size_t newest) const {
+    Window window;
+    for (std::size_t k = 0; k < kWindow; ++k) window.row[k] = rows[0][(newest + 1 + k) % kWindow];
+    return window;
+  }
+
+  /// A window's sum along y, at column x.
+  static HWY_INLINE Float blur(const Window& window, std::size_t quantity, std::size_t x) {
+    const std::size_t at = quantity * kWindow * kColumns + x;
+    Float sum = Float(kSsimWindow[kHalo]) * load(window.row[kHalo] + at);
+    for (std::size_t k = 0; k < kHalo; ++k) {
+      sum += Float(kSsimWindow[k]) * (load(window.row[k] + at) + load(window.row[kWindow - 1 - k] + at));
+    }
     return sum;
   }
 };
@@ -119,11 +128,11 @@ void load_pixels(const PhotometricJob& job, std::size_t y, const Stretch& stretc
 
 /// 1 where a pixel of a row counts, 0 where it does not or lies outside the image.
 template <std::size_t kColumns>
-void load_valid(const PhotometricJob& job, std::size_t y, const Stretch& stretch, float (&valid)[kColumns]) {
-  std::fill_n(valid, kColumns, 0.0f);
+void load_counts(const PhotometricJob& job, std::size_t y, const Stretch& stretch, float (&counts)[kColumns]) {
+  std::fill_n(counts, kColumns, 0.0f);
   const std::size_t at = y * job.width + stretch.first;
   for (std::size_t x = 0; x < stretch.count; ++x) {
-    valid[stretch.offset + x] = job.valid == nullptr || job.valid[at + x] != 0 ? 1.0f : 0.0f;
+    counts[stretch.offset + x] = job.valid == nullptr || job.valid[at + x] != 0 ? 1.0f : 0.0f;
   }
 }
 
@@ -135,14 +144,34 @@ HWY_INLINE double sum_of(Float a) {
   return sum;
 }
 
+/// A sum of many numbers: lanes add up a few rows, then go into a double.
+struct LaneSum {
+  static constexpr int kRows = 16;
+  Float lanes_sum;
+  int rows;
+  double total;
+
+  HWY_INLINE LaneSum() : lanes_sum(0.0f), rows(0), total(0) {}
+
+  HWY_INLINE void add(Float a) { lanes_sum += a; }
+  void end_row() {
+    if (++rows == kRows) flush();
+  }
+  void flush() {
+    total += sum_of(lanes_sum);
+    lanes_sum = Float(0.0f);
+    rows = 0;
+  }
+};
+
 /// Value and gradient of one block of one channel, in one sweep down the rows: pixels are blurred along x; five rows
 /// later, along y, which gives SSIM and its derivatives; these are blurred in turn, the window being its own adjoint,
 /// and five rows later still the gradient is known.
 void photometric_block(const PhotometricJob& job, const BlockRange& block, PhotometricSums& sums) {
   enum : std::size_t { kRender, kTruth, kSquares, kProduct, kQuantities };
   alignas(64) float pixels[kQuantities][kPixelColumns] = {};
-  alignas(64) float derivatives[3][kMapColumns + 16] = {};  // of means, squares, products
-  alignas(64) float valid[kMapColumns];
+  alignas(64) float derivatives[3][kMapColumns + 16] = {};           // of means, squares, products
+  alignas(64) float counts[kMapColumns], own_counts[kBlockColumns];  // 1 where a pixel counts, else 0
   BlurredRows<kQuantities, kMapColumns> blurred;
   BlurredRows<3, kBlockColumns> blurred_derivatives;
   const Stretch pixel_stretch(block, job.width, 2 * kHalo, kPixelColumns);
@@ -153,7 +182,12 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
   const std::size_t above = wants_gradient ? 2 * kHalo : kHalo;
   const std::size_t map_columns = kHalo + block.columns + kHalo;
   const Float zero(0.0f), l1_weight(job.l1_weight), ssim_weight(job.ssim_weight);
+  LaneSum l1, ssim;
   sums = {};
+  if (job.valid == nullptr) {  // the same for all rows
+    load_counts(job, 0, map_stretch, counts);
+    load_counts(job, 0, block_stretch, own_counts);
+  }
 
   for (std::size_t r = 0; r < block.rows + 2 * above; ++r) {
     const std::size_t y = block.y0 + r - above;  // wraps below zero, and is then beyond the height as well
@@ -169,12 +203,11 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
         store(a * b, pixels[kProduct] + x);
       }
       if (r >= above && r < above + block.rows) {  // truth and render agree where they do not count
-        Float l1 = zero;
         std::size_t x = 2 * kHalo;
         const std::size_t last = x + block.columns;
-        for (; x + lanes() <= last; x += lanes()) l1 += abs_of(load(render + x) - load(truth + x));
+        for (; x + lanes() <= last; x += lanes()) l1.add(abs_of(load(render + x) - load(truth + x)));
         for (; x < last; ++x) sums.l1 += static_cast<double>(std::fabs(render[x] - truth[x]));
-        sums.l1 += sum_of(l1);
+        l1.end_row();
       }
       for (std::size_t q = 0; q < kQuantities; ++q) blur_row(pixels[q], map_columns, blurred.slot(q, r));
     }
@@ -186,26 +219,25 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
         for (std::size_t q = 0; q < 3; ++q) std::fill_n(blurred_derivatives.slot(q, r), kBlockColumns, 0.0f);
       }
     } else {
-      load_valid(job, map_row, map_stretch, valid);
+      if (job.valid != nullptr) load_counts(job, map_row, map_stretch, counts);
+      const auto window = blurred.window(r);
       const bool own = map_row >= block.y0 && map_row < block.y0 + block.rows;
       alignas(64) float values[kMapColumns];
       for (std::size_t x = 0; x < map_columns; x += lanes()) {
-        const std::size_t oldest = (r + 1) % kWindow;
-        const SsimPixel<Float> s = ssim_pixel(blurred.blur(kRender, oldest, x), blurred.blur(kTruth, oldest, x),
-                                              blurred.blur(kSquares, oldest, x), blurred.blur(kProduct, oldest, x));
-        const Float counts = load(valid + x);
-        store(s.value * counts, values + x);
-        store(s.d_mean * counts, derivatives[0] + x);
-        store(s.d_square * counts, derivatives[1] + x);
-        store(s.d_product * counts, derivatives[2] + x);
+        const SsimPixel<Float> s = ssim_pixel(blurred.blur(window, kRender, x), blurred.blur(window, kTruth, x),
+                                              blurred.blur(window, kSquares, x), blurred.blur(window, kProduct, x));
+        const Float counted = load(counts + x);
+        store(s.value * counted, values + x);
+        store(s.d_mean * counted, derivatives[0] + x);
+        store(s.d_square * counted, derivatives[1] + x);
+        store(s.d_product * counted, derivatives[2] + x);
       }
       if (own) {
-        Float ssim = zero;
         std::size_t x = kHalo;
         const std::size_t last = x + block.columns;
-        for (; x + lanes() <= last; x += lanes()) ssim += load(values + x);
+        for (; x + lanes() <= last; x += lanes()) ssim.add(load(values + x));
         for (; x < last; ++x) sums.ssim += static_cast<double>(values[x]);
-        sums.ssim += sum_of(ssim);
+        ssim.end_row();
       }
       for (std::size_t q = 0; wants_gradient && q < 3; ++q) {
         blur_row(derivatives[q], block.columns, blurred_derivatives.slot(q, r));
@@ -214,20 +246,24 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
 
     if (!wants_gradient || r < 4 * kHalo) continue;
     const std::size_t row = block.y0 + r - 4 * kHalo;
-    alignas(64) float render[kBlockColumns], truth[kBlockColumns], counts[kBlockColumns], gradient[kBlockColumns];
+    alignas(64) float render[kBlockColumns], truth[kBlockColumns], gradient[kBlockColumns];
     load_pixels(job, row, block_stretch, render, truth);
-    load_valid(job, row, block_stretch, counts);
+    if (job.valid != nullptr) load_counts(job, row, block_stretch, own_counts);
+    const auto window = blurred_derivatives.window(r);
     for (std::size_t x = 0; x < block.columns; x += lanes()) {
-      const std::size_t oldest = (r + 1) % kWindow;
       const Float a = load(render + x), b = load(truth + x);
       const Float sign = select(a > b, l1_weight, select(a < b, -l1_weight, zero));
-      const Float ssim = blurred_derivatives.blur(0, oldest, x) +
-                         Float(2.0f) * a * blurred_derivatives.blur(1, oldest, x) +
-                         b * blurred_derivatives.blur(2, oldest, x);
-      store((sign + ssim_weight * ssim) * load(counts + x), gradient + x);
+      const Float from_ssim = blurred_derivatives.blur(window, 0, x) +
+                              Float(2.0f) * a * blurred_derivatives.blur(window, 1, x) +
+                              b * blurred_derivatives.blur(window, 2, x);
+      store((sign + ssim_weight * from_ssim) * load(own_counts + x), gradient + x);
     }
     std::memcpy(job.gradient + row * job.width + block.x0, gradient, block.columns * sizeof(float));
   }
+  l1.flush();
+  ssim.flush();
+  sums.l1 += l1.total;
+  sums.ssim += ssim.total;
 }
 
 }  // namespace HWY_NAMESPACE

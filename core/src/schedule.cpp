@@ -8,9 +8,10 @@
 
 namespace splatboost {
 
-int scaled_iteration(int published, int total) {
-  SPLATBOOST_CHECK(published >= 0 && total > 0, "iterations must not be negative, nor a run empty");
-  const double scaled = static_cast<double>(published) * total / kPublishedIterations;
+int scaled_iteration(int published, int total, int published_total) {
+  SPLATBOOST_CHECK(published >= 0 && total > 0 && published_total > 0,
+                   "iterations must not be negative, nor a run empty");
+  const double scaled = static_cast<double>(published) * total / published_total;
   return std::max(1, static_cast<int>(std::lround(scaled)));
 }
 

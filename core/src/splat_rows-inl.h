@@ -128,6 +128,7 @@ struct RowStep {
   Vec dy;
   Vec alpha;   ///< 0 where it is below the threshold
   Vec before;  ///< transmittance before the splat
+  Vec after;   ///< ... and behind it, where it is blended
   Mask open;   ///< pixels that are open afterwards: there, and where α is not 0, the splat was blended
 };
 
@@ -141,9 +142,9 @@ HWY_INLINE RowStep step_row(const Columns& columns, float dy, float* HWY_RESTRIC
   const Mask reached = hn::Ge(exponent, hn::Set(d, kMinLog2Alpha));
   step.alpha = hn::IfThenElseZero(reached, hn::Min(exp2_of(exponent), hn::Set(d, kMaxAlpha)));
   step.before = hn::Load(d, transmittance);
-  const Vec after = hn::NegMulAdd(step.before, step.alpha, step.before);
-  step.open = hn::Ge(after, hn::Set(d, kMinTransmittance));
-  hn::Store(hn::IfThenElse(step.open, after, hn::Or(step.before, hn::SignBit(d))), d, transmittance);
+  step.after = hn::NegMulAdd(step.before, step.alpha, step.before);
+  step.open = hn::Ge(step.after, hn::Set(d, kMinTransmittance));
+  hn::Store(hn::IfThenElse(step.open, step.after, hn::Or(step.before, hn::SignBit(d))), d, transmittance);
   return step;
 }
 

@@ -87,6 +87,29 @@ std::vector<Case> cases() {
                  {.count = 60, .sh_degree = 1, .smallest = 0.005, .largest = 0.4, .opacity_low = 0.6},
                  compensated(ellipse(1)),
                  51});
+  // The 2D Mip filter.
+  {
+    RasterOptions options = compensated(ellipse(0.5f));
+    options.low_pass = 0.1f;
+    all.push_back({"mip_filter", 45, 30, {.sh_degree = 1, .smallest = 0.1, .largest = 3}, options, 69});
+  }
+  // Those that dropout keeps make up for those it drops.
+  all.push_back({"opacities_above_one_square",
+                 45,
+                 30,
+                 {.sh_degree = 0, .smallest = 1, .largest = 6, .opacity_low = 0.8, .opacity_high = 1.25},
+                 square(),
+                 70,
+                 0.06,
+                 3});
+  all.push_back({"opacities_above_one_compact",
+                 45,
+                 30,
+                 {.sh_degree = 0, .smallest = 1, .largest = 6, .opacity_low = 0.8, .opacity_high = 1.25},
+                 ellipse(0.5f),
+                 71,
+                 0.06,
+                 3});
   // Alpha is clamped at 0.99 in their middle, and pixels end after a few. 1/(1 − alpha) amplifies rounding up to 100
   // times.
   all.push_back({"saturated_square",

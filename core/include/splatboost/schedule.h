@@ -13,8 +13,8 @@ struct Moment {
   int total = kPublishedIterations;
 };
 
-/// The iteration of a run of `total` that corresponds to `published` of 30 000, at least 1.
-int scaled_iteration(int published, int total);
+/// The iteration of a run of `total` that corresponds to `published` of a run of `published_total`, at least 1.
+int scaled_iteration(int published, int total, int published_total = kPublishedIterations);
 
 /// How often a parameter group steps in each of three phases of the run; gradients accumulate in between. All are of
 /// the published run: the ends of the phases scale with a run's length, the intervals with its cube, because a short

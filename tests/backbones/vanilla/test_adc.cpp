@@ -6,43 +6,15 @@
 #include <algorithm>
 #include <set>
 
-#include "../../support/tiny_scene.h"
+#include "support/density_recorder.h"
+#include "support/tiny_scene.h"
 #include "vanilla/vanilla.h"
 
 namespace splatboost {
 namespace {
 
-/// What one call of the hook saw, and what the backbone had decided before it.
-struct Event {
-  int iteration;
-  bool growth;
-  std::vector<float> gradients, opacities, max_scales;
-  std::vector<std::uint8_t> clone, split, remove;
-  std::vector<std::uint32_t> origins;
-};
-
-/// Changes nothing, writes everything down.
-class Recorder : public DensityHook {
- public:
-  void grow(const DensityStatistics& s, RasterizerHook&, GrowDecisions& d) override {
-    Event e{s.moment.iteration, true, {}, {}, {}, {}, {}, {}, {}};
-    e.gradients.assign(s.gradients.begin(), s.gradients.end());
-    e.max_scales.assign(s.max_scales.begin(), s.max_scales.end());
-    e.opacities.assign(s.opacities.begin(), s.opacities.end());
-    e.clone.assign(d.clone.begin(), d.clone.end());
-    e.split.assign(d.split.begin(), d.split.end());
-    events.push_back(e);
-  }
-  void prune(const DensityStatistics& s, RasterizerHook&, PruneDecisions& d) override {
-    Event e{s.moment.iteration, false, {}, {}, {}, {}, {}, {}, {}};
-    e.max_scales.assign(s.max_scales.begin(), s.max_scales.end());
-    e.opacities.assign(s.opacities.begin(), s.opacities.end());
-    e.remove.assign(d.remove.begin(), d.remove.end());
-    e.origins.assign(d.origins.begin(), d.origins.end());
-    events.push_back(e);
-  }
-  std::vector<Event> events;
-};
+using Event = testing::DensityEvent;
+using Recorder = testing::DensityRecorder;
 
 class AdcTrace : public ::testing::Test {
  protected:

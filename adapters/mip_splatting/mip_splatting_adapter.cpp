@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "mip_splatting/mip_splatting_adapter.h"
+
+namespace splatboost {
+namespace {
+
+VanillaBoost on_sums(VanillaBoost boost) {
+  boost.gradient_abs_threshold *= kAbsoluteSumOverLength;
+  return boost;
+}
+
+}  // namespace
+
+MipSplattingAdapter::MipSplattingAdapter(const VanillaBoost& boost, Threads& threads)
+    : VanillaAdapter(on_sums(boost), threads) {}
+
+}  // namespace splatboost

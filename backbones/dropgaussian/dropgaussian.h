@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file DropGaussian (Park et al. 2025): 3DGS for few views, kept from overfitting by dropping random Gaussians from
+/// each training view.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include <nlohmann/json.hpp>
+
+#include "common/backbone.h"
+#include "gaussians/gaussian_config.h"
+
+namespace splatboost {
+
+/// 3DGS's constants with those that DropGaussian changes, and its own.
+struct DropGaussianConfig : GaussianConfig {
+  DropGaussianConfig() {
+    published_iterations = 10000;
+    densify_until = 10000;  // to the end
+    gradient_threshold = 5e-4;
+    max_world_scale = 0;
+  }
+  double drop_rate =
+      0.2;  ///< share of the Gaussians that are dropped at the end of the run; grows from 0 in proportion
+};
+
+nlohmann::json to_json(const DropGaussianConfig& config);
+/// Reads the keys that are there over the defaults. Throws InputError on an unknown key or a wrong type.
+DropGaussianConfig dropgaussian_config_from_json(const nlohmann::json& json);
+
+std::unique_ptr<Backbone> make_dropgaussian(const BackboneContext& context, const DropGaussianConfig& config);
+
+/// What opacities are multiplied by in one iteration: 0 with probability `rate`, else 1/(1 − rate), so that their
+/// expectation stays. A function of its arguments alone, whatever the number of threads.
+/// @param factors [N]
+void draw_dropout(std::uint64_t seed, int iteration, double rate, std::span<float> factors, Threads& threads);
+
+}  // namespace splatboost

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The constants that all backbones of explicit Gaussians share.
+#pragma once
+
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "splatboost/schedule.h"
+
+namespace splatboost {
+
+/// Defaults are 3DGS's (Kerbl et al. 2023). Iteration numbers are of the published run and scale with the run's length.
+struct GaussianConfig {
+  int sh_degree = 3;
+  double position_rate_initial = 1.6e-4;  ///< × scene extent
+  double position_rate_final = 1.6e-6;    ///< × scene extent, at the end of the run
+  double feature_rate = 2.5e-3;           ///< degree-0 spherical harmonics; higher degrees: / 20
+  double opacity_rate = 0.05;
+  double scaling_rate = 5e-3;
+  double rotation_rate = 1e-3;
+  double lambda_dssim = 0.2;
+  double percent_dense = 0.01;       ///< × scene extent: largest scale that is cloned rather than split
+  double gradient_threshold = 2e-4;  ///< of the mean screen gradient, NDC units
+  double min_opacity = 0.005;
+  double max_world_scale = 0.1;  ///< × scene extent; larger ones go after the first opacity reset; 0: none goes
+  double initial_opacity = 0.1;
+  double reset_opacity = 0.01;
+  int densify_from = 500;
+  int densify_until = 15000;
+  int densify_interval = 100;         ///< not scaled: statistics need that many views
+  int opacity_reset_interval = 3000;  ///< in short runs not below 5 densify intervals
+  int sh_interval = 1000;             ///< one degree more every so many iterations
+
+  /// Length of the published run. It belongs to the method and is no setting.
+  int published_iterations = kPublishedIterations;
+};
+
+/// Calls visit(name, field) for every setting.
+template <class Config, class Visit>
+void for_each_gaussian_field(Config& c, Visit&& visit) {
+  visit("sh_degree", c.sh_degree);
+  visit("position_rate_initial", c.position_rate_initial);
+  visit("position_rate_final", c.position_rate_final);
+  visit("feature_rate", c.feature_rate);
+  visit("opacity_rate", c.opacity_rate);
+  visit("scaling_rate", c.scaling_rate);
+  visit("rotation_rate", c.rotation_rate);
+  visit("lambda_dssim", c.lambda_dssim);
+  visit("percent_dense", c.percent_dense);
+  visit("gradient_threshold", c.gradient_threshold);
+  visit("min_opacity", c.min_opacity);
+  visit("max_world_scale", c.max_world_scale);
+  visit("initial_opacity", c.initial_opacity);
+  visit("reset_opacity", c.reset_opacity);
+  visit("densify_from", c.densify_from);
+  visit("densify_until", c.densify_until);
+  visit("densify_interval", c.densify_interval);
+  visit("opacity_reset_interval", c.opacity_reset_interval);
+  visit("sh_interval", c.sh_interval);
+}
+
+/// Throws InputError naming the backbone and the constant unless all are possible.
+void check_gaussian_config(const GaussianConfig& config, const std::string& backbone);
+
+}  // namespace splatboost

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "mip_splatting/mip_splatting.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "common/input_error.h"
+#include "common/json_fields.h"
+#include "gaussians/gaussian_backbone.h"
+#include "mip_splatting/smoothing_filter.h"
+
+namespace splatboost {
+namespace {
+
+constexpr const char* kName = "mip-splatting";
+constexpr std::size_t kGrain = 4096;
+
+template <class Config, class Visit>
+void for_each_field(Config& config, Visit&& visit) {
+  for_each_gaussian_field(config, visit);
+  visit("low_pass", config.low_pass);
+  visit("smoothing_variance", config.smoothing_variance);
+  visit("visibility_margin", config.visibility_margin);
+  visit("smoothing_interval", config.smoothing_interval);
+}
+
+class MipSplatting final : public GaussianMethod {
+ public:
+  MipSplatting(const BackboneContext& context, const MipSplattingConfig& config)
+      : views_(context.scene.train), threads_(context.threads), config_(config) {}
+
+  std::string_view name() const override { return kName; }
+  nlohmann::json config() const override { return to_json(config_); }
+  LossForm loss() const override { return {static_cast<float>(config_.lambda_dssim), 1}; }
+
+  RasterOptions raster_options() const override {
+    RasterOptions options;
+    options.low_pass = static_cast<float>(config_.low_pass);
+    options.compensate_opacity = true;
+    return options;
+  }
+
+  void gaussians_changed(std::span<const float> means) override {
+    filters_.resize(means.size() / 3);
+    smoothing_filters(means, views_, config_.smoothing_variance, config_.visibility_margin, filters_, threads_);
+  }
+  bool renews_at(Moment moment) const override {
+    // At the end of a run the filter rests for an interval, so that the Gaussians settle under the one they are shown
+    // with.
+    return moment.iteration % config_.smoothing_interval == 0 &&
+           moment.iteration < moment.total - config_.smoothing_interval;
+  }
+  void activated(std::span<const float> scales, std::span<const float> opacities) override;
+  void draw(Gaussians& drawn, std::optional<int> /*training*/) override {
+    scales_ = drawn.scales;
+    drawn.scales = smooth_scales_;
+    drawn.opacities = smooth_opacities_;
+  }
+  void redirect(GaussianGradients& gradients) override {
+    scale_gradients_.assign(smooth_scales_.size(), 0.0f);
+    opacity_gradients_.assign(smooth_opacities_.size(), 0.0f);
+    gradients.scales = scale_gradients_;
+    gradients.opacities = opacity_gradients_;
+  }
+  void add_gradients(const GaussianGradients& activated) override;
+
+  bool needs_absolute_gradients() const override { return true; }
+  AbsoluteNorm absolute_norm() const override { return AbsoluteNorm::sum; }
+  void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const override;
+  std::span<const float> opacity_factors() const override { return factors_; }
+
+  void save(ArchiveWriter& archive) const override {
+    archive.put("mip-splatting.filters", std::span<const float>(filters_));
+  }
+  void load(const ArchiveReader& archive, std::size_t count) override {
+    filters_ = archive.floats("mip-splatting.filters");
+    require(filters_.size() == count, archive.path().string() + ": its filters do not fit; the checkpoint is damaged");
+  }
+  void export_to(SplatCloud& cloud) const override { cloud.filters = filters_; }
+  bool import_from(const SplatCloud& cloud) override {
+    filters_ = cloud.filters;
+    return !filters_.empty();
+  }
+
+ private:
+  const std::vector<View>& views_;
+  Threads& threads_;
+  MipSplattingConfig config_;
+
+  std::vector<float> filters_;  ///< [N] standard deviations
+  std::span<const float> scales_;
+  std::vector<float> smooth_scales_, smooth_opacities_, factors_;
+  std::vector<float> scale_gradients_, opacity_gradients_;
+};
+
+void MipSplatting::activated(std::span<const float> scales, std::span<const float> opacities) {
+  smooth_scales_.resize(scales.size());
+  smooth_opacities_.resize(opacities.size());
+  factors_.resize(opacities.size());
+  threads_.for_range(opacities.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const SmoothedGaussian<float> out = smooth(&scales[3 * i], opacities[i], filters_[i]);
+      for (std::size_t c = 0; c < 3; ++c) smooth_scales_[3 * i + c] = out.scales[c];
+      smooth_opacities_[i] = out.opacity;
+      factors_[i] = out.factor;
+    }
+  });
+}
+
+void MipSplatting::add_gradients(const GaussianGradients& activated) {
+  threads_.for_range(factors_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      SmoothedGaussian<float> out;
+      for (std::size_t c = 0; c < 3; ++c) out.scales[c] = smooth_scales_[3 * i + c];
+      out.opacity = smooth_opacities_[i];
+      out.factor = factors_[i];
+      smooth_backward(&scales_[3 * i], filters_[i], out, &scale_gradients_[3 * i], opacity_gradients_[i],
+                      &activated.scales[3 * i], activated.opacities[i]);
+    }
+  });
+}
+
+void MipSplatting::add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const {
+  // As many grow by the absolute gradient as by the signed one.
+  const auto by_signed = static_cast<double>(std::count(growing.begin(), growing.end(), 1));
+  const float threshold =
+      quantile(statistics.gradients_abs, 1 - by_signed / static_cast<double>(std::max<std::size_t>(growing.size(), 1)));
+  for (std::size_t i = 0; i < growing.size(); ++i) {
+    if (statistics.gradients_abs[i] >= threshold) growing[i] = 1;
+  }
+}
+
+}  // namespace
+
+float quantile(std::span<const float> values, double q) {
+  if (values.empty()) return 0;
+  std::vector<float> sorted(values.begin(), values.end());
+  const double place = std::clamp(q, 0.0, 1.0) * static_cast<double>(sorted.size() - 1);
+  const auto below = static_cast<std::ptrdiff_t>(place);
+  std::nth_element(sorted.begin(), sorted.begin() + below, sorted.end());
+  const float low = sorted[static_cast<std::size_t>(below)];
+  const auto rest = sorted.begin() + below + 1;
+  if (rest == sorted.end()) return low;
+  const auto fraction = static_cast<float>(place - static_cast<double>(below));
+  return low + fraction * (*std::min_element(rest, sorted.end()) - low);
+}
+
+nlohmann::json to_json(const MipSplattingConfig& config) {
+  return fields_to_json([&](auto&& visit) { for_each_field(config, visit); });
+}
+
+MipSplattingConfig mip_splatting_config_from_json(const nlohmann::json& json) {
+  MipSplattingConfig config;
+  fields_from_json(json, std::string("backbone ") + kName, [&](auto&& visit) { for_each_field(config, visit); });
+  check_gaussian_config(config, kName);
+  const std::string what = std::string("config of backbone ") + kName + ": ";
+  require(config.low_pass > 0, what + "low_pass must be above 0");
+  require(config.smoothing_variance >= 0, what + "smoothing_variance must be at least 0");
+  require(config.visibility_margin >= 0, what + "visibility_margin must be at least 0");
+  require(config.smoothing_interval > 0, what + "smoothing_interval must be above 0");
+  return config;
+}
+
+std::unique_ptr<Backbone> make_mip_splatting(const BackboneContext& context, const MipSplattingConfig& config) {
+  return make_gaussian_backbone(context, config, std::make_unique<MipSplatting>(context, config));
+}
+
+}  // namespace splatboost

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What must hold for every backbone of explicit Gaussians.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backbones/common/temporary_folder.h"
+#include "common/backbone.h"
+#include "common/splat_ply.h"
+#include "splatboost/photometric.h"
+#include "splatboost/rasterizer.h"
+
+namespace splatboost::testing {
+
+using MakeBackbone = std::function<std::unique_ptr<Backbone>()>;
+
+inline const View& view_at(const Scene& scene, int iteration) {
+  return scene.train[static_cast<std::size_t>(iteration) % scene.train.size()];
+}
+
+inline SplatCloud exported(const Backbone& backbone) {
+  const test::TemporaryFolder folder;
+  backbone.export_model(folder.path());
+  return read_splat_ply(folder / "point_cloud.ply");
+}
+
+inline void import_cloud(Backbone& backbone, const SplatCloud& cloud) {
+  const test::TemporaryFolder folder;
+  write_splat_ply(folder / "point_cloud.ply", cloud);
+  backbone.import_model(folder.path());
+}
+
+class NeverSteps : public OptimizerHook {
+ public:
+  bool steps_at(std::string_view, Moment) const override { return false; }
+};
+
+class StepsEveryThird : public OptimizerHook {
+ public:
+  bool steps_at(std::string_view, Moment moment) const override { return moment.iteration % 3 == 0; }
+};
+
+/// Gradients with respect to activated Gaussians.
+struct CloudGradients {
+  double loss = 0;
+  std::vector<float> means, scales, opacities;
+};
+
+/// Those that a training iteration of the backbone gathers at these parameters.
+inline CloudGradients gathered_gradients(Backbone& backbone, const SplatCloud& cloud, int iteration, const View& view) {
+  NeverSteps never;
+  import_cloud(backbone, cloud);
+  backbone.set_hooks(nullptr, &never);
+  CloudGradients gradients;
+  gradients.loss = backbone.train_step(iteration, view);
+  const test::TemporaryFolder folder;
+  ArchiveWriter writer;
+  backbone.save(writer);
+  writer.write(folder / "state");
+  const ArchiveReader state(folder / "state");
+  gradients.means = state.floats("xyz.gradients");
+  gradients.scales = state.floats("scaling.gradients");
+  gradients.opacities = state.floats("opacity.gradients");
+  return gradients;
+}
+
+/// Those of a view drawn by the rasterizer (which has witnesses of its own) with these scales and opacities, colours of
+/// degree 0; the loss is l1_weight·L1 + ssim_weight·(1 − SSIM).
+inline CloudGradients gradients_of_view(const SplatCloud& cloud, std::span<const float> scales,
+                                        std::span<const float> opacities, const View& view,
+                                        const RasterOptions& options, float l1_weight, float ssim_weight,
+                                        Threads& threads) {
+  Gaussians gaussians;
+  gaussians.count = cloud.size();
+  gaussians.means = cloud.means;
+  gaussians.scales = scales;
+  gaussians.rotations = cloud.rotations;
+  gaussians.opacities = opacities;
+  gaussians.sh_dc = cloud.sh_dc;
+  Rasterizer rasterizer(threads);
+  std::vector<float> image(view.color.size()), of_l1(image.size()), of_ssim(image.size());
+  RasterImages images;
+  images.color = image;
+  rasterizer.forward(view.camera, gaussians, options, images);
+  Photometric photometric(threads);
+  CloudGradients out;
+  out.loss = l1_weight * photometric.evaluate(image, view.truth(), 0, of_l1).total;
+  out.loss += ssim_weight * photometric.evaluate(image, view.truth(), 1, of_ssim).total;
+  for (std::size_t p = 0; p < image.size(); ++p) of_l1[p] = l1_weight * of_l1[p] + ssim_weight * of_ssim[p];
+  out.means.resize(cloud.means.size());
+  out.scales.resize(scales.size());
+  out.opacities.resize(opacities.size());
+  RasterImageGradients image_gradients;
+  image_gradients.color = of_l1;
+  GaussianGradients gradients;
+  gradients.means = out.means;
+  gradients.scales = out.scales;
+  gradients.opacities = out.opacities;
+  rasterizer.backward(gaussians, image_gradients, gradients);
+  return out;
+}
+
+/// Equal but for rounding, relative to the largest.
+inline void expect_close(const std::vector<float>& found, const std::vector<double>& expected, double tolerance) {
+  ASSERT_EQ(found.size(), expected.size());
+  double largest = 0;
+  for (const double value : expected) largest = std::max(largest, std::abs(value));
+  EXPECT_GT(largest, 0);
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    EXPECT_NEAR(static_cast<double>(found[i]), expected[i], tolerance * largest) << "row " << i;
+  }
+}
+
+/// A run that is cut, saved and continued gives the bytes of one that is not, at every cut; gradients accumulate over
+/// the cut.
+inline void expect_exact_resume(const MakeBackbone& make, const Scene& scene, int iterations,
+                                const std::vector<int>& cuts) {
+  StepsEveryThird optimizer;
+  const auto run = [&](Backbone& backbone, int first, int last) {
+    backbone.set_hooks(nullptr, &optimizer);
+    for (int i = first; i <= last; ++i) backbone.train_step(i, view_at(scene, i));
+  };
+  const auto bytes = [](const Backbone& backbone) {
+    const test::TemporaryFolder folder;
+    backbone.export_model(folder.path());
+    return test::read_file(folder / "point_cloud.ply");
+  };
+  const std::unique_ptr<Backbone> whole = make();
+  run(*whole, 1, iterations);
+  whole->finish();
+  const std::string expected = bytes(*whole);
+  for (const int cut : cuts) {
+    const test::TemporaryFolder folder;
+    {
+      const std::unique_ptr<Backbone> first = make();
+      run(*first, 1, cut);
+      ArchiveWriter archive;
+      first->save(archive);
+      archive.write(folder / "checkpoint");
+    }
+    const std::unique_ptr<Backbone> second = make();
+    ArchiveReader archive(folder / "checkpoint");
+    second->load(archive);
+    run(*second, cut + 1, iterations);
+    second->finish();
+    EXPECT_EQ(bytes(*second), expected) << "cut after iteration " << cut;
+  }
+}
+
+/// @param make takes the number of threads
+inline void expect_same_bytes_for_any_threads(const std::function<std::unique_ptr<Backbone>(Threads&)>& make,
+                                              const Scene& scene, int iterations) {
+  std::vector<SplatCloud> clouds;
+  for (const int count : {1, 2}) {
+    Threads threads(count);
+    const std::unique_ptr<Backbone> backbone = make(threads);
+    for (int i = 1; i <= iterations; ++i) backbone->train_step(i, view_at(scene, i));
+    clouds.push_back(exported(*backbone));
+  }
+  EXPECT_EQ(clouds[0].means, clouds[1].means);
+  EXPECT_EQ(clouds[0].logit_opacities, clouds[1].logit_opacities);
+  EXPECT_EQ(clouds[0].log_scales, clouds[1].log_scales);
+}
+
+}  // namespace splatboost::testing
