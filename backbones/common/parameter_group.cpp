@@ -40,6 +40,12 @@ void ParameterGroup::append_copies(std::span<const std::uint32_t> source_rows) {
   }
 }
 
+void ParameterGroup::reorder(std::span<const std::uint32_t> order) {
+  for (std::vector<float>* tensor : {&values, &gradients, &first_moments, &second_moments}) {
+    reorder_rows(*tensor, width, order);
+  }
+}
+
 void ParameterGroup::save(ArchiveWriter& archive) const {
   archive.put(name + ".values", std::span<const float>(values));
   archive.put(name + ".gradients", std::span<const float>(gradients));

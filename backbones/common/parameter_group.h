@@ -37,6 +37,8 @@ struct ParameterGroup {
   void remove(std::span<const std::uint8_t> removed);
   /// Appends copies of rows; their moments and gradients are zero.
   void append_copies(std::span<const std::uint32_t> source_rows);
+  /// Puts row order[i] at place i.
+  void reorder(std::span<const std::uint32_t> order);
   void save(ArchiveWriter& archive) const;
   void load(const ArchiveReader& archive);
 };

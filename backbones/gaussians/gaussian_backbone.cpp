@@ -15,6 +15,7 @@
 #include "splatboost/random.h"
 #include "splatboost/rasterizer.h"
 #include "splatboost/select.h"
+#include "splatboost/spatial_order.h"
 
 namespace splatboost {
 namespace {
@@ -28,6 +29,7 @@ constexpr int kLeastGrowthsAReset = 5;
 constexpr std::size_t kGrain = 4096;
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
+float length_of(float x, float y) { return std::sqrt(x * x + y * y); }  // no overflow to care for, as std::hypot does
 float sigmoid(float x) { return 1.0f / (1.0f + std::exp(-x)); }
 
 class GaussianBackbone final : public Backbone, private RasterizerHook {
@@ -103,6 +105,7 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void append_children(std::span<const std::uint32_t> parents);
   void remove(std::span<const std::uint8_t> removed);
   void reset_opacities();
+  void reorder();
   void restart_statistics();
 
   BackboneContext context_;
@@ -160,6 +163,7 @@ void GaussianBackbone::initialise() {
   opacity_.assign(std::vector<float>(n, logit(config_.initial_opacity)));
   scaling_.assign(std::move(log_scales));
   rotation_.assign(std::move(rotations));
+  reorder();
   restart_statistics();
   activate();
 }
@@ -330,10 +334,10 @@ void GaussianBackbone::gather_statistics(const Camera& camera) {
   context_.threads.for_range(visible.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       if (visible[i] == 0) continue;
-      gradient_sum_[i] += std::hypot(screen_[2 * i] * to_ndc_x, screen_[2 * i + 1] * to_ndc_y);
+      gradient_sum_[i] += length_of(screen_[2 * i] * to_ndc_x, screen_[2 * i + 1] * to_ndc_y);
       if (absolute) {
         const float x = screen_abs_[2 * i] * to_ndc_x, y = screen_abs_[2 * i + 1] * to_ndc_y;
-        gradient_abs_sum_[i] += sum ? x + y : std::hypot(x, y);
+        gradient_abs_sum_[i] += sum ? x + y : length_of(x, y);
       }
       seen_[i] += views;
     }
@@ -363,6 +367,7 @@ void GaussianBackbone::control_density() {
     step_all(iteration_);
     grow();
     prune(true);
+    reorder();
     restart_statistics();
   } else if (density_ != nullptr && density_->prunes_at(moment(), false)) {
     step_all(iteration_);
@@ -487,6 +492,14 @@ void GaussianBackbone::remove(std::span<const std::uint8_t> removed) {
     }
     origins_.resize(kept);
   }
+  stale_ = set_changed_ = true;
+}
+
+/// Growth appends; here neighbours in space become neighbours in memory again, which the rasterizer's caches thank.
+void GaussianBackbone::reorder() {
+  std::vector<std::uint32_t> order(primitives());
+  spatial_order(xyz_.values, order);
+  for (ParameterGroup* group : groups()) group->reorder(order);
   stale_ = set_changed_ = true;
 }
 

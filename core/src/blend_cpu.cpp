@@ -17,81 +17,87 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
+std::size_t column_blocks() { return kTileSize / hn::Lanes(Lanes()); }
+
 /// Blends one tile. @param image [4 + X, 256] colour over the background, alpha, extra channels
+template <bool kExtra>
 void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const int x0 = static_cast<int>(tile % static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-  const int y0 = static_cast<int>(tile / static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-  const int extra = frame.extra_channels();
-  alignas(64) float transmittance[kPixels];
-  open_tile(frame.camera, x0, y0, transmittance);
-  std::memset(image, 0, sizeof(float) * kPixels * static_cast<std::size_t>(4 + extra));
-  float* extra_images = image + 4 * kPixels;
-
-  std::uint32_t open[kTileSize];  // rows with open pixels, a block of columns each
-  for (int x = 0; x < kTileSize; x += lanes) open[x / lanes] = open_rows(transmittance, x);
+  const int blocks = kTileSize / lanes;
+  const int extra = kExtra ? frame.extra_channels() : 0;
+  TileRows<kExtra ? 4 + kMaxFeatures + 1 : 4> pixels(frame, tile);  // transmittance, colour, extra channels
 
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   std::uint32_t at = begin;
-  for (; at < end; ++at) {
-    prefetch_record(frame, at, end);
-    const std::uint32_t k = frame.entries[at];
-    const BlendRecord& splat = frame.records[k];
-    const std::uint32_t reach = rows_in_reach(splat, y0);
-    if (reach == 0) continue;
-    const float* channels = frame.channels.data() + k * static_cast<std::size_t>(extra);
-    bool closed = false;
-    for (int x = 0; x < kTileSize; x += lanes) {
-      std::uint32_t rows = reach & open[x / lanes];
-      if (rows == 0) continue;
-      const Columns columns(splat, x0 + x);
-      bool any_saturated = false;
-      for (; rows != 0; rows &= rows - 1) {
-        const int row = std::countr_zero(rows);
-        const int pixel = row * kTileSize + x;
-        const float dy = static_cast<float>(y0 + row) + 0.5f - splat.mean_y;
-        RowStep step;
-        bool saturated;
-        if (!advance_row(columns, dy, transmittance + pixel, step, saturated)) continue;
-        any_saturated |= saturated;
-        const Vec weight = hn::IfThenElseZero(step.blended, hn::Mul(step.before, step.alpha));
-        float* red = image + pixel;
-        hn::Store(hn::MulAdd(weight, hn::Set(d, splat.red), hn::Load(d, red)), d, red);
-        float* green = red + kPixels;
-        hn::Store(hn::MulAdd(weight, hn::Set(d, splat.green), hn::Load(d, green)), d, green);
-        float* blue = green + kPixels;
-        hn::Store(hn::MulAdd(weight, hn::Set(d, splat.blue), hn::Load(d, blue)), d, blue);
-        for (int c = 0; c < extra; ++c) {
-          float* channel = extra_images + c * kPixels + pixel;
-          hn::Store(hn::MulAdd(weight, hn::Set(d, channels[c]), hn::Load(d, channel)), d, channel);
-        }
-      }
-      if (any_saturated) {
-        open[x / lanes] = open_rows(transmittance, x);
-        closed = true;
+  std::uint32_t open[kMostBlocks];
+  while (at < end) {
+    std::uint32_t left = 0;
+    for (int b = 0; b < blocks; ++b) left |= open[b] = pixels.open_rows(b * lanes);
+    if (left == 0) break;
+    const std::uint32_t batch_end = std::min(at + kBatch, end);
+    std::uint16_t* const rows_of = frame.entry_rows.data();
+    for (std::uint32_t e = at; e < batch_end; ++e) {
+      prefetch_record(frame, e, end);
+      const BlendRecord& splat = frame.records[frame.entries[e].gaussian];
+      for (int b = 0; b < blocks; ++b) {
+        const float x = static_cast<float>(pixels.x0 + b * lanes) + 0.5f;
+        rows_of[e * static_cast<std::size_t>(blocks) + static_cast<std::size_t>(b)] = static_cast<std::uint16_t>(
+            open[b] & rows_in_reach(splat, pixels.first_y, x, x + static_cast<float>(lanes - 1)));
       }
     }
-    if (closed) {
-      std::uint32_t left = 0;
-      for (int x = 0; x < kTileSize; x += lanes) left |= open[x / lanes];
-      if (left == 0) {
-        ++at;
-        break;
+    const std::uint16_t* found = rows_of + at * static_cast<std::size_t>(blocks);
+    for (std::uint32_t e = at; e < batch_end; ++e) {
+      const std::uint32_t k = frame.entries[e].gaussian;
+      const BlendRecord& splat = frame.records[k];
+      const Vec red = hn::Set(d, splat.red), green = hn::Set(d, splat.green), blue = hn::Set(d, splat.blue);
+      const float* channels = frame.channels.data() + k * static_cast<std::size_t>(extra);
+      const RowOffsets offsets(splat, pixels.first_y);
+      for (int b = 0; b < blocks; ++b) {
+        std::uint32_t rows = *found++;
+        if (rows == 0) continue;
+        const Columns columns(splat, pixels.x0 + b * lanes);
+        do {
+          const RowPair pair(rows);
+          for (const int row : pair.rows) {
+            float* const at_row = pixels.at(row, b * lanes);
+            const RowStep step = step_row(columns, offsets.dy[row], at_row);
+            const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
+            float* plane = at_row + kTileSize;
+            hn::Store(hn::MulAdd(weight, red, hn::Load(d, plane)), d, plane);
+            plane += kTileSize;
+            hn::Store(hn::MulAdd(weight, green, hn::Load(d, plane)), d, plane);
+            plane += kTileSize;
+            hn::Store(hn::MulAdd(weight, blue, hn::Load(d, plane)), d, plane);
+            for (int c = 0; c < extra; ++c) {
+              plane += kTileSize;
+              hn::Store(hn::MulAdd(weight, hn::Set(d, channels[c]), hn::Load(d, plane)), d, plane);
+            }
+          }
+        } while (rows != 0);
       }
     }
+    at = batch_end;
   }
   frame.tile_stop[tile] = at - begin;
 
   const glm::vec3 background = frame.options.background;
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
-    const Vec rest = hn::Abs(hn::Load(d, transmittance + pixel));
+    const float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
+    const Vec rest = hn::Abs(hn::Load(d, state));
     for (int c = 0; c < 3; ++c) {
-      float* plane = image + c * kPixels + pixel;
-      hn::Store(hn::MulAdd(rest, hn::Set(d, background[c]), hn::Load(d, plane)), d, plane);
+      const Vec blended = hn::Load(d, state + (1 + c) * kTileSize);
+      hn::Store(hn::MulAdd(rest, hn::Set(d, background[c]), blended), d, image + c * kPixels + pixel);
     }
     hn::Store(hn::Sub(hn::Set(d, 1.0f), rest), d, image + 3 * kPixels + pixel);
+    for (int c = 4; c < 4 + extra; ++c) {
+      hn::Store(hn::Load(d, state + c * kTileSize), d, image + c * kPixels + pixel);
+    }
   }
+}
+
+void blend_tile_any(Frame& frame, std::size_t tile, float* image) {
+  frame.extra_channels() > 0 ? blend_tile<true>(frame, tile, image) : blend_tile<false>(frame, tile, image);
 }
 
 /// Sum over the lanes.
@@ -122,7 +128,7 @@ HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
 #endif
 }
 
-/// Gradients of a tile's entries, front to back with the transmittance recomputed.
+/// Moments of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4 + X, 256] what blend_tile made
 /// @param upstream [4 + X, 256] gradients of it
 template <bool kAbsolute, bool kExtra>
@@ -130,96 +136,91 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
                          const float* HWY_RESTRICT upstream) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const int x0 = static_cast<int>(tile % static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-  const int y0 = static_cast<int>(tile / static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
+  const int blocks = kTileSize / lanes;
   const int extra = kExtra ? frame.extra_channels() : 0;
   const int features = frame.features;
-  alignas(64) float transmittance[kPixels];
-  open_tile(frame.camera, x0, y0, transmittance);
-
-  // Per pixel, gradient · (what the splats behind the current one, and the background, add to the image).
-  alignas(64) float behind[kPixels];
+  // Planes of a row: transmittance; gradient · (what the splats behind the current one, and the background, add to the
+  // image); upstream gradients of colour, and of alpha and the extra channels.
+  constexpr int kBehind = kTileSize, kUpstream = 2 * kTileSize;
+  TileRows<kExtra ? 6 + kMaxFeatures + 1 : 5> pixels(frame, tile);
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
+    float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
     Vec sum = hn::Zero(d);
-    for (int c = 0; c < 3; ++c) {
-      sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), hn::Load(d, upstream + c * kPixels + pixel), sum);
+    for (int c = 0; c < (kExtra ? 4 + extra : 3); ++c) {
+      const Vec g = hn::Load(d, upstream + c * kPixels + pixel);
+      sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), g, sum);
+      hn::Store(g, d, state + kUpstream + c * kTileSize);
     }
-    if (kExtra) {
-      for (int c = 3; c < 4 + extra; ++c) {
-        sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), hn::Load(d, upstream + c * kPixels + pixel), sum);
-      }
-    }
-    hn::Store(sum, d, behind + pixel);
+    hn::Store(sum, d, state + kBehind);
   }
 
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   const std::uint32_t stop = begin + frame.tile_stop[tile];
+  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
-    const std::uint32_t k = frame.entries[at];
+    const std::uint32_t k = frame.entries[at].gaussian;
     const BlendRecord& splat = frame.records[k];
     const float* channels = frame.channels.data() + k * static_cast<std::size_t>(frame.extra_channels());
-    EntryGradient gradient{};
+    const Vec own_red = hn::Set(d, splat.red), own_green = hn::Set(d, splat.green), own_blue = hn::Set(d, splat.blue);
     float channel_gradient[kMaxFeatures + 1] = {};
-
-    const std::uint32_t reach = rows_in_reach(splat, y0);
-    // s = α·dL/dα; the moments of s give mean, conic and opacity.
+    const RowOffsets offsets(splat, pixels.first_y);
     Vec s_sum = hn::Zero(d), s_x = hn::Zero(d), s_y = hn::Zero(d);
     Vec s_xx = hn::Zero(d), s_xy = hn::Zero(d), s_yy = hn::Zero(d);
     Vec abs_x = hn::Zero(d), abs_y = hn::Zero(d);
     Vec red = hn::Zero(d), green = hn::Zero(d), blue = hn::Zero(d);
-    bool touched = false;
-    for (int x = 0; reach != 0 && x < kTileSize; x += lanes) {
-      const Columns columns(splat, x0 + x);
+    for (int b = 0; b < blocks; ++b) {
+      std::uint32_t rows = *reached_rows++;
+      if (rows == 0) continue;
+      const Columns columns(splat, pixels.x0 + b * lanes);
+      const Vec slope_x = hn::Mul(columns.dx, hn::Set(d, 2.0f * splat.quadratic_xx));
+      const Vec slope_xy = hn::Set(d, splat.quadratic_xy), slope_yy = hn::Set(d, 2.0f * splat.quadratic_yy);
       Vec column_s = hn::Zero(d), column_sy = hn::Zero(d), column_syy = hn::Zero(d);
-      for (std::uint32_t rows = reach; rows != 0; rows &= rows - 1) {
-        const int row = std::countr_zero(rows);
-        const int pixel = row * kTileSize + x;
-        const float dy = static_cast<float>(y0 + row) + 0.5f - splat.mean_y;
-        RowStep step;
-        bool saturated;
-        if (!advance_row(columns, dy, transmittance + pixel, step, saturated)) continue;
-        touched = true;
-        const Vec g_red = hn::Load(d, upstream + pixel);
-        const Vec g_green = hn::Load(d, upstream + kPixels + pixel);
-        const Vec g_blue = hn::Load(d, upstream + 2 * kPixels + pixel);
-        Vec along = hn::Mul(g_red, hn::Set(d, splat.red));  // gradient · the splat's own colour
-        along = hn::MulAdd(g_green, hn::Set(d, splat.green), along);
-        along = hn::MulAdd(g_blue, hn::Set(d, splat.blue), along);
-        const Vec weight = hn::IfThenElseZero(step.blended, hn::Mul(step.before, step.alpha));
-        red = hn::MulAdd(weight, g_red, red);
-        green = hn::MulAdd(weight, g_green, green);
-        blue = hn::MulAdd(weight, g_blue, blue);
-        if (kExtra) {
-          along = hn::Add(along, hn::Load(d, upstream + 3 * kPixels + pixel));  // alpha: a channel that is 1
-          for (int c = 0; c < extra; ++c) {
-            const Vec g = hn::Load(d, upstream + (4 + c) * kPixels + pixel);
-            along = hn::MulAdd(g, hn::Set(d, channels[c]), along);
-            channel_gradient[c] += sum_of(hn::Mul(weight, g));
+      do {
+        const RowPair pair(rows);
+        for (const int row : pair.rows) {
+          float* const at_row = pixels.at(row, b * lanes);
+          const RowStep step = step_row(columns, offsets.dy[row], at_row);
+          const float* const g_row = at_row + kUpstream;
+          const Vec g_red = hn::Load(d, g_row);
+          const Vec g_green = hn::Load(d, g_row + kTileSize);
+          const Vec g_blue = hn::Load(d, g_row + 2 * kTileSize);
+          Vec along = hn::Mul(g_red, own_red);  // gradient · the splat's own colour
+          along = hn::MulAdd(g_green, own_green, along);
+          along = hn::MulAdd(g_blue, own_blue, along);
+          const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
+          red = hn::MulAdd(weight, g_red, red);
+          green = hn::MulAdd(weight, g_green, green);
+          blue = hn::MulAdd(weight, g_blue, blue);
+          if (kExtra) {
+            along = hn::Add(along, hn::Load(d, g_row + 3 * kTileSize));  // alpha: a channel that is 1
+            for (int c = 0; c < extra; ++c) {
+              const Vec g = hn::Load(d, g_row + (4 + c) * kTileSize);
+              along = hn::MulAdd(g, hn::Set(d, channels[c]), along);
+              channel_gradient[c] += sum_of(hn::Mul(weight, g));
+            }
+          }
+          const Vec gain = hn::Mul(weight, along);
+          const Vec rest = hn::Sub(hn::Load(d, at_row + kBehind), gain);
+          hn::Store(rest, d, at_row + kBehind);
+          // s = α·dL/dα = weight·along − rest·α/(1 − α); the reciprocal is refined once by Newton.
+          const Vec transparency = hn::Sub(hn::Set(d, 1.0f), step.alpha);
+          Vec inverse = hn::ApproximateReciprocal(transparency);
+          inverse = hn::Mul(inverse, hn::NegMulAdd(transparency, inverse, hn::Set(d, 2.0f)));
+          const Mask moves = hn::And(step.open, hn::Lt(step.alpha, hn::Set(d, kMaxAlpha)));
+          const Vec s = hn::IfThenElseZero(moves, hn::NegMulAdd(rest, hn::Mul(step.alpha, inverse), gain));
+          const Vec sy = hn::Mul(s, step.dy);
+          column_s = hn::Add(column_s, s);
+          column_sy = hn::Add(column_sy, sy);
+          column_syy = hn::MulAdd(sy, step.dy, column_syy);
+          if (kAbsolute) {
+            const Vec pull_x = hn::Mul(s, hn::MulAdd(step.dy, slope_xy, slope_x));
+            const Vec pull_y = hn::Mul(s, hn::MulAdd(step.dy, slope_yy, columns.linear));
+            abs_x = hn::Add(abs_x, hn::Abs(pull_x));
+            abs_y = hn::Add(abs_y, hn::Abs(pull_y));
           }
         }
-        const Vec rest = hn::NegMulAdd(weight, along, hn::Load(d, behind + pixel));
-        hn::Store(rest, d, behind + pixel);
-        // dL/dα = T·along − rest/(1 − α); the reciprocal is refined once by Newton.
-        const Vec transparency = hn::Sub(hn::Set(d, 1.0f), step.alpha);
-        Vec inverse = hn::ApproximateReciprocal(transparency);
-        inverse = hn::Mul(inverse, hn::NegMulAdd(transparency, inverse, hn::Set(d, 2.0f)));
-        const Vec g_alpha = hn::NegMulAdd(rest, inverse, hn::Mul(step.before, along));
-        const Mask moves = hn::And(step.blended, hn::Le(step.unclamped, hn::Set(d, kMaxAlpha)));
-        const Vec s = hn::IfThenElseZero(moves, hn::Mul(step.alpha, g_alpha));
-        const Vec y = hn::Set(d, dy);
-        const Vec sy = hn::Mul(s, y);
-        column_s = hn::Add(column_s, s);
-        column_sy = hn::Add(column_sy, sy);
-        column_syy = hn::MulAdd(sy, y, column_syy);
-        if (kAbsolute) {
-          const Vec size = hn::Abs(s);
-          const Vec pull_x = hn::MulAdd(columns.dx, hn::Set(d, splat.conic_xx), hn::Set(d, splat.conic_xy * dy));
-          const Vec pull_y = hn::MulAdd(columns.dx, hn::Set(d, splat.conic_xy), hn::Set(d, splat.conic_yy * dy));
-          abs_x = hn::MulAdd(size, hn::Abs(pull_x), abs_x);
-          abs_y = hn::MulAdd(size, hn::Abs(pull_y), abs_y);
-        }
-      }
+      } while (rows != 0);
       const Vec column_sx = hn::Mul(column_s, columns.dx);
       s_sum = hn::Add(s_sum, column_s);
       s_x = hn::Add(s_x, column_sx);
@@ -228,28 +229,12 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
       s_xy = hn::MulAdd(column_sy, columns.dx, s_xy);
       s_yy = hn::Add(s_yy, column_syy);
     }
-    if (touched) {
-      float moments[4], squares[4], others[4];
-      sums_of(s_sum, s_x, s_y, s_xx, moments);
-      sums_of(s_xy, s_yy, red, green, squares);
-      sums_of(blue, abs_x, abs_y, hn::Zero(d), others);
-      gradient.mean_x = splat.conic_xx * moments[1] + splat.conic_xy * moments[2];
-      gradient.mean_y = splat.conic_xy * moments[1] + splat.conic_yy * moments[2];
-      gradient.conic_xx = -0.5f * moments[3];
-      gradient.conic_xy = -squares[0];
-      gradient.conic_yy = -0.5f * squares[1];
-      gradient.opacity = moments[0] / splat.opacity;
-      gradient.red = squares[2];
-      gradient.green = squares[3];
-      gradient.blue = others[0];
-      if (kAbsolute) {
-        gradient.mean_abs_x = others[1];
-        gradient.mean_abs_y = others[2];
-      }
-      if (kExtra && frame.inverse_depth) gradient.inverse_depth = channel_gradient[features];
-    }
-    const std::size_t slot = frame.slots[at];
-    frame.entry_gradients[slot] = gradient;
+    const std::size_t slot = frame.entries[at].slot;
+    auto* moments = reinterpret_cast<float*>(&frame.entry_moments[slot]);
+    sums_of(s_sum, s_x, s_y, s_xx, moments);
+    sums_of(s_xy, s_yy, red, green, moments + 4);
+    sums_of(blue, abs_x, abs_y, hn::Zero(d), moments + 8);
+    if (kExtra && frame.inverse_depth) frame.entry_moments[slot].inverse_depth = channel_gradient[features];
     if (features > 0) {
       std::copy_n(channel_gradient, features,
                   frame.entry_channel_gradients.data() + static_cast<std::size_t>(features) * slot);
@@ -257,8 +242,8 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   }
   // Entries behind the last open pixel moved nothing.
   for (std::uint32_t at = stop; at < end; ++at) {
-    const std::size_t slot = frame.slots[at];
-    frame.entry_gradients[slot] = EntryGradient{};
+    const std::size_t slot = frame.entries[at].slot;
+    frame.entry_moments[slot] = EntryMoments{};
     std::fill_n(frame.entry_channel_gradients.data() + static_cast<std::size_t>(features) * slot, features, 0.0f);
   }
 }
@@ -282,7 +267,8 @@ HWY_AFTER_NAMESPACE();
 namespace splatboost {
 namespace {
 
-HWY_EXPORT(blend_tile);
+HWY_EXPORT(column_blocks);
+HWY_EXPORT(blend_tile_any);
 HWY_EXPORT(blend_tile_backward_any);
 
 constexpr std::size_t kTilePixels = kTileSize * kTileSize;
@@ -304,21 +290,31 @@ struct TileArea {
   std::size_t row(std::size_t plane, std::size_t y) const { return plane * image_pixels + (y0 + y) * image_width + x0; }
 };
 
+/// Copies a row of an area. Nearly all are as wide as the tile, which is a few moves instead of a call.
+inline void copy_row(const float* from, float* to, std::size_t width) {
+  if (width == kTileSize) {
+    std::memcpy(to, from, kTileSize * sizeof(float));
+  } else {
+    std::memcpy(to, from, width * sizeof(float));
+  }
+}
+
 void store_planes(const TileArea& area, const float* tile, std::size_t planes, std::span<float> image) {
   if (image.empty()) return;
   for (std::size_t c = 0; c < planes; ++c) {
     for (std::size_t y = 0; y < area.height; ++y) {
-      std::memcpy(image.data() + area.row(c, y), tile + c * kTilePixels + y * kTileSize, area.width * sizeof(float));
+      copy_row(tile + c * kTilePixels + y * kTileSize, image.data() + area.row(c, y), area.width);
     }
   }
 }
 
 void load_planes(const TileArea& area, std::span<const float> image, std::size_t planes, float* tile) {
-  std::memset(tile, 0, planes * kTilePixels * sizeof(float));
+  if (image.empty() || area.width * area.height < kTilePixels)
+    std::memset(tile, 0, planes * kTilePixels * sizeof(float));
   if (image.empty()) return;
   for (std::size_t c = 0; c < planes; ++c) {
     for (std::size_t y = 0; y < area.height; ++y) {
-      std::memcpy(tile + c * kTilePixels + y * kTileSize, image.data() + area.row(c, y), area.width * sizeof(float));
+      copy_row(image.data() + area.row(c, y), tile + c * kTilePixels + y * kTileSize, area.width);
     }
   }
 }
@@ -330,10 +326,11 @@ void blend(Frame& frame, const RasterImages& images, Threads& threads) {
   const auto features = static_cast<std::size_t>(frame.features);
   frame.tile_images.ensure(frame.tiles() * planes * kTilePixels);
   frame.tile_stop.ensure(frame.tiles());
+  frame.entry_rows.ensure(frame.entries.size() * HWY_DYNAMIC_DISPATCH(column_blocks)());
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t tile = begin; tile < end; ++tile) {
       float* image = frame.tile_images.data() + tile * planes * kTilePixels;
-      HWY_DYNAMIC_DISPATCH(blend_tile)(frame, tile, image);
+      HWY_DYNAMIC_DISPATCH(blend_tile_any)(frame, tile, image);
       const TileArea area(frame, tile);
       store_planes(area, image, 3, images.color);
       store_planes(area, image + 3 * kTilePixels, 1, images.alpha);
@@ -346,7 +343,7 @@ void blend(Frame& frame, const RasterImages& images, Threads& threads) {
 void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool absolute, Threads& threads) {
   const std::size_t planes = 4 + static_cast<std::size_t>(frame.extra_channels());
   const auto features = static_cast<std::size_t>(frame.features);
-  frame.entry_gradients.ensure(frame.entries.size());
+  frame.entry_moments.ensure(frame.entries.size());
   frame.entry_channel_gradients.ensure(frame.entries.size() * features);
   const bool extra = !gradients.alpha.empty() || (!gradients.features.empty() && features > 0) ||
                      (!gradients.inverse_depth.empty() && frame.inverse_depth);

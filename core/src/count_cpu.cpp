@@ -20,32 +20,40 @@ namespace HWY_NAMESPACE {
 void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT flagged, std::int32_t* counts) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const int x0 = static_cast<int>(tile % static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-  const int y0 = static_cast<int>(tile / static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
-  alignas(64) float transmittance[kPixels];
-  open_tile(frame.camera, x0, y0, transmittance);
+  const int blocks = kTileSize / lanes;
+  TileRows<2> pixels(frame, tile);               // transmittance, flags
+  std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
+  for (int pixel = 0; pixel < kPixels; pixel += lanes) {
+    const int row = pixel / kTileSize, x = pixel % kTileSize;
+    const Vec flags = hn::Load(d, flagged + pixel);
+    hn::Store(flags, d, pixels.at(row, x, 1));
+    const bool any = !hn::AllFalse(d, hn::Gt(flags, hn::Zero(d)));
+    flagged_rows[x / lanes] |= static_cast<std::uint32_t>(any) << row;
+  }
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
+  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
-    const BlendRecord& splat = frame.records[frame.entries[at]];
-    const std::uint32_t reach = rows_in_reach(splat, y0);
-    if (reach == 0) continue;
+    const BlendRecord& splat = frame.records[frame.entries[at].gaussian];
+    const RowOffsets offsets(splat, pixels.first_y);
     Vec sum = hn::Zero(d);
-    for (int x = 0; x < kTileSize; x += lanes) {
-      const Columns columns(splat, x0 + x);
-      for (std::uint32_t rows = reach; rows != 0; rows &= rows - 1) {
-        const int row = std::countr_zero(rows);
-        const int pixel = row * kTileSize + x;
-        const float dy = static_cast<float>(y0 + row) + 0.5f - splat.mean_y;
-        RowStep step;
-        bool saturated;
-        if (!advance_row(columns, dy, transmittance + pixel, step, saturated)) continue;
-        sum = hn::Add(sum, hn::IfThenElseZero(step.blended, hn::Load(d, flagged + pixel)));
-      }
+    for (int b = 0; b < blocks; ++b) {
+      std::uint32_t rows = *reached_rows++ & flagged_rows[b];
+      if (rows == 0) continue;
+      const Columns columns(splat, pixels.x0 + b * lanes);
+      do {
+        const RowPair pair(rows);
+        for (const int row : pair.rows) {
+          float* const at_row = pixels.at(row, b * lanes);
+          const RowStep step = step_row(columns, offsets.dy[row], at_row);
+          const Mask blended = hn::And(step.open, hn::Gt(step.alpha, hn::Zero(d)));
+          sum = hn::Add(sum, hn::IfThenElseZero(blended, hn::Load(d, at_row + kTileSize)));
+        }
+      } while (rows != 0);
     }
     const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (count > 0) std::atomic_ref(counts[splat.gaussian]).fetch_add(count, std::memory_order_relaxed);
+    if (count > 0) std::atomic_ref(counts[frame.entries[at].gaussian]).fetch_add(count, std::memory_order_relaxed);
   }
 }
 

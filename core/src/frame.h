@@ -4,50 +4,60 @@
 
 #include <cstdint>
 
-#include <glm/vec2.hpp>
-#include <glm/vec3.hpp>
+#include <vector>
 
 #include "buffer.h"
-#include "project_math.h"
+#include "projection_camera.h"
 #include "splatboost/rasterizer.h"
-#include "tile_math.h"
 
 namespace splatboost {
 
-/// A projected Gaussian, at the Gaussian's own index; one cache line, because the tile lists visit them by depth.
-struct alignas(64) Splat {
-  glm::vec2 mean;         ///< px
-  Symmetric2 covariance;  ///< px², low-pass included
-  Symmetric2 conic;
-  float depth;
-  float opacity;  ///< compensated
-  float reach;    ///< Mahalanobis² where alpha = 1/255
-  glm::vec3 color;
-  std::uint16_t tile_x0, tile_x1, tile_y0, tile_y1;  ///< bounding tiles; empty: not drawn
-};
-
-/// What blending reads of a splat, one cache line, stored near to far.
+/// What blending reads of a splat, one cache line, at the Gaussian's own index: a tile's splats are neighbours in
+/// space, and where Gaussians are stored in spatial order their records are neighbours too. The quadratic form is that
+/// of log2 α: log2 α(d) = log2_opacity + quadratic_xx·dx² + quadratic_xy·dx·dy + quadratic_yy·dy².
 struct alignas(64) BlendRecord {
   float mean_x, mean_y;
-  float conic_xx, conic_xy, conic_yy;
+  float quadratic_xx, quadratic_xy, quadratic_yy;
   float log2_opacity;
+  float ridge;  ///< dx / dy of the line along which a row's α is greatest
   float red, green, blue;
-  float opacity;
-  std::int32_t row_begin, row_end;  ///< pixel rows that the splat can reach with alpha >= 1/255
+  float depth;
+  float unused[5];
+};
+
+/// The tiles that a Gaussian is listed in.
+struct alignas(16) TileListing {
+  std::uint32_t first;  ///< in the array of the Gaussian's piece
+  std::uint32_t tiles;  ///< 0: not drawn
+  std::uint32_t slot;   ///< first of its slots, one a tile
+};
+
+/// A Gaussian in the order of depth.
+struct DepthOrder {
+  std::uint32_t depth_bits;
   std::uint32_t gaussian;
 };
 
-/// Gradients of one (tile, splat) entry, one cache line. Written where the splat's sum will read them in a row: a write
-/// that misses the cache costs little, a read that does stalls.
-struct alignas(64) EntryGradient {
-  float mean_x, mean_y;          ///< signed
-  float mean_abs_x, mean_abs_y;  ///< sums over pixels of absolute values
-  float conic_xx, conic_xy, conic_yy;
-  float opacity;
-  float red, green, blue;
+/// A Gaussian in a tile's list.
+struct TileEntry {
+  std::uint32_t gaussian;
+  std::uint32_t slot;  ///< the entry's place when entries are ordered Gaussian by Gaussian
+};
+
+/// Sums over the pixels of one (tile, splat) entry, from which the gradients of its splat follow; one cache line.
+/// Written where the splat's sum will read them in a row: a write that misses the cache costs little, a read that does
+/// stalls. s = α·dL/dα.
+struct alignas(64) EntryMoments {
+  float s, s_x, s_y;       ///< Σs, Σs·dx, Σs·dy
+  float s_xx, s_xy, s_yy;  ///< Σs·dx², Σs·dx·dy, Σs·dy²
+  float red, green, blue;  ///< Σ weight · gradient of the image
+  float abs_x, abs_y;      ///< Σ|s·∂ log2 α/∂x|, Σ|s·∂ log2 α/∂y|
   float inverse_depth;
   float unused[4];
 };
+
+/// Gaussians that are projected together.
+inline constexpr std::size_t kProjectGrain = 512;
 
 /// Workspace of one view.
 struct Frame {
@@ -59,44 +69,43 @@ struct Frame {
   bool inverse_depth = false;  ///< whether inverse depth is drawn
   int tiles_x = 0, tiles_y = 0;
 
-  Buffer<Splat> splats;          ///< [N]
+  Buffer<BlendRecord> records;   ///< [N]
+  Buffer<float> depths;          ///< [N] once more: sorting visits these alone
   Buffer<std::uint8_t> visible;  ///< [N]
   Buffer<std::int32_t> radii;    ///< [N]
+  Buffer<float> channels;        ///< [N, extra_channels()] features, then inverse depth
 
-  // Small arrays of what sorting and binning ask of every splat: these stay in the cache, splats do not.
-  Buffer<std::uint16_t> tile_rows;   ///< [N] height of a splat's bounding tiles; 0: not drawn
-  Buffer<std::uint32_t> depth_bits;  ///< [N] depth as an integer of the same order, where drawn
+  Buffer<TileListing> listings;                          ///< [N]
+  std::vector<std::vector<std::uint32_t>> listed_tiles;  ///< an array for each piece of kProjectGrain Gaussians
 
-  Buffer<std::uint32_t> order;  ///< [V] Gaussians that may be visible, near to far
-  Buffer<std::uint32_t> sort_keys, sort_keys_swap, order_swap;
-  Buffer<std::uint32_t> row_begin;  ///< [V+1] first row span of a splat in row_spans
-  Buffer<TileRange> row_spans;
-  Buffer<std::uint16_t> first_row;    ///< [V] tile row of a splat's first span
-  Buffer<std::uint32_t> tile_begin;   ///< [T+1] first entry of a tile
-  Buffer<std::uint32_t> tile_cursor;  ///< [chunks, T]
-  Buffer<std::uint32_t> entries;      ///< [E] positions in `order`, tile by tile, near to far
-  Buffer<std::uint32_t> splat_begin;  ///< [N+1] first slot of a Gaussian
-  Buffer<std::uint32_t> slots;        ///< [E] an entry's place when entries are ordered Gaussian by Gaussian
+  Buffer<DepthOrder> order;  ///< [V] Gaussians that are listed, near to far
+  Buffer<DepthOrder> order_swap;
+  std::vector<std::uint32_t> sort_bins;  ///< [chunks, 256]
+  Buffer<std::uint32_t> tile_begin;      ///< [T+1] first entry of a tile
+  Buffer<std::uint32_t> tile_cursor;     ///< [chunks, T]
+  Buffer<std::uint32_t> chunk_entries;   ///< [chunks + 1] first of a chunk's unsorted entries
+  Buffer<TileEntry> entries;             ///< [E] tile by tile, near to far
+  Buffer<std::uint32_t> unsorted_tiles;  ///< [E, and room behind] tiles of the entries, all near to far
+  Buffer<TileEntry> unsorted_entries;    ///< ... and the entries
 
-  Buffer<BlendRecord> records;      ///< [V]
-  Buffer<float> channels;           ///< [V, extra_channels()] features, then inverse depth
-  Buffer<std::uint32_t> tile_stop;  ///< [T] entries of the tile that were looked at before all pixels were full
-  Buffer<float> tile_images;        ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
+  Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] rows of the tile that an entry reaches
+  Buffer<std::uint32_t> tile_stop;   ///< [T] entries of the tile that were looked at before all pixels were full
+  Buffer<float> tile_images;         ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
 
-  Buffer<EntryGradient> entry_gradients;  ///< [E] by slot
+  Buffer<EntryMoments> entry_moments;     ///< [E] by slot
   Buffer<float> entry_channel_gradients;  ///< [E, features] by slot
 
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
 };
 
-/// Fills splats and radii. (project_cpu.cpp)
+/// Fills records, depths, visible, radii, channels and the spans. (project_cpu.cpp)
 void project(Frame& frame, const Gaussians& gaussians, Threads& threads);
 /// Sums entry gradients per splat and takes them back to the Gaussians. (project_cpu.cpp)
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       Threads& threads);
-/// Sorts by depth and fills the tile lists, visible and records. (tiles_cpu.cpp)
-void build_tile_lists(Frame& frame, const Gaussians& gaussians, Threads& threads);
+/// Sorts by depth and fills the tile lists. (tiles_cpu.cpp)
+void build_tile_lists(Frame& frame, Threads& threads);
 /// Blends all tiles. (blend_cpu.cpp)
 void blend(Frame& frame, const RasterImages& images, Threads& threads);
 /// Fills the entry gradients. (blend_cpu.cpp)

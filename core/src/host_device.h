@@ -1,12 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Marks the inline formulas that CPU and CUDA share.
+/// @file Formulas that every device shares are templates over a number: `float` on a GPU and in plain loops, a vector
+/// of floats on a CPU (lanes-inl.h). This header marks them and gives `float` the functions that both need.
 #pragma once
+
+#include <cmath>
 
 #ifdef __CUDACC__
 #define SPLATBOOST_HOST_DEVICE __host__ __device__ inline
+// Formulas live in one namespace ...
+#define SPLATBOOST_MATH_BEGIN namespace splatboost {
+#define SPLATBOOST_MATH_END }
 #else
 // Always inlined, so that a caller compiled for a wider instruction set gets the formula in that set.
 #define SPLATBOOST_HOST_DEVICE inline __attribute__((always_inline))
+// ... or in one for each instruction set, which they are compiled for.
+#define SPLATBOOST_MATH_BEGIN \
+  HWY_BEFORE_NAMESPACE();     \
+  namespace splatboost {      \
+  namespace HWY_NAMESPACE {
+#define SPLATBOOST_MATH_END \
+  }                         \
+  }                         \
+  HWY_AFTER_NAMESPACE();
 #endif
 
 namespace splatboost {
@@ -15,5 +30,13 @@ namespace splatboost {
 /// b.
 SPLATBOOST_HOST_DEVICE constexpr float min_of(float a, float b) { return a < b ? a : b; }
 SPLATBOOST_HOST_DEVICE constexpr float max_of(float a, float b) { return a > b ? a : b; }
+SPLATBOOST_HOST_DEVICE float abs_of(float a) { return fabsf(a); }
+SPLATBOOST_HOST_DEVICE float sqrt_of(float a) { return sqrtf(a); }
+SPLATBOOST_HOST_DEVICE float floor_of(float a) { return floorf(a); }
+SPLATBOOST_HOST_DEVICE float ceil_of(float a) { return ceilf(a); }
+SPLATBOOST_HOST_DEVICE float reciprocal_of(float a) { return 1.0f / a; }
+SPLATBOOST_HOST_DEVICE float log2_of(float a) { return log2f(a); }
+/// a where the condition holds, else b.
+SPLATBOOST_HOST_DEVICE constexpr float select(bool condition, float a, float b) { return condition ? a : b; }
 
 }  // namespace splatboost

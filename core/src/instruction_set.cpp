@@ -17,6 +17,9 @@ constexpr std::int64_t kAvx512 = HWY_AVX3 | HWY_AVX3_DL
 #endif
     ;
 
+/// Vectors of 128 bits. Where there are none of these, plain C++ stands in.
+constexpr std::int64_t k128 = HWY_SSE4 | HWY_SSSE3 | HWY_NEON | HWY_WASM;
+
 /// Compiled and supported; the lowest bit is the best.
 std::int64_t usable() { return static_cast<std::int64_t>(hwy::SupportedTargets()) & HWY_TARGETS; }
 
@@ -27,6 +30,7 @@ void use_instruction_set(InstructionSet set) {
   if (set == InstructionSet::best) return;
   const std::int64_t wanted = set == InstructionSet::avx512 ? kAvx512
                               : set == InstructionSet::avx2 ? HWY_AVX2
+                              : (usable() & k128) != 0      ? k128
                                                             : HWY_STATIC_TARGET;
   const std::int64_t held = usable() & wanted;
   SPLATBOOST_CHECK(held != 0, "this machine or build has not these instructions");

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <cstring>
 
-#include "buffer.h"
-#include "photometric_math.h"
 #include "splatboost/errors.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -14,32 +12,37 @@
 #include <hwy/foreach_target.h>  // compiles this file once an instruction set
 #include <hwy/highway.h>
 
+#include "lanes-inl.h"
+#include "photometric_math.h"
+
 #ifndef SPLATBOOST_PHOTOMETRIC_JOB_
 #define SPLATBOOST_PHOTOMETRIC_JOB_
 namespace splatboost {
 
-/// One channel of the images and what is wanted of it. Planes are [H,W].
+/// One channel of the images and what is wanted of it; all [H,W].
 struct PhotometricJob {
   std::size_t width, height;
   const float* render;
   const std::uint8_t* truth;
   const std::uint8_t* valid;  ///< null: all
-  float* d_mean;              ///< d SSIM / d blurred render
-  float* d_square;            ///< d SSIM / d blurred render²
-  float* d_product;           ///< d SSIM / d blurred render·truth
   float* gradient;            ///< null: value only
   float l1_weight;            ///< d total / d |render − truth| of one pixel
   float ssim_weight;          ///< d total / d SSIM of one pixel
 };
 
-/// Rows of an image that are handled together: enough to make the window's halo of 2×5 rows cheap.
-inline constexpr std::size_t kBandRows = 32;
 inline constexpr std::size_t kHalo = kSsimRadius;
+inline constexpr std::size_t kWindow = 2 * kHalo + 1;
+/// A block of an image that is handled at a time, from the pixels to the gradient: narrow enough that the window's
+/// eleven rows of all that is blurred stay in the first cache, high enough that the halo above and below is cheap.
+inline constexpr std::size_t kBlockColumns = 96;
+inline constexpr std::size_t kBlockRows = 256;
+/// Columns where SSIM's derivatives are needed: the block's and its halo, in whole vectors.
+inline constexpr std::size_t kMapColumns = kBlockColumns + 16;
+/// Columns of pixels that these need.
+inline constexpr std::size_t kPixelColumns = kMapColumns + 16;
 
-/// Row buffers of one band; wide enough for the padding on both sides.
-struct PhotometricRows {
-  Buffer<float> padded;      ///< [3, W + 2·halo] render, truth, and a product of the two
-  Buffer<float> horizontal;  ///< [quantities, band + 2·halo, W]
+struct BlockRange {
+  std::size_t x0, columns, y0, rows;
 };
 
 struct PhotometricSums {
@@ -54,186 +57,213 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// Plain loops: the compiler vectorises them for each instruction set that this file is compiled for.
+/// Rows blurred along x, of which the last eleven are kept.
+template <std::size_t kQuantities, std::size_t kColumns>
+struct BlurredRows {
+  alignas(64) float rows[kQuantities][kWindow][kColumns];
+
+  float* slot(std::size_t quantity, std::size_t row) { return rows[quantity][row % kWindow]; }
+
+  /// The rows of a window, oldest first, of the first quantity.
+  struct Window {
+    const float* row[kWindow];
+  };
+  Window window(std::size_t newest) const {
+    Window window;
+    for (std::size_t k = 0; k < kWindow; ++k) window.row[k] = rows[0][(newest + 1 + k) % kWindow];
+    return window;
+  }
+
+  /// A window's sum along y, at column x.
+  static HWY_INLINE Float blur(const Window& window, std::size_t quantity, std::size_t x) {
+    const std::size_t at = quantity * kWindow * kColumns + x;
+    Float sum = Float(kSsimWindow[kHalo]) * load(window.row[kHalo] + at);
+    for (std::size_t k = 0; k < kHalo; ++k) {
+      sum += Float(kSsimWindow[k]) * (load(window.row[k] + at) + load(window.row[kWindow - 1 - k] + at));
+    }
+    return sum;
+  }
+};
 
 /// to[x] = Σ_k window[k]·padded[x + k]
-void blur_row(const float* HWY_RESTRICT padded, std::size_t width, float* HWY_RESTRICT to) {
-  for (std::size_t x = 0; x < width; ++x) {
-    float sum = kSsimWindow[kHalo] * padded[x + kHalo];
-    for (std::size_t k = 0; k < kHalo; ++k) sum += kSsimWindow[k] * (padded[x + k] + padded[x + 2 * kHalo - k]);
-    to[x] = sum;
-  }
-}
-
-/// to[x] = Σ_k window[k]·rows[k][x], rows `stride` apart
-void blur_column(const float* HWY_RESTRICT rows, std::size_t stride, std::size_t width, float* HWY_RESTRICT to) {
-  for (std::size_t x = 0; x < width; ++x) {
-    float sum = kSsimWindow[kHalo] * rows[kHalo * stride + x];
+HWY_INLINE void blur_row(const float* HWY_RESTRICT padded, std::size_t columns, float* HWY_RESTRICT to) {
+  for (std::size_t x = 0; x < columns; x += lanes()) {
+    Float sum = Float(kSsimWindow[kHalo]) * load(padded + x + kHalo);
     for (std::size_t k = 0; k < kHalo; ++k) {
-      sum += kSsimWindow[k] * (rows[k * stride + x] + rows[(2 * kHalo - k) * stride + x]);
+      sum += Float(kSsimWindow[k]) * (load(padded + x + k) + load(padded + x + kWindow - 1 - k));
     }
-    to[x] = sum;
+    store(sum, to + x);
   }
 }
 
-void multiply_rows(const float* HWY_RESTRICT a, const float* HWY_RESTRICT b, std::size_t n, float* HWY_RESTRICT to) {
-  for (std::size_t x = 0; x < n; ++x) to[x] = a[x] * b[x];
-}
+/// A stretch of a row that begins `before` columns before the block, of which the columns within the image are copied.
+struct Stretch {
+  std::size_t first, count, offset;  ///< of the image, and where they go
+  Stretch(const BlockRange& block, std::size_t width, std::size_t before, std::size_t columns)
+      : first(block.x0 < before ? 0 : block.x0 - before), offset(before + first - block.x0) {
+    count = std::min(width - first, columns - offset);
+  }
+};
 
-/// Truth and render of one row as floats; where a pixel is not valid the render reads as truth.
-void load_row(const PhotometricJob& job, std::size_t y, float* HWY_RESTRICT render, float* HWY_RESTRICT truth) {
-  const float* from = job.render + y * job.width;
-  const std::uint8_t* bytes = job.truth + y * job.width;
-  for (std::size_t x = 0; x < job.width; ++x) truth[x] = static_cast<float>(bytes[x]) * (1.0f / 255.0f);
+/// Truth and render of one row as floats, zero outside the image; where a pixel is not valid the render reads as truth.
+template <std::size_t kColumns>
+void load_pixels(const PhotometricJob& job, std::size_t y, const Stretch& stretch, float (&render)[kColumns],
+                 float (&truth)[kColumns]) {
+  const std::size_t at = y * job.width + stretch.first;
+  if (stretch.count < kColumns) {
+    std::fill_n(render, kColumns, 0.0f);
+    std::fill_n(truth, kColumns, 0.0f);
+  }
+  float* const to_render = render + stretch.offset;
+  float* const to_truth = truth + stretch.offset;
+  for (std::size_t x = 0; x < stretch.count; ++x) to_truth[x] = static_cast<float>(job.truth[at + x]) * (1.0f / 255.0f);
   if (job.valid == nullptr) {
-    std::memcpy(render, from, job.width * sizeof(float));
+    std::memcpy(to_render, job.render + at, stretch.count * sizeof(float));
   } else {
-    const std::uint8_t* valid = job.valid + y * job.width;
-    for (std::size_t x = 0; x < job.width; ++x) render[x] = valid[x] != 0 ? from[x] : truth[x];
+    for (std::size_t x = 0; x < stretch.count; ++x) {
+      to_render[x] = job.valid[at + x] != 0 ? job.render[at + x] : to_truth[x];
+    }
   }
 }
 
-/// Σ values, with a fixed association that vectorises.
-double sum_row(const float* HWY_RESTRICT values, std::size_t n) {
-  double partial[8] = {};
-  std::size_t x = 0;
-  for (; x + 8 <= n; x += 8) {
-    for (std::size_t k = 0; k < 8; ++k) partial[k] += static_cast<double>(values[x + k]);
+/// 1 where a pixel of a row counts, 0 where it does not or lies outside the image.
+template <std::size_t kColumns>
+void load_counts(const PhotometricJob& job, std::size_t y, const Stretch& stretch, float (&counts)[kColumns]) {
+  std::fill_n(counts, kColumns, 0.0f);
+  const std::size_t at = y * job.width + stretch.first;
+  for (std::size_t x = 0; x < stretch.count; ++x) {
+    counts[stretch.offset + x] = job.valid == nullptr || job.valid[at + x] != 0 ? 1.0f : 0.0f;
   }
+}
+
+HWY_INLINE double sum_of(Float a) {
+  alignas(64) float values[kTileSize];
+  store(a, values);
   double sum = 0;
-  for (; x < n; ++x) sum += static_cast<double>(values[x]);
-  for (const double p : partial) sum += p;
+  for (std::size_t i = 0; i < lanes(); ++i) sum += static_cast<double>(values[i]);
   return sum;
 }
 
-/// SSIM of one row from the blurred moments, and its derivatives.
-void ssim_row(const float* HWY_RESTRICT mx, const float* HWY_RESTRICT my, const float* HWY_RESTRICT xx,
-              const float* HWY_RESTRICT yy, const float* HWY_RESTRICT xy, std::size_t n, float* HWY_RESTRICT value,
-              float* HWY_RESTRICT d_mean, float* HWY_RESTRICT d_square, float* HWY_RESTRICT d_product) {
-  for (std::size_t x = 0; x < n; ++x) {
-    const SsimPixel s = ssim_pixel(mx[x], my[x], xx[x], yy[x], xy[x]);
-    value[x] = s.value;
-    d_mean[x] = s.d_mean;
-    d_square[x] = s.d_square;
-    d_product[x] = s.d_product;
-  }
-}
+/// A sum of many numbers: lanes add up a few rows, then go into a double.
+struct LaneSum {
+  static constexpr int kRows = 16;
+  Float lanes_sum;
+  int rows;
+  double total;
 
-/// Values of one band of one channel, and the derivative maps.
-void photometric_band(const PhotometricJob& job, std::size_t band, PhotometricRows& rows, PhotometricSums& sums) {
-  const std::size_t width = job.width, height = job.height;
-  const std::size_t first = band * kBandRows, last = std::min(height, first + kBandRows);
-  const std::size_t padded_width = width + 2 * kHalo;
-  const std::size_t band_rows = last - first + 2 * kHalo;
-  rows.padded.ensure(3 * padded_width + 5 * width);
-  rows.horizontal.ensure(5 * band_rows * width);
-  float* render = rows.padded.data();
-  float* truth = render + padded_width;
-  float* product = truth + padded_width;
-  float* moments = product + padded_width;
-  std::fill(rows.padded.data(), rows.padded.data() + 3 * padded_width, 0.0f);
-  const std::size_t plane = band_rows * width;
-  float* horizontal = rows.horizontal.data();
+  HWY_INLINE LaneSum() : lanes_sum(0.0f), rows(0), total(0) {}
 
-  double l1 = 0, ssim = 0;
-  for (std::size_t r = 0; r < band_rows; ++r) {
-    const std::size_t y = first + r - kHalo;  // wraps below zero, and is then beyond the height as well
-    float* to = horizontal + r * width;
-    if (y >= height) {
-      for (std::size_t q = 0; q < 5; ++q) std::memset(to + q * plane, 0, width * sizeof(float));
-      continue;
-    }
-    load_row(job, y, render + kHalo, truth + kHalo);
-    if (y >= first && y < last) {
-      float* difference = moments;
-      for (std::size_t x = 0; x < width; ++x) difference[x] = std::fabs(render[kHalo + x] - truth[kHalo + x]);
-      l1 += sum_row(difference, width);
-    }
-    blur_row(render, width, to);
-    blur_row(truth, width, to + plane);
-    multiply_rows(render, render, padded_width, product);
-    blur_row(product, width, to + 2 * plane);
-    multiply_rows(truth, truth, padded_width, product);
-    blur_row(product, width, to + 3 * plane);
-    multiply_rows(render, truth, padded_width, product);
-    blur_row(product, width, to + 4 * plane);
+  HWY_INLINE void add(Float a) { lanes_sum += a; }
+  void end_row() {
+    if (++rows == kRows) flush();
   }
-  float* value = product;  // free again
-  for (std::size_t y = first; y < last; ++y) {
-    for (std::size_t q = 0; q < 5; ++q) {
-      blur_column(horizontal + q * plane + (y - first) * width, width, width, moments + q * width);
+  void flush() {
+    total += sum_of(lanes_sum);
+    lanes_sum = Float(0.0f);
+    rows = 0;
+  }
+};
+
+/// Value and gradient of one block of one channel, in one sweep down the rows: pixels are blurred along x; five rows
+/// later, along y, which gives SSIM and its derivatives; these are blurred in turn, the window being its own adjoint,
+/// and five rows later still the gradient is known.
+void photometric_block(const PhotometricJob& job, const BlockRange& block, PhotometricSums& sums) {
+  enum : std::size_t { kRender, kTruth, kSquares, kProduct, kQuantities };
+  alignas(64) float pixels[kQuantities][kPixelColumns] = {};
+  alignas(64) float derivatives[3][kMapColumns + 16] = {};           // of means, squares, products
+  alignas(64) float counts[kMapColumns], own_counts[kBlockColumns];  // 1 where a pixel counts, else 0
+  BlurredRows<kQuantities, kMapColumns> blurred;
+  BlurredRows<3, kBlockColumns> blurred_derivatives;
+  const Stretch pixel_stretch(block, job.width, 2 * kHalo, kPixelColumns);
+  const Stretch map_stretch(block, job.width, kHalo, kMapColumns);
+  const Stretch block_stretch(block, job.width, 0, kBlockColumns);
+  const bool wants_gradient = job.gradient != nullptr;
+  // Without a gradient the derivatives' rows are not needed, nor the halo that they need.
+  const std::size_t above = wants_gradient ? 2 * kHalo : kHalo;
+  const std::size_t map_columns = kHalo + block.columns + kHalo;
+  const Float zero(0.0f), l1_weight(job.l1_weight), ssim_weight(job.ssim_weight);
+  LaneSum l1, ssim;
+  sums = {};
+  if (job.valid == nullptr) {  // the same for all rows
+    load_counts(job, 0, map_stretch, counts);
+    load_counts(job, 0, block_stretch, own_counts);
+  }
+
+  for (std::size_t r = 0; r < block.rows + 2 * above; ++r) {
+    const std::size_t y = block.y0 + r - above;  // wraps below zero, and is then beyond the height as well
+    if (y >= job.height) {
+      for (std::size_t q = 0; q < kQuantities; ++q) std::fill_n(blurred.slot(q, r), kMapColumns, 0.0f);
+    } else {
+      float(&render)[kPixelColumns] = pixels[kRender];
+      float(&truth)[kPixelColumns] = pixels[kTruth];
+      load_pixels(job, y, pixel_stretch, render, truth);
+      for (std::size_t x = 0; x < kPixelColumns; x += lanes()) {
+        const Float a = load(render + x), b = load(truth + x);
+        store(a * a + b * b, pixels[kSquares] + x);
+        store(a * b, pixels[kProduct] + x);
+      }
+      if (r >= above && r < above + block.rows) {  // truth and render agree where they do not count
+        std::size_t x = 2 * kHalo;
+        const std::size_t last = x + block.columns;
+        for (; x + lanes() <= last; x += lanes()) l1.add(abs_of(load(render + x) - load(truth + x)));
+        for (; x < last; ++x) sums.l1 += static_cast<double>(std::fabs(render[x] - truth[x]));
+        l1.end_row();
+      }
+      for (std::size_t q = 0; q < kQuantities; ++q) blur_row(pixels[q], map_columns, blurred.slot(q, r));
     }
-    const std::size_t at = y * width;
-    ssim_row(moments, moments + width, moments + 2 * width, moments + 3 * width, moments + 4 * width, width, value,
-             job.d_mean + at, job.d_square + at, job.d_product + at);
-    if (job.valid != nullptr) {
-      const std::uint8_t* valid = job.valid + at;
-      for (std::size_t x = 0; x < width; ++x) {
-        const float keep = valid[x] != 0 ? 1.0f : 0.0f;
-        value[x] *= keep;
-        job.d_mean[at + x] *= keep;
-        job.d_square[at + x] *= keep;
-        job.d_product[at + x] *= keep;
+
+    if (r < 2 * kHalo) continue;
+    const std::size_t map_row = y - kHalo;
+    if (map_row >= job.height) {
+      if (wants_gradient) {
+        for (std::size_t q = 0; q < 3; ++q) std::fill_n(blurred_derivatives.slot(q, r), kBlockColumns, 0.0f);
+      }
+    } else {
+      if (job.valid != nullptr) load_counts(job, map_row, map_stretch, counts);
+      const auto window = blurred.window(r);
+      const bool own = map_row >= block.y0 && map_row < block.y0 + block.rows;
+      alignas(64) float values[kMapColumns];
+      for (std::size_t x = 0; x < map_columns; x += lanes()) {
+        const SsimPixel<Float> s = ssim_pixel(blurred.blur(window, kRender, x), blurred.blur(window, kTruth, x),
+                                              blurred.blur(window, kSquares, x), blurred.blur(window, kProduct, x));
+        const Float counted = load(counts + x);
+        store(s.value * counted, values + x);
+        store(s.d_mean * counted, derivatives[0] + x);
+        store(s.d_square * counted, derivatives[1] + x);
+        store(s.d_product * counted, derivatives[2] + x);
+      }
+      if (own) {
+        std::size_t x = kHalo;
+        const std::size_t last = x + block.columns;
+        for (; x + lanes() <= last; x += lanes()) ssim.add(load(values + x));
+        for (; x < last; ++x) sums.ssim += static_cast<double>(values[x]);
+        ssim.end_row();
+      }
+      for (std::size_t q = 0; wants_gradient && q < 3; ++q) {
+        blur_row(derivatives[q], block.columns, blurred_derivatives.slot(q, r));
       }
     }
-    ssim += sum_row(value, width);
-  }
-  sums.l1 = l1;
-  sums.ssim = ssim;
-}
 
-void gradient_row(const float* HWY_RESTRICT render, const float* HWY_RESTRICT truth, const float* HWY_RESTRICT mean,
-                  const float* HWY_RESTRICT square, const float* HWY_RESTRICT product, std::size_t n, float l1_weight,
-                  float ssim_weight, float* HWY_RESTRICT gradient) {
-  for (std::size_t x = 0; x < n; ++x) {
-    const float difference = render[x] - truth[x];
-    const float sign = difference > 0.0f ? 1.0f : (difference < 0.0f ? -1.0f : 0.0f);
-    gradient[x] = l1_weight * sign + ssim_weight * (mean[x] + 2.0f * render[x] * square[x] + truth[x] * product[x]);
-  }
-}
-
-/// Gradient of one band of one channel from the derivative maps: the window once more, now as its own adjoint.
-void photometric_gradient_band(const PhotometricJob& job, std::size_t band, PhotometricRows& rows) {
-  const std::size_t width = job.width, height = job.height;
-  const std::size_t first = band * kBandRows, last = std::min(height, first + kBandRows);
-  const std::size_t padded_width = width + 2 * kHalo;
-  const std::size_t band_rows = last - first + 2 * kHalo;
-  rows.padded.ensure(3 * padded_width + 5 * width);
-  rows.horizontal.ensure(5 * band_rows * width);
-  float* padded = rows.padded.data();
-  std::fill(padded, padded + padded_width, 0.0f);
-  float* blurred = padded + padded_width;
-  float* render = blurred + 3 * width;
-  float* truth = render + width;
-  const std::size_t plane = band_rows * width;
-  float* horizontal = rows.horizontal.data();
-  const float* maps[3] = {job.d_mean, job.d_square, job.d_product};
-
-  for (std::size_t r = 0; r < band_rows; ++r) {
-    const std::size_t y = first + r - kHalo;
-    for (std::size_t q = 0; q < 3; ++q) {
-      float* to = horizontal + q * plane + r * width;
-      if (y >= height) {
-        std::memset(to, 0, width * sizeof(float));
-        continue;
-      }
-      std::memcpy(padded + kHalo, maps[q] + y * width, width * sizeof(float));
-      blur_row(padded, width, to);
+    if (!wants_gradient || r < 4 * kHalo) continue;
+    const std::size_t row = block.y0 + r - 4 * kHalo;
+    alignas(64) float render[kBlockColumns], truth[kBlockColumns], gradient[kBlockColumns];
+    load_pixels(job, row, block_stretch, render, truth);
+    if (job.valid != nullptr) load_counts(job, row, block_stretch, own_counts);
+    const auto window = blurred_derivatives.window(r);
+    for (std::size_t x = 0; x < block.columns; x += lanes()) {
+      const Float a = load(render + x), b = load(truth + x);
+      const Float sign = select(a > b, l1_weight, select(a < b, -l1_weight, zero));
+      const Float from_ssim = blurred_derivatives.blur(window, 0, x) +
+                              Float(2.0f) * a * blurred_derivatives.blur(window, 1, x) +
+                              b * blurred_derivatives.blur(window, 2, x);
+      store((sign + ssim_weight * from_ssim) * load(own_counts + x), gradient + x);
     }
+    std::memcpy(job.gradient + row * job.width + block.x0, gradient, block.columns * sizeof(float));
   }
-  for (std::size_t y = first; y < last; ++y) {
-    for (std::size_t q = 0; q < 3; ++q) {
-      blur_column(horizontal + q * plane + (y - first) * width, width, width, blurred + q * width);
-    }
-    load_row(job, y, render, truth);
-    float* gradient = job.gradient + y * width;
-    gradient_row(render, truth, blurred, blurred + width, blurred + 2 * width, width, job.l1_weight, job.ssim_weight,
-                 gradient);
-    if (job.valid != nullptr) {
-      const std::uint8_t* valid = job.valid + y * width;
-      for (std::size_t x = 0; x < width; ++x) gradient[x] = valid[x] != 0 ? gradient[x] : 0.0f;
-    }
-  }
+  l1.flush();
+  ssim.flush();
+  sums.l1 += l1.total;
+  sums.ssim += ssim.total;
 }
 
 }  // namespace HWY_NAMESPACE
@@ -243,21 +273,27 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace splatboost {
 namespace {
-HWY_EXPORT(photometric_band);
-HWY_EXPORT(photometric_gradient_band);
+HWY_EXPORT(photometric_block);
 
-/// One band's rows fill half a megabyte: shared by all bands of a thread they stay in its cache.
-PhotometricRows& rows_of_thread() {
-  thread_local PhotometricRows rows;
-  return rows;
-}
+/// The images' blocks, channel after channel.
+struct Blocks {
+  std::size_t width, height;
+  std::size_t across = (width + kBlockColumns - 1) / kBlockColumns;
+  std::size_t down = (height + kBlockRows - 1) / kBlockRows;
+
+  std::size_t count() const { return 3 * across * down; }
+  std::size_t channel(std::size_t i) const { return i / (across * down); }
+  BlockRange range(std::size_t i) const {
+    const std::size_t x0 = i % across * kBlockColumns, y0 = i / across % down * kBlockRows;
+    return {x0, std::min(kBlockColumns, width - x0), y0, std::min(kBlockRows, height - y0)};
+  }
+};
 
 }  // namespace
 
 struct Photometric::State {
   explicit State(Threads& pool) : threads(pool) {}
   Threads& threads;
-  Buffer<float> maps;  ///< [3 derivatives, 3 channels, H, W]
   std::vector<PhotometricSums> sums;
 };
 
@@ -289,9 +325,8 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
   const double samples = 3.0 * static_cast<double>(counted);
 
   State& s = *state_;
-  s.maps.ensure(9 * pixels);
-  const std::size_t bands = (height + kBandRows - 1) / kBandRows;
-  s.sums.resize(3 * bands);
+  const Blocks blocks{width, height};
+  s.sums.resize(blocks.count());
   const auto job_of = [&](std::size_t channel) {
     PhotometricJob job;
     job.width = width;
@@ -299,27 +334,16 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
     job.render = render.data() + channel * pixels;
     job.truth = truth.color.data() + channel * pixels;
     job.valid = truth.valid.empty() ? nullptr : truth.valid.data();
-    job.d_mean = s.maps.data() + (3 * channel) * pixels;
-    job.d_square = job.d_mean + pixels;
-    job.d_product = job.d_square + pixels;
     job.gradient = gradient.empty() ? nullptr : gradient.data() + channel * pixels;
     job.l1_weight = static_cast<float>((1.0 - static_cast<double>(lambda_dssim)) / samples);
     job.ssim_weight = static_cast<float>(-static_cast<double>(lambda_dssim) / samples);
     return job;
   };
-  s.threads.for_range(3 * bands, 1, [&](std::size_t begin, std::size_t end) {
+  s.threads.for_range(blocks.count(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      HWY_DYNAMIC_DISPATCH(photometric_band)(job_of(i / bands), i % bands, rows_of_thread(), s.sums[i]);
+      HWY_DYNAMIC_DISPATCH(photometric_block)(job_of(blocks.channel(i)), blocks.range(i), s.sums[i]);
     }
   });
-  if (!gradient.empty()) {
-    s.threads.for_range(3 * bands, 1, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        HWY_DYNAMIC_DISPATCH(photometric_gradient_band)(job_of(i / bands), i % bands, rows_of_thread());
-      }
-    });
-  }
-
   PhotometricLoss loss;
   for (const PhotometricSums& sum : s.sums) {
     loss.l1 += sum.l1;

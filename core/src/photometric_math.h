@@ -1,36 +1,43 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Structural similarity of one pixel (Wang et al. 2004) and its derivatives.
-#pragma once
+/// @file Structural similarity of one pixel (Wang et al. 2004) and its derivatives. Numbers are of any kind T (see
+/// host_device.h).
+
+#if defined(SPLATBOOST_PHOTOMETRIC_MATH_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SPLATBOOST_PHOTOMETRIC_MATH_H_
+#undef SPLATBOOST_PHOTOMETRIC_MATH_H_
+#else
+#define SPLATBOOST_PHOTOMETRIC_MATH_H_
+#endif
 
 #include "host_device.h"
+#include "ssim_window.h"
 
-namespace splatboost {
+SPLATBOOST_MATH_BEGIN
 
-inline constexpr int kSsimRadius = 5;
-
-/// Normalised Gaussian of σ 1.5 at -5 .. 5; symmetric, so the first half and the centre suffice.
-inline constexpr float kSsimWindow[kSsimRadius + 1] = {0.00102838f, 0.00759876f, 0.03600077f,
-                                                       0.10936069f, 0.21300554f, 0.26601172f};
-
+template <class T>
 struct SsimPixel {
-  float value;
-  float d_mean;     ///< d value / d E[x], E[x²] and E[xy] held
-  float d_square;   ///< d value / d E[x²]
-  float d_product;  ///< d value / d E[xy]
+  T value;
+  T d_mean;     ///< d value / d E[x], E[x²] and E[xy] held
+  T d_square;   ///< d value / d E[x²]
+  T d_product;  ///< d value / d E[xy]
 };
 
-/// @param mx,my,xx,yy,xy windowed means of x, y, x², y², x·y (x: render, y: truth)
-SPLATBOOST_HOST_DEVICE SsimPixel ssim_pixel(float mx, float my, float xx, float yy, float xy) {
-  constexpr float c1 = 0.01f * 0.01f, c2 = 0.03f * 0.03f;
-  const float a1 = 2.0f * mx * my + c1, a2 = 2.0f * (xy - mx * my) + c2;
-  const float b1 = mx * mx + my * my + c1, b2 = (xx - mx * mx) + (yy - my * my) + c2;
-  const float scale = 1.0f / (b1 * b2);
-  SsimPixel s;
+/// @param mx,my,squares,xy windowed means of x, y, x² + y², x·y (x: render, y: truth)
+template <class T>
+SPLATBOOST_HOST_DEVICE SsimPixel<T> ssim_pixel(T mx, T my, T squares, T xy) {
+  const T c1(0.01f * 0.01f), c2(0.03f * 0.03f), two(2.0f);
+  const T mxy = mx * my, means = mx * mx + my * my;
+  const T a1 = two * mxy + c1, a2 = two * (xy - mxy) + c2;
+  const T inverse_b1 = reciprocal_of(means + c1), inverse_b2 = reciprocal_of(squares - means + c2);
+  const T scale = inverse_b1 * inverse_b2;
+  SsimPixel<T> s;
   s.value = a1 * a2 * scale;
-  s.d_mean = 2.0f * my * (a2 - a1) * scale - 2.0f * mx * s.value * (1.0f / b1 - 1.0f / b2);
-  s.d_square = -s.value / b2;
-  s.d_product = 2.0f * a1 * scale;
+  s.d_mean = two * (my * (a2 - a1) * scale - mx * s.value * (inverse_b1 - inverse_b2));
+  s.d_square = -s.value * inverse_b2;
+  s.d_product = two * a1 * scale;
   return s;
 }
 
-}  // namespace splatboost
+SPLATBOOST_MATH_END
+
+#endif  // guard

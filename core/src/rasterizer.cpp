@@ -6,7 +6,6 @@
 #include <string>
 
 #include "frame.h"
-#include "sh_math.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
@@ -97,15 +96,7 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
   Frame& frame = state_->frame;
   frame.camera = camera;
   frame.options = options;
-  frame.projection = {camera.rotation(),
-                      glm::vec3(camera.camera_from_world[3]),
-                      camera.centre(),
-                      camera.fx,
-                      camera.fy,
-                      camera.cx,
-                      camera.cy,
-                      kFieldOfViewMargin * 0.5f * static_cast<float>(camera.width) / camera.fx,
-                      kFieldOfViewMargin * 0.5f * static_cast<float>(camera.height) / camera.fy};
+  frame.projection = make_projection_camera(camera);
   frame.gaussians = gaussians.count;
   frame.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
   frame.inverse_depth = !images.inverse_depth.empty();
@@ -115,7 +106,7 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
 
   RasterSeconds& seconds = state_->seconds;
   timed(seconds.project, [&] { project(frame, gaussians, state_->threads); });
-  timed(seconds.tile_lists, [&] { build_tile_lists(frame, gaussians, state_->threads); });
+  timed(seconds.tile_lists, [&] { build_tile_lists(frame, state_->threads); });
   timed(seconds.blend, [&] { blend(frame, images, state_->threads); });
   state_->drawn = true;
 }

@@ -34,6 +34,19 @@ void append_rows(std::vector<float>& tensor, std::size_t width, std::span<const 
   }
 }
 
+void reorder_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint32_t> order) {
+  SPLATBOOST_CHECK(width > 0, "width must be above 0");
+  SPLATBOOST_CHECK(tensor.size() == width * order.size(), "order must have one entry a row");
+  std::vector<float> ordered;
+  ordered.reserve(tensor.size());
+  for (const std::size_t row : order) {
+    SPLATBOOST_CHECK(row < order.size(), "order must name rows that exist");
+    const auto from = tensor.begin() + static_cast<std::ptrdiff_t>(row * width);
+    ordered.insert(ordered.end(), from, from + static_cast<std::ptrdiff_t>(width));
+  }
+  tensor.swap(ordered);
+}
+
 void append_zero_rows(std::vector<float>& tensor, std::size_t width, std::size_t count) {
   SPLATBOOST_CHECK(width > 0, "width must be above 0");
   tensor.resize(tensor.size() + width * count, 0.0f);

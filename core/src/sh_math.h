@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Real spherical harmonics to degree 3, in the order and signs that 3DGS files use.
-#pragma once
+/// @file Real spherical harmonics to degree 3, in the order and signs that 3DGS files use. Numbers are of any kind T
+/// (see host_device.h).
 
-#include <glm/geometric.hpp>
-#include <glm/vec3.hpp>
+#if defined(SPLATBOOST_SH_MATH_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SPLATBOOST_SH_MATH_H_
+#undef SPLATBOOST_SH_MATH_H_
+#else
+#define SPLATBOOST_SH_MATH_H_
+#endif
 
 #include "host_device.h"
 #include "splatboost/constants.h"
+#include "vector_math.h"
 
-namespace splatboost {
-
-/// Number of coefficients of a degree.
-SPLATBOOST_HOST_DEVICE constexpr int sh_coefficients(int degree) { return (degree + 1) * (degree + 1); }
+SPLATBOOST_MATH_BEGIN
 
 /// Normalisations of the real basis: degree 0 is 1/(2√π), degree 1 √(3/4π), and so on by the closed forms.
 struct ShConstants {
@@ -28,58 +30,66 @@ struct ShConstants {
 };
 
 /// Basis values at a unit direction. @param basis [sh_coefficients(degree)]
-SPLATBOOST_HOST_DEVICE void sh_basis(int degree, glm::vec3 d, float* basis) {
+template <class T>
+SPLATBOOST_HOST_DEVICE void sh_basis(int degree, Vec3<T> d, T* basis) {
   using C = ShConstants;
-  const float x = d.x, y = d.y, z = d.z;
-  basis[0] = C::l0;
+  const T x = d.x, y = d.y, z = d.z;
+  basis[0] = T(C::l0);
   if (degree < 1) return;
-  basis[1] = -C::l1 * y;
-  basis[2] = C::l1 * z;
-  basis[3] = -C::l1 * x;
+  basis[1] = T(-C::l1) * y;
+  basis[2] = T(C::l1) * z;
+  basis[3] = T(-C::l1) * x;
   if (degree < 2) return;
-  const float xx = x * x, yy = y * y, zz = z * z;
-  basis[4] = C::l2_xy * x * y;
-  basis[5] = -C::l2_xy * y * z;
-  basis[6] = C::l2_zz * (2 * zz - xx - yy);
-  basis[7] = -C::l2_xy * x * z;
-  basis[8] = C::l2_xx * (xx - yy);
+  const T two(2.0f), three(3.0f), four(4.0f);
+  const T xx = x * x, yy = y * y, zz = z * z;
+  basis[4] = T(C::l2_xy) * x * y;
+  basis[5] = T(-C::l2_xy) * y * z;
+  basis[6] = T(C::l2_zz) * (two * zz - xx - yy);
+  basis[7] = T(-C::l2_xy) * x * z;
+  basis[8] = T(C::l2_xx) * (xx - yy);
   if (degree < 3) return;
-  basis[9] = -C::l3_3 * y * (3 * xx - yy);
-  basis[10] = C::l3_2 * x * y * z;
-  basis[11] = -C::l3_1 * y * (4 * zz - xx - yy);
-  basis[12] = C::l3_0 * z * (2 * zz - 3 * xx - 3 * yy);
-  basis[13] = -C::l3_1 * x * (4 * zz - xx - yy);
-  basis[14] = C::l3_2d * z * (xx - yy);
-  basis[15] = -C::l3_3 * x * (xx - 3 * yy);
+  basis[9] = T(-C::l3_3) * y * (three * xx - yy);
+  basis[10] = T(C::l3_2) * x * y * z;
+  basis[11] = T(-C::l3_1) * y * (four * zz - xx - yy);
+  basis[12] = T(C::l3_0) * z * (two * zz - three * xx - three * yy);
+  basis[13] = T(-C::l3_1) * x * (four * zz - xx - yy);
+  basis[14] = T(C::l3_2d) * z * (xx - yy);
+  basis[15] = T(-C::l3_3) * x * (xx - three * yy);
 }
 
 /// Gradient of Σ_k weights[k]·basis[k](d) with respect to d, the three components taken as independent.
-/// @param weights [sh_coefficients(degree)]
-SPLATBOOST_HOST_DEVICE glm::vec3 sh_basis_gradient(int degree, glm::vec3 d, const float* w) {
+/// @param w [sh_coefficients(degree)]
+template <class T>
+SPLATBOOST_HOST_DEVICE Vec3<T> sh_basis_gradient(int degree, Vec3<T> d, const T* w) {
   using C = ShConstants;
-  glm::vec3 g(0.0f);
+  const T zero(0.0f), two(2.0f), three(3.0f), four(4.0f), six(6.0f), eight(8.0f);
+  Vec3<T> g{zero, zero, zero};
   if (degree < 1) return g;
-  const float x = d.x, y = d.y, z = d.z;
-  g += C::l1 * glm::vec3(-w[3], -w[1], w[2]);
+  const T x = d.x, y = d.y, z = d.z;
+  g = T(C::l1) * Vec3<T>{-w[3], -w[1], w[2]};
   if (degree < 2) return g;
-  g += C::l2_xy * (w[4] * glm::vec3(y, x, 0) - w[5] * glm::vec3(0, z, y) - w[7] * glm::vec3(z, 0, x));
-  g += C::l2_zz * w[6] * glm::vec3(-2 * x, -2 * y, 4 * z);
-  g += C::l2_xx * w[8] * glm::vec3(2 * x, -2 * y, 0);
+  g = g + T(C::l2_xy) * Vec3<T>{w[4] * y - w[7] * z, w[4] * x - w[5] * z, -(w[5] * y + w[7] * x)};
+  g = g + (T(2 * C::l2_zz) * w[6]) * Vec3<T>{-x, -y, two * z};
+  g = g + (T(2 * C::l2_xx) * w[8]) * Vec3<T>{x, -y, zero};
   if (degree < 3) return g;
-  const float xx = x * x, yy = y * y, zz = z * z;
-  g -= C::l3_3 * w[9] * glm::vec3(6 * x * y, 3 * (xx - yy), 0);
-  g += C::l3_2 * w[10] * glm::vec3(y * z, x * z, x * y);
-  g -= C::l3_1 * w[11] * glm::vec3(-2 * x * y, 4 * zz - xx - 3 * yy, 8 * y * z);
-  g += C::l3_0 * w[12] * glm::vec3(-6 * x * z, -6 * y * z, 6 * zz - 3 * xx - 3 * yy);
-  g -= C::l3_1 * w[13] * glm::vec3(4 * zz - 3 * xx - yy, -2 * x * y, 8 * x * z);
-  g += C::l3_2d * w[14] * glm::vec3(2 * x * z, -2 * y * z, xx - yy);
-  g -= C::l3_3 * w[15] * glm::vec3(3 * (xx - yy), -6 * x * y, 0);
+  const T xx = x * x, yy = y * y, zz = z * z;
+  const T xy = x * y, xz = x * z, yz = y * z;
+  g = g - (T(3 * C::l3_3) * w[9]) * Vec3<T>{two * xy, xx - yy, zero};
+  g = g + (T(C::l3_2) * w[10]) * Vec3<T>{yz, xz, xy};
+  g = g - (T(C::l3_1) * w[11]) * Vec3<T>{-(two * xy), four * zz - xx - three * yy, eight * yz};
+  g = g + (T(C::l3_0) * w[12]) * Vec3<T>{-(six * xz), -(six * yz), six * zz - three * xx - three * yy};
+  g = g - (T(C::l3_1) * w[13]) * Vec3<T>{four * zz - three * xx - yy, -(two * xy), eight * xz};
+  g = g + (T(C::l3_2d) * w[14]) * Vec3<T>{two * xz, -(two * yz), xx - yy};
+  g = g - (T(3 * C::l3_3) * w[15]) * Vec3<T>{xx - yy, -(two * xy), zero};
   return g;
 }
 
 /// Gradient with respect to v of a function of normalise(v), given the one with respect to the unit vector.
-SPLATBOOST_HOST_DEVICE glm::vec3 through_normalise(glm::vec3 unit, float length, glm::vec3 gradient) {
-  return (gradient - unit * glm::dot(unit, gradient)) / length;
+template <class T>
+SPLATBOOST_HOST_DEVICE Vec3<T> through_normalise(Vec3<T> unit, T inverse_length, Vec3<T> gradient) {
+  return inverse_length * (gradient - dot(unit, gradient) * unit);
 }
 
-}  // namespace splatboost
+SPLATBOOST_MATH_END
+
+#endif  // guard

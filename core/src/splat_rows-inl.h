@@ -12,54 +12,73 @@
 #endif
 
 #include <algorithm>
+#include <bit>
 #include <cstdint>
+#include <cstring>
 
 #include <hwy/highway.h>
 
 #include "frame.h"
+#include "lanes-inl.h"
 #include "splatboost/constants.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
-
-using Lanes = hn::CappedTag<float, kTileSize>;
-using Vec = hn::Vec<Lanes>;
-using Mask = hn::Mask<Lanes>;
-
 inline constexpr int kPixels = kTileSize * kTileSize;
-/// Alpha's threshold as a base-2 logarithm: comparing exponents spares most exponentials.
-inline constexpr float kMinLog2Alpha = -7.994353436858858f;  // log2(1/255)
+/// Rows are taken two at a time; where their number is odd, the second is this one, whose pixels are closed.
+inline constexpr int kSpareRow = kTileSize;
+/// Entries of a tile that are handled together: their rows are found in one go, ahead of the branches on them.
+inline constexpr std::uint32_t kBatch = 32;
+/// Blocks of columns in a tile.
+inline constexpr int kMostBlocks = kTileSize;
+/// By how much a row's greatest exponent may miss the threshold: more than rounding. The exact test is per pixel.
+inline constexpr float kRowSlack = 0.02f;
 
-/// 2^x for x in about [-32, 1]; polynomial fitted at Chebyshev nodes on [-½, ½], relative error 1e-7.
+/// 2^x for x in [-126, 1], anything elsewhere; polynomial fitted at Chebyshev nodes on [-½, ½], relative error 1e-7.
 HWY_INLINE Vec exp2_of(Vec x) {
   const Lanes d;
   const hn::RebindToSigned<Lanes> di;
-  const Vec whole = hn::Round(x);
-  const Vec f = hn::Sub(x, whole);
+  const Vec shift = hn::Set(d, 12582912.0f);  // 1.5·2^23: the sum's low bits are x, rounded to an integer
+  const Vec shifted = hn::Add(x, shift);
+  const Vec f = hn::Sub(x, hn::Sub(shifted, shift));
   Vec p = hn::Set(d, 0.0013390863364671234f);
   p = hn::MulAdd(p, f, hn::Set(d, 0.009676031918322054f));
   p = hn::MulAdd(p, f, hn::Set(d, 0.05550357114219078f));
   p = hn::MulAdd(p, f, hn::Set(d, 0.2402210748530834f));
   p = hn::MulAdd(p, f, hn::Set(d, 0.6931471880262288f));
   p = hn::MulAdd(p, f, hn::Set(d, 1.0000000754548972f));
-  const auto exponent = hn::ShiftLeft<23>(hn::Add(hn::ConvertTo(di, whole), hn::Set(di, 127)));
-  return hn::Mul(p, hn::BitCast(d, exponent));
+  const auto exponent = hn::ShiftLeft<23>(hn::BitCast(di, shifted));
+  return hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent));
 }
 
 /// A tile's records lie scattered over the view's: without this the loop waits for memory a fifth of its time.
 HWY_INLINE void prefetch_record(const Frame& frame, std::uint32_t at, std::uint32_t end) {
-  constexpr std::uint32_t kAhead = 6;
-  if (at + kAhead < end) __builtin_prefetch(&frame.records[frame.entries[at + kAhead]]);
+  constexpr std::uint32_t kAhead = 8;
+  if (at + kAhead < end) __builtin_prefetch(&frame.records[frame.entries[at + kAhead].gaussian]);
 }
 
-/// Rows of a tile that a splat can reach, as a bit mask.
-HWY_INLINE std::uint32_t rows_in_reach(const BlendRecord& splat, int tile_y) {
-  const int begin = std::max(splat.row_begin - tile_y, 0);
-  const int end = std::min(splat.row_end - tile_y, kTileSize);
-  if (begin >= end) return 0;
-  return ((1u << end) - 1u) & ~((1u << begin) - 1u);
+/// Rows of a tile where a splat reaches a block of columns, as a bit mask: those where the greatest exponent between
+/// the first and the last pixel centre passes the threshold.
+/// @param y first row's pixel centre; @param x_first,x_last pixel centres of the block
+HWY_INLINE std::uint32_t rows_in_reach(const BlendRecord& splat, float y, float x_first, float x_last) {
+  const Lanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const Vec first = hn::Set(d, x_first - splat.mean_x), last = hn::Set(d, x_last - splat.mean_x);
+  std::uint32_t rows = 0;
+  for (int row = 0; row < kTileSize; row += lanes) {
+    const Vec dy = hn::Sub(hn::Iota(d, y + static_cast<float>(row)), hn::Set(d, splat.mean_y));
+    const Vec dx = hn::Max(hn::Min(hn::Mul(dy, hn::Set(d, splat.ridge)), last), first);
+    Vec exponent = hn::MulAdd(hn::Mul(dy, dy), hn::Set(d, splat.quadratic_yy), hn::Set(d, splat.log2_opacity));
+    const Vec in_x = hn::MulAdd(dx, hn::Set(d, splat.quadratic_xx), hn::Mul(dy, hn::Set(d, splat.quadratic_xy)));
+    exponent = hn::MulAdd(dx, in_x, exponent);
+    std::uint8_t bits[8] = {};
+    hn::StoreMaskBits(d, hn::Ge(exponent, hn::Set(d, kMinLog2Alpha - kRowSlack)), bits);
+    std::uint32_t found;
+    std::memcpy(&found, bits, sizeof found);
+    rows |= found << row;
+  }
+  return rows;
 }
 
 /// A splat's exponent over a block of columns: log2 α = constant(x) + dy·(linear(x) + quadratic·dy).
@@ -67,73 +86,104 @@ struct Columns {
   Vec dx;  ///< pixel centre − mean
   Vec constant;
   Vec linear;
-  float quadratic;
+  Vec quadratic;
 
   HWY_INLINE Columns(const BlendRecord& splat, int x0) {
     const Lanes d;
-    constexpr float kHalfLog2E = 0.7213475204444817f;  // ½·log2(e)
     dx = hn::Sub(hn::Iota(d, static_cast<float>(x0) + 0.5f), hn::Set(d, splat.mean_x));
-    constant = hn::MulAdd(hn::Mul(dx, dx), hn::Set(d, -kHalfLog2E * splat.conic_xx), hn::Set(d, splat.log2_opacity));
-    linear = hn::Mul(dx, hn::Set(d, -2 * kHalfLog2E * splat.conic_xy));
-    quadratic = -kHalfLog2E * splat.conic_yy;
+    constant = hn::MulAdd(hn::Mul(dx, dx), hn::Set(d, splat.quadratic_xx), hn::Set(d, splat.log2_opacity));
+    linear = hn::Mul(dx, hn::Set(d, splat.quadratic_xy));
+    quadratic = hn::Set(d, splat.quadratic_yy);
   }
+};
 
-  HWY_INLINE Vec log2_alpha(float dy) const {
+/// dy of a tile's rows, pixel centre − mean, and of the spare row. In memory, because a processor broadcasts a number
+/// that it loads at no cost.
+struct RowOffsets {
+  alignas(64) float dy[kTileSize + 1];
+
+  HWY_INLINE RowOffsets(const BlendRecord& splat, float first_y) {
     const Lanes d;
-    const Vec y = hn::Set(d, dy);
-    return hn::MulAdd(y, hn::MulAdd(y, hn::Set(d, quadratic), linear), constant);
+    const int lanes = static_cast<int>(hn::Lanes(d));
+    for (int row = 0; row < kTileSize; row += lanes) {
+      hn::Store(hn::Sub(hn::Iota(d, first_y + static_cast<float>(row)), hn::Set(d, splat.mean_y)), d, dy + row);
+    }
+    dy[kSpareRow] = 0.0f;
+  }
+};
+
+/// Takes the two lowest rows out of a mask that is not empty; the spare row where there is only one.
+struct RowPair {
+  int rows[2];
+  HWY_INLINE explicit RowPair(std::uint32_t& mask) {
+    rows[0] = std::countr_zero(mask);
+    mask &= mask - 1;
+    rows[1] = std::countr_zero(mask | (1u << kSpareRow));
+    mask &= mask - 1;
   }
 };
 
 /// What one splat does to one row of pixels.
 struct RowStep {
-  Mask blended;   ///< pixels where the splat contributes
-  Vec unclamped;  ///< α before the clamp at 0.99
-  Vec alpha;
+  Vec dy;
+  Vec alpha;   ///< 0 where it is below the threshold
   Vec before;  ///< transmittance before the splat
+  Mask open;   ///< pixels that are open afterwards: there, and where α is not 0, the splat was blended
 };
 
-/// Advances the transmittances of a row. A saturated pixel keeps its final transmittance with a minus sign.
-/// @return false if the splat reaches no pixel of the row; then nothing is written
-HWY_INLINE bool advance_row(const Columns& columns, float dy, float* HWY_RESTRICT transmittance, RowStep& step,
-                            bool& saturated) {
+/// Takes a row of transmittances behind a splat. A pixel that the splat would saturate is closed before it: it keeps
+/// its transmittance with a minus sign, which no later splat brings past the comparison.
+HWY_INLINE RowStep step_row(const Columns& columns, float dy, float* HWY_RESTRICT transmittance) {
   const Lanes d;
-  const Vec exponent = columns.log2_alpha(dy);
-  const Vec before = hn::Load(d, transmittance);
-  Mask reached = hn::And(hn::Ge(exponent, hn::Set(d, kMinLog2Alpha)), hn::Gt(before, hn::Zero(d)));
-  if (hn::AllFalse(d, reached)) return false;
-  step.unclamped = exp2_of(hn::Max(exponent, hn::Set(d, -32.0f)));
-  step.alpha = hn::Min(step.unclamped, hn::Set(d, kMaxAlpha));
-  step.before = before;
-  const Vec after = hn::NegMulAdd(before, step.alpha, before);
-  const Mask full = hn::And(reached, hn::Lt(after, hn::Set(d, kMinTransmittance)));
-  step.blended = hn::AndNot(full, reached);
-  Vec next = hn::IfThenElse(step.blended, after, before);
-  saturated = !hn::AllFalse(d, full);
-  if (saturated) next = hn::IfThenElse(full, hn::Neg(before), next);
-  hn::Store(next, d, transmittance);
-  return true;
+  RowStep step;
+  step.dy = hn::Set(d, dy);
+  const Vec exponent = hn::MulAdd(step.dy, hn::MulAdd(step.dy, columns.quadratic, columns.linear), columns.constant);
+  const Mask reached = hn::Ge(exponent, hn::Set(d, kMinLog2Alpha));
+  step.alpha = hn::IfThenElseZero(reached, hn::Min(exp2_of(exponent), hn::Set(d, kMaxAlpha)));
+  step.before = hn::Load(d, transmittance);
+  const Vec after = hn::NegMulAdd(step.before, step.alpha, step.before);
+  step.open = hn::Ge(after, hn::Set(d, kMinTransmittance));
+  hn::Store(hn::IfThenElse(step.open, after, hn::Or(step.before, hn::SignBit(d))), d, transmittance);
+  return step;
 }
 
-/// Rows of one block of columns that still have an open pixel, as a bit mask.
-HWY_INLINE std::uint32_t open_rows(const float* HWY_RESTRICT transmittance, int x) {
-  const Lanes d;
-  std::uint32_t open = 0;
-  for (int row = 0; row < kTileSize; ++row) {
-    const Vec t = hn::Load(d, transmittance + row * kTileSize + x);
-    if (!hn::AllFalse(d, hn::Gt(t, hn::Zero(d)))) open |= 1u << row;
-  }
-  return open;
-}
+/// The part of a tile's state that the loops over rows read and write. What is used together lies together: a row's
+/// transmittance, then its other planes. Planes far apart would meet in the low bits of their addresses, and a load
+/// that looks like a store in flight waits for it.
+/// @tparam kPlanes planes of a row, the transmittance included
+template <int kPlanes>
+struct TileRows {
+  static constexpr int kStride = kPlanes * kTileSize;
+  alignas(64) float rows[(kTileSize + 1) * kStride];
+  int x0, y0;
+  float first_y;  ///< pixel centre of the first row
 
-/// Pixels of a tile: transmittance 1, and saturated from the start outside the image.
-HWY_INLINE void open_tile(const Camera& camera, int x0, int y0, float* transmittance) {
-  for (int y = 0; y < kTileSize; ++y) {
-    for (int x = 0; x < kTileSize; ++x) {
-      transmittance[y * kTileSize + x] = x0 + x < camera.width && y0 + y < camera.height ? 1.0f : -1.0f;
+  /// Transmittance 1, and closed from the start outside the image; the other planes are zero.
+  TileRows(const Frame& frame, std::size_t tile) {
+    x0 = static_cast<int>(tile % static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
+    y0 = static_cast<int>(tile / static_cast<std::size_t>(frame.tiles_x)) * kTileSize;
+    first_y = static_cast<float>(y0) + 0.5f;
+    const int width = std::min(frame.camera.width - x0, kTileSize);
+    const int height = std::min(frame.camera.height - y0, kTileSize);
+    std::memset(rows, 0, sizeof rows);
+    for (int row = 0; row <= kSpareRow; ++row) {
+      for (int x = 0; x < kTileSize; ++x) rows[row * kStride + x] = x < width && row < height ? 1.0f : -1.0f;
     }
   }
-}
+
+  HWY_INLINE float* at(int row, int x, int plane = 0) { return rows + row * kStride + plane * kTileSize + x; }
+
+  /// Rows of a block of columns that still have an open pixel, as a bit mask.
+  HWY_INLINE std::uint32_t open_rows(int x) {
+    const Lanes d;
+    std::uint32_t open = 0;
+    for (int row = 0; row < kTileSize; ++row) {
+      const bool any = !hn::AllFalse(d, hn::Gt(hn::Load(d, at(row, x)), hn::Zero(d)));
+      open |= static_cast<std::uint32_t>(any) << row;
+    }
+    return open;
+  }
+};
 
 }  // namespace HWY_NAMESPACE
 }  // namespace splatboost

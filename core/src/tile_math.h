@@ -1,85 +1,106 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file Which tiles a splat is listed in: the 3σ square of 3DGS, and the ellipse of the compact box (paper eq. 15).
-#pragma once
+/// Numbers are of any kind T (see host_device.h); tiles are whole numbers of that kind.
 
-#include <cmath>
-
-#include <glm/vec2.hpp>
+#if defined(SPLATBOOST_TILE_MATH_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SPLATBOOST_TILE_MATH_H_
+#undef SPLATBOOST_TILE_MATH_H_
+#else
+#define SPLATBOOST_TILE_MATH_H_
+#endif
 
 #include "host_device.h"
-#include "project_math.h"
 #include "splatboost/constants.h"
+#include "vector_math.h"
 
-namespace splatboost {
+SPLATBOOST_MATH_BEGIN
 
-/// Half-open ranges of tiles.
+/// Half-open range of tiles.
+template <class T>
 struct TileRange {
-  int begin = 0;
-  int end = 0;
+  T begin, end;
 };
 
-SPLATBOOST_HOST_DEVICE int clamp_tile(float tile, int tiles) {
-  // In float first: far-off splats overflow an int.
-  return static_cast<int>(min_of(max_of(tile, 0.0f), static_cast<float>(tiles)));
+template <class T>
+SPLATBOOST_HOST_DEVICE T clamp_tile(T tile, int tiles) {
+  return min_of(max_of(tile, T(0.0f)), T(static_cast<float>(tiles)));
 }
 
 /// 3DGS's radius: 3σ of the longer axis, rounded up.
-SPLATBOOST_HOST_DEVICE float square_radius(const Symmetric2& covariance) {
-  const float mid = 0.5f * (covariance.xx + covariance.yy);
-  const float det = covariance.xx * covariance.yy - covariance.xy * covariance.xy;
-  return ceilf(kBoxSigmas * sqrtf(mid + sqrtf(max_of(0.1f, mid * mid - det))));
+template <class T>
+SPLATBOOST_HOST_DEVICE T square_radius(const Symmetric2<T>& covariance) {
+  const T mid = T(0.5f) * (covariance.xx + covariance.yy);
+  const T det = covariance.xx * covariance.yy - covariance.xy * covariance.xy;
+  return ceil_of(T(kBoxSigmas) * sqrt_of(mid + sqrt_of(max_of(mid * mid - det, T(0.1f)))));
 }
 
 /// Tiles of one axis that the square [centre ± radius] meets, centre in 3DGS's pixel coordinates (centres at integers).
-SPLATBOOST_HOST_DEVICE TileRange square_tiles(float mean, float radius, int tiles) {
-  const float centre = mean - 0.5f;
-  return {clamp_tile(floorf((centre - radius) / kTileSize), tiles),
-          clamp_tile(floorf((centre + radius + kTileSize - 1) / kTileSize), tiles)};
+template <class T>
+SPLATBOOST_HOST_DEVICE TileRange<T> square_tiles(T mean, T radius, int tiles) {
+  const T centre = mean - T(0.5f);
+  const T per_tile(1.0f / kTileSize);  // a power of two: exact
+  return {clamp_tile(floor_of((centre - radius) * per_tile), tiles),
+          clamp_tile(floor_of((centre + radius + T(kTileSize - 1)) * per_tile), tiles)};
+}
+
+/// Tiles whose pixel centres' interval [16t + 0.5, 16t + 15.5] meets [low, high].
+template <class T>
+SPLATBOOST_HOST_DEVICE TileRange<T> tiles_meeting(T low, T high, int tiles) {
+  const T per_tile(1.0f / kTileSize);
+  return {clamp_tile(ceil_of((low - T(kTileSize - 0.5f)) * per_tile), tiles),
+          clamp_tile(floor_of((high - T(0.5f)) * per_tile) + T(1.0f), tiles)};
+}
+
+/// The ellipse dᵀ·conic·d <= t around a mean; t > 0.
+template <class T>
+struct Ellipse {
+  Vec2<T> mean;
+  Symmetric2<T> conic;
+  T t;
+  T half_width, half_height;  ///< of its bounding box
+};
+
+template <class T>
+SPLATBOOST_HOST_DEVICE Ellipse<T> make_ellipse(Vec2<T> mean, const Symmetric2<T>& covariance,
+                                               const Symmetric2<T>& conic, T t) {
+  return {mean, conic, t, sqrt_of(t * covariance.xx), sqrt_of(t * covariance.yy)};
 }
 
 /// Slack in pixels by which an ellipse is widened, so that rounding never loses a tile. Listing one too many is
 /// harmless.
-inline constexpr float kTileSlack = 1e-3f;
+SPLATBOOST_HOST_DEVICE constexpr float tile_slack() { return 1e-3f; }
 
-/// Tiles whose pixel centres' interval [16t + 0.5, 16t + 15.5] meets [low, high].
-SPLATBOOST_HOST_DEVICE TileRange tiles_meeting(float low, float high, int tiles) {
-  constexpr float kLastCentre = kTileSize - 0.5f;
-  const int begin = clamp_tile(ceilf((low - kLastCentre) / kTileSize), tiles);
-  const int end = clamp_tile(floorf((high - 0.5f) / kTileSize) + 1.0f, tiles);
-  return {begin, end};
+template <class T>
+SPLATBOOST_HOST_DEVICE TileRange<T> ellipse_tile_rows(const Ellipse<T>& e, int tiles_y) {
+  const T half = e.half_height + T(tile_slack());
+  return tiles_meeting(e.mean.y - half, e.mean.y + half, tiles_y);
 }
 
-/// The ellipse dᵀ·conic·d <= t around a mean; t > 0.
-struct Ellipse {
-  glm::vec2 mean;
-  Symmetric2 conic;
-  float t;
-  float half_width, half_height;  ///< of its bounding box
-};
-
-SPLATBOOST_HOST_DEVICE Ellipse make_ellipse(glm::vec2 mean, const Symmetric2& covariance, const Symmetric2& conic,
-                                            float t) {
-  return {mean, conic, t, sqrtf(t * covariance.xx), sqrtf(t * covariance.yy)};
-}
-
-SPLATBOOST_HOST_DEVICE TileRange ellipse_tile_rows(const Ellipse& e, int tiles_y) {
-  return tiles_meeting(e.mean.y - e.half_height - kTileSlack, e.mean.y + e.half_height + kTileSlack, tiles_y);
+template <class T>
+SPLATBOOST_HOST_DEVICE TileRange<T> ellipse_tile_columns(const Ellipse<T>& e, int tiles_x) {
+  const T half = e.half_width + T(tile_slack());
+  return tiles_meeting(e.mean.x - half, e.mean.x + half, tiles_x);
 }
 
 /// Tiles of one tile row that the ellipse meets: exact, because the part of a convex shape within the row's band is
 /// convex, so its extent in x is one interval.
-SPLATBOOST_HOST_DEVICE TileRange ellipse_tiles_in_row(const Ellipse& e, int row, int tiles_x) {
-  const float y0 = max_of(static_cast<float>(row * kTileSize) + 0.5f - e.mean.y, -e.half_height);
-  const float y1 = min_of(static_cast<float>((row + 1) * kTileSize) - 0.5f - e.mean.y, e.half_height);
-  const float a = e.conic.xx, b = e.conic.xy, c = e.conic.yy;
-  const float det = a * c - b * b;
+template <class T>
+SPLATBOOST_HOST_DEVICE TileRange<T> ellipse_tiles_in_row(const Ellipse<T>& e, T row, int tiles_x) {
+  const T top = row * T(kTileSize) - e.mean.y;
+  const T y0 = max_of(top + T(0.5f), -e.half_height);
+  const T y1 = min_of(top + T(kTileSize - 0.5f), e.half_height);
+  const T a = e.conic.xx, b = e.conic.xy, c = e.conic.yy;
+  const T det = a * c - b * b;
+  const T inverse_a = T(1.0f) / a;
   // Height at which the ellipse is rightmost (leftmost: its negative), brought into the band.
-  const float y_right = -b / c * e.half_width;
-  const float at_right = min_of(max_of(y_right, y0), y1);
-  const float at_left = min_of(max_of(-y_right, y0), y1);
-  const float right = (-b * at_right + sqrtf(max_of(0.0f, a * e.t - det * at_right * at_right))) / a;
-  const float left = (-b * at_left - sqrtf(max_of(0.0f, a * e.t - det * at_left * at_left))) / a;
-  return tiles_meeting(e.mean.x + left - kTileSlack, e.mean.x + right + kTileSlack, tiles_x);
+  const T y_right = -b / c * e.half_width;
+  const T at_right = min_of(max_of(y_right, y0), y1);
+  const T at_left = min_of(max_of(-y_right, y0), y1);
+  const T right = (sqrt_of(max_of(a * e.t - det * at_right * at_right, T(0.0f))) - b * at_right) * inverse_a;
+  const T left = -(sqrt_of(max_of(a * e.t - det * at_left * at_left, T(0.0f))) + b * at_left) * inverse_a;
+  return tiles_meeting(e.mean.x + left - T(tile_slack()), e.mean.x + right + T(tile_slack()), tiles_x);
 }
 
-}  // namespace splatboost
+SPLATBOOST_MATH_END
+
+#endif  // guard

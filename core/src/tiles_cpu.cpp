@@ -1,194 +1,160 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <cstring>
+#include <utility>
 
 #include "frame.h"
 
 namespace splatboost {
 namespace {
 
-constexpr std::size_t kSplatsAhead = 8;
+constexpr std::size_t kListingsAhead = 24, kTilesAhead = 12;
+constexpr std::uint32_t kWritesAhead = 16;
+constexpr std::uint32_t kAtATime = 8;
 
-/// Gaussians that have a bounding box, near to far, ties by index: a stable radix sort of the depth's bits, which order
-/// as integers because depths are positive.
-void sort_by_depth(Frame& frame) {
+/// Gaussians that are listed, near to far, ties by index: a stable radix sort of the depth's bits, which order as
+/// integers because depths are positive. Bytes, not wider digits: 256 places that are written in turn stay in the first
+/// cache and its table of pages. Each thread sorts a chunk into places of its own.
+void sort_by_depth(Frame& frame, Threads& threads) {
+  const auto chunks = static_cast<std::size_t>(threads.count());
   frame.order.ensure(frame.gaussians);
-  frame.sort_keys.ensure(frame.gaussians);
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < frame.gaussians; ++i) {
-    if (frame.tile_rows[i] == 0) continue;
-    frame.order[count] = static_cast<std::uint32_t>(i);
-    frame.sort_keys[count] = frame.depth_bits[i];
-    ++count;
+  frame.order_swap.ensure(frame.gaussians);
+  frame.sort_bins.resize(256 * chunks);
+  const auto bins_of = [&](std::size_t chunk) { return frame.sort_bins.data() + 256 * chunk; };
+
+  // One digit: visit(chunk, use) calls use(element) for each of the chunk's elements.
+  const auto pass = [&](int shift, const auto& visit) {
+    const auto digit = [shift](DepthOrder e) { return (e.depth_bits >> shift) & 255u; };
+    threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
+      std::uint32_t* const bins = bins_of(chunk);
+      std::fill_n(bins, 256, 0u);
+      visit(chunk, [&](DepthOrder e) { ++bins[digit(e)]; });
+    });
+    std::uint32_t sum = 0;
+    for (std::size_t bin = 0; bin < 256; ++bin) {
+      for (std::size_t chunk = 0; chunk < chunks; ++chunk) sum += std::exchange(bins_of(chunk)[bin], sum);
+    }
+    DepthOrder* const to = frame.order_swap.data();
+    threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
+      std::uint32_t* const bins = bins_of(chunk);
+      visit(chunk, [&](DepthOrder e) { to[bins[digit(e)]++] = e; });
+    });
+    std::swap(frame.order, frame.order_swap);
+    return sum;
+  };
+  const auto part = [chunks](std::size_t n, std::size_t chunk) { return n * chunk / chunks; };
+  const std::size_t count = pass(0, [&](std::size_t chunk, const auto& use) {
+    for (std::size_t i = part(frame.gaussians, chunk); i < part(frame.gaussians, chunk + 1); ++i) {
+      if (frame.visible[i] == 0) continue;
+      use(DepthOrder{std::bit_cast<std::uint32_t>(frame.depths[i]), static_cast<std::uint32_t>(i)});
+    }
+  });
+  for (const int shift : {8, 16, 24}) {
+    const DepthOrder* const from = frame.order.data();
+    pass(shift, [&](std::size_t chunk, const auto& use) {
+      for (std::size_t i = part(count, chunk); i < part(count, chunk + 1); ++i) use(from[i]);
+    });
   }
   frame.order.ensure(count);
-  frame.order_swap.ensure(frame.gaussians);
-  frame.sort_keys_swap.ensure(frame.gaussians);
-
-  constexpr int kBits = 11;
-  constexpr std::uint32_t kBins = 1u << kBits;
-  std::array<std::array<std::uint32_t, kBins>, 3> bins{};
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::uint32_t key = frame.sort_keys[i];
-    ++bins[0][key & (kBins - 1)];
-    ++bins[1][(key >> kBits) & (kBins - 1)];
-    ++bins[2][key >> (2 * kBits)];
-  }
-  std::uint32_t* keys = frame.sort_keys.data();
-  std::uint32_t* keys_to = frame.sort_keys_swap.data();
-  std::uint32_t* order = frame.order.data();
-  std::uint32_t* order_to = frame.order_swap.data();
-  for (int pass = 0; pass < 3; ++pass) {
-    auto& bin = bins[static_cast<std::size_t>(pass)];
-    std::uint32_t sum = 0;
-    for (std::uint32_t& b : bin) {
-      const std::uint32_t n = b;
-      b = sum;
-      sum += n;
-    }
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::uint32_t to = bin[(keys[i] >> (pass * kBits)) & (kBins - 1)]++;
-      keys_to[to] = keys[i];
-      order_to[to] = order[i];
-    }
-    std::swap(keys, keys_to);
-    std::swap(order, order_to);
-  }
-  // Three passes end in the swap buffers.
-  if (count > 0) std::memcpy(order_to, order, count * sizeof(std::uint32_t));
-}
-
-void fill_record(const Frame& frame, std::uint32_t gaussian, BlendRecord& record) {
-  const Splat& splat = frame.splats[gaussian];
-  record.mean_x = splat.mean.x;
-  record.mean_y = splat.mean.y;
-  record.conic_xx = splat.conic.xx;
-  record.conic_xy = splat.conic.xy;
-  record.conic_yy = splat.conic.yy;
-  record.opacity = splat.opacity;
-  record.log2_opacity = splat.opacity > 0.0f ? std::log2(splat.opacity) : -1e30f;
-  record.red = splat.color.x;
-  record.green = splat.color.y;
-  record.blue = splat.color.z;
-  record.gaussian = gaussian;
-  // Rows with a pixel centre within the reach, one row of slack for rounding; the exact test is per pixel.
-  record.row_begin = record.row_end = 0;
-  if (splat.reach > 0.0f) {
-    const float half = std::sqrt(splat.reach * splat.covariance.yy) + kTileSlack;
-    const auto rows = static_cast<float>(frame.camera.height);
-    record.row_begin =
-        static_cast<std::int32_t>(std::fmin(std::fmax(std::ceil(splat.mean.y - half - 0.5f), 0.0f), rows));
-    record.row_end =
-        static_cast<std::int32_t>(std::fmin(std::fmax(std::floor(splat.mean.y + half - 0.5f) + 1.0f, 0.0f), rows));
-  }
 }
 
 }  // namespace
 
-void build_tile_lists(Frame& frame, const Gaussians& gaussians, Threads& threads) {
-  sort_by_depth(frame);
+void build_tile_lists(Frame& frame, Threads& threads) {
+  sort_by_depth(frame, threads);
   const std::size_t visible = frame.order.size();
   const std::size_t tiles = frame.tiles();
-  const auto tiles_x = static_cast<std::size_t>(frame.tiles_x);
 
-  frame.row_begin.ensure(visible + 1);
-  std::uint32_t rows = 0;
-  for (std::size_t k = 0; k < visible; ++k) {
-    frame.row_begin[k] = rows;
-    rows += frame.tile_rows[frame.order[k]];
-  }
-  frame.row_begin[visible] = rows;
-  frame.row_spans.ensure(rows);
-  frame.first_row.ensure(visible);
-
-  // Splats are cut into one chunk a thread; each counts its entries a tile, so that chunk after chunk can be written
-  // without locks. The lists do not depend on the number of chunks.
+  // Gaussians are cut into one chunk a thread, in the order of depth. Each chunk writes down its entries, near to far,
+  // and counts them a tile, so that chunk after chunk can be sorted into the tiles without locks. The lists do not
+  // depend on the number of chunks.
   const auto chunks = static_cast<std::size_t>(threads.count());
   const std::size_t chunk_size = (visible + chunks - 1) / chunks;
+  const auto chunk_begin = [&](std::size_t chunk) { return std::min(visible, chunk * chunk_size); };
+  frame.chunk_entries.ensure(chunks + 1);
+  threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
+    std::uint32_t entries = 0;
+    for (std::size_t k = chunk_begin(chunk); k < chunk_begin(chunk + 1); ++k) {
+      entries += frame.listings[frame.order[k].gaussian].tiles;
+    }
+    frame.chunk_entries[chunk] = entries;
+  });
+  std::uint32_t total = 0;
+  for (std::size_t chunk = 0; chunk <= chunks; ++chunk) {
+    const std::uint32_t entries = chunk < chunks ? frame.chunk_entries[chunk] : 0;
+    frame.chunk_entries[chunk] = total;
+    total += entries;
+  }
+  std::uint32_t slot = 0;
+  for (TileListing& listing : frame.listings.span()) {
+    listing.slot = slot;
+    slot += listing.tiles;
+  }
+
   frame.tile_cursor.ensure(chunks * tiles);
   if (chunks * tiles > 0) std::memset(frame.tile_cursor.data(), 0, chunks * tiles * sizeof(std::uint32_t));
-  frame.splat_begin.ensure(frame.gaussians + 1);
-  std::memset(frame.splat_begin.data(), 0, (frame.gaussians + 1) * sizeof(std::uint32_t));
-  frame.records.ensure(visible);
-  frame.visible.ensure(frame.gaussians);
-  if (frame.gaussians > 0) std::memset(frame.visible.data(), 0, frame.gaussians);
-  const auto extra = static_cast<std::size_t>(frame.extra_channels());
-  frame.channels.ensure(visible * extra);
-
+  frame.unsorted_tiles.ensure(total + kAtATime);
+  frame.unsorted_entries.ensure(total + kAtATime);
   threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
-    std::uint32_t* cursor = frame.tile_cursor.data() + chunk * tiles;
-    const std::size_t end = std::min(visible, (chunk + 1) * chunk_size);
-    for (std::size_t k = chunk * chunk_size; k < end; ++k) {
-      // Splats are met by depth, which is at random: without this half of the loop's time is waiting.
-      if (k + kSplatsAhead < end) __builtin_prefetch(&frame.splats[frame.order[k + kSplatsAhead]]);
-      const std::uint32_t gaussian = frame.order[k];
-      const Splat& splat = frame.splats[gaussian];
-      const bool square = frame.options.box == BoxPolicy::square;
-      Ellipse ellipse{};
-      if (!square) {
-        ellipse = make_ellipse(splat.mean, splat.covariance, splat.conic, frame.options.beta * splat.reach);
+    std::uint32_t* const first_tile = frame.unsorted_tiles.data() + frame.chunk_entries[chunk];
+    std::uint32_t* tile = first_tile;
+    TileEntry* entry = frame.unsorted_entries.data() + frame.chunk_entries[chunk];
+    const std::size_t end = chunk_begin(chunk + 1);
+    const auto tiles_of = [&](std::uint32_t gaussian) {
+      return frame.listed_tiles[gaussian / kProjectGrain].data() + frame.listings[gaussian].first;
+    };
+    const TileEntry* const last = frame.unsorted_entries.data() + frame.chunk_entries[chunk + 1];
+    for (std::size_t k = chunk_begin(chunk); k < end; ++k) {
+      // Gaussians are met by depth, which is at random: without this half of the loop's time is waiting.
+      if (k + kListingsAhead < end) __builtin_prefetch(&frame.listings[frame.order[k + kListingsAhead].gaussian]);
+      if (k + kTilesAhead < end) __builtin_prefetch(tiles_of(frame.order[k + kTilesAhead].gaussian));
+      const std::uint32_t gaussian = frame.order[k].gaussian;
+      const TileListing listing = frame.listings[gaussian];
+      const std::uint32_t* from = tiles_of(gaussian);
+      // Eight at a time, as far as the chunk's own part goes: what is too much, the next Gaussian writes over.
+      for (std::uint32_t done = 0; done < listing.tiles; done += kAtATime) {
+        const auto n = std::min<std::ptrdiff_t>(kAtATime, last - entry - done);
+        TileEntry* const to = entry + done;
+        if (n == kAtATime) {
+          std::memcpy(tile + done, from + done, kAtATime * sizeof(std::uint32_t));
+          for (std::uint32_t j = 0; j < kAtATime; ++j) to[j] = {gaussian, listing.slot + done + j};
+        } else {
+          std::copy_n(from + done, n, tile + done);
+          for (std::uint32_t j = 0; j < n; ++j) to[j] = {gaussian, listing.slot + done + j};
+        }
       }
-      TileRange* spans = frame.row_spans.data() + frame.row_begin[k];
-      std::uint32_t listed = 0;
-      for (int row = splat.tile_y0; row < splat.tile_y1; ++row) {
-        const TileRange span =
-            square ? TileRange{splat.tile_x0, splat.tile_x1} : ellipse_tiles_in_row(ellipse, row, frame.tiles_x);
-        *spans++ = span;
-        std::uint32_t* tile = cursor + static_cast<std::size_t>(row) * tiles_x;
-        for (int x = span.begin; x < span.end; ++x) ++tile[x];
-        listed += static_cast<std::uint32_t>(std::max(0, span.end - span.begin));
-      }
-      frame.first_row[k] = splat.tile_y0;
-      frame.splat_begin[gaussian] = listed;
-      frame.visible[gaussian] = listed > 0;
-      if (listed == 0) frame.radii[gaussian] = 0;
-      fill_record(frame, gaussian, frame.records[k]);
-      float* channels = frame.channels.data() + k * extra;
-      const auto features = static_cast<std::size_t>(frame.features);
-      for (std::size_t f = 0; f < features; ++f) channels[f] = gaussians.features[gaussian * features + f];
-      if (frame.inverse_depth) channels[features] = 1.0f / splat.depth;
+      tile += listing.tiles;
+      entry += listing.tiles;
     }
+    std::uint32_t* const cursor = frame.tile_cursor.data() + chunk * tiles;
+    for (const std::uint32_t* t = first_tile; t != tile; ++t) ++cursor[*t];
   });
 
   frame.tile_begin.ensure(tiles + 1);
   std::uint32_t sum = 0;
-  for (std::size_t tile = 0; tile < tiles; ++tile) {
-    frame.tile_begin[tile] = sum;
+  for (std::size_t t = 0; t < tiles; ++t) {
+    frame.tile_begin[t] = sum;
     for (std::size_t chunk = 0; chunk < chunks; ++chunk) {
-      std::uint32_t& cursor = frame.tile_cursor[chunk * tiles + tile];
+      std::uint32_t& cursor = frame.tile_cursor[chunk * tiles + t];
       const std::uint32_t count = cursor;
       cursor = sum;
       sum += count;
     }
   }
   frame.tile_begin[tiles] = sum;
-  std::uint32_t entry = 0;
-  for (std::size_t i = 0; i < frame.gaussians; ++i) {
-    const std::uint32_t count = frame.splat_begin[i];
-    frame.splat_begin[i] = entry;
-    entry += count;
-  }
-  frame.splat_begin[frame.gaussians] = entry;
-  frame.entries.ensure(sum);
-  frame.slots.ensure(sum);
 
+  frame.entries.ensure(total);
   threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
-    std::uint32_t* cursor = frame.tile_cursor.data() + chunk * tiles;
-    const std::size_t end = std::min(visible, (chunk + 1) * chunk_size);
-    for (std::size_t k = chunk * chunk_size; k < end; ++k) {
-      const TileRange* spans = frame.row_spans.data() + frame.row_begin[k];
-      const TileRange* spans_end = frame.row_spans.data() + frame.row_begin[k + 1];
-      std::uint32_t slot = frame.splat_begin[frame.order[k]];
-      std::uint32_t* tile = cursor + frame.first_row[k] * tiles_x;
-      for (; spans != spans_end; ++spans, tile += tiles_x) {
-        for (int x = spans->begin; x < spans->end; ++x) {
-          const std::uint32_t position = tile[x]++;
-          frame.entries[position] = static_cast<std::uint32_t>(k);
-          frame.slots[position] = slot++;
-        }
-      }
+    std::uint32_t* const cursor = frame.tile_cursor.data() + chunk * tiles;
+    TileEntry* const entries = frame.entries.data();
+    const std::uint32_t* const tile_of = frame.unsorted_tiles.data();
+    const TileEntry* const unsorted = frame.unsorted_entries.data();
+    const std::uint32_t end = frame.chunk_entries[chunk + 1];
+    for (std::uint32_t e = frame.chunk_entries[chunk]; e < end; ++e) {
+      __builtin_prefetch(&entries[cursor[tile_of[std::min(e + kWritesAhead, end - 1)]]], 1);
+      entries[cursor[tile_of[e]]++] = unsorted[e];
     }
   });
 }

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "splatboost/errors.h"
 #include "splatboost/rows.h"
 
 namespace splatboost::test {
@@ -55,6 +56,14 @@ TEST(Rows, AppendZeros) {
   EXPECT_EQ(tensor, (Tensor{1, 2, 3, 0, 0, 0, 0, 0, 0}));
   append_zero_rows(tensor, 3, 0);
   EXPECT_EQ(tensor.size(), 9u);
+}
+
+TEST(Rows, Reorder) {
+  std::vector<float> tensor = {1, 2, 3, 4, 5, 6};
+  reorder_rows(tensor, 2, std::vector<std::uint32_t>{2, 0, 1});
+  EXPECT_EQ(tensor, (std::vector<float>{5, 6, 1, 2, 3, 4}));
+  EXPECT_THROW(reorder_rows(tensor, 2, std::vector<std::uint32_t>{0, 1}), ArgumentError);
+  EXPECT_THROW(reorder_rows(tensor, 2, std::vector<std::uint32_t>{0, 1, 3}), ArgumentError);
 }
 
 }  // namespace

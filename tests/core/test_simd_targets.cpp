@@ -50,7 +50,7 @@ TEST(InstructionSets, CanBeChosen) {
   use_instruction_set(InstructionSet::best);
   const std::string best = instruction_set_name();
   use_instruction_set(InstructionSet::portable);
-  EXPECT_EQ(instruction_set_name(), hwy::TargetName(HWY_STATIC_TARGET));
+  EXPECT_EQ(instruction_set_name().find("AVX"), std::string::npos);
   for (const InstructionSet set : {InstructionSet::avx512, InstructionSet::avx2}) {
     try {
       use_instruction_set(set);

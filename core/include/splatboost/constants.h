@@ -10,6 +10,12 @@ inline constexpr int kTileSize = 16;
 /// A splat contributes to a pixel where its alpha reaches one step of an 8-bit image: τ_α of paper eq. 15.
 inline constexpr float kMinAlpha = 1.0f / 255.0f;
 
+/// The same as a base-2 logarithm: comparing exponents spares most exponentials.
+inline constexpr float kMinLog2Alpha = -7.994353436858858f;
+
+/// 2·ln 2, from base-2 logarithms to Mahalanobis²: exp(-½·d²) = 2^(-d² / kTwoLn2).
+inline constexpr float kTwoLn2 = 1.3862943611198906f;
+
 /// Alpha is clamped here, so that 1 / (1 - alpha) stays bounded in the backward pass.
 inline constexpr float kMaxAlpha = 0.99f;
 
@@ -35,6 +41,9 @@ inline constexpr float kMinCompensation2 = 2.5e-5f;
 /// Highest degree of spherical harmonics, and the number of coefficients a channel then has.
 inline constexpr int kMaxShDegree = 3;
 inline constexpr int kMaxShCoefficients = 16;
+
+/// Number of coefficients of a degree.
+constexpr int sh_coefficients(int degree) { return (degree + 1) * (degree + 1); }
 
 /// Most extra feature channels that one pass can blend.
 inline constexpr int kMaxFeatures = 8;

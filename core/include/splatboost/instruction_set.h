@@ -10,7 +10,7 @@ enum class InstructionSet {
   best,      ///< the best that this machine has
   avx512,    ///< rows of 16 pixels
   avx2,      ///< rows of 8
-  portable,  ///< what every machine of this architecture has (SSE2 on x86-64)
+  portable,  ///< rows of 4: what about every machine of an architecture has (SSE4 on x86-64, NEON on ARM)
 };
 
 /// Holds every operation to these instructions from now on, in the whole process; not while one runs. Throws
@@ -18,7 +18,7 @@ enum class InstructionSet {
 /// the same bytes for any number of threads.
 void use_instruction_set(InstructionSet set);
 
-/// Name of the instructions in use, as Highway calls them: "AVX3_ZEN4", "AVX2", "SSE2" …
+/// Name of the instructions in use, as Highway calls them: "AVX3_ZEN4", "AVX2", "SSE4" …
 std::string instruction_set_name();
 
 }  // namespace splatboost

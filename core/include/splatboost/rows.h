@@ -15,6 +15,9 @@ void remove_rows(std::vector<float>& tensor, std::size_t width, std::span<const 
 /// Appends copies of the given rows.
 void append_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
 
+/// Puts row order[i] at place i. @param order a permutation of the rows
+void reorder_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint32_t> order);
+
 /// Appends `count` rows of zeros: the moments of new primitives.
 void append_zero_rows(std::vector<float>& tensor, std::size_t width, std::size_t count);
 

@@ -3,23 +3,19 @@
 #pragma once
 
 #include <cstddef>
-#include <memory>
 #include <type_traits>
 #include <utility>
 
 namespace splatboost {
 
-/// A fixed number of threads (oneTBB's, persistent) that share loops. Every operation gives the same bytes for
+/// A fixed number of threads (OpenMP's, persistent) that share loops. Every operation gives the same bytes for
 /// any number of threads: loops are cut by a grain that does not depend on it.
 class Threads {
  public:
   /// @param count threads that work at a time, the caller included; 0 means one a hardware thread.
   explicit Threads(int count = 0);
-  ~Threads();
-  Threads(const Threads&) = delete;
-  Threads& operator=(const Threads&) = delete;
 
-  int count() const;
+  int count() const { return count_; }
 
   /// Calls body(begin, end) for [0, n) cut into pieces of `grain` (the last may be shorter), and waits for all.
   /// body must not throw. Pieces run in any order, on any thread.
@@ -34,8 +30,7 @@ class Threads {
  private:
   using Piece = void (*)(const void* context, std::size_t begin, std::size_t end);
   void run(std::size_t n, std::size_t grain, const void* context, Piece piece);
-  struct Arena;
-  std::unique_ptr<Arena> arena_;
+  int count_;
 };
 
 }  // namespace splatboost

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file An order of points in which neighbours in space are mostly neighbours in memory.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+namespace splatboost {
+
+/// Order along a Morton curve over the points' bounding box, ties by index. Gaussians that are stored so are found in
+/// the cache by the tiles that share them; results depend on the order only through rounding.
+/// @param means [N,3]; points that are not finite come last
+/// @param order [N], written: the point that goes to each place
+void spatial_order(std::span<const float> means, std::span<std::uint32_t> order);
+
+}  // namespace splatboost
