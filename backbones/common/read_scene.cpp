@@ -165,15 +165,28 @@ Split split_photos(const SceneOptions& options, Dataset& dataset) {
   return split;
 }
 
-/// `count` photos from the first to the last, in even steps.
+/// `count` photos from the first to the last, in even steps; half a step goes to the even neighbour, as numpy's
+/// rounding does in the published few-view splits.
 std::vector<Photo> spread(std::vector<Photo> photos, std::size_t count) {
   if (count >= photos.size()) return photos;
   std::vector<Photo> kept;
   for (std::size_t i = 0; i < count; ++i) {
-    const std::size_t index = count == 1 ? 0 : (i * (photos.size() - 1) + (count - 1) / 2) / (count - 1);
+    std::size_t index = 0;
+    if (count > 1) {
+      const std::size_t steps = count - 1, way = i * (photos.size() - 1);
+      index = way / steps;
+      const std::size_t twice_the_rest = 2 * (way % steps);
+      if (twice_the_rest > steps || (twice_the_rest == steps && index % 2 == 1)) ++index;
+    }
     kept.push_back(std::move(photos[index]));
   }
   return kept;
+}
+
+/// Points that somebody triangulated from these few views alone, where the few-view datasets keep them. Those of the
+/// COLMAP model come from all photos, the held-out ones too.
+std::filesystem::path few_view_points(const SceneOptions& options) {
+  return options.source / (std::to_string(options.n_views) + "_views") / "dense" / "fused.ply";
 }
 
 /// Reads photos on all hardware threads. Results are in order; of several broken photos the first is reported,
@@ -320,6 +333,10 @@ Scene read_scene(const SceneOptions& options) {
 
   scene.extent = camera_extent(scene.train);
   scene.points = std::move(dataset.points);
+  if (options.n_views > 0 && is_file(few_view_points(options))) {
+    scene.points = read_point_ply(few_view_points(options));
+    scene.notes.push_back("training starts from the points of " + few_view_points(options).string());
+  }
   if (scene.points.size() == 0) {
     if (options.random_points < 1) {
       throw InputError(dataset.listing.string() + ": the dataset has no points to start from, and random_points is " +

@@ -17,7 +17,9 @@ struct SceneOptions {
   bool eval = false;    ///< hold out test views: every llffhold-th by name, or a Blender test split
   int llffhold = 8;
   std::filesystem::path test_list;  ///< file with one image name a line; instead of llffhold
-  int n_views = 0;                  ///< > 0: keep that many training views, evenly spread (sparse-view protocol)
+  /// > 0: keep that many training views, evenly spread (sparse-view protocol), and start from the points of
+  /// N_views/dense/fused.ply where there is this file
+  int n_views = 0;
   bool white_background = false;
   int random_points = 100000;  ///< points to draw in the scene's box if the dataset has none
   std::uint64_t seed = 0;

@@ -19,6 +19,8 @@ TEST(ScaledIteration, KeepsProportions) {
   EXPECT_EQ(scaled_iteration(15000, 3000), 1500);
   EXPECT_EQ(scaled_iteration(600, 7000), 140);
   EXPECT_EQ(scaled_iteration(500, 60000), 1000);
+  EXPECT_EQ(scaled_iteration(500, 10000, 10000), 500) << "a method whose published run is shorter";
+  EXPECT_EQ(scaled_iteration(8000, 3000, 10000), 2400);
   for (const int total : {1, 2, 7, 999, 7000, 30000, 100001}) {
     EXPECT_EQ(scaled_iteration(30000, total), total);
     EXPECT_EQ(scaled_iteration(1, total), std::max(1, static_cast<int>(std::lround(total / 30000.0))));

@@ -197,6 +197,46 @@ def test_eval_finds_the_same_results(trained, tmp_path):
         assert after[key] == before[key], key
 
 
+@pytest.mark.parametrize("backbone", ["mip-splatting", "dropgaussian"])
+def test_other_backbones_run_through_all_commands(scene, tmp_path, backbone):
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps({"backbone": {"name": backbone, "opacity_reset_interval": 100000,
+                                               "densify_interval": 5}, "boost": {"densify_interval": 5, "tau_d": 1}}))
+    run = ["-s", scene, "--eval", "--llffhold", "4", "--n-views", "6", "--iterations", "60", "--config", config]
+    model = tmp_path / "both"
+    done = run_well("compare", "-m", model, *run)
+    assert "1 (trained)" in done.stdout and "1/4" in done.stdout
+    found = json.loads((model / "compare.json").read_text())
+    for which in ("baseline", "boosted"):
+        assert found[which]["backbone"] == backbone
+        assert [scale["divisor"] for scale in found[which]["scales"]] == [1, 2, 4]  # at 1/8 an image is 10×7
+        assert found[which]["scales"][0]["psnr"] == pytest.approx(found[which]["psnr"])
+    alone = tmp_path / "alone"
+    run_well("train", "-m", alone, *run, "--checkpoint-iterations", "25", "--threads", "1", "--quiet")
+    assert ply(alone) == ply(model / "boosted")
+    run_well("train", "--resume", alone / "checkpoints/iteration_25.ckpt", "-m", tmp_path / "resumed", "--quiet")
+    assert ply(tmp_path / "resumed") == ply(alone)
+    before = results(alone)
+    assert "1/2" in run_well("eval", "-m", alone).stdout
+    for key in ("psnr", "ssim", "psnr_beta1", "views", "scales", "primitives"):
+        assert results(alone)[key] == before[key], key
+    run_well("render", "-m", alone, "-o", tmp_path / "shown")
+    assert (tmp_path / "shown/test/renders/0004.png").read_bytes() == (alone / "test/renders/0004.png").read_bytes()
+
+
+def test_a_backbone_has_a_length_of_its_own(scene, tmp_path):
+    # --max-primitives and --llffhold keep it short; the interruption keeps it from its 10 000 iterations.
+    started = subprocess.Popen([str(PROGRAM), "train", "-s", str(scene), "-m", str(tmp_path / "model"), "--backbone",
+                                "dropgaussian", "--max-primitives", "5"], stderr=subprocess.PIPE,
+                               stdout=subprocess.DEVNULL, text=True)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "model/point_cloud").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    started.send_signal(signal.SIGTERM)
+    started.communicate(timeout=60)
+    assert json.loads((tmp_path / "model/config.json").read_text())["iterations"] == 10000
+
+
 def test_render_all_views(trained, tmp_path):
     run_well("render", "-m", trained, "-o", tmp_path)
     assert len(list((tmp_path / "test/renders").iterdir())) == 3

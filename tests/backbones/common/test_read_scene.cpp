@@ -87,7 +87,7 @@ TEST(ReadScene, SplitsAsAsked) {
 
   options.n_views = 3;
   scene = read_scene(options);
-  EXPECT_EQ(names(scene.train), "v1 v5 v8 ");
+  EXPECT_EQ(names(scene.train), "v1 v4 v8 ") << "of v1 v2 v4 v5 v7 v8: 2.5 rounds to the even 2";
   EXPECT_EQ(names(scene.test), "v0 v3 v6 v9 ");
 
   options.n_views = 1;
@@ -100,6 +100,22 @@ TEST(ReadScene, SplitsAsAsked) {
   expect_contains(input_error_of([&] { read_scene(options); }), "all 10 images are held out");
   options.llffhold = 0;
   expect_contains(input_error_of([&] { read_scene(options); }), "llffhold 0");
+}
+
+TEST(ReadScene, FewViewsStartFromPointsOfTheirOwn) {
+  const Row row;
+  SceneOptions options = row.options();
+  options.n_views = 3;
+  EXPECT_EQ(read_scene(options).points.positions, (std::vector<float>{1, 2, 3}));
+  write_file(row.folder / "3_views/dense/fused.ply",
+             "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+             "end_header\n4 5 6\n7 8 9\n");
+  const Scene scene = read_scene(options);
+  EXPECT_EQ(scene.points.positions, (std::vector<float>{4, 5, 6, 7, 8, 9}));
+  ASSERT_EQ(scene.notes.size(), 1u);
+  expect_contains(scene.notes[0], "3_views/dense/fused.ply");
+  options.n_views = 4;
+  EXPECT_EQ(read_scene(options).points.size(), 1u) << "other views have other points";
 }
 
 TEST(ReadScene, ATestListGoesBeforeTheRule) {

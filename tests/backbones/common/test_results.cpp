@@ -46,6 +46,7 @@ Results example() {
   r.height = 756;
   r.views = {{"a.jpg", 26.5, 0.75, 0.25}, {"b.jpg", 28.0, 1.0, std::nullopt}};
   r.stage_seconds = {{"loss", 1.5}, {"render", 2.25}};
+  r.scales = {{1, 31.5, 0.94}, {2, 30.25, 0.95}};
   r.curve = {{100, 1.5, 0.25, 1000, std::nullopt}, {200, 3.0, 0.125, 2000, 21.5}};
   return r;
 }
@@ -71,10 +72,24 @@ TEST(Results, SurviveJson) {
   ASSERT_EQ(after.views.size(), 2u);
   EXPECT_EQ(after.views[0].lpips, 0.25);
   EXPECT_FALSE(after.views[1].lpips);
+  ASSERT_EQ(after.scales.size(), 2u);
+  EXPECT_EQ(after.scales[1].divisor, 2);
+  EXPECT_EQ(after.scales[1].psnr, 30.25);
+  EXPECT_EQ(after.scales[1].ssim, 0.95);
   ASSERT_EQ(after.curve.size(), 2u);
   EXPECT_FALSE(after.curve[0].psnr);
   EXPECT_EQ(after.curve[1].psnr, 21.5);
   EXPECT_EQ(after.stage_seconds.at("render"), 2.25);
+}
+
+TEST(ScalesTable, HasARowAScaleAndColumnsARun) {
+  const Results runs[] = {example(), example()};
+  const std::string labels[] = {"baseline", "boosted"};
+  EXPECT_EQ(scales_table(labels, runs),
+            "scale         PSNR baseline   PSNR boosted   SSIM baseline   SSIM boosted\n"
+            "────────────────────────────────────────────────────────────────────────\n"
+            "1 (trained)        31.50 dB       31.50 dB          0.9400         0.9400\n"
+            "1/2                30.25 dB       30.25 dB          0.9500         0.9500\n");
 }
 
 TEST(Results, WithoutLpipsWriteNull) {
@@ -99,7 +114,8 @@ TEST(Results, HoldTheKeysThatTheDesignPromises) {
 
 TEST(Results, DoWithoutTheOtherKeys) {
   nlohmann::json json = to_json(example());
-  for (const char* key : {"split", "machine", "command", "date", "source", "width", "height", "curve"}) json.erase(key);
+  for (const char* key : {"split", "machine", "command", "date", "source", "width", "height", "scales", "curve"})
+    json.erase(key);
   EXPECT_EQ(error_of(json), "");
 }
 

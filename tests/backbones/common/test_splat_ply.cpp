@@ -51,6 +51,18 @@ TEST(SplatPly, ComesBackBitByBit) {
   }
 }
 
+TEST(SplatPly, KeepsTheFiltersOfMipSplatting) {
+  const TemporaryFolder folder;
+  SplatCloud cloud = make_cloud(3, 15);
+  cloud.filters = {0.25f, 0.5f, 0.125f};
+  write_splat_ply(folder / "a.ply", cloud);
+  EXPECT_EQ(read_splat_ply(folder / "a.ply").filters, cloud.filters);
+  expect_equal(read_splat_ply(folder / "a.ply"), cloud);
+  expect_contains(read_file(folder / "a.ply"), "property float rot_3\nproperty float filter_3D\nend_header");
+  cloud.filters.pop_back();
+  EXPECT_THROW(write_splat_ply(folder / "b.ply", cloud), ArgumentError);
+}
+
 TEST(SplatPly, HasTheLayoutOfTheField) {
   const TemporaryFolder folder;
   const SplatCloud cloud = make_cloud(2, 3);
