@@ -9,12 +9,13 @@ include_guard(GLOBAL)
 
 # layer -> the layers it may link to
 set(SPLATBOOST_LAYER_core "")
-set(SPLATBOOST_LAYER_adapter core)
+set(SPLATBOOST_LAYER_adapter core adapter)  # one may build on another's
 set(SPLATBOOST_LAYER_common core)
-set(SPLATBOOST_LAYER_backbone core common)
+set(SPLATBOOST_LAYER_backbone_parts core common)  # what backbones of one kind share
+set(SPLATBOOST_LAYER_backbone core common backbone_parts)
 set(SPLATBOOST_LAYER_patch "")
-set(SPLATBOOST_LAYER_cli core adapter common backbone patch)
-set(SPLATBOOST_LAYER_test core adapter common backbone patch cli reference)
+set(SPLATBOOST_LAYER_cli core adapter common backbone backbone_parts patch)
+set(SPLATBOOST_LAYER_test core adapter common backbone backbone_parts patch cli reference)
 set(SPLATBOOST_LAYER_reference "")
 
 function(splatboost_target_options target)

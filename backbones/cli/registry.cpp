@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/registry.h"
 
+#include "cli/plug_anchors.h"
 #include "common/input_error.h"
 #include "common/json_fields.h"
 #include "vanilla/vanilla.h"
@@ -78,6 +79,7 @@ PluggedBackbone make_plugged_vanilla(const BackboneContext& context, const Json&
 const std::vector<BackboneEntry>& backbones() {
   static const std::vector<BackboneEntry> entries = {
       {"vanilla", vanilla_boost_settings, make_plugged_vanilla},
+      {"scaffold-gs", scaffold_boost_settings, make_plugged_scaffold},
   };
   return entries;
 }
