@@ -133,8 +133,8 @@ const NeuralGaussians<Real>& AnchorDecoder<Real>::forward(const DecoderInputs<Re
     run(shape_.opacity(), inputs.opacity_net, shape_.opacity_distance, false, opacity_hidden_, opacity_);
     run(shape_.covariance(), inputs.covariance_net, shape_.covariance_distance, false, covariance_hidden_, covariance_);
     run(shape_.color(), inputs.color_net, shape_.color_distance, true, color_hidden_, color_);
-    for (std::size_t i = k * begin; i < k * end; ++i) opacity_[i] = smooth_tanh(opacity_[i]);
-    for (std::size_t i = 3 * k * begin; i < 3 * k * end; ++i) color_[i] = sigmoid(color_[i]);
+    tanh_all(std::span(opacity_).subspan(k * begin, k * rows));
+    sigmoid_all(std::span(color_).subspan(3 * k * begin, 3 * k * rows));
     for (std::size_t v = begin; v < end; ++v) {
       const Real* o = &opacity_[k * v];
       first_[v + 1] = static_cast<std::uint32_t>(std::count_if(o, o + k, [](Real value) { return value > 0; }));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file y = W₂·relu(W₁·x + b₁) + b₂ for blocks of rows, and its gradient. Matrix products are Eigen's.
+/// @file y = W₂·relu(W₁·x + b₁) + b₂ for blocks of rows, and its gradient. Matrix products are Eigen's, for the
+/// instruction set that the core uses.
 #pragma once
 
 #include <cstddef>
@@ -37,5 +38,11 @@ template <class Real>
 void net_backward(const NetShape& shape, std::span<const Real> parameters, std::size_t rows, const Real* x,
                   const Real* hidden, const Real* y_gradient, Real* hidden_gradient,
                   std::span<Real> parameter_gradients, Real* x_gradient);
+
+/// What follows the last layer, in place.
+template <class Real>
+void tanh_all(std::span<Real> values);
+template <class Real>
+void sigmoid_all(std::span<Real> values);
 
 }  // namespace splatboost
