@@ -9,10 +9,12 @@ get_target_property(links splatboost_core INTERFACE_LINK_LIBRARIES)
 list(FILTER links EXCLUDE REGEX "nanoflann")
 set_target_properties(splatboost_core PROPERTIES INTERFACE_LINK_LIBRARIES "${links}")
 
-install(TARGETS splatboost_core splatboost_adapter_vanilla splatboost_adapter_scaffold_gs EXPORT SplatBoostTargets
+install(TARGETS splatboost_core splatboost_adapter_vanilla splatboost_adapter_scaffold_gs
+  splatboost_adapter_octree_gs EXPORT SplatBoostTargets
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/core/include/splatboost DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/adapters/vanilla ${PROJECT_SOURCE_DIR}/adapters/scaffold_gs
+  ${PROJECT_SOURCE_DIR}/adapters/octree_gs
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/splatboost/adapters
   FILES_MATCHING PATTERN "*.h")
 if(TARGET splatboost_program)

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/plug_anchors.h"
 
+#include <type_traits>
+
 #include "common/input_error.h"
 #include "common/json_fields.h"
+#include "octree_gs/octree_adapter.h"
+#include "octree_gs/octree_gs.h"
 #include "scaffold_gs/scaffold_adapter.h"
 #include "scaffold_gs/scaffold_gs.h"
 
@@ -11,9 +15,10 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Visits the fields of the settings by name; the seed is the run's.
+/// Visits the fields of the settings by name; the seed is the run's, the number of slots the backbone's.
 template <class Settings, class Visitor>
 void for_each_field(Settings& boost, Visitor&& visit) {
+  if constexpr (std::is_base_of_v<OctreeBoost, Settings>) visit("level_aware", boost.level_aware);
   visit("vcd", boost.vcd);
   visit("cb", boost.cb);
   visit("beta", boost.beta);
@@ -64,6 +69,17 @@ PluggedBackbone make_plugged_scaffold(const BackboneContext& context, const Json
   std::unique_ptr<Backbone> backbone = make_scaffold(context, scaffold_config_from_json(constants));
   if (settings == nullptr) return {nullptr, std::move(backbone), std::nullopt};
   return plug<ScaffoldAdapter>(std::move(backbone), context, boost_from_json<ScaffoldBoost>(*settings));
+}
+
+Json octree_boost_settings(const Json& given) { return settings_of<OctreeBoost>(given); }
+
+PluggedBackbone make_plugged_octree(const BackboneContext& context, const Json& constants, const Json* settings) {
+  const OctreeConfig config = octree_config_from_json(constants);
+  std::unique_ptr<Backbone> backbone = make_octree(context, config);
+  if (settings == nullptr) return {nullptr, std::move(backbone), std::nullopt};
+  OctreeBoost boost = boost_from_json<OctreeBoost>(*settings);
+  boost.slots_per_anchor = static_cast<std::size_t>(config.n_offsets);
+  return plug<OctreeAdapter>(std::move(backbone), context, boost);
 }
 
 }  // namespace splatboost::cli

@@ -10,4 +10,8 @@ nlohmann::json scaffold_boost_settings(const nlohmann::json& given);
 PluggedBackbone make_plugged_scaffold(const BackboneContext& context, const nlohmann::json& constants,
                                       const nlohmann::json* settings);
 
+nlohmann::json octree_boost_settings(const nlohmann::json& given);
+PluggedBackbone make_plugged_octree(const BackboneContext& context, const nlohmann::json& constants,
+                                    const nlohmann::json* settings);
+
 }  // namespace splatboost::cli

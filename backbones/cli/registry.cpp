@@ -80,6 +80,7 @@ const std::vector<BackboneEntry>& backbones() {
   static const std::vector<BackboneEntry> entries = {
       {"vanilla", vanilla_boost_settings, make_plugged_vanilla},
       {"scaffold-gs", scaffold_boost_settings, make_plugged_scaffold},
+      {"octree-gs", octree_boost_settings, make_plugged_octree},
   };
   return entries;
 }

@@ -27,11 +27,15 @@ class GivenCounts : public RasterizerHook {
     rendered.push_back(view);
     return {color_, {width_, height_, truth_, {}}};
   }
-  void count_flagged(std::span<const std::uint8_t>, std::span<std::int32_t> counts) override {
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    const bool whole = std::find(flagged.begin(), flagged.end(), std::uint8_t{0}) == flagged.end();
+    const auto& given = whole && !drawn.empty() ? drawn : counts_;
     for (std::size_t i = 0; i < counts.size(); ++i) {
-      counts[i] += counts_[i].size() == 1 ? counts_[i][0] : counts_[i][rendered.back()];
+      counts[i] += given[i].size() == 1 ? given[i][0] : given[i][rendered.back()];
     }
   }
+  /// Counts where every pixel is flagged; empty: the same.
+  std::vector<std::vector<std::int32_t>> drawn;
   std::vector<std::size_t> rendered;
 
  private:
