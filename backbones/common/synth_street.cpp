@@ -211,7 +211,8 @@ Surface surface_of(const Solid& solid, const Vec3& p, const Vec3& n, double widt
       break;
     case Material::leaves: {
       const double clump = fractal(p + Vec3(solid.seed), 0.42, 6, width);
-      s.albedo = mix(srgb(30, 62, 24), srgb(140, 172, 70), std::clamp(0.45 + 1.2 * clump, 0.0, 1.0));
+      const double leaf = fractal(p + Vec3(2 * solid.seed), 0.07, 3, width);
+      s.albedo = mix(srgb(30, 62, 24), srgb(140, 172, 70), std::clamp(0.45 + 1.2 * clump + 0.8 * leaf, 0.0, 1.0));
       const Vec3 bloom = palette(seeded(solid.seed, 12));
       const Cell cell = scattered_cell(angle * 3, p.z * 9 / (0.3 + solid.size.x), solid.seed);
       if (solid.size.x < 0.5) s.albedo = mix(s.albedo, bloom, edge(cell.rim - 0.45, 9 * width));
@@ -291,7 +292,7 @@ Surface ground(const Vec3& p, double width) {
   const double across = std::abs(p.y);
   const double grain = fractal(p, 0.5, 6, width);
   const Vec3 asphalt = mix(srgb(64, 66, 70), srgb(112, 112, 114), std::clamp(0.45 + 0.55 * grain, 0.0, 1.0));
-  Vec3 road = asphalt;
+  Vec3 road = asphalt * (1 + 0.6 * fractal(p, 0.05, 3, width));
   const double patch = fractal({p.x, p.y, 4}, 2.4, 2, width);
   road *= mix(1.0, 0.72, edge(patch - 0.22, width + 0.02));
   const double dash = band(fract(p.x / 3.0) * 3.0, 0.4, 1.9, width) * edge(0.07 - across, width);
