@@ -17,6 +17,10 @@ std::optional<float> ScaffoldAdapter::beta() const {
   return boost_.cb ? std::optional<float>(boost_.beta) : std::nullopt;
 }
 
+double ScaffoldAdapter::tau_d_at(Moment moment) const {
+  return boost_.tau_d * std::max(1.0, static_cast<double>(kPublishedIterations) / moment.total);
+}
+
 const ScoreSums& ScaffoldAdapter::sums(RasterizerHook& rasterizer, const RandomStream& random) {
   MultiViewOptions options;
   options.views = boost_.views;
@@ -37,7 +41,7 @@ void ScaffoldAdapter::grow(const DensityStatistics& statistics, RasterizerHook& 
   if (!boost_.vcd || !any) return;
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   score(rasterizer, RandomStream(boost_.seed, iteration, RandomPurpose::scored_views), importance_);
-  keep_important(importance_, scaled_tau_d(boost_.tau_d, scorer_.mean_pixels()), decisions.clone);
+  keep_important(importance_, tau_d_at(statistics.moment), decisions.clone);
 }
 
 }  // namespace splatboost

@@ -18,7 +18,7 @@ struct ScaffoldBoost {
   bool vcd = true;  ///< multi-view consistent densification
   bool cb = true;   ///< compact box
   float beta = 0.5f;
-  double tau_d = 5;  ///< importance that growth must exceed; less where images are below kTauDPixels
+  double tau_d = 5;  ///< importance that growth must exceed in a run of 30 000; more in a shorter one
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   std::uint64_t seed = 0;
@@ -38,6 +38,10 @@ class ScaffoldAdapter : public DensityHook {
  protected:
   /// Importance of every slot over K views: ⌊Σ counts / K⌋ (paper eq. 9).
   virtual void score(RasterizerHook& rasterizer, const RandomStream& random, std::vector<std::int64_t>& importance);
+
+  /// τ_d of a run of this length. A short run grows its anchors while much of every image is still wrong, and then the
+  /// published 5 flagged pixels a view hold back next to nothing: it asks for more in proportion.
+  double tau_d_at(Moment moment) const;
 
   const ScoreSums& sums(RasterizerHook& rasterizer, const RandomStream& random);
 

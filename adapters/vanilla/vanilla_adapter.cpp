@@ -63,11 +63,13 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
     }
   }
   if (boost_.vcd) {
-    const double tau_d = scaled_tau_d(boost_.tau_d, scorer_.mean_pixels());
+    const double tau_d = tau_d_at(scorer_.mean_pixels());
     keep_important(importance_, tau_d, decisions.clone);
     keep_important(importance_, tau_d, decisions.split);
   }
 }
+
+double VanillaAdapter::tau_d_at(double pixels) const { return boost_.tau_d * std::min(1.0, pixels / kTauDPixels); }
 
 bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcp) return backbone_would;

@@ -40,6 +40,9 @@ struct VanillaBoost {
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
 
+/// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
+inline constexpr double kTauDPixels = 1e6;
+
 /// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
 class VanillaAdapter final : public DensityHook, public OptimizerHook {
  public:
@@ -56,6 +59,8 @@ class VanillaAdapter final : public DensityHook, public OptimizerHook {
   bool steps_at(std::string_view group, Moment moment) const override;
 
  private:
+  double tau_d_at(double pixels) const;
+
   VanillaBoost boost_;
   MultiViewScorer scorer_;
   std::vector<std::int64_t> importance_;

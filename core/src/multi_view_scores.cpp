@@ -9,8 +9,6 @@
 
 namespace splatboost {
 
-double scaled_tau_d(double tau_d, double mean_pixels) { return tau_d * std::min(1.0, mean_pixels / kTauDPixels); }
-
 std::vector<std::size_t> draw_views(std::size_t n, int k, const RandomStream& random) {
   SPLATBOOST_CHECK(k > 0, "the number of scored views must be above 0");
   std::vector<std::size_t> views(n);

@@ -21,11 +21,6 @@ struct MultiViewOptions {
 /// Error of a pixel that nothing but the background was drawn into, with room for rounding; a photo has next to none.
 inline constexpr float kNoError = 1e-4f;
 
-/// Images of the paper have about a megapixel. Importance counts pixels, so its threshold τ_d shrinks with the area of
-/// the images below that.
-inline constexpr double kTauDPixels = 1e6;
-double scaled_tau_d(double tau_d, double mean_pixels);
-
 /// Draws the views, renders each, flags its errors and counts. Owns the workspace.
 /// One render a view: the counts replay the tile lists of the render that gave the errors.
 class MultiViewScorer {
