@@ -124,7 +124,7 @@ void add_boost_options(OptionSet& set, RunOptions& options) {
   set.set_group("Acceleration");
   set.add("--beta", options.beta, "compact box, in (0, 1]; smaller: faster, cuts faint rims [0.5]", false)
       ->type_name("X");
-  set.add("--tau-d", options.tau_d, "importance a primitive needs to grow, at a megapixel; larger: fewer [5]", false)
+  set.add("--tau-d", options.tau_d, "importance a primitive needs to grow (docs/method.md); larger: fewer [5]", false)
       ->type_name("X");
   set.add("--views", options.views, "K: views that score the primitives [10]", false)->type_name("N");
   set.add("--no-vcd", options.no_vcd, "without multi-view consistent densification", false);

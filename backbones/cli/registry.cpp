@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/registry.h"
 
+#include "cli/plug_anchors.h"
 #include "common/input_error.h"
 #include "common/json_fields.h"
 #include "dropgaussian/dropgaussian.h"
@@ -94,6 +95,8 @@ const std::vector<BackboneEntry>& backbones() {
           "mip-splatting", kPublishedIterations),
       gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, VanillaAdapter>(
           "dropgaussian", kDropGaussianIterations),
+      {"scaffold-gs", kPublishedIterations, scaffold_boost_settings, make_plugged_scaffold},
+      {"octree-gs", kPublishedIterations, octree_boost_settings, make_plugged_octree},
   };
   return entries;
 }
