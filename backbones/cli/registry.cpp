@@ -8,6 +8,7 @@
 #include "dropgaussian/dropgaussian_adapter.h"
 #include "mip_splatting/mip_splatting.h"
 #include "mip_splatting/mip_splatting_adapter.h"
+#include "octree_gs/octree_gs.h"
 #include "vanilla/vanilla.h"
 #include "vanilla/vanilla_adapter.h"
 
@@ -96,7 +97,7 @@ const std::vector<BackboneEntry>& backbones() {
       gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, VanillaAdapter>(
           "dropgaussian", kDropGaussianIterations),
       {"scaffold-gs", kPublishedIterations, scaffold_boost_settings, make_plugged_scaffold},
-      {"octree-gs", kPublishedIterations, octree_boost_settings, make_plugged_octree},
+      {"octree-gs", kOctreeIterations, octree_boost_settings, make_plugged_octree},
   };
   return entries;
 }

@@ -13,7 +13,6 @@
 namespace splatboost {
 namespace {
 
-constexpr int kPublishedLength = 40000;
 constexpr float kMinSquaredDistance = 1e-7f;  // of neighbours at initialisation, keeps log-scales finite
 constexpr float kFinestSide = 0.02f;          // of a cell, where the number of layers follows from the box
 constexpr std::size_t kGrain = 1024;
@@ -35,7 +34,7 @@ DecoderShape shape_of(const OctreeConfig& config) {
 class Octree final : public AnchorBackbone {
  public:
   Octree(const BackboneContext& context, const OctreeConfig& config)
-      : AnchorBackbone(context, config, shape_of(config), kPublishedLength),
+      : AnchorBackbone(context, config, shape_of(config), kOctreeIterations),
         config_(config),
         rounding_(level_rounding_named(config.dist2level)) {
     add_side_row({"level", &level_});
@@ -138,7 +137,7 @@ int Octree::highest_level() const {
   const int finest = level_count() - 1;
   if (!config_.progressive) return finest;
   const int first = static_cast<int>(init_level_);
-  const double end = static_cast<double>(config_.coarse_iter) * context().iterations / kPublishedLength;
+  const double end = static_cast<double>(config_.coarse_iter) * context().iterations / kOctreeIterations;
   const std::vector<double> opens = opening_iterations(finest - first, end, config_.coarse_factor);
   const auto opened = std::lower_bound(opens.begin(), opens.end(), static_cast<double>(iteration()));
   return std::min(finest, first + static_cast<int>(opened - opens.begin()));

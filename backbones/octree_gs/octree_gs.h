@@ -12,8 +12,10 @@
 
 namespace splatboost {
 
-/// The constants of the release and, where its training scripts all agree on another value, that one. Iteration numbers
-/// are of a run of 40 000.
+/// Length of the published run, which iteration numbers are of.
+inline constexpr int kOctreeIterations = 40000;
+
+/// The constants of the release and, where its training scripts all agree on another value, that one.
 struct OctreeConfig : AnchorConfig {
   OctreeConfig() { grow_until = 25000; }
 
