@@ -106,7 +106,7 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
   if (choose_boost)
     set.add("--boost,!--no-boost", options.boost, "train accelerated (default), or as published", false);
   set.add("--iterations", options.iterations,
-          "length of the run; every schedule scales with it [" + published_lengths() + "]")
+          "length of the run; schedules scale with it [" + published_lengths() + "]")
       ->type_name("N");
   set.add("--max-primitives", options.max_primitives, "hard cap on primitives; 0: none")
       ->type_name("N")
