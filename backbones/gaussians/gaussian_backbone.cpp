@@ -365,9 +365,10 @@ void GaussianBackbone::control_density() {
     prune(true);
     reorder();
     restart_statistics();
-  } else if (density_ != nullptr && density_->prunes_at(moment(), false)) {
+  }
+  // A method that grows to the end of the run may have just grown.
+  if (density_ != nullptr && density_->prunes_at(moment(), false)) {
     step_all(iteration_);
-    restart_statistics();
     prune(false);
     restart_statistics();
   }

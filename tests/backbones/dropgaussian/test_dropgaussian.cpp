@@ -184,6 +184,27 @@ TEST_F(DropGaussianRun, decides_by_the_published_rules) {
   EXPECT_GT(spared, 0u) << "the scene must exercise the rule";
 }
 
+/// Asks for pruning at an iteration that grows.
+class PrunesAt40 : public DensityRecorder {
+ public:
+  bool prunes_at(Moment moment, bool) const override { return moment.iteration == 40; }
+};
+
+TEST_F(DropGaussianRun, late_pruning_comes_after_a_growth_of_the_same_iteration) {
+  PrunesAt40 hook;
+  const auto backbone = make(eager(), kIterations, 600);
+  backbone->set_hooks(&hook, nullptr);
+  for (int i = 1; i <= 45; ++i) backbone->train_step(i, view_at(scene_, i));
+  std::vector<const DensityEvent*> at_40;
+  for (const DensityEvent& e : hook.events) {
+    if (e.iteration == 40) at_40.push_back(&e);
+  }
+  ASSERT_EQ(at_40.size(), 3u);
+  EXPECT_TRUE(at_40[0]->growth);
+  EXPECT_FALSE(at_40[1]->origins.empty()) << "the pruning that belongs to growth";
+  EXPECT_TRUE(at_40[2]->origins.empty()) << "and the late one, of the set as it is";
+}
+
 TEST_F(DropGaussianRun, resume_is_exact) {
   testing::expect_exact_resume([&] { return make(eager(), 100, 600); }, scene_, 90, {15, 20, 44, 85});
 }
