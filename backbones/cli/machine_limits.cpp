@@ -22,8 +22,10 @@ namespace hn = hwy::HWY_NAMESPACE;
 float multiply_add(std::size_t rounds, float factor) {
   const hn::ScalableTag<float> d;
   const auto f = hn::Set(d, factor), g = hn::Set(d, 1 - factor);
-  auto a = hn::Iota(d, 0.0f);
-  auto b = a, c = a, e = a, h = a, i = a, j = a, k = a, l = a, m = a, n = a, o = a;
+  // Chains that begin alike would be one to a compiler.
+  auto a = hn::Iota(d, 0.0f), b = hn::Iota(d, 0.1f), c = hn::Iota(d, 0.2f), e = hn::Iota(d, 0.3f);
+  auto h = hn::Iota(d, 0.4f), i = hn::Iota(d, 0.5f), j = hn::Iota(d, 0.6f), k = hn::Iota(d, 0.7f);
+  auto l = hn::Iota(d, 0.8f), m = hn::Iota(d, 0.9f), n = hn::Iota(d, 1.1f), o = hn::Iota(d, 1.2f);
   for (std::size_t round = 0; round < rounds; ++round) {
     a = hn::MulAdd(a, f, g);
     b = hn::MulAdd(b, f, g);
