@@ -99,7 +99,7 @@ struct Frame {
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
 };
 
-/// Fills records, depths, visible, radii, channels and the spans. (project_cpu.cpp)
+/// Fills records, depths, visible, radii, channels, listings and their tiles. (project_cpu.cpp)
 void project(Frame& frame, const Gaussians& gaussians, Threads& threads);
 /// Sums entry gradients per splat and takes them back to the Gaussians. (project_cpu.cpp)
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,

@@ -52,7 +52,7 @@ HWY_INLINE Vec exp2_of(Vec x) {
   return hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent));
 }
 
-/// A tile's records lie scattered over the view's: without this the loop waits for memory a fifth of its time.
+/// A tile's records lie scattered over the view's: each is called for ahead of its turn.
 HWY_INLINE void prefetch_record(const Frame& frame, std::uint32_t at, std::uint32_t end) {
   constexpr std::uint32_t kAhead = 8;
   if (at + kAhead < end) __builtin_prefetch(&frame.records[frame.entries[at + kAhead].gaussian]);
