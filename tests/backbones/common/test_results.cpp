@@ -86,7 +86,7 @@ TEST(ScalesTable, HasARowAScaleAndColumnsARun) {
   const std::string labels[] = {"baseline", "boosted"};
   EXPECT_EQ(scales_table(labels, runs),
             "scale         PSNR baseline   PSNR boosted   SSIM baseline   SSIM boosted\n"
-            "────────────────────────────────────────────────────────────────────────\n"
+            "─────────────────────────────────────────────────────────────────────────\n"
             "1 (trained)        31.50 dB       31.50 dB          0.9400         0.9400\n"
             "1/2                30.25 dB       30.25 dB          0.9500         0.9500\n");
 }
