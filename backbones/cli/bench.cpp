@@ -7,11 +7,13 @@
 #include <cstdio>
 #include <memory>
 
-#include "cli/bench_scene.h"
+#include "cli/blend_work.h"
 #include "cli/commands.h"
+#include "cli/machine_limits.h"
 #include "cli/options.h"
 #include "cli/run.h"
 #include "common/atomic_file.h"
+#include "common/bench_scene.h"
 #include "common/results.h"
 #include "splatboost/instruction_set.h"
 #include "splatboost/multi_view_scores.h"
@@ -74,30 +76,58 @@ VanillaConfig still_config() {
   return config;
 }
 
-Json measure(const BenchSize& size, Threads& threads, int repeats) {
-  const BenchScene bench = make_bench_scene(size);
-  const auto backbone = make_vanilla({bench.scene, threads}, still_config());
-  {
-    const TemporaryFolder folder;
-    write_splat_ply(folder.path / "point_cloud.ply", bench.cloud);
-    backbone->import_model(folder.path);
-  }
-  RasterizerHook& rasterizer = backbone->rasterizer_hook();
-  rasterizer.set_beta(1.0f);
+using Samples = std::map<std::string, std::vector<double>>;
 
-  std::map<std::string, std::vector<double>> samples;
+std::unique_ptr<Backbone> make_backbone(const BenchScene& bench, Threads& threads) {
+  auto backbone = make_vanilla({bench.scene, threads}, still_config());
+  const TemporaryFolder folder;
+  write_splat_ply(folder.path / "point_cloud.ply", bench.cloud);
+  backbone->import_model(folder.path);
+  backbone->rasterizer_hook().set_beta(1.0f);
+  return backbone;
+}
+
+/// Milliseconds of every stage of a training iteration, and of the whole.
+Samples measure_iterations(Backbone& backbone, const View& view, int repeats) {
+  Samples samples;
   for (int i = 0; i < kWarmUp + repeats; ++i) {
-    const auto before = backbone->stages().seconds();
+    const auto before = backbone.stages().seconds();
     const auto start = std::chrono::steady_clock::now();
-    backbone->train_step(kFirstIteration + i, bench.scene.train[0]);
+    backbone.train_step(kFirstIteration + i, view);
     const double iteration = milliseconds_since(start);
     if (i < kWarmUp) continue;
-    for (const auto& [stage, seconds] : backbone->stages().seconds()) {
+    for (const auto& [stage, seconds] : backbone.stages().seconds()) {
       const auto at = before.find(stage);
       samples[stage].push_back(1e3 * (seconds - (at == before.end() ? 0 : at->second)));
     }
     samples["iteration"].push_back(iteration);
   }
+  return samples;
+}
+
+/// Medians of the stages that were measured.
+Json medians(const Samples& samples) {
+  Json milliseconds = Json::object();
+  for (const auto& [stage, title] : kStages) {
+    const auto found = samples.find(stage);
+    if (found != samples.end()) milliseconds[stage] = median(found->second);
+  }
+  return milliseconds;
+}
+
+Json effort_json(const Effort& effort, double milliseconds, const MachineLimits& limits) {
+  const double seconds = 1e-3 * milliseconds;
+  return {{"operations", effort.operations},
+          {"bytes", effort.bytes},
+          {"share_of_operations", effort.operations / seconds / limits.operations_per_second},
+          {"share_of_bytes", effort.bytes / seconds / limits.bytes_per_second}};
+}
+
+Json measure(const BenchSize& size, Threads& threads, int repeats, const MachineLimits& limits) {
+  const BenchScene bench = make_bench_scene(size);
+  const auto backbone = make_backbone(bench, threads);
+  RasterizerHook& rasterizer = backbone->rasterizer_hook();
+  Samples samples = measure_iterations(*backbone, bench.scene.train[0], repeats);
   MultiViewScorer scorer(threads);
   for (int i = 0; i < kWarmUp + repeats; ++i) {
     const auto start = std::chrono::steady_clock::now();
@@ -105,21 +135,58 @@ Json measure(const BenchSize& size, Threads& threads, int repeats) {
     if (i >= kWarmUp) samples["scoring"].push_back(milliseconds_since(start));
   }
 
-  rasterizer.render_for_score(0);
-  const auto pixels = static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height);
-  std::vector<std::int32_t> counts(size.splats, 0);
-  rasterizer.count_flagged(std::vector<std::uint8_t>(pixels, 1), counts);
-  double blended = 0;
-  for (const std::int32_t count : counts) blended += count;
-
-  Json milliseconds = Json::object();
-  for (const auto& [stage, title] : kStages) milliseconds[stage] = median(samples.at(stage));
+  const BlendWork work = count_blend_work(bench, threads);
+  const Json milliseconds = medians(samples);
+  const Json blended = {
+      {"entries", work.entries},
+      {"rows", work.rows},
+      {"pairs", work.pairs},
+      {"forward", effort_json(blend_effort(work), milliseconds["blend"].get<double>(), limits)},
+      {"backward", effort_json(blend_backward_effort(work), milliseconds["blend_backward"].get<double>(), limits)}};
   return {{"name", size.name},
           {"splats", size.splats},
           {"width", size.width},
           {"height", size.height},
-          {"blended_per_pixel", blended / static_cast<double>(pixels)},
-          {"milliseconds", milliseconds}};
+          {"blended_per_pixel", static_cast<double>(work.pairs) / static_cast<double>(work.pixels)},
+          {"milliseconds", milliseconds},
+          {"blend_work", blended}};
+}
+
+/// Iterations of one scene that differs from the next in one thing.
+Json measure_series(const std::vector<BenchSize>& sizes, Threads& threads, int repeats) {
+  Json series = Json::array();
+  for (const BenchSize& size : sizes) {
+    const BenchScene bench = make_bench_scene(size);
+    const auto backbone = make_backbone(bench, threads);
+    series.push_back({{"splats", size.splats},
+                      {"width", size.width},
+                      {"height", size.height},
+                      {"threads", threads.count()},
+                      {"milliseconds", medians(measure_iterations(*backbone, bench.scene.train[0], repeats))}});
+  }
+  return series;
+}
+
+/// The 60k scene with more or fewer splats, with more or fewer pixels of the same picture, and on fewer threads.
+Json measure_scaling(Threads& threads, int repeats) {
+  const BenchSize middle = bench_sizes()[1];
+  std::vector<BenchSize> splats, pixels;
+  for (const std::size_t n : {10000, 20000, 40000, 80000, 160000}) {
+    splats.push_back({"", n, middle.width, middle.height, middle.deviation});
+  }
+  for (const int width : {320, 480, 640, 960, 1280}) {
+    const double factor = static_cast<double>(width) / middle.width;
+    pixels.push_back({"", middle.splats, width, static_cast<int>(middle.height * factor), middle.deviation * factor});
+  }
+  Json of_threads = Json::array();
+  for (int count = 1; count < threads.count(); count *= 2) {
+    Threads fewer(count);
+    of_threads.push_back(measure_series({middle}, fewer, repeats)[0]);
+  }
+  of_threads.push_back(measure_series({middle}, threads, repeats)[0]);
+  return {{"splats", measure_series(splats, threads, repeats)},
+          {"pixels", measure_series(pixels, threads, repeats)},
+          {"threads", of_threads}};
 }
 
 std::string column(const std::string& text, int width) {
@@ -172,6 +239,40 @@ void print_table(const Json& now, const Json* old) {
   std::printf("%s\n", density.c_str());
 }
 
+void print_work(const Json& now) {
+  const Json& limits = now["limits"];
+  std::printf("\nlimits of this machine: %.1f GB/s, %.0f billion operations a second (one multiply-add: two)\n",
+              1e-9 * limits["bytes_per_second"].get<double>(), 1e-9 * limits["operations_per_second"].get<double>());
+  for (const Json& scene : now["scenes"]) {
+    const Json& work = scene["blend_work"];
+    const double pairs = work["pairs"].get<double>(), rows = work["rows"].get<double>();
+    std::printf("%s: %.2f million tile entries, %.2f million rows of 16 pixels, %.0f%% of their pixels blended\n",
+                scene["name"].get<std::string>().c_str(), 1e-6 * work["entries"].get<double>(), 1e-6 * rows,
+                100 * pairs / (16 * rows));
+    for (const char* direction : {"forward", "backward"}) {
+      const Json& effort = work[direction];
+      std::printf("  blend %-9s%7.0f million operations, %3.0f%% of the limit;%6.0f MB, %3.0f%% of the limit\n",
+                  direction, 1e-6 * effort["operations"].get<double>(),
+                  100 * effort["share_of_operations"].get<double>(), 1e-6 * effort["bytes"].get<double>(),
+                  100 * effort["share_of_bytes"].get<double>());
+    }
+  }
+}
+
+void print_scaling(const Json& scaling) {
+  std::printf("\nscaling, milliseconds an iteration\n");
+  for (const char* of : {"splats", "pixels", "threads"}) {
+    std::string row = std::string("by ") + of + ":";
+    for (const Json& point : scaling[of]) {
+      const std::string at = std::string(of) == "pixels" ? std::to_string(point["width"].get<int>()) + "x" +
+                                                               std::to_string(point["height"].get<int>())
+                                                         : std::to_string(point[of].get<int>());
+      row += "  " + at + " " + fixed(point["milliseconds"]["iteration"].get<double>(), "%.1f");
+    }
+    std::printf("%s\n", row.c_str());
+  }
+}
+
 struct Bench {
   fs::path output;
   fs::path compare;
@@ -179,12 +280,14 @@ struct Bench {
   std::string instruction_set = "best";
   int threads = 0;
   int repeats = 20;
+  bool scaling = false;
 
   explicit Bench(CLI::App& app) {
     app.add_option("-o,--output", output, "write the figures as JSON")->type_name("FILE");
     app.add_option("--compare", compare, "an earlier JSON; prints ratios")->type_name("FILE");
     app.add_option("--scenes", scenes, "some of 20k, 60k, 200k [all]")->delimiter(',')->type_name("NAME,NAME");
     app.add_option("--repeats", repeats, "iterations to take the median of")->type_name("N")->capture_default_str();
+    app.add_flag("--scaling", scaling, "also an iteration against splats, pixels and threads");
     app.add_option("--threads", threads, "threads that work at a time; 0: one a hardware thread")
         ->type_name("N")
         ->capture_default_str();
@@ -220,8 +323,14 @@ struct Bench {
         {"machine", machine_name()}, {"threads", pool.count()},       {"instruction_set", instruction_set_name()},
         {"date", utc_now()},         {"version", SPLATBOOST_VERSION}, {"command", command_line},
         {"repeats", repeats},        {"scenes", Json::array()}};
-    for (const BenchSize& size : chosen) document["scenes"].push_back(measure(size, pool, repeats));
+    const MachineLimits limits = measure_limits(pool);
+    document["limits"] = {{"bytes_per_second", limits.bytes_per_second},
+                          {"operations_per_second", limits.operations_per_second}};
+    for (const BenchSize& size : chosen) document["scenes"].push_back(measure(size, pool, repeats, limits));
+    if (scaling) document["scaling"] = measure_scaling(pool, repeats);
     print_table(document, compare.empty() ? nullptr : &old);
+    print_work(document);
+    if (scaling) print_scaling(document["scaling"]);
     if (!output.empty()) write_text_atomically(output, document.dump(1) + "\n");
     return 0;
   }

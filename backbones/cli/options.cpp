@@ -106,7 +106,7 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
   if (choose_boost)
     set.add("--boost,!--no-boost", options.boost, "train accelerated (default), or as published", false);
   set.add("--iterations", options.iterations,
-          "length of the run; every schedule scales with it [" + published_lengths() + "]")
+          "length of the run; schedules scale with it [" + published_lengths() + "]")
       ->type_name("N");
   set.add("--max-primitives", options.max_primitives, "hard cap on primitives; 0: none")
       ->type_name("N")
@@ -124,7 +124,7 @@ void add_boost_options(OptionSet& set, RunOptions& options) {
   set.set_group("Acceleration");
   set.add("--beta", options.beta, "compact box, in (0, 1]; smaller: faster, cuts faint rims [0.5]", false)
       ->type_name("X");
-  set.add("--tau-d", options.tau_d, "importance a primitive needs to grow, at a megapixel; larger: fewer [5]", false)
+  set.add("--tau-d", options.tau_d, "importance a primitive needs to grow (docs/method.md); larger: fewer [5]", false)
       ->type_name("X");
   set.add("--views", options.views, "K: views that score the primitives [10]", false)->type_name("N");
   set.add("--no-vcd", options.no_vcd, "without multi-view consistent densification", false);

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/registry.h"
 
+#include "cli/plug_anchors.h"
 #include "common/input_error.h"
 #include "common/json_fields.h"
 #include "dropgaussian/dropgaussian.h"
 #include "dropgaussian/dropgaussian_adapter.h"
 #include "mip_splatting/mip_splatting.h"
 #include "mip_splatting/mip_splatting_adapter.h"
+#include "octree_gs/octree_gs.h"
 #include "vanilla/vanilla.h"
 #include "vanilla/vanilla_adapter.h"
 
@@ -94,6 +96,8 @@ const std::vector<BackboneEntry>& backbones() {
           "mip-splatting", kPublishedIterations),
       gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, VanillaAdapter>(
           "dropgaussian", kDropGaussianIterations),
+      {"scaffold-gs", kPublishedIterations, scaffold_boost_settings, make_plugged_scaffold},
+      {"octree-gs", kOctreeIterations, octree_boost_settings, make_plugged_octree},
   };
   return entries;
 }

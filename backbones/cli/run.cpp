@@ -9,6 +9,7 @@
 
 #include "cli/model_folder.h"
 #include "common/atomic_file.h"
+#include "common/memory_estimate.h"
 #include "common/trainer.h"
 
 namespace splatboost::cli {
@@ -38,6 +39,21 @@ Json identity_of(const RunOptions& options, bool boost, const Json& constants) {
   return identity;
 }
 
+void tell_memory(const MemoryEstimate& memory, std::size_t primitives, const RunOptions& options,
+                 const std::string& label, std::uint64_t resident) {
+  const std::size_t cap = options.max_primitives;
+  if (!options.quiet) std::fprintf(stderr, "%s: %s\n", label.c_str(), memory_text(memory, primitives, cap).c_str());
+  const auto warning = memory_warning(memory, primitives, cap, resident, free_memory_bytes());
+  if (warning) std::fprintf(stderr, "%s: %s\n", label.c_str(), warning->c_str());
+}
+
+/// Most primitives that a run is known to have had.
+std::size_t most_primitives(const std::vector<CurvePoint>& curve, std::size_t at_the_end) {
+  std::size_t most = at_the_end;
+  for (const CurvePoint& point : curve) most = std::max(most, point.primitives);
+  return most;
+}
+
 BackboneContext context_of(Workbench& bench, const RunOptions& options) {
   return {bench.scene, *bench.threads, options.seed, options.iterations.value(), options.max_primitives};
 }
@@ -64,6 +80,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   // Each run's peak is its own: what an earlier run freed goes back to the system first.
   malloc_trim(0);
   reset_peak_memory();
+  const std::uint64_t resident = resident_memory_bytes();
 
   const Json settings = boost_settings(options);
   const PluggedBackbone plugged =
@@ -71,6 +88,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
           .make(context_of(bench, options), options.backbone_settings, boost ? &settings : nullptr);
   Backbone& backbone = *plugged.backbone;
   write_config(folder, set, options, boost, &plugged);
+  const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
 
   TrainOptions train_options;
   train_options.iterations = options.iterations.value();
@@ -80,6 +98,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   train_options.checkpoint_iterations = options.checkpoint_iterations;
   train_options.resume = options.resume;
   train_options.identity = identity_of(options, boost, backbone.config());
+  train_options.on_start = [&](std::size_t primitives) { tell_memory(memory, primitives, options, label, resident); };
   train_options.label = label;
   train_options.quiet = options.quiet;
   TrainOutcome trained = train(backbone, bench.scene, train_options);
@@ -98,6 +117,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   results.primitives = backbone.primitives();
   results.train_seconds = trained.seconds;
   results.peak_memory_bytes = peak_memory_bytes();
+  results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
   results.storage_bytes = trained.storage_bytes;
   results.device = options.device;
   results.machine = machine_name();

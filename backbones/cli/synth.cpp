@@ -15,6 +15,9 @@ Command add_synth(CLI::App& program) {
   app->footer("Example: splatboost synth room && splatboost compare -s room -m out --eval --iterations 1000");
   const auto options = std::make_shared<SynthOptions>();
   app->add_option("-o,--output,output", options->output, "folder to make")->type_name("DIR");
+  app->add_option("--scene", options->scene, "room, or street: large, seen at several scales")
+      ->type_name("NAME")
+      ->capture_default_str();
   app->add_option("--width", options->width, "px")->type_name("N")->capture_default_str();
   app->add_option("--height", options->height, "px")->type_name("N")->capture_default_str();
   app->add_option("--views", options->views, "cameras")->type_name("N")->capture_default_str();

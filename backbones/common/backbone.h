@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/archive.h"
+#include "common/memory_estimate.h"
 #include "common/scene.h"
 #include "splatboost/hooks.h"
 #include "splatboost/threads.h"
@@ -57,6 +58,9 @@ class Backbone {
   virtual void finish() = 0;
 
   virtual std::size_t primitives() const = 0;
+
+  /// Memory that a primitive takes while it trains, for the estimate before a run: about.
+  virtual std::size_t bytes_per_primitive() const { return gaussian_memory_bytes(); }
 
   /// Renders as trained (hook's box), or with a compact box of `beta`.
   /// @param color [3,H,W] of the camera's size

@@ -237,6 +237,7 @@ json to_json(const Results& r) {
           {"train_seconds", r.train_seconds},
           {"fps", r.fps},
           {"peak_memory_bytes", r.peak_memory_bytes},
+          {"estimated_memory_bytes", r.estimated_memory_bytes},
           {"storage_bytes", r.storage_bytes},
           {"device", r.device},
           {"machine", r.machine},
@@ -274,6 +275,7 @@ Results results_from_json(const json& document) {
   read(member("threads"), r.threads);
   read(member("seed"), r.seed);
   read(member("version"), r.version);
+  read_optional(member("estimated_memory_bytes"), r.estimated_memory_bytes);
   read_optional(member("split"), r.split);
   read_optional(member("machine"), r.machine);
   read_optional(member("command"), r.command);

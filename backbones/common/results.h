@@ -50,9 +50,10 @@ struct Results {
   double train_seconds = 0;  ///< wall time of the loop, evaluation and saving excluded
   double fps = 0;            ///< rendering the measured views
   std::uint64_t peak_memory_bytes = 0;
-  std::uint64_t storage_bytes = 0;  ///< of the .ply
-  std::string device;               ///< "cpu"
-  std::string machine;              ///< processor name
+  std::uint64_t estimated_memory_bytes = 0;  ///< what the estimate before training says for the primitives there were
+  std::uint64_t storage_bytes = 0;           ///< of the .ply
+  std::string device;                        ///< "cpu"
+  std::string machine;                       ///< processor name
   int threads = 0;
   std::uint64_t seed = 0;
   std::string version;

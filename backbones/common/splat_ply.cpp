@@ -318,6 +318,12 @@ std::vector<std::string> numbered(const std::string& prefix, int count) {
   return names;
 }
 
+void write_header(std::ostream& out, std::size_t rows, const std::vector<std::string>& names) {
+  out << "ply\nformat binary_little_endian 1.0\nelement vertex " << rows << "\n";
+  for (const std::string& name : names) out << "property float " << name << "\n";
+  out << "end_header\n";
+}
+
 }  // namespace
 
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud) {
@@ -341,9 +347,7 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
     add("scale_", 3);
     add("rot_", 4);
     if (!cloud.filters.empty()) names.emplace_back("filter_3D");
-    out << "ply\nformat binary_little_endian 1.0\nelement vertex " << n << "\n";
-    for (const std::string& name : names) out << "property float " << name << "\n";
-    out << "end_header\n";
+    write_header(out, n, names);
 
     std::vector<float> block;
     for (std::size_t first = 0; first < n && out; first += kRowsPerBlock) {
@@ -441,6 +445,24 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
     }
   });
   return cloud;
+}
+
+void write_float_ply(const std::filesystem::path& path, const FloatTable& table) {
+  SPLATBOOST_CHECK(table.values.size() == table.rows() * table.names.size(), "a table must have whole rows");
+  write_file_atomically(path, [&](std::ostream& out) {
+    write_header(out, table.rows(), table.names);
+    out.write(reinterpret_cast<const char*>(table.values.data()),
+              static_cast<std::streamsize>(table.values.size() * sizeof(float)));
+  });
+}
+
+FloatTable read_float_ply(const std::filesystem::path& path, std::vector<std::string> names) {
+  PlyVertices ply(path);
+  const Columns columns(ply, names);
+  FloatTable table{std::move(names), {}};
+  table.values.reserve(ply.rows() * columns.size());
+  ply.read_rows([&](std::size_t row, std::span<const double> values) { columns.append(row, values, table.values); });
+  return table;
 }
 
 }  // namespace splatboost

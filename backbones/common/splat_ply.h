@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "common/scene.h"
@@ -32,5 +33,18 @@ SplatCloud read_splat_ply(const std::filesystem::path& path);
 
 /// Reads x y z and, where there, red green blue (else mid grey) of a .ply. Throws InputError likewise.
 PointCloud read_point_ply(const std::filesystem::path& path);
+
+/// Rows of named 32-bit floats: vertices of layouts other than 3DGS's.
+struct FloatTable {
+  std::vector<std::string> names;
+  std::vector<float> values;  ///< [rows, names]
+  std::size_t rows() const { return names.empty() ? 0 : values.size() / names.size(); }
+};
+
+/// Binary little endian. Written aside, then renamed.
+void write_float_ply(const std::filesystem::path& path, const FloatTable& table);
+
+/// Reads the named properties, in that order. Throws InputError if one is missing, and as read_splat_ply() does.
+FloatTable read_float_ply(const std::filesystem::path& path, std::vector<std::string> names);
 
 }  // namespace splatboost

@@ -144,6 +144,7 @@ class Run {
     const int first = outcome_.iteration + 1;
     const double seconds_before = outcome_.seconds;
     make_folder(options_.model / "point_cloud");
+    if (options_.on_start) options_.on_start(backbone_.primitives());
 
     std::vector<std::size_t> order;
     std::uint64_t order_epoch = 0;

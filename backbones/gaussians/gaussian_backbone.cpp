@@ -11,6 +11,7 @@
 #include "common/input_error.h"
 #include "common/parameter_group.h"
 #include "common/splat_ply.h"
+#include "splatboost/activations.h"
 #include "splatboost/neighbors.h"
 #include "splatboost/random.h"
 #include "splatboost/rasterizer.h"
@@ -30,7 +31,6 @@ constexpr std::size_t kGrain = 4096;
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
 float length_of(float x, float y) { return std::sqrt(x * x + y * y); }  // no overflow to care for, as std::hypot does
-float sigmoid(float x) { return 1.0f / (1.0f + std::exp(-x)); }
 
 class GaussianBackbone final : public Backbone, private RasterizerHook {
  public:
@@ -180,12 +180,8 @@ void GaussianBackbone::activate() {
   const std::size_t n = primitives();
   scales_.resize(3 * n);
   opacities_.resize(n);
-  context_.threads.for_range(n, kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      for (std::size_t c = 0; c < 3; ++c) scales_[3 * i + c] = std::exp(scaling_.values[3 * i + c]);
-      opacities_[i] = sigmoid(opacity_.values[i]);
-    }
-  });
+  exponentials(scaling_.values, scales_, context_.threads);
+  sigmoids(opacity_.values, opacities_, context_.threads);
   if (set_changed_) method_->gaussians_changed(xyz_.values);
   method_->activated(scales_, opacities_);
   stale_ = set_changed_ = false;

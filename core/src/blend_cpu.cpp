@@ -48,20 +48,21 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
     }
     const std::uint16_t* found = rows_of + at * static_cast<std::size_t>(blocks);
     for (std::uint32_t e = at; e < batch_end; ++e) {
-      const std::uint32_t k = frame.entries[e].gaussian;
-      const BlendRecord& splat = frame.records[k];
+      const std::uint32_t gaussian = frame.entries[e].gaussian;
+      const BlendRecord& splat = frame.records[gaussian];
       const Vec red = hn::Set(d, splat.red), green = hn::Set(d, splat.green), blue = hn::Set(d, splat.blue);
-      const float* channels = frame.channels.data() + k * static_cast<std::size_t>(extra);
+      const float* channels = frame.channels.data() + gaussian * static_cast<std::size_t>(extra);
       const RowOffsets offsets(splat, pixels.first_y);
       for (int b = 0; b < blocks; ++b) {
-        std::uint32_t rows = *found++;
-        if (rows == 0) continue;
+        const std::uint32_t mask = *found++;
+        if (mask == 0) continue;
         const Columns columns(splat, pixels.x0 + b * lanes);
-        do {
-          const RowPair pair(rows);
-          for (const int row : pair.rows) {
-            float* const at_row = pixels.at(row, b * lanes);
-            const RowStep step = step_row(columns, offsets.dy[row], at_row);
+        const RowRange rows(mask);
+        float* at_pair = pixels.at(rows.first, b * lanes);
+        for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+          for (int k = 0; k < 2; ++k) {
+            float* const at_row = at_pair + k * pixels.kStride;
+            const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
             const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
             float* plane = at_row + kTileSize;
             hn::Store(hn::MulAdd(weight, red, hn::Load(d, plane)), d, plane);
@@ -74,7 +75,7 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
               hn::Store(hn::MulAdd(weight, hn::Set(d, channels[c]), hn::Load(d, plane)), d, plane);
             }
           }
-        } while (rows != 0);
+        }
       }
     }
     at = batch_end;
@@ -128,6 +129,12 @@ HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
 #endif
 }
 
+/// Slots lie scattered as records do; the lines they are in are asked for before they are written.
+HWY_INLINE void prefetch_moments(Frame& frame, std::uint32_t at, std::uint32_t end) {
+  constexpr std::uint32_t kAhead = 8;
+  if (at + kAhead < end) __builtin_prefetch(&frame.entry_moments[frame.entries[at + kAhead].slot], 1);
+}
+
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4 + X, 256] what blend_tile made
 /// @param upstream [4 + X, 256] gradients of it
@@ -159,9 +166,10 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
-    const std::uint32_t k = frame.entries[at].gaussian;
-    const BlendRecord& splat = frame.records[k];
-    const float* channels = frame.channels.data() + k * static_cast<std::size_t>(frame.extra_channels());
+    prefetch_moments(frame, at, stop);
+    const std::uint32_t gaussian = frame.entries[at].gaussian;
+    const BlendRecord& splat = frame.records[gaussian];
+    const float* channels = frame.channels.data() + gaussian * static_cast<std::size_t>(frame.extra_channels());
     const Vec own_red = hn::Set(d, splat.red), own_green = hn::Set(d, splat.green), own_blue = hn::Set(d, splat.blue);
     float channel_gradient[kMaxFeatures + 1] = {};
     const RowOffsets offsets(splat, pixels.first_y);
@@ -170,17 +178,18 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
     Vec abs_x = hn::Zero(d), abs_y = hn::Zero(d);
     Vec red = hn::Zero(d), green = hn::Zero(d), blue = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
-      std::uint32_t rows = *reached_rows++;
-      if (rows == 0) continue;
+      const std::uint32_t mask = *reached_rows++;
+      if (mask == 0) continue;
       const Columns columns(splat, pixels.x0 + b * lanes);
       const Vec slope_x = hn::Mul(columns.dx, hn::Set(d, 2.0f * splat.quadratic_xx));
       const Vec slope_xy = hn::Set(d, splat.quadratic_xy), slope_yy = hn::Set(d, 2.0f * splat.quadratic_yy);
       Vec column_s = hn::Zero(d), column_sy = hn::Zero(d), column_syy = hn::Zero(d);
-      do {
-        const RowPair pair(rows);
-        for (const int row : pair.rows) {
-          float* const at_row = pixels.at(row, b * lanes);
-          const RowStep step = step_row(columns, offsets.dy[row], at_row);
+      const RowRange rows(mask);
+      float* at_pair = pixels.at(rows.first, b * lanes);
+      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+        for (int k = 0; k < 2; ++k) {
+          float* const at_row = at_pair + k * pixels.kStride;
+          const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
           const float* const g_row = at_row + kUpstream;
           const Vec g_red = hn::Load(d, g_row);
           const Vec g_green = hn::Load(d, g_row + kTileSize);
@@ -203,24 +212,25 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
           const Vec gain = hn::Mul(weight, along);
           const Vec rest = hn::Sub(hn::Load(d, at_row + kBehind), gain);
           hn::Store(rest, d, at_row + kBehind);
-          // s = α·dL/dα = weight·along − rest·α/(1 − α); the reciprocal is refined once by Newton.
-          const Vec transparency = hn::Sub(hn::Set(d, 1.0f), step.alpha);
-          Vec inverse = hn::ApproximateReciprocal(transparency);
-          inverse = hn::Mul(inverse, hn::NegMulAdd(transparency, inverse, hn::Set(d, 2.0f)));
-          const Mask moves = hn::And(step.open, hn::Lt(step.alpha, hn::Set(d, kMaxAlpha)));
-          const Vec s = hn::IfThenElseZero(moves, hn::NegMulAdd(rest, hn::Mul(step.alpha, inverse), gain));
+          // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after; the reciprocal is refined once
+          // by Newton.
+          Vec inverse = hn::ApproximateReciprocal(step.after);
+          inverse = hn::Mul(inverse, hn::NegMulAdd(step.after, inverse, hn::Set(d, 2.0f)));
+          const Mask moves = hn::Lt(step.alpha, hn::Set(d, kMaxAlpha));
+          const Vec s = hn::IfThenElseZero(moves, hn::NegMulAdd(rest, hn::Mul(weight, inverse), gain));
           const Vec sy = hn::Mul(s, step.dy);
           column_s = hn::Add(column_s, s);
           column_sy = hn::Add(column_sy, sy);
           column_syy = hn::MulAdd(sy, step.dy, column_syy);
           if (kAbsolute) {
-            const Vec pull_x = hn::Mul(s, hn::MulAdd(step.dy, slope_xy, slope_x));
-            const Vec pull_y = hn::Mul(s, hn::MulAdd(step.dy, slope_yy, columns.linear));
-            abs_x = hn::Add(abs_x, hn::Abs(pull_x));
-            abs_y = hn::Add(abs_y, hn::Abs(pull_y));
+            const Vec size = hn::Abs(s);
+            const Vec pull_x = hn::MulAdd(step.dy, slope_xy, slope_x);
+            const Vec pull_y = hn::MulAdd(step.dy, slope_yy, columns.linear);
+            abs_x = hn::MulAdd(size, hn::Abs(pull_x), abs_x);
+            abs_y = hn::MulAdd(size, hn::Abs(pull_y), abs_y);
           }
         }
-      } while (rows != 0);
+      }
       const Vec column_sx = hn::Mul(column_s, columns.dx);
       s_sum = hn::Add(s_sum, column_s);
       s_x = hn::Add(s_x, column_sx);

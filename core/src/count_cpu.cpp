@@ -39,18 +39,19 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
     const RowOffsets offsets(splat, pixels.first_y);
     Vec sum = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
-      std::uint32_t rows = *reached_rows++ & flagged_rows[b];
-      if (rows == 0) continue;
+      const std::uint32_t mask = *reached_rows++ & flagged_rows[b];
+      if (mask == 0) continue;
       const Columns columns(splat, pixels.x0 + b * lanes);
-      do {
-        const RowPair pair(rows);
-        for (const int row : pair.rows) {
-          float* const at_row = pixels.at(row, b * lanes);
-          const RowStep step = step_row(columns, offsets.dy[row], at_row);
+      const RowRange rows(mask);
+      float* at_pair = pixels.at(rows.first, b * lanes);
+      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+        for (int k = 0; k < 2; ++k) {
+          float* const at_row = at_pair + k * pixels.kStride;
+          const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
           const Mask blended = hn::And(step.open, hn::Gt(step.alpha, hn::Zero(d)));
           sum = hn::Add(sum, hn::IfThenElseZero(blended, hn::Load(d, at_row + kTileSize)));
         }
-      } while (rows != 0);
+      }
     }
     const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
     if (count > 0) std::atomic_ref(counts[frame.entries[at].gaussian]).fetch_add(count, std::memory_order_relaxed);

@@ -65,6 +65,8 @@ HWY_INLINE Float reciprocal_of(Float a) {
   const Vec x = hn::ApproximateReciprocal(a.v);
   return Float(hn::Mul(x, hn::NegMulAdd(a.v, x, hn::Set(Lanes(), 2.0f))));
 }
+/// At most e^88, which is finite; Highway's gives anything beyond.
+HWY_INLINE Float exp_of(Float a) { return Float(hn::Exp(Lanes(), min_of(a, Float(88.0f)).v)); }
 HWY_INLINE Float log2_of(Float a) { return Float(hn::Log2(Lanes(), a.v)); }
 HWY_INLINE Float select(Bool condition, Float a, Float b) { return Float(hn::IfThenElse(condition.m, a.v, b.v)); }
 

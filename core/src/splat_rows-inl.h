@@ -26,7 +26,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 inline constexpr int kPixels = kTileSize * kTileSize;
-/// Rows are taken two at a time; where their number is odd, the second is this one, whose pixels are closed.
+/// Rows are taken two at a time; behind the tile's last is one whose pixels are closed.
 inline constexpr int kSpareRow = kTileSize;
 /// Entries of a tile that are handled together: their rows are found in one go, ahead of the branches on them.
 inline constexpr std::uint32_t kBatch = 32;
@@ -112,15 +112,11 @@ struct RowOffsets {
   }
 };
 
-/// Takes the two lowest rows out of a mask that is not empty; the spare row where there is only one.
-struct RowPair {
-  int rows[2];
-  HWY_INLINE explicit RowPair(std::uint32_t& mask) {
-    rows[0] = std::countr_zero(mask);
-    mask &= mask - 1;
-    rows[1] = std::countr_zero(mask | (1u << kSpareRow));
-    mask &= mask - 1;
-  }
+/// The rows that a mask, which is not empty, stretches over. Rows between its first and its last that are not in it are
+/// closed: a splat does nothing to them, nor to the one behind the last.
+struct RowRange {
+  int first, last;
+  HWY_INLINE explicit RowRange(std::uint32_t mask) : first(std::countr_zero(mask)), last(31 - std::countl_zero(mask)) {}
 };
 
 /// What one splat does to one row of pixels.
@@ -128,6 +124,7 @@ struct RowStep {
   Vec dy;
   Vec alpha;   ///< 0 where it is below the threshold
   Vec before;  ///< transmittance before the splat
+  Vec after;   ///< ... and behind it, where it is blended
   Mask open;   ///< pixels that are open afterwards: there, and where α is not 0, the splat was blended
 };
 
@@ -141,9 +138,9 @@ HWY_INLINE RowStep step_row(const Columns& columns, float dy, float* HWY_RESTRIC
   const Mask reached = hn::Ge(exponent, hn::Set(d, kMinLog2Alpha));
   step.alpha = hn::IfThenElseZero(reached, hn::Min(exp2_of(exponent), hn::Set(d, kMaxAlpha)));
   step.before = hn::Load(d, transmittance);
-  const Vec after = hn::NegMulAdd(step.before, step.alpha, step.before);
-  step.open = hn::Ge(after, hn::Set(d, kMinTransmittance));
-  hn::Store(hn::IfThenElse(step.open, after, hn::Or(step.before, hn::SignBit(d))), d, transmittance);
+  step.after = hn::NegMulAdd(step.before, step.alpha, step.before);
+  step.open = hn::Ge(step.after, hn::Set(d, kMinTransmittance));
+  hn::Store(hn::IfThenElse(step.open, step.after, hn::Or(step.before, hn::SignBit(d))), d, transmittance);
   return step;
 }
 

@@ -18,32 +18,13 @@
 #include "splatboost/photometric.h"
 #include "splatboost/rasterizer.h"
 #include "support/compare.h"
+#include "support/instruction_sets.h"
 #include "support/scenes.h"
 
 namespace splatboost::test {
 namespace {
 
 using reference::Input;
-
-/// All instruction sets again, whatever happens.
-struct RestoreTargets {
-  ~RestoreTargets() { hwy::SetSupportedTargetsForTest(0); }
-};
-
-/// Calls body once for each instruction set, with dispatch held to it.
-template <class Body>
-void for_each_target(const Body& body) {
-  const RestoreTargets restore;
-  int number = 0;
-  for (std::uint64_t left = static_cast<std::uint64_t>(hwy::SupportedTargets()); left != 0; left &= left - 1) {
-    const auto target = static_cast<std::int64_t>(left & (~left + 1));
-    hwy::SetSupportedTargetsForTest(target);
-    SCOPED_TRACE(std::string("instruction set ") + hwy::TargetName(target));
-    body();
-    ++number;
-  }
-  EXPECT_GE(number, 1);
-}
 
 TEST(InstructionSets, CanBeChosen) {
   const RestoreTargets restore;

@@ -14,7 +14,7 @@ STAGES = {"activate", "project", "tile_lists", "blend", "loss", "blend_backward"
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     path = tmp_path_factory.mktemp("bench") / "bench.json"
-    done = run_well("bench", "--scenes", "20k", "--repeats", "2", "--threads", "1", "-o", path)
+    done = run_well("bench", "--scenes", "20k", "--repeats", "2", "--threads", "1", "--scaling", "-o", path)
     return path, done.stdout
 
 
@@ -30,6 +30,31 @@ def test_writes_every_stage(measured):
     stages = sum(scene["milliseconds"][s] for s in STAGES - {"iteration", "scoring"})
     assert scene["milliseconds"]["iteration"] > 0.8 * stages
     assert 30 < scene["blended_per_pixel"] < 100
+
+
+def test_counts_the_work_of_blending(measured):
+    path, table = measured
+    found = json.loads(path.read_text())
+    assert found["limits"]["bytes_per_second"] > 1e8 and found["limits"]["operations_per_second"] > 1e9
+    (scene,) = found["scenes"]
+    work = scene["blend_work"]
+    assert 20000 < work["entries"] < work["rows"] < work["pairs"] < 16 * work["rows"] < 256 * work["entries"]
+    for stage, direction in [("blend", "forward"), ("blend_backward", "backward")]:
+        effort = work[direction]
+        speed = effort["operations"] / (1e-3 * scene["milliseconds"][stage])
+        assert effort["share_of_operations"] == pytest.approx(speed / found["limits"]["operations_per_second"])
+        assert effort["operations"] > 28 * work["pairs"] and effort["bytes"] > 68 * work["entries"]
+        assert 0 < effort["share_of_bytes"] and f"blend {direction}" in table
+
+
+def test_scales_by_splats_pixels_and_threads(measured):
+    path, table = measured
+    scaling = json.loads(path.read_text())["scaling"]
+    assert [point["splats"] for point in scaling["splats"]] == [10000, 20000, 40000, 80000, 160000]
+    assert [point["width"] * 3 == 4 * point["height"] for point in scaling["pixels"]] == [True] * 5
+    assert [point["threads"] for point in scaling["threads"]] == [1]
+    assert set(scaling["pixels"][0]["milliseconds"]) == STAGES - {"scoring"}
+    assert "by splats:" in table
 
 
 def test_compares_with_an_earlier_file(measured, tmp_path):

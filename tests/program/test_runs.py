@@ -45,6 +45,7 @@ def test_train_leaves_a_full_folder(trained):
     assert found["iterations"] == 60
     assert found["primitives"] > 50
     assert found["storage_bytes"] == len(ply(trained))
+    assert 0.5 < found["estimated_memory_bytes"] / found["peak_memory_bytes"] < 2
     assert found["split"] == "test"
     assert len(found["views"]) == 3
     assert found["lpips"] is None

@@ -26,7 +26,8 @@ enum class RandomPurpose : std::uint64_t {
   background,
   dropout,
   synth,
-  grow
+  grow,
+  net_parameters
 };
 
 /// The i-th number of the stream (seed, iteration, purpose): the same for every order of calls and every thread.

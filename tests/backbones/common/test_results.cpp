@@ -32,6 +32,7 @@ Results example() {
   r.train_seconds = 725.5;
   r.fps = 12.5;
   r.peak_memory_bytes = 5'000'000'000;
+  r.estimated_memory_bytes = 4'900'000'000;
   r.storage_bytes = 290'000'000;
   r.device = "cpu";
   r.machine = "a \"quoted\" processor";

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -86,6 +87,55 @@ TEST(Synth, DepthMapsAgreeWithTheCamerasAndPoints) {
   EXPECT_GT(close_pairs, 1000);
   EXPECT_GT(on_plane, 0.9 * close_pairs);
   EXPECT_GT(seen, 540);
+}
+
+/// The street: every point of the cloud lies on the surface that some view's depth shows, or on the sky, which has
+/// none; and cameras see it at scales of metres and of tens of metres.
+TEST(Synth, StreetIsSeenAtSeveralScalesAndHasExactTruth) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "scene");
+  options.scene = "street";
+  options.views = 10;
+  write_synthetic_scene(options);
+  const Scene scene = read(options.output);
+  ASSERT_EQ(scene.train.size(), 10u);
+  ASSERT_EQ(scene.points.size(), 600u);
+  std::vector<RawImage> depths;
+  std::vector<double> median_depths;
+  int sky = 0;
+  for (const View& view : scene.train) {
+    depths.push_back(read_raw_image(options.output / "depth" / view.name));
+    std::vector<double> all;
+    for (int y = 0; y < options.height; ++y) {
+      for (int x = 0; x < options.width; ++x) {
+        if (depths.back().at(x, y) == 0) ++sky;
+        all.push_back(depths.back().at(x, y) == 0 ? 70 : depths.back().at(x, y) / 1000.0);
+      }
+    }
+    std::nth_element(all.begin(), all.begin() + 3456, all.end());
+    median_depths.push_back(all[3456]);
+  }
+  EXPECT_GT(sky, 2000);
+  EXPECT_LT(*std::min_element(median_depths.begin(), median_depths.end()), 3);
+  EXPECT_GT(*std::max_element(median_depths.begin(), median_depths.end()), 10);
+  int on_surface = 0;
+  for (std::size_t i = 0; i < scene.points.size(); ++i) {
+    const glm::vec4 point(scene.points.positions[3 * i], scene.points.positions[3 * i + 1],
+                          scene.points.positions[3 * i + 2], 1);
+    bool agrees = false;
+    for (std::size_t k = 0; k < scene.train.size(); ++k) {
+      const Camera& camera = scene.train[k].camera;
+      const glm::vec4 p = camera.camera_from_world * point;
+      if (p.z <= 0) continue;
+      const int x = static_cast<int>(std::floor(camera.fx * p.x / p.z + camera.cx));
+      const int y = static_cast<int>(std::floor(camera.fy * p.y / p.z + camera.cy));
+      if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) continue;
+      const int depth = depths[k].at(x, y);
+      agrees |= depth == 0 ? glm::length(glm::vec3(point)) > 60 : std::abs(depth / 1000.0 - p.z) < 0.02 * p.z;
+    }
+    on_surface += agrees ? 1 : 0;
+  }
+  EXPECT_GT(on_surface, 540);
 }
 
 /// Depth of one view, carried into another view, must meet that view's depth where it is not hidden there. Normals must

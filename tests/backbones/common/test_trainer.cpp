@@ -152,7 +152,13 @@ TEST_F(Trainer, ResumesToTheSameModelAndCurve) {
   FakeBackbone resumed(scene);
   options.resume = options.model / "checkpoints/iteration_13.ckpt";
   options.model = folder / "resumed";
+  int starts = 0;
+  options.on_start = [&](std::size_t) {
+    ++starts;
+    EXPECT_TRUE(resumed.iterations.empty());
+  };
   const TrainOutcome outcome = train(resumed, scene, options);
+  EXPECT_EQ(starts, 1);
   EXPECT_EQ(resumed.iterations.front(), 14);
   EXPECT_EQ(model(20), expected_model);
   ASSERT_EQ(outcome.curve.size(), expected.curve.size());
@@ -169,6 +175,7 @@ TEST_F(Trainer, RefusesACheckpointOfAnotherRun) {
   FakeBackbone first(scene);
   train(first, scene, options);
   options.resume = options.model / "checkpoints/iteration_7.ckpt";
+  options.on_start = [](std::size_t) { ADD_FAILURE() << "started"; };
   const auto refused = [&](const TrainOptions& changed, const Scene& with, const std::string& what) {
     FakeBackbone backbone(with);
     try {

@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include "splatboost/activations.h"
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -110,9 +112,9 @@ TEST_F(DropGaussianRun, views_that_are_shown_or_scored_drop_nothing) {
   EXPECT_TRUE(std::equal(shown.begin(), shown.end(), scored.color.begin(), scored.color.end()));
 
   const SplatCloud cloud = exported(*backbone);
-  std::vector<float> scales, opacities;
-  for (const float scale : cloud.log_scales) scales.push_back(std::exp(scale));
-  for (const float raw : cloud.logit_opacities) opacities.push_back(1 / (1 + std::exp(-raw)));
+  std::vector<float> scales(cloud.log_scales.size()), opacities(cloud.logit_opacities.size());
+  exponentials(cloud.log_scales, scales, threads_);
+  sigmoids(cloud.logit_opacities, opacities, threads_);
   Gaussians gaussians;
   gaussians.count = cloud.size();
   gaussians.means = cloud.means;

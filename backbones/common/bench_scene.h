@@ -1,20 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The fixed scenes of `splatboost bench`.
+/// @file The fixed scenes that every measurement of speed is made on: `splatboost bench` and the kernels' benchmarks.
 #pragma once
 
 #include <cstddef>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "common/scene.h"
 #include "common/splat_ply.h"
+#include "splatboost/gaussians.h"
 
-namespace splatboost::cli {
+namespace splatboost {
 
 struct BenchSize {
   std::string name;
   std::size_t splats;
   int width, height;
+  double deviation = 3.2;  ///< geometric mean of the ellipses' standard deviations, px
 };
 
 /// 20k, 60k and 200k splats at 400×300, 640×480 and 1024×680.
@@ -25,7 +28,10 @@ std::span<const BenchSize> bench_sizes();
 struct BenchScene {
   Scene scene;
   SplatCloud cloud;
+  std::vector<float> scales, opacities;  ///< the cloud's, activated
+  /// Views of this scene.
+  Gaussians gaussians() const;
 };
 BenchScene make_bench_scene(const BenchSize& size);
 
-}  // namespace splatboost::cli
+}  // namespace splatboost

@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/bench_scene.h"
+#include "common/bench_scene.h"
 
 #include <cmath>
 
+#include "splatboost/constants.h"
 #include "splatboost/random.h"
 
-namespace splatboost::cli {
+namespace splatboost {
 namespace {
 
 constexpr std::uint64_t kSeed = 1;
 constexpr float kFocalPerWidth = 0.9f;
 constexpr int kRestRows = 15;
-// Standard deviations of the ellipses, px: a geometric mean, and a spread of its logarithm an axis. Chosen so that the
-// 60k scene has the density of cpu benchmarks of the field: about 56 splats blended a pixel.
-constexpr double kMeanDeviation = 3.2;
+// Spread of the logarithm of a standard deviation, an axis. With the default of BenchSize it gives the 60k scene the
+// density of cpu benchmarks of the field: about 56 splats blended a pixel.
 constexpr double kDeviationSpread = 0.5;
 constexpr double kNearest = 2, kFarthest = 10;
 
@@ -45,6 +45,20 @@ std::vector<std::uint8_t> noise_photo(int width, int height) {
 
 std::span<const BenchSize> bench_sizes() { return kSizes; }
 
+Gaussians BenchScene::gaussians() const {
+  Gaussians gaussians;
+  gaussians.count = cloud.size();
+  gaussians.means = cloud.means;
+  gaussians.scales = scales;
+  gaussians.rotations = cloud.rotations;
+  gaussians.opacities = opacities;
+  gaussians.sh_dc = cloud.sh_dc;
+  gaussians.sh_rest = cloud.sh_rest;
+  gaussians.sh_rest_rows = cloud.sh_rest_rows;
+  gaussians.sh_degree = kMaxShDegree;
+  return gaussians;
+}
+
 BenchScene make_bench_scene(const BenchSize& size) {
   BenchScene bench;
   View view;
@@ -72,7 +86,7 @@ BenchScene make_bench_scene(const BenchSize& size) {
     cloud.means.push_back(static_cast<float>((uniform() - 0.5) * size.height * to_world));
     cloud.means.push_back(static_cast<float>(z));
     for (int axis = 0; axis < 3; ++axis) {
-      cloud.log_scales.push_back(static_cast<float>(std::log(kMeanDeviation * to_world) + kDeviationSpread * normal()));
+      cloud.log_scales.push_back(static_cast<float>(std::log(size.deviation * to_world) + kDeviationSpread * normal()));
     }
     for (int k = 0; k < 4; ++k) cloud.rotations.push_back(static_cast<float>(normal()));
     const double u = uniform();
@@ -81,8 +95,10 @@ BenchScene make_bench_scene(const BenchSize& size) {
     for (int k = 0; k < 3; ++k) cloud.sh_dc.push_back(static_cast<float>(0.8 * normal()));
     for (int k = 0; k < 3 * kRestRows; ++k) cloud.sh_rest.push_back(static_cast<float>(0.1 * normal()));
   }
+  for (const float x : cloud.log_scales) bench.scales.push_back(std::exp(x));
+  for (const float x : cloud.logit_opacities) bench.opacities.push_back(1.0f / (1.0f + std::exp(-x)));
   bench.scene.points = {{cloud.means.begin(), cloud.means.begin() + 3}, {128, 128, 128}};  // replaced by the cloud
   return bench;
 }
 
-}  // namespace splatboost::cli
+}  // namespace splatboost

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "octree_gs/octree_adapter.h"
+
+#include <algorithm>
+
+namespace splatboost {
+namespace {
+
+/// Passes everything on, and replays each scored view once more, with every pixel flagged, to see which anchors it
+/// drew.
+class AnchorViews final : public RasterizerHook {
+ public:
+  AnchorViews(RasterizerHook& inner, std::size_t slots, std::vector<std::int32_t>& views)
+      : inner_(inner), slots_(slots), views_(views) {
+    views_.assign(inner.primitives() / slots, 0);
+  }
+  void set_beta(std::optional<float> beta) override { inner_.set_beta(beta); }
+  std::size_t primitives() const override { return inner_.primitives(); }
+  std::size_t scorable_views() const override { return inner_.scorable_views(); }
+  ScoredView render_for_score(std::size_t view) override { return inner_.render_for_score(view); }
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    inner_.count_flagged(flagged, counts);
+    all_.assign(flagged.size(), 1);
+    drawn_.assign(counts.size(), 0);
+    inner_.count_flagged(all_, drawn_);
+    for (std::size_t a = 0; a < views_.size(); ++a) {
+      const auto first = drawn_.begin() + static_cast<std::ptrdiff_t>(slots_ * a);
+      views_[a] += std::any_of(first, first + static_cast<std::ptrdiff_t>(slots_), [](auto n) { return n > 0; });
+    }
+  }
+
+ private:
+  RasterizerHook& inner_;
+  std::size_t slots_;
+  std::vector<std::int32_t>& views_;
+  std::vector<std::uint8_t> all_;
+  std::vector<std::int32_t> drawn_;
+};
+
+}  // namespace
+
+void OctreeAdapter::score(RasterizerHook& rasterizer, const RandomStream& random,
+                          std::vector<std::int64_t>& importance) {
+  if (!boost_.level_aware) {
+    ScaffoldAdapter::score(rasterizer, random, importance);
+    return;
+  }
+  AnchorViews counted(rasterizer, boost_.slots_per_anchor, anchor_views_);
+  const ScoreSums& found = sums(counted, random);
+  importance.resize(found.counts.size());
+  for (std::size_t i = 0; i < importance.size(); ++i) {
+    importance[i] = found.counts[i] / std::max(anchor_views_[i / boost_.slots_per_anchor], kLeastViews);
+  }
+}
+
+}  // namespace splatboost

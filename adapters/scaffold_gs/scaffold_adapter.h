@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file FastGS for Scaffold-GS, whose primitives are (anchor, offset) slots: VCD gates the slots that would grow, CB
+/// draws less. VCP does not apply: the anchor that a pruned Gaussian belongs to would make it anew.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "splatboost/hooks.h"
+#include "splatboost/multi_view_scores.h"
+#include "splatboost/threads.h"
+
+namespace splatboost {
+
+/// The parts and constants of the method. The published runs step with Adam at every iteration: there is no schedule.
+struct ScaffoldBoost {
+  bool vcd = true;  ///< multi-view consistent densification
+  bool cb = true;   ///< compact box
+  float beta = 0.5f;
+  double tau_d = 5;  ///< importance that growth must exceed in a run of 30 000; more in a shorter one
+  int views = 10;    ///< K
+  float tau = 0.1f;  ///< error threshold
+  std::uint64_t seed = 0;
+};
+
+/// Plug it into a backbone by set_hooks(&adapter, nullptr) after rasterizer_hook().set_beta(adapter.beta()).
+class ScaffoldAdapter : public DensityHook {
+ public:
+  ScaffoldAdapter(const ScaffoldBoost& boost, Threads& threads);
+
+  /// β for the rasterizer, nullopt without the compact box.
+  std::optional<float> beta() const;
+
+  void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
+  void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
+
+ protected:
+  /// Importance of every slot over K views: ⌊Σ counts / K⌋ (paper eq. 9).
+  virtual void score(RasterizerHook& rasterizer, const RandomStream& random, std::vector<std::int64_t>& importance);
+
+  /// τ_d of a run of this length. A short run grows its anchors while much of every image is still wrong, and then the
+  /// published 5 flagged pixels a view hold back next to nothing: it asks for more in proportion.
+  double tau_d_at(Moment moment) const;
+
+  const ScoreSums& sums(RasterizerHook& rasterizer, const RandomStream& random);
+
+ private:
+  ScaffoldBoost boost_;
+  MultiViewScorer scorer_;
+  std::vector<std::int64_t> importance_;
+};
+
+}  // namespace splatboost

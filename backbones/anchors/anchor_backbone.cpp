@@ -1,0 +1,492 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "anchors/anchor_backbone.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "anchors/anchor_prefilter.h"
+#include "anchors/smooth_functions.h"
+#include "common/input_error.h"
+#include "common/splat_ply.h"
+#include "splatboost/random.h"
+#include "splatboost/rows.h"
+#include "splatboost/select.h"
+
+namespace splatboost {
+namespace {
+
+constexpr std::size_t kGrain = 4096;
+constexpr float kLogitTenth = -2.1972246f;  // opacity of an anchor in files; nothing reads it
+constexpr const char* kNetsFile = "nets.bin";
+
+}  // namespace
+
+AnchorBackbone::AnchorBackbone(const BackboneContext& context, const AnchorConfig& config, const DecoderShape& shape,
+                               int published_iterations)
+    : context_(context),
+      config_(config),
+      shape_(shape),
+      published_iterations_(published_iterations),
+      rasterizer_(context.threads),
+      photometric_(context.threads),
+      decoder_(shape, context.threads),
+      statistics_(shape.offsets, context.threads),
+      offsets_("offset", 3 * shape.offsets),
+      features_("anchor_feat", shape.features),
+      scaling_("scaling", 6),
+      embedding_("embedding_appearance", std::max<std::size_t>(shape.appearance, 1)) {
+  const RandomStream random(context.seed, 0, RandomPurpose::net_parameters);
+  std::uint64_t next = 0;
+  const auto start = [&](ParameterGroup& group, const NetShape& net) {
+    group.assign(initial_net_parameters(net, random, next));
+    next += net.parameters();
+  };
+  start(opacity_net_, shape.opacity());
+  start(cov_net_, shape.covariance());
+  start(color_net_, shape.color());
+  if (shape.feature_bank) start(bank_net_, shape.bank());
+  if (shape.appearance > 0) {
+    std::vector<float> rows(context.scene.train.size() * shape.appearance);
+    for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<float>(random.normal(next + i));
+    embedding_.assign(std::move(rows));
+  }
+}
+
+int AnchorBackbone::at(int published) const {
+  const double scaled = static_cast<double>(published) * context_.iterations / published_iterations_;
+  return std::max(1, static_cast<int>(std::lround(scaled)));
+}
+
+void AnchorBackbone::set_anchors(std::span<const float> positions, std::span<const float> log_sizes) {
+  const std::size_t given = positions.size() / 3;
+  require(given > 0, "the scene has no point to put an anchor at; give it a point cloud");
+  const std::size_t n = context_.max_primitives > 0 ? std::min(given, context_.max_primitives) : given;
+  std::vector<float> scaling;
+  std::vector<std::uint8_t> dropped(given, 1);
+  positions_.clear();
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t from = i * given / n;
+    dropped[from] = 0;
+    positions_.insert(positions_.end(), &positions[3 * from], &positions[3 * from] + 3);
+    scaling.insert(scaling.end(), 6, log_sizes[from]);
+  }
+  for (const SideRow& row : side_rows_) remove_rows(*row.values, 1, dropped);
+  offsets_.assign(std::vector<float>(n * offsets_.width, 0.0f));
+  features_.assign(std::vector<float>(n * features_.width, 0.0f));
+  scaling_.assign(std::move(scaling));
+  statistics_.reset(n);
+  stale_ = true;
+}
+
+std::vector<ParameterGroup*> AnchorBackbone::groups() {
+  std::vector<ParameterGroup*> all{&offsets_, &features_, &scaling_, &opacity_net_, &cov_net_, &color_net_};
+  if (shape_.feature_bank) all.push_back(&bank_net_);
+  if (shape_.appearance > 0) all.push_back(&embedding_);
+  return all;
+}
+
+std::vector<const ParameterGroup*> AnchorBackbone::groups() const {
+  const std::vector<ParameterGroup*> all = const_cast<AnchorBackbone*>(this)->groups();
+  return {all.begin(), all.end()};
+}
+
+void AnchorBackbone::activate() {
+  if (!stale_) return;
+  scales_.resize(scaling_.values.size());
+  context_.threads.for_range(scales_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) scales_[i] = smooth_exp(scaling_.values[i]);
+  });
+  stale_ = false;
+}
+
+DecoderInputs<float> AnchorBackbone::decoder_inputs() const {
+  return {positions_,          offsets_.values, features_.values,  scales_,          levels(),
+          opacity_net_.values, cov_net_.values, color_net_.values, bank_net_.values, view_embedding_};
+}
+
+std::optional<std::size_t> AnchorBackbone::training_view(const View* view) const {
+  const std::vector<View>& views = context_.scene.train;
+  if (view < views.data() || view >= views.data() + views.size()) return std::nullopt;
+  return static_cast<std::size_t>(view - views.data());
+}
+
+void AnchorBackbone::use_embedding_of(const View* view) {
+  const std::size_t width = shape_.appearance;
+  if (width == 0) return;
+  view_embedding_.assign(width, 0.0f);
+  if (const std::optional<std::size_t> row = training_view(view)) {
+    std::copy_n(&embedding_.values[width * *row], width, view_embedding_.begin());
+    return;
+  }
+  // A view that training did not see has no embedding of its own: the mean of all is the neutral one.
+  for (std::size_t i = 0; i < embedding_.values.size(); ++i) view_embedding_[i % width] += embedding_.values[i];
+  for (float& value : view_embedding_) value /= static_cast<float>(std::max<std::size_t>(embedding_.rows(), 1));
+}
+
+void AnchorBackbone::decode(const Camera& camera) {
+  activate();
+  anchors_in_view(camera, positions_, scales_, usable_anchors(camera), context_.threads, in_view_, visible_);
+  const glm::vec3 centre = camera.centre();
+  decoded_ = &decoder_.forward(decoder_inputs(), visible_, {centre.x, centre.y, centre.z});
+}
+
+Gaussians AnchorBackbone::gaussians() const {
+  Gaussians g;
+  g.count = decoded_->size();
+  g.means = decoded_->means;
+  g.scales = decoded_->scales;
+  g.rotations = decoded_->rotations;
+  g.opacities = decoded_->opacities;
+  g.colors = decoded_->colors;
+  return g;
+}
+
+void AnchorBackbone::draw(const Camera& camera, std::optional<float> beta, std::span<float> color) {
+  RasterOptions options;
+  if (beta) {
+    options.box = BoxPolicy::ellipse;
+    options.beta = *beta;
+  }
+  options.background = glm::vec3(context_.scene.white_background ? 1.0f : 0.0f);
+  RasterImages images;
+  images.color = color;
+  rasterizer_.forward(camera, gaussians(), options, images);
+}
+
+double AnchorBackbone::add_volume_loss() {
+  const std::size_t m = decoded_->size();
+  if (m == 0 || config_.volume_weight == 0) return 0;
+  const float weight = static_cast<float>(config_.volume_weight / static_cast<double>(m));
+  double sum = 0;
+  for (std::size_t i = 0; i < m; ++i) {
+    const float* s = &decoded_->scales[3 * i];
+    float* g = &gaussian_gradients_.scales[3 * i];
+    g[0] += weight * s[1] * s[2];
+    g[1] += weight * s[0] * s[2];
+    g[2] += weight * s[0] * s[1];
+    sum += static_cast<double>(s[0]) * s[1] * s[2];
+  }
+  return config_.volume_weight * sum / static_cast<double>(m);
+}
+
+double AnchorBackbone::train_step(int iteration, const View& view) {
+  clock_.restart();
+  iteration_ = iteration;
+  image_.resize(view.color.size());
+  image_gradient_.resize(view.color.size());
+  use_embedding_of(&view);
+  decode(view.camera);
+  clock_.lap("decode");
+  draw(view.camera, beta_, image_);
+  clock_.add("project", rasterizer_.seconds().project);
+  clock_.add("tile_lists", rasterizer_.seconds().tile_lists);
+  clock_.add("blend", rasterizer_.seconds().blend);
+
+  const PhotometricLoss loss =
+      photometric_.evaluate(image_, view.truth(), static_cast<float>(config_.lambda_dssim), image_gradient_);
+  clock_.lap("loss");
+
+  const bool gathering = iteration > at(config_.statistics_from) && iteration < at(config_.grow_until);
+  const std::size_t m = decoded_->size();
+  NeuralGaussians<float>& g = gaussian_gradients_;
+  g.means.resize(3 * m);
+  g.scales.resize(3 * m);
+  g.rotations.resize(4 * m);
+  g.opacities.resize(m);
+  g.colors.resize(3 * m);
+  GaussianGradients gradients;
+  gradients.means = g.means;
+  gradients.scales = g.scales;
+  gradients.rotations = g.rotations;
+  gradients.opacities = g.opacities;
+  gradients.colors = g.colors;
+  if (gathering) {
+    screen_.resize(2 * m);
+    gradients.screen_means = screen_;
+  }
+  RasterImageGradients image_gradients;
+  image_gradients.color = image_gradient_;
+  rasterizer_.backward(gaussians(), image_gradients, gradients);
+  clock_.add("blend_backward", rasterizer_.seconds().blend_backward);
+  clock_.add("project_backward", rasterizer_.seconds().project_backward);
+
+  const double volume = add_volume_loss();
+  std::span<float> embedding_gradient;
+  if (const std::optional<std::size_t> row = training_view(&view); row && shape_.appearance > 0) {
+    embedding_gradient = std::span(embedding_.gradients).subspan(*row * shape_.appearance, shape_.appearance);
+  }
+  decoder_.backward(decoder_inputs(), {g.means, g.scales, g.rotations, g.opacities, g.colors},
+                    {offsets_.gradients, features_.gradients, scaling_.gradients, opacity_net_.gradients,
+                     cov_net_.gradients, color_net_.gradients, bank_net_.gradients, embedding_gradient});
+  for (ParameterGroup* group : groups()) group->pending = true;
+  clock_.lap("decode_backward");
+
+  if (gathering) {
+    statistics_.add_anchors(visible_, decoder_.all_opacities());
+    statistics_.add_gaussians(decoded_->slots, rasterizer_.visible(), screen_, view.camera.width, view.camera.height);
+  }
+  clock_.lap("statistics");
+  for (ParameterGroup* group : groups()) {
+    if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group);
+  }
+  clock_.lap("optimizer");
+  const bool own = gathering && iteration > at(config_.grow_from) && iteration % config_.grow_interval == 0;
+  if (density_ != nullptr ? density_->grows_at(moment(), own) : own) change_anchors();
+  clock_.lap("density");
+  return loss.total + volume;
+}
+
+float AnchorBackbone::learning_rate(const ParameterGroup& group) const {
+  const auto falling = [&](double initial, double final_value) {
+    return static_cast<float>(exponential_rate(initial, final_value, iteration_, context_.iterations));
+  };
+  const AnchorConfig& c = config_;
+  if (&group == &offsets_) return context_.scene.extent * falling(c.offset_rate_initial, c.offset_rate_final);
+  if (&group == &features_) return static_cast<float>(c.feature_rate);
+  if (&group == &scaling_) return static_cast<float>(c.scaling_rate);
+  if (&group == &opacity_net_) return falling(c.opacity_net_rate_initial, c.opacity_net_rate_final);
+  if (&group == &cov_net_) return falling(c.cov_net_rate_initial, c.cov_net_rate_final);
+  if (&group == &color_net_) return falling(c.color_net_rate_initial, c.color_net_rate_final);
+  if (&group == &bank_net_) return falling(c.feat_bank_rate_initial, c.feat_bank_rate_final);
+  return falling(c.appearance_rate_initial, c.appearance_rate_final);
+}
+
+void AnchorBackbone::step_group(ParameterGroup& group) {
+  if (!group.pending) return;
+  AdamOptions options;
+  options.learning_rate = learning_rate(group);
+  group.step(options, context_.threads);
+  stale_ = true;
+}
+
+void AnchorBackbone::step_all() {
+  for (ParameterGroup* group : groups()) step_group(*group);
+}
+
+void AnchorBackbone::change_anchors() {
+  step_all();
+  activate();
+  const double anchor_views = config_.grow_interval * config_.success_threshold;
+  statistics_.mean_gradients(mean_gradients_);
+  statistics_.slots_seen_over(0.5 * anchor_views, judged_);
+  growing_.assign(judged_.size(), 0);
+  choose_growing(mean_gradients_, judged_, growing_);
+  if (density_ != nullptr) {
+    const DensityStatistics known{moment(), context_.scene.extent, mean_gradients_, {}, {}, {}};
+    GrowDecisions decisions{growing_, {}};
+    density_->grow(known, slots_hook_, decisions);
+  }
+  grow(mean_gradients_, growing_);
+
+  // Which slots start again is decided by what was seen, not by what grew: a gate on growth must not disturb it.
+  statistics_.restart_slots(judged_);
+  statistics_.faint_anchors(anchor_views, config_.min_opacity, removed_);
+  statistics_.restart_anchors_seen_over(anchor_views);
+  const std::vector<float> equal(removed_.size(), 0.0f);
+  if (spare_one(equal, removed_) > 0) remove_anchors(removed_);
+  for (std::size_t i = 0; i < primitives(); ++i) {
+    for (std::size_t c = 3; c < 6; ++c) {
+      float& value = scaling_.values[6 * i + c];
+      value = std::min(value, static_cast<float>(config_.max_log_size));
+    }
+  }
+  stale_ = true;
+}
+
+std::size_t AnchorBackbone::append_anchors(std::span<const float> positions, float log_size,
+                                           std::span<const float> features, std::span<const float> importance) {
+  std::vector<std::uint8_t> kept(importance.size(), 1);
+  if (context_.max_primitives > 0) {
+    keep_largest(importance, context_.max_primitives - std::min(context_.max_primitives, primitives()), kept);
+  }
+  const auto added = static_cast<std::size_t>(std::count(kept.begin(), kept.end(), std::uint8_t{1}));
+  if (added == 0) return 0;
+  const std::size_t first = primitives();
+  const std::vector<std::uint32_t> any(added, 0);
+  for (ParameterGroup* group : anchor_groups()) group->append_copies(any);
+  for (const SideRow& row : side_rows_) append_zero_rows(*row.values, 1, added);
+  statistics_.append(added);
+  std::fill(offsets_.values.begin() + static_cast<std::ptrdiff_t>(first * offsets_.width), offsets_.values.end(), 0.0f);
+  std::fill(scaling_.values.begin() + static_cast<std::ptrdiff_t>(first * 6), scaling_.values.end(), log_size);
+  std::size_t row = first;
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    if (kept[i] == 0) continue;
+    positions_.insert(positions_.end(), &positions[3 * i], &positions[3 * i] + 3);
+    std::copy_n(&features[features_.width * i], features_.width, &features_.values[features_.width * row++]);
+  }
+  stale_ = true;
+  return added;
+}
+
+std::array<float, 3> AnchorBackbone::slot_position(std::size_t slot) const {
+  const std::size_t anchor = slot / shape_.offsets;
+  std::array<float, 3> position{};
+  for (std::size_t c = 0; c < 3; ++c) {
+    position[c] = positions_[3 * anchor + c] + offsets_.values[3 * slot + c] * scales_[6 * anchor + c];
+  }
+  return position;
+}
+
+void AnchorBackbone::remove_anchors(std::span<const std::uint8_t> removed) {
+  remove_rows(positions_, 3, removed);
+  for (ParameterGroup* group : anchor_groups()) group->remove(removed);
+  for (const SideRow& row : side_rows_) remove_rows(*row.values, 1, removed);
+  statistics_.remove(removed);
+  stale_ = true;
+}
+
+ScoredView AnchorBackbone::SlotsHook::render_for_score(std::size_t view) {
+  const View& truth = owner_.context_.scene.train[view];
+  owner_.image_.resize(truth.color.size());
+  owner_.use_embedding_of(&truth);
+  owner_.decode(truth.camera);
+  owner_.draw(truth.camera, owner_.beta_, owner_.image_);
+  return {owner_.image_, truth.truth()};
+}
+
+void AnchorBackbone::SlotsHook::count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) {
+  const std::vector<std::uint32_t>& slots = owner_.decoded_->slots;
+  view_counts_.assign(slots.size(), 0);
+  owner_.rasterizer_.count_flagged(flagged, view_counts_);
+  for (std::size_t i = 0; i < slots.size(); ++i) counts[slots[i]] += view_counts_[i];
+}
+
+void AnchorBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
+  use_embedding_of(nullptr);
+  decode(camera);
+  draw(camera, beta ? beta : beta_, color);
+}
+
+std::vector<std::string> AnchorBackbone::model_columns() const {
+  std::vector<std::string> names{"x", "y", "z", "nx", "ny", "nz"};
+  for (const SideRow& row : side_rows_) names.push_back(row.name);
+  const auto add = [&](const std::string& prefix, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) names.push_back(prefix + std::to_string(i));
+  };
+  add("f_offset_", offsets_.width);
+  add("f_anchor_feat_", features_.width);
+  names.emplace_back("opacity");
+  add("scale_", 6);
+  add("rot_", 4);
+  return names;
+}
+
+std::uint64_t AnchorBackbone::export_model(const std::filesystem::path& folder) const {
+  FloatTable table{model_columns(), {}};
+  const std::size_t k = shape_.offsets;
+  for (std::size_t i = 0; i < primitives(); ++i) {
+    std::vector<float>& out = table.values;
+    out.insert(out.end(), &positions_[3 * i], &positions_[3 * i] + 3);
+    out.insert(out.end(), 3, 0.0f);  // normals: the layout has them, nobody fills them
+    for (const SideRow& row : side_rows_) out.push_back((*row.values)[i]);
+    const float* offset = &offsets_.values[3 * k * i];
+    for (std::size_t c = 0; c < 3; ++c) {  // the layout's order: all x, all y, all z
+      for (std::size_t j = 0; j < k; ++j) out.push_back(offset[3 * j + c]);
+    }
+    const auto append = [&](const ParameterGroup& group) {
+      const float* row = &group.values[group.width * i];
+      out.insert(out.end(), row, row + group.width);
+    };
+    append(features_);
+    out.push_back(kLogitTenth);
+    append(scaling_);
+    out.insert(out.end(), {1.0f, 0.0f, 0.0f, 0.0f});
+  }
+  const std::filesystem::path anchors = folder / "point_cloud.ply", nets = folder / kNetsFile;
+  write_float_ply(anchors, table);
+  ArchiveWriter archive;
+  for (const ParameterGroup* group : groups()) {
+    if (group->width == 1 || group == &embedding_) archive.put(group->name, std::span<const float>(group->values));
+  }
+  for (const Constant& constant : constants_) archive.put(constant.name, std::span<const float>(constant.value, 1));
+  archive.write(nets);
+  return std::filesystem::file_size(anchors) + std::filesystem::file_size(nets);
+}
+
+void AnchorBackbone::import_model(const std::filesystem::path& folder) {
+  const FloatTable table = read_float_ply(folder / "point_cloud.ply", model_columns());
+  const std::size_t k = shape_.offsets, width = table.names.size(), n = table.rows();
+  require(n > 0, (folder / "point_cloud.ply").string() + ": holds no anchor");
+  positions_.clear();
+  std::vector<float> offsets(3 * k * n), features, scaling;
+  for (const SideRow& row : side_rows_) row.values->resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const float* from = &table.values[width * i];
+    positions_.insert(positions_.end(), from, from + 3);
+    from += 6;
+    for (const SideRow& row : side_rows_) (*row.values)[i] = *from++;
+    for (std::size_t c = 0; c < 3; ++c) {
+      for (std::size_t j = 0; j < k; ++j) offsets[3 * (k * i + j) + c] = *from++;
+    }
+    features.insert(features.end(), from, from + features_.width);
+    from += features_.width + 1;
+    scaling.insert(scaling.end(), from, from + 6);
+  }
+  offsets_.assign(std::move(offsets));
+  features_.assign(std::move(features));
+  scaling_.assign(std::move(scaling));
+
+  const ArchiveReader archive(folder / kNetsFile);
+  for (ParameterGroup* group : groups()) {
+    if (group->width != 1 && group != &embedding_) continue;
+    std::vector<float> values = archive.floats(group->name);
+    // A model may be shown with other views than it was trained on: they need no embedding of their own.
+    const bool fits = group == &embedding_ ? !values.empty() && values.size() % group->width == 0
+                                           : values.size() == group->values.size();
+    require(fits, archive.path().string() + ": " + group->name +
+                      " is not of the size that the settings give; use the config.json that the model came with");
+    group->assign(std::move(values));
+  }
+  for (const Constant& constant : constants_) {
+    const std::vector<float> value = archive.floats(constant.name);
+    require(value.size() == 1, archive.path().string() + ": " + constant.name + " must be one number");
+    *constant.value = value[0];
+  }
+  statistics_.reset(n);
+  iteration_ = context_.iterations;  // a finished model: all levels are open
+  stale_ = true;
+}
+
+void AnchorBackbone::save(ArchiveWriter& archive) const {
+  archive.put("anchors.iteration", std::int64_t{iteration_});
+  archive.put("anchors.config", config().dump());
+  archive.put("anchors.positions", std::span<const float>(positions_));
+  for (const ParameterGroup* group : groups()) group->save(archive);
+  for (const SideRow& row : side_rows_) archive.put("anchors." + row.name, std::span<const float>(*row.values));
+  for (const Constant& constant : constants_) {
+    archive.put("anchors." + constant.name, std::span<const float>(constant.value, 1));
+  }
+  statistics_.save(archive);
+}
+
+void AnchorBackbone::load(ArchiveReader& archive) {
+  if (archive.text("anchors.config") != config().dump()) {
+    throw InputError(archive.path().string() +
+                     ": the checkpoint was made with other backbone constants; continue with the same --config");
+  }
+  positions_ = archive.floats("anchors.positions");
+  const std::size_t n = primitives();
+  bool fits = n > 0 && positions_.size() == 3 * n;
+  for (ParameterGroup* group : groups()) {
+    const std::size_t size = group->values.size();
+    const bool of_anchors = group == &offsets_ || group == &features_ || group == &scaling_;
+    group->load(archive);
+    fits = fits && (of_anchors ? group->rows() == n : group->values.size() == size);
+  }
+  for (const SideRow& row : side_rows_) {
+    *row.values = archive.floats("anchors." + row.name);
+    fits = fits && row.values->size() == n;
+  }
+  for (const Constant& constant : constants_) {
+    const std::vector<float> value = archive.floats("anchors." + constant.name);
+    fits = fits && value.size() == 1;
+    if (value.size() == 1) *constant.value = value[0];
+  }
+  fits = statistics_.load(archive, n) && fits;
+  if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
+  iteration_ = static_cast<int>(archive.integer("anchors.iteration"));
+  stale_ = true;
+}
+
+}  // namespace splatboost

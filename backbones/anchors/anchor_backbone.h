@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Training of anchors: what Scaffold-GS and Octree-GS have in common. A backbone of this kind says where anchors
+/// sit at the start, which of them a view may use, and where new ones grow.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "anchors/anchor_config.h"
+#include "anchors/anchor_decoder.h"
+#include "anchors/slot_statistics.h"
+#include "common/backbone.h"
+#include "common/parameter_group.h"
+#include "splatboost/rasterizer.h"
+
+namespace splatboost {
+
+/// Positions of anchors never move: their published learning rate is 0. A primitive of the program is an anchor; one of
+/// the hooks is a slot, anchor·k + offset.
+class AnchorBackbone : public Backbone {
+ public:
+  double train_step(int iteration, const View& view) override;
+  void finish() override { step_all(); }
+  std::size_t primitives() const override { return positions_.size() / 3; }
+  void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
+  std::uint64_t export_model(const std::filesystem::path& folder) const override;
+  void import_model(const std::filesystem::path& folder) override;
+  void save(ArchiveWriter& archive) const override;
+  void load(ArchiveReader& archive) override;
+  RasterizerHook& rasterizer_hook() override { return slots_hook_; }
+  void set_hooks(DensityHook* density, OptimizerHook* optimizer) override {
+    density_ = density;
+    optimizer_ = optimizer;
+  }
+  const StageClock& stages() const override { return clock_; }
+
+ protected:
+  /// A number that an anchor has besides its parameters: its name in files, and its values [N].
+  struct SideRow {
+    std::string name;
+    std::vector<float>* values;
+  };
+  /// A number of the whole model that files must keep.
+  struct Constant {
+    std::string name;
+    float* value;
+  };
+
+  /// @param published_iterations length of the run that the constants are of
+  AnchorBackbone(const BackboneContext& context, const AnchorConfig& config, const DecoderShape& shape,
+                 int published_iterations);
+
+  /// Derived constructors call it once. Anchors of size exp(log_sizes[i]); a cap keeps an even subset of them.
+  void set_anchors(std::span<const float> positions, std::span<const float> log_sizes);
+  /// Rows that derived classes keep; they follow the anchors. Called before set_anchors().
+  void add_side_row(SideRow row) { side_rows_.push_back(std::move(row)); }
+  void add_constant(Constant constant) { constants_.push_back(std::move(constant)); }
+
+  /// [N] zero where this view may not use an anchor; empty: it may use all.
+  virtual std::span<const std::uint8_t> usable_anchors(const Camera& camera) {
+    (void)camera;
+    return {};
+  }
+  /// [N] of DecoderShape::level.
+  virtual std::span<const float> levels() const { return {}; }
+  /// The backbone's own rule: marks [N·k] the slots that grow. @param judged slots seen often enough
+  virtual void choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,
+                              std::span<std::uint8_t> growing) = 0;
+  /// Adds anchors from the slots that grow.
+  virtual void grow(std::span<const float> gradients, std::span<const std::uint8_t> growing) = 0;
+
+  /// Appends anchors, the most important first where the cap does not let all in. Side rows get zeros.
+  /// @param positions [C,3]; @param features [C,F]; @param importance [C]; @return how many: they are the last rows,
+  /// in the given order
+  std::size_t append_anchors(std::span<const float> positions, float log_size, std::span<const float> features,
+                             std::span<const float> importance);
+  /// World position of what a slot draws.
+  std::array<float, 3> slot_position(std::size_t slot) const;
+  std::size_t slots_per_anchor() const { return shape_.offsets; }
+  std::span<const float> anchor_feature(std::size_t anchor) const {
+    return std::span(features_.values).subspan(shape_.features * anchor, shape_.features);
+  }
+  std::span<const float> positions() const { return positions_; }
+  int at(int published) const;
+  int iteration() const { return iteration_; }
+  const BackboneContext& context() const { return context_; }
+
+ private:
+  /// What the pack may ask of the renderer. Its primitives are slots.
+  class SlotsHook final : public RasterizerHook {
+   public:
+    explicit SlotsHook(AnchorBackbone& owner) : owner_(owner) {}
+    void set_beta(std::optional<float> beta) override { owner_.beta_ = beta; }
+    std::size_t primitives() const override { return owner_.primitives() * owner_.shape_.offsets; }
+    std::size_t scorable_views() const override { return owner_.context_.scene.train.size(); }
+    ScoredView render_for_score(std::size_t view) override;
+    void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override;
+
+   private:
+    AnchorBackbone& owner_;
+    std::vector<std::int32_t> view_counts_;
+  };
+
+  std::vector<ParameterGroup*> anchor_groups() { return {&offsets_, &features_, &scaling_}; }
+  std::vector<ParameterGroup*> groups();
+  std::vector<const ParameterGroup*> groups() const;
+  float learning_rate(const ParameterGroup& group) const;
+  void step_group(ParameterGroup& group);
+  void step_all();
+  void activate();
+  DecoderInputs<float> decoder_inputs() const;
+  std::optional<std::size_t> training_view(const View* view) const;
+  void use_embedding_of(const View* view);
+  void decode(const Camera& camera);
+  Gaussians gaussians() const;
+  void draw(const Camera& camera, std::optional<float> beta, std::span<float> color);
+  double add_volume_loss();
+  void change_anchors();
+  void remove_anchors(std::span<const std::uint8_t> removed);
+  std::vector<std::string> model_columns() const;
+  Moment moment() const { return {iteration_, context_.iterations}; }
+
+  BackboneContext context_;
+  AnchorConfig config_;
+  DecoderShape shape_;
+  int published_iterations_;
+  Rasterizer rasterizer_;
+  Photometric photometric_;
+  AnchorDecoder<float> decoder_;
+  SlotStatistics statistics_;
+  SlotsHook slots_hook_{*this};
+  std::optional<float> beta_;
+  DensityHook* density_ = nullptr;
+  OptimizerHook* optimizer_ = nullptr;
+  StageClock clock_;
+  int iteration_ = 0;
+
+  std::vector<float> positions_;  ///< [N,3]
+  // Names of the groups are Scaffold-GS's.
+  ParameterGroup offsets_, features_, scaling_;
+  ParameterGroup opacity_net_{"mlp_opacity", 1}, cov_net_{"mlp_cov", 1}, color_net_{"mlp_color", 1};
+  ParameterGroup bank_net_{"mlp_featurebank", 1};
+  ParameterGroup embedding_;  ///< a row a training view
+  std::vector<SideRow> side_rows_;
+  std::vector<Constant> constants_;
+
+  bool stale_ = true;                  ///< parameters moved since activate()
+  std::vector<float> scales_;          ///< [N,6] exp of scaling
+  std::vector<float> view_embedding_;  ///< of the view that is being decoded
+  std::vector<std::uint8_t> in_view_;  ///< [N]
+  std::vector<std::uint32_t> visible_;
+  const NeuralGaussians<float>* decoded_ = nullptr;
+  std::vector<float> image_, image_gradient_, screen_;
+  NeuralGaussians<float> gaussian_gradients_;  ///< slots unused
+  std::vector<float> mean_gradients_;
+  std::vector<std::uint8_t> judged_, growing_, removed_;
+};
+
+}  // namespace splatboost

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file y = W₂·relu(W₁·x + b₁) + b₂ for blocks of rows, and its gradient. Matrix products are Eigen's, for the
+/// instruction set that the core uses.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "splatboost/random.h"
+
+namespace splatboost {
+
+/// Sizes of a net. Its parameters are one flat array: W₁ [hidden,inputs], b₁, W₂ [outputs,hidden], b₂, row-major.
+struct NetShape {
+  std::size_t inputs = 0;
+  std::size_t hidden = 0;
+  std::size_t outputs = 0;
+  std::size_t parameters() const { return hidden * (inputs + 1) + outputs * (hidden + 1); }
+};
+
+/// Uniform in ±1/√(inputs of the layer), the field's default for linear layers.
+/// @param first the number of `random` to begin with
+std::vector<float> initial_net_parameters(const NetShape& shape, const RandomStream& random, std::uint64_t first);
+
+/// Rows are independent; one call works on one thread. Real is float or double.
+/// @param x [rows,inputs] @param hidden [rows,hidden] receives the activations that the gradient needs
+/// @param y [rows,outputs]
+template <class Real>
+void net_forward(const NetShape& shape, std::span<const Real> parameters, std::size_t rows, const Real* x, Real* hidden,
+                 Real* y);
+
+/// @param y_gradient [rows,outputs]
+/// @param hidden_gradient [rows,hidden] is overwritten with scratch
+/// @param parameter_gradients flat, is added to
+/// @param x_gradient [rows,inputs] is overwritten
+template <class Real>
+void net_backward(const NetShape& shape, std::span<const Real> parameters, std::size_t rows, const Real* x,
+                  const Real* hidden, const Real* y_gradient, Real* hidden_gradient,
+                  std::span<Real> parameter_gradients, Real* x_gradient);
+
+/// What follows the last layer, in place.
+template <class Real>
+void tanh_all(std::span<Real> values);
+template <class Real>
+void sigmoid_all(std::span<Real> values);
+
+}  // namespace splatboost

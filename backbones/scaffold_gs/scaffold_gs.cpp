@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "scaffold_gs/scaffold_gs.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "anchors/anchor_backbone.h"
+#include "anchors/anchor_cells.h"
+#include "common/input_error.h"
+#include "splatboost/neighbors.h"
+#include "splatboost/random.h"
+
+namespace splatboost {
+namespace {
+
+constexpr int kPublishedLength = 30000;
+constexpr float kMinSquaredDistance = 1e-7f;  // of neighbours at initialisation, keeps log-scales finite
+
+DecoderShape shape_of(const ScaffoldConfig& config) {
+  DecoderShape shape;
+  shape.features = static_cast<std::size_t>(config.feat_dim);
+  shape.offsets = static_cast<std::size_t>(config.n_offsets);
+  shape.appearance = static_cast<std::size_t>(config.appearance_dim);
+  shape.opacity_distance = config.add_opacity_dist;
+  shape.covariance_distance = config.add_cov_dist;
+  shape.color_distance = config.add_color_dist;
+  shape.feature_bank = config.use_feat_bank;
+  return shape;
+}
+
+class Scaffold final : public AnchorBackbone {
+ public:
+  Scaffold(const BackboneContext& context, const ScaffoldConfig& config)
+      : AnchorBackbone(context, config, shape_of(config), kPublishedLength), config_(config) {
+    add_constant({"voxel_size", &voxel_size_});
+    initialise();
+  }
+
+  nlohmann::json config() const override { return to_json(config_); }
+
+ private:
+  void initialise();
+  void choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,
+                      std::span<std::uint8_t> growing) override;
+  void grow(std::span<const float> gradients, std::span<const std::uint8_t> growing) override;
+  std::size_t grow_level(std::span<const float> gradients, std::span<const std::uint32_t> slots, float cell_size);
+
+  ScaffoldConfig config_;
+  float voxel_size_ = 0;
+};
+
+void Scaffold::initialise() {
+  const std::vector<float>& points = context().scene.points.positions;
+  require(!points.empty(), "the scene has no point to put an anchor at; give it a point cloud");
+  voxel_size_ = static_cast<float>(config_.voxel_size);
+  std::vector<float> squared;
+  if (voxel_size_ == 0) {
+    squared.resize(points.size() / 3);
+    mean_squared_neighbor_distances(points, 3, squared, context().threads);
+    const auto middle = squared.begin() + static_cast<std::ptrdiff_t>((squared.size() - 1) / 2);
+    std::nth_element(squared.begin(), middle, squared.end());
+    voxel_size_ = *middle;
+    require(voxel_size_ > 0, "the points of the scene coincide; set voxel_size of the backbone");
+  }
+  const std::vector<float> positions = occupied_centres({voxel_size_, {}}, points);
+  squared.resize(positions.size() / 3);
+  mean_squared_neighbor_distances(positions, 3, squared, context().threads);
+  for (float& value : squared) value = 0.5f * std::log(std::max(value, kMinSquaredDistance));
+  set_anchors(positions, squared);
+}
+
+void Scaffold::choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,
+                              std::span<std::uint8_t> growing) {
+  // The threshold of the coarsest level; finer ones ask for more.
+  for (std::size_t i = 0; i < growing.size(); ++i) {
+    growing[i] = judged[i] != 0 && gradients[i] >= static_cast<float>(config_.gradient_threshold);
+  }
+}
+
+void Scaffold::grow(std::span<const float> gradients, std::span<const std::uint8_t> growing) {
+  const RandomStream random(context().seed, static_cast<std::uint64_t>(iteration()), RandomPurpose::grow);
+  const std::size_t n = growing.size();
+  double threshold = config_.gradient_threshold;
+  double keep = 0.5;
+  int factor = config_.update_init_factor;
+  std::size_t added = 0;
+  std::vector<std::uint32_t> slots;
+  for (int level = 0; level < config_.update_depth; ++level) {
+    // Finer levels follow only where a coarser one found room.
+    if ((level == 0 || added > 0) && factor > 0) {
+      slots.clear();
+      for (std::size_t i = 0; i < n; ++i) {
+        // A number a (level, slot), whatever else grows: a gate does not change what chance says of the others.
+        const std::uint64_t number = static_cast<std::uint64_t>(level) * n + i;
+        if (growing[i] != 0 && gradients[i] >= static_cast<float>(threshold) && random.uniform(number) > keep) {
+          slots.push_back(static_cast<std::uint32_t>(i));
+        }
+      }
+      added += grow_level(gradients, slots, voxel_size_ * static_cast<float>(factor));
+    }
+    threshold *= 0.5 * config_.update_hierarchy_factor;
+    keep *= 0.5;
+    factor /= config_.update_hierarchy_factor;
+  }
+}
+
+std::size_t Scaffold::grow_level(std::span<const float> gradients, std::span<const std::uint32_t> slots,
+                                 float cell_size) {
+  std::vector<float> points;
+  for (const std::uint32_t slot : slots) {
+    const std::array<float, 3> p = slot_position(slot);
+    points.insert(points.end(), p.begin(), p.end());
+  }
+  const CellGrid grid{cell_size, {}};
+  const NewCells found = new_cells(grid, points, positions());
+  std::vector<float> centres, features, importance;
+  for (std::size_t c = 0; c < found.cells.size(); ++c) {
+    const std::array<float, 3> centre = grid.centre_of(found.cells[c]);
+    centres.insert(centres.end(), centre.begin(), centre.end());
+    // The new anchor takes the largest of its parents' features, channel by channel.
+    float largest = 0;
+    const std::size_t first = features.size();
+    for (const std::uint32_t source : found.sources[c]) {
+      const std::uint32_t slot = slots[source];
+      largest = std::max(largest, gradients[slot]);
+      const std::span<const float> parent = anchor_feature(slot / slots_per_anchor());
+      if (features.size() == first) {
+        features.insert(features.end(), parent.begin(), parent.end());
+      } else {
+        for (std::size_t i = 0; i < parent.size(); ++i) features[first + i] = std::max(features[first + i], parent[i]);
+      }
+    }
+    importance.push_back(largest);
+  }
+  return append_anchors(centres, std::log(cell_size), features, importance);
+}
+
+}  // namespace
+
+std::unique_ptr<Backbone> make_scaffold(const BackboneContext& context, const ScaffoldConfig& config) {
+  return std::make_unique<Scaffold>(context, config);
+}
+
+}  // namespace splatboost

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Scaffold-GS (Lu et al. 2024) as published, with hooks and no knowledge of acceleration.
+#pragma once
+
+#include <memory>
+
+#include <nlohmann/json.hpp>
+
+#include "anchors/anchor_config.h"
+#include "common/backbone.h"
+
+namespace splatboost {
+
+/// The published constants; iteration numbers are of a run of 30 000.
+struct ScaffoldConfig : AnchorConfig {
+  double voxel_size = 0.001;    ///< world units; 0: median over the points of the mean squared distance to 3 neighbours
+  int update_depth = 3;         ///< levels of cells in which new anchors are looked for, the coarsest first
+  int update_init_factor = 16;  ///< size of the coarsest cells in voxels
+  int update_hierarchy_factor = 4;  ///< from level to level cells shrink by this, and thresholds rise by half of it
+};
+
+nlohmann::json to_json(const ScaffoldConfig& config);
+/// Reads the keys that are there over the defaults. Throws InputError on an unknown key or an impossible value.
+ScaffoldConfig scaffold_config_from_json(const nlohmann::json& json);
+
+std::unique_ptr<Backbone> make_scaffold(const BackboneContext& context, const ScaffoldConfig& config);
+
+}  // namespace splatboost

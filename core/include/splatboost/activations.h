@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file From the parameters that are trained to those that are drawn.
+#pragma once
+
+#include <span>
+
+#include "splatboost/threads.h"
+
+namespace splatboost {
+
+/// to[i] = exp(from[i]), at most e^88: scales. Relative error below 3e-7.
+void exponentials(std::span<const float> from, std::span<float> to, Threads& threads);
+
+/// to[i] = 1 / (1 + exp(-from[i])): opacities. Relative error below 1e-6.
+void sigmoids(std::span<const float> from, std::span<float> to, Threads& threads);
+
+}  // namespace splatboost
