@@ -73,7 +73,8 @@ TEST(MemoryEstimate, WarnsWhereThereIsTooLittle) {
 
 TEST(MemoryEstimate, TheSystemTells) {
   EXPECT_GT(resident_memory_bytes(), kMebibyte);
-  EXPECT_LE(resident_memory_bytes(), peak_memory_bytes());
+  // A kernel writes pages down in batches, so the two may be apart by a few.
+  EXPECT_LE(resident_memory_bytes(), peak_memory_bytes() + kMebibyte);
   EXPECT_GT(free_memory_bytes(), kMebibyte);
 }
 
