@@ -17,8 +17,15 @@ std::optional<float> ScaffoldAdapter::beta() const {
   return boost_.cb ? std::optional<float>(boost_.beta) : std::nullopt;
 }
 
-double ScaffoldAdapter::tau_d_at(Moment moment) const {
-  return boost_.tau_d * std::max(1.0, static_cast<double>(kPublishedIterations) / moment.total);
+double ScaffoldAdapter::tau_d_for(std::span<const std::int64_t> importance) const {
+  std::int64_t sum = 0;
+  std::size_t counted = 0;
+  for (const std::int64_t value : importance) {
+    sum += value;
+    counted += value > 0 ? 1 : 0;
+  }
+  const double mean = counted > 0 ? static_cast<double>(sum) / static_cast<double>(counted) : 0.0;
+  return boost_.tau_d * std::max(1.0, mean / kMeanImportance);
 }
 
 const ScoreSums& ScaffoldAdapter::sums(RasterizerHook& rasterizer, const RandomStream& random) {
@@ -41,7 +48,7 @@ void ScaffoldAdapter::grow(const DensityStatistics& statistics, RasterizerHook& 
   if (!boost_.vcd || !any) return;
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   score(rasterizer, RandomStream(boost_.seed, iteration, RandomPurpose::scored_views), importance_);
-  keep_important(importance_, tau_d_at(statistics.moment), decisions.clone);
+  keep_important(importance_, tau_d_for(importance_), decisions.clone);
 }
 
 }  // namespace splatboost

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "splatboost/hooks.h"
@@ -18,11 +19,15 @@ struct ScaffoldBoost {
   bool vcd = true;  ///< multi-view consistent densification
   bool cb = true;   ///< compact box
   float beta = 0.5f;
-  double tau_d = 5;  ///< importance that growth must exceed in a run of 30 000; more in a shorter one
+  double tau_d = 5;  ///< importance that growth must exceed; more where the mean exceeds kMeanImportance
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   std::uint64_t seed = 0;
 };
+
+/// The paper's τ_d holds back the slots below the average of a model whose counted slots have this importance in the
+/// mean.
+inline constexpr double kMeanImportance = 5;
 
 /// Plug it into a backbone by set_hooks(&adapter, nullptr) after rasterizer_hook().set_beta(adapter.beta()).
 class ScaffoldAdapter : public DensityHook {
@@ -39,9 +44,9 @@ class ScaffoldAdapter : public DensityHook {
   /// Importance of every slot over K views: ⌊Σ counts / K⌋ (paper eq. 9).
   virtual void score(RasterizerHook& rasterizer, const RandomStream& random, std::vector<std::int64_t>& importance);
 
-  /// τ_d of a run of this length. A short run grows its anchors while much of every image is still wrong, and then the
-  /// published 5 flagged pixels a view hold back next to nothing: it asks for more in proportion.
-  double tau_d_at(Moment moment) const;
+  /// τ_d in proportion to the mean importance of the slots that were counted at all, where that is above
+  /// kMeanImportance: models that are young or of few, large Gaussians have errors under nearly every slot.
+  double tau_d_for(std::span<const std::int64_t> importance) const;
 
   const ScoreSums& sums(RasterizerHook& rasterizer, const RandomStream& random);
 

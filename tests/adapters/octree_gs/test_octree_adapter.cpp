@@ -39,13 +39,15 @@ TEST(OctreeAdapter, the_level_aware_rule_divides_by_the_views_that_drew_the_anch
 }
 
 TEST(OctreeAdapter, which_views_drew_an_anchor_does_not_depend_on_what_is_wrong_in_them) {
-  // Counts of flagged pixels 12 and 0, but the anchor was drawn in both views: divided by 2; drawn in three: by 3.
-  const std::vector<std::vector<std::int32_t>> flagged{{16, 0, 0, 0}, {0, 0, 0, 0}}, drawn{{50, 9, 0, 0}, {0, 0, 7, 0}};
+  // Two anchors; the second is drawn everywhere and keeps the mean of importance low. The first is wrong in one view,
+  // but drawn in three.
+  const std::vector<std::vector<std::int32_t>> flagged{{16, 0, 0, 0}, {0, 0, 0, 0}, {4, 4, 4, 4}, {4, 4, 4, 4}},
+      drawn{{50, 9, 0, 0}, {0, 0, 7, 0}, {9, 9, 9, 9}, {9, 9, 9, 9}};
   testing::GivenCounts rasterizer(flagged, 4, 8, 8);
   rasterizer.drawn = drawn;
-  EXPECT_EQ(gate(true, rasterizer), (Mask{0, 0})) << "16 / 3 = 5 does not exceed 5";
+  EXPECT_EQ(gate(true, rasterizer), (Mask{0, 0, 0, 0})) << "16 / 3 = 5 does not exceed 5";
   rasterizer.drawn[1][2] = 0;
-  EXPECT_EQ(gate(true, rasterizer), (Mask{1, 0})) << "16 / 2 = 8 does";
+  EXPECT_EQ(gate(true, rasterizer), (Mask{1, 0, 0, 0})) << "16 / 2 = 8 exceeds 5, and the mean 5.3";
 }
 
 }  // namespace
