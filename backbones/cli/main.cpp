@@ -68,7 +68,7 @@ std::string unknown_argument(const std::string& argument, const CLI::App& app) {
 }
 
 int run_program(int argc, char** argv) {
-  CLI::App program("SplatBoost trains 3D Gaussian Splatting several times faster.", "splatboost");
+  CLI::App program("SplatBoost trains 3D Gaussian Splatting faster, with fewer Gaussians.", "splatboost");
   program.formatter(std::make_shared<HelpFormatter>());
   program.set_help_flag("-h,--help", "print this and exit");
   program.set_version_flag("--version", "splatboost " SPLATBOOST_VERSION, "print the version and exit");

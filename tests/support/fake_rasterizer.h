@@ -3,45 +3,30 @@
 #pragma once
 
 #include <algorithm>
-#include <utility>
 #include <vector>
 
-#include "splatboost/hooks.h"
+#include "support/given_counts.h"
 
 namespace splatboost::testing {
 
-/// A renderer whose errors and counts are given. Views are black, and the left half is wrong: in 8×8 views 32 pixels
-/// are flagged.
-class FakeRasterizer : public RasterizerHook {
+/// A count a primitive, the same in all views. In 8×8 views 32 pixels are flagged.
+class FakeRasterizer : public GivenCounts {
  public:
-  explicit FakeRasterizer(std::vector<std::int32_t> counts, std::size_t views = 10, int width = 8, int height = 8)
-      : counts_(std::move(counts)), views_(views), width_(width), height_(height) {
-    const auto numbers = static_cast<std::size_t>(3 * width * height);
-    color_.assign(numbers, 0.0f);
-    for (std::size_t p = 0; p < numbers; ++p) {
-      truth_.push_back(static_cast<int>(p % static_cast<std::size_t>(width)) < width / 2 ? 255 : 0);
-    }
-  }
-  void set_beta(std::optional<float>) override {}
-  std::size_t primitives() const override { return counts_.size(); }
-  std::size_t scorable_views() const override { return views_; }
-  ScoredView render_for_score(std::size_t view) override {
-    rendered.push_back(view);
-    return {color_, {width_, height_, truth_, {}}};
-  }
+  explicit FakeRasterizer(const std::vector<std::int32_t>& counts, std::size_t views = 10, int width = 8,
+                          int height = 8)
+      : GivenCounts(one_for_all_views(counts), views, width, height) {}
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     flagged_pixels = static_cast<std::size_t>(std::count(flagged.begin(), flagged.end(), 1));
-    for (std::size_t i = 0; i < counts.size(); ++i) counts[i] += counts_[i];
+    GivenCounts::count_flagged(flagged, counts);
   }
-  std::vector<std::size_t> rendered;
   std::size_t flagged_pixels = 0;
 
  private:
-  std::vector<std::int32_t> counts_;
-  std::size_t views_;
-  int width_, height_;
-  std::vector<float> color_;
-  std::vector<std::uint8_t> truth_;
+  static std::vector<std::vector<std::int32_t>> one_for_all_views(const std::vector<std::int32_t>& counts) {
+    std::vector<std::vector<std::int32_t>> given;
+    for (const std::int32_t count : counts) given.push_back({count});
+    return given;
+  }
 };
 
 inline constexpr float kExtent = 10;  // the border between small and large is extent × percent_dense
