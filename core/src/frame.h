@@ -26,16 +26,9 @@ struct alignas(64) BlendRecord {
 };
 
 /// The tiles that a Gaussian is listed in.
-struct alignas(16) TileListing {
+struct TileListing {
   std::uint32_t first;  ///< in the array of the Gaussian's piece
   std::uint32_t tiles;  ///< 0: not drawn
-  std::uint32_t slot;   ///< first of its slots, one a tile
-};
-
-/// A Gaussian in the order of depth.
-struct DepthOrder {
-  std::uint32_t depth_bits;
-  std::uint32_t gaussian;
 };
 
 /// A Gaussian in a tile's list.
@@ -70,7 +63,7 @@ struct Frame {
   int tiles_x = 0, tiles_y = 0;
 
   Buffer<BlendRecord> records;   ///< [N]
-  Buffer<float> depths;          ///< [N] once more: sorting visits these alone
+  Buffer<float> depths;          ///< [N] once more: the tile lists need these alone
   Buffer<std::uint8_t> visible;  ///< [N]
   Buffer<std::int32_t> radii;    ///< [N]
   Buffer<float> channels;        ///< [N, extra_channels()] features, then inverse depth
@@ -78,15 +71,12 @@ struct Frame {
   Buffer<TileListing> listings;                          ///< [N]
   std::vector<std::vector<std::uint32_t>> listed_tiles;  ///< an array for each piece of kProjectGrain Gaussians
 
-  Buffer<DepthOrder> order;  ///< [V] Gaussians that are listed, near to far
-  Buffer<DepthOrder> order_swap;
-  std::vector<std::uint32_t> sort_bins;  ///< [chunks, 256]
-  Buffer<std::uint32_t> tile_begin;      ///< [T+1] first entry of a tile
-  Buffer<std::uint32_t> tile_cursor;     ///< [chunks, T]
-  Buffer<std::uint32_t> chunk_entries;   ///< [chunks + 1] first of a chunk's unsorted entries
-  Buffer<TileEntry> entries;             ///< [E] tile by tile, near to far
-  Buffer<std::uint32_t> unsorted_tiles;  ///< [E, and room behind] tiles of the entries, all near to far
-  Buffer<TileEntry> unsorted_entries;    ///< ... and the entries
+  Buffer<std::uint32_t> piece_slot;     ///< [pieces + 1] first slot of a piece's Gaussians
+  Buffer<std::uint32_t> slot_gaussian;  ///< [E] whose slot it is
+  Buffer<std::uint32_t> tile_begin;     ///< [T+1] first entry of a tile
+  Buffer<std::uint32_t> tile_cursor;    ///< [chunks, T]
+  Buffer<std::uint64_t> entry_keys;     ///< [E] depth and slot, tile by tile
+  Buffer<TileEntry> entries;            ///< [E] tile by tile, near to far
 
   Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] rows of the tile that an entry reaches
   Buffer<std::uint32_t> tile_stop;   ///< [T] entries of the tile that were looked at before all pixels were full
@@ -97,6 +87,9 @@ struct Frame {
 
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
+  std::size_t pieces() const { return (gaussians + kProjectGrain - 1) / kProjectGrain; }
+  /// A Gaussian's slots, one a tile, lie in the order of its tiles; this is the first.
+  std::size_t first_slot(std::size_t i) const { return piece_slot[i / kProjectGrain] + listings[i].first; }
 };
 
 /// Fills records, depths, visible, radii, channels, listings and their tiles. (project_cpu.cpp)
@@ -104,7 +97,7 @@ void project(Frame& frame, const Gaussians& gaussians, Threads& threads);
 /// Sums entry gradients per splat and takes them back to the Gaussians. (project_cpu.cpp)
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       Threads& threads);
-/// Sorts by depth and fills the tile lists. (tiles_cpu.cpp)
+/// Fills the tile lists, near to far. (tiles_cpu.cpp)
 void build_tile_lists(Frame& frame, Threads& threads);
 /// Blends all tiles. (blend_cpu.cpp)
 void blend(Frame& frame, const RasterImages& images, Threads& threads);

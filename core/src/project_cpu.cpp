@@ -257,9 +257,9 @@ void gather(const Frame& frame, std::size_t i, std::size_t count, float* columns
   for (std::size_t lane = 0; lane < count; ++lane) {
     Float sum[kWidth / lanes()];
     for (Float& s : sum) s = Float(0.0f);
-    const TileListing& listing = frame.listings[i + lane];
-    for (std::uint32_t k = 0; k < listing.tiles; ++k) {
-      const auto* entry = reinterpret_cast<const float*>(&frame.entry_moments[listing.slot + k]);
+    const std::size_t slot = frame.first_slot(i + lane);
+    for (std::uint32_t k = 0; k < frame.listings[i + lane].tiles; ++k) {
+      const auto* entry = reinterpret_cast<const float*>(&frame.entry_moments[slot + k]);
       for (std::size_t v = 0; v < kWidth / lanes(); ++v) sum[v] += Float(hn::Load(d, entry + v * lanes()));
     }
     for (std::size_t k = 0; k < kWidth / lanes(); ++k) hn::Store(sum[k].v, d, rows + lane * kWidth + k * lanes());
@@ -350,9 +350,9 @@ void clear_block(const GaussianGradients& g, const Gaussians& gaussians, std::si
 void feature_gradients(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i) {
   float sum[kMaxFeatures] = {};
   const auto drawn = static_cast<std::size_t>(frame.features);  // none, if the view was drawn without them
-  const TileListing& listing = frame.listings[i];
-  for (std::size_t k = 0; drawn > 0 && k < listing.tiles; ++k) {
-    const float* entry = frame.entry_channel_gradients.data() + drawn * (listing.slot + k);
+  const std::size_t slot = frame.first_slot(i);
+  for (std::size_t k = 0; drawn > 0 && k < frame.listings[i].tiles; ++k) {
+    const float* entry = frame.entry_channel_gradients.data() + drawn * (slot + k);
     for (std::size_t f = 0; f < drawn; ++f) sum[f] += entry[f];
   }
   const auto width = static_cast<std::size_t>(gaussians.features_per_gaussian);
@@ -468,8 +468,7 @@ void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
   frame.radii.ensure(n);
   frame.channels.ensure(n * static_cast<std::size_t>(frame.extra_channels()));
   frame.listings.ensure(n);
-  const std::size_t pieces = (n + kProjectGrain - 1) / kProjectGrain;
-  if (frame.listed_tiles.size() < pieces) frame.listed_tiles.resize(pieces);
+  if (frame.listed_tiles.size() < frame.pieces()) frame.listed_tiles.resize(frame.pieces());
   threads.for_range(n, kProjectGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(project_range)(frame, gaussians, begin, end);
   });
