@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/instruction_set.h"
 
+#include <atomic>
 #include <cstdint>
 
 #include <hwy/highway.h>
@@ -23,10 +24,20 @@ constexpr std::int64_t k128 = HWY_SSE4 | HWY_SSSE3 | HWY_NEON | HWY_WASM;
 /// Compiled and supported; the lowest bit is the best.
 std::int64_t usable() { return static_cast<std::int64_t>(hwy::SupportedTargets()) & HWY_TARGETS; }
 
+/// The best of those in use, 0 until somebody asks. Kept, because asking the processor takes microseconds, and in a
+/// virtual machine tens of them.
+std::atomic<std::int64_t> best_target{0};
+
+void find_best_target() {
+  const std::int64_t targets = usable();
+  best_target = targets & -targets;
+}
+
 }  // namespace
 
 void use_instruction_set(InstructionSet set) {
   hwy::SetSupportedTargetsForTest(0);  // 0: all that there are
+  find_best_target();
   if (set == InstructionSet::best) return;
   const std::int64_t wanted = set == InstructionSet::avx512 ? kAvx512
                               : set == InstructionSet::avx2 ? HWY_AVX2
@@ -35,11 +46,12 @@ void use_instruction_set(InstructionSet set) {
   const std::int64_t held = usable() & wanted;
   SPLATBOOST_CHECK(held != 0, "this machine or build has not these instructions");
   hwy::SetSupportedTargetsForTest(held);
+  find_best_target();
 }
 
 std::string instruction_set_name() {
-  const std::int64_t targets = usable();
-  return hwy::TargetName(targets & -targets);
+  if (best_target == 0) find_best_target();
+  return hwy::TargetName(best_target);
 }
 
 }  // namespace splatboost
