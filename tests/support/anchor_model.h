@@ -6,10 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "../backbones/common/temporary_folder.h"
-#include "common/backbone.h"
 #include "common/metrics.h"
 #include "common/splat_ply.h"
+#include "support/backbone_checks.h"
 
 namespace splatboost::testing {
 
@@ -30,13 +29,6 @@ inline std::vector<float> exported(const Backbone& backbone, const std::string& 
   return exported(backbone, numbered(prefix, count));
 }
 
-/// All bytes that a model is made of.
-inline std::string model_bytes(const Backbone& backbone) {
-  const test::TemporaryFolder folder;
-  backbone.export_model(folder.path());
-  return test::read_file(folder / "point_cloud.ply") + test::read_file(folder / "nets.bin");
-}
-
 /// World positions of all slots [N·k,3], as the .ply says.
 inline std::vector<float> slot_positions(const Backbone& backbone, std::size_t k) {
   const std::vector<float> anchors = exported(backbone, {"x", "y", "z"});
@@ -53,17 +45,10 @@ inline std::vector<float> slot_positions(const Backbone& backbone, std::size_t k
   return positions;
 }
 
-inline void train(Backbone& backbone, const Scene& scene, int first, int last) {
-  for (int i = first; i <= last; ++i) {
-    backbone.train_step(i, scene.train[static_cast<std::size_t>(i) % scene.train.size()]);
-  }
-}
-
 inline double mean_psnr(Backbone& backbone, const std::vector<View>& views) {
   double sum = 0;
   for (const View& view : views) {
-    std::vector<float> color(view.color.size());
-    backbone.render(view.camera, 0, std::nullopt, color);
+    std::vector<float> color = picture(backbone, view);
     for (float& value : color) value = std::clamp(value, 0.0f, 1.0f);
     sum += psnr(color, view.truth()) / static_cast<double>(views.size());
   }

@@ -6,26 +6,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
-#include <memory>
 #include <span>
-#include <string>
-#include <utility>
 #include <vector>
 
-#include "backbones/common/temporary_folder.h"
-#include "common/backbone.h"
 #include "common/splat_ply.h"
 #include "splatboost/photometric.h"
 #include "splatboost/rasterizer.h"
+#include "support/backbone_checks.h"
 
 namespace splatboost::testing {
-
-using MakeBackbone = std::function<std::unique_ptr<Backbone>()>;
-
-inline const View& view_at(const Scene& scene, int iteration) {
-  return scene.train[static_cast<std::size_t>(iteration) % scene.train.size()];
-}
 
 inline SplatCloud exported(const Backbone& backbone) {
   const test::TemporaryFolder folder;
@@ -63,9 +52,7 @@ inline CloudGradients gathered_gradients(Backbone& backbone, const SplatCloud& c
   CloudGradients gradients;
   gradients.loss = backbone.train_step(iteration, view);
   const test::TemporaryFolder folder;
-  ArchiveWriter writer;
-  backbone.save(writer);
-  writer.write(folder / "state");
+  save_state(backbone, folder / "state");
   const ArchiveReader state(folder / "state");
   gradients.means = state.floats("xyz.gradients");
   gradients.scales = state.floats("scaling.gradients");
@@ -118,57 +105,6 @@ inline void expect_close(const std::vector<float>& found, const std::vector<doub
   for (std::size_t i = 0; i < found.size(); ++i) {
     EXPECT_NEAR(static_cast<double>(found[i]), expected[i], tolerance * largest) << "row " << i;
   }
-}
-
-/// A run that is cut, saved and continued gives the bytes of one that is not, at every cut; gradients accumulate over
-/// the cut.
-inline void expect_exact_resume(const MakeBackbone& make, const Scene& scene, int iterations,
-                                const std::vector<int>& cuts) {
-  StepsEveryThird optimizer;
-  const auto run = [&](Backbone& backbone, int first, int last) {
-    backbone.set_hooks(nullptr, &optimizer);
-    for (int i = first; i <= last; ++i) backbone.train_step(i, view_at(scene, i));
-  };
-  const auto bytes = [](const Backbone& backbone) {
-    const test::TemporaryFolder folder;
-    backbone.export_model(folder.path());
-    return test::read_file(folder / "point_cloud.ply");
-  };
-  const std::unique_ptr<Backbone> whole = make();
-  run(*whole, 1, iterations);
-  whole->finish();
-  const std::string expected = bytes(*whole);
-  for (const int cut : cuts) {
-    const test::TemporaryFolder folder;
-    {
-      const std::unique_ptr<Backbone> first = make();
-      run(*first, 1, cut);
-      ArchiveWriter archive;
-      first->save(archive);
-      archive.write(folder / "checkpoint");
-    }
-    const std::unique_ptr<Backbone> second = make();
-    ArchiveReader archive(folder / "checkpoint");
-    second->load(archive);
-    run(*second, cut + 1, iterations);
-    second->finish();
-    EXPECT_EQ(bytes(*second), expected) << "cut after iteration " << cut;
-  }
-}
-
-/// @param make takes the number of threads
-inline void expect_same_bytes_for_any_threads(const std::function<std::unique_ptr<Backbone>(Threads&)>& make,
-                                              const Scene& scene, int iterations) {
-  std::vector<SplatCloud> clouds;
-  for (const int count : {1, 2}) {
-    Threads threads(count);
-    const std::unique_ptr<Backbone> backbone = make(threads);
-    for (int i = 1; i <= iterations; ++i) backbone->train_step(i, view_at(scene, i));
-    clouds.push_back(exported(*backbone));
-  }
-  EXPECT_EQ(clouds[0].means, clouds[1].means);
-  EXPECT_EQ(clouds[0].logit_opacities, clouds[1].logit_opacities);
-  EXPECT_EQ(clouds[0].log_scales, clouds[1].log_scales);
 }
 
 }  // namespace splatboost::testing

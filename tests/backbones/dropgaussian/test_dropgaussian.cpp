@@ -102,7 +102,7 @@ TEST_F(DropGaussianRun, gradients_are_those_of_what_was_kept_under_its_own_loss)
 
 TEST_F(DropGaussianRun, views_that_are_shown_or_scored_drop_nothing) {
   const auto backbone = make({}, 20);
-  for (int i = 1; i <= 20; ++i) backbone->train_step(i, view_at(scene_, i));
+  testing::train(*backbone, scene_, 1, 20);
   const View& view = scene_.train[0];
   std::vector<float> shown(view.color.size()), again(shown.size());
   backbone->render(view.camera, 0, std::nullopt, shown);
@@ -146,7 +146,7 @@ TEST_F(DropGaussianRun, statistics_are_unbiased_under_the_compact_box) {
     backbone->rasterizer_hook().set_beta(beta);
     DensityRecorder recorder;
     backbone->set_hooks(&recorder, &never);
-    for (int i = 1; i <= 90; ++i) backbone->train_step(i, view_at(scene_, i));
+    testing::train(*backbone, scene_, 1, 90);
     const std::vector<float>& gradients = recorder.events.at(0).gradients;
     return std::accumulate(gradients.begin(), gradients.end(), 0.0) / static_cast<double>(gradients.size());
   };
@@ -194,7 +194,7 @@ TEST_F(DropGaussianRun, late_pruning_comes_after_a_growth_of_the_same_iteration)
   PrunesAt40 hook;
   const auto backbone = make(eager(), kIterations, 600);
   backbone->set_hooks(&hook, nullptr);
-  for (int i = 1; i <= 45; ++i) backbone->train_step(i, view_at(scene_, i));
+  testing::train(*backbone, scene_, 1, 45);
   std::vector<const DensityEvent*> at_40;
   for (const DensityEvent& e : hook.events) {
     if (e.iteration == 40) at_40.push_back(&e);
@@ -206,7 +206,8 @@ TEST_F(DropGaussianRun, late_pruning_comes_after_a_growth_of_the_same_iteration)
 }
 
 TEST_F(DropGaussianRun, resume_is_exact) {
-  testing::expect_exact_resume([&] { return make(eager(), 100, 600); }, scene_, 90, {15, 20, 44, 85});
+  testing::StepsEveryThird third;
+  testing::expect_exact_resume([&] { return make(eager(), 100, 600); }, scene_, 90, {15, 20, 44, 85}, &third);
 }
 
 TEST_F(DropGaussianRun, threads_do_not_change_the_bytes) {
@@ -219,7 +220,7 @@ TEST_F(DropGaussianRun, threads_do_not_change_the_bytes) {
 
 TEST_F(DropGaussianRun, reaches_a_stated_quality_on_a_tiny_scene) {
   const auto backbone = make({}, 400, 2000);
-  for (int i = 1; i <= 400; ++i) backbone->train_step(i, view_at(scene_, i));
+  testing::train(*backbone, scene_, 1, 400);
   backbone->finish();
   EXPECT_GT(quick_psnr(*backbone, scene_, 2), 20.0);
 }

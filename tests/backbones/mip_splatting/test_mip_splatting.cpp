@@ -162,7 +162,7 @@ TEST_F(MipSplattingRun, reset_speaks_of_what_is_drawn) {
   config.opacity_reset_interval = 3000;  // at 1/50: every 60 iterations
   config.densify_from = 14000;           // no growth before
   const auto backbone = make(config);
-  for (int i = 1; i <= 59; ++i) backbone->train_step(i, view_at(scene_, i));
+  testing::train(*backbone, scene_, 1, 59);
   const auto highest = [&](bool drawn) {
     const SplatCloud cloud = exported(*backbone);
     float most = 0;
@@ -225,8 +225,9 @@ TEST_F(MipSplattingRun, gradients_pass_both_filters) {
 }
 
 TEST_F(MipSplattingRun, resume_is_exact) {
+  testing::StepsEveryThird third;
   // Before, at and after a growth, and between two moves of the filter.
-  testing::expect_exact_resume([&] { return make(eager(), 150); }, scene_, 90, {15, 20, 21, 44, 70, 85});
+  testing::expect_exact_resume([&] { return make(eager(), 150); }, scene_, 90, {15, 20, 21, 44, 70, 85}, &third);
 }
 
 TEST_F(MipSplattingRun, threads_do_not_change_the_bytes) {
@@ -239,7 +240,7 @@ TEST_F(MipSplattingRun, threads_do_not_change_the_bytes) {
 
 TEST_F(MipSplattingRun, a_model_that_comes_back_from_its_file_draws_the_same) {
   const auto backbone = make(eager());
-  for (int i = 1; i <= 45; ++i) backbone->train_step(i, view_at(scene_, i));
+  testing::train(*backbone, scene_, 1, 45);
   const auto again = make(eager());
   testing::import_cloud(*again, exported(*backbone));
   std::vector<float> first(scene_.train[0].color.size()), second(first.size());
@@ -256,7 +257,7 @@ TEST_F(MipSplattingRun, a_model_that_comes_back_from_its_file_draws_the_same) {
 
 TEST_F(MipSplattingRun, reaches_a_stated_quality_and_keeps_it_at_a_smaller_scale) {
   const auto train = [&](std::unique_ptr<Backbone> backbone) {
-    for (int i = 1; i <= 400; ++i) backbone->train_step(i, view_at(scene_, i));
+    testing::train(*backbone, scene_, 1, 400);
     backbone->finish();
     return backbone;
   };

@@ -263,12 +263,7 @@ TEST_F(OctreeTrace, grows_when_where_and_how_the_published_rules_say) {
 }
 
 TEST_F(OctreeTrace, a_closed_gate_grows_nothing_but_leaves_the_levels_of_views_alone) {
-  class Closed : public DensityHook {
-    void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& d) override {
-      std::fill(d.clone.begin(), d.clone.end(), std::uint8_t{0});
-    }
-    void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
-  } closed;
+  testing::ClosedGate closed;
   std::vector<float> extra[2];
   std::size_t start = 0;
   for (const bool gated : {false, true}) {
@@ -338,31 +333,21 @@ OctreeConfig everything() {
 TEST(OctreeTraining, resuming_gives_the_bytes_of_an_uninterrupted_run) {
   Threads threads(2);
   const Scene scene = deep_scene(threads);
-  const BackboneContext context{scene, threads, kSeed, kIterations, 0};
-  const auto whole = make_octree(context, everything());
-  train(*whole, scene, 1, 45);
-  const test::TemporaryFolder folder;
-  ArchiveWriter archive;
-  whole->save(archive);
-  archive.write(folder / "state");
-  train(*whole, scene, 46, 80);
-  const auto resumed = make_octree(context, everything());
-  ArchiveReader reader(folder / "state");
-  resumed->load(reader);
-  train(*resumed, scene, 46, 80);
-  EXPECT_EQ(model_bytes(*whole), model_bytes(*resumed));
+  testing::expect_exact_resume(
+      [&] {
+        return make_octree({scene, threads, kSeed, kIterations, 0}, everything());
+      },
+      scene, 80, {45});
 }
 
 TEST(OctreeTraining, gives_the_same_bytes_for_any_number_of_threads) {
-  std::string bytes[2];
-  for (const int count : {1, 3}) {
-    Threads threads(count);
-    const Scene scene = deep_scene(threads);
-    const auto backbone = make_octree({scene, threads, kSeed, kIterations, 0}, everything());
-    train(*backbone, scene, 1, 60);
-    bytes[count / 2] = model_bytes(*backbone);
-  }
-  EXPECT_EQ(bytes[0], bytes[1]);
+  Threads threads(1);
+  const Scene scene = deep_scene(threads);
+  testing::expect_same_bytes_for_any_threads(
+      [&](Threads& any) {
+        return make_octree({scene, any, kSeed, kIterations, 0}, everything());
+      },
+      scene, 60);
 }
 
 TEST(OctreeTraining, a_model_can_be_read_back_also_with_other_views) {
@@ -377,34 +362,19 @@ TEST(OctreeTraining, a_model_can_be_read_back_also_with_other_views) {
   const auto shown = make_octree({other, threads, 0, 60, 0}, everything());
   shown->import_model(folder.path());
   EXPECT_EQ(shown->primitives(), trained->primitives());
-  std::vector<float> a(scene.test[0].color.size()), b(a.size());
-  trained->render(scene.test[0].camera, 0, std::nullopt, a);
-  shown->render(scene.test[0].camera, 0, std::nullopt, b);
-  EXPECT_EQ(a, b);
+  EXPECT_EQ(testing::picture(*shown, scene.test[0]), testing::picture(*trained, scene.test[0]));
 }
 
 TEST(OctreeConfig, broken_settings_give_one_clear_line) {
-  const auto message = [](const char* text) -> std::string {
-    try {
-      octree_config_from_json(nlohmann::json::parse(text));
-    } catch (const InputError& error) {
-      return error.what();
-    }
-    return "";
-  };
-  for (const auto& [text, word] :
-       std::map<const char*, const char*>{{R"({"fork": 1})", "fork"},
-                                          {R"({"dist2level": "progressive"})", "dist2level"},
-                                          {R"({"dist2level": 2})", "dist2level"},
-                                          {R"({"dist_ratio": 0.4})", "dist_ratio"},
-                                          {R"({"levels": 0})", "levels"},
-                                          {R"({"visible_threshold": 1})", "visible_threshold"},
-                                          {R"({"coarse_factor": 1})", "coarse_factor"},
-                                          {R"({"voxel_size": 1})", "voxel_size"},
-                                          {R"({"n_offsets": 99})", "n_offsets"}}) {
-    EXPECT_NE(message(text).find(word), std::string::npos) << text << ": " << message(text);
-    EXPECT_EQ(message(text).find('\n'), std::string::npos);
-  }
+  testing::expect_one_clear_line(octree_config_from_json, {{R"({"fork": 1})", "fork"},
+                                                           {R"({"dist2level": "progressive"})", "dist2level"},
+                                                           {R"({"dist2level": 2})", "dist2level"},
+                                                           {R"({"dist_ratio": 0.4})", "dist_ratio"},
+                                                           {R"({"levels": 0})", "levels"},
+                                                           {R"({"visible_threshold": 1})", "visible_threshold"},
+                                                           {R"({"coarse_factor": 1})", "coarse_factor"},
+                                                           {R"({"voxel_size": 1})", "voxel_size"},
+                                                           {R"({"n_offsets": 99})", "n_offsets"}});
   EXPECT_EQ(to_json(octree_config_from_json(to_json(everything()))), to_json(everything()));
 }
 

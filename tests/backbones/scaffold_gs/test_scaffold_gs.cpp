@@ -172,12 +172,7 @@ TEST_F(ScaffoldTrace, a_hook_that_changes_nothing_changes_nothing) {
 }
 
 TEST_F(ScaffoldTrace, a_gate_on_growth_does_not_disturb_the_statistics) {
-  class Closed : public DensityHook {
-    void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& d) override {
-      std::fill(d.clone.begin(), d.clone.end(), std::uint8_t{0});
-    }
-    void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
-  } closed;
+  testing::ClosedGate closed;
   ScaffoldConfig config = small();
   config.success_threshold = 0.8;  // some slots are judged, others go on gathering
   std::vector<float> seen[2];
@@ -189,9 +184,7 @@ TEST_F(ScaffoldTrace, a_gate_on_growth_does_not_disturb_the_statistics) {
     train(*backbone, scene_, 1, 40);  // the first growth
     EXPECT_EQ(backbone->primitives() == start, gated);
     const test::TemporaryFolder folder;
-    ArchiveWriter archive;
-    backbone->save(archive);
-    archive.write(folder / "state");
+    testing::save_state(*backbone, folder / "state");
     seen[gated] = ArchiveReader(folder / "state").floats("statistics.slot_seen");
     seen[gated].resize(start * kSlots);
   }
@@ -286,33 +279,22 @@ TEST(ScaffoldTraining, resuming_gives_the_bytes_of_an_uninterrupted_run) {
   Threads threads(2);
   const Scene scene = testing::tiny_scene(threads);
   const BackboneContext context{scene, threads, kSeed, kIterations, 0};
-  const auto whole = make_scaffold(context, everything());
-  train(*whole, scene, 1, 45);
-  const test::TemporaryFolder folder;
-  ArchiveWriter archive;
-  whole->save(archive);
-  archive.write(folder / "state");
-  train(*whole, scene, 46, 80);
-  const auto resumed = make_scaffold(context, everything());
-  ArchiveReader reader(folder / "state");
-  resumed->load(reader);
-  train(*resumed, scene, 46, 80);
-  EXPECT_EQ(model_bytes(*whole), model_bytes(*resumed));
+  testing::expect_exact_resume([&] { return make_scaffold(context, everything()); }, scene, 80, {45});
 
-  const auto other = make_scaffold(context, small());
-  EXPECT_THROW(other->load(reader), InputError) << "a checkpoint of other constants";
+  const test::TemporaryFolder folder;
+  testing::save_state(*make_scaffold(context, everything()), folder / "state");
+  EXPECT_THROW(testing::load_state(*make_scaffold(context, small()), folder / "state"), InputError)
+      << "a checkpoint of other constants";
 }
 
 TEST(ScaffoldTraining, gives_the_same_bytes_for_any_number_of_threads) {
-  std::string bytes[2];
-  for (const int count : {1, 3}) {
-    Threads threads(count);
-    const Scene scene = testing::tiny_scene(threads);
-    const auto backbone = make_scaffold({scene, threads, kSeed, kIterations, 0}, everything());
-    train(*backbone, scene, 1, 60);
-    bytes[count / 2] = model_bytes(*backbone);
-  }
-  EXPECT_EQ(bytes[0], bytes[1]);
+  Threads threads(1);
+  const Scene scene = testing::tiny_scene(threads);
+  testing::expect_same_bytes_for_any_threads(
+      [&](Threads& any) {
+        return make_scaffold({scene, any, kSeed, kIterations, 0}, everything());
+      },
+      scene, 60);
 }
 
 TEST(ScaffoldTraining, a_model_can_be_read_back) {
@@ -328,10 +310,7 @@ TEST(ScaffoldTraining, a_model_can_be_read_back) {
   const auto shown = make_scaffold(context, everything());
   shown->import_model(folder.path());
   EXPECT_EQ(shown->primitives(), trained->primitives());
-  std::vector<float> a(scene.test[0].color.size()), b(a.size());
-  trained->render(scene.test[0].camera, 0, std::nullopt, a);
-  shown->render(scene.test[0].camera, 0, std::nullopt, b);
-  EXPECT_EQ(a, b);
+  EXPECT_EQ(testing::picture(*shown, scene.test[0]), testing::picture(*trained, scene.test[0]));
 
   const auto other = make_scaffold(context, small());
   EXPECT_THROW(other->import_model(folder.path()), InputError) << "nets of another size";
@@ -351,26 +330,15 @@ TEST(ScaffoldTraining, a_view_without_anything_in_it_is_background) {
 }
 
 TEST(ScaffoldConfig, broken_settings_give_one_clear_line) {
-  const auto message = [](const char* text) -> std::string {
-    try {
-      scaffold_config_from_json(nlohmann::json::parse(text));
-    } catch (const InputError& error) {
-      return error.what();
-    }
-    return "";
-  };
-  for (const auto& [text, word] : std::map<const char*, const char*>{{R"({"feat_dim": 30})", "feat_dim"},
-                                                                     {R"({"n_offsets": 0})", "n_offsets"},
-                                                                     {R"({"voxel_size": -1})", "voxel_size"},
-                                                                     {R"({"voxel_size": "x"})", "voxel_size"},
-                                                                     {R"({"update_depth": 0})", "update_depth"},
-                                                                     {R"({"offset_rate_final": 0})", "rates"},
-                                                                     {R"({"grow_interval": 0})", "grow_interval"},
-                                                                     {R"({"grow_from": 1e99})", "grow_from"},
-                                                                     {R"({"min_opacty": 1})", "min_opacty"}}) {
-    EXPECT_NE(message(text).find(word), std::string::npos) << text << ": " << message(text);
-    EXPECT_EQ(message(text).find('\n'), std::string::npos);
-  }
+  testing::expect_one_clear_line(scaffold_config_from_json, {{R"({"feat_dim": 30})", "feat_dim"},
+                                                             {R"({"n_offsets": 0})", "n_offsets"},
+                                                             {R"({"voxel_size": -1})", "voxel_size"},
+                                                             {R"({"voxel_size": "x"})", "voxel_size"},
+                                                             {R"({"update_depth": 0})", "update_depth"},
+                                                             {R"({"offset_rate_final": 0})", "rates"},
+                                                             {R"({"grow_interval": 0})", "grow_interval"},
+                                                             {R"({"grow_from": 1e99})", "grow_from"},
+                                                             {R"({"min_opacty": 1})", "min_opacty"}});
   ScaffoldConfig config = everything();
   EXPECT_EQ(to_json(scaffold_config_from_json(to_json(config))), to_json(config));
 }

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What must hold for every backbone, looked at from outside: its files and its pictures.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backbones/common/temporary_folder.h"
+#include "common/backbone.h"
+#include "common/input_error.h"
+
+namespace splatboost::testing {
+
+using MakeBackbone = std::function<std::unique_ptr<Backbone>()>;
+
+inline const View& view_at(const Scene& scene, int iteration) {
+  return scene.train[static_cast<std::size_t>(iteration) % scene.train.size()];
+}
+
+inline void train(Backbone& backbone, const Scene& scene, int first, int last) {
+  for (int i = first; i <= last; ++i) backbone.train_step(i, view_at(scene, i));
+}
+
+/// All bytes that a model is made of.
+inline std::string model_bytes(const Backbone& backbone) {
+  const test::TemporaryFolder folder;
+  backbone.export_model(folder.path());
+  std::map<std::string, std::string> files;
+  for (const auto& file : std::filesystem::directory_iterator(folder.path())) {
+    files[file.path().filename()] = test::read_file(file.path());
+  }
+  std::string bytes;
+  for (const auto& [name, content] : files) bytes += name + content;
+  return bytes;
+}
+
+inline void save_state(const Backbone& backbone, const std::filesystem::path& file) {
+  ArchiveWriter archive;
+  backbone.save(archive);
+  archive.write(file);
+}
+
+inline void load_state(Backbone& backbone, const std::filesystem::path& file) {
+  ArchiveReader archive(file);
+  backbone.load(archive);
+}
+
+inline std::vector<float> picture(Backbone& backbone, const View& view) {
+  std::vector<float> color(view.color.size());
+  backbone.render(view.camera, 0, std::nullopt, color);
+  return color;
+}
+
+/// A run that is cut, saved and continued gives the bytes of one that is not, at every cut.
+/// @param optimizer may make gradients accumulate over the cut
+inline void expect_exact_resume(const MakeBackbone& make, const Scene& scene, int iterations,
+                                const std::vector<int>& cuts, OptimizerHook* optimizer = nullptr) {
+  const auto made = [&] {
+    std::unique_ptr<Backbone> backbone = make();
+    backbone->set_hooks(nullptr, optimizer);
+    return backbone;
+  };
+  const std::unique_ptr<Backbone> whole = made();
+  train(*whole, scene, 1, iterations);
+  whole->finish();
+  const std::string expected = model_bytes(*whole);
+  for (const int cut : cuts) {
+    const test::TemporaryFolder folder;
+    {
+      const std::unique_ptr<Backbone> first = made();
+      train(*first, scene, 1, cut);
+      save_state(*first, folder / "checkpoint");
+    }
+    const std::unique_ptr<Backbone> second = made();
+    load_state(*second, folder / "checkpoint");
+    train(*second, scene, cut + 1, iterations);
+    second->finish();
+    EXPECT_EQ(model_bytes(*second), expected) << "cut after iteration " << cut;
+  }
+}
+
+inline void expect_same_bytes_for_any_threads(const std::function<std::unique_ptr<Backbone>(Threads&)>& make,
+                                              const Scene& scene, int iterations) {
+  std::string bytes[2];
+  for (const int count : {1, 3}) {
+    Threads threads(count);
+    const std::unique_ptr<Backbone> backbone = make(threads);
+    train(*backbone, scene, 1, iterations);
+    bytes[count / 2] = model_bytes(*backbone);
+  }
+  EXPECT_EQ(bytes[0], bytes[1]);
+}
+
+/// Each of the JSON texts is refused in one line that holds the word.
+inline void expect_one_clear_line(const std::function<void(const nlohmann::json&)>& read,
+                                  const std::map<const char*, const char*>& text_to_word) {
+  for (const auto& [text, word] : text_to_word) {
+    std::string message;
+    try {
+      read(nlohmann::json::parse(text));
+    } catch (const InputError& error) {
+      message = error.what();
+    }
+    EXPECT_NE(message.find(word), std::string::npos) << text << ": " << message;
+    EXPECT_EQ(message.find('\n'), std::string::npos);
+  }
+}
+
+/// Lets nothing grow.
+class ClosedGate : public DensityHook {
+ public:
+  void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& decisions) override {
+    std::fill(decisions.clone.begin(), decisions.clone.end(), std::uint8_t{0});
+  }
+  void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
+};
+
+}  // namespace splatboost::testing
