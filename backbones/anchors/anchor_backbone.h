@@ -25,6 +25,7 @@ class AnchorBackbone : public Backbone {
   double train_step(int iteration, const View& view) override;
   void finish() override { step_all(); }
   std::size_t primitives() const override { return positions_.size() / 3; }
+  std::size_t bytes_per_primitive() const override;
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
   std::uint64_t export_model(const std::filesystem::path& folder) const override;
   void import_model(const std::filesystem::path& folder) override;

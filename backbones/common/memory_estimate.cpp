@@ -20,11 +20,11 @@ constexpr std::size_t kTrained = 4 * kParameters * kFloat;     // values, gradie
 constexpr std::size_t kActivated = 4 * kFloat;                 // scales, opacity
 constexpr std::size_t kStatistics = (2 + 2 + 3 + 3) * kFloat;  // screen gradients, their sums and means
 constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;             // sums over views, importance, pruning score, counts
-constexpr std::size_t kProjected = 64 + 16 + 2 * 8 + 9;        // blend record, listing, order, small arrays
+constexpr std::size_t kProjected = 64 + 8 + 9;                 // blend record, listing, small arrays
 // (tile, Gaussian) pairs a Gaussian. In scenes of photos 3 (small images) to 20 (half a megapixel) with the 3σ square,
 // 2 to 7 with the compact box, which needs room for scores instead.
 constexpr std::size_t kEntries = 10;
-constexpr std::size_t kEntry = 4 + 8 + 4 + 8 + 4 + 64;  // listing, list sorted and not, rows, sums
+constexpr std::size_t kEntry = 4 + 4 + 8 + 8 + 4 + 64;  // listing, slot, key, list, rows, sums
 // Growth copies one tensor at a time; this is the largest.
 constexpr std::size_t kGrowth = 45 * kFloat;
 
@@ -79,8 +79,10 @@ std::uint64_t control_group_room() {
 
 }  // namespace
 
+std::size_t drawn_memory_bytes() { return kProjected + kEntries * kEntry; }
+
 std::size_t gaussian_memory_bytes() {
-  return kTrained + kActivated + kStatistics + kScores + kProjected + kEntries * kEntry + kGrowth;
+  return kTrained + kActivated + kStatistics + kScores + drawn_memory_bytes() + kGrowth;
 }
 
 MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes, std::size_t bytes_per_primitive) {
@@ -100,7 +102,7 @@ MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes,
 std::string memory_text(const MemoryEstimate& estimate, std::size_t primitives, std::size_t cap) {
   std::string text = "memory: about " + size_text(estimate.bytes(primitives)) + " at the start (photos " +
                      size_text(estimate.photo_bytes) + "), " + size_text(100000 * estimate.bytes_per_primitive) +
-                     " more per 100,000 Gaussians";
+                     " more per 100,000 primitives";
   if (cap > 0) text += "; " + size_text(estimate.bytes(cap)) + " at " + count_text(cap);
   return text;
 }
@@ -111,7 +113,7 @@ std::optional<std::string> memory_warning(const MemoryEstimate& estimate, std::s
   const std::size_t expected = std::max(primitives, cap);
   if (free_bytes == 0 || estimate.bytes(expected) <= room) return std::nullopt;
   return "warning: about " + size_text(estimate.bytes(expected)) + " are needed for " + count_text(expected) +
-         " Gaussians, " + size_text(room) + " are free; use -r 2 or a lower --max-primitives";
+         " primitives, " + size_text(room) + " are free; use -r 2 or a lower --max-primitives";
 }
 
 std::uint64_t resident_memory_bytes() { return 1024 * find_number("/proc/self/status", "VmRSS:"); }

@@ -15,6 +15,9 @@ namespace splatboost {
 /// share of the rasterizer's workspace. About: how many tiles a Gaussian meets depends on the scene.
 std::size_t gaussian_memory_bytes();
 
+/// The rasterizer's share of that.
+std::size_t drawn_memory_bytes();
+
 struct MemoryEstimate {
   std::uint64_t fixed_bytes = 0;  ///< whatever the number of primitives: the program, photos, images
   std::uint64_t photo_bytes = 0;  ///< of those, the photos

@@ -50,9 +50,9 @@ TEST(MemoryEstimate, IsToldInOneLine) {
   estimate.photo_bytes = 72 * kMebibyte;
   estimate.bytes_per_primitive = 1200;
   EXPECT_EQ(memory_text(estimate, 10000, 0),
-            "memory: about 311 MiB at the start (photos 72 MiB), 114 MiB more per 100,000 Gaussians");
+            "memory: about 311 MiB at the start (photos 72 MiB), 114 MiB more per 100,000 primitives");
   EXPECT_EQ(memory_text(estimate, 10000, 1000000),
-            "memory: about 311 MiB at the start (photos 72 MiB), 114 MiB more per 100,000 Gaussians; 1.4 GiB at "
+            "memory: about 311 MiB at the start (photos 72 MiB), 114 MiB more per 100,000 primitives; 1.4 GiB at "
             "1,000,000");
 }
 
@@ -68,7 +68,7 @@ TEST(MemoryEstimate, WarnsWhereThereIsTooLittle) {
   ASSERT_TRUE(warning(0, 100));
   EXPECT_EQ(warning(0, 100)->find('\n'), std::string::npos);
   ASSERT_TRUE(warning(1024 * 1024, 500));
-  EXPECT_NE(warning(1024 * 1024, 500)->find("1,048,576 Gaussians"), std::string::npos);
+  EXPECT_NE(warning(1024 * 1024, 500)->find("1,048,576 primitives"), std::string::npos);
 }
 
 TEST(MemoryEstimate, TheSystemTells) {
