@@ -11,6 +11,7 @@ namespace splatboost {
 namespace {
 
 constexpr std::size_t kWritesAhead = 16;
+constexpr std::size_t kAtATime = 8;
 constexpr std::size_t kTilesAtATime = 16;
 
 /// Depth above, slot below: a tile's keys in rising order are its entries from near to far, ties by index. The depth's
@@ -67,21 +68,30 @@ void build_tile_lists(Frame& frame, Threads& threads) {
   frame.entry_keys.ensure(total);
   frame.slot_gaussian.ensure(total);
   threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
+    const std::size_t last_piece = chunk_begin(chunk + 1);
+    // Whose slots they are. Eight at a time, as far as the chunk's own go: what is too much, the next writes over.
+    const std::span<std::uint32_t> owners = frame.slot_gaussian.span();
+    const std::size_t own_end = frame.piece_slot[last_piece];
+    std::size_t slot = frame.piece_slot[chunk_begin(chunk)];
+    const std::size_t end = std::min(last_piece * kProjectGrain, frame.gaussians);
+    for (std::size_t i = chunk_begin(chunk) * kProjectGrain; i < end; ++i) {
+      const std::size_t stop = slot + frame.listings[i].tiles;
+      for (; slot < stop && slot + kAtATime <= own_end; slot += kAtATime) {
+        std::fill_n(&owners[slot], kAtATime, static_cast<std::uint32_t>(i));
+      }
+      for (; slot < stop; ++slot) owners[slot] = static_cast<std::uint32_t>(i);
+      slot = stop;
+    }
     std::uint32_t* const cursor = frame.tile_cursor.data() + chunk * tiles;
     std::uint64_t* const keys = frame.entry_keys.data();
-    for (std::size_t piece = chunk_begin(chunk); piece < chunk_begin(chunk + 1); ++piece) {
+    for (std::size_t piece = chunk_begin(chunk); piece < last_piece; ++piece) {
       const std::span<const std::uint32_t> tile_of = listed(piece);
       const std::uint32_t first_slot = frame.piece_slot[piece];
-      std::size_t k = 0;
-      const std::size_t end = std::min((piece + 1) * kProjectGrain, frame.gaussians);
-      for (std::size_t i = piece * kProjectGrain; i < end; ++i) {
-        const std::uint32_t depth_bits = std::bit_cast<std::uint32_t>(frame.depths[i]);
-        for (const std::size_t stop = k + frame.listings[i].tiles; k < stop; ++k) {
-          const auto slot = first_slot + static_cast<std::uint32_t>(k);
-          __builtin_prefetch(&keys[cursor[tile_of[std::min(k + kWritesAhead, tile_of.size() - 1)]]], 1);
-          keys[cursor[tile_of[k]]++] = key_of(depth_bits, slot);
-          frame.slot_gaussian[slot] = static_cast<std::uint32_t>(i);
-        }
+      for (std::size_t k = 0; k < tile_of.size(); ++k) {
+        __builtin_prefetch(&keys[cursor[tile_of[std::min(k + kWritesAhead, tile_of.size() - 1)]]], 1);
+        const std::uint32_t own_slot = first_slot + static_cast<std::uint32_t>(k);
+        const auto depth_bits = std::bit_cast<std::uint32_t>(frame.depths[owners[own_slot]]);
+        keys[cursor[tile_of[k]]++] = key_of(depth_bits, own_slot);
       }
     }
   });
