@@ -8,8 +8,9 @@ namespace splatboost {
 
 struct OctreeBoost : ScaffoldBoost {
   /// Divide a slot's counts by the number of scored views that drew anything of its anchor, at least kLeastViews, in
-  /// place of K: a fine anchor is out of most views for its level, not because it is good there.
-  bool level_aware = false;
+  /// place of K: a fine anchor is out of most views for its level, not because it is good there. False: the paper's K,
+  /// which starves fine levels (docs/results/backbones.md).
+  bool level_aware = true;
   std::size_t slots_per_anchor = 10;  ///< k of the backbone
 };
 
