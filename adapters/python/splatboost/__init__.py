@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, List
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from ._library import LibraryError, NoCudaError
+    from ._library import LibraryError, NoCudaError, set_threads
     from ._rasterize import Render, mark_visible, rasterize, visible_radii
     from .adapter import Adapter, ScoredView
     from .camera import Camera
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _NAMES = {
     name: module
     for module, names in {
-        "_library": ("LibraryError", "NoCudaError"),
+        "_library": ("LibraryError", "NoCudaError", "set_threads"),
         "_rasterize": ("Render", "mark_visible", "rasterize", "visible_radii"),
         "adapter": ("Adapter", "ScoredView"),
         "camera": ("Camera",),

@@ -314,6 +314,25 @@ def call(entry: str, *arguments: Any) -> None:
     raise LibraryError(entry + ": " + message)
 
 
+_threads = 0
+
+
+def set_threads(threads: int) -> None:
+    """CPU threads of the operations from now on. 0: one a hardware thread, or as many as OMP_NUM_THREADS says."""
+    global _threads
+    if isinstance(threads, bool) or not isinstance(threads, int) or not 0 <= threads <= 4096:
+        raise ValueError("threads: a whole number from 0 to 4096 wanted, %r given" % (threads,))
+    _threads = threads
+
+
+def get_threads() -> int:
+    """CPU threads of the operations; 0: one a hardware thread."""
+    if _threads == 0:
+        wanted = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
+        return int(wanted) if wanted.isdigit() else 0
+    return _threads
+
+
 def has_cuda() -> bool:
     """Whether the library can run on a GPU here."""
     return bool(load().sb_has_device(CUDA))

@@ -62,8 +62,7 @@ class Place:
 
     @property
     def threads(self) -> int:
-        """CPU threads: as many as torch uses."""
-        return torch.get_num_threads() if self.kind == lib.CPU else 0
+        return lib.get_threads() if self.kind == lib.CPU else 0
 
     @property
     def stream(self) -> Optional[int]:
