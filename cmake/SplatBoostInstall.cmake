@@ -17,6 +17,8 @@ install(DIRECTORY ${PROJECT_SOURCE_DIR}/adapters/ DESTINATION ${CMAKE_INSTALL_IN
   FILES_MATCHING PATTERN "*.h")
 if(TARGET splatboost_program)
   install(TARGETS splatboost_program RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/patches/ DESTINATION ${CMAKE_INSTALL_DATADIR}/splatboost/patches
+    FILES_MATCHING PATTERN "recipe.json" PATTERN tool EXCLUDE)
 endif()
 
 set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/SplatBoost)

@@ -21,5 +21,6 @@ Command add_render(CLI::App& program);
 Command add_eval(CLI::App& program);
 Command add_synth(CLI::App& program);
 Command add_bench(CLI::App& program);
+Command add_patch(CLI::App& program);
 
 }  // namespace splatboost::cli

@@ -64,6 +64,11 @@ std::string unknown_argument(const std::string& argument, const CLI::App& app) {
     const std::string name = argument.substr(0, argument.find('='));
     return "unknown option " + name + did_you_mean(name, option_names(app));
   }
+  std::vector<std::string> commands;
+  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) {
+    commands.push_back(command->get_name());
+  }
+  if (!commands.empty()) return "no command '" + argument + "'" + did_you_mean(argument, commands);
   return "'" + argument + "' is not expected here; options start with --";
 }
 
@@ -74,7 +79,8 @@ int run_program(int argc, char** argv) {
   program.set_version_flag("--version", "splatboost " SPLATBOOST_VERSION, "print the version and exit");
   program.footer("splatboost COMMAND --help tells more.");
   const std::vector<Command> commands = {add_train(program), add_compare(program), add_render(program),
-                                         add_eval(program),  add_synth(program),   add_bench(program)};
+                                         add_eval(program),  add_synth(program),   add_bench(program),
+                                         add_patch(program)};
   // Both are told below, with a suggestion.
   program.allow_extras();
   for (const Command& command : commands) {
@@ -120,7 +126,15 @@ int run_program(int argc, char** argv) {
     }
     where += " " + chosen.front()->get_name();
     const std::vector<std::string> rest = program.remaining(true);
-    if (!rest.empty()) throw UsageError(unknown_argument(rest[0], *chosen.front()));
+    if (!rest.empty()) {
+      const CLI::App* command = chosen.front();
+      const std::vector<CLI::App*> deeper = command->get_subcommands();
+      if (!deeper.empty()) {
+        where += " " + deeper.front()->get_name();
+        command = deeper.front();
+      }
+      throw UsageError(unknown_argument(rest[0], *command));
+    }
     for (const Command& command : commands) {
       if (command.app == chosen.front()) return command.run(command_line);
     }

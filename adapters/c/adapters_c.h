@@ -1,0 +1,96 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/**
+ * @file The adapters' decisions through the C ABI: which primitives of a host grow, split and go, and when its
+ * parameter groups step. The rules are those of adapters/vanilla, adapters/mip_splatting and adapters/dropgaussian.
+ *
+ * The host keeps its tensors and its renderer. It shows its views by two functions (sb_views), asks at each iteration,
+ * and gets masks. Rules of memory, tensors and errors: splatboost/c_api.h.
+ */
+#ifndef SPLATBOOST_ADAPTERS_C_H_
+#define SPLATBOOST_ADAPTERS_C_H_
+
+#include "splatboost/c_api.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Parts and constants of the method; VanillaBoost (vanilla/vanilla_adapter.h) says what each is. */
+typedef struct sb_boost {
+  int32_t vcd, vcp, cb, absgrad, schedule; /**< parts: 1 on, 0 off */
+  int32_t views;                           /**< K */
+  float beta, tau, lambda_dssim;
+  double tau_d;
+  double gradient_threshold, gradient_abs_threshold, percent_dense;
+  int32_t densify_from, densify_until, densify_interval;
+  int32_t late_prune_from, late_prune_interval;
+  double late_min_opacity, late_max_score;
+  uint64_t seed;
+  int32_t published_iterations; /**< length of the run that iteration numbers above are of */
+} sb_boost;
+
+/** The settings of a backbone: "vanilla", "mip-splatting" or "dropgaussian". */
+SB_API sb_status sb_boost_default(const char* backbone, sb_boost* boost);
+
+typedef struct sb_adapter sb_adapter;
+
+/** @param device where the host's images, masks and counts are; kept, so its stream must outlive the adapter */
+SB_API sb_status sb_adapter_create(const char* backbone, const sb_boost* boost, const sb_device* device,
+                                   sb_adapter** adapter);
+/** NULL is allowed. */
+SB_API void sb_adapter_destroy(sb_adapter* adapter);
+
+/** What a host knows of its primitives at a moment, float32 [N] each. */
+typedef struct sb_density {
+  int32_t iteration, total;       /**< of the host's run, from 1 */
+  float scene_extent;             /**< radius of the camera positions, world units */
+  const sb_tensor* gradients;     /**< mean norm of the signed screen gradient, NDC units; for growth */
+  const sb_tensor* gradients_abs; /**< of the absolute one (Mip-Splatting: its sums); for growth with absgrad */
+  const sb_tensor* opacities;     /**< activated; for late pruning */
+  const sb_tensor* max_scales;    /**< longest standard deviation, world units; for growth with absgrad */
+} sb_density;
+
+/** A view as rendered without anything random. The tensors live until the next render or the entry's return. */
+typedef struct sb_scored_view {
+  const sb_tensor* color; /**< float32 [3,H,W] */
+  sb_truth truth;
+} sb_scored_view;
+
+/** The host's renderer. Both functions return 0, or anything else to fail the call with SB_ERROR_CALLBACK. */
+typedef struct sb_views {
+  void* context;      /**< given to both */
+  int64_t primitives; /**< N */
+  int64_t views;      /**< training views that may be scored, numbered from 0 */
+  int32_t (*render)(void* context, int64_t view, sb_scored_view* scored);
+  /** Adds to counts (int32 [N]) the flagged pixels (uint8 [H,W]) where each primitive was blended in the last render.
+   */
+  int32_t (*count_flagged)(void* context, const sb_tensor* flagged, const sb_tensor* counts);
+} sb_views;
+
+/** @param beta of the compact box; 0 where the box is to stay the host's own */
+SB_API sb_status sb_adapter_beta(const sb_adapter* adapter, float* beta);
+/** @param host_would whether the host's own rule would grow now @param grows receives 1 or 0 */
+SB_API sb_status sb_adapter_grows_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
+                                     int32_t* grows);
+/** @param prunes receives 1 or 0 */
+SB_API sb_status sb_adapter_prunes_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
+                                      int32_t* prunes);
+/** @param group the host's name: "xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation" @param steps receives 1 or 0
+ */
+SB_API sb_status sb_adapter_steps_at(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
+                                     int32_t* steps);
+
+/** Scores the views and decides growth. @param clone,split uint8 [N], come with the host's own decisions */
+SB_API sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const sb_views* views,
+                                 const sb_tensor* clone, const sb_tensor* split);
+/** Decides removal. @param remove uint8 [M], comes with the host's own candidates
+ *  @param origins int32 [M] index that each primitive, or the one it was made from, had in the grow of this iteration;
+ *  NULL: not within growth (late pruning, which scores the views) */
+SB_API sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const sb_views* views,
+                                  const sb_tensor* remove, const sb_tensor* origins);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* SPLATBOOST_ADAPTERS_C_H_ */

@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: Apache-2.0
+"""libsplatboost through ctypes: its structs, its entries, and errors as exceptions. No torch here."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import pathlib
+from ctypes import POINTER, c_char_p, c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
+from typing import Any, List, Optional
+
+ABI_VERSION = 1
+
+OK, ERROR_ARGUMENT, ERROR_NO_CUDA, ERROR_MEMORY, ERROR_CALLBACK, ERROR_INTERNAL = range(6)
+CPU, CUDA = 0, 1
+FLOAT32, FLOAT64, INT32, INT64, UINT8 = range(5)
+MAX_DIMENSIONS = 4
+BOX_SQUARE, BOX_ELLIPSE = 0, 1
+
+
+class LibraryError(RuntimeError):
+    """libsplatboost was not found, does not fit this package, or failed."""
+
+
+class NoCudaError(RuntimeError):
+    """A CUDA tensor met a libsplatboost that is built without CUDA."""
+
+
+class Device(ctypes.Structure):
+    _fields_ = [("kind", c_int32), ("index", c_int32), ("threads", c_int32), ("stream", c_void_p)]
+
+
+class Tensor(ctypes.Structure):
+    _fields_ = [
+        ("data", c_void_p),
+        ("type", c_int32),
+        ("dimensions", c_int32),
+        ("shape", c_int64 * MAX_DIMENSIONS),
+        ("strides", c_int64 * MAX_DIMENSIONS),
+        ("device_kind", c_int32),
+        ("device_index", c_int32),
+    ]
+
+
+TensorPointer = POINTER(Tensor)
+
+
+class Camera(ctypes.Structure):
+    _fields_ = [
+        ("width", c_int32),
+        ("height", c_int32),
+        ("fx", c_float),
+        ("fy", c_float),
+        ("cx", c_float),
+        ("cy", c_float),
+        ("camera_from_world", c_float * 16),
+    ]
+
+
+class Gaussians(ctypes.Structure):
+    _fields_ = [
+        ("means", TensorPointer),
+        ("scales", TensorPointer),
+        ("rotations", TensorPointer),
+        ("covariances", TensorPointer),
+        ("opacities", TensorPointer),
+        ("sh_dc", TensorPointer),
+        ("sh_rest", TensorPointer),
+        ("colors", TensorPointer),
+        ("features", TensorPointer),
+        ("sh_degree", c_int32),
+    ]
+
+
+class RasterOptions(ctypes.Structure):
+    _fields_ = [
+        ("box", c_int32),
+        ("beta", c_float),
+        ("low_pass", c_float),
+        ("compensate_opacity", c_int32),
+        ("near_plane", c_float),
+        ("background", c_float * 3),
+    ]
+
+
+class RasterOutputs(ctypes.Structure):
+    _fields_ = [
+        ("color", TensorPointer),
+        ("features", TensorPointer),
+        ("inverse_depth", TensorPointer),
+        ("alpha", TensorPointer),
+        ("radii", TensorPointer),
+        ("visible", TensorPointer),
+    ]
+
+
+class ImageGradients(ctypes.Structure):
+    _fields_ = [
+        ("color", TensorPointer),
+        ("features", TensorPointer),
+        ("inverse_depth", TensorPointer),
+        ("alpha", TensorPointer),
+    ]
+
+
+class GaussianGradients(ctypes.Structure):
+    _fields_ = [
+        ("accumulate", c_int32),
+        ("means", TensorPointer),
+        ("scales", TensorPointer),
+        ("rotations", TensorPointer),
+        ("covariances", TensorPointer),
+        ("opacities", TensorPointer),
+        ("sh_dc", TensorPointer),
+        ("sh_rest", TensorPointer),
+        ("colors", TensorPointer),
+        ("features", TensorPointer),
+        ("screen_means", TensorPointer),
+        ("screen_means_abs", TensorPointer),
+    ]
+
+
+class Truth(ctypes.Structure):
+    _fields_ = [("color", TensorPointer), ("valid", TensorPointer)]
+
+
+class Loss(ctypes.Structure):
+    _fields_ = [("l1", c_double), ("ssim", c_double), ("total", c_double)]
+
+
+class AdamOptions(ctypes.Structure):
+    _fields_ = [("learning_rate", c_float), ("beta1", c_float), ("beta2", c_float), ("epsilon", c_float)]
+
+
+class StepIntervals(ctypes.Structure):
+    _fields_ = [
+        ("early", c_int32),
+        ("middle", c_int32),
+        ("late", c_int32),
+        ("early_end", c_int32),
+        ("middle_end", c_int32),
+    ]
+
+
+class Boost(ctypes.Structure):
+    _fields_ = [
+        ("vcd", c_int32),
+        ("vcp", c_int32),
+        ("cb", c_int32),
+        ("absgrad", c_int32),
+        ("schedule", c_int32),
+        ("views", c_int32),
+        ("beta", c_float),
+        ("tau", c_float),
+        ("lambda_dssim", c_float),
+        ("tau_d", c_double),
+        ("gradient_threshold", c_double),
+        ("gradient_abs_threshold", c_double),
+        ("percent_dense", c_double),
+        ("densify_from", c_int32),
+        ("densify_until", c_int32),
+        ("densify_interval", c_int32),
+        ("late_prune_from", c_int32),
+        ("late_prune_interval", c_int32),
+        ("late_min_opacity", c_double),
+        ("late_max_score", c_double),
+        ("seed", c_uint64),
+        ("published_iterations", c_int32),
+    ]
+
+
+class Density(ctypes.Structure):
+    _fields_ = [
+        ("iteration", c_int32),
+        ("total", c_int32),
+        ("scene_extent", c_float),
+        ("gradients", TensorPointer),
+        ("gradients_abs", TensorPointer),
+        ("opacities", TensorPointer),
+        ("max_scales", TensorPointer),
+    ]
+
+
+class ScoredView(ctypes.Structure):
+    _fields_ = [("color", TensorPointer), ("truth", Truth)]
+
+
+RenderFunction = ctypes.CFUNCTYPE(c_int32, c_void_p, c_int64, POINTER(ScoredView))
+CountFunction = ctypes.CFUNCTYPE(c_int32, c_void_p, TensorPointer, TensorPointer)
+
+
+class Views(ctypes.Structure):
+    _fields_ = [
+        ("context", c_void_p),
+        ("primitives", c_int64),
+        ("views", c_int64),
+        ("render", RenderFunction),
+        ("count_flagged", CountFunction),
+    ]
+
+
+_DEVICE, _CAMERA, _STATUS = POINTER(Device), POINTER(Camera), c_int32
+_T, _I32, _I64, _F64 = TensorPointer, POINTER(c_int32), POINTER(c_int64), POINTER(c_double)
+
+# entry: (result, arguments)
+_ENTRIES = {
+    "sb_abi_version": (c_int32, []),
+    "sb_version": (c_char_p, []),
+    "sb_last_error": (c_char_p, []),
+    "sb_has_device": (c_int32, [c_int32]),
+    "sb_raster_options_default": (_STATUS, [POINTER(RasterOptions)]),
+    "sb_rasterizer_create": (_STATUS, [_DEVICE, POINTER(c_void_p)]),
+    "sb_rasterizer_destroy": (None, [c_void_p]),
+    "sb_rasterizer_forward": (
+        _STATUS,
+        [c_void_p, _CAMERA, POINTER(Gaussians), POINTER(RasterOptions), POINTER(RasterOutputs), c_void_p],
+    ),
+    "sb_rasterizer_backward": (
+        _STATUS,
+        [c_void_p, POINTER(Gaussians), POINTER(ImageGradients), POINTER(GaussianGradients), c_void_p],
+    ),
+    "sb_rasterizer_count_flagged": (_STATUS, [c_void_p, _T, _T, c_void_p]),
+    "sb_rasterizer_counts": (_STATUS, [c_void_p, _I64, _I64]),
+    "sb_mark_visible": (_STATUS, [_DEVICE, _CAMERA, _T, c_float, _T]),
+    "sb_visible_radii": (_STATUS, [_DEVICE, _CAMERA, POINTER(Gaussians), POINTER(RasterOptions), _T]),
+    "sb_flag_errors": (_STATUS, [_DEVICE, _T, POINTER(Truth), c_float, _T, _T, _I64]),
+    "sb_photometric_loss": (_STATUS, [_DEVICE, _T, POINTER(Truth), c_float, _T, POINTER(Loss)]),
+    "sb_ssim": (_STATUS, [_DEVICE, _T, _T, c_int32, _T, _F64]),
+    "sb_importance_scores": (_STATUS, [_DEVICE, _T, c_int32, _T]),
+    "sb_pruning_scores": (_STATUS, [_DEVICE, _T, _T]),
+    "sb_keep_important": (_STATUS, [_DEVICE, _T, c_double, _T, _I64]),
+    "sb_keep_weighted_sample": (_STATUS, [_DEVICE, _T, c_int64, c_uint64, c_uint64, _T]),
+    "sb_keep_largest": (_STATUS, [_DEVICE, _T, c_int64, _T]),
+    "sb_spare_one": (_STATUS, [_DEVICE, _T, _T, _I64]),
+    "sb_adam_step": (_STATUS, [_DEVICE, _T, _T, _T, _T, c_int64, POINTER(AdamOptions)]),
+    "sb_mean_squared_neighbor_distances": (_STATUS, [_DEVICE, _T, c_int32, _T]),
+    "sb_steps_at": (_STATUS, [POINTER(StepIntervals), c_int32, c_int32, _I32]),
+    "sb_scaled_iteration": (_STATUS, [c_int32, c_int32, c_int32, _I32]),
+    "sb_exponential_rate": (_STATUS, [c_double, c_double, c_int32, c_int32, _F64]),
+    "sb_boost_default": (_STATUS, [c_char_p, POINTER(Boost)]),
+    "sb_adapter_create": (_STATUS, [c_char_p, POINTER(Boost), _DEVICE, POINTER(c_void_p)]),
+    "sb_adapter_destroy": (None, [c_void_p]),
+    "sb_adapter_beta": (_STATUS, [c_void_p, POINTER(c_float)]),
+    "sb_adapter_grows_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
+    "sb_adapter_prunes_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
+    "sb_adapter_steps_at": (_STATUS, [c_void_p, c_char_p, c_int32, c_int32, _I32]),
+    "sb_adapter_grow": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T]),
+    "sb_adapter_prune": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T]),
+}
+
+_FILE = "libsplatboost.so"
+_loaded: Optional[ctypes.CDLL] = None
+
+
+def candidates() -> List[str]:
+    """Where the library is looked for, in order."""
+    named = os.environ.get("SPLATBOOST_LIBRARY")
+    if named:
+        return [named]
+    package = pathlib.Path(__file__).resolve().parent
+    found = [str(package / _FILE)]
+    if (package.parents[2] / "CMakePresets.json").exists():  # a source tree
+        found.append(str(package.parents[2] / "build" / "release" / "lib" / _FILE))
+    return found + [_FILE + "." + str(ABI_VERSION)]  # where the system looks
+
+
+def load() -> ctypes.CDLL:
+    """The library, loaded once. Raises LibraryError where there is none, or one of another ABI."""
+    global _loaded
+    if _loaded is not None:
+        return _loaded
+    tried = []
+    for path in candidates():
+        if os.path.dirname(path) and not os.path.exists(path):
+            tried.append(path + ": not there")
+            continue
+        try:
+            library = ctypes.CDLL(path)
+        except OSError as e:
+            tried.append(path + ": " + str(e))
+            continue
+        version = getattr(library, "sb_abi_version", None)
+        if version is None or version() != ABI_VERSION:
+            have = "none" if version is None else str(version())
+            raise LibraryError(
+                "%s has ABI version %s, this package needs %d: reinstall both from one version" % (path, have, ABI_VERSION)
+            )
+        for name, (result, arguments) in _ENTRIES.items():
+            entry = getattr(library, name)
+            entry.restype = result
+            entry.argtypes = arguments
+        library.path = path  # type: ignore[attr-defined]
+        _loaded = library
+        return library
+    raise LibraryError(
+        "libsplatboost was not found: 'pip install .' in the source tree builds it, or set SPLATBOOST_LIBRARY to its "
+        "path. Looked at: " + "; ".join(tried)
+    )
+
+
+def call(entry: str, *arguments: Any) -> None:
+    """Calls an entry that returns a status; raises ValueError, NoCudaError, MemoryError or LibraryError on failure."""
+    library = load()
+    status = getattr(library, entry)(*arguments)
+    if status == OK:
+        return
+    message = library.sb_last_error().decode("utf-8", "replace")
+    if status == ERROR_ARGUMENT:
+        raise ValueError(message)
+    if status == ERROR_NO_CUDA:
+        raise NoCudaError(message)
+    if status == ERROR_MEMORY:
+        raise MemoryError(message)
+    raise LibraryError(entry + ": " + message)
+
+
+_threads = 0
+
+
+def set_threads(threads: int) -> None:
+    """CPU threads of the operations from now on. 0: one a hardware thread, or as many as OMP_NUM_THREADS says."""
+    global _threads
+    if isinstance(threads, bool) or not isinstance(threads, int) or not 0 <= threads <= 4096:
+        raise ValueError("threads: a whole number from 0 to 4096 wanted, %r given" % (threads,))
+    _threads = threads
+
+
+def get_threads() -> int:
+    """CPU threads of the operations; 0: one a hardware thread."""
+    if _threads == 0:
+        wanted = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
+        return int(wanted) if wanted.isdigit() else 0
+    return _threads
+
+
+def has_cuda() -> bool:
+    """Whether the library can run on a GPU here."""
+    return bool(load().sb_has_device(CUDA))
+
+
+def version() -> str:
+    """Version of the library."""
+    return str(load().sb_version().decode())

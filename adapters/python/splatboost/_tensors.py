@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torch tensors as the C ABI's views, with the checks that name the argument."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, List, Optional, Sequence, Union
+
+import torch
+
+from . import _library as lib
+
+_TYPES = {
+    torch.float32: lib.FLOAT32,
+    torch.float64: lib.FLOAT64,
+    torch.int32: lib.INT32,
+    torch.int64: lib.INT64,
+    torch.uint8: lib.UINT8,
+    torch.bool: lib.UINT8,  # a byte of 0 or 1
+}
+
+Size = Union[int, str]  # a number, or the name of a size that is free
+
+
+def check(tensor: Any, name: str, dtype: torch.dtype, *shapes: Sequence[Size]) -> None:
+    """Raises ValueError unless the tensor has the type and one of the shapes; a name in a shape fits any size."""
+    if not isinstance(tensor, torch.Tensor):
+        raise ValueError("%s: a tensor wanted, %s given" % (name, type(tensor).__name__))
+    if tensor.dtype != dtype:
+        raise ValueError("%s: %s wanted, %s given" % (name, _name(dtype), _name(tensor.dtype)))
+    for shape in shapes:
+        if len(shape) == tensor.dim() and all(isinstance(w, str) or w == s for w, s in zip(shape, tensor.shape)):
+            return
+    wanted = " or ".join("[" + ",".join(str(s) for s in shape) + "]" for shape in shapes)
+    raise ValueError("%s: shape %s wanted, %s given" % (name, wanted, list(tensor.shape)))
+
+
+def _name(dtype: torch.dtype) -> str:
+    return str(dtype).replace("torch.", "")
+
+
+class Place:
+    """Where a call runs: the device of its first tensor. Makes views of further tensors, which must live there too."""
+
+    def __init__(self, tensor: Any, name: str):
+        if not isinstance(tensor, torch.Tensor):
+            raise ValueError("%s: a tensor wanted, %s given" % (name, type(tensor).__name__))
+        self.device: torch.device = tensor.device
+        self._first = name
+        self._keep: List[Any] = []
+        if self.device.type == "cpu":
+            self.kind, self.index = lib.CPU, 0
+        elif self.device.type == "cuda":
+            if not lib.has_cuda():
+                raise lib.NoCudaError(
+                    "%s is on %s, but this libsplatboost is built without CUDA: move the tensors to the CPU, or install "
+                    "a build with CUDA ('python -m splatboost doctor' tells what is there)" % (name, self.device)
+                )
+            self.kind, self.index = lib.CUDA, int(self.device.index or 0)
+        else:
+            raise ValueError("%s: a tensor of the CPU or of CUDA wanted, one on %s given" % (name, self.device))
+
+    @property
+    def threads(self) -> int:
+        return lib.get_threads() if self.kind == lib.CPU else 0
+
+    @property
+    def stream(self) -> Optional[int]:
+        """The current CUDA stream; None on the CPU."""
+        return torch.cuda.current_stream(self.device).cuda_stream if self.kind == lib.CUDA else None
+
+    def c_device(self) -> Any:
+        return ctypes.byref(lib.Device(self.kind, self.index, self.threads, self.stream))
+
+    def check_here(self, tensor: torch.Tensor, name: str) -> None:
+        if tensor.device != self.device:
+            raise ValueError("%s: a tensor on %s wanted (as %s), one on %s given" % (
+                name, self.device, self._first, tensor.device))
+
+    def view(self, tensor: Optional[torch.Tensor], name: str, dtype: Optional[torch.dtype] = None,
+             *shapes: Sequence[Size]) -> Any:
+        """Pointer to a view, or None for None. A tensor that is read may have any strides; it is copied if it must.
+
+        The view is valid as long as this place is.
+        """
+        if tensor is None:
+            return None
+        if dtype is not None:
+            check(tensor, name, dtype, *shapes)
+        self.check_here(tensor, name)
+        dense = tensor.detach().contiguous()
+        return self._pointer(dense)
+
+    def target(self, tensor: Optional[torch.Tensor], name: str) -> Any:
+        """Pointer to a view that is written; it must be dense already."""
+        if tensor is None:
+            return None
+        self.check_here(tensor, name)
+        if not tensor.is_contiguous():
+            raise ValueError("%s: a contiguous tensor wanted, one of strides %s given" % (name, list(tensor.stride())))
+        return self._pointer(tensor.detach())
+
+    def _pointer(self, dense: torch.Tensor) -> Any:
+        t = lib.Tensor()
+        t.data = dense.data_ptr() or None
+        t.type = _TYPES[dense.dtype]
+        t.dimensions = dense.dim()
+        t.shape[: dense.dim()] = list(dense.shape)
+        t.strides[: dense.dim()] = list(dense.stride())
+        t.device_kind = self.kind
+        t.device_index = self.index
+        self._keep.append((dense, t))
+        return ctypes.pointer(t)
+
+    def empty(self, shape: Sequence[int], dtype: torch.dtype = torch.float32) -> torch.Tensor:
+        return torch.empty(tuple(shape), dtype=dtype, device=self.device)

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The decisions of a backbone's adapter: which primitives grow, split and go, and when parameter groups step."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from dataclasses import dataclass
+from typing import Any, Callable, List, Optional, Sequence, Tuple
+
+import torch
+
+from . import _library as lib
+from ._rasterize import Render
+from ._tensors import Place, check
+from .operations import as_bytes
+
+_F32 = torch.float32
+
+
+@dataclass
+class ScoredView:
+    """A training view as rendered without anything random (dropout, jitter).
+
+    color   float32 [3,H,W] the render
+    truth   [3,H,W] uint8, or float32 in [0, 1]
+    valid   bool or uint8 [H,W]: pixels that count; None: all
+    render  what counts its flagged pixels; None: the render that a drop-in made last
+    """
+
+    color: torch.Tensor
+    truth: torch.Tensor
+    valid: Optional[torch.Tensor] = None
+    render: Optional[Render] = None
+
+
+#: views[j]() renders training view j
+ViewSource = Sequence[Callable[[], ScoredView]]
+
+
+class Adapter:
+    """Decisions of one run.
+
+    backbone: "vanilla", "mip-splatting" or "dropgaussian". total_iterations: length of the host's run, to which the
+    published iteration numbers scale. settings: fields of the C struct sb_boost, such as vcd, vcp, cb, absgrad, schedule
+    (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until, seed; see `settings`.
+    device: where the host's renders and masks are.
+    """
+
+    def __init__(self, backbone: str, *, total_iterations: int, device: Any = "cpu", **settings: Any):
+        boost = lib.Boost()
+        lib.call("sb_boost_default", str(backbone).encode(), ctypes.byref(boost))
+        known = {name: kind for name, kind in lib.Boost._fields_}  # type: ignore[misc]
+        for name, value in settings.items():
+            if name not in known:
+                raise ValueError("%s: no such setting; there are %s" % (name, ", ".join(sorted(known))))
+            whole = known[name] not in (ctypes.c_float, ctypes.c_double)
+            if whole and not isinstance(value, int):
+                raise ValueError("%s: a whole number wanted, %r given" % (name, value))
+            setattr(boost, name, value)
+        if total_iterations <= 0:
+            raise ValueError("total_iterations: a number above 0 wanted, %r given" % (total_iterations,))
+        self.backbone = backbone
+        self.total_iterations = int(total_iterations)
+        self.device = torch.device(device)
+        self._boost = boost
+        place = Place(torch.empty(0, device=self.device), "device")
+        handle = ctypes.c_void_p()
+        lib.call("sb_adapter_create", backbone.encode(), ctypes.byref(boost), place.c_device(), ctypes.byref(handle))
+        self._handle = handle
+        self._close = weakref.finalize(self, lib.load().sb_adapter_destroy, handle)
+
+    @property
+    def settings(self) -> Any:
+        """All settings by name, with the values in use."""
+        return {name: getattr(self._boost, name) for name, _ in lib.Boost._fields_}  # type: ignore[misc]
+
+    @property
+    def beta(self) -> Optional[float]:
+        """β for set_beta; None without the compact box."""
+        beta = ctypes.c_float()
+        lib.call("sb_adapter_beta", self._handle, ctypes.byref(beta))
+        return float(self._boost.beta) if beta.value > 0 else None
+
+    def _asks(self, entry: str, iteration: int, host_would: bool) -> bool:
+        answer = ctypes.c_int32()
+        lib.call(entry, self._handle, iteration, self.total_iterations, int(host_would), ctypes.byref(answer))
+        return bool(answer.value)
+
+    def grows_at(self, iteration: int, host_would: bool) -> bool:
+        """Whether to grow at this iteration (from 1), given whether the host's own rule would."""
+        return self._asks("sb_adapter_grows_at", iteration, host_would)
+
+    def prunes_at(self, iteration: int, host_would: bool) -> bool:
+        """Whether to prune at this iteration, given whether the host's own rule would."""
+        return self._asks("sb_adapter_prunes_at", iteration, host_would)
+
+    def steps_at(self, group: str, iteration: int) -> bool:
+        """Whether a parameter group ("xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation") steps now."""
+        answer = ctypes.c_int32()
+        lib.call("sb_adapter_steps_at", self._handle, group.encode(), iteration, self.total_iterations,
+                 ctypes.byref(answer))
+        return bool(answer.value)
+
+    def grow(
+        self,
+        iteration: int,
+        views: ViewSource,
+        *,
+        scene_extent: float,
+        gradients: torch.Tensor,
+        gradients_abs: Optional[torch.Tensor] = None,
+        max_scales: Optional[torch.Tensor] = None,
+        opacities: Optional[torch.Tensor] = None,
+        clone: Optional[torch.Tensor] = None,
+        split: Optional[torch.Tensor] = None,
+    ) -> Tuple[torch.Tensor, torch.Tensor]:
+        """Scores up to K of the views and decides growth. Returns clone and split, bool [N].
+
+        gradients      float32 [N] or [N,1] mean norm of the signed screen gradient, NDC units
+        gradients_abs  of the absolute one (Mip-Splatting: of its sums); needed unless absgrad is off
+        max_scales     longest standard deviation, world units; needed unless absgrad is off
+        clone, split   bool [N] the host's own decisions; needed where absgrad is off, which decides from them
+        """
+        n = self._rows(gradients, "gradients")
+        masks = []
+        for mask, name in ((clone, "clone"), (split, "split")):
+            if mask is None:
+                mask = torch.zeros((n,), dtype=torch.bool, device=self.device)
+            check(mask, name, torch.bool, (n,))
+            masks.append(mask.to(torch.uint8))
+        place = Place(gradients, "gradients")
+        density = self._density(place, iteration, n, scene_extent=scene_extent, gradients=gradients,
+                                gradients_abs=gradients_abs, max_scales=max_scales, opacities=opacities)
+        with _Host(views, n, self.device) as host:
+            host.call("sb_adapter_grow", self._handle, ctypes.byref(density), host.c_views(),
+                      place.target(masks[0], "clone"), place.target(masks[1], "split"))
+        return masks[0].bool(), masks[1].bool()
+
+    def prune(
+        self,
+        iteration: int,
+        views: ViewSource,
+        *,
+        candidates: torch.Tensor,
+        origins: Optional[torch.Tensor] = None,
+        opacities: Optional[torch.Tensor] = None,
+    ) -> torch.Tensor:
+        """Decides removal; returns bool [M].
+
+        candidates  bool [M] what the host's own rule would remove
+        origins     integers [M]: index that each primitive, or the one it was made from, had in the grow of this
+                    iteration. None: late pruning, which scores the views and needs the opacities
+        opacities   float32 [M] or [M,1], activated
+        """
+        m = self._rows(candidates, "candidates")
+        check(candidates, "candidates", torch.bool, (m,))
+        place = Place(candidates, "candidates")
+        remove = candidates.to(torch.uint8)
+        if origins is not None:
+            origins = origins.to(torch.int32)
+            check(origins, "origins", torch.int32, (m,))
+        density = self._density(place, iteration, m, opacities=opacities)
+        with _Host(views, m, self.device) as host:
+            host.call("sb_adapter_prune", self._handle, ctypes.byref(density), host.c_views(),
+                      place.target(remove, "remove"), place.view(origins, "origins"))
+        return remove.bool()
+
+    def _rows(self, tensor: Any, name: str) -> int:
+        if not isinstance(tensor, torch.Tensor) or tensor.dim() == 0:
+            raise ValueError("%s: a tensor of at least one dimension wanted" % name)
+        if tensor.device.type != self.device.type:
+            raise ValueError("%s: a tensor on %s wanted, one on %s given" % (name, self.device, tensor.device))
+        return int(tensor.shape[0])
+
+    def _density(self, place: Place, iteration: int, n: int, scene_extent: float = 0.0,
+                 **statistics: Optional[torch.Tensor]) -> lib.Density:
+        density = lib.Density(iteration, self.total_iterations, scene_extent)
+        for name, tensor in statistics.items():
+            if tensor is not None:
+                check(tensor, name, _F32, (n,), (n, 1))
+                setattr(density, name, place.view(tensor, name))
+        return density
+
+
+class _Host:
+    """The host's views as the library calls them. What they raise is raised again when the library has returned."""
+
+    def __init__(self, views: ViewSource, primitives: int, device: torch.device):
+        self._sources = views
+        self._primitives = primitives
+        self._device = device
+        self._error: Optional[BaseException] = None
+        self._view: Optional[ScoredView] = None
+        self._place: Optional[Place] = None
+
+    def __enter__(self) -> "_Host":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._view = self._place = None
+
+    def c_views(self) -> Any:
+        self._functions = (lib.RenderFunction(self._render), lib.CountFunction(self._count))
+        return ctypes.byref(lib.Views(None, self._primitives, len(self._sources), *self._functions))
+
+    def call(self, entry: str, *arguments: Any) -> None:
+        try:
+            lib.call(entry, *arguments)
+        except lib.LibraryError:
+            if self._error is not None:
+                raise self._error
+            raise
+
+    def _render(self, _: Any, index: int, scored: Any) -> int:
+        try:
+            with torch.no_grad():
+                view = self._sources[index]()
+            if view.render is None:
+                from .compat import last_render
+
+                view.render = last_render()
+            check(view.color, "color", _F32, (3, "H", "W"))
+            h, w = view.color.shape[1:]
+            truth, valid = as_bytes(view.truth), view.valid
+            check(truth, "truth", torch.uint8, (3, h, w))
+            if valid is not None:
+                valid = valid.view(torch.uint8) if valid.dtype == torch.bool else valid
+                check(valid, "valid", torch.uint8, (h, w))
+            place = Place(view.color, "color")
+            scored[0].color = place.view(view.color, "color")
+            scored[0].truth = lib.Truth(place.view(truth, "truth"), place.view(valid, "valid"))
+            self._view, self._place = view, place
+            return 0
+        except BaseException as e:  # it must not pass through C
+            self._error = e
+            return 1
+
+    def _count(self, _: Any, flagged: Any, counts: Any) -> int:
+        try:
+            view, place = self._view, self._place
+            assert view is not None and view.render is not None and place is not None
+            view.render._add_counts(flagged, counts, place)
+            return 0
+        except BaseException as e:
+            self._error = e
+            return 1

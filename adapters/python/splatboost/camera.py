@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A pinhole camera, and how the matrices of 3DGS become one. No torch needed."""
+
+from __future__ import annotations
+
+import math
+import weakref
+from dataclasses import dataclass
+from typing import Any, Dict, List, Sequence, Tuple
+
+from . import _library as lib
+
+Rows = List[List[float]]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Pinhole in COLMAP's frame: x right, y down, z forward; pixel (i, j) has its centre at (i + 0.5, j + 0.5).
+
+    fx, fy, cx, cy in pixels. camera_from_world: rigid 4×4, row after row; points are columns.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    camera_from_world: Tuple[float, ...]
+
+    @staticmethod
+    def from_matrices(width: int, height: int, intrinsics: Any, camera_from_world: Any) -> "Camera":
+        """From a 3×3 matrix of intrinsics and a 4×4 (or 3×4) pose: tensors, arrays or nested lists."""
+        k, pose = host_rows(intrinsics), host_rows(camera_from_world)
+        if len(k) != 3 or any(len(r) != 3 for r in k):
+            raise ValueError("intrinsics: shape [3,3] wanted")
+        if len(pose) not in (3, 4) or any(len(r) != 4 for r in pose):
+            raise ValueError("camera_from_world: shape [4,4] wanted")
+        flat = [v for r in pose[:3] for v in r] + [0.0, 0.0, 0.0, 1.0]
+        return Camera(int(width), int(height), k[0][0], k[1][1], k[0][2], k[1][2], tuple(flat))
+
+    @staticmethod
+    def from_3dgs(height: int, width: int, tanfovx: float, tanfovy: float, viewmatrix: Any, projmatrix: Any,
+                  campos: Any = None) -> "Camera":
+        """From what 3DGS's rasterizer is given.
+
+        viewmatrix, projmatrix: 4×4 for points that are rows (world → camera, world → clip). The principal point is in
+        projmatrix. campos must be the centre that viewmatrix has; the view directions of spherical harmonics start there.
+        """
+        view, full = host_rows(viewmatrix), host_rows(projmatrix)
+        for name, m in (("viewmatrix", view), ("projmatrix", full)):
+            if len(m) != 4 or any(len(r) != 4 for r in m):
+                raise ValueError("%s: shape [4,4] wanted" % name)
+        rotation = [[view[j][i] for j in range(3)] for i in range(3)]
+        translation = [view[3][i] for i in range(3)]
+        for a in range(3):
+            for b in range(3):
+                dot = sum(rotation[a][k] * rotation[b][k] for k in range(3))
+                if not abs(dot - (a == b)) < 1e-3:
+                    raise ValueError("viewmatrix: a rigid motion wanted, this one scales or shears")
+        # Clip coordinates of a point in the camera frame, x/z and y/z part: P = clip_from_world · world_from_camera.
+        clip = [[sum(full[k][i] * rotation[c][k] for k in range(3)) for c in range(3)] for i in (0, 1, 3)]
+        focal_x, focal_y = 1.0 / tanfovx, 1.0 / tanfovy
+        fits = (
+            abs(clip[0][0] - focal_x) <= 1e-3 * abs(focal_x) and abs(clip[1][1] - focal_y) <= 1e-3 * abs(focal_y)
+            and abs(clip[0][1]) < 1e-3 and abs(clip[1][0]) < 1e-3
+            and abs(clip[2][0]) < 1e-3 and abs(clip[2][1]) < 1e-3 and abs(clip[2][2] - 1.0) < 1e-3
+        )
+        if not fits:
+            raise ValueError("projmatrix: a pinhole projection that fits viewmatrix, tanfovx and tanfovy wanted")
+        if campos is not None:
+            centre = [-sum(rotation[k][i] * translation[k] for k in range(3)) for i in range(3)]
+            given = host_rows(campos)[0]
+            size = 1.0 + max(abs(c) for c in centre)
+            if len(given) != 3 or any(not abs(a - b) < 1e-3 * size for a, b in zip(given, centre)):
+                raise ValueError("campos: the centre of viewmatrix, %s, wanted, %s given" % (centre, given))
+        # Rounding of a centred matrix must not move the principal point.
+        shift = [0.0 if abs(clip[i][2]) < 1e-6 else clip[i][2] for i in (0, 1)]
+        flat = [v for i in range(3) for v in rotation[i] + [translation[i]]] + [0.0, 0.0, 0.0, 1.0]
+        return Camera(
+            int(width), int(height), 0.5 * width * focal_x, 0.5 * height * focal_y,
+            0.5 * width * (1.0 + shift[0]), 0.5 * height * (1.0 + shift[1]), tuple(flat),
+        )
+
+    def c_struct(self) -> lib.Camera:
+        camera = lib.Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+        if len(self.camera_from_world) != 16:
+            raise ValueError("camera_from_world: 16 numbers wanted, %d given" % len(self.camera_from_world))
+        camera.camera_from_world[:] = self.camera_from_world
+        return camera
+
+
+# Numbers of small tensors that live on a GPU, so that a camera that comes back costs no wait: id → (tensor, version, rows).
+_copies: Dict[int, Tuple[Any, int, Rows]] = {}
+
+
+def host_rows(matrix: Any) -> Rows:
+    """A small matrix (or a vector, as one row) as numbers on the host."""
+    device = getattr(matrix, "device", None)
+    if device is None or getattr(device, "type", "cpu") == "cpu":
+        return _rows(matrix)
+    known = _copies.get(id(matrix))
+    if known is not None and known[0]() is matrix and known[1] == matrix._version:
+        return known[2]
+    rows = _rows(matrix)
+    key = id(matrix)
+    _copies[key] = (weakref.ref(matrix, lambda _: _copies.pop(key, None)), matrix._version, rows)
+    return rows
+
+
+def _rows(matrix: Any) -> Rows:
+    values: Sequence[Any] = matrix.tolist() if hasattr(matrix, "tolist") else matrix
+    rows = [[float(v) for v in r] for r in values] if values and isinstance(values[0], (list, tuple)) else [
+        [float(v) for v in values]]
+    if any(not math.isfinite(v) for r in rows for v in r):
+        raise ValueError("a camera's matrices must be finite")
+    return rows
+
+

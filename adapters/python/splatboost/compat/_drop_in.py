@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the drop-ins of all layouts share: arguments of 3DGS in, a render out."""
+
+from __future__ import annotations
+
+from typing import Any, Optional
+
+import torch
+
+from .._rasterize import Render, mark_visible, rasterize
+from ..camera import Camera
+
+_beta: Optional[float] = None
+_last: Optional[Render] = None
+
+
+def set_beta(beta: Optional[float]) -> None:
+    """From now on the drop-ins draw with the compact box of this β in (0, 1]; None: with 3DGS's 3σ square."""
+    global _beta
+    if beta is not None and not 0.0 < beta <= 1.0:
+        raise ValueError("beta: a number in (0, 1] or None wanted, %r given" % (beta,))
+    _beta = None if beta is None else float(beta)
+
+
+def get_beta() -> Optional[float]:
+    """β of the compact box that the drop-ins draw with; None: 3DGS's 3σ square."""
+    return _beta
+
+
+def last_render() -> Render:
+    """The render that a drop-in made last, for its count_flagged; its images are detached."""
+    if _last is None:
+        raise RuntimeError("last_render: no drop-in has drawn yet")
+    return _last
+
+
+def camera_of(settings: Any) -> Camera:
+    s = settings
+    return Camera.from_3dgs(
+        int(s.image_height), int(s.image_width), float(s.tanfovx), float(s.tanfovy), s.viewmatrix, s.projmatrix, s.campos
+    )
+
+
+def given(tensor: Optional[torch.Tensor]) -> Optional[torch.Tensor]:
+    """Hosts pass None or an empty tensor for what they leave out."""
+    return None if tensor is None or tensor.numel() == 0 else tensor
+
+
+def render(
+    settings: Any,
+    means3D: torch.Tensor,
+    means2D: Optional[torch.Tensor],
+    opacities: torch.Tensor,
+    *,
+    dc: Optional[torch.Tensor] = None,
+    shs: Optional[torch.Tensor] = None,
+    colors_precomp: Optional[torch.Tensor] = None,
+    scales: Optional[torch.Tensor] = None,
+    rotations: Optional[torch.Tensor] = None,
+    cov3D_precomp: Optional[torch.Tensor] = None,
+    **options: Any,
+) -> Render:
+    """Draws as `settings` say and remembers the render. dc: degree 0 apart, shs then holds the rest."""
+    global _last
+    if (shs is None and dc is None) == (colors_precomp is None):
+        raise ValueError("give either shs or colors_precomp")
+    if (scales is None or rotations is None) == (cov3D_precomp is None):
+        raise ValueError("give either scales and rotations, or cov3D_precomp")
+    if means3D.shape[0] > 0:
+        dc, shs, colors_precomp = given(dc), given(shs), given(colors_precomp)
+        scales, rotations, cov3D_precomp = given(scales), given(rotations), given(cov3D_precomp)
+    _last = None  # its workspace is free for this render
+    if scales is not None and settings.scale_modifier != 1.0:
+        scales = scales * settings.scale_modifier
+    done = rasterize(
+        camera_of(settings), means3D, opacities, scales=scales, rotations=rotations, covariances=cov3D_precomp,
+        sh=shs if dc is None else None, sh_dc=dc, sh_rest=shs if dc is not None else None,
+        sh_degree=int(settings.sh_degree), colors=colors_precomp, background=settings.bg, beta=_beta,
+        screen_points=means2D, **options,
+    )
+    _last = Render(done.color.detach(), done.radii, None, None, None, done._lease)
+    return done
+
+
+def visible(settings: Any, positions: torch.Tensor) -> torch.Tensor:
+    with torch.no_grad():
+        return mark_visible(camera_of(settings), positions)

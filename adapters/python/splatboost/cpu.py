@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs a 3DGS repository's own script without a GPU: `python -m splatboost.cpu train.py -s SCENE -m OUT`.
+
+What the script asks of CUDA happens on the CPU, and it draws with SplatBoost's rasterizer. Meant for trying a checkout or
+a patch before renting a GPU.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import os
+import runpy
+import sys
+import time
+import types
+from typing import Any, Callable, List, Optional
+
+#: Packages that hosts import but hardly use, with what is lost without them.
+_OPTIONAL = {"open3d": "writing of point clouds through it", "joblib": "parallel reading of depth maps"}
+
+#: torch functions that take device=
+_FACTORIES = (
+    "arange as_tensor asarray empty empty_like empty_strided eye full full_like linspace logspace normal ones ones_like "
+    "rand rand_like randint randint_like randn randn_like randperm scalar_tensor sparse_coo_tensor tensor zeros "
+    "zeros_like"
+).split()
+_METHODS = "new_empty new_full new_ones new_tensor new_zeros".split()
+
+
+def _on_cpu(device: Any) -> Any:
+    """The device to use for one that a script names; other values pass."""
+    import torch
+
+    if isinstance(device, torch.device) and device.type == "cuda":
+        return torch.device("cpu")
+    if isinstance(device, str) and device.split(":")[0] == "cuda":
+        return "cpu"
+    return device
+
+
+def _with_device(function: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        if "device" in named:
+            named["device"] = _on_cpu(named["device"])
+        return function(*arguments, **named)
+
+    return call
+
+
+def _with_any_device(function: Callable[..., Any]) -> Callable[..., Any]:
+    """For functions whose device may stand anywhere, as in tensor.to("cuda")."""
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        if isinstance(named.get("device"), int):
+            named["device"] = "cpu"
+        return function(*[_on_cpu(a) for a in arguments], **{name: _on_cpu(a) for name, a in named.items()})
+
+    return call
+
+
+class _Event:
+    """torch.cuda.Event by the clock."""
+
+    def __init__(self, *_: Any, **__: Any):
+        self._seconds = 0.0
+
+    def record(self, *_: Any) -> None:
+        self._seconds = time.perf_counter()
+
+    def elapsed_time(self, end: "_Event") -> float:
+        return 1000.0 * (end._seconds - self._seconds)
+
+    def synchronize(self) -> None:
+        pass
+
+    def query(self) -> bool:
+        return True
+
+    def wait(self, *_: Any) -> None:
+        pass
+
+
+def _peak_memory(*_: Any) -> int:
+    import resource
+
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def map_cuda() -> None:
+    """Lets torch do on the CPU what is asked of CUDA, in this process. A second call changes nothing."""
+    import torch
+
+    if getattr(torch, "_splatboost_on_cpu", False):
+        return
+    setattr(torch, "_splatboost_on_cpu", True)
+    for name in _FACTORIES:
+        if hasattr(torch, name):
+            setattr(torch, name, _with_device(getattr(torch, name)))
+    tensor: Any = torch.Tensor
+    for name in _METHODS:
+        setattr(tensor, name, _with_device(getattr(tensor, name)))
+    tensor.to = _with_any_device(tensor.to)
+    tensor.cuda = lambda self, *_, **__: self
+    tensor.pin_memory = lambda self, *_, **__: self
+    module: Any = torch.nn.Module
+    module.to = _with_any_device(module.to)
+    module.cuda = lambda self, *_, **__: self
+    torch.Generator = functools.wraps(torch.Generator, updated=())(  # type: ignore[misc]
+        lambda device="cpu": _generator(_on_cpu(device)))
+
+    load = torch.load
+
+    @functools.wraps(load)
+    def load_on_cpu(file: Any, map_location: Any = None, *arguments: Any, **named: Any) -> Any:
+        return load(file, "cpu" if map_location is None else _on_cpu(map_location), *arguments, **named)
+
+    torch.load = load_on_cpu
+
+    cuda: Any = torch.cuda
+    cuda.Event = _Event
+    for name in ("synchronize", "empty_cache", "set_device", "reset_peak_memory_stats", "reset_max_memory_allocated",
+                 "ipc_collect", "init"):
+        setattr(cuda, name, lambda *_, **__: None)
+    for name in ("max_memory_allocated", "max_memory_reserved", "memory_allocated", "memory_reserved"):
+        setattr(cuda, name, _peak_memory)
+    cuda.current_device = lambda: 0
+    cuda.get_device_name = lambda *_: "CPU"
+    cuda.mem_get_info = lambda *_: (os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"),
+                                    os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    cuda.stream = lambda *_: contextlib.nullcontext()
+    cuda.device = lambda *_: contextlib.nullcontext()
+    for name in ("range_push", "range_pop", "mark"):
+        setattr(cuda.nvtx, name, lambda *_: None)
+
+
+def _generator(device: Any) -> Any:
+    import torch._C
+
+    return torch._C.Generator(device=device)
+
+
+def detect_layout(folder: str) -> Optional[str]:
+    """Which drop-in layout the checkout in a folder draws with; None where it is no 3DGS checkout."""
+    path = os.path.join(folder, "gaussian_renderer", "__init__.py")
+    if not os.path.exists(path):
+        return None
+    with open(path, encoding="utf-8", errors="replace") as file:
+        text = file.read()
+    if "kernel_size" in text and "subpixel_offset" in text:
+        return "mip-splatting"
+    return "3dgs-2024" if "depth_image" in text or "antialiasing" in text else "3dgs-2023"
+
+
+class _Missing(types.ModuleType):
+    """Stands for a package that is not installed: importing it is fine, using it is not."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise ModuleNotFoundError("%s.%s is used, but %s is not installed" % (self.__name__, name, self.__name__),
+                                  name=self.__name__)
+
+
+def _stand_in_for_optional() -> None:
+    import importlib.util
+
+    for name in _OPTIONAL:
+        if importlib.util.find_spec(name) is None:
+            sys.modules[name] = _Missing(name)
+
+
+def _stand_in_for_lpips() -> None:
+    """LPIPS needs weights that torchvision would download. Without them it is NaN, said once."""
+    import torch
+
+    weights = os.path.join(torch.hub.get_dir(), "checkpoints", "vgg16-397923af.pth")
+    if os.path.exists(weights):
+        return
+    said: List[bool] = []
+
+    def distance(*_: Any, **__: Any) -> Any:
+        if not said:
+            print("splatboost.cpu: LPIPS is not measured (nan): its VGG weights are not at %s" % weights)
+            said.append(True)
+        return torch.tensor(float("nan"))
+
+    ours: Any = types.ModuleType("lpipsPyTorch")
+    ours.lpips = distance
+    sys.modules["lpipsPyTorch"] = ours
+
+    class LPIPS(torch.nn.Module):
+        def __init__(self, *_: Any, **__: Any):
+            super().__init__()
+
+        forward = staticmethod(distance)
+
+    theirs: Any = types.ModuleType("lpips")
+    theirs.LPIPS = LPIPS
+    sys.modules["lpips"] = theirs
+
+
+def _fail(message: str) -> int:
+    sys.stderr.write("splatboost.cpu: %s\n" % message)
+    return 2
+
+
+_PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "skimage": "scikit-image"}
+
+
+def _how_to_get(module: str) -> str:
+    name = module.split(".")[0]
+    return "pip install %s" % _PACKAGES.get(name, name)
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    from .drop_ins import LAYOUTS
+
+    parser = argparse.ArgumentParser(
+        prog="python -m splatboost.cpu",
+        description="Runs a 3DGS repository's own script on the CPU, with SplatBoost's rasterizer.",
+        epilog="Example: python -m splatboost.cpu train.py -s scene -m out --iterations 600 -r 8")
+    parser.add_argument("--layout", choices=sorted(LAYOUTS), help="of the rasterizer; default: found in the checkout")
+    parser.add_argument("script", help="the host's train.py, render.py, metrics.py, …")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="of the script")
+    options = parser.parse_args(arguments)
+
+    if not os.path.isfile(options.script):
+        return _fail("there is no script %s; give the path of the checkout's train.py" % options.script)
+    try:
+        import torch  # noqa: F401
+    except ModuleNotFoundError:
+        return _fail("torch is not installed: pip install torch --index-url https://download.pytorch.org/whl/cpu")
+    folder = os.path.dirname(os.path.abspath(options.script))
+    layout = options.layout or detect_layout(folder)
+    from ._library import LibraryError
+
+    map_cuda()
+    try:
+        if layout is not None:
+            from .drop_ins import install_drop_ins
+
+            install_drop_ins(layout)
+            from . import _library
+
+            _library.load()
+    except LibraryError as error:
+        return _fail(str(error))
+    _stand_in_for_optional()
+    _stand_in_for_lpips()
+    sys.argv = [options.script] + options.arguments
+    sys.path.insert(0, folder)
+    try:
+        runpy.run_path(options.script, run_name="__main__")
+    except ModuleNotFoundError as error:
+        if error.name is None:
+            raise
+        return _fail("%s needs the Python module %s: %s" % (options.script, error.name, _how_to_get(error.name)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Puts the drop-ins into sys.modules under the upstream's names."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import types
+from typing import List
+
+#: layout → module of splatboost.compat
+LAYOUTS = {
+    "3dgs-2023": "diff_gaussian_rasterization_2023",
+    "3dgs-2024": "diff_gaussian_rasterization_2024",
+    "3dgs-accelerated": "diff_gaussian_rasterization_accelerated",
+    "mip-splatting": "diff_gaussian_rasterization_mip_splatting",
+}
+
+
+def install_drop_ins(layout: str) -> List[str]:
+    """Makes `import diff_gaussian_rasterization`, `simple_knn._C` and `fused_ssim` give SplatBoost's.
+
+    layout: one of LAYOUTS. Call it before the host's imports. Returns the names that were set. A second call with the
+    same layout changes nothing.
+    """
+    if layout not in LAYOUTS:
+        raise ValueError("layout: one of %s wanted, %r given" % (", ".join(sorted(LAYOUTS)), layout))
+    compat = __package__ + ".compat." if __package__ else "splatboost.compat."
+    rasterization = importlib.import_module(compat + LAYOUTS[layout])
+    present = sys.modules.get("diff_gaussian_rasterization")
+    if present is not None and present is not rasterization:
+        raise RuntimeError(
+            "install_drop_ins: diff_gaussian_rasterization is imported already, from %s; call it before the host's "
+            "imports" % getattr(present, "__file__", "elsewhere")
+        )
+    simple_knn = sys.modules.get("simple_knn") or types.ModuleType("simple_knn")
+    simple_knn.__path__ = getattr(simple_knn, "__path__", [])
+    knn = importlib.import_module(compat + "simple_knn")
+    setattr(simple_knn, "_C", knn)
+    modules = {
+        "diff_gaussian_rasterization": rasterization,
+        "simple_knn": simple_knn,
+        "simple_knn._C": knn,
+        "fused_ssim": importlib.import_module(compat + "fused_ssim"),
+    }
+    sys.modules.update(modules)
+    return sorted(modules)

@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The acceleration of one training by a host that has 3DGS's classes. Hosts differ in what subclasses override."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, Callable, Dict, Iterable, List, Tuple
+
+import torch
+
+from ..adapter import Adapter, ScoredView
+from ..operations import keep_largest, spare_one
+from ..schedule import PUBLISHED_ITERATIONS, scaled_iteration
+from . import _drawing
+
+_SPLIT_CHILDREN = 2
+
+
+class Boost:
+    """Takes the place of the host's calls that grow, prune and step.
+
+    gaussians, scene   the host's
+    options            its optimization parameters, with those that the patch adds (boost…)
+    render             draws a training camera without anything random, as the loss sees it
+    model_path         where the host saves
+    checkpoints        iterations whose checkpoints the host writes: nothing may be left to apply then
+
+    With --boost off every call is the host's own.
+    """
+
+    backbone = "vanilla"
+    published_iterations = PUBLISHED_ITERATIONS
+    #: Host option → setting of the adapter and the host's default. Another value is the user's wish and is passed on.
+    host_options: Dict[str, Tuple[str, float]] = {
+        "densify_from_iter": ("densify_from", 500),
+        "densify_until_iter": ("densify_until", 15000),
+        "densification_interval": ("densify_interval", 100),
+        "densify_grad_threshold": ("gradient_threshold", 0.0002),
+    }
+    #: Of these, iterations of the host's run; the adapter takes them as of the published one.
+    _scaled = ("densify_from_iter", "densify_until_iter")
+    #: Whether absolute gradients are gathered here; a host that gathers them itself says False.
+    gathers_absolute = True
+
+    def __init__(self, gaussians: Any, scene: Any, options: Any, render: Callable[[Any], torch.Tensor],
+                 model_path: str, checkpoints: Iterable[int] = ()):
+        if options.boost not in ("on", "off"):
+            sys.stderr.write("--boost: on or off wanted, %s given\n" % options.boost)
+            sys.exit(2)
+        self.on = options.boost == "on"
+        self.gaussians = gaussians
+        self.options = options
+        self.iteration = 0
+        if not self.on:
+            _drawing.forget(model_path)
+            return
+        self._scene = scene
+        self._render = render
+        self._checkpoints = frozenset(checkpoints)
+        self._device = gaussians.get_xyz.device
+        settings = self._settings()
+        self.adapter = Adapter(self.backbone, total_iterations=options.iterations, device=self._device, **settings)
+        self._growth_ends = scaled_iteration(int(self.adapter.settings["densify_until"]), options.iterations,
+                                             self.published_iterations)
+        self._reset_at = -options.opacity_reset_interval
+        gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
+        self._restart_statistics()
+        _drawing.save(model_path, self.backbone, self.adapter.beta)
+
+    def _settings(self) -> Dict[str, Any]:
+        options = self.options
+        settings: Dict[str, Any] = {"beta": options.boost_beta, "tau_d": options.boost_tau_d}
+        for name, (setting, default) in self.host_options.items():
+            value = getattr(options, name)
+            if value == default:
+                continue
+            if name in self._scaled:
+                value = int(round(value * self.published_iterations / options.iterations))
+            settings[setting] = value
+        return settings
+
+    def begin(self, iteration: int) -> None:
+        self.iteration = iteration
+
+    # --- what the host knows of its Gaussians
+
+    def add_densification_stats(self, viewspace_points: torch.Tensor, seen: torch.Tensor) -> None:
+        """seen: bool [N], or indices of any shape, as the host has it."""
+        self.gaussians.add_densification_stats(viewspace_points, seen)
+        if not self.on:
+            return
+        if seen.dtype != torch.bool:
+            seen = seen.reshape(-1)
+        extra = self._views_of_one() - 1.0
+        if extra > 0:
+            self.gaussians.denom[seen] += extra
+        if self.gathers_absolute:
+            gradients = self.gaussians.splatboost.screen_points.grad
+            self._absolute[seen] += torch.norm(gradients[seen, 2:], dim=-1, keepdim=True)
+            self._seen[seen] += 1.0 + extra
+
+    def _views_of_one(self) -> float:
+        """How many views one view stands for in the mean of gradients."""
+        return 1.0
+
+    def _absolute_gradients(self) -> torch.Tensor:
+        return self._absolute / self._seen.clamp_min(1.0)
+
+    def _restart_statistics(self) -> None:
+        n = self.gaussians.get_xyz.shape[0]
+        self._absolute = torch.zeros((n, 1), device=self._device)
+        self._seen = torch.zeros((n, 1), device=self._device)
+
+    def _views(self) -> List[Callable[[], ScoredView]]:
+        def scored(camera: Any) -> ScoredView:
+            image = self._render(camera)
+            return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device))
+
+        return [lambda camera=camera: scored(camera) for camera in self._scene.getTrainCameras()]
+
+    # --- growth and pruning
+
+    def grows(self) -> bool:
+        """Whether Gaussians grow at this iteration."""
+        options = self.options
+        own = self.iteration > options.densify_from_iter and self.iteration % options.densification_interval == 0
+        return self.adapter.grows_at(self.iteration, own) if self.on else own
+
+    def densify_and_prune(self, max_grad: float, min_opacity: float, extent: float, max_screen_size: Any,
+                          *radii: torch.Tensor) -> Any:
+        """The arguments are the host's; radii where it keeps them through growth."""
+        g = self.gaussians
+        if not self.on:
+            return g.densify_and_prune(max_grad, min_opacity, extent, max_screen_size, *radii)
+        self._apply_gradients()
+        n = g.get_xyz.shape[0]
+        views = self._views()
+        gradients = g.xyz_gradient_accum / g.denom.clamp_min(1.0)
+        max_scales = g.get_scaling.detach().max(dim=1).values
+        clone, split = self.adapter.grow(
+            self.iteration, views, scene_extent=float(extent), gradients=gradients,
+            gradients_abs=self._absolute_gradients(), max_scales=max_scales, opacities=g.get_opacity.detach())
+        if self.options.boost_max_gaussians > 0:
+            room = max(0, self.options.boost_max_gaussians - n)
+            growing = keep_largest(gradients.reshape(-1), room, clone | split)
+            clone, split = clone & growing, split & growing
+
+        if radii:
+            g.tmp_radii = radii[0]
+        origins = self._grow(clone, split, float(extent))
+        candidates = (g.get_opacity < min_opacity).reshape(-1)
+        if max_screen_size:
+            candidates |= g.get_scaling.max(dim=1).values > 0.1 * extent
+        remove = self.adapter.prune(self.iteration, views, candidates=candidates, origins=origins,
+                                    opacities=g.get_opacity.detach())
+        self._remove(remove)
+        if radii:
+            g.tmp_radii = None
+        self._restart_statistics()
+        return None
+
+    def _grow(self, clone: torch.Tensor, split: torch.Tensor, extent: float) -> torch.Tensor:
+        """Lets the host clone and split these; returns which of the Gaussians before each is made from."""
+        g = self.gaussians
+        n = clone.shape[0]
+        percent_dense = g.percent_dense
+        origins = torch.arange(n, device=clone.device)
+        try:
+            # The host tests sizes too; here every Gaussian is small, then large, so that the masks alone decide.
+            g.percent_dense = float("inf")
+            self._host_clone(clone, extent)
+            origins = torch.cat([origins, origins[clone]])
+            self._check_count(origins, "cloned")
+            g.percent_dense = -1.0
+            self._host_split(split, extent)
+        finally:
+            g.percent_dense = percent_dense
+        kept = torch.ones_like(origins, dtype=torch.bool)
+        kept[:n] = ~split
+        origins = torch.cat([origins[kept]] + [torch.arange(n, device=clone.device)[split]] * _SPLIT_CHILDREN)
+        self._check_count(origins, "split")
+        return origins
+
+    def _check_count(self, origins: torch.Tensor, what: str) -> None:
+        n = self.gaussians.get_xyz.shape[0]
+        if n != origins.shape[0]:
+            raise RuntimeError("splatboost: %d Gaussians expected after the host %s some, there are %d: its "
+                               "densify functions were changed" % (origins.shape[0], what, n))
+
+    def _host_clone(self, mask: torch.Tensor, extent: float) -> None:
+        self.gaussians.densify_and_clone(mask.float().unsqueeze(1), 0.5, extent)
+
+    def _host_split(self, mask: torch.Tensor, extent: float) -> None:
+        self.gaussians.densify_and_split(mask.float().unsqueeze(1), 0.5, extent, _SPLIT_CHILDREN)
+
+    def _remove(self, mask: torch.Tensor) -> torch.Tensor:
+        mask = spare_one(self.gaussians.get_opacity.detach().reshape(-1), mask)
+        if bool(mask.any()):
+            self.gaussians.prune_points(mask)
+        return mask
+
+    def prune_late(self) -> None:
+        """Prunes by scores where the schedule says so, unless opacities were reset so lately that all are low."""
+        if not self.on or not self.adapter.prunes_at(self.iteration, False):
+            return
+        if self.iteration - self._reset_at < self.options.opacity_reset_interval // 3:
+            return
+        g = self.gaussians
+        self._apply_gradients()
+        opacities = g.get_opacity.detach()
+        none = torch.zeros((opacities.shape[0],), dtype=torch.bool, device=self._device)
+        remove = self.adapter.prune(self.iteration, self._views(), candidates=none, opacities=opacities)
+        # Hosts that keep radii through growth index them in prune_points.
+        g.tmp_radii = torch.zeros((opacities.shape[0],), device=self._device)
+        remove = self._remove(remove)
+        g.tmp_radii = None
+        self._absolute, self._seen = self._absolute[~remove], self._seen[~remove]
+        self._pruned()
+
+    def _pruned(self) -> None:
+        """For hosts that keep more a Gaussian than prune_points knows of."""
+
+    def reset_opacity(self) -> None:
+        """Resets serve growth: after it they would only undo what was learned."""
+        if self.on:
+            if self.iteration >= self._growth_ends:
+                return
+            self._apply_gradients()
+            self._reset_at = self.iteration
+        self.gaussians.reset_opacity()
+
+    # --- the optimizer
+
+    @property
+    def optimizer(self) -> Any:
+        return _Scheduled(self) if self.on else self.gaussians.optimizer
+
+    def steps(self, group: str) -> bool:
+        """Whether a group steps now. The host makes its last step one iteration before its last."""
+        last = self.iteration >= self.options.iterations - 1
+        return last or self.iteration in self._checkpoints or self.adapter.steps_at(group, self.iteration)
+
+    def _apply_gradients(self) -> None:
+        """Applies what is accumulated before Gaussians come or go, which would lose it."""
+        if getattr(self.options, "optimizer_type", "") == "sparse_adam":
+            return  # it steps at every iteration and leaves nothing
+        self.gaussians.optimizer.step()
+        self.gaussians.optimizer.zero_grad(set_to_none=True)
+
+
+class _Scheduled:
+    """The host's optimizer as its training loop sees it: groups whose time has not come keep their gradients."""
+
+    def __init__(self, boost: Boost):
+        self._boost = boost
+        self._inner = boost.gaussians.optimizer
+
+    def step(self, *sparse: Any) -> None:
+        """sparse: what a sparse optimizer is given. It knows the Gaussians of one view only, so it always steps."""
+        waiting = []
+        for group in self._inner.param_groups:
+            if not sparse and not self._boost.steps(group["name"]):
+                waiting += [(p, p.grad) for p in group["params"] if p.grad is not None]
+        for parameter, _ in waiting:
+            parameter.grad = None
+        self._inner.step(*sparse)
+        self._inner.zero_grad(set_to_none=True)
+        for parameter, gradient in waiting:
+            parameter.grad = gradient
+
+    def zero_grad(self, set_to_none: bool = True) -> None:
+        """Nothing: step() did it for the groups that stepped."""

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compact box in a host's own render function, and beta beside the host's model."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any, Callable, Optional
+
+import torch
+
+from ..compat import (
+    diff_gaussian_rasterization_2023,
+    diff_gaussian_rasterization_2024,
+    diff_gaussian_rasterization_accelerated,
+    diff_gaussian_rasterization_mip_splatting,
+    get_beta,
+    set_beta,
+)
+
+#: Beside the host's cfg_args: how the model was trained, for whoever draws it.
+MODEL_FILE = "splatboost.json"
+
+
+class Drawing:
+    """How a model is drawn: with which box, and whether absolute gradients are wanted.
+
+    beta: None draws as published. After a backward pass of a view, `screen_points.grad` [N,4] holds the absolute
+    gradients in columns 2 and 3, where they are wanted.
+    """
+
+    def __init__(self, beta: Optional[float], absolute: bool = False):
+        self.beta = beta
+        self.absolute = absolute
+        self.screen_points: Optional[torch.Tensor] = None
+
+    def __call__(self, settings: Any, depth: bool, means2D: torch.Tensor, given: Any) -> Any:
+        module: Any = diff_gaussian_rasterization_2023
+        if hasattr(settings, "kernel_size"):
+            module = diff_gaussian_rasterization_mip_splatting
+        elif "dc" in given:
+            module = diff_gaussian_rasterization_accelerated
+        elif depth:
+            module = diff_gaussian_rasterization_2024
+        if self.absolute and means2D.requires_grad:
+            # The host's three columns lead, so that its own statistics read what they always did.
+            means2D = self.screen_points = torch.nn.functional.pad(means2D, (0, 1))
+            means2D.retain_grad()
+        ours = module.GaussianRasterizer(module.GaussianRasterizationSettings(**settings._asdict()))
+        before = get_beta()
+        set_beta(self.beta)
+        try:
+            return ours(means2D=means2D, **given)
+        finally:
+            set_beta(before)
+
+
+def rasterizer(model: Any, host: Any, depth: bool = False) -> Callable[..., Any]:
+    """The host's own rasterizer, or ours for a model that is trained or was saved with boost.
+
+    depth: whether the host's returns inverse depth as a third image.
+    """
+    drawing = getattr(model, "splatboost", None)
+    if drawing is None:
+        return host  # type: ignore[no-any-return]
+    settings = host.raster_settings
+
+    def draw(means2D: torch.Tensor, **given: Any) -> Any:
+        return drawing(settings, depth, means2D, given)
+
+    return draw
+
+
+def load(model: Any, model_path: str) -> None:
+    """Draws a saved model as it was trained. Without MODEL_FILE in its folder it is the host's own."""
+    path = os.path.join(model_path, MODEL_FILE)
+    if not os.path.exists(path):
+        return
+    with open(path, encoding="utf-8") as file:
+        beta = json.load(file)["beta"]
+    model.splatboost = Drawing(beta)
+
+
+def save(model_path: str, backbone: str, beta: Optional[float]) -> None:
+    """Lets load() draw the models of this folder with beta."""
+    path = os.path.join(model_path, MODEL_FILE)
+    with open(path + ".new", "w", encoding="utf-8") as file:
+        json.dump({"backbone": backbone, "beta": beta}, file)
+        file.write("\n")
+    os.replace(path + ".new", path)
+
+
+def forget(model_path: str) -> None:
+    """The folder's models are the host's own again."""
+    path = os.path.join(model_path, MODEL_FILE)
+    if os.path.exists(path):
+        os.remove(path)

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hooks of DropGaussian, whose training renders leave out random Gaussians."""
+
+from __future__ import annotations
+
+from . import _boost
+from ._drawing import load, rasterizer
+
+__all__ = ["Boost", "load", "rasterizer"]
+
+#: The host's dropout: this rate is reached at this iteration, whatever the length of the run.
+_RATE, _RATE_AT = 0.2, 10000
+
+
+class Boost(_boost.Boost):
+    backbone = "dropgaussian"
+    published_iterations = 10000
+    host_options = {**_boost.Boost.host_options, "densify_until_iter": ("densify_until", 10000),
+                    "densify_grad_threshold": ("gradient_threshold", 0.0005)}
+
+    def _views_of_one(self) -> float:
+        # In 3DGS's square a dropped Gaussian counts as seen, without a gradient. The compact box does not list it:
+        # each view where it was kept stands for those where it was not.
+        if self.adapter.beta is None:
+            return 1.0
+        return 1.0 / (1.0 - _RATE * self.iteration / _RATE_AT)

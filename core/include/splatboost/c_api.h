@@ -1,0 +1,275 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/**
+ * @file The C ABI of libsplatboost: the core's operations for other languages, without torch and without C++ types.
+ *
+ * Memory belongs to the caller: tensors are views, in and out, and no entry keeps one. Tensors are dense and row-major:
+ * other strides are refused, with a message that names the tensor. All tensors of a call live on the call's device.
+ * A pointer that may be NULL says so ("optional"); a tensor that is NULL is not given.
+ *
+ * Every entry that returns sb_status is safe against what it can see: NULL, negative or overflowing sizes, wrong types,
+ * shapes, strides and devices give an error and leave the outputs as they were or partly written, never a crash. It
+ * cannot see whether memory is as large as the shape says.
+ *
+ * Entries may be called from any thread; a handle from one thread at a time. What the words mean (β, importance, VCD …)
+ * is in the C++ headers beside this one, named at each entry.
+ */
+#ifndef SPLATBOOST_C_API_H_
+#define SPLATBOOST_C_API_H_
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#if defined(SPLATBOOST_BUILDS_C_API) && defined(__GNUC__)
+#define SB_API __attribute__((visibility("default")))
+#else
+#define SB_API
+#endif
+
+/* ---- version and errors ---- */
+
+/** Raised when an entry or a struct changes in a way that breaks callers; also the library's soname. */
+#define SB_ABI_VERSION 1
+
+/** SB_ABI_VERSION that the library was built with. A caller whose header says otherwise must not go on. */
+SB_API int32_t sb_abi_version(void);
+/** Version of SplatBoost, such as "0.1.0". */
+SB_API const char* sb_version(void);
+
+typedef int32_t sb_status;
+enum {
+  SB_OK = 0,
+  SB_ERROR_ARGUMENT = 1, /**< an argument breaks its contract */
+  SB_ERROR_NO_CUDA = 2,  /**< a CUDA device was asked of a library or machine that has none */
+  SB_ERROR_MEMORY = 3,   /**< out of memory */
+  SB_ERROR_CALLBACK = 4, /**< a function of the caller's reported failure */
+  SB_ERROR_INTERNAL = 5  /**< anything else: a bug in the library */
+};
+
+/** What went wrong in this thread's last failed call: one line, never NULL. Valid until this thread's next failure. */
+SB_API const char* sb_last_error(void);
+
+/* ---- devices and tensors ---- */
+
+enum { SB_CPU = 0, SB_CUDA = 1 };
+
+/** Where a call runs. A NULL sb_device* means the CPU with one thread a hardware thread. */
+typedef struct sb_device {
+  int32_t kind;    /**< SB_CPU or SB_CUDA */
+  int32_t index;   /**< of the GPU; 0 on the CPU */
+  int32_t threads; /**< CPU threads; 0: one a hardware thread. Results do not depend on it */
+  void* stream;    /**< cudaStream_t that the call is queued on; NULL on the CPU */
+} sb_device;
+
+/** 1 if this library can run on that kind of device here, else 0. */
+SB_API int32_t sb_has_device(int32_t kind);
+
+enum { SB_FLOAT32 = 0, SB_FLOAT64 = 1, SB_INT32 = 2, SB_INT64 = 3, SB_UINT8 = 4 };
+
+#define SB_MAX_DIMENSIONS 4
+
+/** A view of the caller's memory. */
+typedef struct sb_tensor {
+  void* data;         /**< aligned for its type; may be NULL only where there are no elements */
+  int32_t type;       /**< SB_FLOAT32 … */
+  int32_t dimensions; /**< 0 .. SB_MAX_DIMENSIONS */
+  int64_t shape[SB_MAX_DIMENSIONS];
+  int64_t strides[SB_MAX_DIMENSIONS]; /**< in elements; must be those of a dense row-major tensor */
+  int32_t device_kind;                /**< SB_CPU or SB_CUDA */
+  int32_t device_index;
+} sb_tensor;
+
+/* ---- rasterizer (rasterizer.h, gaussians.h, camera.h) ---- */
+
+/** Pinhole, COLMAP's frame: x right, y down, z forward; the centre of pixel (column i, row j) is (i + 0.5, j + 0.5). */
+typedef struct sb_camera {
+  int32_t width, height;
+  float fx, fy, cx, cy;        /**< pixels */
+  float camera_from_world[16]; /**< rigid 4×4, row after row; points are columns, so entries 3, 7, 11 are the
+                                  translation */
+} sb_camera;
+
+/** N activated Gaussians, float32. Either scales and rotations, or covariances; either sh_dc (and sh_rest), or colors.
+ */
+typedef struct sb_gaussians {
+  const sb_tensor* means;       /**< [N,3] world */
+  const sb_tensor* scales;      /**< [N,3] standard deviations */
+  const sb_tensor* rotations;   /**< [N,4] quaternions (w,x,y,z), normalised by the library */
+  const sb_tensor* covariances; /**< [N,6] xx xy xz yy yz zz */
+  const sb_tensor* opacities;   /**< [N] or [N,1] */
+  const sb_tensor* sh_dc;       /**< [N,3] or [N,1,3] */
+  const sb_tensor* sh_rest;     /**< [N,R,3]; optional: R = 0 */
+  const sb_tensor* colors;      /**< [N,3] */
+  const sb_tensor* features;    /**< [N,F] extra channels, F <= 8; optional */
+  int32_t sh_degree;            /**< active degree 0 .. 3, (degree + 1)² - 1 <= R */
+} sb_gaussians;
+
+enum { SB_BOX_SQUARE = 0, SB_BOX_ELLIPSE = 1 };
+
+typedef struct sb_raster_options {
+  int32_t box;                /**< SB_BOX_SQUARE: 3DGS's 3σ square; SB_BOX_ELLIPSE: the compact box */
+  float beta;                 /**< (0,1], of the compact box */
+  float low_pass;             /**< px² added to both axes: 0.3 in 3DGS, the kernel size in Mip-Splatting */
+  int32_t compensate_opacity; /**< 1: opacity × sqrt(det Σ / det(Σ + low-pass)): antialiasing, Mip filter */
+  float near_plane;           /**< 0.2 in 3DGS */
+  float background[3];
+} sb_raster_options;
+
+/** 3DGS as published. */
+SB_API sb_status sb_raster_options_default(sb_raster_options* options);
+
+/** Where a forward pass writes; each but color is optional. */
+typedef struct sb_raster_outputs {
+  const sb_tensor* color;         /**< float32 [3,H,W], background added, not clamped */
+  const sb_tensor* features;      /**< float32 [F,H,W] */
+  const sb_tensor* inverse_depth; /**< float32 [1,H,W] Σ wᵢ / zᵢ */
+  const sb_tensor* alpha;         /**< float32 [1,H,W] 1 − final transmittance */
+  const sb_tensor* radii;         /**< int32 [N] 3σ radius in px, rounded up; 0 where not visible */
+  const sb_tensor* visible;       /**< uint8 [N] 1 where listed in at least one tile */
+} sb_raster_outputs;
+
+/** Gradients of the loss with respect to the images, float32, of the images' shapes; each is optional: zero. */
+typedef struct sb_image_gradients {
+  const sb_tensor* color;
+  const sb_tensor* features;
+  const sb_tensor* inverse_depth;
+  const sb_tensor* alpha;
+} sb_image_gradients;
+
+/** Where a backward pass writes, float32, of the inputs' shapes; each is optional: not wanted. */
+typedef struct sb_gaussian_gradients {
+  int32_t accumulate; /**< 0: overwrite; 1: add (screen_means and screen_means_abs are overwritten in any case) */
+  const sb_tensor* means;
+  const sb_tensor* scales;
+  const sb_tensor* rotations; /**< through the normalisation */
+  const sb_tensor* covariances;
+  const sb_tensor* opacities;
+  const sb_tensor* sh_dc;
+  const sb_tensor* sh_rest;
+  const sb_tensor* colors;
+  const sb_tensor* features;
+  const sb_tensor* screen_means;     /**< [N,2] of the mean on screen, in pixels */
+  const sb_tensor* screen_means_abs; /**< [N,2] sums over pixels of its absolute value, x and y apart (AbsGS) */
+} sb_gaussian_gradients;
+
+/** Workspace of one view; it grows and is kept. backward and count_flagged speak of the last forward. */
+typedef struct sb_rasterizer sb_rasterizer;
+
+/** @param device where all calls with the handle run; its stream is not kept. @param rasterizer receives the handle. */
+SB_API sb_status sb_rasterizer_create(const sb_device* device, sb_rasterizer** rasterizer);
+/** NULL is allowed. */
+SB_API void sb_rasterizer_destroy(sb_rasterizer* rasterizer);
+
+/** @param stream of this call; NULL on the CPU */
+SB_API sb_status sb_rasterizer_forward(sb_rasterizer* rasterizer, const sb_camera* camera,
+                                       const sb_gaussians* gaussians, const sb_raster_options* options,
+                                       const sb_raster_outputs* outputs, void* stream);
+/** Gradients of the last forward. @param gaussians the same, unchanged */
+SB_API sb_status sb_rasterizer_backward(sb_rasterizer* rasterizer, const sb_gaussians* gaussians,
+                                        const sb_image_gradients* image_gradients,
+                                        const sb_gaussian_gradients* gradients, void* stream);
+/** Adds to counts the flagged pixels where each Gaussian was blended in the last forward (paper eq. 9), by a replay of
+ *  its tile lists. @param flagged uint8 [H,W] @param counts int32 [N] */
+SB_API sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb_tensor* flagged,
+                                             const sb_tensor* counts, void* stream);
+/** Figures of the last forward; each pointer is optional. @param visible Gaussians @param entries (tile, Gaussian)
+ * pairs */
+SB_API sb_status sb_rasterizer_counts(const sb_rasterizer* rasterizer, int64_t* visible, int64_t* entries);
+
+/** Which means lie beyond the near plane: what 3DGS calls markVisible. @param means float32 [N,3]
+ *  @param visible uint8 [N] receives 1 or 0 */
+SB_API sb_status sb_mark_visible(const sb_device* device, const sb_camera* camera, const sb_tensor* means,
+                                 float near_plane, const sb_tensor* visible);
+/** Which Gaussians' 3σ squares meet the image, without drawing (Scaffold-GS's visible_filter). Of gaussians only means
+ *  and scales with rotations, or covariances, are read. @param radii int32 [N] as sb_raster_outputs::radii */
+SB_API sb_status sb_visible_radii(const sb_device* device, const sb_camera* camera, const sb_gaussians* gaussians,
+                                  const sb_raster_options* options, const sb_tensor* radii);
+
+/* ---- errors and losses (error_map.h, photometric.h, ssim.h) ---- */
+
+/** A view's truth, 8 bit. */
+typedef struct sb_truth {
+  const sb_tensor* color; /**< uint8 [3,H,W] */
+  const sb_tensor* valid; /**< uint8 [H,W], non-zero where the pixel counts; optional: all do */
+} sb_truth;
+
+/** Flags pixels of large min-max normalised error (paper eqs. 6-8). @param render float32 [3,H,W]
+ *  @param error float32 [H,W] receives the error @param flagged uint8 [H,W] receives 1 or 0
+ *  @param count optional, receives the number of flagged pixels */
+SB_API sb_status sb_flag_errors(const sb_device* device, const sb_tensor* render, const sb_truth* truth, float tau,
+                                const sb_tensor* error, const sb_tensor* flagged, int64_t* count);
+
+typedef struct sb_loss {
+  double l1, ssim, total;
+} sb_loss;
+
+/** (1−λ)·L1 + λ·(1−SSIM) (paper eq. 10). @param gradient float32 [3,H,W] of the render; optional */
+SB_API sb_status sb_photometric_loss(const sb_device* device, const sb_tensor* render, const sb_truth* truth,
+                                     float lambda_dssim, const sb_tensor* gradient, sb_loss* loss);
+
+/** Mean SSIM of float images, as fused_ssim gives it. @param images,truths float32 [B,C,H,W]
+ *  @param valid_padding 0: windows are padded with zeros ("same"); 1: only windows within the image ("valid", H, W >
+ * 10)
+ *  @param gradient float32 [B,C,H,W] of the mean with respect to images; optional */
+SB_API sb_status sb_ssim(const sb_device* device, const sb_tensor* images, const sb_tensor* truths,
+                         int32_t valid_padding, const sb_tensor* gradient, double* mean);
+
+/* ---- scores and selections (scores.h, select.h) ---- */
+
+/** s⁺ (paper eq. 9). @param counts int64 [N] Σ_j n_ij over the views @param scores int64 [N] */
+SB_API sb_status sb_importance_scores(const sb_device* device, const sb_tensor* counts, int32_t views,
+                                      const sb_tensor* scores);
+/** s⁻ (paper eq. 11). @param weighted_counts float64 [N] Σ_j E_j·n_ij, finite @param scores float32 [N] */
+SB_API sb_status sb_pruning_scores(const sb_device* device, const sb_tensor* weighted_counts, const sb_tensor* scores);
+/** VCD: candidates of an importance above the threshold stay. @param importance int64 [N] @param candidates uint8 [N]
+ *  @param kept optional */
+SB_API sb_status sb_keep_important(const sb_device* device, const sb_tensor* importance, double threshold,
+                                   const sb_tensor* candidates, int64_t* kept);
+/** VCP: `keep` of the candidates stay, drawn without replacement by weight. @param weights float32 [N]
+ *  @param candidates uint8 [N] @param iteration with the seed gives the random numbers */
+SB_API sb_status sb_keep_weighted_sample(const sb_device* device, const sb_tensor* weights, int64_t keep, uint64_t seed,
+                                         uint64_t iteration, const sb_tensor* candidates);
+/** The `keep` candidates of the largest priority stay. @param priorities float32 [N] @param candidates uint8 [N] */
+SB_API sb_status sb_keep_largest(const sb_device* device, const sb_tensor* priorities, int64_t keep,
+                                 const sb_tensor* candidates);
+/** If all are selected, that of the largest priority no longer is. @param priorities float32 [N]
+ *  @param removals uint8 [N] @param removed optional, receives the number selected afterwards */
+SB_API sb_status sb_spare_one(const sb_device* device, const sb_tensor* priorities, const sb_tensor* removals,
+                              int64_t* removed);
+
+/* ---- optimizer, neighbours, schedule (adam.h, neighbors.h, schedule.h) ---- */
+
+typedef struct sb_adam_options {
+  float learning_rate, beta1, beta2, epsilon;
+} sb_adam_options;
+
+/** One Adam step; the gradients are zero afterwards. All float32 of one shape. @param step from 1 */
+SB_API sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, const sb_tensor* gradients,
+                              const sb_tensor* first_moments, const sb_tensor* second_moments, int64_t step,
+                              const sb_adam_options* options);
+
+/** Mean squared distance of each point to its k nearest others; simple_knn's distCUDA2 with k = 3.
+ *  @param points float32 [N,3] @param k 1 .. 64 @param distances float32 [N] */
+SB_API sb_status sb_mean_squared_neighbor_distances(const sb_device* device, const sb_tensor* points, int32_t k,
+                                                    const sb_tensor* distances);
+
+/** How often a parameter group steps; ends of the phases in iterations of the published run (30 000). */
+typedef struct sb_step_intervals {
+  int32_t early, middle, late, early_end, middle_end;
+} sb_step_intervals;
+
+/** @param steps receives 1 if the group steps at this iteration (from 1) of a run of `total`, else 0 */
+SB_API sb_status sb_steps_at(const sb_step_intervals* intervals, int32_t iteration, int32_t total, int32_t* steps);
+/** The iteration of a run of `total` that corresponds to `published` of one of `published_total`. */
+SB_API sb_status sb_scaled_iteration(int32_t published, int32_t total, int32_t published_total, int32_t* iteration);
+/** Log-linear from `initial` at iteration 0 to `final_value` at `steps` and after. */
+SB_API sb_status sb_exponential_rate(double initial, double final_value, int32_t iteration, int32_t steps,
+                                     double* rate);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* SPLATBOOST_C_API_H_ */

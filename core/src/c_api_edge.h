@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The edge between C and C++: exceptions become codes, tensors become spans, devices become thread pools.
+#pragma once
+
+#include <cstdint>
+#include <initializer_list>
+#include <new>
+#include <span>
+#include <stdexcept>
+#include <string>
+
+#include "splatboost/c_api.h"
+#include "splatboost/camera.h"
+#include "splatboost/errors.h"
+#include "splatboost/gaussians.h"
+#include "splatboost/photometric.h"
+#include "splatboost/rasterizer.h"
+#include "splatboost/threads.h"
+
+namespace splatboost::edge {
+
+/// No CUDA here.
+class NoCuda : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// A function of the caller's reported failure.
+class CallbackFailed : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Keeps the message for sb_last_error.
+sb_status failed(sb_status status, const char* message) noexcept;
+
+/// Runs an entry's body and turns what it throws into a status.
+template <class Body>
+sb_status guarded(Body&& body) noexcept {
+  try {
+    body();
+    return SB_OK;
+  } catch (const ArgumentError& e) {
+    return failed(SB_ERROR_ARGUMENT, e.what());
+  } catch (const NoCuda& e) {
+    return failed(SB_ERROR_NO_CUDA, e.what());
+  } catch (const CallbackFailed& e) {
+    return failed(SB_ERROR_CALLBACK, e.what());
+  } catch (const std::bad_alloc&) {
+    return failed(SB_ERROR_MEMORY, "out of memory");
+  } catch (const std::length_error&) {
+    return failed(SB_ERROR_MEMORY, "more memory than there can be");
+  } catch (const std::exception& e) {
+    return failed(SB_ERROR_INTERNAL, e.what());
+  } catch (...) {
+    return failed(SB_ERROR_INTERNAL, "unknown error");
+  }
+}
+
+template <class T>
+T& need(T* pointer, const char* name) {
+  if (pointer == nullptr) throw ArgumentError(std::string(name) + " must not be NULL");
+  return *pointer;
+}
+
+/// In a wanted shape: any size.
+inline constexpr std::int64_t kAny = -1;
+using Shape = std::initializer_list<std::int64_t>;
+
+template <class T>
+inline constexpr std::int32_t kTypeOf = -1;
+template <>
+inline constexpr std::int32_t kTypeOf<float> = SB_FLOAT32;
+template <>
+inline constexpr std::int32_t kTypeOf<double> = SB_FLOAT64;
+template <>
+inline constexpr std::int32_t kTypeOf<std::int32_t> = SB_INT32;
+template <>
+inline constexpr std::int32_t kTypeOf<std::int64_t> = SB_INT64;
+template <>
+inline constexpr std::int32_t kTypeOf<std::uint8_t> = SB_UINT8;
+
+/// Where a call runs, and the check that its tensors live there.
+class Place {
+ public:
+  /// The one place where a device is chosen. Throws NoCuda for a GPU, which this library has no code for yet.
+  explicit Place(const sb_device* device);
+
+  /// What operations take. They run on it until the place ends.
+  Threads& device() { return threads_; }
+  /// This place as tensors name it, for tensors that are made here.
+  std::int32_t kind() const { return SB_CPU; }
+  std::int32_t index() const { return 0; }
+  /// The stream of one call with a handle; throws where it does not fit the device.
+  void use_stream(void* stream) const;
+
+  /// A given tensor as a span, of one of the wanted shapes. Checks all of it that can be checked.
+  template <class T>
+  std::span<T> view(const sb_tensor* tensor, const char* name, std::initializer_list<Shape> wanted) const {
+    const std::size_t n = check(need(tensor, name), name, kTypeOf<std::remove_const_t<T>>, wanted);
+    return {static_cast<T*>(tensor->data), n};
+  }
+  template <class T>
+  std::span<T> view(const sb_tensor* tensor, const char* name, Shape wanted) const {
+    return view<T>(tensor, name, {wanted});
+  }
+  /// The same, empty where the tensor is not given.
+  template <class T>
+  std::span<T> optional_view(const sb_tensor* tensor, const char* name, std::initializer_list<Shape> wanted) const {
+    return tensor == nullptr ? std::span<T>() : view<T>(tensor, name, wanted);
+  }
+  template <class T>
+  std::span<T> optional_view(const sb_tensor* tensor, const char* name, Shape wanted) const {
+    return optional_view<T>(tensor, name, {wanted});
+  }
+
+  /// @param drawn whether opacities, colours and features are read too
+  Gaussians gaussians(const sb_gaussians* gaussians, bool drawn) const;
+  /// The truth of a render of its size, [3,H,W].
+  TruthImage truth(const sb_truth* truth, const sb_tensor* render) const;
+
+ private:
+  std::size_t check(const sb_tensor& tensor, const char* name, std::int32_t type,
+                    std::initializer_list<Shape> wanted) const;
+  Threads threads_;
+};
+
+/// The size of a dimension that other tensors must follow, such as the number of rows. Throws where there is none.
+std::int64_t size_of(const sb_tensor* tensor, const char* name, int dimension = 0);
+
+Camera camera_of(const sb_camera* camera);
+RasterOptions options_of(const sb_raster_options* options);
+
+}  // namespace splatboost::edge

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What was done to a tree: .splatboost/patch.json in it, there from the first write of an apply to the last
+/// of a revert.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tool/source_tree.h"
+#include "tool/text_edit.h"
+
+namespace splatboost::patch {
+
+inline constexpr const char* kManifestFile = ".splatboost/patch.json";
+
+enum class State {
+  applying,  ///< some files may be patched
+  applied,
+  reverting  ///< some files may be unpatched
+};
+
+struct PatchedFile {
+  std::string file;
+  std::string before;           ///< SHA-256 without the patch
+  std::string after;            ///< SHA-256 with it
+  std::string reverted;         ///< SHA-256 that a revert under way leads to: `before`, unless the user edited the file
+  std::vector<Change> changes;  ///< in the order they were made
+};
+
+struct Manifest {
+  std::string recipe;
+  std::string recipe_sha256;
+  std::string layout;
+  State state = State::applying;
+  std::vector<PatchedFile> files;
+};
+
+/// nullopt: the tree is not patched. PatchError on a manifest that cannot be one.
+std::optional<Manifest> read_manifest(const SourceTree& tree);
+
+void write_manifest(const SourceTree& tree, const Manifest& manifest);
+void remove_manifest(const SourceTree& tree);
+
+}  // namespace splatboost::patch

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The error of everything here that a user can mend.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace splatboost::patch {
+
+/// What is wrong, in which file, and what to do, in one line. Nothing was written.
+class PatchError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+inline void require(bool holds, const std::string& what) {
+  if (!holds) throw PatchError(what);
+}
+
+}  // namespace splatboost::patch

@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tool/recipe.h"
+
+#include <algorithm>
+#include <fstream>
+#include <set>
+#include <sstream>
+
+#include <nlohmann/json.hpp>
+
+#include "tool/patch_error.h"
+#include "tool/sha256.h"
+
+namespace splatboost::patch {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr int kFormat = 1;
+constexpr const char* kRecipeFile = "recipe.json";
+
+/// An object of the recipe with its place in the file, for messages.
+class Fields {
+ public:
+  Fields(const json& object, std::string place) : object_(object), place_(std::move(place)) {
+    require(object.is_object(), place_ + " must be an object");
+  }
+  /// Refuses keys that nobody asked for.
+  void close() const {
+    for (const auto& [key, value] : object_.items())
+      require(read_.contains(key), place_ + ": unknown key '" + key + "'");
+  }
+  const json& at(const std::string& key) {
+    read_.insert(key);
+    require(object_.contains(key), place_ + ": '" + key + "' is missing");
+    return object_[key];
+  }
+  bool has(const std::string& key) const { return object_.contains(key); }
+  std::string text(const std::string& key) {
+    const json& value = at(key);
+    require(value.is_string() && !value.get_ref<const std::string&>().empty(), name(key) + " must be a text");
+    return value.get<std::string>();
+  }
+  int whole(const std::string& key, int otherwise, int least) {
+    if (!has(key)) return otherwise;
+    const json& value = at(key);
+    require(value.is_number_integer() && value.get<std::int64_t>() >= least && value.get<std::int64_t>() < 1000,
+            name(key) + " must be a whole number from " + std::to_string(least));
+    return value.get<int>();
+  }
+  std::vector<std::string> texts(const std::string& key) {
+    const json& value = at(key);
+    require(value.is_array(), name(key) + " must be a list of texts");
+    for (const json& item : value) require(item.is_string(), name(key) + " must be a list of texts");
+    return value.get<std::vector<std::string>>();
+  }
+  template <class Read>
+  void each(const std::string& key, Read read) {
+    const json& value = at(key);
+    require(value.is_array(), name(key) + " must be a list");
+    for (std::size_t i = 0; i < value.size(); ++i) read(Fields(value[i], name(key) + "[" + std::to_string(i) + "]"));
+  }
+  /// A path within the tree.
+  std::string file(const std::string& key) {
+    const std::string path = text(key);
+    bool inside = !fs::path(path).is_absolute() && path.find('\\') == std::string::npos;
+    for (const fs::path& part : fs::path(path)) inside = inside && part != ".." && part != "." && !part.empty();
+    require(inside, name(key) + ": '" + path + "' must be a plain path within the tree");
+    return path;
+  }
+  std::string name(const std::string& key) const { return place_ + ": " + key; }
+
+ private:
+  const json& object_;
+  std::string place_;
+  std::set<std::string> read_;
+};
+
+bool one_line(const std::string& text) { return text.find_first_of("\r\n") == std::string::npos; }
+
+Layout read_layout(Fields fields) {
+  Layout layout;
+  layout.name = fields.text("name");
+  layout.about = fields.text("about");
+  layout.first_commit = fields.text("first_commit");
+  layout.last_commit = fields.text("last_commit");
+  fields.each("detect", [&](Fields sign) {
+    Sign read;
+    read.file = sign.file("file");
+    read.present = !sign.has("lacks");
+    read.text = sign.text(read.present ? "contains" : "lacks");
+    require(one_line(read.text), sign.name("a sign") + " must be of one line");
+    sign.close();
+    layout.signs.push_back(read);
+  });
+  require(!layout.signs.empty(), fields.name("detect") + " must not be empty");
+  fields.close();
+  return layout;
+}
+
+Edit read_edit(Fields fields, const std::vector<Layout>& layouts) {
+  Edit edit;
+  edit.file = fields.file("file");
+  edit.anchor = fields.text("anchor");
+  const std::string place = fields.text("place");
+  require(place == "before" || place == "after" || place == "replace",
+          fields.name("place") + " must be before, after or replace");
+  edit.place = place == "before" ? Place::before : place == "after" ? Place::after : Place::replace;
+  edit.snippet = fields.texts("snippet");
+  edit.indent = fields.whole("indent", 0, 0);
+  edit.count = fields.whole("count", 1, 1);
+  edit.why = fields.text("why");
+  if (fields.has("layouts")) edit.layouts = fields.texts("layouts");
+  fields.close();
+
+  require(one_line(edit.anchor), fields.name("anchor") + " must be of one line");
+  require(!edit.snippet.empty() && !edit.snippet.front().empty(), fields.name("snippet") + " must not be empty");
+  require(std::all_of(edit.snippet.begin(), edit.snippet.end(), one_line),
+          fields.name("snippet") + ": each line must be a text of its own");
+  require(edit.place != Place::replace || (edit.snippet.size() == 1 && edit.indent == 0),
+          fields.name("snippet") + " must be one piece of a line where the place is 'replace', without indent");
+  require(edit.place == Place::replace || edit.count == 1,
+          fields.name("count") + " may exceed 1 only where the place is 'replace'");
+  for (const std::string& name : edit.layouts) {
+    require(std::any_of(layouts.begin(), layouts.end(), [&](const Layout& layout) { return layout.name == name; }),
+            fields.name("layouts") + ": there is no layout '" + name + "'");
+  }
+  return edit;
+}
+
+/// Why a tree is not of this layout; empty if it is.
+std::string misses(const Layout& layout, const FileReader& read) {
+  for (const Sign& sign : layout.signs) {
+    const std::optional<std::string> text = read(sign.file);
+    if (!text) return "there is no " + sign.file;
+    if ((text->find(sign.text) != std::string::npos) != sign.present) {
+      return sign.file + (sign.present ? " lacks '" : " has '") + sign.text + "'";
+    }
+  }
+  return "";
+}
+
+std::string list_of(const std::vector<std::string>& names) {
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  return list;
+}
+
+}  // namespace
+
+std::vector<Edit> Recipe::edits_of(const std::string& layout) const {
+  std::vector<Edit> found;
+  for (const Edit& edit : edits) {
+    if (edit.layouts.empty() || std::find(edit.layouts.begin(), edit.layouts.end(), layout) != edit.layouts.end()) {
+      found.push_back(edit);
+    }
+  }
+  return found;
+}
+
+Recipe load_recipe(const fs::path& folder, const std::string& name) {
+  const std::vector<std::string> names = recipe_names(folder);
+  require(std::find(names.begin(), names.end(), name) != names.end(),
+          "there is no recipe '" + name + "'; there are: " + list_of(names));
+  const fs::path path = folder / name / kRecipeFile;
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  require(in.good(), path.string() + ": cannot be read");
+
+  const json parsed = json::parse(text.str(), nullptr, false);
+  require(!parsed.is_discarded(), path.string() + ": is not JSON");
+  Fields fields(parsed, path.string());
+  require(fields.whole("format", 0, 0) == kFormat,
+          path.string() + ": format must be " + std::to_string(kFormat) + ": recipe and program do not fit together");
+  Recipe recipe;
+  recipe.name = name;
+  recipe.title = fields.text("title");
+  recipe.upstream = fields.text("upstream");
+  recipe.sha256 = sha256(text.str());
+  fields.each("layouts", [&](Fields layout) { recipe.layouts.push_back(read_layout(std::move(layout))); });
+  require(!recipe.layouts.empty(), fields.name("layouts") + " must not be empty");
+  fields.each("options", [&](Fields option) {
+    recipe.options.push_back({option.text("name"), option.text("default"), option.text("about")});
+    option.close();
+  });
+  fields.each("edits", [&](Fields edit) { recipe.edits.push_back(read_edit(std::move(edit), recipe.layouts)); });
+  fields.close();
+  for (const Layout& layout : recipe.layouts) {
+    require(!recipe.edits_of(layout.name).empty(), path.string() + ": layout '" + layout.name + "' has no edits");
+  }
+  return recipe;
+}
+
+std::vector<std::string> recipe_names(const fs::path& folder) {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
+    if (fs::exists(entry.path() / kRecipeFile)) names.push_back(entry.path().filename().string());
+  }
+  require(!error, folder.string() + ": is no folder of recipes");
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+const Layout& detect_layout(const Recipe& recipe, const FileReader& read) {
+  std::vector<const Layout*> found;
+  std::string nearest;
+  for (const Layout& layout : recipe.layouts) {
+    const std::string missed = misses(layout, read);
+    if (missed.empty()) found.push_back(&layout);
+    nearest += (nearest.empty() ? "" : "; ") + ("not " + layout.name + ", since " + missed);
+  }
+  require(!found.empty(), "unknown layout of " + recipe.name + " (" + nearest + "): give the folder of a checkout of " +
+                              recipe.upstream);
+  require(found.size() == 1, "the tree looks like two layouts of " + recipe.name + ", " + found[0]->name + " and " +
+                                 found.back()->name + ": patch a fresh checkout");
+  return *found[0];
+}
+
+fs::path find_recipes(const fs::path& program) {
+  constexpr int kLevels = 4;  // build/release/bin/splatboost
+  fs::path folder = fs::weakly_canonical(program).parent_path();
+  const auto is_folder_of_recipes = [](const fs::path& path) {
+    std::error_code error;
+    return fs::is_directory(path, error) && !recipe_names(path).empty();
+  };
+  const fs::path installed = folder.parent_path() / "share" / "splatboost" / "patches";
+  if (is_folder_of_recipes(installed)) return installed;
+  for (int level = 0; level < kLevels; ++level, folder = folder.parent_path()) {
+    if (is_folder_of_recipes(folder / "patches")) return folder / "patches";
+  }
+  throw PatchError("no recipes beside " + program.string() + " (looked for " + installed.string() +
+                   "): install SplatBoost anew or name their folder with --recipes");
+}
+
+}  // namespace splatboost::patch

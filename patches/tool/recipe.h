@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file A recipe: which upstream, in which layouts, gets which edits. docs/patching.md tells the file format.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tool/text_edit.h"
+
+namespace splatboost::patch {
+
+/// A sign by which a layout is known.
+struct Sign {
+  std::string file;
+  std::string text;
+  bool present = true;  ///< the file contains the text; false: it exists and lacks it
+};
+
+struct Layout {
+  std::string name;
+  std::string about;
+  std::string first_commit;
+  std::string last_commit;  ///< the one that was tried
+  std::vector<Sign> signs;  ///< all hold in a tree of this layout
+};
+
+/// An option that the edits add to the host's command line.
+struct HostOption {
+  std::string name;
+  std::string value;  ///< default
+  std::string about;
+};
+
+struct Recipe {
+  std::string name;
+  std::string title;
+  std::string upstream;  ///< address
+  std::vector<Layout> layouts;
+  std::vector<HostOption> options;
+  std::vector<Edit> edits;  ///< in the order they are made
+  std::string sha256;       ///< of the recipe file
+
+  std::vector<Edit> edits_of(const std::string& layout) const;
+};
+
+/// Text of a file of a tree, by its path there; nullopt where there is none.
+using FileReader = std::function<std::optional<std::string>(const std::string& file)>;
+
+/// Reads and checks FOLDER/NAME/recipe.json. PatchError names the file and the key.
+Recipe load_recipe(const std::filesystem::path& folder, const std::string& name);
+
+/// Names of the recipes in a folder, sorted.
+std::vector<std::string> recipe_names(const std::filesystem::path& folder);
+
+/// The one layout whose signs a tree shows; PatchError if there is none, naming the sign that the likeliest lacks.
+const Layout& detect_layout(const Recipe& recipe, const FileReader& read);
+
+/// The folder of recipes that belongs to a program: ../share/splatboost/patches beside an installed one, or `patches`
+/// in a folder above (a build in the source tree). PatchError if there is none.
+std::filesystem::path find_recipes(const std::filesystem::path& program);
+
+}  // namespace splatboost::patch

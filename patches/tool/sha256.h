@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file SHA-256 (FIPS 180-4): what a manifest knows a file by; `sha256sum` prints the same.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace splatboost::patch {
+
+/// @return 64 lower-case hexadecimal digits
+std::string sha256(std::string_view bytes);
+
+}  // namespace splatboost::patch

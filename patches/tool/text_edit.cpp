@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tool/text_edit.h"
+
+#include <algorithm>
+#include <string_view>
+
+#include "tool/patch_error.h"
+
+namespace splatboost::patch {
+namespace {
+
+constexpr std::string_view kSpaces = "    ";
+
+std::vector<std::size_t> places_of(const std::string& text, const std::string& what) {
+  std::vector<std::size_t> places;
+  for (std::size_t at = text.find(what); at != std::string::npos; at = text.find(what, at + what.size())) {
+    places.push_back(at);
+  }
+  return places;
+}
+
+/// Where a change stands: inserted lines count at the start of a line only.
+std::vector<std::size_t> places_of(const std::string& text, const Change& change) {
+  std::vector<std::size_t> places = places_of(text, change.added);
+  if (change.removed.empty()) {
+    const bool own_end = change.added.front() == '\n' || change.added.front() == '\r';
+    std::erase_if(places, [&](std::size_t at) { return !own_end && at > 0 && text[at - 1] != '\n'; });
+  }
+  return places;
+}
+
+std::string line_numbers(const std::string& text, const std::vector<std::size_t>& places) {
+  std::string numbers;
+  for (const std::size_t at : places) {
+    const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n');
+    numbers += (numbers.empty() ? "" : ", ") + std::to_string(line);
+  }
+  return numbers;
+}
+
+std::string times(int count) { return count == 1 ? "once" : std::to_string(count) + " times"; }
+
+std::string first_line(const std::string& text) {
+  const std::size_t start = std::min(text.find_first_not_of("\r\n \t"), text.size());
+  return text.substr(start, std::min(text.find_first_of("\r\n", start), text.size()) - start);
+}
+
+/// The line end that a text uses.
+std::string line_end(const std::string& text, std::size_t near) {
+  const std::size_t here = text.find('\n', near);
+  const std::size_t end = here != std::string::npos ? here : text.rfind('\n');
+  return end != std::string::npos && end > 0 && text[end - 1] == '\r' ? "\r\n" : "\n";
+}
+
+}  // namespace
+
+Change apply_edit(std::string& text, const Edit& edit) {
+  const std::vector<std::size_t> places = places_of(text, edit.anchor);
+  const std::string anchor = "'" + edit.anchor + "'";
+  require(!places.empty(), edit.file + ": " + anchor +
+                               " is missing: the file was changed where the patch edits it; put that back, or patch "
+                               "a fresh checkout");
+  require(static_cast<int>(places.size()) == edit.count,
+          edit.file + ": " + anchor + " stands on lines " + line_numbers(text, places) + ", expected " +
+              times(edit.count) + ": leave as many, or patch a fresh checkout");
+
+  Change change;
+  change.count = edit.count;
+  if (edit.place == Place::replace) {
+    change.removed = edit.anchor;
+    change.added = edit.snippet.front();
+  } else {
+    const std::size_t last = text.rfind('\n', places.front());
+    const std::size_t start = last == std::string::npos ? 0 : last + 1;
+    const std::size_t end = text.find('\n', places.front());
+    const std::string eol = line_end(text, places.front());
+    std::string indent = text.substr(start, text.find_first_not_of(" \t", start) - start);
+    const std::string_view level = indent.find('\t') != std::string::npos ? "\t" : kSpaces;
+    for (int i = 0; i < edit.indent; ++i) indent += level;
+    for (const std::string& line : edit.snippet) change.added += (line.empty() ? "" : indent + line) + eol;
+    if (edit.place == Place::after && end == std::string::npos) {  // below a last line that has no end
+      change.added = eol + change.added.substr(0, change.added.size() - eol.size());
+    }
+  }
+  require(places_of(text, change).empty(),
+          edit.file + ": holds '" + first_line(change.added) +
+              "' already: the tree is patched, but .splatboost/patch.json is gone; patch a fresh checkout");
+
+  if (edit.place == Place::replace) {
+    for (auto at = places.rbegin(); at != places.rend(); ++at) text.replace(*at, edit.anchor.size(), change.added);
+  } else if (edit.place == Place::before) {
+    const std::size_t last = text.rfind('\n', places.front());
+    text.insert(last == std::string::npos ? 0 : last + 1, change.added);
+  } else {
+    const std::size_t end = text.find('\n', places.front());
+    text.insert(end == std::string::npos ? text.size() : end + 1, change.added);
+  }
+  return change;
+}
+
+bool holds(const std::string& text, const Change& change) {
+  return static_cast<int>(places_of(text, change).size()) == change.count;
+}
+
+void revert_change(std::string& text, const Change& change, const std::string& file) {
+  const std::vector<std::size_t> places = places_of(text, change);
+  const std::string what = "'" + first_line(change.added) + "'";
+  require(!places.empty(),
+          file + ": the patch's " + what + " is gone or was changed: put it back as splatboost patch show tells");
+  require(static_cast<int>(places.size()) == change.count, file + ": the patch's " + what + " stands on lines " +
+                                                               line_numbers(text, places) + ", expected " +
+                                                               times(change.count) + ": leave as many");
+  for (auto at = places.rbegin(); at != places.rend(); ++at) text.replace(*at, change.added.size(), change.removed);
+}
+
+}  // namespace splatboost::patch

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file One edit of one text: where, what, and how to take it back.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace splatboost::patch {
+
+enum class Place {
+  before,  ///< lines above the line of the anchor
+  after,   ///< lines below it
+  replace  ///< the anchor itself, within its line
+};
+
+/// An edit as a recipe tells it. The anchor is a piece of one line of the host's file.
+struct Edit {
+  std::string file;  ///< relative to the tree, '/' between folders
+  std::string anchor;
+  Place place = Place::after;
+  std::vector<std::string> snippet;  ///< lines without indentation of the anchor and without line ends; replace: one
+  int indent = 0;                    ///< levels deeper than the line of the anchor
+  int count = 1;                     ///< how often the anchor stands in the file; more than once for replace only
+  std::string why;
+  std::vector<std::string> layouts;  ///< names of the layouts it belongs to; empty: all
+};
+
+/// An edit as it was made. Replacing `added` by `removed` wherever it stands takes it back.
+struct Change {
+  std::string removed;
+  std::string added;
+  int count = 1;
+
+  bool operator==(const Change&) const = default;
+};
+
+/// Makes an edit. Line ends, indentation and a missing last line end are as the file has them.
+/// @param text is changed; unless the anchor stands there as often as told, PatchError names file and anchor
+Change apply_edit(std::string& text, const Edit& edit);
+
+/// Takes a change back. @param text is changed; PatchError names the file where the change is no longer as it was made
+void revert_change(std::string& text, const Change& change, const std::string& file);
+
+/// Whether a change is in the text as it was made.
+bool holds(const std::string& text, const Change& change);
+
+}  // namespace splatboost::patch

@@ -1,0 +1,846 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Every entry with wrong arguments: an error code and a message, never a crash. One thing is wrong at a time, where the
+ * error is asserted; then several at once, where only the survival is (the sanitizers' build watches). */
+#include "checks.h"
+
+#include <c/adapters_c.h>
+
+#include <limits.h>
+#include <stdlib.h>
+
+enum { N = 3, W = 20, H = 12, MOST = 10, ROOM = 1 << 16 };
+
+/** An entry with valid arguments. Tensors are pointed to, so that they can be changed and left out. */
+typedef struct Entry {
+  const char* name;
+  int tensors;
+  sb_tensor t[MOST];
+  const sb_tensor* p[MOST];
+  int optional[MOST]; /* 1: may be NULL */
+  int any_size[MOST]; /* 1: any size of some dimension is as good; growing it is no error */
+  sb_status (*call)(const struct Entry* entry);
+} Entry;
+
+/* Memory is larger than any shape that passes the checks here. */
+static union {
+  float f[ROOM];
+  double d[ROOM];
+  int64_t i64[ROOM];
+  int32_t i32[ROOM];
+  uint8_t u8[ROOM];
+} memory[MOST];
+
+static sb_rasterizer* rasterizer;
+static sb_adapter* adapter;
+static sb_camera camera;
+static sb_raster_options raster_options;
+static const sb_adam_options adam_options = {1e-3f, 0.9f, 0.999f, 1e-15f};
+
+static sb_gaussians gaussians_of(const Entry* e) { /* means scales rotations opacities sh_dc sh_rest features */
+  sb_gaussians g;
+  memset(&g, 0, sizeof g);
+  g.means = e->p[0];
+  g.scales = e->p[1];
+  g.rotations = e->p[2];
+  g.opacities = e->p[3];
+  g.sh_dc = e->p[4];
+  g.sh_rest = e->p[5];
+  g.features = e->p[6];
+  g.sh_degree = 1;
+  return g;
+}
+
+static sb_status call_forward_inputs(const Entry* e) {
+  static float image[3 * W * H];
+  const sb_tensor color = floats(image, 3, 3, H, W);
+  sb_raster_outputs outputs;
+  const sb_gaussians g = gaussians_of(e);
+  memset(&outputs, 0, sizeof outputs);
+  outputs.color = &color;
+  return sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &outputs, NULL);
+}
+
+static Entry scene; /* valid inputs of call_forward_inputs */
+
+static sb_status call_forward_outputs(const Entry* e) {
+  const sb_gaussians g = gaussians_of(&scene);
+  sb_raster_outputs o;
+  memset(&o, 0, sizeof o);
+  o.color = e->p[0];
+  o.features = e->p[1];
+  o.inverse_depth = e->p[2];
+  o.alpha = e->p[3];
+  o.radii = e->p[4];
+  o.visible = e->p[5];
+  return sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &o, NULL);
+}
+
+static void draw_scene(void) {
+  static float image[5 * W * H];
+  const sb_tensor color = floats(image, 3, 3, H, W), features = floats(image + 3 * W * H, 3, 2, H, W);
+  sb_raster_outputs o;
+  const sb_gaussians g = gaussians_of(&scene);
+  memset(&o, 0, sizeof o);
+  o.color = &color;
+  o.features = &features;
+  CHECK(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &o, NULL) == SB_OK);
+}
+
+static sb_status call_backward_inputs(const Entry* e) {
+  const sb_gaussians g = gaussians_of(e);
+  sb_image_gradients from;
+  sb_gaussian_gradients to;
+  draw_scene();
+  memset(&from, 0, sizeof from);
+  memset(&to, 0, sizeof to);
+  from.color = e->p[7];
+  from.features = e->p[8];
+  return sb_rasterizer_backward(rasterizer, &g, &from, &to, NULL);
+}
+
+static sb_status call_backward_outputs(const Entry* e) {
+  const sb_gaussians g = gaussians_of(&scene);
+  sb_image_gradients from;
+  sb_gaussian_gradients to;
+  draw_scene();
+  memset(&from, 0, sizeof from);
+  memset(&to, 0, sizeof to);
+  to.means = e->p[0];
+  to.scales = e->p[1];
+  to.rotations = e->p[2];
+  to.opacities = e->p[3];
+  to.sh_dc = e->p[4];
+  to.sh_rest = e->p[5];
+  to.features = e->p[6];
+  to.screen_means = e->p[7];
+  to.screen_means_abs = e->p[8];
+  return sb_rasterizer_backward(rasterizer, &g, &from, &to, NULL);
+}
+
+static sb_status call_count(const Entry* e) {
+  draw_scene();
+  return sb_rasterizer_count_flagged(rasterizer, e->p[0], e->p[1], NULL);
+}
+
+static sb_status call_mark_visible(const Entry* e) { return sb_mark_visible(NULL, &camera, e->p[0], 0.2f, e->p[1]); }
+
+static sb_status call_visible_radii(const Entry* e) {
+  sb_gaussians g;
+  memset(&g, 0, sizeof g);
+  g.means = e->p[0];
+  g.covariances = e->p[1];
+  return sb_visible_radii(NULL, &camera, &g, &raster_options, e->p[2]);
+}
+
+static sb_status call_flag_errors(const Entry* e) {
+  sb_truth truth;
+  truth.color = e->p[1];
+  truth.valid = e->p[2];
+  return sb_flag_errors(NULL, e->p[0], &truth, 0.1f, e->p[3], e->p[4], NULL);
+}
+
+static sb_status call_photometric(const Entry* e) {
+  sb_truth truth;
+  sb_loss loss;
+  truth.color = e->p[1];
+  truth.valid = e->p[2];
+  return sb_photometric_loss(NULL, e->p[0], &truth, 0.2f, e->p[3], &loss);
+}
+
+static sb_status call_ssim(const Entry* e) {
+  double mean;
+  return sb_ssim(NULL, e->p[0], e->p[1], 1, e->p[2], &mean);
+}
+
+static sb_status call_importance(const Entry* e) { return sb_importance_scores(NULL, e->p[0], 10, e->p[1]); }
+static sb_status call_pruning(const Entry* e) { return sb_pruning_scores(NULL, e->p[0], e->p[1]); }
+static sb_status call_keep_important(const Entry* e) { return sb_keep_important(NULL, e->p[0], 5, e->p[1], NULL); }
+static sb_status call_keep_sample(const Entry* e) {
+  return sb_keep_weighted_sample(NULL, e->p[0], 1, 0, 0, e->p[1]);
+}
+static sb_status call_keep_largest(const Entry* e) { return sb_keep_largest(NULL, e->p[0], 1, e->p[1]); }
+static sb_status call_spare_one(const Entry* e) { return sb_spare_one(NULL, e->p[0], e->p[1], NULL); }
+static sb_status call_adam(const Entry* e) {
+  return sb_adam_step(NULL, e->p[0], e->p[1], e->p[2], e->p[3], 1, &adam_options);
+}
+static sb_status call_neighbors(const Entry* e) {
+  return sb_mean_squared_neighbor_distances(NULL, e->p[0], 3, e->p[1]);
+}
+
+/* The host's answer is fuzzed as well. */
+static const Entry* host_entry;
+static int32_t host_render(void* context, int64_t view, sb_scored_view* scored) {
+  (void)context;
+  (void)view;
+  scored->color = host_entry->p[5];
+  scored->truth.color = host_entry->p[6];
+  scored->truth.valid = host_entry->p[7];
+  return 0;
+}
+static int32_t host_count(void* context, const sb_tensor* flagged, const sb_tensor* counts) {
+  (void)context;
+  (void)flagged;
+  ((int32_t*)counts->data)[0] += 1;
+  return 0;
+}
+static sb_views host_views(void) {
+  sb_views v;
+  memset(&v, 0, sizeof v);
+  v.primitives = N;
+  v.views = 2;
+  v.render = host_render;
+  v.count_flagged = host_count;
+  return v;
+}
+static sb_density host_density(const Entry* e) {
+  sb_density d;
+  memset(&d, 0, sizeof d);
+  d.iteration = 600;
+  d.total = 30000;
+  d.scene_extent = 1;
+  d.gradients = e->p[0];
+  d.gradients_abs = e->p[1];
+  d.max_scales = e->p[2];
+  return d;
+}
+static sb_status call_grow(const Entry* e) {
+  const sb_density d = host_density(e);
+  const sb_views v = host_views();
+  host_entry = e;
+  return sb_adapter_grow(adapter, &d, &v, e->p[3], e->p[4]);
+}
+static Entry grow_entry;
+static sb_status call_prune(const Entry* e) {
+  sb_density d = host_density(&grow_entry);
+  const sb_views v = host_views();
+  Entry host = grow_entry;
+  host.p[5] = e->p[2];
+  host.p[6] = e->p[3];
+  host_entry = &host;
+  d.opacities = e->p[1];
+  return sb_adapter_prune(adapter, &d, &v, e->p[0], NULL);
+}
+static sb_status call_prune_grown(const Entry* e) {
+  const sb_density d = host_density(&grow_entry);
+  const sb_views v = host_views();
+  CHECK(call_grow(&grow_entry) == SB_OK);
+  return sb_adapter_prune(adapter, &d, &v, e->p[0], e->p[1]);
+}
+
+/* ---- the entries with valid arguments ---- */
+
+static void add(Entry* e, int32_t type, int32_t dimensions, int64_t a, int64_t b, int64_t c, int optional, int any_size) {
+  const int i = e->tensors++;
+  e->t[i] = tensor(memory[i].f, type, dimensions, a, b, c);
+  e->optional[i] = optional;
+  e->any_size[i] = any_size;
+  e->p[i] = &e->t[i];
+}
+
+static Entry entry(const char* name, sb_status (*call)(const Entry*)) {
+  Entry e;
+  memset(&e, 0, sizeof e);
+  e.name = name;
+  e.call = call;
+  return e;
+}
+
+/** Pointers of a copied entry are to its own tensors. */
+static void repoint(Entry* e) {
+  int i;
+  for (i = 0; i < e->tensors; ++i) e->p[i] = &e->t[i];
+}
+
+static void add_gaussians(Entry* e) {
+  add(e, SB_FLOAT32, 2, N, 3, 0, 0, 0);
+  add(e, SB_FLOAT32, 2, N, 3, 0, 0, 0);
+  add(e, SB_FLOAT32, 2, N, 4, 0, 0, 0);
+  add(e, SB_FLOAT32, 2, N, 1, 0, 0, 0);
+  add(e, SB_FLOAT32, 3, N, 1, 3, 0, 0);
+  add(e, SB_FLOAT32, 3, N, 3, 3, 0, 1);
+  add(e, SB_FLOAT32, 2, N, 2, 0, 1, 1);
+}
+
+static void fill_memory(void) {
+  int i, j;
+  for (i = 0; i < MOST; ++i) {
+    memset(&memory[i], 0, sizeof memory[i]);
+    for (j = 0; j < 4096; ++j) memory[i].f[j] = 0.5f + (float)(j % 7) * 0.1f;
+  }
+}
+
+static int make_entries(Entry* e) {
+  int n = 0, i;
+  e[n] = entry("sb_rasterizer_forward, inputs", call_forward_inputs);
+  add_gaussians(&e[n]);
+  scene = e[n];
+  repoint(&scene);
+  ++n;
+  e[n] = entry("sb_rasterizer_forward, outputs", call_forward_outputs);
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_FLOAT32, 3, 2, H, W, 1, 0);
+  add(&e[n], SB_FLOAT32, 3, 1, H, W, 1, 0);
+  add(&e[n], SB_FLOAT32, 3, 1, H, W, 1, 0);
+  add(&e[n], SB_INT32, 1, N, 0, 0, 1, 0);
+  add(&e[n], SB_UINT8, 1, N, 0, 0, 1, 0);
+  /* The outputs must not lie where the scene does. */
+  for (i = 0; i < e[n].tensors; ++i) e[n].t[i].data = (char*)e[n].t[i].data + sizeof(float) * 8192;
+  ++n;
+  e[n] = entry("sb_rasterizer_backward, inputs", call_backward_inputs);
+  add_gaussians(&e[n]);
+  e[n].any_size[5] = e[n].any_size[6] = e[n].optional[6] = 0; /* those of the forward pass */
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 1, 0);
+  add(&e[n], SB_FLOAT32, 3, 2, H, W, 1, 0);
+  ++n;
+  e[n] = entry("sb_rasterizer_backward, outputs", call_backward_outputs);
+  add_gaussians(&e[n]);
+  for (i = 0; i < 7; ++i) {
+    e[n].optional[i] = 1;
+    e[n].any_size[i] = 0;
+  }
+  add(&e[n], SB_FLOAT32, 2, N, 2, 0, 1, 0);
+  add(&e[n], SB_FLOAT32, 2, N, 2, 0, 1, 0);
+  for (i = 0; i < e[n].tensors; ++i) e[n].t[i].data = (char*)e[n].t[i].data + sizeof(float) * 8192;
+  ++n;
+  e[n] = entry("sb_rasterizer_count_flagged", call_count);
+  add(&e[n], SB_UINT8, 2, H, W, 0, 0, 0);
+  add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
+  for (i = 0; i < e[n].tensors; ++i) e[n].t[i].data = (char*)e[n].t[i].data + sizeof(float) * 8192;
+  ++n;
+  e[n] = entry("sb_mark_visible", call_mark_visible);
+  add(&e[n], SB_FLOAT32, 2, N, 3, 0, 0, 0);
+  add(&e[n], SB_UINT8, 1, N, 0, 0, 0, 0);
+  ++n;
+  e[n] = entry("sb_visible_radii", call_visible_radii);
+  add(&e[n], SB_FLOAT32, 2, N, 3, 0, 0, 0);
+  add(&e[n], SB_FLOAT32, 2, N, 6, 0, 0, 0);
+  add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
+  ++n;
+  e[n] = entry("sb_flag_errors", call_flag_errors);
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_UINT8, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_UINT8, 2, H, W, 0, 1, 0);
+  add(&e[n], SB_FLOAT32, 2, H, W, 0, 0, 0);
+  add(&e[n], SB_UINT8, 2, H, W, 0, 0, 0);
+  ++n;
+  e[n] = entry("sb_photometric_loss", call_photometric);
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_UINT8, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_UINT8, 2, H, W, 0, 1, 0);
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 1, 0);
+  ++n;
+  e[n] = entry("sb_ssim", call_ssim);
+  for (i = 0; i < 3; ++i) {
+    add(&e[n], SB_FLOAT32, 3, 3, H, W, i == 2, 0);
+    e[n].t[i].dimensions = 4;
+    e[n].t[i].shape[3] = W;
+    e[n].t[i].shape[2] = H;
+    e[n].t[i].shape[1] = 3;
+    e[n].t[i].shape[0] = 1;
+    e[n].t[i].strides[3] = 1;
+    e[n].t[i].strides[2] = W;
+    e[n].t[i].strides[1] = W * H;
+    e[n].t[i].strides[0] = 3 * W * H;
+  }
+  ++n;
+  e[n] = entry("sb_importance_scores", call_importance);
+  add(&e[n], SB_INT64, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_INT64, 1, N, 0, 0, 0, 0);
+  ++n;
+  e[n] = entry("sb_pruning_scores", call_pruning);
+  add(&e[n], SB_FLOAT64, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);
+  ++n;
+  e[n] = entry("sb_keep_important", call_keep_important);
+  add(&e[n], SB_INT64, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_UINT8, 1, N, 0, 0, 0, 0);
+  ++n;
+  for (i = 0; i < 3; ++i) {
+    const char* const names[3] = {"sb_keep_weighted_sample", "sb_keep_largest", "sb_spare_one"};
+    sb_status (*const calls[3])(const Entry*) = {call_keep_sample, call_keep_largest, call_spare_one};
+    e[n] = entry(names[i], calls[i]);
+    add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);
+    add(&e[n], SB_UINT8, 1, N, 0, 0, 0, 0);
+    ++n;
+  }
+  e[n] = entry("sb_adam_step", call_adam);
+  for (i = 0; i < 4; ++i) add(&e[n], SB_FLOAT32, 2, N, 3, 0, 0, 0);
+  ++n;
+  e[n] = entry("sb_mean_squared_neighbor_distances", call_neighbors);
+  add(&e[n], SB_FLOAT32, 2, N, 3, 0, 0, 0);
+  add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);
+  ++n;
+  e[n] = entry("sb_adapter_grow", call_grow);
+  for (i = 0; i < 3; ++i) add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_UINT8, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_UINT8, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_UINT8, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_UINT8, 2, H, W, 0, 1, 0);
+  grow_entry = e[n];
+  repoint(&grow_entry);
+  ++n;
+  e[n] = entry("sb_adapter_prune, late", call_prune);
+  add(&e[n], SB_UINT8, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_UINT8, 3, 3, H, W, 0, 0);
+  ++n;
+  e[n] = entry("sb_adapter_prune, within growth", call_prune_grown);
+  add(&e[n], SB_UINT8, 1, N, 0, 0, 0, 0);
+  add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
+  e[n].t[1].data = memory[9].i32 + 4096; /* zeros: valid origins */
+  e[n].optional[1] = 0;
+  ++n;
+  for (i = 0; i < n; ++i) repoint(&e[i]);
+  return n;
+}
+
+/* ---- one thing wrong at a time ---- */
+
+enum {
+  NULL_TENSOR,
+  NULL_DATA,
+  OTHER_TYPE,
+  NO_TYPE,
+  NEGATIVE_DIMENSIONS,
+  TOO_MANY_DIMENSIONS,
+  NO_DIMENSIONS,
+  NEGATIVE_SIZE,
+  HUGE_SIZE,
+  OVERFLOWING_SIZE,
+  GROWN,
+  ZERO_STRIDE,
+  NEGATIVE_STRIDE,
+  WIDE_STRIDE,
+  ON_CUDA,
+  ON_NOTHING,
+  OTHER_INDEX,
+  MISALIGNED,
+  MUTATIONS
+};
+
+/** @return whether an error must follow */
+static int mutate(Entry* e, int i, int mutation) {
+  sb_tensor* const t = &e->t[i];
+  const int known = t->dimensions > 0 && t->dimensions <= SB_MAX_DIMENSIONS; /* not mutated before */
+  const int last = known ? t->dimensions - 1 : 0;
+  switch (mutation) {
+    case NULL_TENSOR:
+      e->p[i] = NULL;
+      return !e->optional[i];
+    case NULL_DATA:
+      t->data = NULL;
+      return 1;
+    case OTHER_TYPE:
+      t->type = t->type == SB_FLOAT32 ? SB_FLOAT64 : SB_FLOAT32;
+      return 1;
+    case NO_TYPE:
+      t->type = 99;
+      return 1;
+    case NEGATIVE_DIMENSIONS:
+      t->dimensions = INT32_MIN;
+      return 1;
+    case TOO_MANY_DIMENSIONS:
+      t->dimensions = INT32_MAX;
+      return 1;
+    case NO_DIMENSIONS:
+      t->dimensions = 0;
+      return 1;
+    case NEGATIVE_SIZE:
+      t->shape[0] = -t->shape[0];
+      return 1;
+    case HUGE_SIZE:
+      t->shape[0] = INT64_MAX;
+      return 1;
+    case OVERFLOWING_SIZE:
+      t->shape[0] = (int64_t)1 << 62;
+      return 1;
+    case GROWN:
+      t->shape[last > 0 && e->any_size[i] ? 1 : 0] += 1;
+      return !e->any_size[i];
+    case ZERO_STRIDE:
+      t->strides[last > 0 ? last - 1 : 0] = 0;
+      return t->shape[last > 0 ? last - 1 : 0] != 1; /* the stride of a single element is not used */
+    case NEGATIVE_STRIDE:
+      t->strides[last] = -1;
+      return t->shape[last] != 1;
+    case WIDE_STRIDE:
+      t->strides[0] *= 2;
+      return t->shape[0] != 1;
+    case ON_CUDA:
+      t->device_kind = SB_CUDA;
+      return 1;
+    case ON_NOTHING:
+      t->device_kind = 12345;
+      return 1;
+    case OTHER_INDEX:
+      t->device_index = 1;
+      return 1;
+    default:
+      if (t->type == SB_UINT8) return 0;
+      t->data = (char*)t->data + 1;
+      return 1;
+  }
+}
+
+static uint32_t state = 12345;
+static uint32_t next_random(void) {
+  state = state * 1664525u + 1013904223u;
+  return state >> 8;
+}
+
+static void fuzz_tensors(void) {
+  static Entry entries[32];
+  const int n = make_entries(entries);
+  int k, i, mutation, round;
+  for (k = 0; k < n; ++k) {
+    fill_memory();
+    if (entries[k].call(&entries[k]) != SB_OK) {
+      ++failures;
+      printf("%s: refused though nothing is wrong: %s\n", entries[k].name, sb_last_error());
+      continue;
+    }
+    for (i = 0; i < entries[k].tensors; ++i) {
+      for (mutation = 0; mutation < MUTATIONS; ++mutation) {
+        Entry e = entries[k];
+        int must_fail;
+        sb_status status;
+        repoint(&e);
+        must_fail = mutate(&e, i, mutation);
+        fill_memory();
+        status = e.call(&e);
+        if (must_fail && (status == SB_OK || status == SB_ERROR_INTERNAL || strlen(sb_last_error()) == 0)) {
+          ++failures;
+          printf("%s: tensor %d, mutation %d: status %d, %s\n", e.name, i, mutation, status, sb_last_error());
+        }
+      }
+    }
+    for (round = 0; round < 300; ++round) {
+      Entry e = entries[k];
+      const int changes = 2 + (int)(next_random() % 3);
+      repoint(&e);
+      for (i = 0; i < changes; ++i) {
+        mutation = (int)(next_random() % MUTATIONS);
+        /* Two tensors of one size that no memory has would be believed: the shape is all there is to see. */
+        if (mutation == HUGE_SIZE || mutation == OVERFLOWING_SIZE) continue;
+        (void)mutate(&e, (int)(next_random() % (uint32_t)e.tensors), mutation);
+      }
+      fill_memory();
+      (void)e.call(&e);
+    }
+  }
+  printf("%d entries with tensors\n", n);
+}
+
+/* ---- handles, structs and numbers ---- */
+
+#define REFUSED(call)                                                                             \
+  do {                                                                                            \
+    const sb_status status_ = (call);                                                             \
+    if (status_ == SB_OK || status_ == SB_ERROR_INTERNAL || strlen(sb_last_error()) == 0) {       \
+      ++failures;                                                                                 \
+      printf("%s:%d: %s: status %d, %s\n", __FILE__, __LINE__, #call, status_, sb_last_error()); \
+    }                                                                                             \
+  } while (0)
+
+static void fuzz_devices(void) {
+  sb_rasterizer* r = NULL;
+  sb_adapter* a = NULL;
+  sb_boost boost;
+  sb_device d;
+  memset(&d, 0, sizeof d);
+  REFUSED(sb_rasterizer_create(&d, NULL));
+  d.kind = 5;
+  REFUSED(sb_rasterizer_create(&d, &r));
+  d.kind = SB_CPU;
+  d.threads = -1;
+  REFUSED(sb_rasterizer_create(&d, &r));
+  d.threads = INT32_MAX;
+  REFUSED(sb_rasterizer_create(&d, &r));
+  d.threads = 1;
+  d.index = 3;
+  REFUSED(sb_rasterizer_create(&d, &r));
+  d.index = 0;
+  d.stream = &d;
+  REFUSED(sb_rasterizer_create(&d, &r));
+  d.stream = NULL;
+  if (!sb_has_device(SB_CUDA)) {
+    d.kind = SB_CUDA;
+    CHECK(sb_rasterizer_create(&d, &r) == SB_ERROR_NO_CUDA && strstr(sb_last_error(), "CUDA") != NULL);
+    d.kind = SB_CPU;
+  }
+  CHECK(r == NULL);
+  CHECK(sb_rasterizer_create(&d, &r) == SB_OK);
+  REFUSED(sb_rasterizer_counts(r, NULL, NULL)); /* nothing drawn yet */
+  {
+    const sb_gaussians g = gaussians_of(&scene);
+    sb_image_gradients from;
+    sb_gaussian_gradients to;
+    memset(&from, 0, sizeof from);
+    memset(&to, 0, sizeof to);
+    REFUSED(sb_rasterizer_backward(r, &g, &from, &to, NULL));
+    REFUSED(sb_rasterizer_backward(NULL, &g, &from, &to, NULL));
+    REFUSED(sb_rasterizer_backward(r, NULL, &from, &to, NULL));
+    REFUSED(sb_rasterizer_backward(r, &g, NULL, &to, NULL));
+    REFUSED(sb_rasterizer_backward(r, &g, &from, NULL, NULL));
+    REFUSED(sb_rasterizer_backward(r, &g, &from, &to, &d));
+  }
+  sb_rasterizer_destroy(r);
+  REFUSED(sb_rasterizer_counts(NULL, NULL, NULL));
+  REFUSED(sb_raster_options_default(NULL));
+
+  CHECK(sb_boost_default("vanilla", &boost) == SB_OK);
+  REFUSED(sb_boost_default(NULL, &boost));
+  REFUSED(sb_boost_default("", &boost));
+  REFUSED(sb_boost_default("vanilla", NULL));
+  REFUSED(sb_adapter_create(NULL, &boost, NULL, &a));
+  REFUSED(sb_adapter_create("x", &boost, NULL, &a));
+  REFUSED(sb_adapter_create("vanilla", NULL, NULL, &a));
+  REFUSED(sb_adapter_create("vanilla", &boost, NULL, NULL));
+#define BROKEN_BOOST(field, value)                              \
+  do {                                                          \
+    sb_boost b = boost;                                         \
+    b.field = value;                                            \
+    REFUSED(sb_adapter_create("mip-splatting", &b, NULL, &a)); \
+  } while (0)
+  BROKEN_BOOST(beta, 0.0f);
+  BROKEN_BOOST(beta, NAN);
+  BROKEN_BOOST(views, 0);
+  BROKEN_BOOST(tau, -1.0f);
+  BROKEN_BOOST(lambda_dssim, 2.0f);
+  BROKEN_BOOST(tau_d, NAN);
+  BROKEN_BOOST(gradient_threshold, INFINITY);
+  BROKEN_BOOST(densify_from, -1);
+  BROKEN_BOOST(densify_interval, 0);
+  BROKEN_BOOST(late_prune_from, INT32_MIN);
+  BROKEN_BOOST(late_prune_interval, 0);
+  BROKEN_BOOST(published_iterations, 0);
+  CHECK(a == NULL);
+}
+
+static void fuzz_structs(void) {
+  static float image[3 * W * H];
+  const sb_tensor color = floats(image, 3, 3, H, W);
+  const sb_gaussians g = gaussians_of(&scene);
+  sb_raster_outputs outputs;
+  memset(&outputs, 0, sizeof outputs);
+  outputs.color = &color;
+  REFUSED(sb_rasterizer_forward(NULL, &camera, &g, &raster_options, &outputs, NULL));
+  REFUSED(sb_rasterizer_forward(rasterizer, NULL, &g, &raster_options, &outputs, NULL));
+  REFUSED(sb_rasterizer_forward(rasterizer, &camera, NULL, &raster_options, &outputs, NULL));
+  REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, NULL, &outputs, NULL));
+  REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, NULL, NULL));
+  REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &outputs, &outputs));
+#define BROKEN_CAMERA(field, value)                                                          \
+  do {                                                                                       \
+    sb_camera c = camera;                                                                    \
+    c.field = value;                                                                         \
+    REFUSED(sb_rasterizer_forward(rasterizer, &c, &g, &raster_options, &outputs, NULL)); \
+  } while (0)
+  BROKEN_CAMERA(width, 0);
+  BROKEN_CAMERA(width, -W);
+  BROKEN_CAMERA(width, W + 1);
+  BROKEN_CAMERA(width, INT32_MAX);
+  BROKEN_CAMERA(height, INT32_MIN);
+  BROKEN_CAMERA(fx, 0.0f);
+  BROKEN_CAMERA(fx, NAN);
+  BROKEN_CAMERA(fy, -1.0f);
+  BROKEN_CAMERA(cx, INFINITY);
+  BROKEN_CAMERA(camera_from_world[3], NAN);
+#define BROKEN_OPTION(field, value)                                                      \
+  do {                                                                                   \
+    sb_raster_options o = raster_options;                                                \
+    o.field = value;                                                                     \
+    REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &o, &outputs, NULL));         \
+  } while (0)
+  BROKEN_OPTION(box, 2);
+  BROKEN_OPTION(box, INT32_MIN);
+  BROKEN_OPTION(beta, 0.0f);
+  BROKEN_OPTION(beta, NAN);
+  BROKEN_OPTION(low_pass, -0.1f);
+  BROKEN_OPTION(low_pass, INFINITY);
+  BROKEN_OPTION(near_plane, 0.0f);
+  BROKEN_OPTION(near_plane, NAN);
+#define BROKEN_GAUSSIANS(field, value)                                                            \
+  do {                                                                                            \
+    sb_gaussians b = g;                                                                           \
+    b.field = value;                                                                              \
+    REFUSED(sb_rasterizer_forward(rasterizer, &camera, &b, &raster_options, &outputs, NULL));     \
+  } while (0)
+  BROKEN_GAUSSIANS(sh_degree, -1);
+  BROKEN_GAUSSIANS(sh_degree, 2);
+  BROKEN_GAUSSIANS(sh_degree, INT32_MAX);
+  BROKEN_GAUSSIANS(colors, g.means);
+  BROKEN_GAUSSIANS(covariances, g.means);
+
+  { /* a forward pass that fails leaves nothing to go back to */
+    sb_image_gradients from;
+    sb_gaussian_gradients to;
+    sb_camera wide = camera;
+    static float wide_image[3 << 20];
+    const sb_tensor wide_color = floats(wide_image, 3, 3, 1, 1 << 20);
+    sb_raster_outputs wide_outputs;
+    memset(&from, 0, sizeof from);
+    memset(&to, 0, sizeof to);
+    memset(&wide_outputs, 0, sizeof wide_outputs);
+    wide_outputs.color = &wide_color;
+    wide.width = 1 << 20;
+    wide.height = 1;
+    draw_scene();
+    REFUSED(sb_rasterizer_forward(rasterizer, &wide, &g, &raster_options, &wide_outputs, NULL));
+    REFUSED(sb_rasterizer_backward(rasterizer, &g, &from, &to, NULL));
+  }
+}
+
+/** Gaussians that are no numbers, or too large for any: drawn or not, nothing breaks. */
+static void fuzz_values(void) {
+  const float odd[] = {NAN, INFINITY, -INFINITY, 0.0f, -0.0f, -1.0f, 3e38f, -3e38f, 1e-38f, 1e-45f, 1e9f, 1e20f, 0.2f};
+  static float image[3 * W * H], ones[3 * W * H], gradients[MOST][256];
+  const sb_tensor color = floats(image, 3, 3, H, W), g_color = floats(ones, 3, 3, H, W);
+  sb_raster_outputs outputs;
+  sb_image_gradients from;
+  sb_gaussian_gradients to;
+  sb_tensor t[7];
+  int round, i;
+  memset(&outputs, 0, sizeof outputs);
+  memset(&from, 0, sizeof from);
+  memset(&to, 0, sizeof to);
+  outputs.color = &color;
+  from.color = &g_color;
+  for (i = 0; i < 3 * W * H; ++i) ones[i] = 1;
+  for (i = 0; i < 7; ++i) {
+    t[i] = scene.t[i];
+    t[i].data = gradients[i];
+  }
+  to.means = &t[0];
+  to.scales = &t[1];
+  to.rotations = &t[2];
+  to.opacities = &t[3];
+  to.sh_dc = &t[4];
+  to.sh_rest = &t[5];
+  to.features = &t[6];
+  for (round = 0; round < 2000; ++round) {
+    sb_raster_options options = raster_options;
+    const sb_gaussians g = gaussians_of(&scene);
+    fill_memory();
+    for (i = 0; i < 4; ++i) {
+      memory[next_random() % 7].f[next_random() % (3 * N)] = odd[next_random() % (sizeof odd / sizeof odd[0])];
+    }
+    options.box = round % 2;
+    options.compensate_opacity = round / 2 % 2;
+    CHECK(sb_rasterizer_forward(rasterizer, &camera, &g, &options, &outputs, NULL) == SB_OK);
+    CHECK(sb_rasterizer_backward(rasterizer, &g, &from, &to, NULL) == SB_OK);
+  }
+  fill_memory();
+}
+
+static void fuzz_numbers(void) {
+  const sb_tensor* const f = &scene.t[3]; /* float [N,1] */
+  sb_tensor row = *f, mask, counts, distances;
+  sb_step_intervals intervals = {1, 2, 3, 15000, 20000};
+  sb_adam_options adam = adam_options;
+  int32_t i32 = 0;
+  double d = 0;
+  float beta = 0;
+  row.dimensions = 1;
+  row.strides[0] = 1;
+  distances = row;
+  mask = tensor(memory[8].u8, SB_UINT8, 1, N, 0, 0);
+  counts = tensor(memory[8].i64, SB_INT64, 1, N, 0, 0);
+  REFUSED(sb_keep_weighted_sample(NULL, &row, -1, 0, 0, &mask));
+  REFUSED(sb_keep_largest(NULL, &row, INT64_MIN, &mask));
+  REFUSED(sb_importance_scores(NULL, &counts, -1, &counts));
+  REFUSED(sb_mean_squared_neighbor_distances(NULL, &scene.t[0], 0, &distances));
+  REFUSED(sb_mean_squared_neighbor_distances(NULL, &scene.t[0], INT32_MAX, &distances));
+  REFUSED(sb_adam_step(NULL, &row, &row, &row, &row, 0, &adam));
+  REFUSED(sb_adam_step(NULL, &row, &row, &row, &row, 1, NULL));
+  adam.beta1 = 1;
+  REFUSED(sb_adam_step(NULL, &row, &row, &row, &row, 1, &adam));
+  adam = adam_options;
+  adam.epsilon = NAN;
+  REFUSED(sb_adam_step(NULL, &row, &row, &row, &row, 1, &adam));
+  REFUSED(sb_mark_visible(NULL, NULL, &scene.t[0], 0.2f, &mask));
+  REFUSED(sb_mark_visible(NULL, &camera, &scene.t[0], NAN, &mask));
+  REFUSED(sb_flag_errors(NULL, &row, NULL, 0.1f, &row, &mask, NULL));
+  REFUSED(sb_photometric_loss(NULL, &row, NULL, 0.1f, NULL, NULL));
+  REFUSED(sb_ssim(NULL, &row, &row, 0, NULL, NULL));
+  REFUSED(sb_steps_at(NULL, 1, 2, &i32));
+  REFUSED(sb_steps_at(&intervals, 1, 2, NULL));
+  REFUSED(sb_steps_at(&intervals, 1, 0, &i32));
+  intervals.late = 0;
+  REFUSED(sb_steps_at(&intervals, 1, 2, &i32));
+  intervals.late = 1;
+  intervals.early_end = INT32_MIN;
+  REFUSED(sb_steps_at(&intervals, 1, 2, &i32));
+  REFUSED(sb_scaled_iteration(-1, 2, 3, &i32));
+  REFUSED(sb_scaled_iteration(INT32_MAX, INT32_MAX, 1, &i32));
+  REFUSED(sb_scaled_iteration(1, 1, 1, NULL));
+  REFUSED(sb_exponential_rate(0, 1, 1, 1, &d));
+  REFUSED(sb_exponential_rate(NAN, 1, 1, 1, &d));
+  REFUSED(sb_exponential_rate(1, 1, 1, 0, &d));
+  REFUSED(sb_exponential_rate(1, 1, 1, 1, NULL));
+
+  REFUSED(sb_adapter_beta(NULL, &beta));
+  REFUSED(sb_adapter_beta(adapter, NULL));
+  REFUSED(sb_adapter_grows_at(NULL, 1, 1, 0, &i32));
+  REFUSED(sb_adapter_grows_at(adapter, -1, 1, 0, &i32));
+  REFUSED(sb_adapter_grows_at(adapter, 1, 0, 0, &i32));
+  REFUSED(sb_adapter_grows_at(adapter, 1, 1, 0, NULL));
+  REFUSED(sb_adapter_prunes_at(NULL, 1, 1, 0, &i32));
+  REFUSED(sb_adapter_prunes_at(adapter, 1, INT32_MIN, 0, &i32));
+  REFUSED(sb_adapter_steps_at(adapter, NULL, 1, 1, &i32));
+  REFUSED(sb_adapter_steps_at(adapter, "xyz", 1, -1, &i32));
+  {
+    sb_density density = host_density(&grow_entry);
+    sb_views views = host_views();
+    const sb_tensor *clone = &grow_entry.t[3], *split = &grow_entry.t[4];
+    host_entry = &grow_entry;
+    REFUSED(sb_adapter_grow(NULL, &density, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, NULL, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, &density, NULL, clone, split));
+    REFUSED(sb_adapter_prune(NULL, &density, &views, clone, NULL));
+    REFUSED(sb_adapter_prune(adapter, NULL, &views, clone, NULL));
+    REFUSED(sb_adapter_prune(adapter, &density, NULL, clone, NULL));
+    views.render = NULL;
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    views = host_views();
+    views.count_flagged = NULL;
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    views = host_views();
+    views.primitives = -1;
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    views.primitives = INT64_MAX;
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    views = host_views();
+    views.views = INT64_MAX;
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    views = host_views();
+    density.iteration = -5;
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    density.iteration = 600;
+    density.scene_extent = NAN;
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+  }
+}
+
+int main(void) {
+  sb_boost boost;
+  camera = test_camera();
+  camera.width = W;
+  camera.height = H;
+  CHECK(sb_raster_options_default(&raster_options) == SB_OK);
+  CHECK(sb_rasterizer_create(NULL, &rasterizer) == SB_OK);
+  CHECK(sb_boost_default("vanilla", &boost) == SB_OK);
+  CHECK(sb_adapter_create("vanilla", &boost, NULL, &adapter) == SB_OK);
+  fuzz_tensors();
+  fill_memory();
+  fuzz_devices();
+  fuzz_structs();
+  fuzz_values();
+  fuzz_numbers();
+  sb_rasterizer_destroy(rasterizer);
+  sb_adapter_destroy(adapter);
+  if (failures == 0) printf("nothing broke\n");
+  return failures == 0 ? 0 : 1;
+}

@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tool/patch.h"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <stdexcept>
+
+#include "miniature.h"
+
+namespace splatboost::patch::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+Outcome apply_to(const Miniature& mini) { return apply(mini.recipe(), SourceTree(mini.tree()), Writing::write); }
+Outcome revert_of(const Miniature& mini) { return revert(SourceTree(mini.tree()), Writing::write); }
+
+void expect_patched(const Miniature& mini) {
+  EXPECT_EQ(mini.train(), kPatchedTrain);
+  EXPECT_EQ(mini.model(), kPatchedModel);
+}
+
+TEST(Patch, AppliesVerifiesAndReverts) {
+  const Miniature mini;
+  const Outcome applied = apply_to(mini);
+  EXPECT_EQ(applied.layout, "one");
+  EXPECT_EQ(applied.files, (std::vector<std::string>{"train.py", "scene/model.py"}));
+  expect_patched(mini);
+  const Outcome verified = verify(SourceTree(mini.tree()));
+  EXPECT_EQ(verified.added, applied.added);
+  EXPECT_EQ(verified.removed, applied.removed);
+  EXPECT_TRUE(verified.edited_by_user.empty());
+  const Outcome reverted = revert_of(mini);
+  EXPECT_EQ(reverted.removed, applied.added);
+  mini.expect_pristine();
+  EXPECT_TRUE(revert_of(mini).nothing_to_do);
+}
+
+TEST(Patch, ASecondTimeChangesNothing) {
+  const Miniature mini;
+  apply_to(mini);
+  const auto time = fs::last_write_time(mini.tree() / "train.py");
+  EXPECT_TRUE(apply_to(mini).nothing_to_do);
+  expect_patched(mini);
+  EXPECT_EQ(fs::last_write_time(mini.tree() / "train.py"), time);
+}
+
+TEST(Patch, DryRunsOnlyTell) {
+  const Miniature mini;
+  const Outcome outcome = apply(mini.recipe(), SourceTree(mini.tree()), Writing::dry_run);
+  mini.expect_pristine();
+  expect_contains(outcome.diff, "+++ b/train.py");
+  expect_contains(outcome.diff, "+        boost.begin(iteration)\n");
+  apply_to(mini);
+  expect_contains(revert(SourceTree(mini.tree()), Writing::dry_run).diff, "-        boost.begin(iteration)\n");
+  expect_patched(mini);
+}
+
+TEST(Patch, EditsElsewhereStay) {
+  const Miniature mini;
+  const std::string mine = replaced(kTrain, "loss = model.loss()", "loss = 2 * model.loss()");
+  write_file(mini.tree() / "train.py", mine);
+  apply_to(mini);
+  EXPECT_EQ(mini.train(), replaced(kPatchedTrain, "loss = model.loss()", "loss = 2 * model.loss()"));
+  // And more of them after it.
+  write_file(mini.tree() / "train.py", "# mine\n" + mini.train() + "print('end')\n");
+  EXPECT_EQ(verify(SourceTree(mini.tree())).edited_by_user, std::vector<std::string>{"train.py"});
+  EXPECT_TRUE(apply_to(mini).nothing_to_do);
+  EXPECT_EQ(revert_of(mini).edited_by_user, std::vector<std::string>{"train.py"});
+  EXPECT_EQ(mini.train(), "# mine\n" + mine + "print('end')\n");
+  EXPECT_EQ(mini.model(), kModel);
+}
+
+TEST(Patch, AFileChangedWhereWeEditStopsAll) {
+  const Miniature mini;
+  write_file(mini.tree() / "scene/model.py", replaced(kModel, "self.denominator += 1", "pass"));
+  const std::string line = error_of([&] { apply_to(mini); });
+  expect_contains(line, "scene/model.py: 'self.denominator += 1' is missing");
+  EXPECT_EQ(mini.train(), kTrain);
+  EXPECT_FALSE(mini.has_manifest());
+}
+
+TEST(Patch, ChangedSnippetsStopARevertOfAll) {
+  const Miniature mini;
+  apply_to(mini);
+  write_file(mini.tree() / "scene/model.py", replaced(kPatchedModel, "hooks.count(self)", "hooks.count(self, 2)"));
+  expect_contains(error_of([&] { revert_of(mini); }), "scene/model.py: the patch's 'hooks.count(self)' is gone");
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "scene/model.py");
+  EXPECT_EQ(mini.train(), kPatchedTrain);
+}
+
+TEST(Patch, RestoredFilesAreToldAndRevertGoesOn) {
+  const Miniature mini;
+  apply_to(mini);
+  write_file(mini.tree() / "train.py", kTrain);
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "train.py: is as it was before");
+  revert_of(mini);
+  mini.expect_pristine();
+}
+
+TEST(Patch, LostManifestsAreNoticed) {
+  const Miniature mini;
+  apply_to(mini);
+  fs::remove_all(mini.tree() / ".splatboost");
+  expect_contains(error_of([&] { apply_to(mini); }), "train.py");
+  expect_patched(mini);
+  EXPECT_FALSE(mini.has_manifest());
+}
+
+TEST(Patch, DamagedManifestsAreTold) {
+  const Miniature mini;
+  apply_to(mini);
+  for (const char* text : {"", "{", "[]", "{\"format\": 1}", "{\"format\": 7}", "{\"format\": \"x\"}"}) {
+    write_file(mini.tree() / ".splatboost/patch.json", text);
+    expect_contains(error_of([&] { revert_of(mini); }), "patch.json: is damaged");
+  }
+  expect_patched(mini);
+}
+
+TEST(Patch, AnotherRecipeOrVersionWaitsForARevert) {
+  const Miniature mini;
+  apply_to(mini);
+  mini.write_recipe(replaced(kRecipe, "Miniature", "Miniature 2"));
+  expect_contains(error_of([&] { apply_to(mini); }), "another version of mini: revert that first");
+  revert_of(mini);
+  apply_to(mini);
+  expect_patched(mini);
+}
+
+TEST(Patch, CarriageReturnsStay) {
+  const Miniature mini;
+  std::string dos;
+  for (const char c : kTrain) dos += c == '\n' ? std::string("\r\n") : std::string(1, c);
+  write_file(mini.tree() / "train.py", dos);
+  apply_to(mini);
+  std::string patched;
+  for (const char c : kPatchedTrain) patched += c == '\n' ? std::string("\r\n") : std::string(1, c);
+  EXPECT_EQ(mini.train(), patched);
+  revert_of(mini);
+  EXPECT_EQ(mini.train(), dos);
+}
+
+TEST(Patch, ReadOnlyFilesAreLeftAlone) {
+  const Miniature mini;
+  fs::permissions(mini.tree() / "scene/model.py", fs::perms(0444));
+  expect_contains(error_of([&] { apply_to(mini); }), "scene/model.py: is read-only");
+  mini.expect_pristine();
+}
+
+TEST(Patch, PermissionsStay) {
+  const Miniature mini;
+  fs::permissions(mini.tree() / "train.py", fs::perms(0750));
+  apply_to(mini);
+  EXPECT_EQ(fs::status(mini.tree() / "train.py").permissions(), fs::perms(0750));
+}
+
+TEST(Patch, LinksWithinTheTreeStayLinks) {
+  const Miniature mini;
+  fs::rename(mini.tree() / "scene", mini.tree() / "real");
+  fs::create_directory_symlink("real", mini.tree() / "scene");
+  fs::rename(mini.tree() / "train.py", mini.tree() / "main.py");
+  fs::create_symlink("main.py", mini.tree() / "train.py");
+  apply_to(mini);
+  EXPECT_TRUE(fs::is_symlink(mini.tree() / "train.py"));
+  EXPECT_EQ(read_file(mini.tree() / "main.py"), kPatchedTrain);
+  EXPECT_EQ(read_file(mini.tree() / "real/model.py"), kPatchedModel);
+  revert_of(mini);
+  EXPECT_EQ(read_file(mini.tree() / "main.py"), kTrain);
+}
+
+TEST(Patch, LinksOutOfTheTreeAreNotFollowed) {
+  {
+    const Miniature mini;
+    write_file(mini.folder / "outside/model.py", kModel);
+    fs::remove_all(mini.tree() / "scene");
+    fs::create_directory_symlink(mini.folder / "outside", mini.tree() / "scene");
+    expect_contains(error_of([&] { apply_to(mini); }), "scene/model.py: leads out of the tree");
+    EXPECT_EQ(read_file(mini.folder / "outside/model.py"), kModel);
+    EXPECT_EQ(mini.train(), kTrain);
+  }
+  {
+    const Miniature mini;
+    fs::create_directory(mini.folder / "outside");
+    fs::create_directory_symlink(mini.folder / "outside", mini.tree() / ".splatboost");
+    expect_contains(error_of([&] { apply_to(mini); }), ".splatboost/patch.json: leads out of the tree");
+    EXPECT_EQ(mini.train(), kTrain);
+    EXPECT_TRUE(fs::is_empty(mini.folder / "outside"));
+  }
+  {
+    // A folder whose name begins as the tree's is outside too.
+    const Miniature mini;
+    write_file(mini.folder / "tree2/train.py", kTrain);
+    fs::remove(mini.tree() / "train.py");
+    fs::create_symlink(mini.folder / "tree2/train.py", mini.tree() / "train.py");
+    expect_contains(error_of([&] { apply_to(mini); }), "train.py: leads out of the tree");
+  }
+}
+
+TEST(Patch, MissingTreesAreTold) {
+  const Miniature mini;
+  expect_contains(error_of([&] { SourceTree{mini.folder / "none"}; }), "is not a folder");
+  expect_contains(error_of([&] { SourceTree{mini.tree() / "train.py"}; }), "is not a folder");
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "not patched");
+}
+
+TEST(Patch, AFailureBetweenTwoFilesLeavesNothing) {
+  const Miniature mini;
+  const CommitObserver fail_at_second = [](const std::string& file) {
+    if (file == "scene/model.py") throw std::runtime_error("pulled out");
+  };
+  EXPECT_THROW(apply(mini.recipe(), SourceTree(mini.tree()), Writing::write, fail_at_second), std::runtime_error);
+  mini.expect_pristine();
+  apply_to(mini);
+  EXPECT_THROW(revert(SourceTree(mini.tree()), Writing::write, fail_at_second), std::runtime_error);
+  expect_patched(mini);
+  (void)verify(SourceTree(mini.tree()));
+}
+
+TEST(Patch, AFullDiskLeavesNothing) {
+  const Miniature mini;
+  const std::string large = kTrain + "# " + std::string(200'000, 'x') + "\n";
+  write_file(mini.tree() / "train.py", large);
+  rlimit old{};
+  getrlimit(RLIMIT_FSIZE, &old);
+  const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit limit{100'000, old.rlim_max};
+  setrlimit(RLIMIT_FSIZE, &limit);
+  const std::string line = error_of([&] { apply_to(mini); });
+  setrlimit(RLIMIT_FSIZE, &old);
+  std::signal(SIGXFSZ, old_handler);
+  expect_contains(line, "train.py: cannot be written: File too large");
+  write_file(mini.tree() / "train.py", replaced(mini.train(), large, kTrain));
+  mini.expect_pristine();
+}
+
+/// Runs `action` in a process that ends, as by a power cut, before the rename of the n-th file.
+template <class Action>
+void cut_before(int n, Action&& action) {
+  const pid_t child = fork();
+  if (child == 0) {
+    int renames = 0;
+    action([&](const std::string&) {
+      if (renames++ == n) _exit(9);
+    });
+    _exit(0);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  ASSERT_EQ(WEXITSTATUS(status), 9);
+}
+
+TEST(Patch, APowerCutDuringApplyIsToldAndMended) {
+  for (const int renamed : {0, 1}) {
+    const Miniature mini;
+    cut_before(renamed, [&](const CommitObserver& observer) {
+      apply(mini.recipe(), SourceTree(mini.tree()), Writing::write, observer);
+    });
+    EXPECT_EQ(mini.train(), renamed == 1 ? kPatchedTrain : kTrain);
+    EXPECT_EQ(mini.model(), kModel);
+    expect_contains(error_of([&] { apply_to(mini); }), "interrupted");
+    expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "splatboost patch revert");
+    revert_of(mini);
+    mini.expect_pristine();
+    apply_to(mini);
+    expect_patched(mini);
+  }
+}
+
+TEST(Patch, APowerCutDuringRevertIsToldAndMended) {
+  for (const int renamed : {0, 1}) {
+    const Miniature mini;
+    apply_to(mini);
+    // Edited besides, so that neither hash of the manifest is that of the file.
+    write_file(mini.tree() / "train.py", "# mine\n" + kPatchedTrain);
+    cut_before(renamed,
+               [&](const CommitObserver& observer) { revert(SourceTree(mini.tree()), Writing::write, observer); });
+    EXPECT_EQ(mini.train(), "# mine\n" + (renamed == 1 ? kTrain : kPatchedTrain));
+    expect_contains(error_of([&] { apply_to(mini); }), "interrupted");
+    revert_of(mini);
+    EXPECT_EQ(mini.train(), "# mine\n" + kTrain);
+    write_file(mini.tree() / "train.py", kTrain);
+    mini.expect_pristine();
+  }
+}
+
+}  // namespace
+}  // namespace splatboost::patch::test

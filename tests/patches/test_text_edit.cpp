@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tool/text_edit.h"
+
+#include <gtest/gtest.h>
+
+#include "miniature.h"
+#include "tool/sha256.h"
+#include "tool/unified_diff.h"
+
+namespace splatboost::patch::test {
+namespace {
+
+Edit edit_of(const std::string& anchor, Place place, std::vector<std::string> snippet, int indent = 0, int count = 1) {
+  Edit edit;
+  edit.file = "a.py";
+  edit.anchor = anchor;
+  edit.place = place;
+  edit.snippet = std::move(snippet);
+  edit.indent = indent;
+  edit.count = count;
+  return edit;
+}
+
+/// Applies, checks the result, and that it can be taken back.
+void expect_edit(const std::string& before, const Edit& edit, const std::string& after) {
+  std::string text = before;
+  const Change change = apply_edit(text, edit);
+  EXPECT_EQ(text, after);
+  EXPECT_TRUE(holds(text, change));
+  EXPECT_FALSE(holds(before, change));
+  revert_change(text, change, "a.py");
+  EXPECT_EQ(text, before);
+}
+
+TEST(TextEdit, InsertsAboveAndBelowWithTheAnchorsIndentation) {
+  const std::string text = "def f():\n    step()\n    end()\n";
+  expect_edit(text, edit_of("step(", Place::before, {"a()"}), "def f():\n    a()\n    step()\n    end()\n");
+  expect_edit(text, edit_of("step(", Place::after, {"if x:", "    a()"}),
+              "def f():\n    step()\n    if x:\n        a()\n    end()\n");
+  expect_edit(text, edit_of("def f", Place::after, {"a()"}, 1), "def f():\n    a()\n    step()\n    end()\n");
+  expect_edit(text, edit_of("def f", Place::before, {"import a"}), "import a\n" + text);
+}
+
+TEST(TextEdit, KeepsTabsAndCarriageReturns) {
+  expect_edit("def f():\r\n\tstep()\r\n", edit_of("def f", Place::after, {"a()", "", "b()"}, 1),
+              "def f():\r\n    a()\r\n\r\n    b()\r\n\tstep()\r\n");
+  expect_edit("def f():\r\n\tif x:\r\n\t\tstep()\r\n", edit_of("if x", Place::after, {"a()"}, 1),
+              "def f():\r\n\tif x:\r\n\t\ta()\r\n\t\tstep()\r\n");
+}
+
+TEST(TextEdit, KeepsAMissingLastLineEnd) {
+  expect_edit("x\n    end()", edit_of("end(", Place::after, {"a()", "b()"}), "x\n    end()\n    a()\n    b()");
+  expect_edit("x\r\n    end()", edit_of("end(", Place::after, {"a()"}), "x\r\n    end()\r\n    a()");
+  expect_edit("x\n    end()", edit_of("end(", Place::before, {"a()"}), "x\n    a()\n    end()");
+  expect_edit("end()", edit_of("end(", Place::after, {"a()"}), "end()\na()");
+}
+
+TEST(TextEdit, ReplacesEveryOccurrence) {
+  expect_edit("g.step()\ng.zero(g.x)\n", edit_of("g.", Place::replace, {"boost."}, 0, 3),
+              "boost.step()\nboost.zero(boost.x)\n");
+}
+
+TEST(TextEdit, MissingAndDoubledAnchorsAreNamedWithTheirLines) {
+  std::string text = "a\nstep()\nb\nstep()\n";
+  std::string line = error_of([&] { apply_edit(text, edit_of("step(", Place::after, {"x"})); });
+  expect_contains(line, "a.py: 'step(' stands on lines 2, 4, expected once");
+  line = error_of([&] { apply_edit(text, edit_of("step(", Place::replace, {"x"}, 0, 3)); });
+  expect_contains(line, "expected 3 times");
+  line = error_of([&] { apply_edit(text, edit_of("jump(", Place::after, {"x"})); });
+  expect_contains(line, "a.py: 'jump(' is missing");
+  EXPECT_EQ(text, "a\nstep()\nb\nstep()\n");
+}
+
+TEST(TextEdit, RefusesTextThatHoldsTheSnippetAlready) {
+  std::string text = "step()\nhook()\n";
+  expect_contains(error_of([&] { apply_edit(text, edit_of("step(", Place::after, {"hook()"})); }), "patched");
+}
+
+TEST(TextEdit, ChangedSnippetsAreNotTakenBack) {
+  std::string text = "step()\n";
+  const Change change = apply_edit(text, edit_of("step(", Place::after, {"hook()"}));
+  std::string edited = "step()\nhook(3)\n";
+  expect_contains(error_of([&] { revert_change(edited, change, "a.py"); }), "a.py: the patch's 'hook()' is gone");
+  edited = "step()\nhook()\nhook()\n";
+  expect_contains(error_of([&] { revert_change(edited, change, "a.py"); }), "lines 2, 3");
+  // The end of another line is no inserted line.
+  edited = "other.hook()\nstep()\nhook()\n";
+  revert_change(edited, change, "a.py");
+  EXPECT_EQ(edited, "other.hook()\nstep()\n");
+}
+
+TEST(Sha256, KnowsThePublishedVectors) {
+  EXPECT_EQ(sha256(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(sha256("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  EXPECT_EQ(sha256("abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq"),
+            "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1");
+  EXPECT_EQ(sha256(std::string(1000000, 'a')), "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
+}
+
+TEST(UnifiedDiff, HasHunksWithContext) {
+  std::string before, after;
+  for (int i = 1; i <= 30; ++i) {
+    before += std::to_string(i) + "\n";
+    after += i == 5 ? "five\n" : std::to_string(i) + "\n";
+    if (i == 20) after += "20b\n";
+  }
+  const Diff diff = unified_diff(before, after, "d/a.py");
+  EXPECT_EQ(diff.text,
+            "--- a/d/a.py\n+++ b/d/a.py\n"
+            "@@ -2,7 +2,7 @@\n 2\n 3\n 4\n-5\n+five\n 6\n 7\n 8\n"
+            "@@ -18,6 +18,7 @@\n 18\n 19\n 20\n+20b\n 21\n 22\n 23\n");
+  EXPECT_EQ(diff.added, 2);
+  EXPECT_EQ(diff.removed, 1);
+}
+
+TEST(UnifiedDiff, MarksMissingLineEndsAndEmptySides) {
+  EXPECT_EQ(unified_diff("a\nb", "a\nb\nc", "f").text,
+            "--- a/f\n+++ b/f\n@@ -1,2 +1,3 @@\n a\n-b\n\\ No newline at end of file\n+b\n+c\n\\ No newline at end of "
+            "file\n");
+  EXPECT_EQ(unified_diff("", "a\n", "f").text, "--- a/f\n+++ b/f\n@@ -0,0 +1 @@\n+a\n");
+  EXPECT_EQ(unified_diff("a\n", "a\n", "f").text, "");
+}
+
+}  // namespace
+}  // namespace splatboost::patch::test

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""SPLATBOOST_BIN names the folder with the built programs; the library is beside it, in lib."""
+
+import os
+import pathlib
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BUILD = pathlib.Path(os.environ.get("SPLATBOOST_BIN", ROOT / "build/release/bin")).parent
+PACKAGE = ROOT / "adapters/python"
+
+os.environ.setdefault("SPLATBOOST_LIBRARY", str(BUILD / "lib/libsplatboost.so"))
+sys.path[:0] = [str(PACKAGE), str(pathlib.Path(__file__).parent)]
+
+try:
+    import torch  # noqa: F401
+except ImportError:
+    # What needs torch is left out, and the summary says so.
+    collect_ignore = [p.name for p in pathlib.Path(__file__).parent.glob("test_*.py") if p.name != "test_package.py"]
+
+    def pytest_terminal_summary(terminalreporter):
+        terminalreporter.write_line(
+            "SKIPPED tests of the Python package: torch is not installed (apt-get install python3-torch)", yellow=True
+        )

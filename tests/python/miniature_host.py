@@ -1,0 +1,379 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Miniature checkouts with the names, the layout and the traps of real ones, written for the tests.
+
+write_host(folder, layout) writes one; its train.py trains on a little scene that it makes up itself.
+"""
+
+import pathlib
+
+#: layout → recipe that fits it
+RECIPES = {"3dgs-2023": "3dgs", "3dgs-2024-08": "3dgs", "3dgs-2024-10": "3dgs", "mip": "mip-splatting",
+           "drop": "dropgaussian"}
+
+ARGUMENTS = '''
+class ParamGroup:
+    def __init__(self, parser, name):
+        group = parser.add_argument_group(name)
+        for key, value in vars(self).items():
+            group.add_argument("--" + key, default=value, type=type(value))
+
+    def extract(self, args):
+        for key in vars(self):
+            setattr(self, key, getattr(args, key))
+        return self
+
+
+class ModelParams(ParamGroup):
+    def __init__(self, parser):
+        self.model_path = ""
+        self.sh_degree = 1
+        self.kernel_size = 0.1
+        self.train_test_exp = 0
+        super().__init__(parser, "Loading Parameters")
+
+
+class OptimizationParams(ParamGroup):
+    def __init__(self, parser):
+        self.iterations = 30_000
+        self.densification_interval = 100
+        self.opacity_reset_interval = 3000
+        self.densify_from_iter = 500
+        self.densify_until_iter = @UNTIL@
+        self.densify_grad_threshold = @THRESHOLD@
+        super().__init__(parser, "Optimization Parameters")
+'''
+
+RENDERER = '''
+import math
+import torch
+from diff_gaussian_rasterization import GaussianRasterizationSettings, GaussianRasterizer
+
+def render(cam, pc, pipe, bg_color@SIGNATURE@):
+    screenspace_points = torch.zeros_like(pc.get_xyz, requires_grad=True, device="cuda") + 0
+    if screenspace_points.requires_grad:
+        screenspace_points.retain_grad()
+    raster_settings = GaussianRasterizationSettings(
+        image_height=cam.height, image_width=cam.width, tanfovx=cam.tanfovx, tanfovy=cam.tanfovy, bg=bg_color,
+        scale_modifier=1.0, viewmatrix=cam.view, projmatrix=cam.full, sh_degree=pc.active_sh_degree, campos=cam.centre,
+        prefiltered=False, debug=False@SETTINGS@)
+    rasterizer = GaussianRasterizer(raster_settings=raster_settings)
+    opacity = pc.get_opacity@FILTERED@
+@DROPOUT@
+    @RESULT@ = rasterizer(means3D=pc.get_xyz, means2D=screenspace_points, opacities=opacity, shs=pc.get_features,
+                          scales=pc.get_scaling@FILTERED@, rotations=pc.get_rotation)
+    return {"render": rendered_image, "viewspace_points": screenspace_points,
+            "visibility_filter": @SEEN@, "radii": radii}
+'''
+
+MODEL = '''
+import torch
+from simple_knn._C import distCUDA2
+
+NAMES = {"xyz": "_xyz", "f_dc": "_features_dc", "f_rest": "_features_rest", "opacity": "_opacity",
+         "scaling": "_scaling", "rotation": "_rotation"}
+RATES = {"xyz": 1e-3, "f_dc": 2.5e-3, "f_rest": 1e-4, "opacity": 5e-2, "scaling": 5e-3, "rotation": 1e-3}
+
+
+class GaussianModel:
+    def __init__(self, sh_degree):
+        self.active_sh_degree = sh_degree
+
+    get_xyz = property(lambda self: self._xyz)
+    get_features = property(lambda self: torch.cat([self._features_dc, self._features_rest], dim=1))
+    get_opacity = property(lambda self: torch.sigmoid(self._opacity))
+    get_scaling = property(lambda self: torch.exp(self._scaling))
+    get_rotation = property(lambda self: torch.nn.functional.normalize(self._rotation))
+@MIP_PROPERTIES@
+    def create(self, points):
+        n = points.shape[0]
+        distance = torch.sqrt(distCUDA2(points.cuda()).clamp_min(1e-7))
+        values = {"xyz": points, "f_dc": torch.zeros(n, 1, 3), "f_rest": torch.zeros(n, 3, 3),
+                  "opacity": torch.full((n, 1), -1.0), "scaling": torch.log(distance)[:, None].repeat(1, 3),
+                  "rotation": torch.tensor([[1.0, 0, 0, 0]]).repeat(n, 1)}
+        for name, value in values.items():
+            setattr(self, NAMES[name], torch.nn.Parameter(value.float().cuda()))
+
+    def training_setup(self, opt):
+        self.percent_dense = 0.01
+        self.optimizer = torch.optim.Adam(
+            [{"params": [getattr(self, NAMES[name])], "lr": RATES[name], "name": name} for name in NAMES], lr=0.0, eps=1e-15)
+        self.start_statistics()
+
+    def start_statistics(self):
+        n = self.get_xyz.shape[0]
+        self.xyz_gradient_accum = torch.zeros((n, 1), device="cuda")
+        self.denom = torch.zeros((n, 1), device="cuda")
+        self.max_radii2D = torch.zeros((n,), device="cuda")
+@MIP_START@
+    def update_learning_rate(self, iteration):
+        pass
+
+    def change(self, change):
+        """Every parameter and its moments through `change`."""
+        for group in self.optimizer.param_groups:
+            old = group["params"][0]
+            state = self.optimizer.state.pop(old)
+            new = torch.nn.Parameter(change(group["name"], old.detach()))
+            for key in ("exp_avg", "exp_avg_sq"):
+                state[key] = change(group["name"], state[key], True)
+            self.optimizer.state[new] = state
+            group["params"][0] = new
+            setattr(self, NAMES[group["name"]], new)
+
+    def prune_points(self, mask):
+        self.change(lambda name, value, moment=False: value[~mask])
+        self.xyz_gradient_accum = self.xyz_gradient_accum[~mask]
+        self.denom = self.denom[~mask]
+        self.max_radii2D = self.max_radii2D[~mask]
+@MIP_PRUNE@@RADII_PRUNE@
+    def append(self, rows):
+        def grown(name, value, moment=False):
+            more = torch.zeros_like(rows[name]) if moment else rows[name]
+            return torch.cat([value, more])
+        self.change(grown)
+        self.start_statistics()
+
+    def rows(self, mask, times=1):
+        return {name: getattr(self, NAMES[name]).detach()[mask].repeat((times,) + (1,) * (getattr(self, NAMES[name]).dim() - 1))
+                for name in NAMES}
+
+    def densify_and_clone(self, grads, grad_threshold, @ABSOLUTE@scene_extent):
+        mask = torch.norm(grads, dim=-1) >= grad_threshold
+        mask &= self.get_scaling.max(dim=1).values <= self.percent_dense * scene_extent
+        rows = self.rows(mask)
+@RADII_CLONE@
+        self.append(rows)
+
+    def densify_and_split(self, grads, grad_threshold, @ABSOLUTE@scene_extent, N=2):
+        n = self.get_xyz.shape[0]
+        mask = torch.zeros((n,), device="cuda")
+        mask[:grads.shape[0]] = grads.reshape(-1)
+        mask = mask >= grad_threshold
+        mask &= self.get_scaling.max(dim=1).values > self.percent_dense * scene_extent
+        rows = self.rows(mask, N)
+        rows["xyz"] = rows["xyz"] + torch.normal(torch.zeros_like(rows["xyz"]), torch.exp(rows["scaling"]))
+        rows["scaling"] = rows["scaling"] - 0.47
+@RADII_SPLIT@
+        self.append(rows)
+        self.prune_points(torch.cat([mask, torch.zeros(N * int(mask.sum()), device="cuda", dtype=bool)]))
+
+    def densify_and_prune(self, max_grad, min_opacity, extent, max_screen_size@RADII@):
+        grads = self.xyz_gradient_accum / self.denom
+        grads[grads.isnan()] = 0.0
+@RADII_SET@
+        self.densify_and_clone(grads, max_grad, @ABSOLUTE_VALUES@extent)
+        self.densify_and_split(grads, max_grad, @ABSOLUTE_VALUES@extent)
+        self.prune_points((self.get_opacity < min_opacity).reshape(-1))
+@RADII_UNSET@
+    def add_densification_stats(self, viewspace_point_tensor, update_filter):
+        self.xyz_gradient_accum[update_filter] += torch.norm(viewspace_point_tensor.grad[update_filter, :2], dim=-1, keepdim=True)
+@MIP_STATS@
+        self.denom[update_filter] += 1
+
+    def reset_opacity(self):
+        low = torch.minimum(self._opacity.detach(), torch.full_like(self._opacity, -4.6))
+        self.change(lambda name, value, moment=False: value if name != "opacity" else (torch.zeros_like(low) if moment else low))
+'''
+
+SCENE = '''
+import math
+import os
+import numpy as np
+import torch
+from scene.gaussian_model import GaussianModel, NAMES
+
+
+class Camera:
+    def __init__(self, angle):
+        self.width, self.height, self.image_name = 40, 32, "view%.1f" % angle
+        self.tanfovx, self.tanfovy = 0.5, 0.4
+        self.view = torch.eye(4)
+        self.view[0, 0] = self.view[2, 2] = math.cos(angle)
+        self.view[0, 2], self.view[2, 0] = math.sin(angle), -math.sin(angle)
+        self.view[3, 2] = 4.0
+        near, far = 0.01, 100.0
+        projection = torch.zeros(4, 4)
+        projection[0, 0], projection[1, 1] = 1 / self.tanfovx, 1 / self.tanfovy
+        projection[2, 2], projection[3, 2], projection[2, 3] = far / (far - near), -far * near / (far - near), 1.0
+        self.view = self.view.cuda()
+        self.full = self.view @ projection.cuda()
+        self.centre = torch.inverse(self.view)[3, :3]
+        y, x = torch.meshgrid(torch.arange(32.0), torch.arange(40.0), indexing="ij")
+        stripes = 0.5 + 0.5 * torch.sin(x / 2 + angle) * torch.cos(y / 3)
+        self.original_image = torch.stack([stripes, 1 - stripes, x / 40]).to("cuda")
+        self.alpha_mask = torch.ones(1, 32, 40)
+
+
+class Scene:
+    def __init__(self, dataset, gaussians, load_iteration=None, shuffle=True):
+        self.model_path, self.gaussians, self.cameras_extent, self.loaded_iter = dataset.model_path, gaussians, 2.0, load_iteration
+        self.cameras = [Camera(0.1 * i - 0.2) for i in range(5)]
+        if load_iteration is None:
+            gaussians.create(torch.randn(60, 3) * 0.6)
+        else:
+            for name, value in np.load(os.path.join(self.model_path, "model.npz")).items():
+                setattr(gaussians, NAMES[name], torch.tensor(value).cuda())
+
+    def getTrainCameras(self):
+        return self.cameras
+
+    def save(self, iteration):
+        np.savez(os.path.join(self.model_path, "model.npz"),
+                 **{name: getattr(self.gaussians, NAMES[name]).detach().cpu().numpy() for name in NAMES})
+'''
+
+TRAIN = '''
+import json
+import os
+import random
+import sys
+import types
+from argparse import ArgumentParser
+import torch
+from gaussian_renderer import render
+from scene import Scene, GaussianModel
+from arguments import ModelParams, OptimizationParams
+@SPARSE@
+def training(dataset, opt, pipe, checkpoint_iterations):
+    os.makedirs(dataset.model_path, exist_ok=True)
+    gaussians = GaussianModel(dataset.sh_degree)
+    scene = Scene(dataset, gaussians)
+    gaussians.training_setup(opt)
+    background = torch.zeros(3, device="cuda")
+    iter_start = torch.cuda.Event(enable_timing=True)
+    iter_end = torch.cuda.Event(enable_timing=True)
+@FILTER_LINE@
+    losses, counts = [], []
+    for iteration in range(1, opt.iterations + 1):
+        iter_start.record()
+        gaussians.update_learning_rate(iteration)
+        viewpoint_cam = random.choice(scene.getTrainCameras())
+        render_pkg = render(viewpoint_cam, gaussians, pipe, background@ARGUMENTS@)
+        image, viewspace_point_tensor, visibility_filter, radii = render_pkg["render"], render_pkg["viewspace_points"], render_pkg["visibility_filter"], render_pkg["radii"]
+        loss = (image - viewpoint_cam.original_image.cuda()).abs().mean()
+        loss.backward()
+        iter_end.record()
+        losses.append(loss.item())
+        counts.append(gaussians.get_xyz.shape[0])
+        with torch.no_grad():
+            # Densification
+            if iteration < opt.densify_until_iter:
+                gaussians.add_densification_stats(viewspace_point_tensor, visibility_filter)
+                if iteration > opt.densify_from_iter and iteration % opt.densification_interval == 0:
+                    gaussians.densify_and_prune(opt.densify_grad_threshold, 0.005, scene.cameras_extent, None@RADII_VALUE@)
+@REFILTER@
+                if iteration % opt.opacity_reset_interval == 0:
+                    gaussians.reset_opacity()
+
+            # Optimizer step
+            if iteration < opt.iterations:
+@STEP@
+    scene.save(opt.iterations)
+    with open(os.path.join(dataset.model_path, "losses.json"), "w") as file:
+        json.dump({"losses": losses, "counts": counts, "seconds": iter_start.elapsed_time(iter_end)}, file)
+
+if __name__ == "__main__":
+    parser = ArgumentParser()
+    lp = ModelParams(parser)
+    op = OptimizationParams(parser)
+    args = parser.parse_args(sys.argv[1:])
+    random.seed(0)
+    torch.manual_seed(0)
+    torch.cuda.set_device(torch.device("cuda:0"))
+    training(lp.extract(args), op.extract(args), types.SimpleNamespace(debug=False), [])
+'''
+
+RENDER = '''
+import json
+import os
+from argparse import ArgumentParser
+import torch
+from scene import Scene
+from gaussian_renderer import render
+from arguments import ModelParams
+from gaussian_renderer import GaussianModel
+
+if __name__ == "__main__":
+    parser = ArgumentParser()
+    lp = ModelParams(parser)
+    dataset = lp.extract(parser.parse_args())
+    with torch.no_grad():
+        gaussians = GaussianModel(dataset.sh_degree)
+        scene = Scene(dataset, gaussians, load_iteration=1, shuffle=False)
+@FILTER_LOADED@
+        image = render(scene.getTrainCameras()[0], gaussians, None, torch.zeros(3, device="cuda")@ARGUMENTS@)["render"]
+        torch.save(image.cpu(), os.path.join(dataset.model_path, "render.pt"))
+'''
+
+STEP = ["gaussians.optimizer.step()", "gaussians.optimizer.zero_grad(set_to_none = True)"]
+
+
+def lines(depth, *texts):
+    return "\n".join(" " * depth + text for text in texts)
+
+
+def parts(layout):
+    """What stands where a layout differs."""
+    mip, drop, late = layout == "mip", layout == "drop", layout == "3dgs-2024-10"
+    images = "rendered_image, radii, depth_image" if layout.startswith("3dgs-2024") else "rendered_image, radii"
+    found = dict.fromkeys(
+        "SIGNATURE SETTINGS FILTERED DROPOUT MIP_PROPERTIES MIP_START MIP_PRUNE MIP_STATS RADII_PRUNE RADII_CLONE "
+        "RADII_SPLIT RADII_SET RADII_UNSET RADII RADII_VALUE ABSOLUTE ABSOLUTE_VALUES SPARSE FILTER_LINE FILTER_LOADED "
+        "ARGUMENTS REFILTER".split(), "")
+    found.update(RESULT=images, SEEN="radii > 0" if layout in ("3dgs-2023", "mip") else "(radii > 0).nonzero()",
+                 UNTIL="10_000" if drop else "15_000", THRESHOLD="0.0005" if drop else "0.0002",
+                 STEP=lines(16, *STEP))
+    if layout.startswith("3dgs-2024"):
+        found["SIGNATURE"] = ", separate_sh=False, use_trained_exp=False" if late else ", use_trained_exp=False"
+        found["SETTINGS"] = ", antialiasing=False"
+        found["SPARSE"] = "# exposure_optimizer\nSPARSE_ADAM_AVAILABLE = False" if late else "# exposure_optimizer"
+    if late:
+        found["STEP"] = lines(16, "if False:", *["    " + s for s in ("visible = radii > 0",
+                              "gaussians.optimizer.step(visible, radii.shape[0])", STEP[1])], "else:",
+                              *["    " + s for s in STEP])
+        found.update(RADII=", radii", RADII_VALUE=", radii", RADII_SET=lines(8, "self.tmp_radii = radii"),
+                     RADII_UNSET=lines(8, "self.tmp_radii = None"),
+                     RADII_PRUNE=lines(8, "self.tmp_radii = self.tmp_radii[~mask]", ""),
+                     RADII_CLONE=lines(8, "self.tmp_radii = torch.cat([self.tmp_radii, self.tmp_radii[mask]])"),
+                     RADII_SPLIT=lines(8, "self.tmp_radii = torch.cat([self.tmp_radii, self.tmp_radii[mask].repeat(N)])"))
+    if mip:
+        found.update(
+            SIGNATURE=", kernel_size, subpixel_offset=None", ARGUMENTS=", kernel_size=dataset.kernel_size",
+            SETTINGS=", kernel_size=kernel_size, subpixel_offset=torch.zeros(cam.height, cam.width, 2)",
+            FILTERED="_with_3D_filter", ABSOLUTE="grads_abs, grad_abs_threshold, ",
+            ABSOLUTE_VALUES="self.xyz_gradient_accum_abs, 9e9, ",
+            MIP_PROPERTIES="""
+    get_scaling_with_3D_filter = property(lambda self: torch.sqrt(self.get_scaling ** 2 + self.filter_3D ** 2))
+    get_opacity_with_3D_filter = property(lambda self: self.get_opacity * (1 - self.filter_3D))
+
+    def compute_3D_filter(self, cameras):
+        self.filter_3D = torch.full((self.get_xyz.shape[0], 1), 0.01, device="cuda")
+""",
+            MIP_START=lines(8, 'self.xyz_gradient_accum_abs = torch.zeros((n, 1), device="cuda")', ""),
+            MIP_PRUNE=lines(8, "self.xyz_gradient_accum_abs = self.xyz_gradient_accum_abs[~mask]", ""),
+            MIP_STATS=lines(8, "self.xyz_gradient_accum_abs[update_filter] += torch.norm("
+                               "viewspace_point_tensor.grad[update_filter, 2:], dim=-1, keepdim=True)"),
+            FILTER_LINE=lines(4, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"),
+            FILTER_LOADED=lines(8, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"),
+            REFILTER=lines(20, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"))
+    if drop:
+        found.update(SIGNATURE=", is_train=False, iteration=None", ARGUMENTS=", is_train=True, iteration=iteration",
+                     DROPOUT=lines(4, "if is_train:", "    drop_rate = 0.2 * (iteration / 10000)",
+                                   '    opacity = opacity * torch.nn.Dropout(drop_rate)(torch.ones_like(opacity))'))
+    return found
+
+
+def write_host(folder, layout):
+    folder = pathlib.Path(folder)
+    files = {"arguments/__init__.py": ARGUMENTS, "gaussian_renderer/__init__.py": RENDERER + "\nfrom scene.gaussian_model import GaussianModel",
+             "scene/gaussian_model.py": MODEL, "scene/__init__.py": SCENE, "train.py": TRAIN, "render.py": RENDER}
+    found = parts(layout)
+    for name, text in files.items():
+        # Only training drops Gaussians.
+        here = dict(found, ARGUMENTS="") if name == "render.py" and layout == "drop" else found
+        for key in sorted(here, key=len, reverse=True):
+            text = text.replace("@%s@" % key, here[key])
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text.rstrip("\n"), encoding="utf-8")
+    return folder

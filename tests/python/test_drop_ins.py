@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The drop-ins: the upstream's names, signatures and conventions."""
+
+import importlib
+import inspect
+import subprocess
+import sys
+
+import conftest
+import pytest
+import reference
+import torch
+from test_rasterize import small
+
+import splatboost
+from splatboost import compat, drop_ins
+from splatboost.camera import Camera
+
+N = 24
+FIELDS = ("image_height image_width tanfovx tanfovy bg scale_modifier viewmatrix projmatrix sh_degree campos prefiltered "
+          "debug").split()
+ARGUMENTS = "means3D means2D opacities shs colors_precomp scales rotations cov3D_precomp".split()
+
+
+def module(layout):
+    return importlib.import_module("splatboost.compat." + drop_ins.LAYOUTS[layout])
+
+
+def settings(layout, camera, sh_degree=3, **changes):
+    view, full, centre, tanfovx, tanfovy = reference.matrices_3dgs(camera)
+    values = dict(image_height=camera.height, image_width=camera.width, tanfovx=tanfovx, tanfovy=tanfovy,
+                  bg=torch.tensor([0.1, 0.2, 0.3]), scale_modifier=1.0, viewmatrix=view, projmatrix=full,
+                  sh_degree=sh_degree, campos=centre, prefiltered=False, debug=False)
+    if layout == "mip-splatting":
+        values.update(kernel_size=0.1, subpixel_offset=torch.zeros(camera.height, camera.width, 2))
+    values.update(changes)
+    return module(layout).GaussianRasterizationSettings(**values)
+
+
+@pytest.fixture(autouse=True)
+def published_box():
+    splatboost.set_beta(None)
+    yield
+    splatboost.set_beta(None)
+
+
+def test_signatures():
+    fields = {
+        "3dgs-2023": FIELDS,
+        "3dgs-2024": FIELDS + ["antialiasing"],
+        "3dgs-accelerated": FIELDS + ["antialiasing"],
+        "mip-splatting": FIELDS[:4] + ["kernel_size", "subpixel_offset"] + FIELDS[4:],
+    }
+    for layout, wanted in fields.items():
+        m = module(layout)
+        assert list(m.GaussianRasterizationSettings._fields) == wanted
+        arguments = ARGUMENTS[:3] + ["dc"] + ARGUMENTS[3:] if layout == "3dgs-accelerated" else ARGUMENTS
+        assert list(inspect.signature(m.GaussianRasterizer.forward).parameters) == ["self"] + arguments
+        assert list(inspect.signature(m.GaussianRasterizer).parameters) == ["raster_settings"]
+        assert hasattr(m.GaussianRasterizer, "markVisible") and hasattr(m, "rasterize_gaussians")
+        # 3DGS asks for the class to find out whether the sparse optimizer is there.
+        assert hasattr(m, "SparseGaussianAdam") == (layout == "3dgs-accelerated")
+
+
+@pytest.mark.parametrize("centre", [(None, None), (13.2, 12.7)])
+def test_matrices_become_the_camera(centre):
+    camera = reference.turned_camera(cx=centre[0], cy=centre[1])
+    view, full, position, tanfovx, tanfovy = reference.matrices_3dgs(camera)
+    got = Camera.from_3dgs(camera.height, camera.width, tanfovx, tanfovy, view, full, position)
+    for name in ("width", "height", "fx", "fy", "cx", "cy"):
+        assert getattr(got, name) == pytest.approx(getattr(camera, name), abs=2e-5), name
+    assert got.camera_from_world == pytest.approx(camera.camera_from_world, abs=1e-6)
+    if centre == (None, None):
+        assert (got.cx, got.cy) == (camera.width / 2, camera.height / 2)
+
+
+def test_matrices_that_do_not_fit_are_refused():
+    camera = reference.turned_camera()
+    view, full, position, tanfovx, tanfovy = reference.matrices_3dgs(camera)
+    h, w = camera.height, camera.width
+    with pytest.raises(ValueError, match="projmatrix: a pinhole projection that fits"):
+        Camera.from_3dgs(h, w, tanfovx, tanfovy, view, full.T, position)
+    with pytest.raises(ValueError, match="projmatrix"):
+        Camera.from_3dgs(h, w, 2 * tanfovx, tanfovy, view, full, position)
+    with pytest.raises(ValueError, match="viewmatrix: a rigid motion wanted"):
+        Camera.from_3dgs(h, w, tanfovx, tanfovy, 2 * view, full, position)
+    with pytest.raises(ValueError, match="campos: the centre of viewmatrix"):
+        Camera.from_3dgs(h, w, tanfovx, tanfovy, view, full, position + 1)
+    with pytest.raises(ValueError, match=r"viewmatrix: shape \[4,4\] wanted"):
+        Camera.from_3dgs(h, w, tanfovx, tanfovy, view[:3], full, position)
+
+
+def inputs(seed=0, dc_apart=False):
+    tensors = small(seed)
+    sh = ((torch.rand(N, 16, 3, generator=torch.Generator().manual_seed(9)) - 0.4) * 0.8).requires_grad_()
+    arguments = dict(means3D=tensors["means"], means2D=torch.zeros(N, 3, requires_grad=True),
+                     opacities=tensors["opacities"], shs=sh, scales=tensors["scales"], rotations=tensors["rotations"])
+    if dc_apart:
+        arguments["dc"] = sh.detach()[:, :1].clone().requires_grad_()
+        arguments["shs"] = sh.detach()[:, 1:].clone().requires_grad_()
+    return arguments
+
+
+@pytest.mark.parametrize("layout, options", [
+    ("3dgs-2023", {}),
+    ("3dgs-2024", {}),
+    ("3dgs-2024", {"antialiasing": True}),
+    ("3dgs-accelerated", {"antialiasing": False}),
+    ("mip-splatting", {}),
+])
+def test_each_layout_draws_the_reference(layout, options):
+    """The 3σ square cuts what lies beyond it: opacities are low enough that this is below the threshold."""
+    camera = reference.turned_camera(cx=14.0)
+    arguments = inputs(dc_apart=layout == "3dgs-accelerated")
+    arguments["opacities"] = (arguments["opacities"].detach() * 0.3).requires_grad_()
+    done = module(layout).GaussianRasterizer(settings(layout, camera, **options))(**arguments)
+    color, radii = done[0], done[1]
+    sh = torch.cat([arguments["dc"], arguments["shs"]], 1) if "dc" in arguments else arguments["shs"]
+    mip = layout == "mip-splatting"
+    names = {"means": "means3D", "opacities": "opacities", "scales": "scales", "rotations": "rotations"}
+    exact = {k: arguments[v].detach().double().requires_grad_() for k, v in names.items()}
+    image, _, depth, _, counts = reference.render(
+        camera, **exact, sh=sh.detach().double(), sh_degree=3, background=(0.1, 0.2, 0.3), low_pass=0.1 if mip else 0.3,
+        compensate_opacity=mip or options.get("antialiasing", False))
+    # float32 matrices of 3DGS: the principal point is good to about 1e-6 of the image.
+    assert (color - image).abs().max() < 1e-4
+    assert radii.dtype == torch.int32 and torch.equal(radii > 0, radii != 0)
+    assert len(done) == (2 if layout in ("3dgs-2023", "mip-splatting") else 3)
+    if len(done) == 3:
+        assert done[2].shape == (1, camera.height, camera.width) and (done[2] - depth).abs().max() < 1e-4
+    image.square().sum().backward()
+    color.square().sum().backward()
+    for k, v in names.items():
+        assert (arguments[v].grad - exact[k].grad).abs().max() < 2e-3 * (1 + exact[k].grad.abs().max()), v
+    points = arguments["means2D"].grad
+    assert points.shape == (N, 3) and points[:, :2].abs().max() > 0
+    assert (points[:, 2] > 0).any() if mip else (points[:, 2] == 0).all()
+    assert torch.equal(compat.last_render().radii, radii)
+    with torch.no_grad():
+        everywhere = torch.ones(camera.height, camera.width, dtype=torch.bool)
+        module(layout).GaussianRasterizer(settings(layout, camera, **options))(**arguments)
+        counted = splatboost.last_render().count_flagged(everywhere)
+    # Pixels at the 1/255 threshold may fall on either side.
+    assert (counted - counts.sum(dim=(1, 2))).abs().max() <= 2
+
+
+def test_precomputed_colors_covariances_and_scale_modifier():
+    camera, m = reference.turned_camera(), module("3dgs-2023")
+    arguments = inputs()
+    del arguments["shs"]
+    colors = torch.rand(N, 3)
+    doubled = m.GaussianRasterizer(settings("3dgs-2023", camera, scale_modifier=2.0))(**arguments, colors_precomp=colors)
+    arguments["scales"] = arguments["scales"] * 2
+    plain = m.GaussianRasterizer(settings("3dgs-2023", camera))(**arguments, colors_precomp=colors)
+    assert torch.equal(doubled[0], plain[0])
+    cov = reference.covariances_of(arguments.pop("scales").detach().double(), arguments.pop("rotations").detach().double())
+    cov = torch.stack([cov[:, 0, 0], cov[:, 0, 1], cov[:, 0, 2], cov[:, 1, 1], cov[:, 1, 2], cov[:, 2, 2]], 1).float()
+    given = m.GaussianRasterizer(settings("3dgs-2023", camera))(**arguments, colors_precomp=colors, cov3D_precomp=cov)
+    assert (given[0] - plain[0]).abs().max() < 1e-4
+    empty = torch.Tensor([])
+    same = m.rasterize_gaussians(arguments["means3D"], arguments["means2D"], empty, colors, arguments["opacities"], empty,
+                                 empty, cov, settings("3dgs-2023", camera))
+    assert torch.equal(same[0], given[0])
+
+
+def test_beta_chooses_the_box():
+    camera, m = reference.turned_camera(60, 44), module("3dgs-2023")
+    arguments = inputs()
+    arguments["scales"] = arguments["scales"].detach() * 0.5
+
+    def drawn():
+        return m.GaussianRasterizer(settings("3dgs-2023", camera))(**arguments)[0].detach()
+
+    square = drawn()
+    splatboost.set_beta(1.0)
+    assert splatboost.get_beta() == 1.0
+    exact = drawn()
+    splatboost.set_beta(0.3)
+    assert not torch.equal(drawn(), exact)
+    splatboost.set_beta(None)
+    assert torch.equal(drawn(), square)
+    for wrong in (0.0, 1.1, float("nan")):
+        with pytest.raises(ValueError, match="beta"):
+            splatboost.set_beta(wrong)
+
+
+def test_four_columns_get_absolute_gradients():
+    arguments = inputs()
+    arguments["means2D"] = torch.zeros(N, 4, requires_grad=True)
+    rasterizer = module("3dgs-2023").GaussianRasterizer(settings("3dgs-2023", reference.turned_camera()))
+    rasterizer(**arguments)[0].square().sum().backward()
+    g = arguments["means2D"].grad
+    assert (g[:, 2:] >= g[:, :2].abs() * 0.999).all() and (g[:, 2:] > 1.5 * g[:, :2].abs()).any()
+
+
+def test_mark_visible():
+    rasterizer = module("3dgs-2023").GaussianRasterizer(settings("3dgs-2023", reference.turned_camera()))
+    centre = rasterizer.raster_settings.campos
+    forward = torch.tensor(reference.turned_camera().camera_from_world).view(4, 4)[2, :3]
+    points = torch.stack([centre + forward * z for z in (0.1, 0.3, -1.0)])
+    assert rasterizer.markVisible(points).tolist() == [False, True, False]
+
+
+def test_wrong_combinations_are_refused():
+    rasterizer = module("3dgs-2023").GaussianRasterizer(settings("3dgs-2023", reference.turned_camera()))
+    arguments = inputs()
+    with pytest.raises(ValueError, match="either shs or colors_precomp"):
+        rasterizer(**arguments, colors_precomp=torch.zeros(N, 3))
+    with pytest.raises(ValueError, match="either scales and rotations, or cov3D_precomp"):
+        rasterizer(**arguments, cov3D_precomp=torch.zeros(N, 6))
+    offset = torch.full((22, 30, 2), 0.25)
+    mip = module("mip-splatting").GaussianRasterizer(
+        settings("mip-splatting", reference.turned_camera(), subpixel_offset=offset))
+    with pytest.raises(ValueError, match="subpixel_offset: zeros wanted"):
+        mip(**arguments)
+
+
+def test_sparse_adam_steps_what_was_visible():
+    adam = module("3dgs-accelerated").SparseGaussianAdam
+    value = torch.nn.Parameter(torch.ones(4, 2))
+    optimizer = adam([{"params": [value], "lr": 0.1, "name": "xyz"}], lr=0.0, eps=1e-15)
+    visible = torch.tensor([True, False, True, False])
+    first, second = torch.zeros(4, 2), torch.zeros(4, 2)
+    expected = torch.ones(4, 2)
+    for step in range(3):
+        value.grad = torch.arange(8.0).view(4, 2) - step
+        optimizer.step(visible, 4)
+        first[visible] = 0.9 * first[visible] + 0.1 * value.grad[visible]
+        second[visible] = 0.999 * second[visible] + 0.001 * value.grad[visible] ** 2
+        expected[visible] -= 0.1 * first[visible] / (second[visible].sqrt() + 1e-15)
+        assert torch.allclose(value.detach(), expected, atol=1e-6)
+    assert torch.equal(value.detach()[~visible], torch.ones(2, 2))
+    assert {"exp_avg", "exp_avg_sq"} <= set(optimizer.state[value])
+    with pytest.raises(ValueError, match=r"visibility: bool \[4\] wanted"):
+        optimizer.step(visible[:3], 4)
+
+
+@pytest.mark.parametrize("layout", sorted(drop_ins.LAYOUTS))
+def test_install_drop_ins(layout):
+    """In a process of its own: sys.modules is the whole process's."""
+    script = """
+import sys, splatboost
+names = splatboost.install_drop_ins(%r)
+assert splatboost.install_drop_ins(%r) == names
+from diff_gaussian_rasterization import GaussianRasterizationSettings, GaussianRasterizer
+from simple_knn._C import distCUDA2
+from fused_ssim import fused_ssim
+import torch
+points = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
+assert abs(distCUDA2(points)[0] - 59 / 3) < 1e-5
+image = torch.rand(1, 3, 20, 20)
+assert abs(fused_ssim(image, image) - 1) < 1e-6
+other = "3dgs-2023" if %r != "3dgs-2023" else "3dgs-2024"
+try:
+    splatboost.install_drop_ins(other)
+except RuntimeError as e:
+    assert "imported already" in str(e)
+else:
+    raise AssertionError("a second layout was taken")
+try:
+    splatboost.install_drop_ins("3dgs")
+except ValueError as e:
+    assert "layout: one of" in str(e)
+else:
+    raise AssertionError("an unknown layout was taken")
+""" % (layout, layout, layout)
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=conftest.PACKAGE, timeout=120)

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Patched hosts, from the command line to the saved model: miniature checkouts of each layout, on the CPU."""
+
+import json
+import os
+import subprocess
+import sys
+
+import conftest
+import miniature_host
+import pytest
+import torch
+
+PROGRAM = conftest.BUILD / "bin/splatboost"
+LAYOUTS = list(miniature_host.RECIPES)
+# Growth every 10 iterations from 20 to 60; late pruning after 60.
+RUN = "--iterations 120 --densification_interval 10 --densify_from_iter 10 --densify_until_iter 61".split()
+
+
+def patch(*arguments):
+    done = subprocess.run([str(PROGRAM), "patch", *map(str, arguments)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def on_cpu(tree, script, *arguments):
+    environment = dict(os.environ, PYTHONPATH=str(conftest.PACKAGE), OMP_NUM_THREADS="1")
+    return subprocess.run([sys.executable, "-m", "splatboost.cpu", str(tree / script), *map(str, arguments)],
+                          capture_output=True, text=True, check=False, env=environment, timeout=300)
+
+
+def train(tree, model, *arguments):
+    done = on_cpu(tree, "train.py", "--model_path", model, *RUN, *arguments)
+    assert done.returncode == 0, done.stderr
+    return json.loads((model / "losses.json").read_text())
+
+
+def files_of(tree):
+    return {path.relative_to(tree): path.read_bytes() for path in tree.rglob("*")
+            if path.is_file() and "__pycache__" not in path.parts}
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_layout_from_patch_to_revert(tmp_path, layout):
+    tree = miniature_host.write_host(tmp_path / "tree", layout)
+    before = files_of(tree)
+    unpatched = train(tree, tmp_path / "unpatched")
+
+    recipe = miniature_host.RECIPES[layout]
+    assert recipe + " fits" in patch("status", tree)
+    patch("apply", recipe, tree)
+    patch("verify", tree)
+
+    off = train(tree, tmp_path / "off", "--boost", "off")
+    assert off["losses"] == unpatched["losses"]
+    assert off["counts"] == unpatched["counts"]
+    assert not (tmp_path / "off/splatboost.json").exists()
+
+    on = train(tree, tmp_path / "on")
+    assert on["counts"][-1] < off["counts"][-1]
+    assert on["counts"][-1] < max(on["counts"]), "late pruning removed nothing"
+    assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
+    assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {
+        "backbone": {"3dgs": "vanilla"}.get(recipe, recipe), "beta": 0.5}
+    assert train(tree, tmp_path / "again")["losses"] == on["losses"]
+
+    # The host's render script draws with the beta of the model, and as published without it.
+    drawn = []
+    for keep in (True, False):
+        if not keep:
+            (tmp_path / "on/splatboost.json").unlink()
+        done = on_cpu(tree, "render.py", "--model_path", tmp_path / "on")
+        assert done.returncode == 0, done.stderr
+        drawn.append(torch.load(str(tmp_path / "on/render.pt")))
+    assert not torch.equal(*drawn)
+    assert (drawn[0] - drawn[1]).abs().mean() < 0.05
+
+    patch("revert", tree)
+    assert files_of(tree) == before
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+def test_options_of_the_patch(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "tree", "3dgs-2023")
+    patch("apply", "3dgs", tree)
+    done = on_cpu(tree, "train.py", "--model_path", tmp_path / "model", "--iterations", "5", "--boost", "perhaps")
+    assert done.returncode == 2
+    assert "--boost: on or off wanted, perhaps given" in done.stderr
+    capped = train(tree, tmp_path / "model", "--boost_max_gaussians", "70", "--boost_beta", "0.7")
+    assert max(capped["counts"]) == 70
+    assert json.loads((tmp_path / "model/splatboost.json").read_text())["beta"] == pytest.approx(0.7)
+    # A model that is trained anew without boost forgets beta.
+    train(tree, tmp_path / "model", "--boost", "off")
+    assert not (tmp_path / "model/splatboost.json").exists()
+
+
+def test_errors_of_the_runner(tmp_path):
+    done = on_cpu(tmp_path, "train.py")
+    assert done.returncode == 2
+    assert "there is no script" in done.stderr
+    (tmp_path / "needy.py").write_text("import no_such_package_at_all\n")
+    done = on_cpu(tmp_path, "needy.py")
+    assert done.returncode == 2
+    assert "needy.py needs the Python module no_such_package_at_all: pip install no_such_package_at_all" in done.stderr
+    (tmp_path / "failing.py").write_text("raise SystemExit(7)\n")
+    assert on_cpu(tmp_path, "failing.py").returncode == 7
+
+
+def test_cuda_calls_happen_on_the_cpu(tmp_path):
+    (tmp_path / "calls.py").write_text("""
+import sys
+import torch
+for tensor in (torch.zeros(2, device="cuda"), torch.tensor([1.0], device=torch.device("cuda:0")), torch.rand(3).cuda(),
+               torch.ones(1).to("cuda"), torch.ones(1).to(device="cuda", dtype=torch.float64), torch.eye(2).to(0 * 1.0 + torch.ones(1)),
+               torch.ones(2).new_zeros((2,), device="cuda"), torch.zeros_like(torch.ones(2), device="cuda"),
+               torch.nn.Linear(2, 2).cuda().weight, torch.nn.Linear(2, 2).to("cuda").weight,
+               torch.randperm(4, device="cuda"), torch.randn(2, generator=torch.Generator(device="cuda").manual_seed(3))):
+    assert tensor.device.type == "cpu", tensor
+assert torch.ones(1).to(device="cuda", dtype=torch.float64).dtype == torch.float64
+start, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+start.record()
+end.record()
+torch.cuda.synchronize()
+torch.cuda.empty_cache()
+torch.cuda.set_device(torch.device("cuda:0"))
+assert start.elapsed_time(end) >= 0
+assert torch.cuda.max_memory_allocated() > 0
+with torch.cuda.stream(None), torch.cuda.device(0):
+    pass
+torch.save(torch.ones(2), "t.pt")
+assert torch.load("t.pt", map_location="cuda").sum() == 2
+assert not torch.cuda.is_available()
+assert sys.argv[1:] == ["--flag", "x"] and __name__ == "__main__"
+import open3d, lpipsPyTorch
+lpipsPyTorch.lpips(1, 2)
+""")
+    done = subprocess.run([sys.executable, "-m", "splatboost.cpu", "calls.py", "--flag", "x"], capture_output=True, text=True,
+                          check=False, cwd=tmp_path, env=dict(os.environ, PYTHONPATH=str(conftest.PACKAGE), TORCH_HOME=str(tmp_path)))
+    assert done.returncode == 0, done.stderr
+    assert "LPIPS is not measured" in done.stdout

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rasterizer on tensors against the reference in double precision, values and gradients."""
+
+import pytest
+import reference
+import torch
+
+import splatboost
+from splatboost import _rasterize
+
+N = 24
+# The library is float32; gradients are sums over hundreds of pixels of it.
+VALUE, GRADIENT = 2e-5, 2e-3
+
+
+def gaussians(seed=0, degree=3):
+    g = torch.Generator().manual_seed(seed)
+
+    def uniform(*shape):
+        return torch.rand(*shape, generator=g, dtype=torch.float64)
+
+    return {
+        "means": (uniform(N, 3) - 0.5) * torch.tensor([3.0, 2.0, 2.0]),
+        "opacities": 0.2 + 0.7 * uniform(N, 1),
+        "scales": 0.08 + 0.25 * uniform(N, 3),
+        "rotations": uniform(N, 4) + 0.1,
+        "sh": (uniform(N, (degree + 1) ** 2, 3) - 0.4) * 0.8,
+        "colors": uniform(N, 3),
+        "features": uniform(N, 5) - 0.5,
+    }
+
+
+def upper(m):
+    return torch.stack([m[:, 0, 0], m[:, 0, 1], m[:, 0, 2], m[:, 1, 1], m[:, 1, 2], m[:, 2, 2]], dim=1)
+
+
+def both(tensors, **options):
+    """Renders and differentiates a random projection of all images; returns values and gradients of both."""
+    camera = reference.turned_camera()
+    weights = torch.Generator().manual_seed(5)
+    results = []
+    for dtype in (torch.float64, torch.float32):
+        inputs = {k: v.detach().to(torch.float32).to(dtype).requires_grad_() for k, v in tensors.items()}
+        if dtype == torch.float64:
+            color, features, depth, alpha, _ = reference.render(camera, **inputs, **options)
+        else:
+            done = splatboost.rasterize(camera, **inputs, **options, beta=1.0, inverse_depth=True, alpha=True)
+            color, features, depth, alpha = done.color, done.features, done.inverse_depth, done.alpha
+        images = [i for i in (color, features, depth, alpha) if i is not None]
+        weights.manual_seed(5)
+        loss = sum((i * torch.randn(i.shape, generator=weights).to(dtype)).sum() for i in images)
+        gradients = torch.autograd.grad(loss, list(inputs.values()))
+        results.append(([i.detach().double() for i in images],
+                        {k: g.double() for k, g in zip(inputs, gradients)}))
+    return results
+
+
+CASES = {
+    "sh": (("means", "opacities", "scales", "rotations", "sh"), {"sh_degree": 3, "background": (0.2, 0.5, 0.9)}),
+    "sh, lower active degree": (("means", "opacities", "scales", "rotations", "sh"), {"sh_degree": 1}),
+    "colors": (("means", "opacities", "scales", "rotations", "colors"), {}),
+    "features": (("means", "opacities", "scales", "rotations", "colors", "features"), {}),
+    "covariances": (("means", "opacities", "covariances", "colors"), {}),
+    "antialiasing": (("means", "opacities", "scales", "rotations", "colors"), {"compensate_opacity": True}),
+    "mip filter": (("means", "opacities", "scales", "rotations", "colors"),
+                   {"compensate_opacity": True, "low_pass": 0.1}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_agrees_with_the_reference(case):
+    names, options = CASES[case]
+    tensors = gaussians()
+    tensors["covariances"] = upper(reference.covariances_of(tensors["scales"], tensors["rotations"]))
+    truth, ours = both({name: tensors[name] for name in names}, **options)
+    for a, b in zip(truth[0], ours[0]):
+        assert (a - b).abs().max() < VALUE
+    for name in names:
+        a, b = truth[1][name], ours[1][name]
+        assert (a - b).abs().max() < GRADIENT * (1 + a.abs().max()), name
+        assert a.abs().max() > 1e-2, name  # it is not all zero
+
+
+def test_sh_in_two_parts_is_the_same():
+    tensors = {k: v.float() for k, v in gaussians().items()}
+    camera = reference.turned_camera()
+    common = {k: tensors[k] for k in ("means", "opacities", "scales", "rotations")}
+    sh = tensors["sh"].requires_grad_()
+    whole = splatboost.rasterize(camera, **common, sh=sh, sh_degree=3)
+    whole.color.square().sum().backward()
+    dc, rest = sh.detach()[:, :1].requires_grad_(), sh.detach()[:, 1:].requires_grad_()  # neither is contiguous
+    parts = splatboost.rasterize(camera, **common, sh_dc=dc, sh_rest=rest, sh_degree=3)
+    parts.color.square().sum().backward()
+    assert torch.equal(whole.color, parts.color)
+    assert torch.equal(sh.grad, torch.cat([dc.grad, rest.grad], dim=1))
+
+
+def test_gradcheck():
+    """torch's own check, by differences of float32 renders: images are linear in colours and features."""
+    camera = reference.turned_camera(16, 12)
+    tensors = gaussians(1)
+    fixed = {k: tensors[k].float() for k in ("means", "opacities", "scales", "rotations")}
+
+    def images(colors, features):
+        done = splatboost.rasterize(camera, **fixed, colors=colors.float(), features=features.float())
+        return done.color.double(), done.features.double()
+
+    inputs = (tensors["colors"].requires_grad_(), tensors["features"].requires_grad_())
+    assert torch.autograd.gradcheck(images, inputs, eps=1e-2, atol=1e-4, rtol=1e-3)
+
+
+def test_screen_gradients_are_those_of_the_mean_on_screen():
+    camera = reference.turned_camera(14, 10)
+    tensors = gaussians(2)
+    names = ("means", "opacities", "scales", "rotations", "colors")
+    exact = {k: tensors[k].float().double() for k in names}
+    shift = torch.zeros(N, 2, dtype=torch.float64, requires_grad=True)
+    image = reference.render(camera, **exact, shift=shift)[0]
+    weights = torch.randn(image.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    half = torch.tensor([7.0, 5.0], dtype=torch.float64)
+    signed, absolute = torch.zeros(N, 2, dtype=torch.float64), torch.zeros(N, 2, dtype=torch.float64)
+    for pixel in (image * weights).sum(0).flatten():
+        (g,) = torch.autograd.grad(pixel, shift, retain_graph=True)
+        signed += g
+        absolute += g.abs()
+    for columns, absolute_sum in ((4, False), (3, False), (3, True)):
+        points = torch.zeros(N, columns, requires_grad=True)
+        done = splatboost.rasterize(camera, **{k: v.float() for k, v in exact.items()}, beta=1.0, screen_points=points,
+                                    absolute_sum=absolute_sum)
+        (done.color * weights).sum().backward()
+        g = points.grad.double()
+        assert (g[:, :2] - signed * half).abs().max() < 1e-3 * (1 + (signed * half).abs().max())
+        if columns == 4:
+            assert (g[:, 2:] - absolute * half).abs().max() < 1e-3 * (1 + (absolute * half).abs().max())
+        else:
+            wanted = (absolute * half).sum(1) if absolute_sum else torch.zeros(N)
+            assert (g[:, 2] - wanted).abs().max() < 1e-3 * (1 + wanted.abs().max())
+
+
+def small(seed=0):
+    tensors = {k: v.float() for k, v in gaussians(seed).items()}
+    return {k: tensors[k].requires_grad_() for k in ("means", "opacities", "scales", "rotations", "colors")}
+
+
+def test_counts_are_the_reference_s():
+    camera, tensors = reference.turned_camera(), small()
+    flagged = torch.rand(camera.height, camera.width, generator=torch.Generator().manual_seed(0)) < 0.3
+    counts = reference.render(camera, **{k: v.detach().double() for k, v in tensors.items()})[4]
+    wanted = (counts & flagged).sum(dim=(1, 2))
+    with torch.no_grad():
+        done = splatboost.rasterize(camera, **tensors, beta=1.0)
+        assert torch.equal(done.count_flagged(flagged), wanted.int())
+        assert torch.equal(done.count_flagged(flagged.to(torch.uint8), torch.ones(N, dtype=torch.int32)),
+                           wanted.int() + 1)
+    assert wanted.sum() > 100
+    assert torch.equal(done.visible, done.radii > 0)
+
+
+def test_renders_may_wait_for_their_backward_passes():
+    """Each waiting render has tile lists of its own; gradients do not mix."""
+    camera, a, b = reference.turned_camera(), small(0), small(1)
+    alone = []
+    for tensors in (a, b):
+        loss = splatboost.rasterize(camera, **tensors).color.square().sum()
+        alone.append(torch.autograd.grad(loss, list(tensors.values())))
+    first = splatboost.rasterize(camera, **a)
+    second = splatboost.rasterize(camera, **b)
+    together = [torch.autograd.grad(r.color.square().sum(), list(t.values())) for r, t in ((first, a), (second, b))]
+    for x, y in zip(alone, together):
+        assert all(torch.equal(i, j) for i, j in zip(x, y))
+
+
+def test_a_second_backward_pass_draws_again():
+    camera, a, b = reference.turned_camera(), small(0), small(1)
+    done = splatboost.rasterize(camera, **a)
+    loss = done.color.square().sum()
+    once = torch.autograd.grad(loss, list(a.values()), retain_graph=True)
+    splatboost.rasterize(camera, **b)  # takes the tile lists
+    with pytest.raises(RuntimeError, match="another view was drawn since"):
+        done.count_flagged(torch.ones(camera.height, camera.width, dtype=torch.bool))
+    twice = torch.autograd.grad(loss, list(a.values()))
+    assert all(torch.equal(i, j) for i, j in zip(once, twice))
+
+
+def test_a_loop_keeps_one_workspace():
+    _rasterize._workspaces.clear()
+    camera, tensors = reference.turned_camera(), small()
+    for _ in range(4):
+        done = splatboost.rasterize(camera, **tensors)
+        done.color.sum().backward()
+        with torch.no_grad():
+            done = splatboost.rasterize(camera, **tensors)
+    assert sum(len(pool) for pool in _rasterize._workspaces.values()) == 1
+
+
+def test_no_gaussians_give_the_background():
+    camera = reference.turned_camera()
+    empty = {"means": torch.zeros(0, 3, requires_grad=True), "opacities": torch.zeros(0, 1), "scales": torch.zeros(0, 3),
+             "rotations": torch.zeros(0, 4), "colors": torch.zeros(0, 3)}
+    done = splatboost.rasterize(camera, **empty, background=torch.tensor([0.1, 0.2, 0.3]))
+    done.color.sum().backward()
+    assert torch.allclose(done.color[:, 3, 4], torch.tensor([0.1, 0.2, 0.3]))
+    assert empty["means"].grad.shape == (0, 3) and done.radii.shape == (0,)
+
+
+def test_visible_radii_are_those_of_the_square():
+    camera, tensors = reference.turned_camera(), small(4)
+    tensors["means"].data[:5] *= 8  # some beyond the image's sides
+    radii = splatboost.rasterize(camera, **tensors).radii
+    ours = splatboost.visible_radii(camera, tensors["means"], scales=tensors["scales"], rotations=tensors["rotations"])
+    assert torch.equal(radii, ours) and 0 < (radii > 0).sum() < N
+    behind = tensors["means"].detach() @ torch.tensor(camera.camera_from_world).view(4, 4)[2, :3] + 4.0 <= 0.2
+    assert torch.equal(splatboost.mark_visible(camera, tensors["means"]), ~behind)
+
+
+@pytest.mark.parametrize("change, message", [
+    ({"means": torch.zeros(N, 2)}, r"means: shape \[N,3\] wanted, \[24, 2\] given"),
+    ({"means": torch.zeros(N, 3).double()}, "means: float32 wanted, float64 given"),
+    ({"means": [[0.0, 0.0, 0.0]]}, "means: a tensor wanted, list given"),
+    ({"opacities": torch.zeros(N + 1, 1)}, r"opacities: shape \[24,1\] or \[24\] wanted, \[25, 1\] given"),
+    ({"scales": None}, "either scales and rotations, or covariances"),
+    ({"colors": None}, "either sh, or sh_dc"),
+    ({"features": torch.zeros(N, 9)}, "features: at most 8 channels"),
+    ({"background": (0.0, 1.0)}, "background: 3 numbers wanted, 2 given"),
+    ({"beta": 1.5}, "beta must lie in"),
+    ({"screen_points": torch.zeros(N, 2)}, r"screen_points: shape \[24,3\] or \[24,4\] wanted"),
+    ({"means": torch.zeros(N, 3, device="meta")}, "means: a tensor of the CPU or of CUDA wanted, one on meta given"),
+    ({"opacities": torch.zeros(N, 1, device="meta")}, "opacities: a tensor on cpu wanted .as means., one on meta given"),
+])
+def test_bad_arguments_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        splatboost.rasterize(reference.turned_camera(), **{**small(), **change})
+
+
+def test_sh_too_short_for_its_degree():
+    tensors = small()
+    del tensors["colors"]
+    with pytest.raises(ValueError, match="sh_rest: 8 coefficients wanted for sh_degree 2, 3 given"):
+        splatboost.rasterize(reference.turned_camera(), **tensors, sh=torch.zeros(N, 4, 3), sh_degree=2)
