@@ -825,14 +825,15 @@ static void fuzz_numbers(void) {
 }
 
 int main(void) {
+  const sb_device one_thread = {SB_CPU, 0, 1, NULL};
   sb_boost boost;
   camera = test_camera();
   camera.width = W;
   camera.height = H;
   CHECK(sb_raster_options_default(&raster_options) == SB_OK);
-  CHECK(sb_rasterizer_create(NULL, &rasterizer) == SB_OK);
+  CHECK(sb_rasterizer_create(&one_thread, &rasterizer) == SB_OK);
   CHECK(sb_boost_default("vanilla", &boost) == SB_OK);
-  CHECK(sb_adapter_create("vanilla", &boost, NULL, &adapter) == SB_OK);
+  CHECK(sb_adapter_create("vanilla", &boost, &one_thread, &adapter) == SB_OK);
   fuzz_tensors();
   fill_memory();
   fuzz_devices();

@@ -235,33 +235,37 @@ def test_sparse_adam_steps_what_was_visible():
         optimizer.step(visible[:3], 4)
 
 
-@pytest.mark.parametrize("layout", sorted(drop_ins.LAYOUTS))
-def test_install_drop_ins(layout):
+def test_install_drop_ins():
     """In a process of its own: sys.modules is the whole process's."""
     script = """
 import sys, splatboost
-names = splatboost.install_drop_ins(%r)
-assert splatboost.install_drop_ins(%r) == names
-from diff_gaussian_rasterization import GaussianRasterizationSettings, GaussianRasterizer
-from simple_knn._C import distCUDA2
-from fused_ssim import fused_ssim
+from splatboost.drop_ins import LAYOUTS
+for layout in LAYOUTS:
+    names = splatboost.install_drop_ins(layout)
+    assert splatboost.install_drop_ins(layout) == names
+    from diff_gaussian_rasterization import GaussianRasterizationSettings, GaussianRasterizer
+    from simple_knn._C import distCUDA2
+    from fused_ssim import fused_ssim
+    assert GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS[layout]
+    other = "3dgs-2023" if layout != "3dgs-2023" else "3dgs-2024"
+    try:
+        splatboost.install_drop_ins(other)
+    except RuntimeError as e:
+        assert "imported already" in str(e)
+    else:
+        raise AssertionError("a second layout was taken")
+    for name in names:
+        del sys.modules[name]
 import torch
 points = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
 assert abs(distCUDA2(points)[0] - 59 / 3) < 1e-5
 image = torch.rand(1, 3, 20, 20)
 assert abs(fused_ssim(image, image) - 1) < 1e-6
-other = "3dgs-2023" if %r != "3dgs-2023" else "3dgs-2024"
-try:
-    splatboost.install_drop_ins(other)
-except RuntimeError as e:
-    assert "imported already" in str(e)
-else:
-    raise AssertionError("a second layout was taken")
 try:
     splatboost.install_drop_ins("3dgs")
 except ValueError as e:
     assert "layout: one of" in str(e)
 else:
     raise AssertionError("an unknown layout was taken")
-""" % (layout, layout, layout)
+"""
     subprocess.run([sys.executable, "-c", script], check=True, cwd=conftest.PACKAGE, timeout=120)
