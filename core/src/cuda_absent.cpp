@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a build without CUDA has in place of the .cu files. There is no stream, so nothing else here is ever reached.
+#include "cuda_operations.h"
 #include "splatboost/cuda_stream.h"
 #include "splatboost/errors.h"
 
@@ -26,5 +27,10 @@ void CudaStream::fill_zero(void*, std::size_t) { absent(); }
 void CudaStream::begin_launch(const char*) { absent(); }
 void CudaStream::end_launch(int) { absent(); }
 void CudaStream::count_synchronization() { absent(); }
+void CudaStream::check(int, const char*) const { absent(); }
+
+namespace cuda {
+std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream&) { absent(); }
+}  // namespace cuda
 
 }  // namespace splatboost

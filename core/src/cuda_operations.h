@@ -3,6 +3,13 @@
 /// defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
 #pragma once
 
+#include <memory>
+
+#include "rasterizer_backend.h"
 #include "splatboost/cuda_stream.h"
 
-namespace splatboost::cuda {}  // namespace splatboost::cuda
+namespace splatboost::cuda {
+
+std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream& stream);
+
+}  // namespace splatboost::cuda
