@@ -43,8 +43,9 @@ struct TilePixel {
   float centre_x, centre_y;
   float warp_x, warp_y;  ///< centre of the warp's first pixel
 
-  __device__ TilePixel(const TileLists& lists, std::uint32_t tile) {
-    const std::uint32_t warp = threadIdx.x / 32, lane = threadIdx.x % 32;
+  /// @param thread of the tile's block
+  __device__ TilePixel(const TileLists& lists, std::uint32_t tile, std::uint32_t thread) {
+    const std::uint32_t warp = thread / 32, lane = thread % 32;
     const std::uint32_t x0 = tile % lists.tiles_x * kTileSize + warp % 2 * kWarpWidth;
     const std::uint32_t y0 = tile / lists.tiles_x * kTileSize + warp / 2 * kWarpHeight;
     x = x0 + lane % kWarpWidth;
@@ -104,10 +105,12 @@ __device__ inline PixelStep step_pixel(const SplatRecord& splat, const TilePixel
 
 /// Walks through a tile's splats, near to far, until all its pixels are closed. All threads of the block call it.
 /// @param open whether the thread's pixel takes part
-/// @param visit (gaussian, splat): called by whole warps, for splats that may reach one of their pixels; closes `open`
-template <class Visit>
+/// @param visit (index in the tile's list, gaussian, splat): called by whole warps, for splats that may reach one of
+///     their pixels; closes `open`
+/// @param begin_bucket (number): called by whole warps before each kBucketSplats of the list
+template <class Visit, class BeginBucket>
 __device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const TilePixel& pixel, bool& open,
-                             Visit&& visit) {
+                             Visit&& visit, BeginBucket&& begin_bucket) {
   __shared__ SharedArray<SplatRecord, kBatchSplats> batch;
   __shared__ SharedArray<std::uint32_t, kBatchSplats> gaussians;
   const TileEntries range = lists.tiles[tile];
@@ -123,14 +126,21 @@ __device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const T
     const int count = static_cast<int>(min(kBatchSplats, range.end - base));
     for (int group = 0; group < count; group += 32) {
       if (!__any_sync(kWholeWarp, open)) break;
+      const std::uint32_t index = base - range.begin + static_cast<std::uint32_t>(group);
+      begin_bucket(index / kBucketSplats);
       const int own = group + lane;
       unsigned reaching = __ballot_sync(kWholeWarp, own < count && may_reach(batch.get(min(own, count - 1)), pixel));
       for (; reaching != 0; reaching &= reaching - 1) {
-        const int next = group + __ffs(static_cast<int>(reaching)) - 1;
-        visit(gaussians.get(next), batch.get(next));
+        const int next = __ffs(static_cast<int>(reaching)) - 1;
+        visit(index + static_cast<std::uint32_t>(next), gaussians.get(group + next), batch.get(group + next));
       }
     }
   }
+}
+template <class Visit>
+__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const TilePixel& pixel, bool& open,
+                             Visit&& visit) {
+  visit_splats(lists, tile, pixel, open, visit, [](std::uint32_t) {});
 }
 
 }  // namespace splatboost::cuda

@@ -7,12 +7,12 @@ namespace {
 
 __global__ void __launch_bounds__(kTilePixels)
     count_kernel(TileLists lists, DeviceView<const std::uint8_t> flagged, DeviceView<std::int32_t> counts) {
-  const TilePixel pixel(lists, blockIdx.x);
+  const TilePixel pixel(lists, blockIdx.x, threadIdx.x);
   const bool flag = pixel.inside && flagged[pixel.index(lists)] != 0;
   if (!__syncthreads_or(flag)) return;  // the whole block: there is nothing to count
   bool open = flag;                     // pixels without a flag need not be followed
   float transmittance = 1.0f;
-  visit_splats(lists, blockIdx.x, pixel, open, [&](std::uint32_t gaussian, const SplatRecord& splat) {
+  visit_splats(lists, blockIdx.x, pixel, open, [&](std::uint32_t, std::uint32_t gaussian, const SplatRecord& splat) {
     const PixelStep step = step_pixel(splat, pixel, transmittance, open);
     if (step.blended) transmittance = step.after;
     const unsigned counted = __ballot_sync(kWholeWarp, step.blended);

@@ -44,6 +44,7 @@ struct alignas(8) TileEntries {
 struct FrameTotals {
   std::uint32_t visible;  ///< Gaussians that are listed in a tile
   std::uint32_t entries;  ///< (tile, Gaussian) pairs; too few where the visible ones outgrew their room
+  std::uint32_t most_visible, most_entries;  ///< of all frames so far
 };
 
 /// Sums over the pixels of a splat, from which its gradients follow, as in EntryMoments; in a row of kMomentColumns.
@@ -65,6 +66,8 @@ enum Moment : int {
 inline constexpr int kMomentColumns = 16;
 
 inline constexpr std::uint32_t kTilePixels = kTileSize * kTileSize;
+/// Splats of a tile's list that a warp looks at together.
+inline constexpr std::uint32_t kBucketSplats = 32;
 
 /// Workspace of one view.
 struct CudaFrame {
@@ -110,6 +113,15 @@ struct CudaFrame {
   DeviceArray<float> moments{stream};            ///< [N, kMomentColumns]
   DeviceArray<float> feature_gradients{stream};  ///< [N, features]
 
+  // For the backward pass that goes by splats: what every pixel of a tile had blended before each bucket of its list.
+  bool keeps_states = false;
+  std::size_t bucket_room = 0;
+  DeviceArray<std::uint32_t> bucket_offsets{stream};  ///< [T+1] first bucket of a tile
+  DeviceArray<std::uint32_t> bucket_tiles{stream};    ///< [bucket_room]
+  DeviceArray<float> bucket_states{stream};  ///< [bucket_room, 4 + extra_channels(), 256] transmittance, colour, extra
+  DeviceArray<std::uint32_t> pixel_stops{stream};  ///< [T, 256] entries of the tile that the pixel was open for
+  DeviceArray<std::uint32_t> tile_stops{stream};   ///< [T] the most of these
+
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
   std::size_t image_pixels() const {
@@ -128,6 +140,8 @@ void count_visible(CudaFrame& frame, CudaStream& stream);
 void sort_by_depth(CudaFrame& frame, CudaStream& stream);
 /// Fills entries, the first entry_room that there are, and tile_entries. (tiles_cuda.cu)
 void build_tile_lists(CudaFrame& frame, CudaStream& stream);
+/// Numbers the buckets of the tiles' lists. (tiles_cuda.cu)
+void number_buckets(CudaFrame& frame, CudaStream& stream);
 /// Blends all tiles. (blend_cuda.cu)
 void blend(CudaFrame& frame, const RasterImages& images, CudaStream& stream);
 /// Fills moments and feature_gradients. (blend_backward_cuda.cu)

@@ -5,15 +5,18 @@
 #include "cuda_event.h"
 #include "cuda_frame.h"
 #include "cuda_operations.h"
+#include "splatboost/cuda_backward.h"
 
 namespace splatboost::cuda {
 namespace {
 
-/// By how much a frame may outgrow those before it: room is made for that many times their largest.
+/// Room is made for this many times the most that any frame took ...
 constexpr double kRoomFactor = 1.5;
-constexpr std::size_t kLeastRoom = 1024;
+/// ... once it is less than this many times that.
+constexpr double kLeastRoomFactor = 1.25;
+constexpr double kLeastRoom = 1024;
 
-/// The last frame's numbers, which the device writes while the host goes on.
+/// A frame's numbers, which the device writes while the host goes on.
 class TotalsOnHost {
  public:
   explicit TotalsOnHost(CudaStream& stream)
@@ -52,11 +55,17 @@ class CudaRasterizer : public RasterizerBackend {
         blended_backward_(stream, cudaEventDefault),
         projected_backward_(stream, cudaEventDefault),
         count_start_(stream, cudaEventDefault),
-        counted_(stream, cudaEventDefault) {}
+        counted_(stream, cudaEventDefault) {
+    frame_.totals.ensure(1);
+    frame_.totals.fill_zero();
+  }
 
   void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
                const RasterImages& images) override {
-    if (pending_ && totals_.is_there()) learn();
+    if (on_the_way_ && totals_.is_there()) {
+      on_the_way_ = false;
+      learn();
+    }
     frame_.camera = camera;
     frame_.options = options;
     frame_.projection = make_projection_camera(camera);
@@ -67,7 +76,7 @@ class CudaRasterizer : public RasterizerBackend {
     frame_.tiles_y = camera.tiles_y();
     gaussians_ = gaussians;
     images_ = images;
-    draw(outgrown_ || most_entries_ == 0);
+    draw(outgrown_ || known_gaussians_ == 0);  // the first frame, and after one that was too large
   }
 
   void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
@@ -86,9 +95,10 @@ class CudaRasterizer : public RasterizerBackend {
   }
 
   bool settle() override {
-    if (!pending_) return false;
-    totals_.wait();
-    if (!learn()) return false;
+    if (settled_) return false;
+    wait_and_learn();
+    settled_ = true;
+    if (known_.visible <= frame_.visible_room && known_.entries <= frame_.entry_room) return false;
     draw(true);
     return true;
   }
@@ -97,7 +107,7 @@ class CudaRasterizer : public RasterizerBackend {
   std::span<const std::int32_t> screen_radii() const override { return frame_.radii.span(); }
 
   RasterCounts counts() override {
-    settle();
+    if (!settle()) wait_and_learn();  // what is known may be of a frame before
     return {known_.visible, known_.entries};
   }
 
@@ -120,49 +130,46 @@ class CudaRasterizer : public RasterizerBackend {
     project(frame_, gaussians_, stream_);
     projected_.record();
     count_visible(frame_, stream_);
-    if (exactly) {
-      totals_.fetch(frame_.totals);
-      totals_.wait();
-      frame_.visible_room = totals_.get().visible;
-    } else {
-      frame_.visible_room = std::min(frame_.gaussians, room_for(most_visible_));
-    }
+    if (exactly) wait_and_learn();
+    make_room(visible_room_, known_.most_visible);
+    frame_.visible_room = std::min(visible_room_, frame_.gaussians);
     sort_by_depth(frame_, stream_);
-    totals_.fetch(frame_.totals);
+    settled_ = exactly;
     if (exactly) {
-      totals_.wait();
-      frame_.entry_room = totals_.get().entries;
-      known_ = totals_.get();
-      note(known_);
-      pending_ = outgrown_ = false;
-    } else {
-      frame_.entry_room = room_for(most_entries_);
-      pending_ = true;
+      wait_and_learn();
+    } else if (!on_the_way_) {
+      totals_.fetch(frame_.totals);
+      on_the_way_ = true;
     }
+    make_room(frame_.entry_room, known_.most_entries);
+    if (exactly) outgrown_ = false;
     build_tile_lists(frame_, stream_);
+    frame_.keeps_states = cuda_backward() == CudaBackward::per_splat;
+    if (frame_.keeps_states) number_buckets(frame_, stream_);
     listed_.record();
     blend(frame_, images_, stream_);
     blended_.record();
   }
 
-  std::size_t room_for(std::size_t most) const {
-    const double growth = std::max(1.0, static_cast<double>(frame_.gaussians) / static_cast<double>(noted_gaussians_));
-    return static_cast<std::size_t>(kRoomFactor * growth * static_cast<double>(most)) + kLeastRoom;
+  void make_room(std::size_t& room, std::uint32_t most) const {
+    const double growth = std::max(1.0, static_cast<double>(frame_.gaussians) / static_cast<double>(known_gaussians_));
+    const double needed = growth * static_cast<double>(most);
+    if (kLeastRoomFactor * needed + kLeastRoom <= static_cast<double>(room)) return;
+    room = static_cast<std::size_t>(kRoomFactor * needed + kLeastRoom);
   }
 
-  /// Looks at the last frame's numbers, which have arrived. @return whether there was too little room for it
-  bool learn() {
-    pending_ = false;
+  /// Looks at numbers that have arrived.
+  void learn() {
     known_ = totals_.get();
-    note(known_);
-    outgrown_ = known_.visible > frame_.visible_room || known_.entries > frame_.entry_room;
-    return outgrown_;
+    known_gaussians_ = std::max<std::size_t>(frame_.gaussians, 1);
+    outgrown_ = known_.most_visible > visible_room_ || known_.most_entries > frame_.entry_room;
   }
 
-  void note(const FrameTotals& totals) {
-    most_visible_ = std::max<std::size_t>(most_visible_, totals.visible);
-    most_entries_ = std::max<std::size_t>({most_entries_, totals.entries, 1});
-    noted_gaussians_ = std::max<std::size_t>(frame_.gaussians, 1);
+  void wait_and_learn() {
+    totals_.fetch(frame_.totals);
+    totals_.wait();
+    on_the_way_ = false;
+    learn();
   }
 
   CudaStream& stream_;
@@ -170,11 +177,12 @@ class CudaRasterizer : public RasterizerBackend {
   Gaussians gaussians_;  ///< of the last frame, which may have to be drawn again
   RasterImages images_;
   TotalsOnHost totals_;
-  bool pending_ = false;  ///< the last frame's numbers have not been looked at
+  std::size_t visible_room_ = 0;  ///< the frame has this much, or as much as there are Gaussians
+  bool on_the_way_ = false;       ///< numbers are, of some frame
+  bool settled_ = true;           ///< the last frame had room enough
+  bool outgrown_ = false;         ///< a frame was found to have had too little room
   FrameTotals known_{};
-  bool outgrown_ = false;                            ///< a frame was found to have had too little room
-  std::size_t most_visible_ = 0, most_entries_ = 0;  ///< of all frames so far; no entries: no frame was drawn
-  std::size_t noted_gaussians_ = 1;                  ///< N of the frame that was noted last
+  std::size_t known_gaussians_ = 0;  ///< N when these were looked at; 0: no frame was drawn
   RasterSeconds seconds_;
   Event start_, projected_, listed_, blended_, backward_start_, blended_backward_, projected_backward_, count_start_,
       counted_;

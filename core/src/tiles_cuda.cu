@@ -59,11 +59,15 @@ __global__ void __launch_bounds__(kBlockThreads)
 }
 
 __global__ void note_visible_kernel(DeviceView<const std::uint32_t> places, DeviceView<FrameTotals> totals) {
-  totals[0].visible = places[places.size() - 1];
+  const std::uint32_t visible = places[places.size() - 1];
+  totals[0].visible = visible;
+  totals[0].most_visible = max(totals[0].most_visible, visible);
 }
 
 __global__ void note_entries_kernel(DeviceView<const std::uint32_t> offsets, DeviceView<FrameTotals> totals) {
-  totals[0].entries = offsets[offsets.size() - 1];
+  const std::uint32_t entries = offsets[offsets.size() - 1];
+  totals[0].entries = entries;
+  totals[0].most_entries = max(totals[0].most_entries, entries);
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
@@ -140,11 +144,17 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (e + 1 == keys.size() && own < tiles.size()) tiles[own].end = static_cast<std::uint32_t>(e + 1);
 }
 
+__global__ void __launch_bounds__(kBlockThreads)
+    bucket_counts_kernel(DeviceView<const TileEntries> tiles, DeviceView<std::uint32_t> counts) {
+  const std::size_t t = element_index();
+  if (t >= counts.size()) return;
+  counts[t] = t < tiles.size() ? (tiles[t].end - tiles[t].begin + kBucketSplats - 1) / kBucketSplats : 0;
+}
+
 }  // namespace
 
 void count_visible(CudaFrame& frame, CudaStream& stream) {
   frame.places.ensure(frame.gaussians + 1);
-  frame.totals.ensure(1);
   launch_each(stream, "flag_visible", flag_kernel, frame.places.size(), frame.visible.span(), frame.places.span());
   run_cub(stream, frame.scratch, "cub::ExclusiveSum of visible", [&](void* memory, std::size_t& bytes) {
     return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.places.data(), frame.places.data(),
@@ -202,6 +212,17 @@ void build_tile_lists(CudaFrame& frame, CudaStream& stream) {
                                            handle_of(stream));
   });
   launch_each(stream, "tile_ranges", ranges_kernel, room, frame.tile_keys_swap.span(), frame.tile_entries.span());
+}
+
+void number_buckets(CudaFrame& frame, CudaStream& stream) {
+  frame.bucket_room = frame.entry_room / kBucketSplats + frame.tiles();  // a tile's last bucket may be short
+  frame.bucket_offsets.ensure(frame.tiles() + 1);
+  launch_each(stream, "bucket_counts", bucket_counts_kernel, frame.tiles() + 1, frame.tile_entries.span(),
+              frame.bucket_offsets.span());
+  run_cub(stream, frame.scratch, "cub::ExclusiveSum of buckets", [&](void* memory, std::size_t& bytes) {
+    return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.bucket_offsets.data(), frame.bucket_offsets.data(),
+                                         items(frame.tiles() + 1), handle_of(stream));
+  });
 }
 
 }  // namespace splatboost::cuda

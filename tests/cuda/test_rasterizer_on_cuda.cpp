@@ -4,9 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <string>
+#include <tuple>
 #include <vector>
 
 #include "cuda/cuda_device.h"
+#include "splatboost/cuda_backward.h"
 #include "splatboost/device_array.h"
 #include "splatboost/rasterizer.h"
 #include "splatboost/threads.h"
@@ -95,12 +98,14 @@ SceneData many_splats(const Camera& camera, std::size_t count, double largest = 
 
 Doubles as_doubles(const std::vector<float>& values) { return {values.begin(), values.end()}; }
 
-class RasterizerOnCuda : public OnCuda<::testing::TestWithParam<BoxPolicy>> {
+class RasterizerOnCuda : public OnCuda<::testing::TestWithParam<std::tuple<BoxPolicy, CudaBackward>>> {
  protected:
   RasterizerOnCuda() {
-    options.box = GetParam();
+    options.box = std::get<0>(GetParam());
     options.beta = 0.5f;
+    use_cuda_backward(std::get<1>(GetParam()));
   }
+  ~RasterizerOnCuda() override { use_cuda_backward(CudaBackward::per_pixel); }
   Camera camera = oblique_camera(117, 85);
   RasterOptions options;
 };
@@ -235,8 +240,13 @@ TEST_P(RasterizerOnCuda, TooLittleDeviceMemoryIsSaid) {
 
 #endif
 
-INSTANTIATE_TEST_SUITE_P(Boxes, RasterizerOnCuda, ::testing::Values(BoxPolicy::square, BoxPolicy::ellipse),
-                         [](const auto& given) { return given.param == BoxPolicy::square ? "square" : "ellipse"; });
+INSTANTIATE_TEST_SUITE_P(Kinds, RasterizerOnCuda,
+                         ::testing::Combine(::testing::Values(BoxPolicy::square, BoxPolicy::ellipse),
+                                            ::testing::Values(CudaBackward::per_pixel, CudaBackward::per_splat)),
+                         [](const auto& given) {
+                           return std::string(std::get<0>(given.param) == BoxPolicy::square ? "square" : "ellipse") +
+                                  (std::get<1>(given.param) == CudaBackward::per_pixel ? "_per_pixel" : "_per_splat");
+                         });
 
 }  // namespace
 }  // namespace splatboost::test

@@ -25,8 +25,10 @@ inline void expect_same_gradients(const std::vector<float>& a, const std::vector
 #else
 
 #include <cmath>
-#include <optional>
+#include <cstdlib>
+#include <string_view>
 
+#include "splatboost/cuda_backward.h"
 #include "splatboost/cuda_stream.h"
 #include "splatboost/device_array.h"
 #include "splatboost/errors.h"
@@ -50,9 +52,11 @@ inline CudaStream& test_stream() {
   return stream;
 }
 
-/// Without a device all tests are skipped.
+/// Without a device all tests are skipped. The environment chooses the way of the backward pass.
 class NeedsDevice : public ::testing::Environment {
   void SetUp() override {
+    const char* const way = std::getenv("SPLATBOOST_TEST_CUDA_BACKWARD");
+    if (way != nullptr && std::string_view(way) == "per_splat") use_cuda_backward(CudaBackward::per_splat);
     try {
       test_stream();
     } catch (const NoDeviceError& error) {
