@@ -63,8 +63,9 @@ def test_growth_is_the_paper_s():
     absolute = torch.rand((N, 1), generator=g) * 2.4e-3
     scales = torch.rand(N, generator=g) * 0.002
     host.rendered.clear()
-    clone, split = adapter.grow(1000, host.views(), scene_extent=1.0, gradients=gradients, gradients_abs=absolute,
-                                max_scales=scales)
+    clone, split = adapter.grow(
+        1000, host.views(), scene_extent=1.0, gradients=gradients, gradients_abs=absolute, max_scales=scales
+    )
     assert sorted(host.rendered) == [0, 1, 2]  # one render a view
     important, scale = importance > threshold, covered**0.5
     assert 0 < important.sum() < N

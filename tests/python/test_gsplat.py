@@ -32,8 +32,14 @@ class Trainer:
 
     def __init__(self, module, max_steps, **settings):
         t = {k: v.float() for k, v in gaussians(3).items()}
-        values = {"means": t["means"], "scales": t["scales"].log(), "quats": t["rotations"],
-                  "opacities": torch.logit(t["opacities"][:, 0]), "sh0": t["sh"][:, :1], "shN": t["sh"][:, 1:]}
+        values = {
+            "means": t["means"],
+            "scales": t["scales"].log(),
+            "quats": t["rotations"],
+            "opacities": torch.logit(t["opacities"][:, 0]),
+            "sh0": t["sh"][:, :1],
+            "shN": t["sh"][:, 1:],
+        }
         self.cameras = [reference.turned_camera(40, 30, cx=16.0 + 4 * i) for i in range(3)]
         self.views, self.truths = [], []
         with torch.no_grad():
@@ -47,8 +53,9 @@ class Trainer:
         self.params = {k: torch.nn.Parameter(v[kept].clone()) for k, v in values.items()}
         rates = {"means": 1e-3, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1e-4}
         self.optimizers = {k: torch.optim.Adam([p], lr=rates[k], eps=1e-15) for k, p in self.params.items()}
-        self.strategy = module.FastGSStrategy(views=self.views, max_steps=max_steps, near_plane=0.2, settings=settings,
-                                              reset_every=200000)  # short runs do not recover from a reset
+        self.strategy = module.FastGSStrategy(
+            views=self.views, max_steps=max_steps, near_plane=0.2, settings=settings, reset_every=200000
+        )  # short runs do not recover from a reset
         self.strategy.check_sanity(self.params, self.optimizers)
         self.state = self.strategy.initialize_state(scene_scale=1.0)
         self.losses = []
@@ -57,9 +64,17 @@ class Trainer:
     def draw(camera, params):
         points = torch.zeros(params["means"].shape[0], 4, requires_grad=True)
         done = splatboost.rasterize(
-            camera, params["means"], torch.sigmoid(params["opacities"]), scales=params["scales"].exp(),
-            rotations=params["quats"], sh_dc=params["sh0"], sh_rest=params["shN"], sh_degree=3, beta=1.0,
-            screen_points=points)
+            camera,
+            params["means"],
+            torch.sigmoid(params["opacities"]),
+            scales=params["scales"].exp(),
+            rotations=params["quats"],
+            sh_dc=params["sh0"],
+            sh_rest=params["shN"],
+            sh_degree=3,
+            beta=1.0,
+            screen_points=points,
+        )
         return done, points
 
     def step(self, step):
@@ -82,8 +97,9 @@ class Trainer:
 
 
 def test_trains_grows_and_prunes(strategy_module):
-    trainer = Trainer(strategy_module, 600, tau_d=0.5, gradient_threshold=1e-5, gradient_abs_threshold=1e-4,
-                      percent_dense=0.15)
+    trainer = Trainer(
+        strategy_module, 600, tau_d=0.5, gradient_threshold=1e-5, gradient_abs_threshold=1e-4, percent_dense=0.15
+    )
     before = trainer.params["means"].shape[0]
     counts = []
     for step in range(600):
@@ -105,8 +121,9 @@ def test_trains_grows_and_prunes(strategy_module):
 
 def test_growth_is_the_adapter_s(strategy_module):
     """One event: what gsplat's operations are asked for is what the adapter says of the same scores."""
-    trainer = Trainer(strategy_module, 30000, tau_d=0.5, gradient_threshold=1e-5, gradient_abs_threshold=1e-4,
-                      percent_dense=0.15)
+    trainer = Trainer(
+        strategy_module, 30000, tau_d=0.5, gradient_threshold=1e-5, gradient_abs_threshold=1e-4, percent_dense=0.15
+    )
     for step in range(30):
         trainer.step(step)
     strategy, state, params = trainer.strategy, trainer.state, trainer.params
@@ -114,15 +131,20 @@ def test_growth_is_the_adapter_s(strategy_module):
     count = state["count"].clamp_min(1)
     with torch.no_grad():
         clone, split = splatboost.Adapter("vanilla", total_iterations=30000, **strategy.settings).grow(
-            1000, strategy._sources(params), scene_extent=1.0, gradients=state["grad2d"] / count,
-            gradients_abs=state["absgrad2d"] / count, max_scales=params["scales"].exp().amax(dim=1))
+            1000,
+            strategy._sources(params),
+            scene_extent=1.0,
+            gradients=state["grad2d"] / count,
+            gradients_abs=state["absgrad2d"] / count,
+            max_scales=params["scales"].exp().amax(dim=1),
+        )
         old = params["means"].detach().clone()
         strategy._grow(params, trainer.optimizers, state, 1000)
     assert clone.any() and split.any()
     assert params["means"].shape[0] == n + clone.sum() + split.sum()
     kept = int((~split).sum())
     assert torch.equal(params["means"].detach()[:kept], old[~split])
-    assert torch.equal(params["means"].detach()[kept:kept + int(clone.sum())], old[clone])
+    assert torch.equal(params["means"].detach()[kept : kept + int(clone.sum())], old[clone])
     assert not state["count"].any() and not state["grad2d"].any()
 
 

@@ -12,8 +12,15 @@ HEADERS = (conftest.ROOT / "core/include/splatboost/c_api.h", conftest.ROOT / "a
 
 
 def run(code, **environment):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False,
-                          cwd=conftest.PACKAGE, env={**os.environ, **environment})
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=conftest.PACKAGE,
+        env={**os.environ, **environment},
+    )
 
 
 def declarations():
@@ -35,12 +42,24 @@ def test_entries_are_those_of_the_headers():
 def test_structs_are_those_of_the_headers():
     from splatboost import _library as lib
 
-    names = {"sb_device": lib.Device, "sb_tensor": lib.Tensor, "sb_camera": lib.Camera, "sb_gaussians": lib.Gaussians,
-             "sb_raster_options": lib.RasterOptions, "sb_raster_outputs": lib.RasterOutputs,
-             "sb_image_gradients": lib.ImageGradients, "sb_gaussian_gradients": lib.GaussianGradients,
-             "sb_truth": lib.Truth, "sb_loss": lib.Loss, "sb_adam_options": lib.AdamOptions,
-             "sb_step_intervals": lib.StepIntervals, "sb_boost": lib.Boost, "sb_density": lib.Density,
-             "sb_scored_view": lib.ScoredView, "sb_views": lib.Views}
+    names = {
+        "sb_device": lib.Device,
+        "sb_tensor": lib.Tensor,
+        "sb_camera": lib.Camera,
+        "sb_gaussians": lib.Gaussians,
+        "sb_raster_options": lib.RasterOptions,
+        "sb_raster_outputs": lib.RasterOutputs,
+        "sb_image_gradients": lib.ImageGradients,
+        "sb_gaussian_gradients": lib.GaussianGradients,
+        "sb_truth": lib.Truth,
+        "sb_loss": lib.Loss,
+        "sb_adam_options": lib.AdamOptions,
+        "sb_step_intervals": lib.StepIntervals,
+        "sb_boost": lib.Boost,
+        "sb_density": lib.Density,
+        "sb_scored_view": lib.ScoredView,
+        "sb_views": lib.Views,
+    }
     found = re.findall(r"typedef struct (sb_\w+) \{(.*?)\} \1;", declarations(), flags=re.S)
     assert {name for name, _ in found} == set(names)
     kinds = {"int32_t": "c_int", "int64_t": "c_long", "uint64_t": "c_ulong", "float": "c_float", "double": "c_double"}
@@ -63,11 +82,11 @@ def test_structs_are_those_of_the_headers():
 
 
 def test_library_shows_nothing_but_the_c_abi():
+    from splatboost import _library as lib
+
     library = conftest.BUILD / "lib/libsplatboost.so"
     symbols = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True).stdout
-    shown = {line.split()[-1] for line in symbols.splitlines()}
-    declared = set(re.findall(r"(sb_\w+)\(", declarations()))
-    assert shown - {"sb_views"} <= declared and "sb_rasterizer_forward" in shown
+    assert {line.split()[-1] for line in symbols.splitlines()} == set(lib._ENTRIES)
 
 
 def test_imports_without_torch_and_without_the_library():
@@ -76,6 +95,7 @@ import sys
 sys.modules["torch"] = None  # as if it were not there
 import splatboost
 assert splatboost.__version__
+assert set(splatboost.__all__) == {"__version__", *splatboost._NAMES}
 from splatboost import steps_at, StepIntervals, Camera
 assert steps_at(StepIntervals(16, 32, 64), 16, 30000)
 try:
@@ -102,9 +122,17 @@ def test_a_library_of_another_abi_is_refused(tmp_path):
 
 
 def test_doctor():
-    done = subprocess.run([sys.executable, "-m", "splatboost", "doctor"], capture_output=True, text=True, check=False,
-                          cwd=conftest.PACKAGE, timeout=120)
-    assert "ok       libsplatboost 0.1.0, ABI 1" in done.stdout
+    done = subprocess.run(
+        [sys.executable, "-m", "splatboost", "doctor"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=conftest.PACKAGE,
+        timeout=120,
+    )
+    from splatboost import __version__
+
+    assert "ok       libsplatboost %s, ABI 1" % __version__ in done.stdout  # CMake's version is the package's
     if "missing" not in done.stdout:
         assert done.returncode == 0 and "draws and differentiates a Gaussian" in done.stdout
     code = "import sys; sys.modules['torch'] = None; from splatboost import doctor; sys.exit(doctor.main())"
@@ -115,6 +143,12 @@ def test_doctor():
 
 
 def test_usage():
-    done = subprocess.run([sys.executable, "-m", "splatboost"], capture_output=True, text=True, check=False,
-                          cwd=conftest.PACKAGE, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-m", "splatboost"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=conftest.PACKAGE,
+        timeout=120,
+    )
     assert done.returncode == 2 and "usage: python -m splatboost doctor" in done.stderr

@@ -28,8 +28,13 @@ def _library() -> List[Line]:
     if lib.has_cuda():
         lines.append(("ok", "libsplatboost runs on CUDA here", ""))
     else:
-        lines.append(("note", "libsplatboost is built without CUDA: tensors must be on the CPU",
-                      "this version of SplatBoost has no CUDA code yet"))
+        lines.append(
+            (
+                "note",
+                "libsplatboost is built without CUDA: tensors must be on the CPU",
+                "this version of SplatBoost has no CUDA code yet",
+            )
+        )
     return lines
 
 
@@ -57,8 +62,11 @@ def _upstream() -> List[Line]:
         what = "installed; the drop-in takes its place" if found else "not installed; the drop-in does its work"
         lines.append(("ok", "%s: %s after install_drop_ins" % (name, what), ""))
     found = importlib.util.find_spec("gsplat") is not None
-    lines.append(("ok", "gsplat: installed", "") if found else
-                 ("note", "gsplat: not installed", "only FastGSStrategy is for it: pip install gsplat"))
+    lines.append(
+        ("ok", "gsplat: installed", "")
+        if found
+        else ("note", "gsplat: not installed", "only FastGSStrategy is for it: pip install gsplat")
+    )
     return lines
 
 
@@ -71,8 +79,14 @@ def _works() -> List[Line]:
 
         camera = Camera(16, 16, 16, 16, 8, 8, (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1))
         opacity = torch.tensor([[0.8]], requires_grad=True)
-        done = rasterize(camera, torch.tensor([[0.0, 0, 2]]), opacity, scales=torch.full((1, 3), 0.1),
-                         rotations=torch.tensor([[1.0, 0, 0, 0]]), colors=torch.ones(1, 3))
+        done = rasterize(
+            camera,
+            torch.tensor([[0.0, 0, 2]]),
+            opacity,
+            scales=torch.full((1, 3), 0.1),
+            rotations=torch.tensor([[1.0, 0, 0, 0]]),
+            colors=torch.ones(1, 3),
+        )
         done.color.sum().backward()
         assert opacity.grad is not None and float(opacity.grad) > 1.0
     except Exception as e:
@@ -82,8 +96,10 @@ def _works() -> List[Line]:
 
 def examine() -> List[Line]:
     """All findings."""
-    lines: List[Line] = [("ok", "Python %s, %s" % (platform.python_version(), sys.executable), ""),
-                         ("ok", "splatboost %s, %s" % (__version__, __file__), "")]
+    lines: List[Line] = [
+        ("ok", "Python %s, %s" % (platform.python_version(), sys.executable), ""),
+        ("ok", "splatboost %s, %s" % (__version__, __file__), ""),
+    ]
     checks: List[Callable[[], List[Line]]] = [_library, _torch, _upstream]
     for check in checks:
         lines += check()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """FastGS as a densification strategy of gsplat (https://github.com/nerfstudio-project/gsplat).
 
-gsplat's tensors, optimizers and operations stay; the scores and the decisions are SplatBoost's. gsplat draws with boxes of
-its own, so the compact box is no part of this.
+gsplat's tensors, optimizers and operations stay; the scores and the decisions are SplatBoost's. gsplat draws with
+boxes of its own, so the compact box is no part of this.
 """
 
 from __future__ import annotations
@@ -103,15 +103,23 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         """Whether the optimizer of this parameter steps now; between steps gradients accumulate."""
         return self.adapter().steps_at("f_rest" if name == "shN" else "xyz", step + 1)
 
-    def step_pre_backward(self, params: Params, optimizers: Optimizers, state: Dict[str, Any], step: int,
-                          info: Dict[str, Any]) -> None:
+    def step_pre_backward(
+        self, params: Params, optimizers: Optimizers, state: Dict[str, Any], step: int, info: Dict[str, Any]
+    ) -> None:
         if "means2d" not in info:
             raise ValueError("info: means2d wanted, as gsplat's rasterization() returns it")
         info["means2d"].retain_grad()
 
     @torch.no_grad()
-    def step_post_backward(self, params: Params, optimizers: Optimizers, state: Dict[str, Any], step: int,
-                           info: Dict[str, Any], packed: bool = False) -> None:
+    def step_post_backward(
+        self,
+        params: Params,
+        optimizers: Optimizers,
+        state: Dict[str, Any],
+        step: int,
+        info: Dict[str, Any],
+        packed: bool = False,
+    ) -> None:
         iteration = step + 1
         adapter = self.adapter(params["means"].device)
         until = self._at(adapter.settings["densify_until"])
@@ -179,10 +187,19 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         height, width = truth.shape[1:]
         bands = 1 + params["shN"].shape[1]
         render = rasterize(
-            Camera.from_matrices(width, height, view.K, view.viewmat), params["means"],
-            torch.sigmoid(params["opacities"]), scales=torch.exp(params["scales"]), rotations=params["quats"],
-            sh_dc=params["sh0"], sh_rest=params["shN"], sh_degree=int(bands**0.5) - 1, background=self.background,
-            beta=1.0, low_pass=self.eps2d, compensate_opacity=self.antialiased, near_plane=self.near_plane,
+            Camera.from_matrices(width, height, view.K, view.viewmat),
+            params["means"],
+            torch.sigmoid(params["opacities"]),
+            scales=torch.exp(params["scales"]),
+            rotations=params["quats"],
+            sh_dc=params["sh0"],
+            sh_rest=params["shN"],
+            sh_degree=int(bands**0.5) - 1,
+            background=self.background,
+            beta=1.0,
+            low_pass=self.eps2d,
+            compensate_opacity=self.antialiased,
+            near_plane=self.near_plane,
         )
         mask = None if view.mask is None else view.mask.to(device)
         return ScoredView(render.color, truth, mask, render)
@@ -196,8 +213,13 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         border = self.adapter().settings["percent_dense"] * state["scene_scale"]
         large = gradients >= self.adapter().settings["gradient_threshold"]  # 3DGS's own rule, where absgrad is off
         clone, split = self.adapter().grow(
-            iteration, self._sources(params), scene_extent=float(state["scene_scale"]), gradients=gradients,
-            gradients_abs=absolute, max_scales=longest, clone=large & (longest <= border),
+            iteration,
+            self._sources(params),
+            scene_extent=float(state["scene_scale"]),
+            gradients=gradients,
+            gradients_abs=absolute,
+            max_scales=longest,
+            clone=large & (longest <= border),
             split=large & (longest > border),
         )
         state["origins"] = torch.arange(n, device=device)
@@ -212,15 +234,18 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         candidates = opacities < self.prune_opa
         if iteration > self._at(self.reset_every):
             candidates |= torch.exp(params["scales"]).amax(dim=-1) > self.prune_scale3d * state["scene_scale"]
-        removed = self.adapter().prune(iteration, self._sources(params), candidates=candidates, origins=origins,
-                                       opacities=opacities)
+        removed = self.adapter().prune(
+            iteration, self._sources(params), candidates=candidates, origins=origins, opacities=opacities
+        )
         self._remove(params, optimizers, state, removed, opacities)
         for name in ("grad2d", "absgrad2d", "count"):
             if state[name] is not None:
                 state[name].zero_()
         if self.verbose:
-            print("Step %d: %d duplicated, %d split, %d pruned, %d Gaussians now" % (
-                iteration - 1, clone.sum(), split.sum(), removed.sum(), params["means"].shape[0]))
+            print(
+                "Step %d: %d duplicated, %d split, %d pruned, %d Gaussians now"
+                % (iteration - 1, clone.sum(), split.sum(), removed.sum(), params["means"].shape[0])
+            )
 
     def _prune_late(self, params: Params, optimizers: Optimizers, state: Dict[str, Any], iteration: int) -> None:
         opacities = torch.sigmoid(params["opacities"]).reshape(-1)
@@ -230,8 +255,14 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         if self.verbose:
             print("Step %d: %d pruned, %d Gaussians now" % (iteration - 1, removed.sum(), params["means"].shape[0]))
 
-    def _remove(self, params: Params, optimizers: Optimizers, state: Dict[str, Any], removed: torch.Tensor,
-                opacities: torch.Tensor) -> None:
+    def _remove(
+        self,
+        params: Params,
+        optimizers: Optimizers,
+        state: Dict[str, Any],
+        removed: torch.Tensor,
+        opacities: torch.Tensor,
+    ) -> None:
         removed = spare_one(opacities, removed)
         if removed.any():
             ops.remove(params=params, optimizers=optimizers, state=state, mask=removed)
