@@ -319,30 +319,16 @@ sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, const s
   return guarded([&] {
     Place place(device);
     const sb_adam_options& o = need(options, "options");
-    const sb_tensor& shape = need(values, "values");
-    const auto same_shape = [&](const sb_tensor* tensor, const char* name) {
-      const std::int64_t* s = shape.shape;
-      switch (shape.dimensions) {
-        case 1:
-          return place.view<float>(tensor, name, {s[0]});
-        case 2:
-          return place.view<float>(tensor, name, {s[0], s[1]});
-        case 3:
-          return place.view<float>(tensor, name, {s[0], s[1], s[2]});
-        case 4:
-          return place.view<float>(tensor, name, {s[0], s[1], s[2], s[3]});
-        default:
-          throw splatboost::ArgumentError("values: 1 to 4 dimensions wanted, " + std::to_string(shape.dimensions) +
-                                          " given");
-      }
+    const auto any_shape = [&](const sb_tensor* tensor, const char* name) {
+      return place.view<float>(tensor, name, {{kAny}, {kAny, kAny}, {kAny, kAny, kAny}, {kAny, kAny, kAny, kAny}});
     };
     const auto rate = [](float v) { return v >= 0.0f && v < 1.0f; };
     SPLATBOOST_CHECK(std::isfinite(o.learning_rate), "learning_rate must be finite");
     SPLATBOOST_CHECK(rate(o.beta1) && rate(o.beta2), "beta1 and beta2 must lie in [0, 1)");
     SPLATBOOST_CHECK(o.epsilon >= 0.0f && std::isfinite(o.epsilon), "epsilon must be finite and not negative");
-    splatboost::adam_step(same_shape(values, "values"), same_shape(gradients, "gradients"),
-                          same_shape(first_moments, "first_moments"), same_shape(second_moments, "second_moments"),
-                          step, {o.learning_rate, o.beta1, o.beta2, o.epsilon}, place.device());
+    splatboost::adam_step(any_shape(values, "values"), any_shape(gradients, "gradients"),
+                          any_shape(first_moments, "first_moments"), any_shape(second_moments, "second_moments"), step,
+                          {o.learning_rate, o.beta1, o.beta2, o.epsilon}, place.device());
   });
 }
 

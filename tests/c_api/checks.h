@@ -19,13 +19,13 @@ static int failures = 0;
     }                                                                                                  \
   } while (0)
 
-#define CHECK_NEAR(a, b, tolerance)                                                          \
-  do {                                                                                       \
-    const double a_ = (a), b_ = (b);                                                         \
-    if (!(fabs(a_ - b_) <= (tolerance))) {                                                   \
-      ++failures;                                                                            \
+#define CHECK_NEAR(a, b, tolerance)                                                                        \
+  do {                                                                                                     \
+    const double a_ = (a), b_ = (b);                                                                       \
+    if (!(fabs(a_ - b_) <= (tolerance))) {                                                                 \
+      ++failures;                                                                                          \
       printf("%s:%d: %s is %.9g, not %.9g ± %.2g\n", __FILE__, __LINE__, #a, a_, b_, (double)(tolerance)); \
-    }                                                                                        \
+    }                                                                                                      \
   } while (0)
 
 /** A dense tensor on the CPU; sizes that are 0 or beyond the dimensions are not read. */

@@ -155,9 +155,7 @@ static sb_status call_ssim(const Entry* e) {
 static sb_status call_importance(const Entry* e) { return sb_importance_scores(NULL, e->p[0], 10, e->p[1]); }
 static sb_status call_pruning(const Entry* e) { return sb_pruning_scores(NULL, e->p[0], e->p[1]); }
 static sb_status call_keep_important(const Entry* e) { return sb_keep_important(NULL, e->p[0], 5, e->p[1], NULL); }
-static sb_status call_keep_sample(const Entry* e) {
-  return sb_keep_weighted_sample(NULL, e->p[0], 1, 0, 0, e->p[1]);
-}
+static sb_status call_keep_sample(const Entry* e) { return sb_keep_weighted_sample(NULL, e->p[0], 1, 0, 0, e->p[1]); }
 static sb_status call_keep_largest(const Entry* e) { return sb_keep_largest(NULL, e->p[0], 1, e->p[1]); }
 static sb_status call_spare_one(const Entry* e) { return sb_spare_one(NULL, e->p[0], e->p[1], NULL); }
 static sb_status call_adam(const Entry* e) {
@@ -229,7 +227,8 @@ static sb_status call_prune_grown(const Entry* e) {
 
 /* ---- the entries with valid arguments ---- */
 
-static void add(Entry* e, int32_t type, int32_t dimensions, int64_t a, int64_t b, int64_t c, int optional, int any_size) {
+static void add(Entry* e, int32_t type, int32_t dimensions, int64_t a, int64_t b, int64_t c, int optional,
+                int any_size) {
   const int i = e->tensors++;
   e->t[i] = tensor(memory[i].f, type, dimensions, a, b, c);
   e->optional[i] = optional;
@@ -535,13 +534,13 @@ static void fuzz_tensors(void) {
 
 /* ---- handles, structs and numbers ---- */
 
-#define REFUSED(call)                                                                             \
-  do {                                                                                            \
-    const sb_status status_ = (call);                                                             \
-    if (status_ == SB_OK || status_ == SB_ERROR_INTERNAL || strlen(sb_last_error()) == 0) {       \
-      ++failures;                                                                                 \
+#define REFUSED(call)                                                                            \
+  do {                                                                                           \
+    const sb_status status_ = (call);                                                            \
+    if (status_ == SB_OK || status_ == SB_ERROR_INTERNAL || strlen(sb_last_error()) == 0) {      \
+      ++failures;                                                                                \
       printf("%s:%d: %s: status %d, %s\n", __FILE__, __LINE__, #call, status_, sb_last_error()); \
-    }                                                                                             \
+    }                                                                                            \
   } while (0)
 
 static void fuzz_devices(void) {
@@ -598,10 +597,10 @@ static void fuzz_devices(void) {
   REFUSED(sb_adapter_create("x", &boost, NULL, &a));
   REFUSED(sb_adapter_create("vanilla", NULL, NULL, &a));
   REFUSED(sb_adapter_create("vanilla", &boost, NULL, NULL));
-#define BROKEN_BOOST(field, value)                              \
-  do {                                                          \
-    sb_boost b = boost;                                         \
-    b.field = value;                                            \
+#define BROKEN_BOOST(field, value)                             \
+  do {                                                         \
+    sb_boost b = boost;                                        \
+    b.field = value;                                           \
     REFUSED(sb_adapter_create("mip-splatting", &b, NULL, &a)); \
   } while (0)
   BROKEN_BOOST(beta, 0.0f);
@@ -632,10 +631,10 @@ static void fuzz_structs(void) {
   REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, NULL, &outputs, NULL));
   REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, NULL, NULL));
   REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &outputs, &outputs));
-#define BROKEN_CAMERA(field, value)                                                          \
-  do {                                                                                       \
-    sb_camera c = camera;                                                                    \
-    c.field = value;                                                                         \
+#define BROKEN_CAMERA(field, value)                                                      \
+  do {                                                                                   \
+    sb_camera c = camera;                                                                \
+    c.field = value;                                                                     \
     REFUSED(sb_rasterizer_forward(rasterizer, &c, &g, &raster_options, &outputs, NULL)); \
   } while (0)
   BROKEN_CAMERA(width, 0);
@@ -648,11 +647,11 @@ static void fuzz_structs(void) {
   BROKEN_CAMERA(fy, -1.0f);
   BROKEN_CAMERA(cx, INFINITY);
   BROKEN_CAMERA(camera_from_world[3], NAN);
-#define BROKEN_OPTION(field, value)                                                      \
-  do {                                                                                   \
-    sb_raster_options o = raster_options;                                                \
-    o.field = value;                                                                     \
-    REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &o, &outputs, NULL));         \
+#define BROKEN_OPTION(field, value)                                              \
+  do {                                                                           \
+    sb_raster_options o = raster_options;                                        \
+    o.field = value;                                                             \
+    REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &o, &outputs, NULL)); \
   } while (0)
   BROKEN_OPTION(box, 2);
   BROKEN_OPTION(box, INT32_MIN);
@@ -662,11 +661,11 @@ static void fuzz_structs(void) {
   BROKEN_OPTION(low_pass, INFINITY);
   BROKEN_OPTION(near_plane, 0.0f);
   BROKEN_OPTION(near_plane, NAN);
-#define BROKEN_GAUSSIANS(field, value)                                                            \
-  do {                                                                                            \
-    sb_gaussians b = g;                                                                           \
-    b.field = value;                                                                              \
-    REFUSED(sb_rasterizer_forward(rasterizer, &camera, &b, &raster_options, &outputs, NULL));     \
+#define BROKEN_GAUSSIANS(field, value)                                                        \
+  do {                                                                                        \
+    sb_gaussians b = g;                                                                       \
+    b.field = value;                                                                          \
+    REFUSED(sb_rasterizer_forward(rasterizer, &camera, &b, &raster_options, &outputs, NULL)); \
   } while (0)
   BROKEN_GAUSSIANS(sh_degree, -1);
   BROKEN_GAUSSIANS(sh_degree, 2);
@@ -825,14 +824,15 @@ static void fuzz_numbers(void) {
 }
 
 int main(void) {
+  const sb_device one_thread = {SB_CPU, 0, 1, NULL};
   sb_boost boost;
   camera = test_camera();
   camera.width = W;
   camera.height = H;
   CHECK(sb_raster_options_default(&raster_options) == SB_OK);
-  CHECK(sb_rasterizer_create(NULL, &rasterizer) == SB_OK);
+  CHECK(sb_rasterizer_create(&one_thread, &rasterizer) == SB_OK);
   CHECK(sb_boost_default("vanilla", &boost) == SB_OK);
-  CHECK(sb_adapter_create("vanilla", &boost, NULL, &adapter) == SB_OK);
+  CHECK(sb_adapter_create("vanilla", &boost, &one_thread, &adapter) == SB_OK);
   fuzz_tensors();
   fill_memory();
   fuzz_devices();

@@ -107,9 +107,9 @@ static void renders_and_differentiates(void) {
     static float ones[3 * PIXELS];
     float g_mean[3], g_scale[3], g_rotation[4], g_opacity[1], g_color[3], g_screen[2], g_abs[2];
     const sb_tensor go = floats(ones, 3, 3, H, W);
-    const sb_tensor gm = floats(g_mean, 2, 1, 3, 0), gs = floats(g_scale, 2, 1, 3, 0), gr = floats(g_rotation, 2, 1, 4, 0),
-                    gp = floats(g_opacity, 1, 1, 0, 0), gc = floats(g_color, 2, 1, 3, 0),
-                    g2 = floats(g_screen, 2, 1, 2, 0), ga = floats(g_abs, 2, 1, 2, 0);
+    const sb_tensor gm = floats(g_mean, 2, 1, 3, 0), gs = floats(g_scale, 2, 1, 3, 0),
+                    gr = floats(g_rotation, 2, 1, 4, 0), gp = floats(g_opacity, 1, 1, 0, 0),
+                    gc = floats(g_color, 2, 1, 3, 0), g2 = floats(g_screen, 2, 1, 2, 0), ga = floats(g_abs, 2, 1, 2, 0);
     sb_image_gradients from;
     sb_gaussian_gradients to;
     double sum_alpha = 0;
@@ -129,8 +129,8 @@ static void renders_and_differentiates(void) {
     CHECK_NEAR(g_opacity[0], (1 + 0.5 + 0.25 - 1) * sum_alpha / 0.8, 1e-3);
     for (i = 0; i < 3; ++i) CHECK_NEAR(g_color[i], sum_alpha, 1e-3);
     for (i = 0; i < 4; ++i) CHECK_NEAR(g_rotation[i], 0, 1e-4); /* a sphere */
-    CHECK_NEAR(g_screen[0], 0, 1e-3);                            /* symmetric ... */
-    CHECK(g_abs[0] > 1 && fabsf(g_abs[0] - g_abs[1]) < 1e-3f);   /* ... but every pixel pulls */
+    CHECK_NEAR(g_screen[0], 0, 1e-3);                           /* symmetric ... */
+    CHECK(g_abs[0] > 1 && fabsf(g_abs[0] - g_abs[1]) < 1e-3f);  /* ... but every pixel pulls */
     for (i = 0; i < 2; ++i) {
       const double step = 1e-3;
       double up, down;
@@ -142,7 +142,8 @@ static void renders_and_differentiates(void) {
       down = draw(rasterizer, &scene, &options);
       *moved = was;
       /* Pixels that pass the 1/255 threshold between the two make the difference uneven. */
-      CHECK_NEAR(i == 0 ? g_mean[2] : g_scale[0], (up - down) / (2 * step), 0.02 * fabs((up - down) / (2 * step)) + 0.05);
+      CHECK_NEAR(i == 0 ? g_mean[2] : g_scale[0], (up - down) / (2 * step),
+                 0.02 * fabs((up - down) / (2 * step)) + 0.05);
     }
   }
   sb_rasterizer_destroy(rasterizer);
@@ -352,7 +353,8 @@ static void decides_as_the_adapter(void) {
   sb_adapter_destroy(adapter);
   sb_adapter_destroy(NULL);
 
-  CHECK(sb_boost_default("dropgaussian", &boost) == SB_OK && boost.schedule == 0 && boost.published_iterations == 10000);
+  CHECK(sb_boost_default("dropgaussian", &boost) == SB_OK && boost.schedule == 0 &&
+        boost.published_iterations == 10000);
   CHECK(sb_boost_default("mip-splatting", &boost) == SB_OK);
   CHECK(sb_boost_default("mipsplatting", &boost) == SB_ERROR_ARGUMENT);
 }

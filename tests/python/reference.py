@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rasterizer in double precision: no tiles, every Gaussian at every pixel, torch's own derivatives. Slow, obvious."""
+"""The rasterizer in double precision: no tiles, every Gaussian at every pixel, torch's own derivatives."""
 
 import math
 
@@ -7,16 +7,33 @@ import torch
 
 SH1 = 0.4886025119029199
 SH2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
-SH3 = (-0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154, -0.4570457994644658,
-       1.445305721320277, -0.5900435899266435)
+SH3 = (
+    -0.5900435899266435,
+    2.890611442640554,
+    -0.4570457994644658,
+    0.3731763325901154,
+    -0.4570457994644658,
+    1.445305721320277,
+    -0.5900435899266435,
+)
 
 
 def rotation_matrices(q):
     w, x, y, z = (q / q.norm(dim=1, keepdim=True)).unbind(1)
-    return torch.stack([
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], dim=1).view(-1, 3, 3)
+    return torch.stack(
+        [
+            1 - 2 * (y * y + z * z),
+            2 * (x * y - w * z),
+            2 * (x * z + w * y),
+            2 * (x * y + w * z),
+            1 - 2 * (x * x + z * z),
+            2 * (y * z - w * x),
+            2 * (x * z - w * y),
+            2 * (y * z + w * x),
+            1 - 2 * (x * x + y * y),
+        ],
+        dim=1,
+    ).view(-1, 3, 3)
 
 
 def covariances_of(scales, rotations):
@@ -31,18 +48,45 @@ def sh_colors(sh, degree, directions):
     if degree > 0:
         basis += [-SH1 * y, SH1 * z, -SH1 * x]
     if degree > 1:
-        basis += [SH2[0] * x * y, SH2[1] * y * z, SH2[2] * (2 * z * z - x * x - y * y), SH2[3] * x * z,
-                  SH2[4] * (x * x - y * y)]
+        basis += [
+            SH2[0] * x * y,
+            SH2[1] * y * z,
+            SH2[2] * (2 * z * z - x * x - y * y),
+            SH2[3] * x * z,
+            SH2[4] * (x * x - y * y),
+        ]
     if degree > 2:
-        basis += [SH3[0] * y * (3 * x * x - y * y), SH3[1] * x * y * z, SH3[2] * y * (4 * z * z - x * x - y * y),
-                  SH3[3] * z * (2 * z * z - 3 * x * x - 3 * y * y), SH3[4] * x * (4 * z * z - x * x - y * y),
-                  SH3[5] * z * (x * x - y * y), SH3[6] * x * (x * x - 3 * y * y)]
+        basis += [
+            SH3[0] * y * (3 * x * x - y * y),
+            SH3[1] * x * y * z,
+            SH3[2] * y * (4 * z * z - x * x - y * y),
+            SH3[3] * z * (2 * z * z - 3 * x * x - 3 * y * y),
+            SH3[4] * x * (4 * z * z - x * x - y * y),
+            SH3[5] * z * (x * x - y * y),
+            SH3[6] * x * (x * x - 3 * y * y),
+        ]
     basis = torch.stack(basis, dim=1)
     return (0.5 + (basis[:, :, None] * sh[:, : basis.shape[1]]).sum(1)).clamp(min=0)
 
 
-def render(camera, means, opacities, *, scales=None, rotations=None, covariances=None, sh=None, sh_degree=0, colors=None,
-           features=None, background=(0, 0, 0), low_pass=0.3, compensate_opacity=False, near_plane=0.2, shift=None):
+def render(
+    camera,
+    means,
+    opacities,
+    *,
+    scales=None,
+    rotations=None,
+    covariances=None,
+    sh=None,
+    sh_degree=0,
+    colors=None,
+    features=None,
+    background=(0, 0, 0),
+    low_pass=0.3,
+    compensate_opacity=False,
+    near_plane=0.2,
+    shift=None,
+):
     """color, features, inverse depth, alpha and per-pixel counts [N,H,W]; all inputs float64.
 
     shift [N,2]: pixels added to the projected means, to differentiate by them.
@@ -57,14 +101,16 @@ def render(camera, means, opacities, *, scales=None, rotations=None, covariances
         mean2 = mean2 + shift
     rx, ry = (x / z).clamp(-limit_x, limit_x), (y / z).clamp(-limit_y, limit_y)
     zero = torch.zeros_like(z)
-    jacobian = torch.stack([camera.fx / z, zero, -camera.fx * rx / z, zero, camera.fy / z, -camera.fy * ry / z],
-                           dim=1).view(-1, 2, 3)
+    jacobian = torch.stack(
+        [camera.fx / z, zero, -camera.fx * rx / z, zero, camera.fy / z, -camera.fy * ry / z], dim=1
+    ).view(-1, 2, 3)
     if covariances is None:
         cov3 = covariances_of(scales, rotations)
     else:
         c = covariances
-        cov3 = torch.stack([c[:, 0], c[:, 1], c[:, 2], c[:, 1], c[:, 3], c[:, 4], c[:, 2], c[:, 4], c[:, 5]],
-                           dim=1).view(-1, 3, 3)
+        cov3 = torch.stack(
+            [c[:, 0], c[:, 1], c[:, 2], c[:, 1], c[:, 3], c[:, 4], c[:, 2], c[:, 4], c[:, 5]], dim=1
+        ).view(-1, 3, 3)
     t = jacobian @ rotation
     bare = t @ cov3 @ t.transpose(1, 2)
     cov2 = bare + low_pass * torch.eye(2, dtype=torch.float64)
@@ -134,8 +180,13 @@ def matrices_3dgs(camera, near=0.01, far=100.0):
     projection[2, 3] = -far * near / (far - near)
     projection[3, 2] = 1
     centre = -world[:3, :3].T @ world[:3, 3]
-    return (world.T.float().contiguous(), (projection @ world).T.float().contiguous(), centre.float(),
-            0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy)
+    return (
+        world.T.float().contiguous(),
+        (projection @ world).T.float().contiguous(),
+        centre.float(),
+        0.5 * camera.width / camera.fx,
+        0.5 * camera.height / camera.fy,
+    )
 
 
 def turned_camera(width=30, height=22, cx=None, cy=None):
@@ -148,5 +199,12 @@ def turned_camera(width=30, height=22, cx=None, cy=None):
     world[:3, 3] = torch.tensor([0.1, -0.05, 4.0])
     from splatboost import Camera
 
-    return Camera(width, height, 28.0, 26.0, 0.5 * width if cx is None else cx, 0.5 * height if cy is None else cy,
-                  tuple(world.flatten().tolist()))
+    return Camera(
+        width,
+        height,
+        28.0,
+        26.0,
+        0.5 * width if cx is None else cx,
+        0.5 * height if cy is None else cy,
+        tuple(world.flatten().tolist()),
+    )

@@ -17,8 +17,10 @@ from splatboost import compat, drop_ins
 from splatboost.camera import Camera
 
 N = 24
-FIELDS = ("image_height image_width tanfovx tanfovy bg scale_modifier viewmatrix projmatrix sh_degree campos prefiltered "
-          "debug").split()
+FIELDS = (
+    "image_height image_width tanfovx tanfovy bg scale_modifier viewmatrix projmatrix sh_degree campos prefiltered "
+    "debug"
+).split()
 ARGUMENTS = "means3D means2D opacities shs colors_precomp scales rotations cov3D_precomp".split()
 
 
@@ -28,9 +30,20 @@ def module(layout):
 
 def settings(layout, camera, sh_degree=3, **changes):
     view, full, centre, tanfovx, tanfovy = reference.matrices_3dgs(camera)
-    values = dict(image_height=camera.height, image_width=camera.width, tanfovx=tanfovx, tanfovy=tanfovy,
-                  bg=torch.tensor([0.1, 0.2, 0.3]), scale_modifier=1.0, viewmatrix=view, projmatrix=full,
-                  sh_degree=sh_degree, campos=centre, prefiltered=False, debug=False)
+    values = dict(
+        image_height=camera.height,
+        image_width=camera.width,
+        tanfovx=tanfovx,
+        tanfovy=tanfovy,
+        bg=torch.tensor([0.1, 0.2, 0.3]),
+        scale_modifier=1.0,
+        viewmatrix=view,
+        projmatrix=full,
+        sh_degree=sh_degree,
+        campos=centre,
+        prefiltered=False,
+        debug=False,
+    )
     if layout == "mip-splatting":
         values.update(kernel_size=0.1, subpixel_offset=torch.zeros(camera.height, camera.width, 2))
     values.update(changes)
@@ -93,21 +106,30 @@ def test_matrices_that_do_not_fit_are_refused():
 def inputs(seed=0, dc_apart=False):
     tensors = small(seed)
     sh = ((torch.rand(N, 16, 3, generator=torch.Generator().manual_seed(9)) - 0.4) * 0.8).requires_grad_()
-    arguments = dict(means3D=tensors["means"], means2D=torch.zeros(N, 3, requires_grad=True),
-                     opacities=tensors["opacities"], shs=sh, scales=tensors["scales"], rotations=tensors["rotations"])
+    arguments = dict(
+        means3D=tensors["means"],
+        means2D=torch.zeros(N, 3, requires_grad=True),
+        opacities=tensors["opacities"],
+        shs=sh,
+        scales=tensors["scales"],
+        rotations=tensors["rotations"],
+    )
     if dc_apart:
         arguments["dc"] = sh.detach()[:, :1].clone().requires_grad_()
         arguments["shs"] = sh.detach()[:, 1:].clone().requires_grad_()
     return arguments
 
 
-@pytest.mark.parametrize("layout, options", [
-    ("3dgs-2023", {}),
-    ("3dgs-2024", {}),
-    ("3dgs-2024", {"antialiasing": True}),
-    ("3dgs-accelerated", {"antialiasing": False}),
-    ("mip-splatting", {}),
-])
+@pytest.mark.parametrize(
+    "layout, options",
+    [
+        ("3dgs-2023", {}),
+        ("3dgs-2024", {}),
+        ("3dgs-2024", {"antialiasing": True}),
+        ("3dgs-accelerated", {"antialiasing": False}),
+        ("mip-splatting", {}),
+    ],
+)
 def test_each_layout_draws_the_reference(layout, options):
     """The 3σ square cuts what lies beyond it: opacities are low enough that this is below the threshold."""
     camera = reference.turned_camera(cx=14.0)
@@ -120,8 +142,14 @@ def test_each_layout_draws_the_reference(layout, options):
     names = {"means": "means3D", "opacities": "opacities", "scales": "scales", "rotations": "rotations"}
     exact = {k: arguments[v].detach().double().requires_grad_() for k, v in names.items()}
     image, _, depth, _, counts = reference.render(
-        camera, **exact, sh=sh.detach().double(), sh_degree=3, background=(0.1, 0.2, 0.3), low_pass=0.1 if mip else 0.3,
-        compensate_opacity=mip or options.get("antialiasing", False))
+        camera,
+        **exact,
+        sh=sh.detach().double(),
+        sh_degree=3,
+        background=(0.1, 0.2, 0.3),
+        low_pass=0.1 if mip else 0.3,
+        compensate_opacity=mip or options.get("antialiasing", False),
+    )
     # float32 matrices of 3DGS: the principal point is good to about 1e-6 of the image.
     assert (color - image).abs().max() < 1e-4
     assert radii.dtype == torch.int32 and torch.equal(radii > 0, radii != 0)
@@ -149,17 +177,30 @@ def test_precomputed_colors_covariances_and_scale_modifier():
     arguments = inputs()
     del arguments["shs"]
     colors = torch.rand(N, 3)
-    doubled = m.GaussianRasterizer(settings("3dgs-2023", camera, scale_modifier=2.0))(**arguments, colors_precomp=colors)
+    doubled = m.GaussianRasterizer(settings("3dgs-2023", camera, scale_modifier=2.0))(
+        **arguments, colors_precomp=colors
+    )
     arguments["scales"] = arguments["scales"] * 2
     plain = m.GaussianRasterizer(settings("3dgs-2023", camera))(**arguments, colors_precomp=colors)
     assert torch.equal(doubled[0], plain[0])
-    cov = reference.covariances_of(arguments.pop("scales").detach().double(), arguments.pop("rotations").detach().double())
+    cov = reference.covariances_of(
+        arguments.pop("scales").detach().double(), arguments.pop("rotations").detach().double()
+    )
     cov = torch.stack([cov[:, 0, 0], cov[:, 0, 1], cov[:, 0, 2], cov[:, 1, 1], cov[:, 1, 2], cov[:, 2, 2]], 1).float()
     given = m.GaussianRasterizer(settings("3dgs-2023", camera))(**arguments, colors_precomp=colors, cov3D_precomp=cov)
     assert (given[0] - plain[0]).abs().max() < 1e-4
     empty = torch.Tensor([])
-    same = m.rasterize_gaussians(arguments["means3D"], arguments["means2D"], empty, colors, arguments["opacities"], empty,
-                                 empty, cov, settings("3dgs-2023", camera))
+    same = m.rasterize_gaussians(
+        arguments["means3D"],
+        arguments["means2D"],
+        empty,
+        colors,
+        arguments["opacities"],
+        empty,
+        empty,
+        cov,
+        settings("3dgs-2023", camera),
+    )
     assert torch.equal(same[0], given[0])
 
 
@@ -210,7 +251,8 @@ def test_wrong_combinations_are_refused():
         rasterizer(**arguments, cov3D_precomp=torch.zeros(N, 6))
     offset = torch.full((22, 30, 2), 0.25)
     mip = module("mip-splatting").GaussianRasterizer(
-        settings("mip-splatting", reference.turned_camera(), subpixel_offset=offset))
+        settings("mip-splatting", reference.turned_camera(), subpixel_offset=offset)
+    )
     with pytest.raises(ValueError, match="subpixel_offset: zeros wanted"):
         mip(**arguments)
 
@@ -235,33 +277,37 @@ def test_sparse_adam_steps_what_was_visible():
         optimizer.step(visible[:3], 4)
 
 
-@pytest.mark.parametrize("layout", sorted(drop_ins.LAYOUTS))
-def test_install_drop_ins(layout):
+def test_install_drop_ins():
     """In a process of its own: sys.modules is the whole process's."""
     script = """
 import sys, splatboost
-names = splatboost.install_drop_ins(%r)
-assert splatboost.install_drop_ins(%r) == names
-from diff_gaussian_rasterization import GaussianRasterizationSettings, GaussianRasterizer
-from simple_knn._C import distCUDA2
-from fused_ssim import fused_ssim
+from splatboost.drop_ins import LAYOUTS
+for layout in LAYOUTS:
+    names = splatboost.install_drop_ins(layout)
+    assert splatboost.install_drop_ins(layout) == names
+    from diff_gaussian_rasterization import GaussianRasterizationSettings, GaussianRasterizer
+    from simple_knn._C import distCUDA2
+    from fused_ssim import fused_ssim
+    assert GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS[layout]
+    other = "3dgs-2023" if layout != "3dgs-2023" else "3dgs-2024"
+    try:
+        splatboost.install_drop_ins(other)
+    except RuntimeError as e:
+        assert "imported already" in str(e)
+    else:
+        raise AssertionError("a second layout was taken")
+    for name in names:
+        del sys.modules[name]
 import torch
 points = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
 assert abs(distCUDA2(points)[0] - 59 / 3) < 1e-5
 image = torch.rand(1, 3, 20, 20)
 assert abs(fused_ssim(image, image) - 1) < 1e-6
-other = "3dgs-2023" if %r != "3dgs-2023" else "3dgs-2024"
-try:
-    splatboost.install_drop_ins(other)
-except RuntimeError as e:
-    assert "imported already" in str(e)
-else:
-    raise AssertionError("a second layout was taken")
 try:
     splatboost.install_drop_ins("3dgs")
 except ValueError as e:
     assert "layout: one of" in str(e)
 else:
     raise AssertionError("an unknown layout was taken")
-""" % (layout, layout, layout)
+"""
     subprocess.run([sys.executable, "-c", script], check=True, cwd=conftest.PACKAGE, timeout=120)

@@ -50,8 +50,7 @@ def both(tensors, **options):
         weights.manual_seed(5)
         loss = sum((i * torch.randn(i.shape, generator=weights).to(dtype)).sum() for i in images)
         gradients = torch.autograd.grad(loss, list(inputs.values()))
-        results.append(([i.detach().double() for i in images],
-                        {k: g.double() for k, g in zip(inputs, gradients)}))
+        results.append(([i.detach().double() for i in images], {k: g.double() for k, g in zip(inputs, gradients)}))
     return results
 
 
@@ -62,8 +61,10 @@ CASES = {
     "features": (("means", "opacities", "scales", "rotations", "colors", "features"), {}),
     "covariances": (("means", "opacities", "covariances", "colors"), {}),
     "antialiasing": (("means", "opacities", "scales", "rotations", "colors"), {"compensate_opacity": True}),
-    "mip filter": (("means", "opacities", "scales", "rotations", "colors"),
-                   {"compensate_opacity": True, "low_pass": 0.1}),
+    "mip filter": (
+        ("means", "opacities", "scales", "rotations", "colors"),
+        {"compensate_opacity": True, "low_pass": 0.1},
+    ),
 }
 
 
@@ -125,8 +126,13 @@ def test_screen_gradients_are_those_of_the_mean_on_screen():
         absolute += g.abs()
     for columns, absolute_sum in ((4, False), (3, False), (3, True)):
         points = torch.zeros(N, columns, requires_grad=True)
-        done = splatboost.rasterize(camera, **{k: v.float() for k, v in exact.items()}, beta=1.0, screen_points=points,
-                                    absolute_sum=absolute_sum)
+        done = splatboost.rasterize(
+            camera,
+            **{k: v.float() for k, v in exact.items()},
+            beta=1.0,
+            screen_points=points,
+            absolute_sum=absolute_sum,
+        )
         (done.color * weights).sum().backward()
         g = points.grad.double()
         assert (g[:, :2] - signed * half).abs().max() < 1e-3 * (1 + (signed * half).abs().max())
@@ -150,8 +156,9 @@ def test_counts_are_the_reference_s():
     with torch.no_grad():
         done = splatboost.rasterize(camera, **tensors, beta=1.0)
         assert torch.equal(done.count_flagged(flagged), wanted.int())
-        assert torch.equal(done.count_flagged(flagged.to(torch.uint8), torch.ones(N, dtype=torch.int32)),
-                           wanted.int() + 1)
+        assert torch.equal(
+            done.count_flagged(flagged.to(torch.uint8), torch.ones(N, dtype=torch.int32)), wanted.int() + 1
+        )
     assert wanted.sum() > 100
     assert torch.equal(done.visible, done.radii > 0)
 
@@ -195,8 +202,13 @@ def test_a_loop_keeps_one_workspace():
 
 def test_no_gaussians_give_the_background():
     camera = reference.turned_camera()
-    empty = {"means": torch.zeros(0, 3, requires_grad=True), "opacities": torch.zeros(0, 1), "scales": torch.zeros(0, 3),
-             "rotations": torch.zeros(0, 4), "colors": torch.zeros(0, 3)}
+    empty = {
+        "means": torch.zeros(0, 3, requires_grad=True),
+        "opacities": torch.zeros(0, 1),
+        "scales": torch.zeros(0, 3),
+        "rotations": torch.zeros(0, 4),
+        "colors": torch.zeros(0, 3),
+    }
     done = splatboost.rasterize(camera, **empty, background=torch.tensor([0.1, 0.2, 0.3]))
     done.color.sum().backward()
     assert torch.allclose(done.color[:, 3, 4], torch.tensor([0.1, 0.2, 0.3]))
@@ -213,20 +225,29 @@ def test_visible_radii_are_those_of_the_square():
     assert torch.equal(splatboost.mark_visible(camera, tensors["means"]), ~behind)
 
 
-@pytest.mark.parametrize("change, message", [
-    ({"means": torch.zeros(N, 2)}, r"means: shape \[N,3\] wanted, \[24, 2\] given"),
-    ({"means": torch.zeros(N, 3).double()}, "means: float32 wanted, float64 given"),
-    ({"means": [[0.0, 0.0, 0.0]]}, "means: a tensor wanted, list given"),
-    ({"opacities": torch.zeros(N + 1, 1)}, r"opacities: shape \[24,1\] or \[24\] wanted, \[25, 1\] given"),
-    ({"scales": None}, "either scales and rotations, or covariances"),
-    ({"colors": None}, "either sh, or sh_dc"),
-    ({"features": torch.zeros(N, 9)}, "features: at most 8 channels"),
-    ({"background": (0.0, 1.0)}, "background: 3 numbers wanted, 2 given"),
-    ({"beta": 1.5}, "beta must lie in"),
-    ({"screen_points": torch.zeros(N, 2)}, r"screen_points: shape \[24,3\] or \[24,4\] wanted"),
-    ({"means": torch.zeros(N, 3, device="meta")}, "means: a tensor of the CPU or of CUDA wanted, one on meta given"),
-    ({"opacities": torch.zeros(N, 1, device="meta")}, "opacities: a tensor on cpu wanted .as means., one on meta given"),
-])
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"means": torch.zeros(N, 2)}, r"means: shape \[N,3\] wanted, \[24, 2\] given"),
+        ({"means": torch.zeros(N, 3).double()}, "means: float32 wanted, float64 given"),
+        ({"means": [[0.0, 0.0, 0.0]]}, "means: a tensor wanted, list given"),
+        ({"opacities": torch.zeros(N + 1, 1)}, r"opacities: shape \[24,1\] or \[24\] wanted, \[25, 1\] given"),
+        ({"scales": None}, "either scales and rotations, or covariances"),
+        ({"colors": None}, "either sh, or sh_dc"),
+        ({"features": torch.zeros(N, 9)}, "features: at most 8 channels"),
+        ({"background": (0.0, 1.0)}, "background: 3 numbers wanted, 2 given"),
+        ({"beta": 1.5}, "beta must lie in"),
+        ({"screen_points": torch.zeros(N, 2)}, r"screen_points: shape \[24,3\] or \[24,4\] wanted"),
+        (
+            {"means": torch.zeros(N, 3, device="meta")},
+            "means: a tensor of the CPU or of CUDA wanted, one on meta given",
+        ),
+        (
+            {"opacities": torch.zeros(N, 1, device="meta")},
+            "opacities: a tensor on cpu wanted .as means., one on meta given",
+        ),
+    ],
+)
 def test_bad_arguments_are_named(change, message):
     with pytest.raises(ValueError, match=message):
         splatboost.rasterize(reference.turned_camera(), **{**small(), **change})

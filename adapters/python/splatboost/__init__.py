@@ -63,7 +63,39 @@ _NAMES = {
     for name in names
 }
 
-__all__ = ["__version__"] + sorted(_NAMES)
+__all__ = [
+    "__version__",
+    "adam_step",
+    "Adapter",
+    "Camera",
+    "exponential_rate",
+    "flag_errors",
+    "fused_ssim",
+    "get_beta",
+    "importance_scores",
+    "install_drop_ins",
+    "keep_important",
+    "keep_largest",
+    "keep_weighted_sample",
+    "last_render",
+    "LibraryError",
+    "Loss",
+    "mark_visible",
+    "mean_squared_neighbor_distances",
+    "NoCudaError",
+    "photometric_loss",
+    "pruning_scores",
+    "rasterize",
+    "Render",
+    "scaled_iteration",
+    "ScoredView",
+    "set_beta",
+    "set_threads",
+    "spare_one",
+    "StepIntervals",
+    "steps_at",
+    "visible_radii",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -283,7 +283,8 @@ def load() -> ctypes.CDLL:
         if version is None or version() != ABI_VERSION:
             have = "none" if version is None else str(version())
             raise LibraryError(
-                "%s has ABI version %s, this package needs %d: reinstall both from one version" % (path, have, ABI_VERSION)
+                "%s has ABI version %s, this package needs %d: reinstall both from one version"
+                % (path, have, ABI_VERSION)
             )
         for name, (result, arguments) in _ENTRIES.items():
             entry = getattr(library, name)

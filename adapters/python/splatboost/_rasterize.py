@@ -104,8 +104,13 @@ def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]])
     gaussians = _gaussians(place, tensors, call.sh_degree)
     call.lease = _take_workspace(place)
     lib.call(
-        "sb_rasterizer_forward", call.lease.workspace.handle, ctypes.byref(call.camera.c_struct()),
-        ctypes.byref(gaussians), ctypes.byref(call.options), ctypes.byref(outputs), place.stream,
+        "sb_rasterizer_forward",
+        call.lease.workspace.handle,
+        ctypes.byref(call.camera.c_struct()),
+        ctypes.byref(gaussians),
+        ctypes.byref(call.options),
+        ctypes.byref(outputs),
+        place.stream,
     )
     return images
 
@@ -146,7 +151,8 @@ class _Rasterize(torch.autograd.Function):
             needs["sh_dc"] = needs["sh_rest"] = ctx.needs_input_grad[2]
         gradients: Dict[str, Optional[torch.Tensor]] = {
             name: torch.empty_like(tensor, memory_format=torch.contiguous_format)
-            if tensor is not None and needs[name] else None
+            if tensor is not None and needs[name]
+            else None
             for name, tensor in tensors.items()
         }
         n = means.shape[0]
@@ -169,8 +175,12 @@ class _Rasterize(torch.autograd.Function):
         )
         gaussians = _gaussians(place, tensors, call.sh_degree)
         lib.call(
-            "sb_rasterizer_backward", call.lease.workspace.handle, ctypes.byref(gaussians),
-            ctypes.byref(image_gradients), ctypes.byref(targets), place.stream,
+            "sb_rasterizer_backward",
+            call.lease.workspace.handle,
+            ctypes.byref(gaussians),
+            ctypes.byref(image_gradients),
+            ctypes.byref(targets),
+            place.stream,
         )
         call.lease.pending = False
 
@@ -201,8 +211,15 @@ class Render:
     alpha          [1,H,W] 1 − final transmittance, or None
     """
 
-    def __init__(self, color: torch.Tensor, radii: torch.Tensor, features: Optional[torch.Tensor],
-                 inverse_depth: Optional[torch.Tensor], alpha: Optional[torch.Tensor], lease: _Lease):
+    def __init__(
+        self,
+        color: torch.Tensor,
+        radii: torch.Tensor,
+        features: Optional[torch.Tensor],
+        inverse_depth: Optional[torch.Tensor],
+        alpha: Optional[torch.Tensor],
+        lease: _Lease,
+    ):
         self.color = color
         self.radii = radii
         self.features = features
@@ -276,9 +293,10 @@ def rasterize(
     low_pass       variance in px² added to a splat's both axes
     compensate_opacity   opacity × sqrt(det Σ / det(Σ + low_pass)): 3DGS's antialiasing, Mip-Splatting's 2D filter
     inverse_depth, alpha  whether to draw them
-    screen_points  [N,3] or [N,4], its values are not read: its gradient receives that of the means on screen, in NDC
-                   units as 3DGS has it. With 4 columns, 2 and 3 are the sums over pixels of the absolute gradients along
-                   x and y (AbsGS); with 3, column 2 is 0, or their sum with absolute_sum (Mip-Splatting)
+    screen_points  [N,3] or [N,4], its values are not read: its gradient receives that of the means on screen, in
+                   NDC units as 3DGS has it. With 4 columns, 2 and 3 are the sums over pixels of the absolute
+                   gradients along x and y (AbsGS); with 3, column 2 is 0, or their sum with absolute_sum
+                   (Mip-Splatting)
     """
     n = means.shape[0] if isinstance(means, torch.Tensor) and means.dim() > 0 else 0
     check(means, "means", _F32, ("N", 3))
@@ -306,8 +324,11 @@ def rasterize(
         raise ValueError("sh: shape [%d,K,3] with K > 0 wanted, %s given" % (n, list(sh.shape)))
 
     options = lib.RasterOptions(
-        lib.BOX_SQUARE if beta is None else lib.BOX_ELLIPSE, 1.0 if beta is None else beta, low_pass,
-        int(compensate_opacity), near_plane,
+        lib.BOX_SQUARE if beta is None else lib.BOX_ELLIPSE,
+        1.0 if beta is None else beta,
+        low_pass,
+        int(compensate_opacity),
+        near_plane,
     )
     shade = host_rows(background)[0]
     if len(shade) != 3:
@@ -331,7 +352,11 @@ def mark_visible(camera: Camera, means: torch.Tensor, near_plane: float = 0.2) -
     place = Place(means, "means")
     visible = place.empty((means.shape[0],), torch.uint8)
     lib.call(
-        "sb_mark_visible", place.c_device(), ctypes.byref(camera.c_struct()), place.view(means, "means"), near_plane,
+        "sb_mark_visible",
+        place.c_device(),
+        ctypes.byref(camera.c_struct()),
+        place.view(means, "means"),
+        near_plane,
         place.target(visible, "visible"),
     )
     return visible.bool()
@@ -359,7 +384,11 @@ def visible_radii(
     tensors.update(means=means, scales=scales, rotations=rotations, covariances=covariances)
     options = lib.RasterOptions(lib.BOX_SQUARE, 1.0, low_pass, 0, near_plane)
     lib.call(
-        "sb_visible_radii", place.c_device(), ctypes.byref(camera.c_struct()),
-        ctypes.byref(_gaussians(place, tensors, 0)), ctypes.byref(options), place.target(radii, "radii"),
+        "sb_visible_radii",
+        place.c_device(),
+        ctypes.byref(camera.c_struct()),
+        ctypes.byref(_gaussians(place, tensors, 0)),
+        ctypes.byref(options),
+        place.target(radii, "radii"),
     )
     return radii

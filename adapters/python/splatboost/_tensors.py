@@ -53,8 +53,8 @@ class Place:
         elif self.device.type == "cuda":
             if not lib.has_cuda():
                 raise lib.NoCudaError(
-                    "%s is on %s, but this libsplatboost is built without CUDA: move the tensors to the CPU, or install "
-                    "a build with CUDA ('python -m splatboost doctor' tells what is there)" % (name, self.device)
+                    "%s is on %s, but this libsplatboost is built without CUDA: move the tensors to the CPU, or "
+                    "install a build with CUDA ('python -m splatboost doctor' tells what is there)" % (name, self.device)
                 )
             self.kind, self.index = lib.CUDA, int(self.device.index or 0)
         else:
@@ -74,11 +74,13 @@ class Place:
 
     def check_here(self, tensor: torch.Tensor, name: str) -> None:
         if tensor.device != self.device:
-            raise ValueError("%s: a tensor on %s wanted (as %s), one on %s given" % (
-                name, self.device, self._first, tensor.device))
+            raise ValueError(
+                "%s: a tensor on %s wanted (as %s), one on %s given" % (name, self.device, self._first, tensor.device)
+            )
 
-    def view(self, tensor: Optional[torch.Tensor], name: str, dtype: Optional[torch.dtype] = None,
-             *shapes: Sequence[Size]) -> Any:
+    def view(
+        self, tensor: Optional[torch.Tensor], name: str, dtype: Optional[torch.dtype] = None, *shapes: Sequence[Size]
+    ) -> Any:
         """Pointer to a view, or None for None. A tensor that is read may have any strides; it is copied if it must.
 
         The view is valid as long as this place is.

@@ -42,8 +42,8 @@ class Adapter:
     """Decisions of one run.
 
     backbone: "vanilla", "mip-splatting" or "dropgaussian". total_iterations: length of the host's run, to which the
-    published iteration numbers scale. settings: fields of the C struct sb_boost, such as vcd, vcp, cb, absgrad, schedule
-    (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until, seed; see `settings`.
+    published iteration numbers scale. settings: fields of the C struct sb_boost, such as vcd, vcp, cb, absgrad,
+    schedule (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until, seed; see `settings`.
     device: where the host's renders and masks are.
     """
 
@@ -98,8 +98,9 @@ class Adapter:
     def steps_at(self, group: str, iteration: int) -> bool:
         """Whether a parameter group ("xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation") steps now."""
         answer = ctypes.c_int32()
-        lib.call("sb_adapter_steps_at", self._handle, group.encode(), iteration, self.total_iterations,
-                 ctypes.byref(answer))
+        lib.call(
+            "sb_adapter_steps_at", self._handle, group.encode(), iteration, self.total_iterations, ctypes.byref(answer)
+        )
         return bool(answer.value)
 
     def grow(
@@ -130,11 +131,25 @@ class Adapter:
             check(mask, name, torch.bool, (n,))
             masks.append(mask.to(torch.uint8))
         place = Place(gradients, "gradients")
-        density = self._density(place, iteration, n, scene_extent=scene_extent, gradients=gradients,
-                                gradients_abs=gradients_abs, max_scales=max_scales, opacities=opacities)
+        density = self._density(
+            place,
+            iteration,
+            n,
+            scene_extent=scene_extent,
+            gradients=gradients,
+            gradients_abs=gradients_abs,
+            max_scales=max_scales,
+            opacities=opacities,
+        )
         with _Host(views, n, self.device) as host:
-            host.call("sb_adapter_grow", self._handle, ctypes.byref(density), host.c_views(),
-                      place.target(masks[0], "clone"), place.target(masks[1], "split"))
+            host.call(
+                "sb_adapter_grow",
+                self._handle,
+                ctypes.byref(density),
+                host.c_views(),
+                place.target(masks[0], "clone"),
+                place.target(masks[1], "split"),
+            )
         return masks[0].bool(), masks[1].bool()
 
     def prune(
@@ -162,8 +177,14 @@ class Adapter:
             check(origins, "origins", torch.int32, (m,))
         density = self._density(place, iteration, m, opacities=opacities)
         with _Host(views, m, self.device) as host:
-            host.call("sb_adapter_prune", self._handle, ctypes.byref(density), host.c_views(),
-                      place.target(remove, "remove"), place.view(origins, "origins"))
+            host.call(
+                "sb_adapter_prune",
+                self._handle,
+                ctypes.byref(density),
+                host.c_views(),
+                place.target(remove, "remove"),
+                place.view(origins, "origins"),
+            )
         return remove.bool()
 
     def _rows(self, tensor: Any, name: str) -> int:
@@ -173,8 +194,9 @@ class Adapter:
             raise ValueError("%s: a tensor on %s wanted, one on %s given" % (name, self.device, tensor.device))
         return int(tensor.shape[0])
 
-    def _density(self, place: Place, iteration: int, n: int, scene_extent: float = 0.0,
-                 **statistics: Optional[torch.Tensor]) -> lib.Density:
+    def _density(
+        self, place: Place, iteration: int, n: int, scene_extent: float = 0.0, **statistics: Optional[torch.Tensor]
+    ) -> lib.Density:
         density = lib.Density(iteration, self.total_iterations, scene_extent)
         for name, tensor in statistics.items():
             if tensor is not None:

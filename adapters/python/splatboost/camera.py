@@ -40,12 +40,13 @@ class Camera:
         return Camera(int(width), int(height), k[0][0], k[1][1], k[0][2], k[1][2], tuple(flat))
 
     @staticmethod
-    def from_3dgs(height: int, width: int, tanfovx: float, tanfovy: float, viewmatrix: Any, projmatrix: Any,
-                  campos: Any = None) -> "Camera":
+    def from_3dgs(
+        height: int, width: int, tanfovx: float, tanfovy: float, viewmatrix: Any, projmatrix: Any, campos: Any = None
+    ) -> "Camera":
         """From what 3DGS's rasterizer is given.
 
         viewmatrix, projmatrix: 4×4 for points that are rows (world → camera, world → clip). The principal point is in
-        projmatrix. campos must be the centre that viewmatrix has; the view directions of spherical harmonics start there.
+        projmatrix. campos must be the centre that viewmatrix has; view directions of spherical harmonics start there.
         """
         view, full = host_rows(viewmatrix), host_rows(projmatrix)
         for name, m in (("viewmatrix", view), ("projmatrix", full)):
@@ -62,9 +63,13 @@ class Camera:
         clip = [[sum(full[k][i] * rotation[c][k] for k in range(3)) for c in range(3)] for i in (0, 1, 3)]
         focal_x, focal_y = 1.0 / tanfovx, 1.0 / tanfovy
         fits = (
-            abs(clip[0][0] - focal_x) <= 1e-3 * abs(focal_x) and abs(clip[1][1] - focal_y) <= 1e-3 * abs(focal_y)
-            and abs(clip[0][1]) < 1e-3 and abs(clip[1][0]) < 1e-3
-            and abs(clip[2][0]) < 1e-3 and abs(clip[2][1]) < 1e-3 and abs(clip[2][2] - 1.0) < 1e-3
+            abs(clip[0][0] - focal_x) <= 1e-3 * abs(focal_x)
+            and abs(clip[1][1] - focal_y) <= 1e-3 * abs(focal_y)
+            and abs(clip[0][1]) < 1e-3
+            and abs(clip[1][0]) < 1e-3
+            and abs(clip[2][0]) < 1e-3
+            and abs(clip[2][1]) < 1e-3
+            and abs(clip[2][2] - 1.0) < 1e-3
         )
         if not fits:
             raise ValueError("projmatrix: a pinhole projection that fits viewmatrix, tanfovx and tanfovy wanted")
@@ -78,8 +83,13 @@ class Camera:
         shift = [0.0 if abs(clip[i][2]) < 1e-6 else clip[i][2] for i in (0, 1)]
         flat = [v for i in range(3) for v in rotation[i] + [translation[i]]] + [0.0, 0.0, 0.0, 1.0]
         return Camera(
-            int(width), int(height), 0.5 * width * focal_x, 0.5 * height * focal_y,
-            0.5 * width * (1.0 + shift[0]), 0.5 * height * (1.0 + shift[1]), tuple(flat),
+            int(width),
+            int(height),
+            0.5 * width * focal_x,
+            0.5 * height * focal_y,
+            0.5 * width * (1.0 + shift[0]),
+            0.5 * height * (1.0 + shift[1]),
+            tuple(flat),
         )
 
     def c_struct(self) -> lib.Camera:
@@ -90,7 +100,8 @@ class Camera:
         return camera
 
 
-# Numbers of small tensors that live on a GPU, so that a camera that comes back costs no wait: id → (tensor, version, rows).
+# Numbers of small tensors that live on a GPU, so that a camera that comes back costs no wait:
+# id → (tensor, version, rows).
 _copies: Dict[int, Tuple[Any, int, Rows]] = {}
 
 
@@ -110,10 +121,11 @@ def host_rows(matrix: Any) -> Rows:
 
 def _rows(matrix: Any) -> Rows:
     values: Sequence[Any] = matrix.tolist() if hasattr(matrix, "tolist") else matrix
-    rows = [[float(v) for v in r] for r in values] if values and isinstance(values[0], (list, tuple)) else [
-        [float(v) for v in values]]
+    rows = (
+        [[float(v) for v in r] for r in values]
+        if values and isinstance(values[0], (list, tuple))
+        else [[float(v) for v in values]]
+    )
     if any(not math.isfinite(v) for r in rows for v in r):
         raise ValueError("a camera's matrices must be finite")
     return rows
-
-

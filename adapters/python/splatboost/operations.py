@@ -32,8 +32,9 @@ def _truth(place: Place, truth: torch.Tensor, valid: Optional[torch.Tensor], h: 
     return lib.Truth(place.view(truth, "truth"), place.view(valid, "valid"))
 
 
-def flag_errors(render: torch.Tensor, truth: torch.Tensor, valid: Optional[torch.Tensor] = None,
-                tau: float = 0.1) -> Tuple[torch.Tensor, torch.Tensor]:
+def flag_errors(
+    render: torch.Tensor, truth: torch.Tensor, valid: Optional[torch.Tensor] = None, tau: float = 0.1
+) -> Tuple[torch.Tensor, torch.Tensor]:
     """Pixels of large min-max normalised error (paper eqs. 6-8).
 
     render [3,H,W] float32; truth [3,H,W] uint8, or float32 in [0, 1]; valid bool or uint8 [H,W]: pixels that count.
@@ -44,8 +45,16 @@ def flag_errors(render: torch.Tensor, truth: torch.Tensor, valid: Optional[torch
     place = Place(render, "render")
     error, flagged = place.empty((h, w)), place.empty((h, w), torch.uint8)
     image = _truth(place, truth, valid, h, w)
-    lib.call("sb_flag_errors", place.c_device(), place.view(render, "render"), ctypes.byref(image), tau,
-             place.target(error, "error"), place.target(flagged, "flagged"), None)
+    lib.call(
+        "sb_flag_errors",
+        place.c_device(),
+        place.view(render, "render"),
+        ctypes.byref(image),
+        tau,
+        place.target(error, "error"),
+        place.target(flagged, "flagged"),
+        None,
+    )
     return flagged.bool(), error
 
 
@@ -57,15 +66,23 @@ class Loss(NamedTuple):
     total: float
 
 
-def photometric_loss(render: torch.Tensor, truth: torch.Tensor, valid: Optional[torch.Tensor] = None,
-                     lambda_dssim: float = 0.2) -> Loss:
+def photometric_loss(
+    render: torch.Tensor, truth: torch.Tensor, valid: Optional[torch.Tensor] = None, lambda_dssim: float = 0.2
+) -> Loss:
     """(1−λ)·L1 + λ·(1−SSIM) of a view as the scores weigh it (paper eq. 10); no gradient. Shapes as flag_errors."""
     check(render, "render", _F32, (3, "H", "W"))
     place = Place(render, "render")
     image = _truth(place, truth, valid, int(render.shape[1]), int(render.shape[2]))
     loss = lib.Loss()
-    lib.call("sb_photometric_loss", place.c_device(), place.view(render, "render"), ctypes.byref(image), lambda_dssim,
-             None, ctypes.byref(loss))
+    lib.call(
+        "sb_photometric_loss",
+        place.c_device(),
+        place.view(render, "render"),
+        ctypes.byref(image),
+        lambda_dssim,
+        None,
+        ctypes.byref(loss),
+    )
     return Loss(loss.l1, loss.ssim, loss.total)
 
 
@@ -75,8 +92,15 @@ class _Ssim(torch.autograd.Function):
         place = Place(images, "img1")
         gradient = place.empty(images.shape) if train and ctx.needs_input_grad[0] else None
         mean = ctypes.c_double()
-        lib.call("sb_ssim", place.c_device(), place.view(images, "img1"), place.view(truths, "img2"), int(valid_padding),
-                 place.target(gradient, "gradient"), ctypes.byref(mean))
+        lib.call(
+            "sb_ssim",
+            place.c_device(),
+            place.view(images, "img1"),
+            place.view(truths, "img2"),
+            int(valid_padding),
+            place.target(gradient, "gradient"),
+            ctypes.byref(mean),
+        )
         if gradient is not None:
             ctx.save_for_backward(gradient)
         return torch.tensor(mean.value, dtype=_F32, device=images.device)
@@ -95,7 +119,7 @@ def fused_ssim(img1: torch.Tensor, img2: torch.Tensor, padding: str = "same", tr
     padding: "same" (zeros around the image) or "valid" (only windows within it). train=False: value only.
     """
     if padding not in ("same", "valid"):
-        raise ValueError("padding: \"same\" or \"valid\" wanted, %r given" % (padding,))
+        raise ValueError('padding: "same" or "valid" wanted, %r given' % (padding,))
     check(img1, "img1", _F32, ("B", "C", "H", "W"))
     check(img2, "img2", _F32, tuple(img1.shape))
     result: torch.Tensor = _Ssim.apply(img1, img2, padding == "valid", train)
@@ -107,7 +131,9 @@ def importance_scores(counts: torch.Tensor, views: int) -> torch.Tensor:
     check(counts, "counts", torch.int64, ("N",))
     place = Place(counts, "counts")
     scores = torch.empty_like(counts, memory_format=torch.contiguous_format)
-    lib.call("sb_importance_scores", place.c_device(), place.view(counts, "counts"), views, place.target(scores, "scores"))
+    lib.call(
+        "sb_importance_scores", place.c_device(), place.view(counts, "counts"), views, place.target(scores, "scores")
+    )
     return scores
 
 
@@ -116,8 +142,12 @@ def pruning_scores(weighted_counts: torch.Tensor) -> torch.Tensor:
     check(weighted_counts, "weighted_counts", torch.float64, ("N",))
     place = Place(weighted_counts, "weighted_counts")
     scores = place.empty(weighted_counts.shape)
-    lib.call("sb_pruning_scores", place.c_device(), place.view(weighted_counts, "weighted_counts"),
-             place.target(scores, "scores"))
+    lib.call(
+        "sb_pruning_scores",
+        place.c_device(),
+        place.view(weighted_counts, "weighted_counts"),
+        place.target(scores, "scores"),
+    )
     return scores
 
 
@@ -130,18 +160,32 @@ def keep_important(importance: torch.Tensor, threshold: float, candidates: torch
     """bool [N]: the candidates (bool [N]) whose importance (int64 [N]) exceeds the threshold."""
     check(importance, "importance", torch.int64, ("N",))
     place, kept = Place(importance, "importance"), _mask(candidates, "candidates", importance.shape[0])
-    lib.call("sb_keep_important", place.c_device(), place.view(importance, "importance"), threshold,
-             place.target(kept, "candidates"), None)
+    lib.call(
+        "sb_keep_important",
+        place.c_device(),
+        place.view(importance, "importance"),
+        threshold,
+        place.target(kept, "candidates"),
+        None,
+    )
     return kept.bool()
 
 
-def keep_weighted_sample(weights: torch.Tensor, keep: int, candidates: torch.Tensor, *, seed: int = 0,
-                         iteration: int = 0) -> torch.Tensor:
+def keep_weighted_sample(
+    weights: torch.Tensor, keep: int, candidates: torch.Tensor, *, seed: int = 0, iteration: int = 0
+) -> torch.Tensor:
     """bool [N]: `keep` of the candidates (bool [N]), drawn without replacement by weight (float32 [N])."""
     check(weights, "weights", _F32, ("N",))
     place, kept = Place(weights, "weights"), _mask(candidates, "candidates", weights.shape[0])
-    lib.call("sb_keep_weighted_sample", place.c_device(), place.view(weights, "weights"), keep, seed, iteration,
-             place.target(kept, "candidates"))
+    lib.call(
+        "sb_keep_weighted_sample",
+        place.c_device(),
+        place.view(weights, "weights"),
+        keep,
+        seed,
+        iteration,
+        place.target(kept, "candidates"),
+    )
     return kept.bool()
 
 
@@ -149,8 +193,13 @@ def keep_largest(priorities: torch.Tensor, keep: int, candidates: torch.Tensor) 
     """bool [N]: the `keep` candidates (bool [N]) of the largest priority (float32 [N]); ties to the lower index."""
     check(priorities, "priorities", _F32, ("N",))
     place, kept = Place(priorities, "priorities"), _mask(candidates, "candidates", priorities.shape[0])
-    lib.call("sb_keep_largest", place.c_device(), place.view(priorities, "priorities"), keep,
-             place.target(kept, "candidates"))
+    lib.call(
+        "sb_keep_largest",
+        place.c_device(),
+        place.view(priorities, "priorities"),
+        keep,
+        place.target(kept, "candidates"),
+    )
     return kept.bool()
 
 
@@ -158,7 +207,9 @@ def spare_one(priorities: torch.Tensor, removals: torch.Tensor) -> torch.Tensor:
     """bool [N]: the removals (bool [N]); if these are all, the one of the largest priority (float32 [N]) is spared."""
     check(priorities, "priorities", _F32, ("N",))
     place, kept = Place(priorities, "priorities"), _mask(removals, "removals", priorities.shape[0])
-    lib.call("sb_spare_one", place.c_device(), place.view(priorities, "priorities"), place.target(kept, "removals"), None)
+    lib.call(
+        "sb_spare_one", place.c_device(), place.view(priorities, "priorities"), place.target(kept, "removals"), None
+    )
     return kept.bool()
 
 
@@ -167,22 +218,47 @@ def mean_squared_neighbor_distances(points: torch.Tensor, k: int = 3) -> torch.T
     check(points, "points", _F32, ("N", 3))
     place = Place(points, "points")
     distances = place.empty((points.shape[0],))
-    lib.call("sb_mean_squared_neighbor_distances", place.c_device(), place.view(points, "points"), k,
-             place.target(distances, "distances"))
+    lib.call(
+        "sb_mean_squared_neighbor_distances",
+        place.c_device(),
+        place.view(points, "points"),
+        k,
+        place.target(distances, "distances"),
+    )
     return distances
 
 
-def adam_step(values: torch.Tensor, gradients: torch.Tensor, first_moments: torch.Tensor, second_moments: torch.Tensor,
-              step: int, *, lr: float = 1e-3, betas: Tuple[float, float] = (0.9, 0.999), eps: float = 1e-15) -> None:
+def adam_step(
+    values: torch.Tensor,
+    gradients: torch.Tensor,
+    first_moments: torch.Tensor,
+    second_moments: torch.Tensor,
+    step: int,
+    *,
+    lr: float = 1e-3,
+    betas: Tuple[float, float] = (0.9, 0.999),
+    eps: float = 1e-15,
+) -> None:
     """One Adam step in place, as torch.optim.Adam's; the gradients are zero afterwards.
 
     All float32, contiguous, of one shape (1 to 4 dimensions). step: number of this step, from 1.
     """
     check(values, "values", _F32, tuple(values.shape))
     place = Place(values, "values")
-    for tensor, name in ((gradients, "gradients"), (first_moments, "first_moments"), (second_moments, "second_moments")):
+    for tensor, name in (
+        (gradients, "gradients"),
+        (first_moments, "first_moments"),
+        (second_moments, "second_moments"),
+    ):
         check(tensor, name, _F32, tuple(values.shape))
     options = lib.AdamOptions(lr, betas[0], betas[1], eps)
-    lib.call("sb_adam_step", place.c_device(), place.target(values, "values"), place.target(gradients, "gradients"),
-             place.target(first_moments, "first_moments"), place.target(second_moments, "second_moments"), step,
-             ctypes.byref(options))
+    lib.call(
+        "sb_adam_step",
+        place.c_device(),
+        place.target(values, "values"),
+        place.target(gradients, "gradients"),
+        place.target(first_moments, "first_moments"),
+        place.target(second_moments, "second_moments"),
+        step,
+        ctypes.byref(options),
+    )

@@ -245,7 +245,8 @@ typedef struct sb_adam_options {
   float learning_rate, beta1, beta2, epsilon;
 } sb_adam_options;
 
-/** One Adam step; the gradients are zero afterwards. All float32 of one shape. @param step from 1 */
+/** One Adam step; the gradients are zero afterwards. All float32 of 1 to 4 dimensions and one size. @param step from 1
+ */
 SB_API sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, const sb_tensor* gradients,
                               const sb_tensor* first_moments, const sb_tensor* second_moments, int64_t step,
                               const sb_adam_options* options);

@@ -37,7 +37,13 @@ def last_render() -> Render:
 def camera_of(settings: Any) -> Camera:
     s = settings
     return Camera.from_3dgs(
-        int(s.image_height), int(s.image_width), float(s.tanfovx), float(s.tanfovy), s.viewmatrix, s.projmatrix, s.campos
+        int(s.image_height),
+        int(s.image_width),
+        float(s.tanfovx),
+        float(s.tanfovy),
+        s.viewmatrix,
+        s.projmatrix,
+        s.campos,
     )
 
 
@@ -73,10 +79,21 @@ def render(
     if scales is not None and settings.scale_modifier != 1.0:
         scales = scales * settings.scale_modifier
     done = rasterize(
-        camera_of(settings), means3D, opacities, scales=scales, rotations=rotations, covariances=cov3D_precomp,
-        sh=shs if dc is None else None, sh_dc=dc, sh_rest=shs if dc is not None else None,
-        sh_degree=int(settings.sh_degree), colors=colors_precomp, background=settings.bg, beta=_beta,
-        screen_points=means2D, **options,
+        camera_of(settings),
+        means3D,
+        opacities,
+        scales=scales,
+        rotations=rotations,
+        covariances=cov3D_precomp,
+        sh=shs if dc is None else None,
+        sh_dc=dc,
+        sh_rest=shs if dc is not None else None,
+        sh_degree=int(settings.sh_degree),
+        colors=colors_precomp,
+        background=settings.bg,
+        beta=_beta,
+        screen_points=means2D,
+        **options,
     )
     _last = Render(done.color.detach(), done.radii, None, None, None, done._lease)
     return done

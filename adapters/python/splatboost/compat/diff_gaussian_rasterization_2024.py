@@ -33,15 +33,32 @@ class GaussianRasterizationSettings(NamedTuple):
     antialiasing: bool = False
 
 
-def rasterize_gaussians(means3D: torch.Tensor, means2D: torch.Tensor, sh: torch.Tensor, colors_precomp: torch.Tensor,
-                        opacities: torch.Tensor, scales: torch.Tensor, rotations: torch.Tensor,
-                        cov3Ds_precomp: torch.Tensor, raster_settings: Any) -> Drawn:
+def rasterize_gaussians(
+    means3D: torch.Tensor,
+    means2D: torch.Tensor,
+    sh: torch.Tensor,
+    colors_precomp: torch.Tensor,
+    opacities: torch.Tensor,
+    scales: torch.Tensor,
+    rotations: torch.Tensor,
+    cov3Ds_precomp: torch.Tensor,
+    raster_settings: Any,
+) -> Drawn:
     """color [3,H,W], radii int32 [N], inverse depth [1,H,W]. What is left out is None or an empty tensor."""
     given = _drop_in.given
-    done = _drop_in.render(raster_settings, means3D, means2D, opacities, shs=given(sh),
-                           colors_precomp=given(colors_precomp), scales=given(scales), rotations=given(rotations),
-                           cov3D_precomp=given(cov3Ds_precomp), inverse_depth=True,
-                           compensate_opacity=bool(raster_settings.antialiasing))
+    done = _drop_in.render(
+        raster_settings,
+        means3D,
+        means2D,
+        opacities,
+        shs=given(sh),
+        colors_precomp=given(colors_precomp),
+        scales=given(scales),
+        rotations=given(rotations),
+        cov3D_precomp=given(cov3Ds_precomp),
+        inverse_depth=True,
+        compensate_opacity=bool(raster_settings.antialiasing),
+    )
     return done.color, done.radii, done.inverse_depth
 
 
@@ -54,12 +71,29 @@ class GaussianRasterizer(nn.Module):
         """bool [N]: which positions [N,3] lie beyond the near plane."""
         return _drop_in.visible(self.raster_settings, positions)
 
-    def forward(self, means3D: torch.Tensor, means2D: torch.Tensor, opacities: torch.Tensor,
-                shs: Optional[torch.Tensor] = None, colors_precomp: Optional[torch.Tensor] = None,
-                scales: Optional[torch.Tensor] = None, rotations: Optional[torch.Tensor] = None,
-                cov3D_precomp: Optional[torch.Tensor] = None) -> Drawn:
+    def forward(
+        self,
+        means3D: torch.Tensor,
+        means2D: torch.Tensor,
+        opacities: torch.Tensor,
+        shs: Optional[torch.Tensor] = None,
+        colors_precomp: Optional[torch.Tensor] = None,
+        scales: Optional[torch.Tensor] = None,
+        rotations: Optional[torch.Tensor] = None,
+        cov3D_precomp: Optional[torch.Tensor] = None,
+    ) -> Drawn:
         """Arguments as in 2023; returns color [3,H,W], radii int32 [N], inverse depth [1,H,W]."""
-        done = _drop_in.render(self.raster_settings, means3D, means2D, opacities, shs=shs, colors_precomp=colors_precomp,
-                               scales=scales, rotations=rotations, cov3D_precomp=cov3D_precomp, inverse_depth=True,
-                               compensate_opacity=bool(self.raster_settings.antialiasing))
+        done = _drop_in.render(
+            self.raster_settings,
+            means3D,
+            means2D,
+            opacities,
+            shs=shs,
+            colors_precomp=colors_precomp,
+            scales=scales,
+            rotations=rotations,
+            cov3D_precomp=cov3D_precomp,
+            inverse_depth=True,
+            compensate_opacity=bool(self.raster_settings.antialiasing),
+        )
         return done.color, done.radii, done.inverse_depth

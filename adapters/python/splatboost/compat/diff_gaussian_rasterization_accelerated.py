@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drop-in for the accelerated `diff_gaussian_rasterization` (3DGS's 3dgs_accel, Taming-3DGS): `dc` apart, sparse Adam."""
+"""Drop-in for the accelerated `diff_gaussian_rasterization` (3dgs_accel, Taming-3DGS): `dc` apart, sparse Adam."""
 
 from __future__ import annotations
 
@@ -14,14 +14,32 @@ from .diff_gaussian_rasterization_2024 import Drawn, GaussianRasterizationSettin
 __all__ = ["GaussianRasterizationSettings", "GaussianRasterizer", "SparseGaussianAdam", "rasterize_gaussians"]
 
 
-def rasterize_gaussians(means3D: torch.Tensor, means2D: torch.Tensor, dc: torch.Tensor, sh: torch.Tensor,
-                        colors_precomp: torch.Tensor, opacities: torch.Tensor, scales: torch.Tensor,
-                        rotations: torch.Tensor, cov3Ds_precomp: torch.Tensor, raster_settings: Any) -> Drawn:
+def rasterize_gaussians(
+    means3D: torch.Tensor,
+    means2D: torch.Tensor,
+    dc: torch.Tensor,
+    sh: torch.Tensor,
+    colors_precomp: torch.Tensor,
+    opacities: torch.Tensor,
+    scales: torch.Tensor,
+    rotations: torch.Tensor,
+    cov3Ds_precomp: torch.Tensor,
+    raster_settings: Any,
+) -> Drawn:
     """color [3,H,W], radii int32 [N], inverse depth [1,H,W]. What is left out is None or an empty tensor."""
     given = _drop_in.given
-    return GaussianRasterizer(raster_settings)(
-        means3D, means2D, opacities, given(dc), given(sh), given(colors_precomp), given(scales), given(rotations),
-        given(cov3Ds_precomp))
+    done: Drawn = GaussianRasterizer(raster_settings)(
+        means3D,
+        means2D,
+        opacities,
+        given(dc),
+        given(sh),
+        given(colors_precomp),
+        given(scales),
+        given(rotations),
+        given(cov3Ds_precomp),
+    )
+    return done
 
 
 class GaussianRasterizer(nn.Module):
@@ -33,15 +51,33 @@ class GaussianRasterizer(nn.Module):
         """bool [N]: which positions [N,3] lie beyond the near plane."""
         return _drop_in.visible(self.raster_settings, positions)
 
-    def forward(self, means3D: torch.Tensor, means2D: torch.Tensor, opacities: torch.Tensor,
-                dc: Optional[torch.Tensor] = None, shs: Optional[torch.Tensor] = None,
-                colors_precomp: Optional[torch.Tensor] = None, scales: Optional[torch.Tensor] = None,
-                rotations: Optional[torch.Tensor] = None, cov3D_precomp: Optional[torch.Tensor] = None) -> Drawn:
+    def forward(
+        self,
+        means3D: torch.Tensor,
+        means2D: torch.Tensor,
+        opacities: torch.Tensor,
+        dc: Optional[torch.Tensor] = None,
+        shs: Optional[torch.Tensor] = None,
+        colors_precomp: Optional[torch.Tensor] = None,
+        scales: Optional[torch.Tensor] = None,
+        rotations: Optional[torch.Tensor] = None,
+        cov3D_precomp: Optional[torch.Tensor] = None,
+    ) -> Drawn:
         """As in 2024, with the spherical harmonics in two: dc [N,1,3] and shs [N,K-1,3]."""
-        done = _drop_in.render(self.raster_settings, means3D, means2D, opacities, dc=dc, shs=shs,
-                               colors_precomp=colors_precomp, scales=scales, rotations=rotations,
-                               cov3D_precomp=cov3D_precomp, inverse_depth=True,
-                               compensate_opacity=bool(self.raster_settings.antialiasing))
+        done = _drop_in.render(
+            self.raster_settings,
+            means3D,
+            means2D,
+            opacities,
+            dc=dc,
+            shs=shs,
+            colors_precomp=colors_precomp,
+            scales=scales,
+            rotations=rotations,
+            cov3D_precomp=cov3D_precomp,
+            inverse_depth=True,
+            compensate_opacity=bool(self.raster_settings.antialiasing),
+        )
         return done.color, done.radii, done.inverse_depth
 
 
@@ -58,8 +94,10 @@ class SparseGaussianAdam(torch.optim.Adam):
     def step(self, visibility: torch.Tensor, N: int) -> None:  # type: ignore[override]
         """visibility: bool [N]."""
         if visibility.dtype != torch.bool or tuple(visibility.shape) != (N,):
-            raise ValueError("visibility: bool [%d] wanted, %s %s given" % (
-                N, str(visibility.dtype).replace("torch.", ""), list(visibility.shape)))
+            raise ValueError(
+                "visibility: bool [%d] wanted, %s %s given"
+                % (N, str(visibility.dtype).replace("torch.", ""), list(visibility.shape))
+            )
         rows = visibility.nonzero()[:, 0]
         for group in self.param_groups:
             if len(group["params"]) != 1:

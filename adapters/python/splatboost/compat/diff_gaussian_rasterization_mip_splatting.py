@@ -35,14 +35,30 @@ class GaussianRasterizationSettings(NamedTuple):
     debug: bool
 
 
-def rasterize_gaussians(means3D: torch.Tensor, means2D: torch.Tensor, sh: torch.Tensor, colors_precomp: torch.Tensor,
-                        opacities: torch.Tensor, scales: torch.Tensor, rotations: torch.Tensor,
-                        cov3Ds_precomp: torch.Tensor,
-                        raster_settings: Any) -> Tuple[torch.Tensor, torch.Tensor]:
+def rasterize_gaussians(
+    means3D: torch.Tensor,
+    means2D: torch.Tensor,
+    sh: torch.Tensor,
+    colors_precomp: torch.Tensor,
+    opacities: torch.Tensor,
+    scales: torch.Tensor,
+    rotations: torch.Tensor,
+    cov3Ds_precomp: torch.Tensor,
+    raster_settings: Any,
+) -> Tuple[torch.Tensor, torch.Tensor]:
     """color [3,H,W] and radii int32 [N]. What is left out is None or an empty tensor."""
     given = _drop_in.given
-    return GaussianRasterizer(raster_settings)(means3D, means2D, opacities, given(sh), given(colors_precomp),
-                                               given(scales), given(rotations), given(cov3Ds_precomp))
+    done: Tuple[torch.Tensor, torch.Tensor] = GaussianRasterizer(raster_settings)(
+        means3D,
+        means2D,
+        opacities,
+        given(sh),
+        given(colors_precomp),
+        given(scales),
+        given(rotations),
+        given(cov3Ds_precomp),
+    )
+    return done
 
 
 class GaussianRasterizer(nn.Module):
@@ -54,16 +70,33 @@ class GaussianRasterizer(nn.Module):
         """bool [N]: which positions [N,3] lie beyond the near plane."""
         return _drop_in.visible(self.raster_settings, positions)
 
-    def forward(self, means3D: torch.Tensor, means2D: torch.Tensor, opacities: torch.Tensor,
-                shs: Optional[torch.Tensor] = None, colors_precomp: Optional[torch.Tensor] = None,
-                scales: Optional[torch.Tensor] = None, rotations: Optional[torch.Tensor] = None,
-                cov3D_precomp: Optional[torch.Tensor] = None) -> Tuple[torch.Tensor, torch.Tensor]:
-        """Arguments and results as 3DGS's of 2023. Column 2 of the gradient of means2D is the sum of the absolute ones."""
+    def forward(
+        self,
+        means3D: torch.Tensor,
+        means2D: torch.Tensor,
+        opacities: torch.Tensor,
+        shs: Optional[torch.Tensor] = None,
+        colors_precomp: Optional[torch.Tensor] = None,
+        scales: Optional[torch.Tensor] = None,
+        rotations: Optional[torch.Tensor] = None,
+        cov3D_precomp: Optional[torch.Tensor] = None,
+    ) -> Tuple[torch.Tensor, torch.Tensor]:
+        """Arguments and results as in 2023. Column 2 of the gradient of means2D is the sum of the absolute ones."""
         offset = self.raster_settings.subpixel_offset
         if offset is not None and bool(offset.any()):
             raise ValueError("subpixel_offset: zeros wanted, others given: run without --ray_jitter")
-        done = _drop_in.render(self.raster_settings, means3D, means2D, opacities, shs=shs, colors_precomp=colors_precomp,
-                               scales=scales, rotations=rotations, cov3D_precomp=cov3D_precomp,
-                               low_pass=float(self.raster_settings.kernel_size), compensate_opacity=True,
-                               absolute_sum=True)
+        done = _drop_in.render(
+            self.raster_settings,
+            means3D,
+            means2D,
+            opacities,
+            shs=shs,
+            colors_precomp=colors_precomp,
+            scales=scales,
+            rotations=rotations,
+            cov3D_precomp=cov3D_precomp,
+            low_pass=float(self.raster_settings.kernel_size),
+            compensate_opacity=True,
+            absolute_sum=True,
+        )
         return done.color, done.radii

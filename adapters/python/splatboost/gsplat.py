@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""FastGS as a densification strategy of gsplat (https://github.com/nerfstudio-project/gsplat).
+
+gsplat's tensors, optimizers and operations stay; the scores and the decisions are SplatBoost's. gsplat draws with
+boxes of its own, so the compact box is no part of this.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Optional, Sequence
+
+import torch
+
+from ._rasterize import rasterize
+from .adapter import Adapter, ScoredView
+from .camera import Camera
+from .operations import as_bytes, spare_one
+
+try:
+    from gsplat.strategy import ops
+    from gsplat.strategy.base import Strategy
+except ImportError as e:
+    raise ImportError("splatboost.gsplat needs gsplat, which is not there: pip install gsplat (%s)" % e) from e
+
+Params = Dict[str, Any]  # or a torch.nn.ParameterDict
+Optimizers = Dict[str, torch.optim.Optimizer]
+
+_REQUIRED = ("means", "scales", "quats", "opacities", "sh0", "shN")
+
+
+@dataclass
+class View:
+    """A training view that may be scored, in gsplat's terms.
+
+    viewmat  [4,4] camera from world
+    K        [3,3] intrinsics in pixels
+    image    [H,W,3] the truth: uint8, or float32 in [0, 1]
+    mask     bool [H,W]: pixels that count; None: all
+    """
+
+    viewmat: torch.Tensor
+    K: torch.Tensor
+    image: torch.Tensor
+    mask: Optional[torch.Tensor] = None
+
+
+@dataclass
+class FastGSStrategy(Strategy):  # type: ignore[misc]
+    """Multi-view consistent densification and pruning.
+
+    views        training views; up to K of them are rendered at each event
+    max_steps    length of the run, to which all schedules scale
+    settings     of splatboost.Adapter: vcd, vcp, absgrad, schedule, tau_d, views (K), seed …
+    eps2d, near_plane, antialiased, background   as gsplat's rasterization() is called
+    prune_opa, prune_scale3d, reset_every        gsplat's own rule for pruning and opacity reset
+
+    Call rasterization(..., absgrad=True), and step only the optimizers that steps_at() names:
+
+        loss.backward()
+        strategy.step_post_backward(params, optimizers, state, step, info, packed)
+        for name, optimizer in optimizers.items():
+            if strategy.steps_at(name, step):
+                optimizer.step()
+                optimizer.zero_grad(set_to_none=True)
+    """
+
+    views: Sequence[View] = ()
+    max_steps: int = 30_000
+    settings: Dict[str, Any] = field(default_factory=dict)
+    eps2d: float = 0.3
+    near_plane: float = 0.01
+    antialiased: bool = False
+    background: Sequence[float] = (0.0, 0.0, 0.0)
+    prune_opa: float = 0.005
+    prune_scale3d: float = 0.1
+    reset_every: int = 3000
+    verbose: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.views:
+            raise ValueError("views: at least one training view wanted")
+        self._adapter: Optional[Adapter] = None
+        self._truths: List[Optional[torch.Tensor]] = [None] * len(self.views)
+
+    def initialize_state(self, scene_scale: float = 1.0) -> Dict[str, Any]:
+        """State of a run. Its tensors have a row a Gaussian, and gsplat's operations carry them along."""
+        return {"scene_scale": scene_scale, "grad2d": None, "absgrad2d": None, "count": None}
+
+    def check_sanity(self, params: Params, optimizers: Optimizers) -> None:
+        super().check_sanity(params, optimizers)
+        for name in _REQUIRED:
+            if name not in params:
+                raise ValueError("params: %s wanted, there are %s" % (name, ", ".join(sorted(params.keys()))))
+
+    def adapter(self, device: Any = "cpu") -> Adapter:
+        """The decisions in use."""
+        if self._adapter is None:
+            self._adapter = Adapter("vanilla", total_iterations=self.max_steps, device=device, **self.settings)
+        return self._adapter
+
+    def steps_at(self, name: str, step: int) -> bool:
+        """Whether the optimizer of this parameter steps now; between steps gradients accumulate."""
+        return self.adapter().steps_at("f_rest" if name == "shN" else "xyz", step + 1)
+
+    def step_pre_backward(
+        self, params: Params, optimizers: Optimizers, state: Dict[str, Any], step: int, info: Dict[str, Any]
+    ) -> None:
+        if "means2d" not in info:
+            raise ValueError("info: means2d wanted, as gsplat's rasterization() returns it")
+        info["means2d"].retain_grad()
+
+    @torch.no_grad()
+    def step_post_backward(
+        self,
+        params: Params,
+        optimizers: Optimizers,
+        state: Dict[str, Any],
+        step: int,
+        info: Dict[str, Any],
+        packed: bool = False,
+    ) -> None:
+        iteration = step + 1
+        adapter = self.adapter(params["means"].device)
+        until = self._at(adapter.settings["densify_until"])
+        if iteration < until:
+            self._gather(params, state, info, packed)
+        published = iteration > 500 and iteration < until and iteration % 100 == 0
+        if iteration < until and adapter.grows_at(iteration, published):
+            self._apply_pending(params, optimizers)
+            self._grow(params, optimizers, state, iteration)
+        elif iteration >= until and adapter.prunes_at(iteration, False):
+            self._apply_pending(params, optimizers)
+            self._prune_late(params, optimizers, state, iteration)
+        if iteration < until and iteration % self._at(self.reset_every) == 0:
+            self._apply_pending(params, optimizers)
+            ops.reset_opa(params=params, optimizers=optimizers, state=state, value=2 * self.prune_opa)
+
+    def _at(self, published: int) -> int:
+        from .schedule import scaled_iteration
+
+        return scaled_iteration(published, self.max_steps, self.adapter().settings["published_iterations"])
+
+    def _gather(self, params: Params, state: Dict[str, Any], info: Dict[str, Any], packed: bool) -> None:
+        n = params["means"].shape[0]
+        means2d, radii = info["means2d"], info["radii"]
+        if not hasattr(means2d, "absgrad") and self.adapter().settings["absgrad"]:
+            raise ValueError("info: means2d without absgrad: call rasterization(..., absgrad=True)")
+        if radii.dim() == means2d.dim():  # gsplat since 1.5: a radius an axis
+            radii = radii.amin(dim=-1)
+        if packed:
+            rows, chosen = info["gaussian_ids"], slice(None)
+        else:
+            chosen = radii > 0
+            rows = torch.where(chosen)[1]
+        # To NDC units, of the loss of one camera.
+        scale = 0.5 * info["n_cameras"] * torch.tensor([info["width"], info["height"]], device=radii.device)
+        for name, gradient in (("grad2d", means2d.grad), ("absgrad2d", getattr(means2d, "absgrad", None))):
+            if gradient is None:
+                continue
+            if state[name] is None:
+                state[name] = torch.zeros(n, device=gradient.device)
+            state[name].index_add_(0, rows, (gradient[chosen] * scale).norm(dim=-1))
+        if state["count"] is None:
+            state["count"] = torch.zeros(n, device=radii.device)
+        state["count"].index_add_(0, rows, torch.ones_like(rows, dtype=torch.float32))
+
+    def _apply_pending(self, params: Params, optimizers: Optimizers) -> None:
+        """Steps with what has accumulated: the parameters that follow are new ones, without gradients."""
+        for name, optimizer in optimizers.items():
+            if params[name].grad is not None:
+                optimizer.step()
+                optimizer.zero_grad(set_to_none=True)
+
+    def _sources(self, params: Params) -> List[Callable[[], ScoredView]]:
+        def source(index: int) -> Callable[[], ScoredView]:
+            return lambda: self._score(params, index)
+
+        return [source(j) for j in range(len(self.views))]
+
+    def _score(self, params: Params, index: int) -> ScoredView:
+        view, device = self.views[index], params["means"].device
+        truth = self._truths[index]
+        if truth is None:
+            truth = as_bytes(view.image.permute(2, 0, 1)).to(device).contiguous()
+            self._truths[index] = truth
+        height, width = truth.shape[1:]
+        bands = 1 + params["shN"].shape[1]
+        render = rasterize(
+            Camera.from_matrices(width, height, view.K, view.viewmat),
+            params["means"],
+            torch.sigmoid(params["opacities"]),
+            scales=torch.exp(params["scales"]),
+            rotations=params["quats"],
+            sh_dc=params["sh0"],
+            sh_rest=params["shN"],
+            sh_degree=int(bands**0.5) - 1,
+            background=self.background,
+            beta=1.0,
+            low_pass=self.eps2d,
+            compensate_opacity=self.antialiased,
+            near_plane=self.near_plane,
+        )
+        mask = None if view.mask is None else view.mask.to(device)
+        return ScoredView(render.color, truth, mask, render)
+
+    def _grow(self, params: Params, optimizers: Optimizers, state: Dict[str, Any], iteration: int) -> None:
+        count = state["count"].clamp_min(1)
+        n, device = count.shape[0], count.device
+        absolute = None if state["absgrad2d"] is None else state["absgrad2d"] / count
+        longest = torch.exp(params["scales"]).amax(dim=-1)
+        gradients = state["grad2d"] / count
+        border = self.adapter().settings["percent_dense"] * state["scene_scale"]
+        large = gradients >= self.adapter().settings["gradient_threshold"]  # 3DGS's own rule, where absgrad is off
+        clone, split = self.adapter().grow(
+            iteration,
+            self._sources(params),
+            scene_extent=float(state["scene_scale"]),
+            gradients=gradients,
+            gradients_abs=absolute,
+            max_scales=longest,
+            clone=large & (longest <= border),
+            split=large & (longest > border),
+        )
+        state["origins"] = torch.arange(n, device=device)
+        if clone.any():
+            ops.duplicate(params=params, optimizers=optimizers, state=state, mask=clone)
+        if split.any():
+            whole = torch.cat([split, torch.zeros(int(clone.sum()), dtype=torch.bool, device=device)])
+            ops.split(params=params, optimizers=optimizers, state=state, mask=whole)
+        origins = state.pop("origins")
+
+        opacities = torch.sigmoid(params["opacities"]).reshape(-1)
+        candidates = opacities < self.prune_opa
+        if iteration > self._at(self.reset_every):
+            candidates |= torch.exp(params["scales"]).amax(dim=-1) > self.prune_scale3d * state["scene_scale"]
+        removed = self.adapter().prune(
+            iteration, self._sources(params), candidates=candidates, origins=origins, opacities=opacities
+        )
+        self._remove(params, optimizers, state, removed, opacities)
+        for name in ("grad2d", "absgrad2d", "count"):
+            if state[name] is not None:
+                state[name].zero_()
+        if self.verbose:
+            print(
+                "Step %d: %d duplicated, %d split, %d pruned, %d Gaussians now"
+                % (iteration - 1, clone.sum(), split.sum(), removed.sum(), params["means"].shape[0])
+            )
+
+    def _prune_late(self, params: Params, optimizers: Optimizers, state: Dict[str, Any], iteration: int) -> None:
+        opacities = torch.sigmoid(params["opacities"]).reshape(-1)
+        none = torch.zeros_like(opacities, dtype=torch.bool)
+        removed = self.adapter().prune(iteration, self._sources(params), candidates=none, opacities=opacities)
+        self._remove(params, optimizers, state, removed, opacities)
+        if self.verbose:
+            print("Step %d: %d pruned, %d Gaussians now" % (iteration - 1, removed.sum(), params["means"].shape[0]))
+
+    def _remove(
+        self,
+        params: Params,
+        optimizers: Optimizers,
+        state: Dict[str, Any],
+        removed: torch.Tensor,
+        opacities: torch.Tensor,
+    ) -> None:
+        removed = spare_one(opacities, removed)
+        if removed.any():
+            ops.remove(params=params, optimizers=optimizers, state=state, mask=removed)

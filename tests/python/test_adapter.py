@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decisions through the package, against the rules of the paper computed here; a real renderer gives the counts."""
+
+import pytest
+import reference
+import torch
+from test_rasterize import small
+
+import splatboost
+from splatboost import Adapter, ScoredView
+
+N = 24
+
+
+class Host:
+    """Three views of a scene; their truths are renders without some of the Gaussians."""
+
+    def __init__(self, missing):
+        self.tensors = {k: v.detach() for k, v in small(7).items()}
+        self.cameras = [reference.turned_camera(30, 22, cx=12.0 + 3 * i) for i in range(3)]
+        kept = torch.ones(N, dtype=torch.bool)
+        kept[missing] = False
+        self.truths = [
+            splatboost.rasterize(c, **{k: v[kept] for k, v in self.tensors.items()}, beta=0.5).color.clamp(0, 1)
+            for c in self.cameras
+        ]
+        self.rendered = []
+
+    def views(self):
+        return [lambda j=j: self.view(j) for j in range(3)]
+
+    def view(self, j):
+        self.rendered.append(j)
+        done = splatboost.rasterize(self.cameras[j], **self.tensors, beta=0.5)
+        return ScoredView(done.color, self.truths[j], render=done)
+
+    def sums(self, tau=0.1):
+        """Counts and weighted counts over the views, from operations one by one."""
+        counts, weighted = torch.zeros(N, dtype=torch.int64), torch.zeros(N, dtype=torch.float64)
+        covered = pixels = 0
+        for j in range(3):
+            view = self.view(j)
+            truth = (view.truth * 255).round().to(torch.uint8)
+            flagged, error = splatboost.flag_errors(view.color, truth, tau=tau)
+            n = view.render.count_flagged(flagged)
+            counts += n
+            weighted += splatboost.photometric_loss(view.color, truth).total * n.double()
+            covered += int((error > 1e-4).sum())
+            pixels += error.numel()
+        return counts, weighted, covered / pixels
+
+
+def test_growth_is_the_paper_s():
+    host = Host([3, 4])
+    counts, weighted, covered = host.sums()
+    importance = splatboost.importance_scores(counts, 3)
+    # Importance counts pixels, and its threshold shrinks with images below a megapixel.
+    threshold = float(importance.median())
+    tau_d = threshold * 1e6 / (30 * 22) + 0.5
+    adapter = Adapter("vanilla", total_iterations=30000, tau_d=tau_d)
+    g = torch.Generator().manual_seed(0)
+    gradients = torch.rand(N, generator=g) * 4e-4
+    absolute = torch.rand((N, 1), generator=g) * 2.4e-3
+    scales = torch.rand(N, generator=g) * 0.002
+    host.rendered.clear()
+    clone, split = adapter.grow(
+        1000, host.views(), scene_extent=1.0, gradients=gradients, gradients_abs=absolute, max_scales=scales
+    )
+    assert sorted(host.rendered) == [0, 1, 2]  # one render a view
+    important, scale = importance > threshold, covered**0.5
+    assert 0 < important.sum() < N
+    assert torch.equal(clone, important & (scales <= 0.001) & (gradients >= 2e-4 * scale))
+    assert torch.equal(split, important & (scales > 0.001) & (absolute[:, 0] >= 1.2e-3 * scale))
+    assert clone.any() or split.any()
+
+    origins = torch.cat([torch.arange(N), torch.tensor([0, 5, 5])])
+    candidates = torch.rand(N + 3, generator=g) < 0.5
+    removed = adapter.prune(1000, host.views(), candidates=candidates, origins=origins)
+    assert removed.sum() == candidates.sum() // 2 and not (removed & ~candidates).any()
+    weights = splatboost.pruning_scores(weighted)[origins]
+    wanted = splatboost.keep_weighted_sample(weights, int(candidates.sum()) // 2, candidates, seed=0, iteration=1000)
+    assert torch.equal(removed, wanted)
+
+
+def test_late_pruning():
+    host = Host([3, 4])
+    scores = splatboost.pruning_scores(host.sums()[1])
+    opacities = torch.linspace(0.02, 0.9, N)
+    adapter = Adapter("vanilla", total_iterations=30000)
+    assert adapter.prunes_at(18000, False) and not adapter.prunes_at(17999, False)
+    removed = adapter.prune(18000, host.views(), candidates=torch.zeros(N, dtype=torch.bool), opacities=opacities)
+    assert torch.equal(removed, (opacities < 0.1) | (scores > 0.9))
+    with pytest.raises(ValueError, match="opacities must not be NULL"):
+        adapter.prune(18000, host.views(), candidates=torch.zeros(N, dtype=torch.bool))
+
+
+def test_backbones_and_settings():
+    vanilla = Adapter("vanilla", total_iterations=30000)
+    assert vanilla.beta == 0.5 and Adapter("vanilla", total_iterations=100, cb=False).beta is None
+    assert vanilla.grows_at(1000, False) and not vanilla.grows_at(1100, True)
+    assert [g for g in ("xyz", "f_rest") if vanilla.steps_at(g, 17)] == ["xyz"]
+    drop = Adapter("dropgaussian", total_iterations=10000)
+    assert drop.settings["published_iterations"] == 10000 and drop.steps_at("f_rest", 17)
+    # Mip-Splatting's statistics are sums: the threshold that is theirs is larger than that of the length.
+    host = Host([3])
+    n = torch.full((N,), 1.3e-3)
+    common = dict(scene_extent=1.0, gradients=n, gradients_abs=n, max_scales=torch.ones(N))
+    settings = dict(total_iterations=30000, tau_d=-1.0)
+    covered = host.sums()[2]
+    for backbone, factor in (("vanilla", 1.0), ("mip-splatting", 1.36)):
+        split = Adapter(backbone, **settings).grow(1000, host.views(), **common)[1]
+        assert split.all() == (1.3e-3 >= factor * 1.2e-3 * covered**0.5)
+    for wrong, message in (
+        (dict(tau_x=1), "tau_x: no such setting"),
+        (dict(views=2.5), "views: a whole number wanted"),
+        (dict(views=0), "views must be above 0"),
+        (dict(total_iterations=0), "total_iterations"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Adapter("vanilla", **{"total_iterations": 100, **wrong})
+    with pytest.raises(ValueError, match='backbone: "vanilla"'):
+        Adapter("3dgs", total_iterations=100)
+
+
+def test_what_a_view_raises_comes_through():
+    adapter = Adapter("vanilla", total_iterations=30000)
+    n = torch.zeros(N)
+    common = dict(scene_extent=1.0, gradients=n, gradients_abs=n, max_scales=n)
+
+    def broken():
+        raise KeyError("no image")
+
+    with pytest.raises(KeyError, match="no image"):
+        adapter.grow(1000, [broken], **common)
+    host = Host([3])
+    wrong = [lambda: ScoredView(host.view(0).color, torch.zeros(3, 5, 5), render=host.view(0).render)]
+    with pytest.raises(ValueError, match=r"truth: shape \[3,22,30\] wanted, \[3, 5, 5\] given"):
+        adapter.grow(1000, wrong, **common)
+    with pytest.raises(ValueError, match="origins need a grow at the same iteration"):
+        adapter.prune(2000, host.views(), candidates=torch.zeros(N, dtype=torch.bool), origins=torch.arange(N))

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The package without torch, without the library, and against the C headers."""
+
+import os
+import re
+import subprocess
+import sys
+
+import conftest
+
+HEADERS = (conftest.ROOT / "core/include/splatboost/c_api.h", conftest.ROOT / "adapters/c/adapters_c.h")
+
+
+def run(code, **environment):
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=conftest.PACKAGE,
+        env={**os.environ, **environment},
+    )
+
+
+def declarations():
+    text = "".join(h.read_text() for h in HEADERS)
+    return re.sub(r"/\*.*?\*/", "", text, flags=re.S)
+
+
+def test_entries_are_those_of_the_headers():
+    from splatboost import _library as lib
+
+    declared = {
+        name: 0 if arguments.strip() == "void" else arguments.count(",") + 1
+        for name, arguments in re.findall(r"SB_API [\w* ]+?(sb_\w+)\(([^)]*)\);", declarations())
+    }
+    assert {name: len(arguments) for name, (_, arguments) in lib._ENTRIES.items()} == declared
+    assert lib.load().sb_abi_version() == int(re.search(r"#define SB_ABI_VERSION (\d+)", declarations()).group(1))
+
+
+def test_structs_are_those_of_the_headers():
+    from splatboost import _library as lib
+
+    names = {
+        "sb_device": lib.Device,
+        "sb_tensor": lib.Tensor,
+        "sb_camera": lib.Camera,
+        "sb_gaussians": lib.Gaussians,
+        "sb_raster_options": lib.RasterOptions,
+        "sb_raster_outputs": lib.RasterOutputs,
+        "sb_image_gradients": lib.ImageGradients,
+        "sb_gaussian_gradients": lib.GaussianGradients,
+        "sb_truth": lib.Truth,
+        "sb_loss": lib.Loss,
+        "sb_adam_options": lib.AdamOptions,
+        "sb_step_intervals": lib.StepIntervals,
+        "sb_boost": lib.Boost,
+        "sb_density": lib.Density,
+        "sb_scored_view": lib.ScoredView,
+        "sb_views": lib.Views,
+    }
+    found = re.findall(r"typedef struct (sb_\w+) \{(.*?)\} \1;", declarations(), flags=re.S)
+    assert {name for name, _ in found} == set(names)
+    kinds = {"int32_t": "c_int", "int64_t": "c_long", "uint64_t": "c_ulong", "float": "c_float", "double": "c_double"}
+    for name, body in found:
+        fields = []
+        for statement in filter(None, (s.strip() for s in body.split(";"))):
+            function = re.match(r"int32_t \(\*(\w+)\)", statement)
+            if function:
+                fields.append((function.group(1), "function"))
+                continue
+            kind, rest = re.match(r"((?:const )?\w+\*?) (.*)", statement, flags=re.S).groups()
+            for field in rest.split(","):
+                fields.append((re.sub(r"\[.*", "", field).strip(), kind))
+        ours = names[name]._fields_
+        assert [f for f, _ in ours] == [f for f, _ in fields], name
+        for (field, kind), (_, declared) in zip(ours, fields):
+            base = getattr(kind, "_type_", kind) if "Array" in kind.__name__ else kind
+            if declared in kinds:
+                assert base.__name__ == kinds[declared], (name, field)
+
+
+def test_library_shows_nothing_but_the_c_abi():
+    from splatboost import _library as lib
+
+    library = conftest.BUILD / "lib/libsplatboost.so"
+    symbols = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True).stdout
+    assert {line.split()[-1] for line in symbols.splitlines()} == set(lib._ENTRIES)
+
+
+def test_imports_without_torch_and_without_the_library():
+    code = """
+import sys
+sys.modules["torch"] = None  # as if it were not there
+import splatboost
+assert splatboost.__version__
+assert set(splatboost.__all__) == {"__version__", *splatboost._NAMES}
+from splatboost import steps_at, StepIntervals, Camera
+assert steps_at(StepIntervals(16, 32, 64), 16, 30000)
+try:
+    splatboost.rasterize
+except ImportError as e:
+    assert "torch" in str(e)
+else:
+    raise AssertionError
+"""
+    done = run(code)
+    assert done.returncode == 0, done.stderr
+    done = run("import splatboost; splatboost.scaled_iteration(1, 2)", SPLATBOOST_LIBRARY="/nowhere/libsplatboost.so")
+    assert done.returncode == 1 and "libsplatboost was not found" in done.stderr
+    assert "/nowhere/libsplatboost.so: not there" in done.stderr
+
+
+def test_a_library_of_another_abi_is_refused(tmp_path):
+    source = tmp_path / "other.c"
+    source.write_text("int sb_abi_version(void) { return 99; }\n")
+    library = tmp_path / "libother.so"
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source], check=True)
+    done = run("import splatboost; splatboost.scaled_iteration(1, 2)", SPLATBOOST_LIBRARY=str(library))
+    assert done.returncode == 1 and "has ABI version 99, this package needs 1" in done.stderr
+
+
+def test_doctor():
+    done = subprocess.run(
+        [sys.executable, "-m", "splatboost", "doctor"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=conftest.PACKAGE,
+        timeout=120,
+    )
+    from splatboost import __version__
+
+    assert "ok       libsplatboost %s, ABI 1" % __version__ in done.stdout  # CMake's version is the package's
+    if "missing" not in done.stdout:
+        assert done.returncode == 0 and "draws and differentiates a Gaussian" in done.stdout
+    code = "import sys; sys.modules['torch'] = None; from splatboost import doctor; sys.exit(doctor.main())"
+    done = run(code)
+    assert done.returncode == 1 and "apt-get install python3-torch" in done.stdout
+    done = run(code, SPLATBOOST_LIBRARY="/nowhere/x.so")
+    assert done.returncode == 1 and "missing  libsplatboost was not found" in done.stdout
+
+
+def test_usage():
+    done = subprocess.run(
+        [sys.executable, "-m", "splatboost"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=conftest.PACKAGE,
+        timeout=120,
+    )
+    assert done.returncode == 2 and "usage: python -m splatboost doctor" in done.stderr
