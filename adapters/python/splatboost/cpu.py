@@ -17,8 +17,8 @@ import time
 import types
 from typing import Any, Callable, List, Optional
 
-#: Packages that hosts import but hardly use, with what is lost without them.
-_OPTIONAL = {"open3d": "writing of point clouds through it", "joblib": "parallel reading of depth maps"}
+#: Packages that hosts import but do not use in training, rendering and metrics.
+_OPTIONAL = ("open3d", "joblib")
 
 #: torch functions that take device=
 _FACTORIES = (
@@ -109,8 +109,12 @@ def map_cuda() -> None:
     module: Any = torch.nn.Module
     module.to = _with_any_device(module.to)
     module.cuda = lambda self, *_, **__: self
-    torch.Generator = functools.wraps(torch.Generator, updated=())(  # type: ignore[misc]
-        lambda device="cpu": _generator(_on_cpu(device)))
+
+    class Generator(torch._C.Generator):
+        def __new__(cls, device: Any = "cpu") -> Any:
+            return super().__new__(cls, device=_on_cpu(device))
+
+    torch.Generator = Generator  # type: ignore[misc]
 
     load = torch.load
 
@@ -135,12 +139,6 @@ def map_cuda() -> None:
     cuda.device = lambda *_: contextlib.nullcontext()
     for name in ("range_push", "range_pop", "mark"):
         setattr(cuda.nvtx, name, lambda *_: None)
-
-
-def _generator(device: Any) -> Any:
-    import torch._C
-
-    return torch._C.Generator(device=device)
 
 
 def detect_layout(folder: str) -> Optional[str]:

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""splatboost patch on miniature checkouts. What the patched hosts then do is tested in tests/python."""
+
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from conftest import PROGRAM, ROOT, run_program, run_well
+
+sys.path.append(str(ROOT / "tests/python"))
+import miniature_host  # noqa: E402
+
+RECIPES = ["3dgs", "dropgaussian", "mip-splatting"]
+COMMANDS = ["list", "show", "apply", "verify", "status", "revert"]
+
+
+def fails(*arguments):
+    """@return the one line on the error stream"""
+    done = run_program("patch", *arguments)
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("splatboost patch"), done.stderr
+    return lines[0]
+
+
+def files_of(tree):
+    return {p.relative_to(tree): p.read_bytes() for p in tree.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(params=list(miniature_host.RECIPES))
+def host(request, tmp_path):
+    """A checkout and the recipe that fits it."""
+    return miniature_host.write_host(tmp_path / "host", request.param), miniature_host.RECIPES[request.param]
+
+
+def test_help_is_enough():
+    text = run_well("patch", "--help").stdout
+    for command in COMMANDS:
+        assert command in text
+        assert "Example" in run_well("patch", command, "--help").stdout or command == "list"
+
+
+def test_list_and_show_tell_layouts_options_and_edits():
+    text = run_well("patch", "list").stdout
+    for name in RECIPES:
+        assert name in text
+        shown = run_well("patch", "show", name).stdout
+        for part in ("layouts", "--boost", "train.py", "boost.densify_and_prune(", "github.com"):
+            assert part in shown
+
+
+def test_from_apply_to_revert(host):
+    tree, recipe = host
+    before = files_of(tree)
+    assert f"patch apply {recipe} {tree}" in run_well("patch", "status", tree).stdout
+    diff = run_well("patch", "apply", recipe, tree, "--dry-run").stdout
+    assert files_of(tree) == before
+    assert "patched with" in run_well("patch", "apply", recipe, tree).stdout
+    patched = files_of(tree)
+    assert "patched already" in run_well("patch", "apply", recipe, tree).stdout
+    assert files_of(tree) == patched
+    assert "is in place" in run_well("patch", "verify", tree).stdout
+    assert "is in place" in run_well("patch", "status", tree).stdout
+    assert "+++ b/train.py" in run_well("patch", "revert", tree, "--dry-run").stdout
+    assert "is gone" in run_well("patch", "revert", tree).stdout
+    assert files_of(tree) == before
+    assert "not patched" in run_well("patch", "revert", tree).stdout
+
+    # The diff is one that patch(1) understands, and makes the same files.
+    if shutil.which("patch"):
+        subprocess.run(["patch", "-p1", "-s"], input=diff, text=True, cwd=tree, check=True)
+        assert files_of(tree) == {path: text for path, text in patched.items() if path.parts[0] != ".splatboost"}
+
+
+def test_own_edits_stay(host):
+    tree, recipe = host
+    train = tree / "train.py"
+    run_well("patch", "apply", recipe, tree)
+    train.write_text("# mine\n" + train.read_text())
+    assert "your own changes stay in train.py" in run_well("patch", "verify", tree).stdout
+    run_well("patch", "revert", tree)
+    assert train.read_text().startswith("# mine\n")
+    assert "boost" not in train.read_text()
+
+
+def test_a_changed_file_stops_all(host):
+    tree, recipe = host
+    train = tree / "train.py"
+    train.write_text(train.read_text().replace("gaussians.densify_and_prune(", "gaussians.grow("))
+    before = files_of(tree)
+    line = fails("apply", recipe, tree)
+    assert "train.py: 'gaussians.densify_and_prune(' is missing" in line
+    assert files_of(tree) == before
+
+
+def test_a_doubled_anchor_is_told_with_its_lines(host):
+    tree, recipe = host
+    train = tree / "train.py"
+    train.write_text(train.read_text() + "\n# Optimizer step\n")
+    assert "train.py: '# Optimizer step' stands on lines" in fails("apply", recipe, tree)
+
+
+def test_mistakes(tmp_path):
+    assert "there are: list, show" in fails()
+    assert "did you mean apply?" in fails("aply")
+    assert "there is no recipe 'mip'" in fails("show", "mip")
+    assert "is not a folder" in fails("apply", "3dgs", tmp_path / "none")
+    assert "unknown layout of 3dgs" in fails("apply", "3dgs", tmp_path)
+    assert "not patched" in fails("verify", tmp_path)
+    assert "did you mean --dry-run?" in fails("apply", "3dgs", tmp_path, "--dry-rum")
+    assert "path" in fails("apply", "3dgs")
+    assert "no folder of recipes" in fails("--recipes", tmp_path / "none", "list")
+
+
+def test_the_wrong_recipe_changes_nothing(host):
+    tree, recipe = host
+    before = files_of(tree)
+    for other in RECIPES:
+        if other != recipe:
+            assert f"unknown layout of {other}" in fails("apply", other, tree)
+    assert files_of(tree) == before
+
+
+def test_an_installed_program_finds_its_recipes(tmp_path):
+    (tmp_path / "bin").mkdir()
+    program = shutil.copy(PROGRAM, tmp_path / "bin/splatboost")
+    for recipe in (ROOT / "patches").glob("*/recipe.json"):
+        target = tmp_path / "share/splatboost/patches" / recipe.parent.name
+        target.mkdir(parents=True)
+        shutil.copy(recipe, target)
+    done = subprocess.run([program, "patch", "list"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "mip-splatting" in done.stdout
+
+
+def test_recipes_are_installed(tmp_path):
+    build = pathlib.Path(PROGRAM).parents[1]
+    script = build / "cmake_install.cmake"
+    if not script.exists():
+        pytest.skip("no install rules in this build")
+    assert "share/splatboost/patches" in script.read_text()

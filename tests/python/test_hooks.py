@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The hooks by themselves. Whole patched hosts are in test_hosts.py."""
+
+import types
+
+import pytest
+import torch
+
+from splatboost.hooks import _boost, _drawing, dropgaussian, mip_splatting, vanilla
+
+N = 6
+
+
+class Adapter:
+    """Decides as it is told."""
+
+    beta = 0.5
+
+    def __init__(self, remove=(), prunes=True):
+        self.remove, self.prunes = remove, prunes
+
+    def prunes_at(self, iteration, host_would):
+        return self.prunes
+
+    def prune(self, iteration, views, *, candidates, origins=None, opacities=None):
+        mask = torch.zeros_like(candidates)
+        mask[list(self.remove)] = True
+        return mask
+
+    def steps_at(self, group, iteration):
+        return group != "slow" or iteration % 3 == 0
+
+
+class Model:
+    """A host's model of N numbers, with tmp_radii as 3DGS has it since October 2024."""
+
+    def __init__(self):
+        self.value = torch.nn.Parameter(torch.arange(float(N)))
+        self.slow = torch.nn.Parameter(torch.zeros(2))
+        self.optimizer = torch.optim.Adam([{"params": [self.value], "name": "xyz", "lr": 0.1},
+                                           {"params": [self.slow], "name": "slow", "lr": 0.1}])
+        self.denom = torch.zeros(N, 1)
+        self.percent_dense = 0.01
+        self.tmp_radii = None
+        self.filters, self.resets = 0, 0
+
+    get_xyz = property(lambda self: self.value)
+    get_opacity = property(lambda self: torch.sigmoid(self.value.detach()).unsqueeze(1))
+
+    def prune_points(self, mask):
+        self.tmp_radii = self.tmp_radii[~mask]
+        self.value = torch.nn.Parameter(self.value.detach()[~mask])
+
+    def add_densification_stats(self, points, seen):
+        self.denom[seen.reshape(-1)] += 1
+
+    def compute_3D_filter(self, cameras):
+        self.filters += 1
+
+    def reset_opacity(self):
+        self.resets += 1
+
+
+def boost_of(kind=vanilla, adapter=None, **state):
+    boost = kind.Boost.__new__(kind.Boost)
+    boost.on, boost.gaussians, boost.adapter = True, Model(), adapter or Adapter()
+    boost.options = types.SimpleNamespace(iterations=100, opacity_reset_interval=30)
+    boost.iteration, boost._checkpoints, boost._device = 50, frozenset([7]), torch.device("cpu")
+    boost._reset_at, boost._growth_ends = -30, 60
+    boost._scene = types.SimpleNamespace(getTrainCameras=lambda: [])
+    boost._restart_statistics()
+    for name, value in state.items():
+        setattr(boost, name, value)
+    return boost
+
+
+def test_waiting_groups_gather_gradients_and_lose_none():
+    boost = boost_of()
+    model = boost.gaussians
+    other = Model()
+    for iteration in range(1, 10):
+        boost.begin(iteration)
+        gradient = torch.tensor([1.0, -2.0]) * iteration
+        (model.slow * gradient).sum().backward()
+        boost.optimizer.step()
+        boost.optimizer.zero_grad(set_to_none=True)
+        # The same by hand: nothing but a step on the sum of three.
+        (other.slow * gradient).sum().backward()
+        if iteration % 3 == 0 or iteration == 7:  # at 7 the host writes a checkpoint
+            other.optimizer.step()
+            other.optimizer.zero_grad(set_to_none=True)
+        assert torch.equal(model.slow.detach(), other.slow.detach())
+        assert (model.slow.grad is None) == (other.slow.grad is None)
+
+
+@pytest.mark.parametrize("iteration, steps", [(1, False), (3, True), (7, True), (98, False), (99, True)])
+def test_groups_step_by_schedule_at_checkpoints_and_at_the_hosts_last_step(iteration, steps):
+    assert boost_of(iteration=iteration).steps("slow") == steps
+    assert boost_of(iteration=iteration).steps("xyz")
+
+
+def test_gradients_are_applied_before_gaussians_go():
+    boost = boost_of(adapter=Adapter(remove=[0]))
+    before = boost.gaussians.value.detach().clone()
+    boost.gaussians.value.sum().backward()
+    boost.prune_late()
+    assert torch.all(boost.gaussians.value.detach() < before[1:])
+
+
+def test_late_pruning_gives_the_host_radii_and_takes_them_back():
+    boost = boost_of(adapter=Adapter(remove=[1, 4]))
+    boost._absolute[:, 0] = torch.arange(float(N))
+    boost.prune_late()
+    assert boost.gaussians.value.tolist() == [0, 2, 3, 5]
+    assert boost._absolute.reshape(-1).tolist() == [0, 2, 3, 5]
+    assert boost.gaussians.tmp_radii is None
+
+
+def test_late_pruning_never_removes_all():
+    boost = boost_of(adapter=Adapter(remove=range(N)))
+    boost.prune_late()
+    assert boost.gaussians.value.tolist() == [N - 1]  # the most opaque one
+
+
+def test_late_pruning_waits_after_a_reset():
+    for since, removed in ((9, 0), (10, 1)):
+        boost = boost_of(adapter=Adapter(remove=[0]), _reset_at=50 - since)
+        boost.prune_late()
+        assert boost.gaussians.value.shape[0] == N - removed
+
+
+def test_resets_end_with_growth():
+    boost = boost_of(iteration=59)
+    boost.reset_opacity()
+    boost.begin(60)
+    boost.reset_opacity()
+    assert boost.gaussians.resets == 1
+    assert boost._reset_at == 59
+
+
+def test_mip_splatting_renews_its_filter_after_late_pruning():
+    boost = boost_of(mip_splatting, Adapter(remove=[0]))
+    boost.prune_late()
+    assert boost.gaussians.filters == 1
+
+
+@pytest.mark.parametrize("seen", [torch.tensor([True, False, True, False, False, False]), torch.tensor([[0], [2]])])
+@pytest.mark.parametrize("kind, views", [(vanilla, 1.0), (dropgaussian, 1 / (1 - 0.2 * 5000 / 10000))])
+def test_statistics_take_masks_and_indices_and_weigh_views(seen, kind, views):
+    boost = boost_of(kind, iteration=5000)
+    points = torch.zeros(N, 4, requires_grad=True)
+    points.grad = torch.tensor([[0.0, 0, 3, 4]]).repeat(N, 1)
+    boost.gaussians.splatboost = _drawing.Drawing(0.5, absolute=True)
+    boost.gaussians.splatboost.screen_points = points
+    boost.add_densification_stats(torch.zeros(N, 3), seen)
+    expected = torch.zeros(N, 1)
+    expected[[0, 2]] = views
+    assert torch.allclose(boost.gaussians.denom, expected)
+    assert torch.allclose(boost._seen, expected)
+    assert torch.allclose(boost._absolute, 5 * (expected > 0).float())
+
+
+def test_changed_densify_functions_are_noticed():
+    boost = boost_of()
+    with pytest.raises(RuntimeError, match="densify functions were changed"):
+        boost._check_count(torch.arange(N + 1), "cloned")
+
+
+def test_beta_stays_with_the_model_folder(tmp_path):
+    model = types.SimpleNamespace()
+    _drawing.load(model, str(tmp_path))
+    assert not hasattr(model, "splatboost")
+    _drawing.save(str(tmp_path), "vanilla", 0.7)
+    _drawing.load(model, str(tmp_path))
+    assert model.splatboost.beta == 0.7
+    _drawing.forget(str(tmp_path))
+    _drawing.forget(str(tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_of_the_user_hold_and_scale():
+    boost = boost_of()
+    boost.options = types.SimpleNamespace(
+        boost_beta=0.5, boost_tau_d=5.0, iterations=3000, densify_from_iter=500, densify_until_iter=2000,
+        densification_interval=50, densify_grad_threshold=0.0002)
+    assert boost._settings() == {"beta": 0.5, "tau_d": 5.0, "densify_until": 20000, "densify_interval": 50}
+
+
+def test_hosts_rasterizer_is_used_without_boost():
+    host = object()
+    assert _drawing.rasterizer(types.SimpleNamespace(), host) is host
+    assert isinstance(_boost.Boost.host_options, dict)
