@@ -20,7 +20,7 @@ set(SPLATBOOST_LAYER_reference "")
 
 function(splatboost_target_options target)
   target_compile_features(${target} PUBLIC cxx_std_20)
-  set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF)
+  set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF CUDA_STANDARD 20 CUDA_STANDARD_REQUIRED ON CUDA_EXTENSIONS OFF)
   # Traps and errno of math functions are never read; NaN and infinity keep their meaning.
   target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;
     -Wno-sign-conversion;-fno-math-errno;-fno-trapping-math;

@@ -7,6 +7,8 @@
 namespace splatboost {
 
 struct OctreeBoost : ScaffoldBoost {
+  OctreeBoost() { mean_importance = 5; }  // counts over fewer views are larger
+
   /// Divide a slot's counts by the number of scored views that drew anything of its anchor, at least kLeastViews, in
   /// place of K: a fine anchor is out of most views for its level, not because it is good there. False: the paper's K,
   /// which starves fine levels (docs/results/backbones.md).

@@ -25,7 +25,7 @@ double ScaffoldAdapter::tau_d_for(std::span<const std::int64_t> importance) cons
     counted += value > 0 ? 1 : 0;
   }
   const double mean = counted > 0 ? static_cast<double>(sum) / static_cast<double>(counted) : 0.0;
-  return boost_.tau_d * std::max(1.0, mean / kMeanImportance);
+  return boost_.tau_d * std::max(1.0, mean / boost_.mean_importance);
 }
 
 const ScoreSums& ScaffoldAdapter::sums(RasterizerHook& rasterizer, const RandomStream& random) {
