@@ -20,9 +20,9 @@ Mask gate(const ScaffoldBoost& boost, testing::GivenCounts& rasterizer, Mask wan
 }
 
 TEST(ScaffoldAdapter, a_slot_grows_only_where_its_importance_exceeds_tau_d) {
-  // Each of 10 views counts the same, so importance is that count. Its mean is below 5: τ_d is the paper's.
-  testing::GivenCounts rasterizer({{5}, {6}, {9}, {0}, {7}, {6}, {1}, {1}, {1}}, 10, 8, 8);
-  EXPECT_EQ(gate({}, rasterizer, {1, 1, 0, 1, 1, 1, 1, 1, 1}), (Mask{0, 1, 0, 0, 1, 1, 0, 0, 0}))
+  // Each of 10 views counts the same, so importance is that count. Its mean is below 3.5: τ_d is the paper's.
+  testing::GivenCounts rasterizer({{5}, {6}, {9}, {0}, {7}, {6}, {1}, {1}, {1}, {1}, {1}, {1}, {1}}, 10, 8, 8);
+  EXPECT_EQ(gate({}, rasterizer, {1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}), (Mask{0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0}))
       << "the gate takes away, it never adds";
   EXPECT_EQ(rasterizer.rendered.size(), 10u);
 }
@@ -32,6 +32,7 @@ TEST(ScaffoldAdapter, counts_are_summed_over_views_and_divided_by_k_whoever_drew
   testing::GivenCounts rasterizer({{23, 0, 0, 0}, {24, 0, 0, 0}, {6, 6, 6, 5}, {6, 6, 6, 6}}, 4, 8, 8);
   ScaffoldBoost boost;
   boost.views = 4;
+  boost.mean_importance = 5;
   EXPECT_EQ(gate(boost, rasterizer, {1, 1, 1, 1}), (Mask{0, 1, 0, 1}));
 }
 
@@ -39,8 +40,10 @@ TEST(ScaffoldAdapter, tau_d_rises_with_the_mean_importance_of_the_slots_that_wer
   const std::vector<std::vector<std::int32_t>> counts{{2}, {4}, {30}, {60}, {0}, {0}, {0}};  // mean 24 of those above 0
   testing::GivenCounts rasterizer(counts, 10, 8, 8);
   const Mask all(counts.size(), 1);
-  EXPECT_EQ(gate({}, rasterizer, all), (Mask{0, 0, 1, 1, 0, 0, 0}));
+  EXPECT_EQ(gate({}, rasterizer, all), (Mask{0, 0, 0, 1, 0, 0, 0})) << "5 · 24 / 3.5";
   ScaffoldBoost boost;
+  boost.mean_importance = 5;
+  EXPECT_EQ(gate(boost, rasterizer, all), (Mask{0, 0, 1, 1, 0, 0, 0})) << "the mean";
   boost.tau_d = 10;  // twice the mean
   EXPECT_EQ(gate(boost, rasterizer, all), (Mask{0, 0, 0, 1, 0, 0, 0}));
   boost.tau_d = 0.7;  // 3.36
