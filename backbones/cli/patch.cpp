@@ -153,12 +153,18 @@ struct Patch {
     for (const std::string& one : patch::recipe_names(folder)) {
       const patch::Recipe found = patch::load_recipe(folder, one);
       try {
+        (void)patch::detect_layout(found, [&](const std::string& file) { return tree.read(file); });
+      } catch (const patch::PatchError&) {  // another may fit
+        continue;
+      }
+      try {
         const patch::Outcome outcome = patch::apply(found, tree, patch::Writing::dry_run);
         std::printf("%s: not patched; %s fits (layout %s), %s: splatboost patch apply %s %s\n", path.c_str(),
                     one.c_str(), outcome.layout.c_str(), size_of(outcome).c_str(), one.c_str(), path.c_str());
-        return 0;
-      } catch (const patch::PatchError&) {  // the next may fit
+      } catch (const patch::PatchError& error) {
+        std::printf("%s: not patched; %s would fit, but %s\n", path.c_str(), one.c_str(), error.what());
       }
+      return 0;
     }
     std::printf("%s: not patched, and no recipe fits it\n", path.c_str());
     return 0;

@@ -94,6 +94,7 @@ def test_a_changed_file_stops_all(host):
     before = files_of(tree)
     line = fails("apply", recipe, tree)
     assert "train.py: 'gaussians.densify_and_prune(' is missing" in line
+    assert f"{recipe} would fit, but train.py" in run_well("patch", "status", tree).stdout
     assert files_of(tree) == before
 
 

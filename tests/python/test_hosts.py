@@ -63,7 +63,6 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
     assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
     assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {
         "backbone": {"3dgs": "vanilla"}.get(recipe, recipe), "beta": 0.5}
-    assert train(tree, tmp_path / "again")["losses"] == on["losses"]
 
     # The host's render script draws with the beta of the model, and as published without it.
     drawn = []
