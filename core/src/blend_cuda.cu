@@ -21,9 +21,10 @@ struct KeptStates {
   DeviceView<float> states;
 };
 
+/// Four blocks a multiprocessor: told nothing, the compiler spills a register to fit a fifth.
 /// @tparam kMostExtra room for that many extra channels
 template <int kMostExtra, bool kKeepsStates>
-__global__ void __launch_bounds__(kTilePixels) blend_kernel(TileLists lists, BlendImages images, KeptStates kept) {
+__global__ void __launch_bounds__(kTilePixels, 4) blend_kernel(TileLists lists, BlendImages images, KeptStates kept) {
   const TilePixel pixel(lists, blockIdx.x, threadIdx.x);
   bool open = pixel.inside;
   float transmittance = 1.0f;
