@@ -43,6 +43,8 @@ class CudaStream {
   /// Memory of the host that the device writes to and reads from while the host goes on.
   void* allocate_pinned(std::size_t bytes);
   void release_pinned(void* memory) noexcept;
+  /// From memory that is not pinned the driver may wait for work given before, which is not counted: nothing for a
+  /// steady loop.
   void copy_to_device(void* to, const void* from, std::size_t bytes);
   void copy_on_device(void* to, const void* from, std::size_t bytes);
   /// Waits until the copy is done.
