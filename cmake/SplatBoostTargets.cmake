@@ -15,22 +15,27 @@ set(SPLATBOOST_LAYER_backbone_parts core common)  # what backbones of one kind s
 set(SPLATBOOST_LAYER_backbone core common backbone_parts)
 set(SPLATBOOST_LAYER_patch "")
 set(SPLATBOOST_LAYER_cli core adapter common backbone backbone_parts patch)
-set(SPLATBOOST_LAYER_test core adapter common backbone backbone_parts patch cli reference)
+set(SPLATBOOST_LAYER_test core adapter common backbone backbone_parts patch cli reference test)
 set(SPLATBOOST_LAYER_reference "")
 
 function(splatboost_target_options target)
   target_compile_features(${target} PUBLIC cxx_std_20)
   set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF)
   # Traps and errno of math functions are never read; NaN and infinity keep their meaning.
-  target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wshadow -Wconversion
-    -Wno-sign-conversion -fno-math-errno -fno-trapping-math
-    $<$<BOOL:${SPLATBOOST_WARNINGS_AS_ERRORS}>:-Werror>)
+  target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;
+    -Wno-sign-conversion;-fno-math-errno;-fno-trapping-math;
+    $<$<BOOL:${SPLATBOOST_WARNINGS_AS_ERRORS}>:-Werror>>)
+  # nvcc warns of its own; what it hands to the host's compiler is not our text. Host functions that are constexpr, and
+  # so std::span, may be called in kernels.
+  target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:--expt-relaxed-constexpr;-Xcompiler=-Wall;
+    $<$<BOOL:${SPLATBOOST_WARNINGS_AS_ERRORS}>:--Werror=all-warnings>>)
   # GCC 12 takes "text" + std::string for overlapping copies (its bug 105651, mended in 13).
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
-    target_compile_options(${target} PRIVATE -Wno-restrict)
+    target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Wno-restrict>)
   endif()
   if(SPLATBOOST_SANITIZE)
-    target_compile_options(${target} PRIVATE -fsanitize=${SPLATBOOST_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+    target_compile_options(${target} PRIVATE
+      $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=${SPLATBOOST_SANITIZE};-fno-omit-frame-pointer;-fno-sanitize-recover=all>)
     target_link_options(${target} PUBLIC -fsanitize=${SPLATBOOST_SANITIZE})
   endif()
 endfunction()

@@ -46,16 +46,16 @@ HWY_EXPORT(sigmoids_range);
 constexpr std::size_t kGrain = 1 << 13;
 }  // namespace
 
-void exponentials(std::span<const float> from, std::span<float> to, Threads& threads) {
+void exponentials(std::span<const float> from, std::span<float> to, Device device) {
   SPLATBOOST_CHECK(from.size() == to.size(), "from and to must be of one size");
-  threads.for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  device.threads().for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(exponentials_range)(from.data() + begin, to.data() + begin, end - begin);
   });
 }
 
-void sigmoids(std::span<const float> from, std::span<float> to, Threads& threads) {
+void sigmoids(std::span<const float> from, std::span<float> to, Device device) {
   SPLATBOOST_CHECK(from.size() == to.size(), "from and to must be of one size");
-  threads.for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  device.threads().for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(sigmoids_range)(from.data() + begin, to.data() + begin, end - begin);
   });
 }

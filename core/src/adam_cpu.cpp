@@ -35,13 +35,13 @@ constexpr std::size_t kGrain = 1 << 14;
 }  // namespace
 
 void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
-               std::span<float> second_moments, std::int64_t step, const AdamOptions& options, Threads& threads) {
+               std::span<float> second_moments, std::int64_t step, const AdamOptions& options, Device device) {
   const std::size_t n = values.size();
   SPLATBOOST_CHECK(gradients.size() == n && first_moments.size() == n && second_moments.size() == n,
                    "values, gradients and moments must be of one size");
   SPLATBOOST_CHECK(step >= 1, "steps count from 1");
   const AdamFactors factors = adam_factors(options, step);
-  threads.for_range(n, kGrain, [&](std::size_t begin, std::size_t end) {
+  device.threads().for_range(n, kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(adam_range)
     (values.data() + begin, gradients.data() + begin, first_moments.data() + begin, second_moments.data() + begin,
      end - begin, factors);

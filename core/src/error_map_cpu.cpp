@@ -17,7 +17,7 @@ constexpr std::size_t kGrain = 1 << 14;
 }  // namespace
 
 std::size_t flag_errors(std::span<const float> render, const TruthImage& truth, float tau, std::span<float> error,
-                        std::span<std::uint8_t> flagged, Threads& threads) {
+                        std::span<std::uint8_t> flagged, Device device) {
   SPLATBOOST_CHECK(truth.width > 0 && truth.height > 0, "truth.width and truth.height must be above 0");
   const std::size_t pixels = static_cast<std::size_t>(truth.width) * static_cast<std::size_t>(truth.height);
   SPLATBOOST_CHECK(render.size() == 3 * pixels && truth.color.size() == 3 * pixels, "render and truth must be [3,H,W]");
@@ -26,7 +26,7 @@ std::size_t flag_errors(std::span<const float> render, const TruthImage& truth, 
   SPLATBOOST_CHECK(tau >= 0.0f && tau <= 1.0f, "tau must lie in [0, 1]");
   const auto is_valid = [&](std::size_t p) { return truth.valid.empty() || truth.valid[p] != 0; };
 
-  threads.for_range(pixels, kGrain, [&](std::size_t begin, std::size_t end) {
+  device.threads().for_range(pixels, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t p = begin; p < end; ++p) {
       float sum = 0;
       for (std::size_t c = 0; c < 3; ++c) {

@@ -5,7 +5,9 @@
 
 #include <cmath>
 
-#ifdef __CUDACC__
+// The tests' emulator compiles .cu files with the host's compiler, and takes the same branch as nvcc.
+#if defined(__CUDACC__) || defined(SPLATBOOST_CUDA_ON_CPU)
+#include <cuda_runtime.h>
 #define SPLATBOOST_HOST_DEVICE __host__ __device__ inline
 // Formulas live in one namespace ...
 #define SPLATBOOST_MATH_BEGIN namespace splatboost {

@@ -26,7 +26,7 @@ using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<fl
 }  // namespace
 
 void mean_squared_neighbor_distances(std::span<const float> points, int k, std::span<float> mean_squared_distances,
-                                     Threads& threads) {
+                                     Device device) {
   const std::size_t n = points.size() / 3;
   SPLATBOOST_CHECK(points.size() == 3 * n && mean_squared_distances.size() == n, "points must be [N,3], distances [N]");
   SPLATBOOST_CHECK(k > 0, "k must be above 0");
@@ -35,7 +35,7 @@ void mean_squared_neighbor_distances(std::span<const float> points, int k, std::
   const Points adaptor{points};
   const Tree tree(3, adaptor);
   const std::size_t wanted = static_cast<std::size_t>(k) + 1;  // the point finds itself first
-  threads.for_range(n, 256, [&](std::size_t begin, std::size_t end) {
+  device.threads().for_range(n, 256, [&](std::size_t begin, std::size_t end) {
     std::vector<std::uint32_t> indices(wanted);
     std::vector<float> squared(wanted);
     for (std::size_t i = begin; i < end; ++i) {

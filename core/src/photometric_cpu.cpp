@@ -292,12 +292,12 @@ struct Blocks {
 }  // namespace
 
 struct Photometric::State {
-  explicit State(Threads& pool) : threads(pool) {}
+  explicit State(Device device) : threads(device.threads()) {}
   Threads& threads;
   std::vector<PhotometricSums> sums;
 };
 
-Photometric::Photometric(Threads& threads) : state_(std::make_unique<State>(threads)) {}
+Photometric::Photometric(Device device) : state_(std::make_unique<State>(device)) {}
 Photometric::~Photometric() = default;
 Photometric::Photometric(Photometric&&) noexcept = default;
 Photometric& Photometric::operator=(Photometric&&) noexcept = default;

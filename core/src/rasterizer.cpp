@@ -70,14 +70,14 @@ void check_gaussians(const Gaussians& g) {
 }
 
 struct Rasterizer::State {
-  explicit State(Threads& pool) : threads(pool) {}
+  explicit State(Device device) : threads(device.threads()) {}
   Threads& threads;
   Frame frame;
   RasterSeconds seconds;
   bool drawn = false;
 };
 
-Rasterizer::Rasterizer(Threads& threads) : state_(std::make_unique<State>(threads)) {}
+Rasterizer::Rasterizer(Device device) : state_(std::make_unique<State>(device)) {}
 Rasterizer::~Rasterizer() = default;
 Rasterizer::Rasterizer(Rasterizer&&) noexcept = default;
 Rasterizer& Rasterizer::operator=(Rasterizer&&) noexcept = default;

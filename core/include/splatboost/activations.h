@@ -4,14 +4,14 @@
 
 #include <span>
 
-#include "splatboost/threads.h"
+#include "splatboost/device.h"
 
 namespace splatboost {
 
 /// to[i] = exp(from[i]), at most e^88: scales. Relative error below 3e-7.
-void exponentials(std::span<const float> from, std::span<float> to, Threads& threads);
+void exponentials(std::span<const float> from, std::span<float> to, Device device);
 
 /// to[i] = 1 / (1 + exp(-from[i])): opacities. Relative error below 1e-6.
-void sigmoids(std::span<const float> from, std::span<float> to, Threads& threads);
+void sigmoids(std::span<const float> from, std::span<float> to, Device device);
 
 }  // namespace splatboost

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <span>
 
-#include "splatboost/threads.h"
+#include "splatboost/device.h"
 
 namespace splatboost {
 
@@ -20,6 +20,6 @@ struct AdamOptions {
 /// afterwards, ready to accumulate again.
 /// @param step number of this step, from 1
 void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
-               std::span<float> second_moments, std::int64_t step, const AdamOptions& options, Threads& threads);
+               std::span<float> second_moments, std::int64_t step, const AdamOptions& options, Device device);
 
 }  // namespace splatboost

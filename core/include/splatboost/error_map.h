@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <span>
 
+#include "splatboost/device.h"
 #include "splatboost/photometric.h"
-#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -19,6 +19,6 @@ namespace splatboost {
 /// @param flagged [H,W] receives 1 or 0
 /// @return number of flagged pixels
 std::size_t flag_errors(std::span<const float> render, const TruthImage& truth, float tau, std::span<float> error,
-                        std::span<std::uint8_t> flagged, Threads& threads);
+                        std::span<std::uint8_t> flagged, Device device);
 
 }  // namespace splatboost

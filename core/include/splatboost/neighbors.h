@@ -4,7 +4,7 @@
 
 #include <span>
 
-#include "splatboost/threads.h"
+#include "splatboost/device.h"
 
 namespace splatboost {
 
@@ -13,6 +13,6 @@ namespace splatboost {
 /// @param points [N,3]
 /// @param mean_squared_distances [N]
 void mean_squared_neighbor_distances(std::span<const float> points, int k, std::span<float> mean_squared_distances,
-                                     Threads& threads);
+                                     Device device);
 
 }  // namespace splatboost

@@ -6,7 +6,7 @@
 #include <memory>
 #include <span>
 
-#include "splatboost/threads.h"
+#include "splatboost/device.h"
 
 namespace splatboost {
 
@@ -27,7 +27,7 @@ struct PhotometricLoss {
 /// Owns the workspace of the loss; a steady loop allocates nothing. Sums are of fixed order.
 class Photometric {
  public:
-  explicit Photometric(Threads& threads);
+  explicit Photometric(Device device);
   ~Photometric();
   Photometric(Photometric&&) noexcept;
   Photometric& operator=(Photometric&&) noexcept;

@@ -10,8 +10,8 @@
 
 #include "splatboost/camera.h"
 #include "splatboost/constants.h"
+#include "splatboost/device.h"
 #include "splatboost/gaussians.h"
-#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -70,7 +70,7 @@ struct RasterSeconds {
 /// and must get the same Gaussians, unchanged. Not thread safe; use one a thread of control.
 class Rasterizer {
  public:
-  explicit Rasterizer(Threads& threads);
+  explicit Rasterizer(Device device);
   ~Rasterizer();
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file A stream of a CUDA device: what every CUDA operation takes, and the one door to the device's memory.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+namespace splatboost {
+
+/// What a steady loop must not do: tests hold these still.
+struct CudaActivity {
+  std::uint64_t allocations = 0;       ///< of memory of the device, and of memory of the host that it can reach
+  std::uint64_t synchronizations = 0;  ///< times that the host waited for the device
+};
+
+/// Owns a stream. Work that is given to it runs in order, while the host goes on. Not thread safe.
+///
+/// A build without CUDA has this class too; its constructor throws NoDeviceError. A kernel that fails is reported by
+/// the next call that looks at the device, as a DeviceError that names the kernels it may have been: those launched
+/// since the last synchronisation, or just the one where CUDA_LAUNCH_BLOCKING=1 is set.
+class CudaStream {
+ public:
+  /// Throws NoDeviceError where the machine has no device of that number.
+  explicit CudaStream(int ordinal = 0);
+  ~CudaStream();
+  CudaStream(const CudaStream&) = delete;
+  CudaStream& operator=(const CudaStream&) = delete;
+
+  int ordinal() const { return ordinal_; }
+  std::string device_name() const;
+  /// Its cudaStream_t.
+  void* handle() const { return handle_; }
+  /// Waits for all work given so far.
+  void synchronize();
+  const CudaActivity& activity() const { return activity_; }
+
+  // Memory, in bytes. DeviceArray is the comfortable way to it.
+  /// Throws DeviceMemoryError.
+  void* allocate(std::size_t bytes);
+  void release(void* memory) noexcept;
+  /// Memory of the host that the device writes to and reads from while the host goes on.
+  void* allocate_pinned(std::size_t bytes);
+  void release_pinned(void* memory) noexcept;
+  void copy_to_device(void* to, const void* from, std::size_t bytes);
+  void copy_on_device(void* to, const void* from, std::size_t bytes);
+  /// Waits until the copy is done.
+  void copy_to_host(void* to, const void* from, std::size_t bytes);
+  /// Does not wait; `to` is pinned.
+  void copy_to_pinned(void* to, const void* from, std::size_t bytes);
+  void fill_zero(void* memory, std::size_t bytes);
+
+  /// Makes the device current and writes down a kernel that is about to be launched. @param kernel a literal
+  void begin_launch(const char* kernel);
+  /// @param error the launch's cudaError_t
+  void end_launch(int error);
+  /// Counts a wait that happened elsewhere.
+  void count_synchronization();
+
+ private:
+  static constexpr std::size_t kRememberedKernels = 32;
+  void check(int error, const std::string& what) const;
+  std::string recent_kernels() const;
+
+  int ordinal_ = 0;
+  void* handle_ = nullptr;
+  CudaActivity activity_;
+  std::array<const char*, kRememberedKernels> kernels_{};  ///< launched since the last synchronisation, a ring
+  std::size_t launches_ = 0;                               ///< ... their number
+};
+
+}  // namespace splatboost

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "splatboost/cuda_stream.h"
+
+#include <cuda_runtime.h>
+
+#include <algorithm>
+
+#include "splatboost/errors.h"
+
+namespace splatboost {
+namespace {
+
+cudaStream_t stream_of(void* handle) { return static_cast<cudaStream_t>(handle); }
+
+}  // namespace
+
+CudaStream::CudaStream(int ordinal) : ordinal_(ordinal) {
+  int devices = 0;
+  const cudaError_t found = cudaGetDeviceCount(&devices);
+  if (found != cudaSuccess || ordinal < 0 || ordinal >= devices) {
+    const std::string why = found != cudaSuccess ? cudaGetErrorString(found) : std::to_string(devices) + " found";
+    static_cast<void>(cudaGetLastError());
+    throw NoDeviceError("no CUDA device " + std::to_string(ordinal) + " on this machine (" + why + ")");
+  }
+  check(cudaSetDevice(ordinal), "cudaSetDevice");
+  cudaStream_t stream = nullptr;
+  check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreate");
+  handle_ = stream;
+}
+
+CudaStream::~CudaStream() { static_cast<void>(cudaStreamDestroy(stream_of(handle_))); }
+
+std::string CudaStream::device_name() const {
+  cudaDeviceProp properties{};
+  check(cudaGetDeviceProperties(&properties, ordinal_), "cudaGetDeviceProperties");
+  return properties.name;
+}
+
+void CudaStream::synchronize() {
+  ++activity_.synchronizations;
+  check(cudaStreamSynchronize(stream_of(handle_)), "waiting for the device");
+  launches_ = 0;
+}
+
+void* CudaStream::allocate(std::size_t bytes) {
+  if (bytes == 0) return nullptr;
+  ++activity_.allocations;
+  check(cudaSetDevice(ordinal_), "cudaSetDevice");
+  void* memory = nullptr;
+  const cudaError_t error = cudaMalloc(&memory, bytes);
+  if (error == cudaErrorMemoryAllocation) {
+    static_cast<void>(cudaGetLastError());  // it is not sticky: the stream can still be used
+    std::size_t free = 0, total = 0;
+    static_cast<void>(cudaMemGetInfo(&free, &total));
+    throw DeviceMemoryError("out of device memory: " + std::to_string(bytes) + " bytes wanted, " +
+                            std::to_string(free) + " of " + std::to_string(total) + " free");
+  }
+  check(error, "cudaMalloc");
+  return memory;
+}
+
+void CudaStream::release(void* memory) noexcept {
+  if (memory != nullptr) static_cast<void>(cudaFree(memory));
+}
+
+void* CudaStream::allocate_pinned(std::size_t bytes) {
+  ++activity_.allocations;
+  void* memory = nullptr;
+  check(cudaMallocHost(&memory, std::max<std::size_t>(bytes, 1)), "cudaMallocHost");
+  return memory;
+}
+
+void CudaStream::release_pinned(void* memory) noexcept {
+  if (memory != nullptr) static_cast<void>(cudaFreeHost(memory));
+}
+
+void CudaStream::copy_to_device(void* to, const void* from, std::size_t bytes) {
+  if (bytes == 0) return;
+  check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream_of(handle_)), "copying to the device");
+}
+
+void CudaStream::copy_on_device(void* to, const void* from, std::size_t bytes) {
+  if (bytes == 0) return;
+  check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream_of(handle_)), "copying on the device");
+}
+
+void CudaStream::copy_to_host(void* to, const void* from, std::size_t bytes) {
+  if (bytes == 0) return;
+  check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream_of(handle_)), "copying from the device");
+  synchronize();
+}
+
+void CudaStream::copy_to_pinned(void* to, const void* from, std::size_t bytes) {
+  if (bytes == 0) return;
+  check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream_of(handle_)), "copying from the device");
+}
+
+void CudaStream::fill_zero(void* memory, std::size_t bytes) {
+  if (bytes == 0) return;
+  check(cudaMemsetAsync(memory, 0, bytes, stream_of(handle_)), "clearing device memory");
+}
+
+void CudaStream::begin_launch(const char* kernel) {
+  check(cudaSetDevice(ordinal_), "cudaSetDevice");
+  kernels_[launches_++ % kRememberedKernels] = kernel;
+}
+
+void CudaStream::end_launch(int error) {
+  if (error == cudaSuccess) return;
+  throw DeviceError(std::string("kernel ") + kernels_[(launches_ - 1) % kRememberedKernels] +
+                    " was not launched: " + cudaGetErrorString(static_cast<cudaError_t>(error)) + recent_kernels());
+}
+
+void CudaStream::count_synchronization() {
+  ++activity_.synchronizations;
+  launches_ = 0;
+}
+
+void CudaStream::check(int error, const std::string& what) const {
+  if (error == cudaSuccess) return;
+  throw DeviceError(what + " failed: " + cudaGetErrorString(static_cast<cudaError_t>(error)) + recent_kernels());
+}
+
+std::string CudaStream::recent_kernels() const {
+  if (launches_ == 0) return "";
+  std::string names;
+  const std::size_t known = std::min(launches_, kRememberedKernels);
+  for (std::size_t k = launches_ - known; k < launches_; ++k) {
+    names += (names.empty() ? "" : ", ") + std::string(kernels_[k % kRememberedKernels]);
+  }
+  return " (kernels since the host last waited: " + names + "; CUDA_LAUNCH_BLOCKING=1 tells which)";
+}
+
+}  // namespace splatboost

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file How a kernel is launched: by name, so that a fault can name it. For .cu files.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+#include "splatboost/cuda_stream.h"
+
+namespace splatboost {
+
+/// Blocks of kernels with one thread an element.
+inline constexpr std::uint32_t kBlockThreads = 256;
+
+/// Launches kernel(arguments …). Nothing happens where there are no blocks.
+template <class... Parameters, class... Arguments>
+void launch(CudaStream& stream, const char* name, void (*kernel)(Parameters...), dim3 blocks, dim3 threads,
+            Arguments&&... arguments) {
+  if (blocks.x == 0 || blocks.y == 0 || blocks.z == 0) return;
+  stream.begin_launch(name);
+  cudaLaunchConfig_t shape{};
+  shape.gridDim = blocks;
+  shape.blockDim = threads;
+  shape.stream = static_cast<cudaStream_t>(stream.handle());
+  stream.end_launch(cudaLaunchKernelEx(&shape, kernel, std::forward<Arguments>(arguments)...));
+}
+
+/// One thread an element: the kernel asks element_index() which, and leaves where that is n or above.
+template <class... Parameters, class... Arguments>
+void launch_each(CudaStream& stream, const char* name, void (*kernel)(Parameters...), std::size_t n,
+                 Arguments&&... arguments) {
+  const auto blocks = static_cast<std::uint32_t>((n + kBlockThreads - 1) / kBlockThreads);
+  launch(stream, name, kernel, dim3(blocks), dim3(kBlockThreads), std::forward<Arguments>(arguments)...);
+}
+
+__device__ inline std::size_t element_index() {
+  return static_cast<std::size_t>(blockIdx.x) * kBlockThreads + threadIdx.x;
+}
+
+/// Sum over the 32 lanes of a warp, all of which call it; the same in each.
+__device__ inline float warp_sum(float value) {
+  for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xffffffffu, value, step);
+  return value;
+}
+
+}  // namespace splatboost

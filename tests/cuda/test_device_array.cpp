@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// Memory of a CUDA device, and what the host may know of it without waiting.
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <numeric>
+#include <vector>
+
+#include "cuda/cuda_device.h"
+#include "splatboost/device.h"
+#include "splatboost/device_array.h"
+#include "splatboost/threads.h"
+
+namespace splatboost::test {
+namespace {
+
+using DeviceMemory = OnCuda<>;
+
+std::vector<float> counting(std::size_t n) {
+  std::vector<float> values(n);
+  std::iota(values.begin(), values.end(), 1.0f);
+  return values;
+}
+
+TEST_F(DeviceMemory, ComesBackAsItWent) {
+  const std::vector<float> values = counting(1000);
+  const DeviceArray<float> array(stream(), values);
+  EXPECT_EQ(array.to_host(), values);
+}
+
+TEST_F(DeviceMemory, ResizeKeepsValuesAndGrowsGeometrically) {
+  DeviceArray<float> array(stream(), counting(10));
+  array.resize(1000);
+  std::vector<float> kept = array.to_host();
+  kept.resize(10);
+  EXPECT_EQ(kept, counting(10));
+  const std::uint64_t before = stream().activity().allocations;
+  for (std::size_t n = 1000; n < 100000; ++n) array.resize(n);
+  EXPECT_LE(stream().activity().allocations - before, 12u);  // log 100 / log 1.5
+}
+
+TEST_F(DeviceMemory, SmallerSizesAllocateNothing) {
+  DeviceArray<float> array(stream());
+  array.ensure(1000);
+  const std::uint64_t before = stream().activity().allocations;
+  for (const std::size_t n : {10u, 1000u, 0u, 500u}) {
+    array.ensure(n);
+    EXPECT_EQ(array.size(), n);
+    array.resize(n / 2);
+  }
+  EXPECT_EQ(stream().activity().allocations, before);
+}
+
+TEST_F(DeviceMemory, FillsWithZero) {
+  DeviceArray<float> array(stream(), counting(33));
+  array.fill_zero();
+  EXPECT_EQ(array.to_host(), std::vector<float>(33, 0.0f));
+}
+
+TEST_F(DeviceMemory, OnlyReadingWaits) {
+  const std::uint64_t before = stream().activity().synchronizations;
+  DeviceArray<float> array(stream(), counting(33));
+  array.fill_zero();
+  array.resize(2000);
+  EXPECT_EQ(stream().activity().synchronizations, before);
+  static_cast<void>(array.to_host());
+  EXPECT_EQ(stream().activity().synchronizations, before + 1);
+}
+
+TEST_F(DeviceMemory, TooMuchNamesTheBytesWantedAndHad) {
+  DeviceArray<float> array(stream(), counting(33));
+  const std::size_t far_too_many = std::size_t{1} << 45;
+  DeviceArray<float> hopeless(stream());
+  try {
+    hopeless.ensure(far_too_many);
+    FAIL() << "nothing was thrown";
+  } catch (const DeviceMemoryError& error) {
+    const std::string text = error.what();
+    EXPECT_NE(text.find(std::to_string(4 * far_too_many) + " bytes wanted"), std::string::npos) << text;
+    EXPECT_NE(text.find("free"), std::string::npos) << text;
+  }
+  EXPECT_EQ(array.to_host(), counting(33));  // the stream goes on
+}
+
+TEST_F(DeviceMemory, ADeviceIsThreadsOrAStream) {
+  Threads threads(1);
+  const Device cpu(threads), cuda(stream());
+  EXPECT_FALSE(cpu.is_cuda());
+  EXPECT_TRUE(cuda.is_cuda());
+  EXPECT_EQ(&cuda.stream(), &stream());
+  EXPECT_THROW(cuda.threads(), ArgumentError);
+  EXPECT_THROW(cpu.stream(), ArgumentError);
+}
+
+TEST(CudaDevices, OneThatIsNotThereIsNamed) {
+  try {
+    CudaStream stream(99);
+    FAIL() << "nothing was thrown";
+  } catch (const NoDeviceError& error) {
+    EXPECT_NE(std::string(error.what()).find("CUDA device 99"), std::string::npos) << error.what();
+  }
+}
+
+}  // namespace
+}  // namespace splatboost::test

@@ -1,0 +1,313 @@
+// SPDX-License-Identifier: Apache-2.0
+// The emulator itself: right kernels give right results, and planted faults are found.
+#include <gtest/gtest.h>
+
+#include <cuda_runtime.h>
+#include <cub/cub.cuh>
+
+#include <cstdint>
+#include <functional>
+#include <numeric>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "../../../core/src/device_view.h"
+
+namespace splatboost::test {
+namespace {
+
+template <class... Parameters, class... Arguments>
+void start(void (*kernel)(Parameters...), unsigned blocks, unsigned threads, Arguments&&... arguments) {
+  cudaLaunchConfig_t shape{};
+  shape.gridDim = dim3(blocks);
+  shape.blockDim = dim3(threads);
+  ASSERT_EQ(cudaLaunchKernelEx(&shape, kernel, std::forward<Arguments>(arguments)...), cudaSuccess);
+}
+
+/// Expects a fault whose text holds `part`, and a kernel that runs well after it.
+void expect_fault(const std::function<void()>& launch, const std::string& part) {
+  for (const std::uint64_t seed : {0u, 1u, 2u, 3u}) {
+    cuda_on_cpu::permute(seed);
+    try {
+      launch();
+      ADD_FAILURE() << "no fault was found, seed " << seed;
+    } catch (const cuda_on_cpu::Fault& fault) {
+      EXPECT_NE(std::string(fault.what()).find(part), std::string::npos) << fault.what();
+    }
+  }
+  cuda_on_cpu::permute(0);
+}
+
+/// Runs a test in several orders.
+class Orders : public ::testing::TestWithParam<std::uint64_t> {
+ protected:
+  void SetUp() override { cuda_on_cpu::permute(GetParam()); }
+  void TearDown() override { cuda_on_cpu::permute(0); }
+};
+
+// ---- right kernels
+
+__global__ void write_index(DeviceView<int> out) {
+  const std::size_t i = blockIdx.x * blockDim.x + threadIdx.x;
+  if (i < out.size()) out[i] = static_cast<int>(i);
+}
+
+TEST_P(Orders, EveryThreadRunsOnce) {
+  std::vector<int> out(1000, -1), expected(1000);
+  std::iota(expected.begin(), expected.end(), 0);
+  start(write_index, 8, 128, std::span(out));
+  EXPECT_EQ(out, expected);
+}
+
+/// @tparam kBarriers without them it is wrong
+template <bool kBarriers>
+__global__ void reverse_blocks(DeviceView<int> values) {
+  __shared__ SharedArray<int, 128> shared;
+  const int t = static_cast<int>(threadIdx.x);
+  const std::size_t at = blockIdx.x * blockDim.x;
+  shared.set(t, values[at + threadIdx.x]);
+  if (kBarriers) __syncthreads();
+  values[at + threadIdx.x] = shared.get(127 - t);
+}
+
+TEST_P(Orders, SharedMemoryIsOfTheBlock) {
+  std::vector<int> values(512);
+  std::iota(values.begin(), values.end(), 0);
+  start(reverse_blocks<true>, 4, 128, std::span(values));
+  for (int i = 0; i < 512; ++i) EXPECT_EQ(values[static_cast<std::size_t>(i)], i / 128 * 128 + 127 - i % 128);
+}
+
+// Lane 7 of the part would read lane 8, which the mask leaves out: CUDA leaves that value undefined.
+__global__ void shuffle_beyond_mask(DeviceView<int> out) {
+  const int lane = static_cast<int>(threadIdx.x) % 32;
+  if (lane < 8) out[threadIdx.x] = __shfl_down_sync(0xffu, lane, 1);
+}
+
+__global__ void warp_functions(DeviceView<int> out) {
+  const int lane = static_cast<int>(threadIdx.x) % 32;
+  int sum = lane;
+  for (int step = 16; step > 0; step /= 2) sum += __shfl_xor_sync(0xffffffffu, sum, step);
+  const unsigned odd = __ballot_sync(0xffffffffu, lane % 2 == 1);
+  int part = 0;
+  if (lane < 8) part = __shfl_xor_sync(0xffu, lane, 1);
+  __syncwarp();
+  const bool any = __any_sync(0xffffffffu, lane == 7), all = __all_sync(0xffffffffu, lane < 31);
+  const auto added = static_cast<int>(__reduce_add_sync(0xffffffffu, static_cast<unsigned>(lane)));
+  const int third = __shfl_sync(0xffffffffu, lane + 100, 3);
+  const int down = __shfl_down_sync(0xffffffffu, lane, 30);
+  const bool right = sum == 496 && odd == 0xaaaaaaaau && (lane >= 8 || part == (lane ^ 1)) && any && !all &&
+                     added == 496 && third == 103 && down == (lane < 2 ? lane + 30 : lane);
+  out[threadIdx.x] = right ? 1 : 0;
+}
+
+TEST_P(Orders, WarpFunctions) {
+  std::vector<int> out(96, 0);
+  start(warp_functions, 1, 96, std::span(out));
+  EXPECT_EQ(out, std::vector<int>(96, 1));
+}
+
+__global__ void count_in_shared(DeviceView<int> out) {
+  __shared__ SharedArray<int, 4> bins;
+  if (threadIdx.x < 4) bins.set(static_cast<int>(threadIdx.x), 0);
+  __syncthreads();
+  bins.add(static_cast<int>(threadIdx.x) % 4, 1);
+  const int odd = __syncthreads_count(threadIdx.x % 2 == 1);
+  if (threadIdx.x < 4) atomicAdd(&out[threadIdx.x], bins.get(static_cast<int>(threadIdx.x)) * odd);
+}
+
+TEST_P(Orders, AtomicsAndCountingBarriers) {
+  std::vector<int> out(4, 0);
+  start(count_in_shared, 3, 64, std::span(out));
+  EXPECT_EQ(out, std::vector<int>(4, 3 * 16 * 32));
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, Orders, ::testing::Values(0, 1, 2, 12345));
+
+__global__ void order_of_arrival(DeviceView<int> next, DeviceView<int> out) {
+  out[static_cast<std::size_t>(atomicAdd(&next[0], 1))] = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+}
+
+TEST(Emulator, SeedsChangeTheOrder) {
+  std::vector<std::vector<int>> found;
+  for (const std::uint64_t seed : {0u, 1u, 2u, 1u}) {
+    cuda_on_cpu::permute(seed);
+    std::vector<int> next(1, 0), out(64, 0);
+    start(order_of_arrival, 2, 32, std::span(next), std::span(out));
+    found.push_back(out);
+  }
+  cuda_on_cpu::permute(0);
+  EXPECT_TRUE(std::is_sorted(found[0].begin(), found[0].end()));
+  EXPECT_NE(found[1], found[0]);
+  EXPECT_NE(found[1], found[2]);
+  EXPECT_EQ(found[1], found[3]);
+}
+
+// ---- planted faults
+
+TEST(EmulatorFinds, AMissingBarrier) {
+  std::vector<int> values(128);
+  expect_fault([&] { start(reverse_blocks<false>, 1, 128, std::span(values)); }, "shared array");
+}
+
+/// The barrier that keeps the next round's writes from this round's reads is missing.
+__global__ void overwrites_too_early(DeviceView<int> out) {
+  __shared__ SharedArray<int, 64> shared;
+  const int t = static_cast<int>(threadIdx.x);
+  for (int round = 0; round < 2; ++round) {
+    shared.set(t, round);
+    __syncthreads();
+    out[threadIdx.x] = shared.get(63 - t);
+  }
+}
+
+TEST(EmulatorFinds, AMissingBarrierBeforeTheNextRound) {
+  std::vector<int> out(64);
+  expect_fault([&] { start(overwrites_too_early, 1, 64, std::span(out)); }, "shared array");
+}
+
+template <bool kWarpSync>
+__global__ void exchange_in_warp(DeviceView<int> out) {
+  __shared__ SharedArray<int, 64> shared;
+  const int t = static_cast<int>(threadIdx.x);
+  shared.set(t, t);
+  if (kWarpSync) __syncwarp();
+  out[threadIdx.x] = shared.get(t ^ 1);
+}
+
+TEST(EmulatorFinds, AMissingSyncwarp) {
+  std::vector<int> out(64);
+  start(exchange_in_warp<true>, 1, 64, std::span(out));
+  for (int i = 0; i < 64; ++i) EXPECT_EQ(out[static_cast<std::size_t>(i)], i ^ 1);
+  expect_fault([&] { start(exchange_in_warp<false>, 1, 64, std::span(out)); }, "shared array");
+}
+
+__global__ void reads_what_nobody_wrote(DeviceView<int> out) {
+  __shared__ SharedArray<int, 64> shared;
+  if (threadIdx.x < 32) shared.set(static_cast<int>(threadIdx.x), 1);
+  __syncthreads();
+  out[threadIdx.x] = shared.get(static_cast<int>(threadIdx.x));
+}
+
+TEST(EmulatorFinds, SharedMemoryThatNobodyWrote) {
+  std::vector<int> out(64);
+  expect_fault([&] { start(reads_what_nobody_wrote, 1, 64, std::span(out)); }, "no thread of the block wrote");
+}
+
+__global__ void writes_beyond(DeviceView<int> out) { out[blockIdx.x * blockDim.x + threadIdx.x] = 1; }
+
+TEST(EmulatorFinds, AnAccessOutOfBounds) {
+  std::vector<int> out(100);
+  expect_fault([&] { start(writes_beyond, 1, 128, std::span(out)); }, "of a view of 100 elements");
+}
+
+__global__ void writes_beyond_shared(int n) {
+  __shared__ SharedArray<int, 64> shared;
+  shared.set(static_cast<int>(threadIdx.x) + n, 1);
+}
+
+TEST(EmulatorFinds, AnAccessOutOfBoundsOfSharedMemory) {
+  expect_fault([&] { start(writes_beyond_shared, 1, 64, 1); }, "of a shared array of 64 elements");
+}
+
+__global__ void masks_itself_out() {
+  if (threadIdx.x < 16) static_cast<void>(__ballot_sync(0xff00ffffu << 8, true));
+}
+
+TEST(EmulatorFinds, AMaskWithoutTheCaller) {
+  expect_fault([&] { start(masks_itself_out, 1, 32); }, "leaves out the calling lane");
+}
+
+__global__ void masks_lanes_that_left(DeviceView<int> out) {
+  if (threadIdx.x >= 20) return;
+  out[threadIdx.x] = __shfl_xor_sync(0xffffffffu, static_cast<int>(threadIdx.x), 1);
+}
+
+TEST(EmulatorFinds, AMaskOfLanesThatLeft) {
+  std::vector<int> out(32);
+  expect_fault([&] { start(masks_lanes_that_left, 1, 32, std::span(out)); }, "has left the kernel");
+}
+
+__global__ void masks_lanes_in_another_branch(DeviceView<int> out) {
+  if (threadIdx.x < 16) {
+    out[threadIdx.x] = __any_sync(0xffffffffu, true);
+  } else {
+    __syncthreads();
+  }
+}
+
+TEST(EmulatorFinds, AMaskOfLanesInAnotherBranch) {
+  std::vector<int> out(32);
+  expect_fault([&] { start(masks_lanes_in_another_branch, 1, 32, std::span(out)); }, "waits at __syncthreads");
+}
+
+TEST(EmulatorFinds, AShuffleFromALaneThatTheMaskLeavesOut) {
+  std::vector<int> out(32);
+  expect_fault([&] { start(shuffle_beyond_mask, 1, 32, std::span(out)); }, "which the mask 000000ff leaves out");
+}
+
+__global__ void leaves_before_the_barrier() {
+  if (threadIdx.x == 5) return;
+  __syncthreads();
+}
+
+TEST(EmulatorFinds, AThreadThatLeavesBeforeABarrier) {
+  expect_fault([&] { start(leaves_before_the_barrier, 1, 64); }, "left the kernel while other threads wait");
+}
+
+__global__ void two_barriers() {
+  if (threadIdx.x < 32) {
+    __syncthreads();
+  } else {
+    __syncthreads();
+  }
+}
+
+TEST(EmulatorFinds, BarriersOfTwoBranches) {
+  expect_fault([&] { start(two_barriers, 1, 64); }, "while thread");
+}
+
+TEST(Emulator, RefusesShapesThatADeviceWould) {
+  cudaLaunchConfig_t shape{};
+  shape.gridDim = dim3(1);
+  shape.blockDim = dim3(1025);
+  EXPECT_EQ(cudaLaunchKernelEx(&shape, two_barriers), cudaErrorInvalidConfiguration);
+  shape.blockDim = dim3(0);
+  EXPECT_EQ(cudaLaunchKernelEx(&shape, two_barriers), cudaErrorInvalidConfiguration);
+}
+
+// ---- memory, and CUB
+
+TEST(EmulatorMemory, IsLimitedAndNotZero) {
+  void* memory = nullptr;
+  cuda_on_cpu::set_device_memory(1 << 20);
+  EXPECT_EQ(cudaMalloc(&memory, (1 << 20) + 1), cudaErrorMemoryAllocation);
+  ASSERT_EQ(cudaMalloc(&memory, 1 << 19), cudaSuccess);
+  EXPECT_EQ(cuda_on_cpu::device_memory_in_use(), std::size_t{1} << 19);
+  EXPECT_TRUE(std::isnan(*static_cast<float*>(memory)));
+  EXPECT_EQ(cudaFree(memory), cudaSuccess);
+  EXPECT_EQ(cudaFree(memory), cudaErrorInvalidValue);  // twice
+  cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
+}
+
+TEST(EmulatorCub, SortsStablyByTheBitsAskedFor) {
+  const std::vector<float> keys{2.0f, -1.0f, 0.5f, -3.0f, 2.0f};
+  const std::vector<int> values{0, 1, 2, 3, 4};
+  std::vector<float> sorted(5);
+  std::vector<int> moved(5);
+  std::size_t bytes = 0;
+  cub::DeviceRadixSort::SortPairs(nullptr, bytes, keys.data(), sorted.data(), values.data(), moved.data(), 5);
+  std::vector<char> memory(bytes);
+  cub::DeviceRadixSort::SortPairs(memory.data(), bytes, keys.data(), sorted.data(), values.data(), moved.data(), 5);
+  EXPECT_EQ(moved, (std::vector<int>{3, 1, 2, 0, 4}));
+  EXPECT_EQ(sorted, (std::vector<float>{-3, -1, 0.5f, 2, 2}));
+  std::vector<std::uint32_t> bits{0x13, 0x01, 0x22, 0x12};
+  std::vector<int> at{0, 1, 2, 3}, bits_moved(4);
+  std::vector<std::uint32_t> bits_sorted(4);
+  cub::DeviceRadixSort::SortPairs(memory.data(), bytes, bits.data(), bits_sorted.data(), at.data(), bits_moved.data(),
+                                  4, 0, 4);
+  EXPECT_EQ(bits_moved, (std::vector<int>{1, 2, 3, 0}));
+}
+
+}  // namespace
+}  // namespace splatboost::test
