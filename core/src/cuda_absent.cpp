@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a build without CUDA has in place of the .cu files. There is no stream, so nothing else here is ever reached.
+#include "cuda_operations.h"
 #include "splatboost/cuda_stream.h"
 #include "splatboost/errors.h"
 
@@ -26,5 +27,40 @@ void CudaStream::fill_zero(void*, std::size_t) { absent(); }
 void CudaStream::begin_launch(const char*) { absent(); }
 void CudaStream::end_launch(int) { absent(); }
 void CudaStream::count_synchronization() { absent(); }
+
+namespace cuda {
+
+void exponentials(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void sigmoids(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void adam_step(std::span<float>, std::span<float>, std::span<float>, std::span<float>, std::int64_t, const AdamOptions&,
+               CudaStream&) {
+  absent();
+}
+void photometric(std::span<const float>, const TruthImage&, float, std::span<float>, PhotometricWorkspace&,
+                 CudaStream&) {
+  absent();
+}
+ErrorCounts flag_errors(std::span<const float>, const TruthImage&, float, float, std::span<float>,
+                        std::span<std::uint8_t>, CudaStream&) {
+  absent();
+}
+void add_view(std::span<const std::int32_t>, double, std::span<std::int64_t>, std::span<double>, CudaStream&) {
+  absent();
+}
+void remove_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint8_t>) { absent(); }
+void append_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
+void reorder_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
+
+std::size_t keep_important(std::span<const std::int64_t>, double, std::span<std::uint8_t>, CudaStream&) { absent(); }
+void keep_weighted_sample(std::span<const float>, std::size_t, const RandomStream&, std::span<std::uint8_t>,
+                          CudaStream&) {
+  absent();
+}
+void keep_largest(std::span<const float>, std::size_t, std::span<std::uint8_t>, CudaStream&) { absent(); }
+std::size_t spare_one(std::span<const float>, std::span<std::uint8_t>, CudaStream&) { absent(); }
+void spatial_order(std::span<const float>, std::span<std::uint32_t>, CudaStream&) { absent(); }
+void mean_squared_neighbor_distances(std::span<const float>, int, std::span<float>, CudaStream&) { absent(); }
+
+}  // namespace cuda
 
 }  // namespace splatboost
