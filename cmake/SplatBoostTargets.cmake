@@ -26,8 +26,9 @@ function(splatboost_target_options target)
     -Wno-sign-conversion;-fno-math-errno;-fno-trapping-math;
     $<$<BOOL:${SPLATBOOST_WARNINGS_AS_ERRORS}>:-Werror>>)
   # nvcc warns of its own; what it hands to the host's compiler is not our text. Host functions that are constexpr, and
-  # so std::span, may be called in kernels.
-  target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:--expt-relaxed-constexpr;-Xcompiler=-Wall;
+  # so std::span, may be called in kernels. 20012 is of GLM's defaulted functions.
+  target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:--expt-relaxed-constexpr;--diag-suppress=20012;
+    -Xcompiler=-Wall;
     $<$<BOOL:${SPLATBOOST_WARNINGS_AS_ERRORS}>:--Werror=all-warnings>>)
   # GCC 12 takes "text" + std::string for overlapping copies (its bug 105651, mended in 13).
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)

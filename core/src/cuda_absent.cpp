@@ -27,9 +27,10 @@ void CudaStream::fill_zero(void*, std::size_t) { absent(); }
 void CudaStream::begin_launch(const char*) { absent(); }
 void CudaStream::end_launch(int) { absent(); }
 void CudaStream::count_synchronization() { absent(); }
+void CudaStream::check(int, const char*) const { absent(); }
 
 namespace cuda {
-
+std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream&) { absent(); }
 void exponentials(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
 void sigmoids(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
 void adam_step(std::span<float>, std::span<float>, std::span<float>, std::span<float>, std::int64_t, const AdamOptions&,

@@ -5,8 +5,10 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 
+#include "rasterizer_backend.h"
 #include "splatboost/adam.h"
 #include "splatboost/cuda_stream.h"
 #include "splatboost/device_array.h"
@@ -14,6 +16,8 @@
 #include "splatboost/random.h"
 
 namespace splatboost::cuda {
+
+std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream& stream);
 
 void exponentials(std::span<const float> from, std::span<float> to, CudaStream& stream);
 void sigmoids(std::span<const float> from, std::span<float> to, CudaStream& stream);

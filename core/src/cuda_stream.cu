@@ -116,9 +116,10 @@ void CudaStream::count_synchronization() {
   launches_ = 0;
 }
 
-void CudaStream::check(int error, const std::string& what) const {
+void CudaStream::check(int error, const char* what) const {
   if (error == cudaSuccess) return;
-  throw DeviceError(what + " failed: " + cudaGetErrorString(static_cast<cudaError_t>(error)) + recent_kernels());
+  throw DeviceError(std::string(what) + " failed: " + cudaGetErrorString(static_cast<cudaError_t>(error)) +
+                    recent_kernels());
 }
 
 std::string CudaStream::recent_kernels() const {

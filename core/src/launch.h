@@ -46,4 +46,13 @@ __device__ inline float warp_sum(float value) {
   return value;
 }
 
+/// Largest of the 32 lanes of a warp, all of which call it; the same in each.
+__device__ inline std::uint32_t warp_max(std::uint32_t value) {
+  for (int step = 16; step > 0; step /= 2) {
+    const std::uint32_t other = __shfl_xor_sync(0xffffffffu, value, step);
+    value = other > value ? other : value;
+  }
+  return value;
+}
+
 }  // namespace splatboost

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/rasterizer.h"
 
-#include <chrono>
 #include <cmath>
 #include <string>
 
-#include "frame.h"
+#include "cuda_operations.h"
+#include "rasterizer_backend.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
@@ -29,14 +29,6 @@ void check_options(const RasterOptions& options) {
                    "low_pass must be finite and not negative");
   SPLATBOOST_CHECK(options.near_plane > 0.0f && std::isfinite(options.near_plane),
                    "near_plane must be finite and above 0");
-}
-
-/// Runs a stage and notes how long it took.
-template <class Stage>
-void timed(double& seconds, Stage&& stage) {
-  const auto start = std::chrono::steady_clock::now();
-  stage();
-  seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 }  // namespace
@@ -70,11 +62,15 @@ void check_gaussians(const Gaussians& g) {
 }
 
 struct Rasterizer::State {
-  explicit State(Device device) : threads(device.threads()) {}
-  Threads& threads;
-  Frame frame;
-  RasterSeconds seconds;
+  explicit State(Device device)
+      : backend(device.is_cuda() ? cuda::make_rasterizer(device.stream()) : make_cpu_rasterizer(device.threads())) {}
+  std::unique_ptr<RasterizerBackend> backend;
+  // Of the last forward():
   bool drawn = false;
+  std::size_t pixels = 0;
+  std::size_t gaussians = 0;
+  int features = 0;
+  bool inverse_depth = false;
 };
 
 Rasterizer::Rasterizer(Device device) : state_(std::make_unique<State>(device)) {}
@@ -93,35 +89,27 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
   check_optional(images.inverse_depth, pixels, "inverse_depth");
   check_optional(images.alpha, pixels, "alpha");
 
-  Frame& frame = state_->frame;
-  frame.camera = camera;
-  frame.options = options;
-  frame.projection = make_projection_camera(camera);
-  frame.gaussians = gaussians.count;
-  frame.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
-  frame.inverse_depth = !images.inverse_depth.empty();
-  frame.tiles_x = camera.tiles_x();
-  frame.tiles_y = camera.tiles_y();
-  SPLATBOOST_CHECK(frame.tiles_x < 65536 && frame.tiles_y < 65536, "images are limited to 2^20 pixels a side");
+  SPLATBOOST_CHECK(camera.tiles_x() < 65536 && camera.tiles_y() < 65536, "images are limited to 2^20 pixels a side");
 
-  RasterSeconds& seconds = state_->seconds;
-  timed(seconds.project, [&] { project(frame, gaussians, state_->threads); });
-  timed(seconds.tile_lists, [&] { build_tile_lists(frame, state_->threads); });
-  timed(seconds.blend, [&] { blend(frame, images, state_->threads); });
-  state_->drawn = true;
+  State& state = *state_;
+  state.pixels = pixels;
+  state.gaussians = gaussians.count;
+  state.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
+  state.inverse_depth = !images.inverse_depth.empty();
+  state.backend->forward(camera, gaussians, options, images);
+  state.drawn = true;
 }
 
 void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
                           const GaussianGradients& gradients) {
-  Frame& frame = state_->frame;
-  SPLATBOOST_CHECK(state_->drawn && gaussians.count == frame.gaussians,
+  const State& state = *state_;
+  SPLATBOOST_CHECK(state.drawn && gaussians.count == state.gaussians,
                    "backward() needs a forward() of the same Gaussians before it");
-  const std::size_t pixels =
-      static_cast<std::size_t>(frame.camera.width) * static_cast<std::size_t>(frame.camera.height);
+  const std::size_t pixels = state.pixels;
   const std::size_t n = gaussians.count;
   check_optional(image_gradients.color, 3 * pixels, "gradient of color");
-  check_optional(image_gradients.features, pixels * static_cast<std::size_t>(frame.features), "gradient of features");
-  check_optional(image_gradients.inverse_depth, frame.inverse_depth ? pixels : 0, "gradient of inverse_depth");
+  check_optional(image_gradients.features, pixels * static_cast<std::size_t>(state.features), "gradient of features");
+  check_optional(image_gradients.inverse_depth, state.inverse_depth ? pixels : 0, "gradient of inverse_depth");
   check_optional(image_gradients.alpha, pixels, "gradient of alpha");
   check_optional(gradients.means, 3 * n, "gradients.means");
   check_optional(gradients.scales, gaussians.covariances.empty() ? 3 * n : 0, "gradients.scales");
@@ -138,34 +126,24 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
   check_optional(gradients.screen_means, 2 * n, "gradients.screen_means");
   check_optional(gradients.screen_means_abs, 2 * n, "gradients.screen_means_abs");
 
-  RasterSeconds& seconds = state_->seconds;
-  timed(seconds.blend_backward,
-        [&] { blend_backward(frame, image_gradients, !gradients.screen_means_abs.empty(), state_->threads); });
-  timed(seconds.project_backward, [&] { project_backward(frame, gaussians, gradients, state_->threads); });
+  state_->backend->backward(gaussians, image_gradients, gradients);
 }
 
 void Rasterizer::count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) {
-  const Frame& frame = state_->frame;
-  SPLATBOOST_CHECK(state_->drawn, "count_flagged() needs a forward() before it");
-  SPLATBOOST_CHECK(
-      flagged.size() == static_cast<std::size_t>(frame.camera.width) * static_cast<std::size_t>(frame.camera.height),
-      "flagged must have one byte a pixel");
-  SPLATBOOST_CHECK(counts.size() == frame.gaussians, "counts must have one number a Gaussian");
-  timed(state_->seconds.count, [&] { count_flagged_pixels(frame, flagged, counts, state_->threads); });
+  const State& state = *state_;
+  SPLATBOOST_CHECK(state.drawn, "count_flagged() needs a forward() before it");
+  SPLATBOOST_CHECK(flagged.size() == state.pixels, "flagged must have one byte a pixel");
+  SPLATBOOST_CHECK(counts.size() == state.gaussians, "counts must have one number a Gaussian");
+  state_->backend->count_flagged(flagged, counts);
 }
 
-std::span<const std::uint8_t> Rasterizer::visible() const { return state_->frame.visible.span(); }
-std::span<const std::int32_t> Rasterizer::screen_radii() const { return state_->frame.radii.span(); }
+bool Rasterizer::settle() { return state_->drawn && state_->backend->settle(); }
 
-const RasterSeconds& Rasterizer::seconds() const { return state_->seconds; }
+std::span<const std::uint8_t> Rasterizer::visible() const { return state_->backend->visible(); }
+std::span<const std::int32_t> Rasterizer::screen_radii() const { return state_->backend->screen_radii(); }
 
-RasterCounts Rasterizer::counts() const {
-  RasterCounts counts;
-  const Frame& frame = state_->frame;
-  if (!state_->drawn) return counts;
-  for (const std::uint8_t seen : frame.visible.span()) counts.visible += seen;
-  counts.tile_entries = frame.entries.size();
-  return counts;
-}
+const RasterSeconds& Rasterizer::seconds() const { return state_->backend->seconds(); }
+
+RasterCounts Rasterizer::counts() const { return state_->drawn ? state_->backend->counts() : RasterCounts{}; }
 
 }  // namespace splatboost

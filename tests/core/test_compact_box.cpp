@@ -10,6 +10,7 @@
 #include "splatboost/rasterizer.h"
 #include "support/compare.h"
 #include "support/scenes.h"
+#include "support/tested_rasterizer.h"
 
 namespace splatboost::test {
 namespace {
@@ -98,9 +99,11 @@ void check_single_tile(const RasterOptions& options, std::size_t trials, std::ui
   EXPECT_GT(tally.certain_out, trials / 8);
 }
 
-TEST(CompactBox, ATileListsExactlyTheEllipsesThatMeetIt) { check_single_tile(ellipse(1), 60000, 1); }
-TEST(CompactBox, ATileListsExactlyTheEllipsesThatMeetItAtHalfBeta) { check_single_tile(ellipse(0.5f), 40000, 2); }
-TEST(CompactBox, ATileListsExactlyTheSquaresThatMeetIt) { check_single_tile(RasterOptions{}, 20000, 3); }
+TEST(CompactBox, ATileListsExactlyTheEllipsesThatMeetIt) { check_single_tile(ellipse(1), some_of(60000), 1); }
+TEST(CompactBox, ATileListsExactlyTheEllipsesThatMeetItAtHalfBeta) {
+  check_single_tile(ellipse(0.5f), some_of(40000), 2);
+}
+TEST(CompactBox, ATileListsExactlyTheSquaresThatMeetIt) { check_single_tile(RasterOptions{}, some_of(20000), 3); }
 
 // Images of many tiles, the last of each row and column cut by the border.
 void check_many_tiles(const RasterOptions& options, std::size_t trials, std::uint64_t seed) {
@@ -159,9 +162,9 @@ void check_many_tiles(const RasterOptions& options, std::size_t trials, std::uin
   EXPECT_TRUE(are_few(uncertain, entries, 0.002));
 }
 
-TEST(CompactBox, NoPixelOfOneStepIsLostAtBetaOne) { check_many_tiles(ellipse(1), 4000, 11); }
-TEST(CompactBox, HalfBetaCutsWholeTiles) { check_many_tiles(ellipse(0.5f), 2000, 12); }
-TEST(CompactBox, TheSquareCutsWholeTiles) { check_many_tiles(RasterOptions{}, 2000, 13); }
+TEST(CompactBox, NoPixelOfOneStepIsLostAtBetaOne) { check_many_tiles(ellipse(1), some_of(4000), 11); }
+TEST(CompactBox, HalfBetaCutsWholeTiles) { check_many_tiles(ellipse(0.5f), some_of(2000), 12); }
+TEST(CompactBox, TheSquareCutsWholeTiles) { check_many_tiles(RasterOptions{}, some_of(2000), 13); }
 
 TEST(CompactBox, SmallerBetaListsASubset) {
   Numbers random(21);

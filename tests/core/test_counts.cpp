@@ -9,6 +9,7 @@
 #include "splatboost/rasterizer.h"
 #include "support/compare.h"
 #include "support/scenes.h"
+#include "support/tested_rasterizer.h"
 
 namespace splatboost::test {
 namespace {

@@ -57,10 +57,11 @@ class CudaStream {
   void end_launch(int error);
   /// Counts a wait that happened elsewhere.
   void count_synchronization();
+  /// Throws DeviceError where a cudaError_t is none of success.
+  void check(int error, const char* what) const;
 
  private:
   static constexpr std::size_t kRememberedKernels = 32;
-  void check(int error, const std::string& what) const;
   std::string recent_kernels() const;
 
   int ordinal_ = 0;

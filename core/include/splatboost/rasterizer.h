@@ -90,12 +90,20 @@ class Rasterizer {
   /// @param counts [N]
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts);
 
+  /// On a GPU forward() does not wait to learn how much room the tile lists take: it makes room by the frames before,
+  /// and half as much again. A view that outgrows it is drawn without some of its splats. This waits for the last
+  /// forward() and, if that happened, draws it again into the same images, which must still be there. Call it where
+  /// every splat counts (scores, evaluation), not in a training loop, whose next forward() makes more room by itself.
+  /// @return whether the view was drawn again; always false on a CPU
+  bool settle();
+
   /// [N] non-zero where the last forward() listed the Gaussian in at least one tile. Valid until the next forward().
   std::span<const std::uint8_t> visible() const;
 
   /// [N] 3σ radius on screen in pixels, rounded up; 0 where not visible. Valid until the next forward().
   std::span<const std::int32_t> screen_radii() const;
 
+  /// On a GPU this settles and seconds() waits, so neither belongs into a steady loop.
   RasterCounts counts() const;
   const RasterSeconds& seconds() const;
 

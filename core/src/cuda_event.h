@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file A mark in a stream. For .cu files.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include "splatboost/cuda_stream.h"
+
+namespace splatboost::cuda {
+
+/// Owns an event.
+class Event {
+ public:
+  /// @param flags cudaEventDefault, whose times can be compared, or cudaEventDisableTiming
+  Event(CudaStream& stream, unsigned flags) : stream_(stream) {
+    stream.check(cudaEventCreateWithFlags(&event_, flags), "cudaEventCreate");
+  }
+  ~Event() { static_cast<void>(cudaEventDestroy(event_)); }
+  Event(const Event&) = delete;
+  Event& operator=(const Event&) = delete;
+
+  void record() {
+    stream_.check(cudaEventRecord(event_, static_cast<cudaStream_t>(stream_.handle())), "cudaEventRecord");
+    recorded_ = true;
+  }
+  bool is_recorded() const { return recorded_; }
+  /// Whether the stream has come past it; true where it was never recorded.
+  bool is_done() const {
+    const cudaError_t state = cudaEventQuery(event_);
+    if (state == cudaErrorNotReady) return false;
+    stream_.check(state, "asking for the device's progress");
+    return true;
+  }
+  void wait() {
+    stream_.count_synchronization();
+    stream_.check(cudaEventSynchronize(event_), "waiting for the device");
+  }
+  /// Seconds between two events that are done.
+  friend double seconds_between(const Event& from, const Event& to) {
+    if (!from.recorded_ || !to.recorded_) return 0.0;
+    float milliseconds = 0;
+    to.stream_.check(cudaEventElapsedTime(&milliseconds, from.event_, to.event_), "cudaEventElapsedTime");
+    return 1e-3 * static_cast<double>(milliseconds);
+  }
+
+ private:
+  CudaStream& stream_;
+  cudaEvent_t event_ = nullptr;
+  bool recorded_ = false;
+};
+
+}  // namespace splatboost::cuda

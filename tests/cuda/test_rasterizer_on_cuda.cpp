@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is of a CUDA device alone: agreement with the CPU, steady loops that neither wait nor allocate, views that
+// outgrow their room, orders of execution. The formulas are tested by the CPU's own tests, built for CUDA.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "cuda/cuda_device.h"
+#include "splatboost/cuda_backward.h"
+#include "splatboost/device_array.h"
+#include "splatboost/rasterizer.h"
+#include "splatboost/threads.h"
+#include "support/compare.h"
+#include "support/scenes.h"
+#ifdef SPLATBOOST_CUDA_ON_CPU
+#include "cuda_on_cpu.h"
+#endif
+
+namespace splatboost::test {
+namespace {
+
+using Doubles = std::vector<double>;
+
+/// A scene of colours on the device, and what is drawn of it.
+struct SceneOnDevice {
+  SceneOnDevice(CudaStream& stream, const SceneData& scene, const Camera& camera)
+      : count(scene.count),
+        means(stream, scene.means),
+        scales(stream, scene.scales),
+        rotations(stream, scene.rotations),
+        opacities(stream, scene.opacities),
+        colors(stream, scene.colors),
+        image(stream),
+        image_gradient(stream),
+        g_means(stream),
+        g_scales(stream),
+        g_opacities(stream),
+        g_colors(stream),
+        g_abs(stream),
+        flagged(stream),
+        counts(stream) {
+    const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+    image.ensure(3 * pixels);
+    image_gradient.upload(ImageGradientData(camera, 0, 9, {}).color);
+    g_means.ensure(3 * count);
+    g_scales.ensure(3 * count);
+    g_opacities.ensure(count);
+    g_colors.ensure(3 * count);
+    g_abs.ensure(2 * count);
+    flagged.upload(std::vector<std::uint8_t>(pixels, 1));
+    counts.upload(std::vector<std::int32_t>(count, 0));
+  }
+
+  Gaussians gaussians(std::size_t n) const {
+    Gaussians g;
+    g.count = n;
+    g.means = means.span().first(3 * n);
+    g.scales = scales.span().first(3 * n);
+    g.rotations = rotations.span().first(4 * n);
+    g.opacities = opacities.span().first(n);
+    g.colors = colors.span().first(3 * n);
+    return g;
+  }
+  void forward(Rasterizer& rasterizer, const Camera& camera, const RasterOptions& options) {
+    RasterImages images;
+    images.color = image.span();
+    rasterizer.forward(camera, gaussians(count), options, images);
+  }
+  void backward(Rasterizer& rasterizer) {
+    RasterImageGradients driving;
+    driving.color = std::as_const(image_gradient).span();
+    GaussianGradients gradients;
+    gradients.means = g_means.span();
+    gradients.scales = g_scales.span();
+    gradients.opacities = g_opacities.span();
+    gradients.colors = g_colors.span();
+    gradients.screen_means_abs = g_abs.span();
+    rasterizer.backward(gaussians(count), driving, gradients);
+  }
+
+  std::size_t count;
+  DeviceArray<float> means, scales, rotations, opacities, colors, image, image_gradient, g_means, g_scales, g_opacities,
+      g_colors, g_abs;
+  DeviceArray<std::uint8_t> flagged;
+  DeviceArray<std::int32_t> counts;
+};
+
+SceneData many_splats(const Camera& camera, std::size_t count, double largest = 5) {
+  SceneSpec spec;
+  spec.count = count;
+  spec.colors = true;
+  spec.largest = largest;
+  return random_scene(camera, spec, 71);
+}
+
+Doubles as_doubles(const std::vector<float>& values) { return {values.begin(), values.end()}; }
+
+class RasterizerOnCuda : public OnCuda<::testing::TestWithParam<std::tuple<BoxPolicy, CudaBackward>>> {
+ protected:
+  RasterizerOnCuda() {
+    options.box = std::get<0>(GetParam());
+    options.beta = 0.5f;
+    use_cuda_backward(std::get<1>(GetParam()));
+  }
+  ~RasterizerOnCuda() override { use_cuda_backward(CudaBackward::per_pixel); }
+  Camera camera = oblique_camera(117, 85);
+  RasterOptions options;
+};
+
+TEST_P(RasterizerOnCuda, AgreesWithTheCpu) {
+  const SceneData scene = many_splats(camera, 1500);
+  Threads threads(2);
+  Rasterizer on_cpu(threads);
+  std::vector<float> image(3 * 117 * 85);
+  on_cpu.forward(camera, scene.view(), options, color_only(image));
+  GradientData gradients(scene);
+  ImageGradientData driving(camera, 0, 9, {});
+  RasterImageGradients color_alone;
+  color_alone.color = driving.color;
+  on_cpu.backward(scene.view(), color_alone, gradients.view());
+  std::vector<std::int32_t> counts(scene.count, 0);
+  on_cpu.count_flagged(std::vector<std::uint8_t>(117 * 85, 1), counts);
+
+  SceneOnDevice on_device(stream(), scene, camera);
+  Rasterizer on_cuda(stream());
+  on_device.forward(on_cuda, camera, options);
+  on_device.backward(on_cuda);
+  on_cuda.count_flagged(std::as_const(on_device.flagged).span(), on_device.counts.span());
+
+  // Rounding decides a few (pixel, splat) pairs at thresholds differently; each weighs 1/255 at most.
+  const std::vector<float> drawn = on_device.image.to_host();
+  std::size_t apart = 0;
+  for (std::size_t k = 0; k < drawn.size(); ++k) {
+    EXPECT_NEAR(drawn[k], image[k], 0.01) << k;
+    apart += std::abs(drawn[k] - image[k]) > 1e-5f ? 1 : 0;
+  }
+  EXPECT_TRUE(are_few(apart, drawn.size(), 0.002));
+  const Tolerance tolerance{.relative = 1e-2, .scale = 1e-3, .absolute = 0, .l2 = 1e-3};
+  EXPECT_TRUE(is_close(on_device.g_means.to_host(), as_doubles(gradients.means), tolerance));
+  EXPECT_TRUE(is_close(on_device.g_scales.to_host(), as_doubles(gradients.scales), tolerance));
+  EXPECT_TRUE(is_close(on_device.g_opacities.to_host(), as_doubles(gradients.opacities), tolerance));
+  EXPECT_TRUE(is_close(on_device.g_colors.to_host(), as_doubles(gradients.colors), tolerance));
+  EXPECT_TRUE(is_close(on_device.g_abs.to_host(), as_doubles(gradients.screen_means_abs), tolerance));
+  const std::vector<std::int32_t> counted = on_device.counts.to_host();
+  std::int64_t sum = 0, difference = 0;
+  for (std::size_t i = 0; i < counts.size(); ++i) {
+    sum += counts[i];
+    difference += std::abs(counts[i] - counted[i]);
+  }
+  EXPECT_LE(difference, sum / 10000);
+  EXPECT_EQ(on_cuda.counts().visible, on_cpu.counts().visible);
+  EXPECT_NEAR(static_cast<double>(on_cuda.counts().tile_entries), static_cast<double>(on_cpu.counts().tile_entries), 2);
+}
+
+TEST_P(RasterizerOnCuda, ASteadyLoopNeitherWaitsNorAllocates) {
+  const SceneData scene = many_splats(camera, 300);
+  SceneOnDevice on_device(stream(), scene, camera);
+  Rasterizer rasterizer(stream());
+  const auto iteration = [&](int i) {
+    Camera moved = camera;
+    moved.cx += static_cast<float>(i % 3);
+    on_device.forward(rasterizer, moved, options);
+    on_device.backward(rasterizer);
+    rasterizer.count_flagged(std::as_const(on_device.flagged).span(), on_device.counts.span());
+  };
+  for (int i = 0; i < 3; ++i) iteration(i);
+  const CudaActivity before = stream().activity();
+  for (int i = 0; i < 6; ++i) iteration(i);
+  EXPECT_EQ(stream().activity().synchronizations, before.synchronizations);
+  EXPECT_EQ(stream().activity().allocations, before.allocations);
+  EXPECT_FALSE(rasterizer.settle());
+}
+
+TEST_P(RasterizerOnCuda, AViewThatOutgrowsItsRoomIsDrawnAgain) {
+  const SceneData scene = many_splats(camera, 2500, 12);
+  SceneOnDevice on_device(stream(), scene, camera);
+  Rasterizer fresh(stream());
+  on_device.forward(fresh, camera, options);  // its first view: exact
+  EXPECT_FALSE(fresh.settle());
+  const std::vector<float> expected = on_device.image.to_host();
+
+  Camera away = camera;
+  away.cx += 5000;
+  for (const bool settles : {true, false}) {
+    Rasterizer rasterizer(stream());
+    on_device.forward(rasterizer, away, options);  // hardly anything to be seen
+    on_device.image.fill_zero();
+    on_device.forward(rasterizer, camera, options);
+    if (settles) {
+      EXPECT_TRUE(rasterizer.settle());
+      EXPECT_FALSE(rasterizer.settle());
+    } else {
+      EXPECT_NE(on_device.image.to_host(), expected);
+      on_device.forward(rasterizer, camera, options);  // it has learned
+    }
+    EXPECT_EQ(on_device.image.to_host(), expected);
+    EXPECT_EQ(rasterizer.counts().tile_entries, fresh.counts().tile_entries);
+  }
+}
+
+#ifdef SPLATBOOST_CUDA_ON_CPU
+
+TEST_P(RasterizerOnCuda, TheOrderOfThreadsAndBlocksChangesNoPixelAndNoCount) {
+  const SceneData scene = many_splats(camera, 200);
+  std::vector<std::vector<float>> images, slopes;
+  std::vector<std::vector<std::int32_t>> counts;
+  for (const std::uint64_t seed : {0u, 1u, 2u, 3u}) {
+    cuda_on_cpu::permute(seed);
+    SceneOnDevice on_device(stream(), scene, camera);
+    Rasterizer rasterizer(stream());
+    on_device.forward(rasterizer, camera, options);
+    on_device.backward(rasterizer);
+    rasterizer.count_flagged(std::as_const(on_device.flagged).span(), on_device.counts.span());
+    images.push_back(on_device.image.to_host());
+    slopes.push_back(on_device.g_means.to_host());
+    counts.push_back(on_device.counts.to_host());
+  }
+  cuda_on_cpu::permute(0);
+  const Tolerance rounding{.relative = 1e-5, .scale = 1e-6, .absolute = 0, .l2 = 1e-6};
+  for (std::size_t k = 1; k < images.size(); ++k) {
+    EXPECT_EQ(images[k], images[0]);
+    EXPECT_EQ(counts[k], counts[0]);
+    EXPECT_TRUE(is_close(slopes[k], as_doubles(slopes[0]), rounding));  // sums of floats in another order
+  }
+}
+
+TEST_P(RasterizerOnCuda, TooLittleDeviceMemoryIsSaid) {
+  const SceneData scene = many_splats(camera, 300);
+  SceneOnDevice on_device(stream(), scene, camera);
+  Rasterizer rasterizer(stream());
+  cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() + 1000);
+  EXPECT_THROW(on_device.forward(rasterizer, camera, options), DeviceMemoryError);
+  cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
+  on_device.forward(rasterizer, camera, options);  // and goes on where there is memory again
+  EXPECT_GT(rasterizer.counts().visible, 0u);
+}
+
+#endif
+
+INSTANTIATE_TEST_SUITE_P(Kinds, RasterizerOnCuda,
+                         ::testing::Combine(::testing::Values(BoxPolicy::square, BoxPolicy::ellipse),
+                                            ::testing::Values(CudaBackward::per_pixel, CudaBackward::per_splat)),
+                         [](const auto& given) {
+                           return std::string(std::get<0>(given.param) == BoxPolicy::square ? "square" : "ellipse") +
+                                  (std::get<1>(given.param) == CudaBackward::per_pixel ? "_per_pixel" : "_per_splat");
+                         });
+
+}  // namespace
+}  // namespace splatboost::test
