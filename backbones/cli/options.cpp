@@ -224,7 +224,7 @@ void check_options(RunOptions& options) {
   const auto usage = [](bool holds, const std::string& what) {
     if (!holds) throw UsageError(what);
   };
-  usage(options.device != "cuda", "--device cuda: this build has no CUDA; use --device cpu");
+  usage(options.device != "cuda", "--device cuda: this version has no CUDA training; use --device cpu");
   usage(options.device == "cpu", "--device: '" + options.device + "' is neither cpu nor cuda");
   usage(options.threads >= 0, "--threads must be at least 0");
   usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
