@@ -73,7 +73,8 @@ bool OptionSet::given(const std::string& name) const {
 
 void add_source_option(OptionSet& set, RunOptions& options) {
   set.set_group("Data");
-  set.add("-s,--source", options.scene.source, "scene folder: COLMAP, Blender or nerfstudio")->type_name("DIR");
+  set.add("-s,--source", options.scene.source, "scene folder: COLMAP, Blender or nerfstudio; or packed scene")
+      ->type_name("DIR");
 }
 
 void add_model_option(OptionSet& set, RunOptions& options, const std::string& help) {
@@ -84,17 +85,14 @@ void add_model_option(OptionSet& set, RunOptions& options, const std::string& he
 void add_data_options(OptionSet& set, RunOptions& options) {
   SceneOptions& scene = options.scene;
   set.set_group("Data");
-  set.add("-r,--resolution", scene.resolution,
-          "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide")
-      ->type_name("N")
-      ->capture_default_str();
+  set.add("-r,--resolution", scene.resolution, kResolutionHelp)->type_name("N");
   set.add("--eval", scene.eval, "hold out test views (every llffhold-th, or the dataset's own)");
   set.add("--llffhold", scene.llffhold, "every so many views is a test view")->type_name("N")->capture_default_str();
   set.add("--test-list", scene.test_list, "file naming the test images, one a line")->type_name("FILE");
   set.add("--n-views", scene.n_views, "train on so many views, evenly spread; 0: all")
       ->type_name("N")
       ->capture_default_str();
-  set.add("-i,--images", scene.images, "image folder of a COLMAP scene")->type_name("NAME")->capture_default_str();
+  set.add("-i,--images", scene.images, kImagesHelp)->type_name("NAME");
   set.add("-w,--white-background", scene.white_background, "white instead of black behind the scene");
 }
 
@@ -226,11 +224,12 @@ void check_options(RunOptions& options) {
   const auto usage = [](bool holds, const std::string& what) {
     if (!holds) throw UsageError(what);
   };
-  usage(options.device != "cuda", "--device cuda: this build has no CUDA; use --device cpu");
+  usage(options.device != "cuda", "--device cuda: this version has no CUDA training; use --device cpu");
   usage(options.device == "cpu", "--device: '" + options.device + "' is neither cpu nor cuda");
   usage(options.threads >= 0, "--threads must be at least 0");
   usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
-  usage(options.scene.resolution == -1 || options.scene.resolution >= 1, "--resolution must be -1 or at least 1");
+  const int resolution = options.scene.resolution.value_or(-1);
+  usage(resolution == -1 || resolution >= 1, "--resolution must be -1 or at least 1");
   usage(options.scene.llffhold >= 1, "--llffhold must be at least 1");
   usage(options.scene.n_views >= 0, "--n-views must be at least 0");
   usage(!options.beta || (*options.beta > 0 && *options.beta <= 1), "--beta must be in (0, 1]");

@@ -100,6 +100,10 @@ class OptionSet {
   std::vector<Entry> entries_;
 };
 
+inline constexpr char kResolutionHelp[] =
+    "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide [-1]";
+inline constexpr char kImagesHelp[] = "image folder of a COLMAP scene [images]";
+
 /// What a run is told.
 struct RunOptions {
   SceneOptions scene;

@@ -21,6 +21,7 @@ namespace fs = std::filesystem;
 std::string scene_name(const fs::path& source) {
   // "scene/" and "." have no file name of their own.
   const fs::path whole = fs::absolute(source).lexically_normal();
+  if (fs::is_regular_file(whole)) return whole.stem().string();  // a packed scene is the scene
   return whole.has_filename() ? whole.filename().string() : whole.parent_path().filename().string();
 }
 

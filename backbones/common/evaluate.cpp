@@ -3,14 +3,11 @@
 #include <chrono>
 #include <cmath>
 #include <map>
-#include <ostream>
 #include <stdexcept>
 
-#include <opencv2/imgcodecs.hpp>
-
-#include "common/atomic_file.h"
 #include "common/multi_scale.h"
 #include "common/trainer.h"
+#include "common/view_image.h"
 
 namespace splatboost {
 namespace {
@@ -22,8 +19,6 @@ constexpr std::size_t kTimedRenders = 20;
 constexpr double kLongestTiming = 10.0;
 
 constexpr int kSsimWindow = 11;  // pixels
-
-constexpr int kPngCompression = 3;  // higher levels cost much time for a few per cent
 
 std::size_t image_floats(const Camera& camera) {
   return 3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
@@ -77,25 +72,15 @@ std::vector<ScaleResult> measure_scales(Backbone& backbone, const std::vector<Vi
   return scales;
 }
 
-void write_png_pixels(const std::filesystem::path& path, const cv::Mat& pixels) {
-  std::vector<unsigned char> file;
-  if (!cv::imencode(".png", pixels, file, {cv::IMWRITE_PNG_COMPRESSION, kPngCompression})) {
-    throw std::runtime_error(path.string() + ": OpenCV cannot encode PNG");
-  }
-  write_file_atomically(path, [&](std::ostream& stream) {
-    stream.write(reinterpret_cast<const char*>(file.data()), static_cast<std::streamsize>(file.size()));
-  });
-}
-
-/// Planar RGB to OpenCV's interleaved BGR.
+/// Planar RGB to a PNG's interleaved.
 template <class T, class Convert>
-cv::Mat interleaved(std::span<const T> color, int width, int height, Convert convert) {
-  cv::Mat pixels(height, width, CV_8UC3);
+void write_planar(const std::filesystem::path& path, std::span<const T> color, int width, int height, Convert convert) {
   const std::size_t plane = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  std::vector<std::uint8_t> pixels(3 * plane);
   for (std::size_t p = 0; p < plane; ++p) {
-    for (std::size_t c = 0; c < 3; ++c) pixels.data[3 * p + c] = convert(color[(2 - c) * plane + p]);
+    for (std::size_t c = 0; c < 3; ++c) pixels[3 * p + c] = convert(color[c * plane + p]);
   }
-  return pixels;
+  write_png(path, width, height, 3, std::span<const std::uint8_t>(pixels));
 }
 
 }  // namespace
@@ -171,14 +156,14 @@ std::vector<std::string> picture_names(const std::vector<View>& views) {
 }
 
 void write_png(const std::filesystem::path& path, std::span<const float> color, int width, int height) {
-  write_png_pixels(path, interleaved(color, width, height, [](float value) {
-                     const float clamped = std::isnan(value) ? 0.0f : std::clamp(value, 0.0f, 1.0f);
-                     return static_cast<unsigned char>(std::lround(clamped * 255.0f));
-                   }));
+  write_planar(path, color, width, height, [](float value) {
+    const float clamped = std::isnan(value) ? 0.0f : std::clamp(value, 0.0f, 1.0f);
+    return static_cast<std::uint8_t>(std::lround(clamped * 255.0f));
+  });
 }
 
 void write_png(const std::filesystem::path& path, std::span<const std::uint8_t> color, int width, int height) {
-  write_png_pixels(path, interleaved(color, width, height, [](std::uint8_t value) { return value; }));
+  write_planar(path, color, width, height, [](std::uint8_t value) { return value; });
 }
 
 }  // namespace splatboost

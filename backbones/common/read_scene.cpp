@@ -3,9 +3,13 @@
 
 #include <algorithm>
 #include <atomic>
+#include <charconv>
 #include <cmath>
 #include <exception>
 #include <fstream>
+#include <iterator>
+#include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <thread>
@@ -17,6 +21,7 @@
 
 #include "common/colmap.h"
 #include "common/input_error.h"
+#include "common/packed_scene.h"
 #include "common/splat_ply.h"
 #include "common/transforms.h"
 #include "common/view_image.h"
@@ -26,15 +31,19 @@ namespace splatboost {
 namespace {
 
 constexpr float kBlenderBox = 1.3f;  // 3DGS's for NeRF-synthetic, whose objects fit into it
+constexpr char kImages[] = "images";
+constexpr int kResolution = -1;
 
 /// What a dataset lists, before any photo is read.
 struct Dataset {
-  std::filesystem::path listing;  ///< the file to name in messages
-  std::vector<Photo> photos;
-  std::vector<Photo> test_photos;  ///< of a split that the dataset itself makes
+  std::filesystem::path listing;   ///< the file to name in messages
+  std::vector<std::string> names;  ///< of all photos; those of a test split of the dataset's own come last
+  std::size_t own_test = 0;        ///< how many these are
   bool has_test_split = false;
   bool blender = false;
   PointCloud points;
+  std::vector<Photo> photos;                  ///< of a folder
+  std::shared_ptr<const PackedScene> packed;  ///< instead
 };
 
 bool is_file(const std::filesystem::path& path) {
@@ -46,7 +55,7 @@ Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& fo
   ColmapModel model = read_colmap_model(folder);
   Dataset dataset;
   dataset.listing = model.images_file;
-  const std::filesystem::path images = options.source / options.images;
+  const std::filesystem::path images = options.source / options.images.value_or(kImages);
   std::error_code ignored;
   if (!model.images.empty() && !std::filesystem::is_directory(images, ignored)) {
     throw InputError(images.string() + ": the image folder does not exist; name the right one with --images");
@@ -63,8 +72,10 @@ Dataset read_blender(const SceneOptions& options, const std::filesystem::path& t
   Transforms transforms = read_transforms(train);
   dataset.photos = std::move(transforms.photos);
   if (const auto test = options.source / "transforms_test.json"; is_file(test)) {
-    dataset.test_photos = read_transforms(test).photos;
+    std::vector<Photo> held_out = read_transforms(test).photos;
+    dataset.own_test = held_out.size();
     dataset.has_test_split = true;
+    std::ranges::move(held_out, std::back_inserter(dataset.photos));
   }
   if (!transforms.points_file.empty()) {
     dataset.points = read_point_ply(transforms.points_file);
@@ -84,20 +95,65 @@ Dataset read_frames(const std::filesystem::path& file) {
   return dataset;
 }
 
-Dataset read_dataset(const SceneOptions& options) {
+Dataset read_folder(const SceneOptions& options) {
   const std::filesystem::path& source = options.source;
-  std::error_code ignored;
-  if (source.empty()) throw InputError("no scene is given; name its folder with --source");
-  if (!std::filesystem::exists(source, ignored)) throw InputError(source.string() + ": does not exist");
-  if (!std::filesystem::is_directory(source, ignored)) {
-    throw InputError(source.string() + ": is not a folder; --source takes the folder of a scene");
-  }
   if (const auto model = find_colmap_model(source)) return read_colmap(options, *model);
   if (const auto file = source / "transforms_train.json"; is_file(file)) return read_blender(options, file);
   if (const auto file = source / "transforms.json"; is_file(file)) return read_frames(file);
   throw InputError(source.string() +
                    ": holds no dataset (looked for sparse/0/cameras.bin, sparse/0/cameras.txt, "
                    "sparse/cameras.bin, sparse/cameras.txt, transforms_train.json, transforms.json)");
+}
+
+/// Refuses options that ask for other pictures than the packed ones.
+void check_packed_pictures(const SceneOptions& options, const PackedListing& listing) {
+  const std::string again = "; pack the scene again to get those";
+  if (options.images && *options.images != listing.images) {
+    throw InputError(options.source.string() + ": was packed from the image folder '" + listing.images +
+                     "', --images asks for '" + *options.images + "'" + again);
+  }
+  if (!options.resolution) return;
+  for (const PackedPhoto& photo : listing.photos) {
+    const ImageSize asked = target_size(photo.photo_width, photo.photo_height, *options.resolution);
+    const ImageSize packed{photo.view.camera.width, photo.view.camera.height};
+    if (asked == packed) continue;
+    const auto text = [](ImageSize size) { return std::to_string(size.width) + "x" + std::to_string(size.height); };
+    throw InputError(options.source.string() + ": its pictures were packed at " + text(packed) + ", --resolution " +
+                     std::to_string(*options.resolution) + " asks for " + text(asked) + again);
+  }
+}
+
+Dataset read_packed(const SceneOptions& options) {
+  Dataset dataset;
+  dataset.listing = options.source;
+  dataset.packed = std::make_shared<const PackedScene>(options.source);
+  const PackedListing& listing = dataset.packed->listing();
+  check_packed_pictures(options, listing);
+  for (const PackedPhoto& photo : listing.photos) dataset.names.push_back(photo.view.name);
+  dataset.own_test = listing.own_test;
+  dataset.has_test_split = listing.has_test_split;
+  dataset.blender = listing.blender;
+  dataset.points = listing.points;
+  return dataset;
+}
+
+Dataset read_dataset(const SceneOptions& options) {
+  const std::filesystem::path& source = options.source;
+  std::error_code ignored;
+  if (source.empty()) throw InputError("no scene is given; name its folder with --source");
+  if (!std::filesystem::exists(source, ignored)) throw InputError(source.string() + ": does not exist");
+  Dataset dataset;
+  if (std::filesystem::is_directory(source, ignored)) {
+    dataset = read_folder(options);
+    for (const Photo& photo : dataset.photos) dataset.names.push_back(photo.name);
+  } else if (is_packed_scene(source)) {
+    dataset = read_packed(options);
+  } else {
+    throw InputError(source.string() +
+                     ": is not a folder, and no packed scene of SplatBoost either; --source takes one of them");
+  }
+  if (dataset.names.empty()) throw InputError(dataset.listing.string() + ": lists no images");
+  return dataset;
 }
 
 /// Names of a list file, one a line; empty lines and # comments do not count.
@@ -121,26 +177,27 @@ bool names_match(const std::string& listed, const std::string& name) {
          listed == (path.parent_path() / path.stem()).generic_string();
 }
 
+/// Indices into Dataset::names.
 struct Split {
-  std::vector<Photo> train;
-  std::vector<Photo> test;
+  std::vector<std::size_t> train;
+  std::vector<std::size_t> test;
 };
 
-Split split_photos(const SceneOptions& options, Dataset& dataset) {
+Split split_photos(const SceneOptions& options, const Dataset& dataset) {
   Split split;
+  const auto put = [&](std::size_t photo, bool is_test) { (is_test ? split.test : split.train).push_back(photo); };
+  const std::size_t count = dataset.names.size();
   if (!options.test_list.empty()) {
     const std::vector<std::string> names = read_names(options.test_list);
     std::vector<bool> used(names.size(), false);
-    std::vector<Photo> all = std::move(dataset.photos);
-    std::ranges::move(dataset.test_photos, std::back_inserter(all));
-    for (Photo& photo : all) {
+    for (std::size_t photo = 0; photo < count; ++photo) {
       bool is_test = false;
       for (std::size_t i = 0; i < names.size(); ++i) {
-        if (!names_match(names[i], photo.name)) continue;
+        if (!names_match(names[i], dataset.names[photo])) continue;
         used[i] = true;
         is_test = true;
       }
-      (is_test ? split.test : split.train).push_back(std::move(photo));
+      put(photo, is_test);
     }
     if (const auto unused = std::ranges::find(used, false); unused != used.end()) {
       throw InputError(options.test_list.string() + ": the test image '" +
@@ -148,14 +205,11 @@ Split split_photos(const SceneOptions& options, Dataset& dataset) {
                        dataset.listing.string());
     }
   } else if (dataset.has_test_split) {
-    split.train = std::move(dataset.photos);
     // Without --eval nothing is held out, as in 3DGS.
-    std::ranges::move(dataset.test_photos, std::back_inserter(options.eval ? split.test : split.train));
+    for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo >= count - dataset.own_test);
   } else {
-    for (std::size_t i = 0; i < dataset.photos.size(); ++i) {
-      const bool is_test = options.eval && i % static_cast<std::size_t>(options.llffhold) == 0;
-      (is_test ? split.test : split.train).push_back(std::move(dataset.photos[i]));
-    }
+    const auto every = static_cast<std::size_t>(options.llffhold);
+    for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo % every == 0);
   }
   if (split.train.empty()) {
     throw InputError(
@@ -167,9 +221,9 @@ Split split_photos(const SceneOptions& options, Dataset& dataset) {
 
 /// `count` photos from the first to the last, in even steps; half a step goes to the even neighbour, as numpy's
 /// rounding does in the published few-view splits.
-std::vector<Photo> spread(std::vector<Photo> photos, std::size_t count) {
+std::vector<std::size_t> spread(const std::vector<std::size_t>& photos, std::size_t count) {
   if (count >= photos.size()) return photos;
-  std::vector<Photo> kept;
+  std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < count; ++i) {
     std::size_t index = 0;
     if (count > 1) {
@@ -178,20 +232,45 @@ std::vector<Photo> spread(std::vector<Photo> photos, std::size_t count) {
       const std::size_t twice_the_rest = 2 * (way % steps);
       if (twice_the_rest > steps || (twice_the_rest == steps && index % 2 == 1)) ++index;
     }
-    kept.push_back(std::move(photos[index]));
+    kept.push_back(photos[index]);
   }
   return kept;
 }
 
 /// Points that somebody triangulated from these few views alone, where the few-view datasets keep them. Those of the
 /// COLMAP model come from all photos, the held-out ones too.
-std::filesystem::path few_view_points(const SceneOptions& options) {
-  return options.source / (std::to_string(options.n_views) + "_views") / "dense" / "fused.ply";
+std::filesystem::path few_view_file(const std::filesystem::path& source, int views) {
+  return source / (std::to_string(views) + "_views") / "dense" / "fused.ply";
+}
+
+std::optional<PointCloud> few_view_points(const SceneOptions& options, const Dataset& dataset) {
+  if (options.n_views == 0) return std::nullopt;
+  if (dataset.packed) {
+    const auto& clouds = dataset.packed->listing().few_view_points;
+    const auto found = clouds.find(options.n_views);
+    return found == clouds.end() ? std::nullopt : std::optional(found->second);
+  }
+  const std::filesystem::path file = few_view_file(options.source, options.n_views);
+  return is_file(file) ? std::optional(read_point_ply(file)) : std::nullopt;
+}
+
+/// Those of every number of views that the folder has points of.
+std::map<int, PointCloud> all_few_view_points(const std::filesystem::path& source) {
+  std::map<int, PointCloud> clouds;
+  for (const auto& entry : std::filesystem::directory_iterator(source)) {
+    const std::string name = entry.path().filename().string();
+    int views = 0;
+    std::from_chars(name.data(), name.data() + name.size(), views);
+    if (views < 1 || name != std::to_string(views) + "_views") continue;
+    const std::filesystem::path file = few_view_file(source, views);
+    if (is_file(file)) clouds[views] = read_point_ply(file);
+  }
+  return clouds;
 }
 
 /// Reads photos on all hardware threads. Results are in order; of several broken photos the first is reported,
 /// because a photo is only begun when all before it are.
-std::vector<LoadedView> load_views(std::span<const Photo> photos, const ImageOptions& options) {
+std::vector<LoadedView> load_photos(std::span<const Photo> photos, const ImageOptions& options) {
   std::vector<LoadedView> views(photos.size());
   std::vector<std::exception_ptr> errors(photos.size());
   std::atomic<std::size_t> next{0};
@@ -280,7 +359,7 @@ PointCloud random_points(const Box& box, int count, std::uint64_t seed) {
 }
 
 void check_options(const SceneOptions& options) {
-  check_resolution(options.resolution);
+  if (options.resolution) check_resolution(*options.resolution);
   if (options.eval && options.llffhold < 1) {
     throw InputError("llffhold " + std::to_string(options.llffhold) +
                      " is not possible: every N-th image is held out, N at least 2");
@@ -295,7 +374,7 @@ void note_images(const std::vector<LoadedView>& loaded, std::vector<std::string>
   for (const LoadedView& view : loaded) {
     limited += view.limited ? 1 : 0;
     undistorted += view.undistorted ? 1 : 0;
-    widest = std::max(widest, view.photo_width);
+    widest = std::max(widest, view.photo_size.width);
   }
   if (limited > 0) {
     notes.push_back("photos are " + std::to_string(widest) +
@@ -304,12 +383,70 @@ void note_images(const std::vector<LoadedView>& loaded, std::vector<std::string>
   if (undistorted > 0) notes.push_back(std::to_string(undistorted) + " photos were undistorted");
 }
 
+ImageOptions image_options(const SceneOptions& options) {
+  return {options.resolution.value_or(kResolution), options.white_background};
+}
+
+/// The chosen photos with their pixels, in that order.
+std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset, std::span<const std::size_t> chosen,
+                             std::vector<std::string>& notes) {
+  std::vector<View> views;
+  if (dataset.packed) {
+    for (const std::size_t i : chosen) views.push_back(dataset.packed->load(i, options.white_background));
+    return views;
+  }
+  std::vector<Photo> photos;
+  for (const std::size_t i : chosen) photos.push_back(dataset.photos[i]);
+  std::vector<LoadedView> loaded = load_photos(photos, image_options(options));
+  note_images(loaded, notes);
+  for (LoadedView& view : loaded) views.push_back(std::move(view.view));
+  return views;
+}
+
 }  // namespace
+
+std::vector<std::string> pack_scene(const SceneOptions& options, const std::filesystem::path& file) {
+  check_options(options);
+  const Dataset dataset = read_dataset(options);
+  require(!dataset.packed, options.source.string() + ": is packed already; copy it, or pack the folder it is of");
+  ImageOptions pictures = image_options(options);
+  pictures.white_background = false;
+  std::vector<LoadedView> loaded = load_photos(dataset.photos, pictures);
+  std::vector<std::string> notes;
+  note_images(loaded, notes);
+
+  std::vector<Photo> transparent;
+  for (std::size_t i = 0; i < loaded.size(); ++i) {
+    if (loaded[i].transparent) transparent.push_back(dataset.photos[i]);
+  }
+  pictures.white_background = true;
+  std::vector<LoadedView> over_white = load_photos(transparent, pictures);
+
+  PackedListing listing;
+  auto next_over_white = over_white.begin();
+  for (LoadedView& view : loaded) {
+    PackedPhoto photo;
+    photo.photo_width = view.photo_size.width;
+    photo.photo_height = view.photo_size.height;
+    photo.transparent = view.transparent;
+    photo.masked = !view.view.valid.empty();
+    if (photo.transparent) photo.color_over_white = std::move((next_over_white++)->view.color);
+    photo.view = std::move(view.view);
+    listing.photos.push_back(std::move(photo));
+  }
+  listing.own_test = dataset.own_test;
+  listing.has_test_split = dataset.has_test_split;
+  listing.blender = dataset.blender;
+  listing.images = options.images.value_or(kImages);
+  listing.points = dataset.points;
+  listing.few_view_points = all_few_view_points(options.source);
+  write_packed_scene(file, listing);
+  return notes;
+}
 
 Scene read_scene(const SceneOptions& options) {
   check_options(options);
   Dataset dataset = read_dataset(options);
-  if (dataset.photos.empty()) throw InputError(dataset.listing.string() + ": lists no images");
   Split split = split_photos(options, dataset);
 
   Scene scene;
@@ -319,23 +456,23 @@ Scene read_scene(const SceneOptions& options) {
       scene.notes.push_back("there are only " + std::to_string(split.train.size()) + " training views, not " +
                             std::to_string(wanted));
     }
-    split.train = spread(std::move(split.train), wanted);
+    split.train = spread(split.train, wanted);
   }
 
   const std::size_t train_count = split.train.size();
-  std::vector<Photo> photos = std::move(split.train);
-  std::ranges::move(split.test, std::back_inserter(photos));
-  std::vector<LoadedView> loaded = load_views(photos, {options.resolution, options.white_background});
-  note_images(loaded, scene.notes);
-  for (std::size_t i = 0; i < loaded.size(); ++i) {
-    (i < train_count ? scene.train : scene.test).push_back(std::move(loaded[i].view));
+  std::vector<std::size_t> chosen = std::move(split.train);
+  std::ranges::copy(split.test, std::back_inserter(chosen));
+  std::vector<View> views = load_views(options, dataset, chosen, scene.notes);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    (i < train_count ? scene.train : scene.test).push_back(std::move(views[i]));
   }
 
   scene.extent = camera_extent(scene.train);
   scene.points = std::move(dataset.points);
-  if (options.n_views > 0 && is_file(few_view_points(options))) {
-    scene.points = read_point_ply(few_view_points(options));
-    scene.notes.push_back("training starts from the points of " + few_view_points(options).string());
+  if (auto few = few_view_points(options, dataset)) {
+    scene.points = std::move(*few);
+    scene.notes.push_back("training starts from the points of " +
+                          few_view_file(options.source, options.n_views).string());
   }
   if (scene.points.size() == 0) {
     if (options.random_points < 1) {

@@ -12,19 +12,15 @@
 #include <span>
 #include <stdexcept>
 
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
-
 #include "common/atomic_file.h"
+#include "common/image_codec.h"
+#include "common/report_pictures.h"
 
 namespace splatboost {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLongestSide = 960;  // of an embedded picture: sharp when enlarged, and pages of a few MB
-constexpr double kErrorGain = 4;   // errors above 1/4 of the range are all "very wrong"
-constexpr int kErrorMap = cv::COLORMAP_INFERNO;
 constexpr std::size_t kLinePoints = 400;  // of a curve
 constexpr std::size_t kHoverPoints = 60;
 
@@ -327,45 +323,16 @@ std::string curves(const std::vector<ReportRun>& runs) {
 
 // --- pictures
 
-cv::Mat read_picture(const fs::path& path) {
-  std::error_code error;
-  if (!fs::is_regular_file(path, error)) return {};  // OpenCV would warn on the terminal
-  return cv::imread(path.string(), cv::IMREAD_COLOR);
-}
-
-cv::Mat shrink(const cv::Mat& picture) {
-  const int longest = std::max(picture.cols, picture.rows);
-  if (longest <= kLongestSide) return picture;
-  const double scale = static_cast<double>(kLongestSide) / longest;
-  cv::Mat out;
-  cv::resize(picture, out, {}, scale, scale, cv::INTER_AREA);
-  return out;
-}
-
-// Mean over channels of |a − b|, through the colour map.
-cv::Mat error_picture(const cv::Mat& a, const cv::Mat& b) {
-  cv::Mat difference, mean, bytes, colored;
-  cv::absdiff(a, b, difference);
-  difference.convertTo(difference, CV_32F);
-  cv::transform(difference, mean, cv::Matx13f(1 / 3.0f, 1 / 3.0f, 1 / 3.0f));
-  // Shrunk before it is coloured: means of errors have a meaning, means of colours do not.
-  shrink(mean).convertTo(bytes, CV_8U, kErrorGain);
-  cv::applyColorMap(bytes, colored, kErrorMap);
-  return colored;
-}
-
 // A cell of a view's grid. A picture grows to the window while its (invisible) checkbox is checked: no script needed.
-std::string picture_cell(const cv::Mat& picture, const std::string& caption, const std::string& swatch,
+std::string picture_cell(const ReportPicture& picture, const std::string& caption, const std::string& swatch,
                          const std::string& kind) {
   std::string out = "<figure class=\"" + kind + "\">";
-  if (picture.empty()) {
+  if (picture.jpeg.empty()) {
     out += "<div class=\"missing\">no picture</div>";
   } else {
-    std::vector<std::uint8_t> bytes;
-    cv::imencode(".jpg", picture, bytes, {cv::IMWRITE_JPEG_QUALITY, 90});
     out += "<label><input type=\"checkbox\" aria-label=\"enlarge " + escape(caption) + "\"/><img width=\"" +
-           std::to_string(picture.cols) + "\" height=\"" + std::to_string(picture.rows) + "\" alt=\"" +
-           escape(caption) + "\" src=\"data:image/jpeg;base64," + base64(bytes) + "\"/></label>";
+           std::to_string(picture.width) + "\" height=\"" + std::to_string(picture.height) + "\" alt=\"" +
+           escape(caption) + "\" src=\"data:image/jpeg;base64," + base64(picture.jpeg) + "\"/></label>";
   }
   out += "<figcaption>";
   if (!swatch.empty()) out += "<i style=\"background:" + swatch + "\"></i>";
@@ -414,46 +381,39 @@ std::string view_facts_line(const std::vector<ReportRun>& runs, const std::strin
 
 // The colour map as a CSS gradient, read from the map itself.
 std::string color_bar() {
-  cv::Mat ramp(1, 9, CV_8U), colors;
-  for (int i = 0; i < ramp.cols; ++i) ramp.at<std::uint8_t>(0, i) = static_cast<std::uint8_t>(std::min(255, i * 32));
-  cv::applyColorMap(ramp, colors, kErrorMap);
-  std::string stops;
-  for (int i = 0; i < colors.cols; ++i) {
-    const cv::Vec3b bgr = colors.at<cv::Vec3b>(0, i);
-    char text[32];
-    std::snprintf(text, sizeof text, ",#%02x%02x%02x", bgr[2], bgr[1], bgr[0]);
-    stops += text;
-  }
-  return "<span class=\"bar\">0<i style=\"background:linear-gradient(90deg" + stops + ")\"></i>≥ " +
-         number(1 / kErrorGain, 2) + "</span>";
+  return "<span class=\"bar\">0<i style=\"background:linear-gradient(90deg" + report_error_colors() + ")\"></i>≥ " +
+         number(1 / kReportErrorGain, 2) + "</span>";
 }
 
 std::string pictures(const std::vector<ReportRun>& runs, const std::vector<ReportView>& views, int max_views) {
   if (views.empty() || max_views <= 0) return "";
+  if (!have_opencv()) {
+    return "<section><h2>Pictures</h2>\n<p class=\"note\">This page was written by a build without OpenCV, which "
+           "embeds "
+           "none; the PNG files are beside it.</p></section>\n";
+  }
   std::string out =
       "<section><h2>Pictures</h2>\n<p class=\"note\">Click a picture to enlarge it. Errors are mean absolute "
       "differences of colours in [0, 1]: " +
       color_bar() + "</p>\n";
   for (const std::size_t v : spread(views.size(), static_cast<std::size_t>(max_views))) {
     const ReportView& view = views[v];
-    const cv::Mat truth = read_picture(view.truth);
-    const bool tall = truth.rows > truth.cols;
+    const ReportPicture truth = report_picture(view.truth);
+    const bool tall = truth.height > truth.width;
     // One run: truth, render, error. More: errors below their renders, or all in one row where pictures are tall.
     const std::size_t columns = runs.size() == 1 ? 3 : tall ? 1 + 2 * runs.size() : 1 + runs.size();
     const bool facts_in_grid = columns == 1 + runs.size();
     out += "<article class=\"card view\"><div class=\"head\"><h3>" + escape(view.name) + "</h3>" +
            (facts_in_grid ? "" : view_facts_line(runs, view.name)) +
            "</div>\n<div class=\"grid\" style=\"--columns:" + std::to_string(columns) + "\">\n";
-    out += picture_cell(truth.empty() ? truth : shrink(truth), "truth", "", "truth");
+    out += picture_cell(truth, "truth", "", "truth");
     std::string errors;
     for (std::size_t r = 0; r < runs.size(); ++r) {
-      const cv::Mat render = read_picture(runs[r].renders / view.truth.filename());
-      const bool comparable = !render.empty() && render.size() == truth.size();
+      const fs::path render = runs[r].renders / view.truth.filename();
       const std::string error_name = runs.size() == 1 ? "error" : runs[r].label + " error";
       const std::string color = runs.size() == 1 ? "" : color_of(r, runs.size());
-      out += picture_cell(render.empty() ? render : shrink(render), runs.size() == 1 ? "render" : runs[r].label, color,
-                          "render");
-      errors += picture_cell(comparable ? error_picture(render, truth) : cv::Mat(), error_name, color, "error");
+      out += picture_cell(report_picture(render), runs.size() == 1 ? "render" : runs[r].label, color, "render");
+      errors += picture_cell(report_error_picture(render, view.truth), error_name, color, "error");
     }
     if (facts_in_grid) out += "<div class=\"cell\">" + view_facts(runs, view.name) + "</div>\n";
     out += errors + "</div></article>\n";

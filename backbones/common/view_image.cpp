@@ -4,17 +4,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <string_view>
+#include <utility>
 #include <vector>
 
-#include <glm/vec2.hpp>
-#include <opencv2/core.hpp>
-#include <opencv2/core/utils/logger.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
-
 #include "common/atomic_file.h"
+#include "common/image_codec.h"
 #include "common/input_error.h"
 #include "splatboost/errors.h"
 
@@ -24,15 +21,6 @@ namespace {
 constexpr int kWidthLimit = 1600;  // 3DGS's, where no resolution is asked for
 constexpr int kLargestDivisor = 8;
 constexpr int kSmallestWidth = 16;  // below, a "width" is more likely a divisor that does not exist
-
-/// The user gets one line from us; OpenCV's own warnings would only surround it.
-void silence_opencv() {
-  static const bool done = [] {
-    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-    return true;
-  }();
-  (void)done;
-}
 
 [[noreturn]] void fail(const Photo& photo, const std::string& cause) {
   throw InputError(photo.file.string() + ": " + cause);
@@ -128,58 +116,59 @@ void check_bmp(const Photo& photo, std::span<const std::uint8_t> bytes) {
   if (!complete) fail(photo, "the BMP is cut short or damaged; copy it again");
 }
 
-cv::Mat decode(const Photo& photo) {
+Pixels decode(const Photo& photo) {
   const std::vector<std::uint8_t> bytes = read_bytes(photo);
   if (starts_with(bytes, "\x89PNG\r\n\x1a\n")) check_png(photo, bytes);
   if (starts_with(bytes, "\xff\xd8\xff")) check_jpeg(photo, bytes);
   if (starts_with(bytes, "BM")) check_bmp(photo, bytes);
-  cv::Mat image;
-  try {
-    // As stored: no rotation by EXIF, since COLMAP did not rotate either; alpha and 16 bit kept.
-    image = cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception& error) {
-    fail(photo, "the image cannot be decoded (" + error.err + ")");
-  }
-  if (image.empty()) fail(photo, "the image cannot be decoded; it is damaged or of a format that OpenCV does not read");
-  return image;
+  return decode_image(bytes, photo.file.string());
 }
 
-/// To 8-bit RGB.
-cv::Mat to_rgb(const Photo& photo, const cv::Mat& image, bool white_background) {
-  cv::Mat bytes;
-  if (image.depth() == CV_8U) {
-    bytes = image;
-  } else if (image.depth() == CV_16U) {
-    image.convertTo(bytes, CV_8U, 255.0 / 65535.0);
-  } else {
-    fail(photo, "holds neither 8-bit nor 16-bit pixels; convert it to PNG or JPEG");
+std::size_t count_pixels(const Pixels& pixels) {
+  return static_cast<std::size_t>(pixels.width) * static_cast<std::size_t>(pixels.height);
+}
+
+/// 16 bit to 8, rounded.
+void narrow(Pixels& pixels) {
+  if (pixels.bits == 8) return;
+  std::vector<std::uint8_t> bytes(pixels.bytes.size() / 2);
+  for (std::size_t i = 0; i < bytes.size(); ++i) {
+    std::uint16_t value = 0;
+    std::memcpy(&value, pixels.bytes.data() + 2 * i, sizeof value);
+    bytes[i] = static_cast<std::uint8_t>((value + 128) / 257);
   }
-  cv::Mat rgb;
-  switch (bytes.channels()) {
-    case 1:
-      cv::cvtColor(bytes, rgb, cv::COLOR_GRAY2RGB);
-      return rgb;
-    case 3:
-      cv::cvtColor(bytes, rgb, cv::COLOR_BGR2RGB);
-      return rgb;
-    case 4:
-      break;
-    default:
-      fail(photo, "has " + std::to_string(bytes.channels()) + " channels; convert it to RGB or RGBA");
-  }
+  pixels.bytes = std::move(bytes);
+  pixels.bits = 8;
+}
+
+/// To 8-bit RGB, transparent pixels over a background.
+Pixels to_rgb(Pixels pixels, bool white_background) {
+  narrow(pixels);
+  if (pixels.channels == 3) return pixels;
+  Pixels rgb{pixels.width, pixels.height, 3, 8, {}};
+  rgb.bytes.resize(3 * count_pixels(pixels));
   const int background = white_background ? 255 : 0;
-  rgb.create(bytes.size(), CV_8UC3);
-  for (int y = 0; y < bytes.rows; ++y) {
-    const auto* from = bytes.ptr<cv::Vec4b>(y);
-    auto* to = rgb.ptr<cv::Vec3b>(y);
-    for (int x = 0; x < bytes.cols; ++x) {
-      const int alpha = from[x][3];
-      for (int c = 0; c < 3; ++c) {
-        to[x][c] = static_cast<std::uint8_t>((from[x][2 - c] * alpha + background * (255 - alpha) + 127) / 255);
-      }
+  for (std::size_t p = 0; p < count_pixels(pixels); ++p) {
+    const std::uint8_t* from = pixels.bytes.data() + p * static_cast<std::size_t>(pixels.channels);
+    for (std::size_t c = 0; c < 3; ++c) {
+      rgb.bytes[3 * p + c] =
+          pixels.channels == 1
+              ? from[0]
+              : static_cast<std::uint8_t>((from[c] * from[3] + background * (255 - from[3]) + 127) / 255);
     }
   }
   return rgb;
+}
+
+bool is_transparent(const Pixels& pixels) {
+  if (pixels.channels != 4) return false;
+  const std::size_t opaque = pixels.bits == 8 ? 0xff : 0xffff, size = static_cast<std::size_t>(pixels.bits) / 8;
+  for (std::size_t p = 0; p < count_pixels(pixels); ++p) {
+    std::uint16_t alpha = 0;
+    std::memcpy(&alpha, pixels.bytes.data() + (4 * p + 3) * size, size);
+    if (alpha != opaque) return true;
+  }
+  return false;
 }
 
 /// The lens in the pixels of the photo on disk, nothing left open.
@@ -226,52 +215,42 @@ double fold_radius(const Lens& lens, double largest) {
   return largest;
 }
 
-/// Resamples to the pinhole of the same focal lengths and principal point.
-void undistort(const Lens& lens, cv::Mat& rgb, cv::Mat& valid) {
+/// Resamples to the pinhole of the same focal lengths and principal point. @return [H,W] 255 where there is data
+Pixels undistort(const Lens& lens, Pixels& rgb, const std::string& where) {
   const double far_x = std::max(*lens.cx, lens.width - *lens.cx) / lens.fx;
   const double far_y = std::max(*lens.cy, lens.height - *lens.cy) / lens.fy;
   const double fold = fold_radius(lens, std::hypot(far_x, far_y));
 
-  cv::Mat map(rgb.size(), CV_32FC2);
-  valid = cv::Mat(rgb.size(), CV_8UC1);
-  for (int row = 0; row < rgb.rows; ++row) {
-    auto* to = map.ptr<cv::Vec2f>(row);
-    std::uint8_t* const row_valid = valid.ptr<std::uint8_t>(row);
-    for (int column = 0; column < rgb.cols; ++column) {
+  std::vector<float> positions;
+  positions.reserve(2 * count_pixels(rgb));
+  Pixels valid{rgb.width, rgb.height, 1, 8, {}};
+  valid.bytes.reserve(count_pixels(rgb));
+  for (int row = 0; row < rgb.height; ++row) {
+    for (int column = 0; column < rgb.width; ++column) {
       const double x = (column + 0.5 - *lens.cx) / lens.fx;
       const double y = (row + 0.5 - *lens.cy) / lens.fy;
       const double r2 = x * x + y * y;
       const double radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3));
       const double u = x * radial + 2 * lens.p1 * x * y + lens.p2 * (r2 + 2 * x * x);
       const double v = y * radial + lens.p1 * (r2 + 2 * y * y) + 2 * lens.p2 * x * y;
-      // OpenCV counts from pixel centres, we count from the corner of the image.
+      // Counted from pixel centres; we count from the corner of the image.
       const double source_x = lens.fx * u + *lens.cx - 0.5;
       const double source_y = lens.fy * v + *lens.cy - 0.5;
-      const bool inside = source_x >= -0.5 && source_y >= -0.5 && source_x <= rgb.cols - 0.5 &&
-                          source_y <= rgb.rows - 0.5 && r2 <= fold * fold;
-      row_valid[column] = inside ? 255 : 0;
-      to[column] =
-          inside ? cv::Vec2f(static_cast<float>(source_x), static_cast<float>(source_y)) : cv::Vec2f(-1e4f, -1e4f);
+      const bool inside = source_x >= -0.5 && source_y >= -0.5 && source_x <= rgb.width - 0.5 &&
+                          source_y <= rgb.height - 0.5 && r2 <= fold * fold;
+      valid.bytes.push_back(inside ? 255 : 0);
+      positions.push_back(inside ? static_cast<float>(source_x) : -1e4f);
+      positions.push_back(inside ? static_cast<float>(source_y) : -1e4f);
     }
   }
-  cv::Mat result;
-  cv::remap(rgb, result, map, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-  result.setTo(cv::Scalar::all(0), valid == 0);
-  rgb = result;
-}
-
-cv::Size target_size(int width, int height, int resolution) {
-  if (resolution == -1) resolution = kWidthLimit;
-  if (resolution <= kLargestDivisor) {
-    return {std::max(1, static_cast<int>(std::lround(static_cast<double>(width) / resolution))),
-            std::max(1, static_cast<int>(std::lround(static_cast<double>(height) / resolution)))};
+  rgb = resample_image(rgb, positions, where);
+  for (std::size_t p = 0; p < valid.bytes.size(); ++p) {
+    if (valid.bytes[p] == 0) std::fill_n(rgb.bytes.begin() + static_cast<std::ptrdiff_t>(3 * p), 3, std::uint8_t{0});
   }
-  if (resolution >= width) return {width, height};  // enlarging a photo adds work and no information
-  const auto scaled = static_cast<int>(static_cast<std::int64_t>(height) * resolution / width);
-  return {resolution, std::max(1, scaled)};
+  return valid;
 }
 
-void scale_lens(Lens& lens, cv::Size size) {
+void scale_lens(Lens& lens, ImageSize size) {
   const double scale_x = static_cast<double>(size.width) / lens.width;
   const double scale_y = static_cast<double>(size.height) / lens.height;
   lens.width = size.width;
@@ -282,41 +261,27 @@ void scale_lens(Lens& lens, cv::Size size) {
   lens.cy = *lens.cy * scale_y;
 }
 
-std::vector<std::uint8_t> to_planar(const cv::Mat& rgb) {
-  const std::size_t pixels = rgb.total();
+std::vector<std::uint8_t> to_planar(const Pixels& rgb) {
+  const std::size_t pixels = count_pixels(rgb);
   std::vector<std::uint8_t> planar(3 * pixels);
-  std::vector<cv::Mat> planes;
-  for (std::size_t c = 0; c < 3; ++c) planes.emplace_back(rgb.rows, rgb.cols, CV_8UC1, planar.data() + c * pixels);
-  cv::split(rgb, planes);
+  for (std::size_t p = 0; p < pixels; ++p) {
+    for (std::size_t c = 0; c < 3; ++c) planar[c * pixels + p] = rgb.bytes[3 * p + c];
+  }
   return planar;
 }
 
-void write_png_of(const std::filesystem::path& path, const cv::Mat& pixels) {
-  silence_opencv();
-  cv::Mat stored;
-  switch (pixels.channels()) {
-    case 3:
-      cv::cvtColor(pixels, stored, cv::COLOR_RGB2BGR);
-      break;
-    case 4:
-      cv::cvtColor(pixels, stored, cv::COLOR_RGBA2BGRA);
-      break;
-    default:
-      stored = pixels;
-  }
-  std::vector<std::uint8_t> bytes;
-  cv::imencode(".png", stored, bytes);
-  write_text_atomically(path, std::string(bytes.begin(), bytes.end()));
-}
-
 template <class T>
-cv::Mat wrap(int width, int height, int channels, std::span<const T> pixels, int depth) {
+void write_png_of(const std::filesystem::path& path, int width, int height, int channels, std::span<const T> values) {
   SPLATBOOST_CHECK(width > 0 && height > 0 && (channels == 1 || channels == 3 || channels == 4),
                    "a PNG needs a positive size and 1, 3 or 4 channels");
-  SPLATBOOST_CHECK(pixels.size() == static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
+  SPLATBOOST_CHECK(values.size() == static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
                                         static_cast<std::size_t>(channels),
                    "the pixels of a PNG must fill width x height x channels");
-  return cv::Mat(height, width, CV_MAKETYPE(depth, channels), const_cast<T*>(pixels.data()));
+  Pixels pixels{width, height, channels, 8 * static_cast<int>(sizeof(T)), {}};
+  pixels.bytes.resize(values.size_bytes());
+  std::memcpy(pixels.bytes.data(), values.data(), values.size_bytes());
+  const std::vector<std::uint8_t> file = encode_png(pixels, path.string());
+  write_text_atomically(path, std::string(file.begin(), file.end()));
 }
 
 }  // namespace
@@ -342,6 +307,17 @@ void check_lens(const Lens& lens, const std::string& where) {
           "the distortion must be finite");
 }
 
+ImageSize target_size(int width, int height, int resolution) {
+  if (resolution == -1) resolution = kWidthLimit;
+  if (resolution <= kLargestDivisor) {
+    return {std::max(1, static_cast<int>(std::lround(static_cast<double>(width) / resolution))),
+            std::max(1, static_cast<int>(std::lround(static_cast<double>(height) / resolution)))};
+  }
+  if (resolution >= width) return {width, height};  // enlarging a photo adds work and no information
+  const auto scaled = static_cast<int>(static_cast<std::int64_t>(height) * resolution / width);
+  return {resolution, std::max(1, scaled)};
+}
+
 void check_resolution(int resolution) {
   if (resolution == -1 || resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8) return;
   if (resolution >= kSmallestWidth) return;
@@ -352,48 +328,46 @@ void check_resolution(int resolution) {
 }
 
 LoadedView load_view(const Photo& photo, const ImageOptions& options) {
-  silence_opencv();
   LoadedView loaded;
-  try {
-    cv::Mat rgb = to_rgb(photo, decode(photo), options.white_background);
-    Lens lens = lens_of_photo(photo, rgb.cols, rgb.rows);
-    loaded.photo_width = rgb.cols;
+  const std::string where = photo.file.string();
+  Pixels stored = decode(photo);
+  loaded.photo_size = {stored.width, stored.height};
+  loaded.transparent = is_transparent(stored);
+  Pixels rgb = to_rgb(std::move(stored), options.white_background);
+  Lens lens = lens_of_photo(photo, rgb.width, rgb.height);
 
-    cv::Mat valid;
-    loaded.undistorted = lens.distorted();
-    if (loaded.undistorted) undistort(lens, rgb, valid);
+  Pixels valid;
+  loaded.undistorted = lens.distorted();
+  if (loaded.undistorted) valid = undistort(lens, rgb, where);
 
-    const cv::Size size = target_size(rgb.cols, rgb.rows, options.resolution);
-    if (size != rgb.size()) {
-      loaded.limited = options.resolution == -1;
-      cv::Mat smaller;
-      cv::resize(rgb, smaller, size, 0, 0, cv::INTER_AREA);
-      rgb = smaller;
-      if (!valid.empty()) {
-        cv::Mat smaller_valid;
-        cv::resize(valid, smaller_valid, size, 0, 0, cv::INTER_AREA);
-        valid = smaller_valid == 255;  // only pixels that are made of valid ones
-      }
-      scale_lens(lens, size);
+  const ImageSize size = target_size(rgb.width, rgb.height, options.resolution);
+  if (size != loaded.photo_size) {
+    loaded.limited = options.resolution == -1;
+    rgb = shrink_image(rgb, size.width, size.height, where);
+    if (loaded.undistorted) {
+      valid = shrink_image(valid, size.width, size.height, where);
+      for (std::uint8_t& value : valid.bytes) value = value == 255 ? 255 : 0;  // made of valid pixels only
     }
+    scale_lens(lens, size);
+  }
 
-    View& view = loaded.view;
-    view.name = photo.name;
-    view.time = static_cast<float>(photo.time);
-    view.color = to_planar(rgb);
-    // A mask of ones says nothing; no mask is cheaper.
-    if (!valid.empty() && cv::countNonZero(valid) < size.area())
-      view.valid.assign(valid.begin<std::uint8_t>(), valid.end<std::uint8_t>());
-    view.camera.width = lens.width;
-    view.camera.height = lens.height;
-    view.camera.fx = static_cast<float>(lens.fx);
-    view.camera.fy = static_cast<float>(lens.fy);
-    view.camera.cx = static_cast<float>(*lens.cx);
-    view.camera.cy = static_cast<float>(*lens.cy);
-    view.camera.camera_from_world = glm::mat4(photo.camera_from_world);
+  View& view = loaded.view;
+  view.name = photo.name;
+  view.time = static_cast<float>(photo.time);
+  view.color = to_planar(rgb);
+  // A mask of ones says nothing; no mask is cheaper.
+  if (std::ranges::any_of(valid.bytes, [](std::uint8_t value) { return value == 0; })) {
+    view.valid = std::move(valid.bytes);
+  }
+  view.camera.width = lens.width;
+  view.camera.height = lens.height;
+  view.camera.fx = static_cast<float>(lens.fx);
+  view.camera.fy = static_cast<float>(lens.fy);
+  view.camera.cx = static_cast<float>(*lens.cx);
+  view.camera.cy = static_cast<float>(*lens.cy);
+  view.camera.camera_from_world = glm::mat4(photo.camera_from_world);
+  try {
     check_camera(view.camera);
-  } catch (const cv::Exception& error) {
-    fail(photo, "the image cannot be processed (" + error.err + ")");
   } catch (const ArgumentError& error) {
     fail(photo, std::string("its camera in ") + photo.listed_in.string() + " cannot be used: " + error.what());
   }
@@ -401,29 +375,27 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options) {
 }
 
 RawImage read_raw_image(const std::filesystem::path& file) {
-  silence_opencv();
   Photo photo;
   photo.file = file;
-  cv::Mat image = decode(photo);
-  if (image.depth() != CV_8U && image.depth() != CV_16U) fail(photo, "holds neither 8-bit nor 16-bit pixels");
-  if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_BGR2RGB);
-  if (image.channels() == 4) cv::cvtColor(image, image, cv::COLOR_BGRA2RGBA);
-  RawImage raw{image.cols, image.rows, image.channels(), image.depth() == CV_8U ? 8 : 16, {}};
-  cv::Mat wide;
-  image.convertTo(wide, CV_16U);
-  const auto* begin = wide.ptr<std::uint16_t>();
-  raw.values.assign(begin, begin + wide.total() * static_cast<std::size_t>(wide.channels()));
+  const Pixels pixels = decode(photo);
+  RawImage raw{pixels.width, pixels.height, pixels.channels, pixels.bits, {}};
+  if (pixels.bits == 8) {
+    raw.values.assign(pixels.bytes.begin(), pixels.bytes.end());
+  } else {
+    raw.values.resize(pixels.bytes.size() / 2);
+    std::memcpy(raw.values.data(), pixels.bytes.data(), pixels.bytes.size());
+  }
   return raw;
 }
 
 void write_png(const std::filesystem::path& path, int width, int height, int channels,
                std::span<const std::uint8_t> pixels) {
-  write_png_of(path, wrap(width, height, channels, pixels, CV_8U));
+  write_png_of(path, width, height, channels, pixels);
 }
 
 void write_png(const std::filesystem::path& path, int width, int height, int channels,
                std::span<const std::uint16_t> pixels) {
-  write_png_of(path, wrap(width, height, channels, pixels, CV_16U));
+  write_png_of(path, width, height, channels, pixels);
 }
 
 }  // namespace splatboost

@@ -50,13 +50,23 @@ struct ImageOptions {
 /// Throws InputError, beginning with `where`, unless the lens can be used.
 void check_lens(const Lens& lens, const std::string& where);
 
+struct ImageSize {
+  int width = 0;
+  int height = 0;
+  bool operator==(const ImageSize&) const = default;
+};
+
+/// What a photo of this size is shrunk to.
+ImageSize target_size(int width, int height, int resolution);
+
 /// Throws InputError unless the resolution is one that SceneOptions allows.
 void check_resolution(int resolution);
 
 struct LoadedView {
   View view;
-  int photo_width = 0;   ///< before the resize
-  bool limited = false;  ///< shrunk by the limit of 1600 px that resolution = -1 sets
+  ImageSize photo_size;      ///< before the resize
+  bool transparent = false;  ///< the background shows
+  bool limited = false;      ///< shrunk by the limit of 1600 px that resolution = -1 sets
   bool undistorted = false;
 };
 

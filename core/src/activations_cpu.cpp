@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/activations.h"
 
+#include "cuda_operations.h"
 #include "splatboost/errors.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -48,6 +49,7 @@ constexpr std::size_t kGrain = 1 << 13;
 
 void exponentials(std::span<const float> from, std::span<float> to, Device device) {
   SPLATBOOST_CHECK(from.size() == to.size(), "from and to must be of one size");
+  if (device.is_cuda()) return cuda::exponentials(from, to, device.stream());
   device.threads().for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(exponentials_range)(from.data() + begin, to.data() + begin, end - begin);
   });
@@ -55,6 +57,7 @@ void exponentials(std::span<const float> from, std::span<float> to, Device devic
 
 void sigmoids(std::span<const float> from, std::span<float> to, Device device) {
   SPLATBOOST_CHECK(from.size() == to.size(), "from and to must be of one size");
+  if (device.is_cuda()) return cuda::sigmoids(from, to, device.stream());
   device.threads().for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(sigmoids_range)(from.data() + begin, to.data() + begin, end - begin);
   });

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "adam_math.h"
+#include "cuda_operations.h"
 #include "splatboost/errors.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -40,6 +41,9 @@ void adam_step(std::span<float> values, std::span<float> gradients, std::span<fl
   SPLATBOOST_CHECK(gradients.size() == n && first_moments.size() == n && second_moments.size() == n,
                    "values, gradients and moments must be of one size");
   SPLATBOOST_CHECK(step >= 1, "steps count from 1");
+  if (device.is_cuda()) {
+    return cuda::adam_step(values, gradients, first_moments, second_moments, step, options, device.stream());
+  }
   const AdamFactors factors = adam_factors(options, step);
   device.threads().for_range(n, kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(adam_range)

@@ -31,6 +31,37 @@ void CudaStream::check(int, const char*) const { absent(); }
 
 namespace cuda {
 std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream&) { absent(); }
+void exponentials(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void sigmoids(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void adam_step(std::span<float>, std::span<float>, std::span<float>, std::span<float>, std::int64_t, const AdamOptions&,
+               CudaStream&) {
+  absent();
+}
+void photometric(std::span<const float>, const TruthImage&, float, std::span<float>, PhotometricWorkspace&,
+                 CudaStream&) {
+  absent();
+}
+ErrorCounts flag_errors(std::span<const float>, const TruthImage&, float, float, std::span<float>,
+                        std::span<std::uint8_t>, CudaStream&) {
+  absent();
+}
+void add_view(std::span<const std::int32_t>, double, std::span<std::int64_t>, std::span<double>, CudaStream&) {
+  absent();
+}
+void remove_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint8_t>) { absent(); }
+void append_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
+void reorder_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
+
+std::size_t keep_important(std::span<const std::int64_t>, double, std::span<std::uint8_t>, CudaStream&) { absent(); }
+void keep_weighted_sample(std::span<const float>, std::size_t, const RandomStream&, std::span<std::uint8_t>,
+                          CudaStream&) {
+  absent();
+}
+void keep_largest(std::span<const float>, std::size_t, std::span<std::uint8_t>, CudaStream&) { absent(); }
+std::size_t spare_one(std::span<const float>, std::span<std::uint8_t>, CudaStream&) { absent(); }
+void spatial_order(std::span<const float>, std::span<std::uint32_t>, CudaStream&) { absent(); }
+void mean_squared_neighbor_distances(std::span<const float>, int, std::span<float>, CudaStream&) { absent(); }
+
 }  // namespace cuda
 
 }  // namespace splatboost

@@ -3,13 +3,81 @@
 /// defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <memory>
+#include <span>
 
 #include "rasterizer_backend.h"
+#include "splatboost/adam.h"
 #include "splatboost/cuda_stream.h"
+#include "splatboost/device_array.h"
+#include "splatboost/photometric.h"
+#include "splatboost/random.h"
 
 namespace splatboost::cuda {
 
 std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream& stream);
+
+void exponentials(std::span<const float> from, std::span<float> to, CudaStream& stream);
+void sigmoids(std::span<const float> from, std::span<float> to, CudaStream& stream);
+
+void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
+               std::span<float> second_moments, std::int64_t step, const AdamOptions& options, CudaStream& stream);
+
+/// What the loss keeps from call to call.
+struct PhotometricWorkspace {
+  explicit PhotometricWorkspace(CudaStream& stream)
+      : derivatives(stream),
+        sums(stream),
+        totals(stream),
+        read_back(static_cast<double*>(stream.allocate_pinned(3 * sizeof(double)))) {}
+  ~PhotometricWorkspace() { totals.stream().release_pinned(read_back); }
+  PhotometricWorkspace(const PhotometricWorkspace&) = delete;
+  PhotometricWorkspace& operator=(const PhotometricWorkspace&) = delete;
+
+  DeviceArray<float> derivatives;  ///< [3,3,H,W] of SSIM by means, squares and products
+  DeviceArray<double> sums;        ///< of each tile
+  DeviceArray<double> totals;
+  double* read_back;  ///< pinned: Σ |difference|, Σ SSIM, counted pixels, once the stream has come so far
+};
+
+/// Does not wait.
+void photometric(std::span<const float> render, const TruthImage& truth, float lambda_dssim, std::span<float> gradient,
+                 PhotometricWorkspace& workspace, CudaStream& stream);
+
+struct ErrorCounts {
+  std::size_t flagged = 0;
+  std::size_t valid = 0;
+  std::size_t covered = 0;  ///< valid, with an error above `no_error`
+};
+
+/// As splatboost::flag_errors(). Waits.
+ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, float tau, float no_error,
+                        std::span<float> error, std::span<std::uint8_t> flagged, CudaStream& stream);
+
+/// As ScoreSums::add_view().
+void add_view(std::span<const std::int32_t> view_counts, double photometric_loss, std::span<std::int64_t> counts,
+              std::span<double> weighted_counts, CudaStream& stream);
+
+/// As in rows.h; remove_rows() waits.
+void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed);
+void append_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
+void reorder_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> order);
+
+/// As in select.h.
+std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
+                           std::span<std::uint8_t> candidates, CudaStream& stream);
+void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
+                          std::span<std::uint8_t> candidates, CudaStream& stream);
+void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates,
+                  CudaStream& stream);
+std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, CudaStream& stream);
+
+void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, CudaStream& stream);
+
+inline constexpr int kMostNeighbors = 8;  ///< a thread holds as many
+void mean_squared_neighbor_distances(std::span<const float> points, int k, std::span<float> mean_squared_distances,
+                                     CudaStream& stream);
 
 }  // namespace splatboost::cuda

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "cuda_operations.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
@@ -24,6 +25,7 @@ std::size_t flag_errors(std::span<const float> render, const TruthImage& truth, 
   SPLATBOOST_CHECK(truth.valid.empty() || truth.valid.size() == pixels, "truth.valid must be empty or [H,W]");
   SPLATBOOST_CHECK(error.size() == pixels && flagged.size() == pixels, "error and flagged must be [H,W]");
   SPLATBOOST_CHECK(tau >= 0.0f && tau <= 1.0f, "tau must lie in [0, 1]");
+  if (device.is_cuda()) return cuda::flag_errors(render, truth, tau, 0.0f, error, flagged, device.stream()).flagged;
   const auto is_valid = [&](std::size_t p) { return truth.valid.empty() || truth.valid[p] != 0; };
 
   device.threads().for_range(pixels, kGrain, [&](std::size_t begin, std::size_t end) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "cuda_operations.h"
 #include "splatboost/errors.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -292,8 +293,11 @@ struct Blocks {
 }  // namespace
 
 struct Photometric::State {
-  explicit State(Device device) : threads(device.threads()) {}
-  Threads& threads;
+  explicit State(Device where) : device(where) {
+    if (device.is_cuda()) workspace = std::make_unique<cuda::PhotometricWorkspace>(device.stream());
+  }
+  Device device;
+  std::unique_ptr<cuda::PhotometricWorkspace> workspace;  ///< of a CUDA device
   std::vector<PhotometricSums> sums;
 };
 
@@ -313,18 +317,31 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
   SPLATBOOST_CHECK(gradient.empty() || gradient.size() == 3 * pixels, "gradient must be empty or [3,H,W]");
   SPLATBOOST_CHECK(lambda_dssim >= 0.0f && lambda_dssim <= 1.0f, "lambda_dssim must lie in [0, 1]");
 
+  State& s = *state_;
+  const auto lambda = static_cast<double>(lambda_dssim);
+  const auto loss_of = [&](double l1_sum, double ssim_sum, double counted) -> PhotometricLoss {
+    if (counted == 0) return {0.0, 1.0, 0.0};  // nothing to compare
+    const double samples = 3.0 * counted, l1 = l1_sum / samples, ssim = ssim_sum / samples;
+    return {l1, ssim, (1.0 - lambda) * l1 + lambda * (1.0 - ssim)};
+  };
+  if (s.device.is_cuda()) {
+    cuda::photometric(render, truth, lambda_dssim, gradient, *s.workspace, s.device.stream());
+    s.device.stream().synchronize();
+    const double* const totals = s.workspace->read_back;
+    return loss_of(totals[0], totals[1], totals[2]);
+  }
+
   std::size_t counted = pixels;
   if (!truth.valid.empty()) {
     counted = static_cast<std::size_t>(
         std::count_if(truth.valid.begin(), truth.valid.end(), [](std::uint8_t v) { return v != 0; }));
   }
-  if (counted == 0) {  // nothing to compare: no error, no gradient
+  if (counted == 0) {
     std::fill(gradient.begin(), gradient.end(), 0.0f);
-    return {0.0, 1.0, 0.0};
+    return loss_of(0, 0, 0);
   }
   const double samples = 3.0 * static_cast<double>(counted);
 
-  State& s = *state_;
   const Blocks blocks{width, height};
   s.sums.resize(blocks.count());
   const auto job_of = [&](std::size_t channel) {
@@ -339,21 +356,17 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
     job.ssim_weight = static_cast<float>(-static_cast<double>(lambda_dssim) / samples);
     return job;
   };
-  s.threads.for_range(blocks.count(), 1, [&](std::size_t begin, std::size_t end) {
+  s.device.threads().for_range(blocks.count(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       HWY_DYNAMIC_DISPATCH(photometric_block)(job_of(blocks.channel(i)), blocks.range(i), s.sums[i]);
     }
   });
-  PhotometricLoss loss;
+  double l1 = 0, ssim = 0;
   for (const PhotometricSums& sum : s.sums) {
-    loss.l1 += sum.l1;
-    loss.ssim += sum.ssim;
+    l1 += sum.l1;
+    ssim += sum.ssim;
   }
-  loss.l1 /= samples;
-  loss.ssim /= samples;
-  const auto lambda = static_cast<double>(lambda_dssim);
-  loss.total = (1.0 - lambda) * loss.l1 + lambda * (1.0 - loss.ssim);
-  return loss;
+  return loss_of(l1, ssim, static_cast<double>(counted));
 }
 
 }  // namespace splatboost

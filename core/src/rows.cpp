@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "cuda_operations.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
@@ -50,6 +51,31 @@ void reorder_rows(std::vector<float>& tensor, std::size_t width, std::span<const
 void append_zero_rows(std::vector<float>& tensor, std::size_t width, std::size_t count) {
   SPLATBOOST_CHECK(width > 0, "width must be above 0");
   tensor.resize(tensor.size() + width * count, 0.0f);
+}
+
+void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed) {
+  SPLATBOOST_CHECK(width > 0, "width must be above 0");
+  SPLATBOOST_CHECK(tensor.size() == width * removed.size(), "removed must have one byte a row");
+  cuda::remove_rows(tensor, width, removed);
+}
+
+void append_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows) {
+  SPLATBOOST_CHECK(width > 0, "width must be above 0");
+  SPLATBOOST_CHECK(tensor.size() % width == 0, "tensor must hold whole rows of width");
+  cuda::append_rows(tensor, width, rows);
+}
+
+void reorder_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> order) {
+  SPLATBOOST_CHECK(width > 0, "width must be above 0");
+  SPLATBOOST_CHECK(tensor.size() == width * order.size(), "order must have one entry a row");
+  cuda::reorder_rows(tensor, width, order);
+}
+
+void append_zero_rows(DeviceArray<float>& tensor, std::size_t width, std::size_t count) {
+  SPLATBOOST_CHECK(width > 0, "width must be above 0");
+  const std::size_t before = tensor.size();
+  tensor.resize(before + width * count);
+  tensor.stream().fill_zero(tensor.data() + before, width * count * sizeof(float));
 }
 
 }  // namespace splatboost

@@ -2,10 +2,10 @@
 #include "splatboost/select.h"
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 #include <vector>
 
+#include "cuda_operations.h"
+#include "select_math.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
@@ -31,7 +31,7 @@ std::size_t keep_important(std::span<const std::int64_t> importance, double thre
   SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must be of one size");
   std::size_t kept = 0;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
-    candidates[i] = candidates[i] != 0 && static_cast<double>(importance[i]) > threshold;
+    candidates[i] = is_important(candidates[i], importance[i], threshold);
     kept += candidates[i];
   }
   return kept;
@@ -43,11 +43,7 @@ void keep_weighted_sample(std::span<const float> weights, std::size_t keep, cons
   std::vector<Ranked> ranked;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     if (candidates[i] == 0) continue;
-    const double exponential = -std::log(random.uniform(i));
-    // Weightless candidates come after all others, in an order of their own.
-    const double key = weights[i] > 0.0f ? exponential / static_cast<double>(weights[i])
-                                         : std::numeric_limits<double>::max() * random.uniform(i);
-    ranked.push_back({key, i});
+    ranked.push_back({sample_key(weights[i], random.uniform(i)), i});
   }
   keep_smallest(ranked, keep, candidates);
 }
@@ -69,6 +65,29 @@ std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t>
   const auto best = std::max_element(priorities.begin(), priorities.end());
   removals[static_cast<std::size_t>(best - priorities.begin())] = 0;
   return removed - 1;
+}
+
+std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
+                           std::span<std::uint8_t> candidates, CudaStream& stream) {
+  SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must be of one size");
+  return cuda::keep_important(importance, threshold, candidates, stream);
+}
+
+void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
+                          std::span<std::uint8_t> candidates, CudaStream& stream) {
+  SPLATBOOST_CHECK(weights.size() == candidates.size(), "weights and candidates must be of one size");
+  cuda::keep_weighted_sample(weights, keep, random, candidates, stream);
+}
+
+void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates,
+                  CudaStream& stream) {
+  SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must be of one size");
+  cuda::keep_largest(priorities, keep, candidates, stream);
+}
+
+std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, CudaStream& stream) {
+  SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must be of one size");
+  return cuda::spare_one(priorities, removals, stream);
 }
 
 }  // namespace splatboost

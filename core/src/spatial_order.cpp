@@ -8,24 +8,11 @@
 #include <utility>
 #include <vector>
 
+#include "cuda_operations.h"
+#include "spatial_order_math.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
-namespace {
-
-constexpr double kCells = 1 << 21;  // an axis: so fine that far-off points do not throw the others into one cell
-
-/// Spreads 21 bits three apart.
-std::uint64_t spread(std::uint64_t bits) {
-  bits &= 0x1fffff;
-  bits = (bits | bits << 32) & 0x1f00000000ffff;
-  bits = (bits | bits << 16) & 0x1f0000ff0000ff;
-  bits = (bits | bits << 8) & 0x100f00f00f00f00f;
-  bits = (bits | bits << 4) & 0x10c30c30c30c30c3;
-  return (bits | bits << 2) & 0x1249249249249249;
-}
-
-}  // namespace
 
 void spatial_order(std::span<const float> means, std::span<std::uint32_t> order) {
   const std::size_t n = order.size();
@@ -44,20 +31,15 @@ void spatial_order(std::span<const float> means, std::span<std::uint32_t> order)
   }
   std::vector<std::pair<std::uint64_t, std::uint32_t>> codes(n);
   for (std::size_t i = 0; i < n; ++i) {
-    std::uint64_t code = 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto value = static_cast<double>(means[3 * i + axis]);
-      if (!std::isfinite(value)) {
-        code = std::numeric_limits<std::uint64_t>::max();
-        break;
-      }
-      const double cell = extent > 0 ? (value - static_cast<double>(low[axis])) / extent * kCells : 0.0;
-      code |= spread(static_cast<std::uint64_t>(std::min(cell, kCells - 1))) << axis;
-    }
-    codes[i] = {code, static_cast<std::uint32_t>(i)};
+    codes[i] = {morton_code(means.data() + 3 * i, low.data(), extent), static_cast<std::uint32_t>(i)};
   }
   std::sort(codes.begin(), codes.end());
   for (std::size_t i = 0; i < n; ++i) order[i] = codes[i].second;
+}
+
+void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, CudaStream& stream) {
+  SPLATBOOST_CHECK(means.size() == 3 * order.size(), "means must be [N,3] where order is [N]");
+  cuda::spatial_order(means, order, stream);
 }
 
 }  // namespace splatboost

@@ -70,7 +70,7 @@ def test_impossible_values(scene, tmp_path, arguments, name):
     assert not (tmp_path / "model").exists()
 
 
-def test_cuda_is_not_in_this_build(scene, tmp_path):
+def test_there_is_no_training_on_cuda_yet(scene, tmp_path):
     assert "no CUDA" in fails("train", "-s", scene, "-m", tmp_path / "model", "--device", "cuda")
 
 

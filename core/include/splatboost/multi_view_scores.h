@@ -3,12 +3,14 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
+#include "splatboost/device.h"
+#include "splatboost/device_array.h"
 #include "splatboost/hooks.h"
 #include "splatboost/random.h"
 #include "splatboost/scores.h"
-#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -25,7 +27,8 @@ inline constexpr float kNoError = 1e-4f;
 /// One render a view: the counts replay the tile lists of the render that gave the errors.
 class MultiViewScorer {
  public:
-  explicit MultiViewScorer(Threads& threads);
+  explicit MultiViewScorer(Device device);
+  /// On a CUDA device the hook's views, masks and counts lie there; the sums come back to the host.
   /// @return the sums; valid until the next call
   const ScoreSums& score(RasterizerHook& rasterizer, const MultiViewOptions& options, const RandomStream& random);
   /// Mean pixels of the views scored last.
@@ -35,12 +38,25 @@ class MultiViewScorer {
   double covered_share() const { return covered_share_; }
 
  private:
-  Threads& threads_;
+  struct OnCuda {
+    DeviceArray<float> error;
+    DeviceArray<std::uint8_t> flagged;
+    DeviceArray<std::int32_t> view_counts;
+    DeviceArray<std::int64_t> counts;
+    DeviceArray<double> weighted_counts;
+  };
+  void score_view(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options);
+  void score_view_on_cuda(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options);
+
+  Device device_;
   Photometric photometric_;
   ScoreSums sums_;
   std::vector<float> error_;
   std::vector<std::uint8_t> flagged_;
   std::vector<std::int32_t> counts_;
+  std::optional<OnCuda> cuda_;
+  double valid_pixels_ = 0;
+  double covered_pixels_ = 0;
   double mean_pixels_ = 0;
   double covered_share_ = 1;
 };

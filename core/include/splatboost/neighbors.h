@@ -10,6 +10,7 @@ namespace splatboost {
 
 /// Mean squared distance of each point to its k nearest others (3DGS: k = 3); with fewer others, to those there are,
 /// and 0 for a single point. Coincident points count as neighbours at distance 0. Points must be finite.
+/// On a CUDA device k is at most 8.
 /// @param points [N,3]
 /// @param mean_squared_distances [N]
 void mean_squared_neighbor_distances(std::span<const float> points, int k, std::span<float> mean_squared_distances,

@@ -39,7 +39,7 @@ class RandomStream {
   constexpr std::uint64_t bits(std::uint64_t i) const { return mix_bits(key_ ^ mix_bits(i)); }
 
   /// Uniform in (0, 1).
-  double uniform(std::uint64_t i) const { return (static_cast<double>(bits(i) >> 12) + 0.5) * 0x1.0p-52; }
+  constexpr double uniform(std::uint64_t i) const { return (static_cast<double>(bits(i) >> 12) + 0.5) * 0x1.0p-52; }
 
   /// Uniform in 0 .. n-1; n > 0 and far below 2^64.
   std::uint64_t below(std::uint64_t i, std::uint64_t n) const { return bits(i) % n; }

@@ -7,6 +7,8 @@
 #include <span>
 #include <vector>
 
+#include "splatboost/device_array.h"
+
 namespace splatboost {
 
 /// Keeps the rows whose mask byte is zero, in order. A tensor is values [rows, width], row-major.
@@ -20,5 +22,13 @@ void reorder_rows(std::vector<float>& tensor, std::size_t width, std::span<const
 
 /// Appends `count` rows of zeros: the moments of new primitives.
 void append_zero_rows(std::vector<float>& tensor, std::size_t width, std::size_t count);
+
+// The same in the memory of a CUDA device, where the masks and the lists lie too. That their rows exist is not checked.
+
+/// Waits for the device, to know how many rows are left.
+void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed);
+void append_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
+void reorder_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> order);
+void append_zero_rows(DeviceArray<float>& tensor, std::size_t width, std::size_t count);
 
 }  // namespace splatboost

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <span>
 
+#include "splatboost/cuda_stream.h"
 #include "splatboost/random.h"
 
 namespace splatboost {
@@ -27,5 +28,15 @@ void keep_largest(std::span<const float> priorities, std::size_t keep, std::span
 /// A pass never removes all: if every primitive is selected, the one of the largest priority (ties: lowest index)
 /// is deselected. @return number selected afterwards
 std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals);
+
+// The same decisions in the memory of a CUDA device. Those that return a number wait for it.
+std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
+                           std::span<std::uint8_t> candidates, CudaStream& stream);
+/// The logarithm is the device's: keys may differ from the CPU's in their last bit.
+void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
+                          std::span<std::uint8_t> candidates, CudaStream& stream);
+void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates,
+                  CudaStream& stream);
+std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, CudaStream& stream);
 
 }  // namespace splatboost

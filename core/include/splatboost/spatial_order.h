@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <span>
 
+#include "splatboost/cuda_stream.h"
+
 namespace splatboost {
 
 /// Order along a Morton curve over the points' bounding box, ties by index. Gaussians that are stored so are found in
@@ -12,5 +14,7 @@ namespace splatboost {
 /// @param means [N,3]; points that are not finite come last
 /// @param order [N], written: the point that goes to each place
 void spatial_order(std::span<const float> means, std::span<std::uint32_t> order);
+/// The same order in the memory of a CUDA device.
+void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, CudaStream& stream);
 
 }  // namespace splatboost

@@ -22,7 +22,8 @@ Mask gate(const ScaffoldBoost& boost, testing::GivenCounts& rasterizer, Mask wan
 TEST(ScaffoldAdapter, a_slot_grows_only_where_its_importance_exceeds_tau_d) {
   // Each of 10 views counts the same, so importance is that count. Its mean is below 3.5: τ_d is the paper's.
   testing::GivenCounts rasterizer({{5}, {6}, {9}, {0}, {7}, {6}, {1}, {1}, {1}, {1}, {1}, {1}, {1}}, 10, 8, 8);
-  EXPECT_EQ(gate({}, rasterizer, {1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}), (Mask{0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0}))
+  EXPECT_EQ(gate({}, rasterizer, {1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}),
+            (Mask{0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0}))
       << "the gate takes away, it never adds";
   EXPECT_EQ(rasterizer.rendered.size(), 10u);
 }

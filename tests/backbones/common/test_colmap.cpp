@@ -11,6 +11,7 @@
 #include <glm/geometric.hpp>
 #include <glm/vec4.hpp>
 
+#include "common/image_codec.h"
 #include "common/read_scene.h"
 #include "temporary_folder.h"
 
@@ -137,6 +138,7 @@ TEST(Colmap, UniformlyScaledImagesScaleTheCamera) {
 }
 
 TEST(Colmap, UndistortionPutsAKnownPointWhereThePinholeSeesIt) {
+  if (!have_opencv()) GTEST_SKIP() << "undistortion needs OpenCV";
   struct Case {
     int model;
     std::vector<double> params;
@@ -201,6 +203,7 @@ TEST(Colmap, UndistortionPutsAKnownPointWhereThePinholeSeesIt) {
 }
 
 TEST(Colmap, AFoldedLensLeavesNoGhosts) {
+  if (!have_opencv()) GTEST_SKIP() << "undistortion needs OpenCV";
   // 1 + 3 k1 r² crosses zero at r = 0.745, inside the picture: what lies beyond must not be shown again.
   ColmapModel model = make_model();
   model.cameras[0] = {7, 2, kWidth, kHeight, {48, 48, 32, -0.6}};

@@ -10,6 +10,7 @@
 #include <glm/vec4.hpp>
 
 #include "common/colmap.h"
+#include "common/image_codec.h"
 #include "temporary_folder.h"
 
 namespace splatboost::test {
@@ -138,6 +139,7 @@ TEST(ReadScene, ATestListGoesBeforeTheRule) {
 }
 
 TEST(ReadScene, ResolutionAveragesAreasAndScalesTheCamera) {
+  if (!have_opencv()) GTEST_SKIP() << "resizing needs OpenCV";
   const Row row;
   std::vector<std::uint8_t> pixels(kWidth * kHeight);
   for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = i % 2 == 0 ? 40 : 80;
@@ -165,6 +167,7 @@ TEST(ReadScene, ResolutionAveragesAreasAndScalesTheCamera) {
 }
 
 TEST(ReadScene, WidePhotosAreLimitedWithANote) {
+  if (!have_opencv()) GTEST_SKIP() << "resizing needs OpenCV";
   const TemporaryFolder folder;
   ColmapModel model;
   model.cameras.push_back({1, 1, 3200, 40, {1000, 1000, 1500, 20}});
@@ -269,6 +272,7 @@ Scene read_shared(const std::filesystem::path& source, bool eval, int resolution
 }
 
 TEST(SharedData, Fox) {
+  if (!have_opencv()) GTEST_SKIP() << "JPEG and resizing need OpenCV";
   const auto folder = shared_data("fox");
   if (folder.empty()) GTEST_SKIP() << "no fox";
   const Scene scene = read_shared(folder, true, 2);
@@ -294,6 +298,7 @@ TEST(SharedData, Fox) {
 }
 
 TEST(SharedData, Fern) {
+  if (!have_opencv()) GTEST_SKIP() << "JPEG and resizing need OpenCV";
   const auto folder = shared_data("fern");
   if (folder.empty()) GTEST_SKIP() << "no fern";
   const Scene scene = read_shared(folder, false, 4);
@@ -303,6 +308,7 @@ TEST(SharedData, Fern) {
 }
 
 TEST(SharedData, DtuKeepsItsPrincipalPoint) {
+  if (!have_opencv()) GTEST_SKIP() << "JPEG and resizing need OpenCV";
   const auto folder = shared_data("dtu_scan24");
   if (folder.empty()) GTEST_SKIP() << "no dtu_scan24";
   const Scene scene = read_shared(folder, false, 1);
@@ -313,6 +319,7 @@ TEST(SharedData, DtuKeepsItsPrincipalPoint) {
 }
 
 TEST(SharedData, Lego) {
+  if (!have_opencv()) GTEST_SKIP() << "JPEG and resizing need OpenCV";
   const auto folder = shared_data("lego");
   if (folder.empty()) GTEST_SKIP() << "no lego";
   Scene scene = read_shared(folder, true, -1);

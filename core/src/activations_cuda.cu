@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda_operations.h"
+#include "device_view.h"
+#include "host_device.h"
+#include "launch.h"
+
+namespace splatboost::cuda {
+namespace {
+
+constexpr float kLargestExponent = 88.0f;  // e to it is still a float
+
+__global__ void __launch_bounds__(kBlockThreads)
+    exponentials_kernel(DeviceView<const float> from, DeviceView<float> to) {
+  const std::size_t i = element_index();
+  if (i >= to.size()) return;
+  to[i] = expf(min_of(from[i], kLargestExponent));
+}
+
+__global__ void __launch_bounds__(kBlockThreads) sigmoids_kernel(DeviceView<const float> from, DeviceView<float> to) {
+  const std::size_t i = element_index();
+  if (i >= to.size()) return;
+  to[i] = 1.0f / (1.0f + expf(min_of(-from[i], kLargestExponent)));
+}
+
+}  // namespace
+
+void exponentials(std::span<const float> from, std::span<float> to, CudaStream& stream) {
+  launch_each(stream, "exponentials", exponentials_kernel, to.size(), from, to);
+}
+
+void sigmoids(std::span<const float> from, std::span<float> to, CudaStream& stream) {
+  launch_each(stream, "sigmoids", sigmoids_kernel, to.size(), from, to);
+}
+
+}  // namespace splatboost::cuda
