@@ -23,7 +23,7 @@ class LibraryError(RuntimeError):
 
 
 class NoCudaError(RuntimeError):
-    """A CUDA tensor met a libsplatboost that is built without CUDA."""
+    """A CUDA tensor met a libsplatboost that runs on the CPU only."""
 
 
 class Device(ctypes.Structure):

@@ -53,8 +53,8 @@ class Place:
         elif self.device.type == "cuda":
             if not lib.has_cuda():
                 raise lib.NoCudaError(
-                    "%s is on %s, but this libsplatboost is built without CUDA: move the tensors to the CPU, or "
-                    "install a build with CUDA ('python -m splatboost doctor' tells what is there)" % (name, self.device)
+                    "%s is on %s, but libsplatboost runs on the CPU only so far: move the tensors to the CPU"
+                    % (name, self.device)
                 )
             self.kind, self.index = lib.CUDA, int(self.device.index or 0)
         else:

@@ -31,7 +31,7 @@ def _library() -> List[Line]:
         lines.append(
             (
                 "note",
-                "libsplatboost is built without CUDA: tensors must be on the CPU",
+                "libsplatboost runs on the CPU only so far: tensors must be on the CPU",
                 "this version of SplatBoost has no CUDA code yet",
             )
         )
