@@ -73,7 +73,7 @@ Place::Place(const sb_device* device) : threads_(1) {
     return;
   }
   if (device->kind == SB_CUDA) {
-    throw NoCuda("the C ABI of this version runs on the CPU only: pass tensors of the CPU");
+    throw NoCuda("this version has no CUDA behind its C ABI: pass tensors of the CPU");
   }
   SPLATBOOST_CHECK(device->kind == SB_CPU,
                    "device.kind must be SB_CPU or SB_CUDA, not " + std::to_string(device->kind));
