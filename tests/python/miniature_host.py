@@ -11,34 +11,33 @@ RECIPES = {"3dgs-2023": "3dgs", "3dgs-2024-08": "3dgs", "3dgs-2024-10": "3dgs", 
            "drop": "dropgaussian"}
 
 ARGUMENTS = '''
-class ParamGroup:
-    def __init__(self, parser, name):
-        group = parser.add_argument_group(name)
-        for key, value in vars(self).items():
-            group.add_argument("--" + key, default=value, type=type(value))
+class Options:
+    """What a subclass has set when it calls the constructor becomes an option."""
+
+    def __init__(self, parser, title):
+        self.keys = sorted(self.__dict__)
+        section = parser.add_argument_group(title)
+        for key in self.keys:
+            section.add_argument("--" + key, default=self.__dict__[key], type=type(self.__dict__[key]))
 
     def extract(self, args):
-        for key in vars(self):
-            setattr(self, key, getattr(args, key))
+        self.__dict__.update((key, getattr(args, key)) for key in self.keys)
         return self
 
 
-class ModelParams(ParamGroup):
+class ModelParams(Options):
     def __init__(self, parser):
         self.model_path = ""
         self.sh_degree = 1
         self.kernel_size = 0.1
         self.train_test_exp = 0
-        super().__init__(parser, "Loading Parameters")
+        super().__init__(parser, "model")
 
 
-class OptimizationParams(ParamGroup):
+class OptimizationParams(Options):
     def __init__(self, parser):
-        self.iterations = 30_000
-        self.densification_interval = 100
-        self.opacity_reset_interval = 3000
-        self.densify_from_iter = 500
-        self.densify_until_iter = @UNTIL@
+        self.iterations, self.densification_interval, self.opacity_reset_interval = 30_000, 100, 3000
+        self.densify_from_iter, self.densify_until_iter = 500, @UNTIL@
         self.densify_grad_threshold = @THRESHOLD@
         super().__init__(parser, "Optimization Parameters")
 '''
@@ -46,22 +45,22 @@ class OptimizationParams(ParamGroup):
 RENDERER = '''
 import math
 import torch
-from diff_gaussian_rasterization import GaussianRasterizationSettings, GaussianRasterizer
+from diff_gaussian_rasterization import GaussianRasterizer, GaussianRasterizationSettings as Settings
 
 def render(cam, pc, pipe, bg_color@SIGNATURE@):
-    screenspace_points = torch.zeros_like(pc.get_xyz, requires_grad=True, device="cuda") + 0
-    if screenspace_points.requires_grad:
-        screenspace_points.retain_grad()
-    raster_settings = GaussianRasterizationSettings(
+    on_screen = torch.zeros_like(pc.get_xyz, requires_grad=True, device="cuda") * 1.0  # no leaf, as in the hosts
+    if torch.is_grad_enabled():
+        on_screen.retain_grad()
+    view = Settings(
         image_height=cam.height, image_width=cam.width, tanfovx=cam.tanfovx, tanfovy=cam.tanfovy, bg=bg_color,
         scale_modifier=1.0, viewmatrix=cam.view, projmatrix=cam.full, sh_degree=pc.active_sh_degree, campos=cam.centre,
         prefiltered=False, debug=False@SETTINGS@)
-    rasterizer = GaussianRasterizer(raster_settings=raster_settings)
+    rasterizer = GaussianRasterizer(view)
     opacity = pc.get_opacity@FILTERED@
 @DROPOUT@
-    @RESULT@ = rasterizer(means3D=pc.get_xyz, means2D=screenspace_points, opacities=opacity, shs=pc.get_features,
+    @RESULT@ = rasterizer(means3D=pc.get_xyz, means2D=on_screen, opacities=opacity, shs=pc.get_features,
                           scales=pc.get_scaling@FILTERED@, rotations=pc.get_rotation)
-    return {"render": rendered_image, "viewspace_points": screenspace_points,
+    return {"render": rendered_image, "viewspace_points": on_screen,
             "visibility_filter": @SEEN@, "radii": radii}
 '''
 
@@ -110,7 +109,8 @@ class GaussianModel:
 
     def change(self, change):
         """Every parameter and its moments through `change`."""
-        for group in self.optimizer.param_groups:
+        groups = self.optimizer.param_groups
+        for group in groups:
             old = group["params"][0]
             state = self.optimizer.state.pop(old)
             new = torch.nn.Parameter(change(group["name"], old.detach()))
@@ -158,17 +158,16 @@ class GaussianModel:
         self.prune_points(torch.cat([mask, torch.zeros(N * int(mask.sum()), device="cuda", dtype=bool)]))
 
     def densify_and_prune(self, max_grad, min_opacity, extent, max_screen_size@RADII@):
-        grads = self.xyz_gradient_accum / self.denom
-        grads[grads.isnan()] = 0.0
+        grads = torch.nan_to_num(self.xyz_gradient_accum / self.denom)
 @RADII_SET@
         self.densify_and_clone(grads, max_grad, @ABSOLUTE_VALUES@extent)
         self.densify_and_split(grads, max_grad, @ABSOLUTE_VALUES@extent)
         self.prune_points((self.get_opacity < min_opacity).reshape(-1))
 @RADII_UNSET@
-    def add_densification_stats(self, viewspace_point_tensor, update_filter):
-        self.xyz_gradient_accum[update_filter] += torch.norm(viewspace_point_tensor.grad[update_filter, :2], dim=-1, keepdim=True)
+    def add_densification_stats(self, on_screen, seen):
+        self.xyz_gradient_accum[seen] += torch.norm(on_screen.grad[seen, :2], dim=-1, keepdim=True)
 @MIP_STATS@
-        self.denom[update_filter] += 1
+        self.denom[seen] += 1.0
 
     def reset_opacity(self):
         low = torch.minimum(self._opacity.detach(), torch.full_like(self._opacity, -4.6))
@@ -226,12 +225,11 @@ TRAIN = '''
 import json
 import os
 import random
-import sys
 import types
-from argparse import ArgumentParser
+import argparse
 import torch
 from gaussian_renderer import render
-from scene import Scene, GaussianModel
+from scene import GaussianModel, Scene
 from arguments import ModelParams, OptimizationParams
 @SPARSE@
 def training(dataset, opt, pipe, checkpoint_iterations):
@@ -248,17 +246,17 @@ def training(dataset, opt, pipe, checkpoint_iterations):
         iter_start.record()
         gaussians.update_learning_rate(iteration)
         viewpoint_cam = random.choice(scene.getTrainCameras())
-        render_pkg = render(viewpoint_cam, gaussians, pipe, background@ARGUMENTS@)
-        image, viewspace_point_tensor, visibility_filter, radii = render_pkg["render"], render_pkg["viewspace_points"], render_pkg["visibility_filter"], render_pkg["radii"]
-        loss = (image - viewpoint_cam.original_image.cuda()).abs().mean()
+        drawn = render(viewpoint_cam, gaussians, pipe, background@ARGUMENTS@)
+        radii = drawn["radii"]
+        loss = (drawn["render"] - viewpoint_cam.original_image.cuda()).abs().mean()
         loss.backward()
         iter_end.record()
         losses.append(loss.item())
         counts.append(gaussians.get_xyz.shape[0])
         with torch.no_grad():
             # Densification
-            if iteration < opt.densify_until_iter:
-                gaussians.add_densification_stats(viewspace_point_tensor, visibility_filter)
+            if opt.densify_until_iter > iteration:
+                gaussians.add_densification_stats(drawn["viewspace_points"], drawn["visibility_filter"])
                 if iteration > opt.densify_from_iter and iteration % opt.densification_interval == 0:
                     gaussians.densify_and_prune(opt.densify_grad_threshold, 0.005, scene.cameras_extent, None@RADII_VALUE@)
 @REFILTER@
@@ -266,27 +264,26 @@ def training(dataset, opt, pipe, checkpoint_iterations):
                     gaussians.reset_opacity()
 
             # Optimizer step
-            if iteration < opt.iterations:
+            if opt.iterations > iteration:
 @STEP@
     scene.save(opt.iterations)
     with open(os.path.join(dataset.model_path, "losses.json"), "w") as file:
         json.dump({"losses": losses, "counts": counts, "seconds": iter_start.elapsed_time(iter_end)}, file)
 
 if __name__ == "__main__":
-    parser = ArgumentParser()
-    lp = ModelParams(parser)
-    op = OptimizationParams(parser)
-    args = parser.parse_args(sys.argv[1:])
+    parser = argparse.ArgumentParser()
+    model_options, opt_options = ModelParams(parser), OptimizationParams(parser)
+    args = parser.parse_args()
     random.seed(0)
     torch.manual_seed(0)
-    torch.cuda.set_device(torch.device("cuda:0"))
-    training(lp.extract(args), op.extract(args), types.SimpleNamespace(debug=False), [])
+    torch.cuda.set_device("cuda:0")
+    training(model_options.extract(args), opt_options.extract(args), types.SimpleNamespace(debug=False), [])
 '''
 
 RENDER = '''
 import json
 import os
-from argparse import ArgumentParser
+import argparse
 import torch
 from scene import Scene
 from gaussian_renderer import render
@@ -294,9 +291,8 @@ from arguments import ModelParams
 from gaussian_renderer import GaussianModel
 
 if __name__ == "__main__":
-    parser = ArgumentParser()
-    lp = ModelParams(parser)
-    dataset = lp.extract(parser.parse_args())
+    parser = argparse.ArgumentParser()
+    dataset = ModelParams(parser).extract(parser.parse_args())
     with torch.no_grad():
         gaussians = GaussianModel(dataset.sh_degree)
         scene = Scene(dataset, gaussians, load_iteration=1, shuffle=False)
@@ -351,8 +347,8 @@ def parts(layout):
 """,
             MIP_START=lines(8, 'self.xyz_gradient_accum_abs = torch.zeros((n, 1), device="cuda")', ""),
             MIP_PRUNE=lines(8, "self.xyz_gradient_accum_abs = self.xyz_gradient_accum_abs[~mask]", ""),
-            MIP_STATS=lines(8, "self.xyz_gradient_accum_abs[update_filter] += torch.norm("
-                               "viewspace_point_tensor.grad[update_filter, 2:], dim=-1, keepdim=True)"),
+            MIP_STATS=lines(8, "self.xyz_gradient_accum_abs[seen] += torch.norm("
+                               "on_screen.grad[seen, 2:], dim=-1, keepdim=True)"),
             FILTER_LINE=lines(4, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"),
             FILTER_LOADED=lines(8, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"),
             REFILTER=lines(20, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"))

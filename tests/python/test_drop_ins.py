@@ -285,7 +285,7 @@ from splatboost.drop_ins import LAYOUTS
 for layout in LAYOUTS:
     names = splatboost.install_drop_ins(layout)
     assert splatboost.install_drop_ins(layout) == names
-    from diff_gaussian_rasterization import GaussianRasterizationSettings, GaussianRasterizer
+    from diff_gaussian_rasterization import GaussianRasterizer, GaussianRasterizationSettings
     from simple_knn._C import distCUDA2
     from fused_ssim import fused_ssim
     assert GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS[layout]

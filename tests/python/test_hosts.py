@@ -122,7 +122,7 @@ start.record()
 end.record()
 torch.cuda.synchronize()
 torch.cuda.empty_cache()
-torch.cuda.set_device(torch.device("cuda:0"))
+torch.cuda.set_device("cuda:0")
 assert start.elapsed_time(end) >= 0
 assert torch.cuda.max_memory_allocated() > 0
 with torch.cuda.stream(None), torch.cuda.device(0):

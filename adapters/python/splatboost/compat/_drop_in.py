@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Optional
+from typing import Any, Callable, Dict, Optional
 
 import torch
+from torch import nn
 
 from .._rasterize import Render, mark_visible, rasterize
 from ..camera import Camera
@@ -102,3 +103,66 @@ def render(
 def visible(settings: Any, positions: torch.Tensor) -> torch.Tensor:
     with torch.no_grad():
         return mark_visible(camera_of(settings), positions)
+
+
+#: A view, in 3DGS's terms: matrices are for points that are rows. prefiltered and debug change nothing here.
+SIZE = ("image_height", "image_width", "tanfovx", "tanfovy")
+VIEW = ("bg", "scale_modifier", "viewmatrix", "projmatrix", "sh_degree", "campos", "prefiltered", "debug")
+
+
+class Drawer(nn.Module):
+    """A GaussianRasterizer without what layouts differ in: how a view is drawn, and what a host gets of it."""
+
+    def __init__(self, raster_settings: Any):
+        super().__init__()
+        self.raster_settings = raster_settings
+
+    def options(self) -> Dict[str, Any]:
+        """Arguments of rasterize() that this layout's settings stand for. Throws ValueError where it cannot."""
+        return {}
+
+    def results(self, done: Render) -> Any:
+        return done.color, done.radii
+
+    def draw(self, means3D: torch.Tensor, means2D: torch.Tensor, opacities: torch.Tensor, **tensors: Any) -> Any:
+        return self.results(render(self.raster_settings, means3D, means2D, opacities, **self.options(), **tensors))
+
+    def markVisible(self, positions: torch.Tensor) -> torch.Tensor:
+        """bool [N]: which positions [N,3] lie beyond the near plane."""
+        return visible(self.raster_settings, positions)
+
+    def forward(
+        self,
+        means3D: torch.Tensor,
+        means2D: torch.Tensor,
+        opacities: torch.Tensor,
+        shs: Optional[torch.Tensor] = None,
+        colors_precomp: Optional[torch.Tensor] = None,
+        scales: Optional[torch.Tensor] = None,
+        rotations: Optional[torch.Tensor] = None,
+        cov3D_precomp: Optional[torch.Tensor] = None,
+    ) -> Any:
+        """means3D [N,3], means2D [N,3] or [N,4], opacities [N,1], shs [N,K,3] or colors_precomp [N,3], scales [N,3] and
+        rotations [N,4] or cov3D_precomp [N,6]; returns what the layout's module says."""
+        return self.draw(means3D, means2D, opacities, shs=shs, colors_precomp=colors_precomp, scales=scales,
+                         rotations=rotations, cov3D_precomp=cov3D_precomp)
+
+
+def as_function(rasterizer: Callable[[Any], Drawer]) -> Callable[..., Any]:
+    """The layout's rasterize_gaussians, whose arguments are all by position; None or an empty tensor is left out."""
+
+    def rasterize_gaussians(
+        means3D: torch.Tensor,
+        means2D: torch.Tensor,
+        sh: torch.Tensor,
+        colors_precomp: torch.Tensor,
+        opacities: torch.Tensor,
+        scales: torch.Tensor,
+        rotations: torch.Tensor,
+        cov3Ds_precomp: torch.Tensor,
+        raster_settings: Any,
+    ) -> Any:
+        return rasterizer(raster_settings)(means3D, means2D, opacities, given(sh), given(colors_precomp), given(scales),
+                                           given(rotations), given(cov3Ds_precomp))
+
+    return rasterize_gaussians

@@ -1,93 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drop-in for `diff_gaussian_rasterization` as 3DGS has had it since 2023: returns color and radii."""
+"""Drop-in for `diff_gaussian_rasterization` as 3DGS has had it since 2023: returns color [3,H,W] and radii int32 [N]."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Optional, Tuple
-
-import torch
-from torch import nn
+from collections import namedtuple
 
 from . import _drop_in
 
 __all__ = ["GaussianRasterizationSettings", "GaussianRasterizer", "rasterize_gaussians"]
 
-
-class GaussianRasterizationSettings(NamedTuple):
-    """A view, in 3DGS's terms: matrices are for points that are rows. prefiltered and debug change nothing here."""
-
-    image_height: int
-    image_width: int
-    tanfovx: float
-    tanfovy: float
-    bg: torch.Tensor
-    scale_modifier: float
-    viewmatrix: torch.Tensor
-    projmatrix: torch.Tensor
-    sh_degree: int
-    campos: torch.Tensor
-    prefiltered: bool
-    debug: bool
+GaussianRasterizationSettings = namedtuple(  # type: ignore[misc]
+    "GaussianRasterizationSettings", _drop_in.SIZE + _drop_in.VIEW)
 
 
-def rasterize_gaussians(
-    means3D: torch.Tensor,
-    means2D: torch.Tensor,
-    sh: torch.Tensor,
-    colors_precomp: torch.Tensor,
-    opacities: torch.Tensor,
-    scales: torch.Tensor,
-    rotations: torch.Tensor,
-    cov3Ds_precomp: torch.Tensor,
-    raster_settings: Any,
-) -> Tuple[torch.Tensor, torch.Tensor]:
-    """color [3,H,W] and radii int32 [N]. What is left out is None or an empty tensor."""
-    given = _drop_in.given
-    done = _drop_in.render(
-        raster_settings,
-        means3D,
-        means2D,
-        opacities,
-        shs=given(sh),
-        colors_precomp=given(colors_precomp),
-        scales=given(scales),
-        rotations=given(rotations),
-        cov3D_precomp=given(cov3Ds_precomp),
-    )
-    return done.color, done.radii
+class GaussianRasterizer(_drop_in.Drawer):
+    pass
 
 
-class GaussianRasterizer(nn.Module):
-    def __init__(self, raster_settings: GaussianRasterizationSettings):
-        super().__init__()
-        self.raster_settings = raster_settings
-
-    def markVisible(self, positions: torch.Tensor) -> torch.Tensor:
-        """bool [N]: which positions [N,3] lie beyond the near plane."""
-        return _drop_in.visible(self.raster_settings, positions)
-
-    def forward(
-        self,
-        means3D: torch.Tensor,
-        means2D: torch.Tensor,
-        opacities: torch.Tensor,
-        shs: Optional[torch.Tensor] = None,
-        colors_precomp: Optional[torch.Tensor] = None,
-        scales: Optional[torch.Tensor] = None,
-        rotations: Optional[torch.Tensor] = None,
-        cov3D_precomp: Optional[torch.Tensor] = None,
-    ) -> Tuple[torch.Tensor, torch.Tensor]:
-        """means3D [N,3], means2D [N,3] or [N,4], opacities [N,1], shs [N,K,3] or colors_precomp [N,3], scales [N,3] and
-        rotations [N,4] or cov3D_precomp [N,6]; returns color [3,H,W] and radii int32 [N]."""
-        done = _drop_in.render(
-            self.raster_settings,
-            means3D,
-            means2D,
-            opacities,
-            shs=shs,
-            colors_precomp=colors_precomp,
-            scales=scales,
-            rotations=rotations,
-            cov3D_precomp=cov3D_precomp,
-        )
-        return done.color, done.radii
+rasterize_gaussians = _drop_in.as_function(GaussianRasterizer)

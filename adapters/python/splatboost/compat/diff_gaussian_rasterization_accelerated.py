@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Any, Optional
 
 import torch
-from torch import nn
 
 from . import _drop_in
-from .diff_gaussian_rasterization_2024 import Drawn, GaussianRasterizationSettings
+from .diff_gaussian_rasterization_2024 import GaussianRasterizationSettings
+from .diff_gaussian_rasterization_2024 import GaussianRasterizer as Rasterizer2024
 
 __all__ = ["GaussianRasterizationSettings", "GaussianRasterizer", "SparseGaussianAdam", "rasterize_gaussians"]
 
@@ -25,10 +25,10 @@ def rasterize_gaussians(
     rotations: torch.Tensor,
     cov3Ds_precomp: torch.Tensor,
     raster_settings: Any,
-) -> Drawn:
+) -> Any:
     """color [3,H,W], radii int32 [N], inverse depth [1,H,W]. What is left out is None or an empty tensor."""
     given = _drop_in.given
-    done: Drawn = GaussianRasterizer(raster_settings)(
+    return GaussianRasterizer(raster_settings)(
         means3D,
         means2D,
         opacities,
@@ -39,19 +39,10 @@ def rasterize_gaussians(
         given(rotations),
         given(cov3Ds_precomp),
     )
-    return done
 
 
-class GaussianRasterizer(nn.Module):
-    def __init__(self, raster_settings: GaussianRasterizationSettings):
-        super().__init__()
-        self.raster_settings = raster_settings
-
-    def markVisible(self, positions: torch.Tensor) -> torch.Tensor:
-        """bool [N]: which positions [N,3] lie beyond the near plane."""
-        return _drop_in.visible(self.raster_settings, positions)
-
-    def forward(
+class GaussianRasterizer(Rasterizer2024):
+    def forward(  # type: ignore[override]
         self,
         means3D: torch.Tensor,
         means2D: torch.Tensor,
@@ -62,23 +53,10 @@ class GaussianRasterizer(nn.Module):
         scales: Optional[torch.Tensor] = None,
         rotations: Optional[torch.Tensor] = None,
         cov3D_precomp: Optional[torch.Tensor] = None,
-    ) -> Drawn:
+    ) -> Any:
         """As in 2024, with the spherical harmonics in two: dc [N,1,3] and shs [N,K-1,3]."""
-        done = _drop_in.render(
-            self.raster_settings,
-            means3D,
-            means2D,
-            opacities,
-            dc=dc,
-            shs=shs,
-            colors_precomp=colors_precomp,
-            scales=scales,
-            rotations=rotations,
-            cov3D_precomp=cov3D_precomp,
-            inverse_depth=True,
-            compensate_opacity=bool(self.raster_settings.antialiasing),
-        )
-        return done.color, done.radii, done.inverse_depth
+        return self.draw(means3D, means2D, opacities, dc=dc, shs=shs, colors_precomp=colors_precomp, scales=scales,
+                         rotations=rotations, cov3D_precomp=cov3D_precomp)
 
 
 class SparseGaussianAdam(torch.optim.Adam):
