@@ -3,12 +3,15 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
-#include <cstdio>
+#include <map>
 #include <memory>
 
+#include "cli/bench_figures.h"
+#include "cli/bench_tables.h"
 #include "cli/blend_work.h"
+#include "cli/chosen_device.h"
 #include "cli/commands.h"
+#include "cli/cuda_figures.h"
 #include "cli/machine_limits.h"
 #include "cli/options.h"
 #include "cli/run.h"
@@ -25,32 +28,9 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-/// Stages in the order of an iteration, and what they are called in the table. "iteration" is all before it and what
-/// lies between them; "scoring" is one scored view: render, error map, loss, count replay.
-constexpr std::pair<const char*, const char*> kStages[] = {
-    {"activate", "activate"},
-    {"project", "project"},
-    {"tile_lists", "sort and bin"},
-    {"blend", "blend forward"},
-    {"loss", "L1 + SSIM and gradient"},
-    {"blend_backward", "blend backward"},
-    {"project_backward", "project backward"},
-    {"statistics", "statistics"},
-    {"optimizer", "Adam, all parameters"},
-    {"iteration", "iteration"},
-    {"scoring", "scoring a view"},
-};
-
-constexpr int kWarmUp = 3;
 // Far from every event of the published run (growth, reset), with all degrees of spherical harmonics active.
 constexpr int kFirstIteration = 10001;
 constexpr int kMostRepeats = 95;
-
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  const std::size_t n = values.size();
-  return n % 2 == 1 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
-}
 
 double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -76,8 +56,6 @@ VanillaConfig still_config() {
   return config;
 }
 
-using Samples = std::map<std::string, std::vector<double>>;
-
 std::unique_ptr<Backbone> make_backbone(const BenchScene& bench, Threads& threads) {
   auto backbone = make_vanilla({bench.scene, threads}, still_config());
   const TemporaryFolder folder;
@@ -88,14 +66,14 @@ std::unique_ptr<Backbone> make_backbone(const BenchScene& bench, Threads& thread
 }
 
 /// Milliseconds of every stage of a training iteration, and of the whole.
-Samples measure_iterations(Backbone& backbone, const View& view, int repeats) {
-  Samples samples;
-  for (int i = 0; i < kWarmUp + repeats; ++i) {
+BenchSamples measure_iterations(Backbone& backbone, const View& view, int repeats) {
+  BenchSamples samples;
+  for (int i = 0; i < kBenchWarmUp + repeats; ++i) {
     const auto before = backbone.stages().seconds();
     const auto start = std::chrono::steady_clock::now();
     backbone.train_step(kFirstIteration + i, view);
     const double iteration = milliseconds_since(start);
-    if (i < kWarmUp) continue;
+    if (i < kBenchWarmUp) continue;
     for (const auto& [stage, seconds] : backbone.stages().seconds()) {
       const auto at = before.find(stage);
       samples[stage].push_back(1e3 * (seconds - (at == before.end() ? 0 : at->second)));
@@ -105,51 +83,28 @@ Samples measure_iterations(Backbone& backbone, const View& view, int repeats) {
   return samples;
 }
 
-/// Medians of the stages that were measured.
-Json medians(const Samples& samples) {
-  Json milliseconds = Json::object();
-  for (const auto& [stage, title] : kStages) {
-    const auto found = samples.find(stage);
-    if (found != samples.end()) milliseconds[stage] = median(found->second);
-  }
-  return milliseconds;
-}
-
-Json effort_json(const Effort& effort, double milliseconds, const MachineLimits& limits) {
-  const double seconds = 1e-3 * milliseconds;
-  return {{"operations", effort.operations},
-          {"bytes", effort.bytes},
-          {"share_of_operations", effort.operations / seconds / limits.operations_per_second},
-          {"share_of_bytes", effort.bytes / seconds / limits.bytes_per_second}};
-}
-
 Json measure(const BenchSize& size, Threads& threads, int repeats, const MachineLimits& limits) {
   const BenchScene bench = make_bench_scene(size);
   const auto backbone = make_backbone(bench, threads);
   RasterizerHook& rasterizer = backbone->rasterizer_hook();
-  Samples samples = measure_iterations(*backbone, bench.scene.train[0], repeats);
+  BenchSamples samples = measure_iterations(*backbone, bench.scene.train[0], repeats);
   MultiViewScorer scorer(threads);
-  for (int i = 0; i < kWarmUp + repeats; ++i) {
+  for (int i = 0; i < kBenchWarmUp + repeats; ++i) {
     const auto start = std::chrono::steady_clock::now();
     scorer.score(rasterizer, {.views = 1}, RandomStream(0, 0, RandomPurpose::scored_views));
-    if (i >= kWarmUp) samples["scoring"].push_back(milliseconds_since(start));
+    if (i >= kBenchWarmUp) samples["scoring"].push_back(milliseconds_since(start));
   }
 
-  const BlendWork work = count_blend_work(bench, threads);
-  const Json milliseconds = medians(samples);
-  const Json blended = {
+  const BlendWork work = count_blend_work(bench, kTileRow, threads);
+  const Json milliseconds = medians_json(samples);
+  Json scene = scene_json(size, work, milliseconds);
+  scene["blend_work"] = {
       {"entries", work.entries},
-      {"rows", work.rows},
+      {"rows", work.cells},
       {"pairs", work.pairs},
       {"forward", effort_json(blend_effort(work), milliseconds["blend"].get<double>(), limits)},
       {"backward", effort_json(blend_backward_effort(work), milliseconds["blend_backward"].get<double>(), limits)}};
-  return {{"name", size.name},
-          {"splats", size.splats},
-          {"width", size.width},
-          {"height", size.height},
-          {"blended_per_pixel", static_cast<double>(work.pairs) / static_cast<double>(work.pixels)},
-          {"milliseconds", milliseconds},
-          {"blend_work", blended}};
+  return scene;
 }
 
 /// Iterations of one scene that differs from the next in one thing.
@@ -162,7 +117,7 @@ Json measure_series(const std::vector<BenchSize>& sizes, Threads& threads, int r
                       {"width", size.width},
                       {"height", size.height},
                       {"threads", threads.count()},
-                      {"milliseconds", medians(measure_iterations(*backbone, bench.scene.train[0], repeats))}});
+                      {"milliseconds", medians_json(measure_iterations(*backbone, bench.scene.train[0], repeats))}});
   }
   return series;
 }
@@ -189,94 +144,11 @@ Json measure_scaling(Threads& threads, int repeats) {
           {"threads", of_threads}};
 }
 
-std::string column(const std::string& text, int width) {
-  return std::string(static_cast<std::size_t>(std::max(0, width - static_cast<int>(text.size()))), ' ') + text;
-}
-
-std::string fixed(double value, const char* format) {
-  char text[32];
-  std::snprintf(text, sizeof text, format, value);
-  return text;
-}
-
-/// Milliseconds of a scene's stage in a file of ours; NaN where it has none.
-double find_milliseconds(const Json& document, const std::string& scene, const std::string& stage) {
-  for (const Json& entry : document.value("scenes", Json::array())) {
-    if (!entry.is_object() || entry.value("name", Json()) != scene) continue;
-    const Json& value = entry.value("milliseconds", Json::object()).value(stage, Json());
-    if (value.is_number()) return value.get<double>();
-  }
-  return std::nan("");
-}
-
-void print_table(const Json& now, const Json* old) {
-  constexpr int kLabel = 24, kColumn = 12, kRatio = 9;
-  std::printf("%s, %d threads, %s; medians of %d, milliseconds%s\n\n", now["machine"].get<std::string>().c_str(),
-              now["threads"].get<int>(), now["instruction_set"].get<std::string>().c_str(), now["repeats"].get<int>(),
-              old != nullptr ? "; ratio: old time / new time" : "");
-  std::string head(kLabel, ' ');
-  for (const Json& scene : now["scenes"]) {
-    head += column(scene["name"].get<std::string>(), kColumn);
-    if (old != nullptr) head += column("ratio", kRatio);
-  }
-  std::printf("%s\n", head.c_str());
-  for (const auto& [stage, title] : kStages) {
-    std::string row = title + std::string(static_cast<std::size_t>(kLabel) - std::string(title).size(), ' ');
-    for (const Json& scene : now["scenes"]) {
-      const double value = scene["milliseconds"][stage].get<double>();
-      row += column(fixed(value, "%.2f"), kColumn);
-      if (old == nullptr) continue;
-      const double before = find_milliseconds(*old, scene["name"].get<std::string>(), stage);
-      row += " " + column(std::isnan(before) || value <= 0 ? "-" : fixed(before / value, "%.2fx"), kRatio - 1);
-    }
-    std::printf("%s\n", row.c_str());
-  }
-  std::string density = "splats blended a pixel" + std::string(kLabel - 22, ' ');
-  for (const Json& scene : now["scenes"]) {
-    density += column(fixed(scene["blended_per_pixel"].get<double>(), "%.1f"), kColumn);
-    if (old != nullptr) density += column("", kRatio);
-  }
-  std::printf("%s\n", density.c_str());
-}
-
-void print_work(const Json& now) {
-  const Json& limits = now["limits"];
-  std::printf("\nlimits of this machine: %.1f GB/s, %.0f billion operations a second (one multiply-add: two)\n",
-              1e-9 * limits["bytes_per_second"].get<double>(), 1e-9 * limits["operations_per_second"].get<double>());
-  for (const Json& scene : now["scenes"]) {
-    const Json& work = scene["blend_work"];
-    const double pairs = work["pairs"].get<double>(), rows = work["rows"].get<double>();
-    std::printf("%s: %.2f million tile entries, %.2f million rows of 16 pixels, %.0f%% of their pixels blended\n",
-                scene["name"].get<std::string>().c_str(), 1e-6 * work["entries"].get<double>(), 1e-6 * rows,
-                100 * pairs / (16 * rows));
-    for (const char* direction : {"forward", "backward"}) {
-      const Json& effort = work[direction];
-      std::printf("  blend %-9s%7.0f million operations, %3.0f%% of the limit;%6.0f MB, %3.0f%% of the limit\n",
-                  direction, 1e-6 * effort["operations"].get<double>(),
-                  100 * effort["share_of_operations"].get<double>(), 1e-6 * effort["bytes"].get<double>(),
-                  100 * effort["share_of_bytes"].get<double>());
-    }
-  }
-}
-
-void print_scaling(const Json& scaling) {
-  std::printf("\nscaling, milliseconds an iteration\n");
-  for (const char* of : {"splats", "pixels", "threads"}) {
-    std::string row = std::string("by ") + of + ":";
-    for (const Json& point : scaling[of]) {
-      const std::string at = std::string(of) == "pixels" ? std::to_string(point["width"].get<int>()) + "x" +
-                                                               std::to_string(point["height"].get<int>())
-                                                         : std::to_string(point[of].get<int>());
-      row += "  " + at + " " + fixed(point["milliseconds"]["iteration"].get<double>(), "%.1f");
-    }
-    std::printf("%s\n", row.c_str());
-  }
-}
-
 struct Bench {
   fs::path output;
   fs::path compare;
   std::vector<std::string> scenes;
+  std::string device = "cpu";
   std::string instruction_set = "best";
   int threads = 0;
   int repeats = 20;
@@ -288,6 +160,9 @@ struct Bench {
     app.add_option("--scenes", scenes, "some of 20k, 60k, 200k [all]")->delimiter(',')->type_name("NAME,NAME");
     app.add_option("--repeats", repeats, "iterations to take the median of")->type_name("N")->capture_default_str();
     app.add_flag("--scaling", scaling, "also an iteration against splats, pixels and threads");
+    app.add_option("--device", device, "cpu, cuda, or cuda:N, the N-th GPU from 0")
+        ->type_name("NAME")
+        ->capture_default_str();
     app.add_option("--threads", threads, "threads that work at a time; 0: one a hardware thread")
         ->type_name("N")
         ->capture_default_str();
@@ -301,6 +176,8 @@ struct Bench {
       throw UsageError("--repeats must be 1 to " + std::to_string(kMostRepeats));
     }
     if (threads < 0) throw UsageError("--threads must be at least 0");
+    check_device_name(device);
+    if (scaling && device != "cpu") throw UsageError("--scaling is of the CPU: leave out --device");
     std::vector<BenchSize> chosen;
     for (const BenchSize& size : bench_sizes()) {
       if (scenes.empty() || std::find(scenes.begin(), scenes.end(), size.name) != scenes.end()) chosen.push_back(size);
@@ -318,24 +195,38 @@ struct Bench {
       require(old.contains("scenes") && old["scenes"].is_array(), compare.string() + ": no file of splatboost bench");
     }
 
-    Threads pool(threads);
-    Json document = {
-        {"machine", machine_name()}, {"threads", pool.count()},       {"instruction_set", instruction_set_name()},
-        {"date", utc_now()},         {"version", SPLATBOOST_VERSION}, {"command", command_line},
-        {"repeats", repeats},        {"scenes", Json::array()}};
-    const MachineLimits limits = measure_limits(pool);
-    document["limits"] = {{"bytes_per_second", limits.bytes_per_second},
-                          {"operations_per_second", limits.operations_per_second}};
-    for (const BenchSize& size : chosen) document["scenes"].push_back(measure(size, pool, repeats, limits));
-    if (scaling) document["scaling"] = measure_scaling(pool, repeats);
-    print_table(document, compare.empty() ? nullptr : &old);
-    print_work(document);
+    ChosenDevice where(device, threads);
+    Json document = {{"machine", machine_name()},     {"device", where.name()},  {"date", utc_now()},
+                     {"version", SPLATBOOST_VERSION}, {"command", command_line}, {"repeats", repeats},
+                     {"scenes", Json::array()}};
+    const bool on_cuda = where.device().is_cuda();
+    if (on_cuda) {
+      document["commit"] = *SPLATBOOST_COMMIT != '\0' ? Json(SPLATBOOST_COMMIT) : Json();
+      add_cuda_figures(chosen, repeats, where.device().stream(), where.threads(), document);
+    } else {
+      measure_on_cpu(chosen, where.threads(), document);
+    }
+    print_times(document, compare.empty() ? nullptr : &old);
+    if (on_cuda) {
+      print_efforts(document);
+    } else {
+      print_blend_work(document);
+    }
     if (scaling) print_scaling(document["scaling"]);
     if (!output.empty()) write_text_atomically(output, document.dump(1) + "\n");
     return 0;
   }
 
  private:
+  void measure_on_cpu(const std::vector<BenchSize>& sizes, Threads& pool, Json& document) const {
+    document["threads"] = pool.count();
+    document["instruction_set"] = instruction_set_name();
+    const MachineLimits limits = measure_limits(pool);
+    document["limits"] = limits_json(limits);
+    for (const BenchSize& size : sizes) document["scenes"].push_back(measure(size, pool, repeats, limits));
+    if (scaling) document["scaling"] = measure_scaling(pool, repeats);
+  }
+
   void hold_instruction_set() const {
     const std::pair<const char*, InstructionSet> names[] = {{"best", InstructionSet::best},
                                                             {"avx512", InstructionSet::avx512},

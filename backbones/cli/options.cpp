@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <fstream>
 
+#include "cli/chosen_device.h"
 #include "cli/registry.h"
 #include "cli/suggest.h"
 
@@ -135,7 +136,7 @@ void add_boost_options(OptionSet& set, RunOptions& options) {
 
 void add_machine_options(OptionSet& set, RunOptions& options) {
   set.set_group("Machine");
-  set.add("--device", options.device, "cpu, or cuda where built with it")->type_name("NAME")->capture_default_str();
+  set.add("--device", options.device, "cpu, cuda, or cuda:N of several GPUs")->type_name("NAME")->capture_default_str();
   set.add("--threads", options.threads, "threads that work at a time; 0: one a hardware thread")
       ->type_name("N")
       ->capture_default_str();
@@ -225,8 +226,8 @@ void check_options(RunOptions& options) {
   const auto usage = [](bool holds, const std::string& what) {
     if (!holds) throw UsageError(what);
   };
-  usage(options.device != "cuda", "--device cuda: this version has no CUDA training; use --device cpu");
-  usage(options.device == "cpu", "--device: '" + options.device + "' is neither cpu nor cuda");
+  check_device_name(options.device);
+  usage(options.device == "cpu", "--device cuda: this version has no CUDA training; use --device cpu");
   usage(options.threads >= 0, "--threads must be at least 0");
   usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
   const int resolution = options.scene.resolution.value_or(-1);

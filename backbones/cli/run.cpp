@@ -56,7 +56,7 @@ std::size_t most_primitives(const std::vector<CurvePoint>& curve, std::size_t at
 }
 
 BackboneContext context_of(Workbench& bench, const RunOptions& options) {
-  return {bench.scene, *bench.threads, options.seed, options.iterations.value(), options.max_primitives};
+  return {bench.scene, bench.device->threads(), options.seed, options.iterations.value(), options.max_primitives};
 }
 
 }  // namespace
@@ -66,13 +66,13 @@ Workbench make_workbench(const RunOptions& options) {
   Workbench bench;
   SceneOptions scene = options.scene;
   scene.seed = options.seed;
-  // Before the data: a wrong path should not cost the time to read them.
+  // Before the data: what cannot be had should not cost the time to read them.
+  bench.device = std::make_unique<ChosenDevice>(options.device, options.threads);
   if (!options.lpips.empty()) bench.lpips = std::make_unique<Lpips>(options.lpips);
   bench.scene = read_scene(scene);
   if (!options.quiet) {
     for (const std::string& note : bench.scene.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
   }
-  bench.threads = std::make_unique<Threads>(options.threads);
   return bench;
 }
 
@@ -121,9 +121,9 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   results.peak_memory_bytes = peak_memory_bytes();
   results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
   results.storage_bytes = trained.storage_bytes;
-  results.device = options.device;
+  results.device = bench.device->name();
   results.machine = machine_name();
-  results.threads = bench.threads->count();
+  results.threads = bench.device->threads().count();
   results.seed = options.seed;
   results.version = SPLATBOOST_VERSION;
   results.command = command;

@@ -7,24 +7,24 @@
 #include <string>
 #include <vector>
 
+#include "cli/chosen_device.h"
 #include "cli/options.h"
 #include "cli/registry.h"
 #include "common/metrics.h"
 #include "common/report.h"
 #include "common/results.h"
 #include "common/scene.h"
-#include "splatboost/threads.h"
 
 namespace splatboost::cli {
 
 /// What runs share: read once.
 struct Workbench {
   Scene scene;
-  std::unique_ptr<Threads> threads;
+  std::unique_ptr<ChosenDevice> device;
   std::unique_ptr<Lpips> lpips;  ///< null unless asked for
 };
 
-/// Reads the scene and starts the threads; prints what the data reader has to note.
+/// Reads the scene and readies the device; prints what the data reader has to note.
 Workbench make_workbench(const RunOptions& options);
 
 struct RunOutcome {

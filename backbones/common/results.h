@@ -52,7 +52,7 @@ struct Results {
   std::uint64_t peak_memory_bytes = 0;
   std::uint64_t estimated_memory_bytes = 0;  ///< what the estimate before training says for the primitives there were
   std::uint64_t storage_bytes = 0;           ///< of the .ply
-  std::string device;                        ///< "cpu"
+  std::string device;                        ///< "cpu", or the name of the GPU
   std::string machine;                       ///< processor name
   int threads = 0;
   std::uint64_t seed = 0;

@@ -307,6 +307,7 @@ class World {
   virtual Pose camera(int index, int count, const RandomStream& random) const = 0;
 };
 
+std::unique_ptr<World> make_room();
 std::unique_ptr<World> make_street();
 
 }  // namespace splatboost::synthetic

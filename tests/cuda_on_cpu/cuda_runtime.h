@@ -73,10 +73,14 @@ inline cudaError_t cudaPeekAtLastError() { return cudaSuccess; }
 
 struct cudaDeviceProp {
   char name[256];
+  std::size_t totalGlobalMem;
+  int major, minor;
 };
 cudaError_t cudaGetDeviceCount(int* count);
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int device);
 inline cudaError_t cudaSetDevice(int) { return cudaSuccess; }
+cudaError_t cudaDriverGetVersion(int* version);
+cudaError_t cudaRuntimeGetVersion(int* version);
 
 cudaError_t cudaMalloc(void** memory, std::size_t bytes);
 cudaError_t cudaFree(void* memory);

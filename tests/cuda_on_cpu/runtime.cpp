@@ -49,9 +49,16 @@ cudaError_t cudaGetDeviceCount(int* count) {
 }
 
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
-  *properties = {"CUDA on the CPU"};
+  *properties = {"CUDA on the CPU", device_memory, 8, 0};
   return cudaSuccess;
 }
+
+cudaError_t cudaDriverGetVersion(int* version) {
+  *version = 12000;
+  return cudaSuccess;
+}
+
+cudaError_t cudaRuntimeGetVersion(int* version) { return cudaDriverGetVersion(version); }
 
 cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
   if (bytes > device_memory - std::min(in_use, device_memory)) return cudaErrorMemoryAllocation;

@@ -63,7 +63,8 @@ def test_missing_output_folder(scene):
     (["--beta", "1.5"], "--beta"), (["--threads", "-1"], "--threads"), (["--views", "0"], "--views"),
     (["--tau-d", "-1"], "--tau-d"), (["--max-primitives", "-3"], "--max-primitives"), (["--seed", "-1"], "--seed"),
     (["--resolution", "0"], "--resolution"), (["--save-iterations", "0"], "--save-iterations"),
-    (["--backbone", "none"], "--backbone"), (["--device", "tpu"], "--device")])
+    (["--backbone", "none"], "--backbone"), (["--device", "tpu"], "--device"),
+    (["--device", "cuda:x"], "--device"), (["--device", "cuda:-1"], "--device"), (["--device", "cuda:1x"], "--device")])
 def test_impossible_values(scene, tmp_path, arguments, name):
     length = [] if name == "--iterations" else ["--iterations", "2"]
     assert name in fails("train", "-s", scene, "-m", tmp_path / "model", *length, *arguments)

@@ -141,6 +141,7 @@ def test_an_installed_program_finds_its_recipes(tmp_path):
 def test_recipes_are_installed(tmp_path):
     build = pathlib.Path(PROGRAM).parents[1]
     script = build / "cmake_install.cmake"
-    if not script.exists():
+    # CMake writes an empty script where there are no rules.
+    if not script.exists() or "SPLATBOOST_INSTALL:BOOL=OFF" in (build / "CMakeCache.txt").read_text():
         pytest.skip("no install rules in this build")
     assert "share/splatboost/patches" in script.read_text()

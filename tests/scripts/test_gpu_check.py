@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """scripts/gpu-check says what it cannot do; what it measures is tested by running it on a GPU."""
 
+import json
 import os
 import pathlib
+import shutil
 import subprocess
 
 SCRIPT = pathlib.Path(__file__).resolve().parents[2] / "scripts" / "gpu-check"
@@ -36,3 +38,58 @@ def test_no_nvcc(tmp_path):
 
 def test_unknown_step():
     assert "'mesure' is no step; there are: build, tests" in fails("mesure")
+
+
+def test_compare_needs_a_scene():
+    assert "--scene FILE" in fails("compare")
+    assert "there is no" in fails("compare", "--scene", "/nowhere/fox.sbscene")
+
+
+def test_a_failure_does_not_keep_the_next_step_from_running(tmp_path):
+    """On a tree of its own, with programs that only pretend: bench fails, compare writes what it should."""
+    machine, tree = tmp_path / "machine", tmp_path / "tree"
+    for folder in (machine, tree / "scripts", tree / "build/gpu/bin"):
+        folder.mkdir(parents=True)
+    fake(machine, "nvidia-smi", "NVIDIA T4, 15360, 535.1, 7.5")
+    fake(machine, "nvcc", "Cuda compilation tools, release 12.4, V12.4.99")
+    shutil.copy(SCRIPT, tree / "scripts/gpu-check")
+    program = tree / "build/gpu/bin/splatboost"
+    program.write_text("""#!/bin/sh
+echo "asked for $*"
+[ "$1" = compare ] || exit 3
+mkdir -p "$5" && echo '{"boosted": {"psnr": 30}}' > "$5/compare.json"
+""")
+    program.chmod(0o755)
+    (tmp_path / "fox.sbscene").write_text("scene")
+    done = subprocess.run([tree / "scripts/gpu-check", "bench", "compare", "--scene", tmp_path / "fox.sbscene", "--output",
+                           tmp_path / "out"], capture_output=True, text=True, check=False,
+                          env={**os.environ, "PATH": f"{machine}:/usr/bin:/bin"})
+    assert done.returncode == 1
+    first, second = done.stdout.splitlines()[-2:]
+    assert first.startswith("gpu-check: bench FAILED (bench)") and second.startswith("gpu-check: compare passed")
+    bench, compare = (json.loads((tmp_path / f"out/gpu_{step}.json").read_text()) for step in ("bench", "compare"))
+    assert bench["commands"][0]["status"] == 3 and bench["bench"] is None and not bench["passed"]
+    assert (compare["device"], compare["driver"], compare["cuda"]) == ("NVIDIA T4", "535.1", "12.4")
+    assert compare["passed"] and compare["compare"] == {"boosted": {"psnr": 30}}
+    asked = (tmp_path / "out/gpu_compare.log").read_text()
+    assert "--iterations 30000" in asked and "--device cuda" in asked and "fox.sbscene" in asked
+
+
+def test_a_step_without_a_scene_is_told(tmp_path):
+    """All steps, none of whose programs exist: each has its line and its file, compare is left out."""
+    machine, tree = tmp_path / "machine", tmp_path / "tree"
+    for folder in (machine, tree / "scripts"):
+        folder.mkdir(parents=True)
+    fake(machine, "nvidia-smi", "NVIDIA T4, 15360, 535.1, 7.5")
+    fake(machine, "nvcc", "Cuda compilation tools, release 12.4, V12.4.99")
+    fake(machine, "cmake", "no compiler here", 1)
+    fake(machine, "ctest", "no tests here", 1)
+    shutil.copy(SCRIPT, tree / "scripts/gpu-check")
+    done = subprocess.run([tree / "scripts/gpu-check", "--output", tmp_path / "out"], capture_output=True, text=True,
+                          check=False, env={**os.environ, "PATH": f"{machine}:/usr/bin:/bin"})
+    assert done.returncode == 1
+    lines = done.stdout.splitlines()[-5:]
+    assert [line.split()[1:3] for line in lines[:4]] == [[step, "FAILED"] for step in
+                                                         ("build", "tests", "sanitize", "bench")]
+    assert lines[4] == "gpu-check: compare left out: no --scene given"
+    assert all((tmp_path / f"out/gpu_{step}.json").exists() for step in ("build", "tests", "sanitize", "bench"))

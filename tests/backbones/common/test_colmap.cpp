@@ -306,7 +306,7 @@ TEST(Colmap, BrokenImagesAreNamed) {
   write_file(image, "");
   expect_contains(disk.error(), "b.png: the image is empty");
   write_file(image, "this is no image at all");
-  expect_contains(disk.error(), "b.png: the image cannot be decoded");
+  expect_contains(disk.error(), have_opencv() ? "b.png: the image cannot be decoded" : "b.png: the image is not a PNG");
   write_file(image, whole.substr(0, whole.size() / 2));
   expect_contains(disk.error(), "b.png: the PNG is cut short");
   std::string flipped = whole;

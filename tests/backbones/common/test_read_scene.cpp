@@ -231,7 +231,8 @@ TEST(ReadScene, ReportsTheFirstOfSeveralBrokenPhotos) {
   const Row row;
   for (const char* name : {"v3.png", "v4.png", "v8.png"}) write_file(row.folder.path() / "images" / name, "broken");
   for (int i = 0; i < 5; ++i) {
-    expect_contains(input_error_of([&] { read_scene(row.options()); }), "v3.png: the image cannot be decoded");
+    expect_contains(input_error_of([&] { read_scene(row.options()); }),
+                    have_opencv() ? "v3.png: the image cannot be decoded" : "v3.png: the image is not a PNG");
   }
 }
 

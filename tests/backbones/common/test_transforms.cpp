@@ -9,6 +9,7 @@
 #include <glm/vec4.hpp>
 #include <nlohmann/json.hpp>
 
+#include "common/image_codec.h"
 #include "common/read_scene.h"
 #include "temporary_folder.h"
 
@@ -159,14 +160,20 @@ TEST(Transforms, NerfstudioIntrinsicsAreGlobalOrPerFrame) {
   EXPECT_FLOAT_EQ(scene.train[1].camera.fx, 35);
   EXPECT_FLOAT_EQ(scene.train[1].camera.cx, 20);
   EXPECT_EQ(scene.points.positions, (std::vector<float>{1, 2, 3}));
+}
 
-  // instant-ngp: distortion, angles instead of focal lengths.
-  json = {{"camera_angle_x", 1.0},
-          {"camera_angle_y", 0.7},
-          {"k1", 0.2},
-          {"p1", 0.001},
-          {"frames", {frame("images/a.png")}}};
+TEST(Transforms, InstantNgpHasDistortionAndAnglesInsteadOfFocalLengths) {
+  if (!have_opencv()) GTEST_SKIP() << "undistortion needs OpenCV";
+  const TemporaryFolder folder;
+  const Json json = {{"camera_angle_x", 1.0},
+                     {"camera_angle_y", 0.7},
+                     {"k1", 0.2},
+                     {"p1", 0.001},
+                     {"frames", {frame("images/a.png")}}};
   write_file(folder / "transforms.json", json.dump());
+  write_rgba(folder / "images/a.png", 1, 2, 3, 255);
+  SceneOptions options;
+  options.source = folder.path();
   const Scene ngp = read_scene(options);
   EXPECT_FLOAT_EQ(ngp.train[0].camera.fx, static_cast<float>(20 / std::tan(0.5)));
   EXPECT_FLOAT_EQ(ngp.train[0].camera.fy, static_cast<float>(12 / std::tan(0.35)));

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "cli/cuda_figures.h"
+
+#include "cli/bench_figures.h"
+#include "cli/cuda_bench.h"
+#include "cli/cuda_work.h"
+
+namespace splatboost::cli {
+
+void add_cuda_figures(std::span<const BenchSize> sizes, int repeats, CudaStream& stream, Threads& threads,
+                      nlohmann::json& document, const CudaProbe& probe) {
+  const CudaDeviceFacts facts = cuda_device_facts(stream);
+  document["device"] = facts.name;
+  document["compute_capability"] = facts.compute_capability;
+  document["memory_bytes"] = facts.memory_bytes;
+  document["cuda_driver"] = facts.driver;
+  document["cuda_runtime"] = facts.runtime;
+  const MachineLimits limits = measure_limits(stream, probe);
+  document["limits"] = limits_json(limits);
+  for (const BenchSize& size : sizes) {
+    const BenchScene bench = make_bench_scene(size);
+    const nlohmann::json milliseconds = medians_json(measure_cuda_stages(bench, stream, kBenchWarmUp, repeats));
+    const BlendWork work = count_blend_work(bench, kWarpPixels, threads);
+    nlohmann::json scene = scene_json(size, work, milliseconds);
+    scene["work"] = {
+        {"visible", work.visible}, {"entries", work.entries}, {"warps", work.cells}, {"pairs", work.pairs}};
+    for (const auto& [stage, effort] : cuda_efforts(work, bench.scene.train[0].camera, size.splats)) {
+      scene["efforts"][stage] = effort_json(effort, milliseconds.at(stage).get<double>(), limits);
+    }
+    document["scenes"].push_back(scene);
+  }
+}
+
+}  // namespace splatboost::cli
