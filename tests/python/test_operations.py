@@ -2,6 +2,7 @@
 """Errors, losses, scores, selections, neighbours, Adam and schedule on tensors, against torch's own arithmetic."""
 
 import conftest
+import emulated
 import pytest
 import reference
 import torch
@@ -137,3 +138,10 @@ def test_schedule():
     assert splatboost.exponential_rate(1e-2, 1e-4, 50, 100) == pytest.approx(1e-3)
     with pytest.raises(ValueError, match="above 0"):
         splatboost.steps_at(rest, 1, 0)
+
+
+@pytest.mark.skipif(conftest.EMULATED or torch.cuda.is_available(), reason="there is a device")
+def test_cuda_tensors_without_a_gpu_are_refused_with_the_reason():
+    with emulated.cuda():
+        with pytest.raises(splatboost.NoCudaError, match="built without CUDA: .*SPLATBOOST_CUDA=ON|no CUDA device 0 on this"):
+            splatboost.importance_scores(torch.zeros(3, dtype=torch.int64), 1)

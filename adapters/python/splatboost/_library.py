@@ -148,12 +148,11 @@ class Boost(ctypes.Structure):
     ]
 
 
+_MOMENT: List[Tuple[str, Any]] = [("iteration", c_int32), ("total", c_int32), ("scene_extent", c_float)]
+
+
 class Density(ctypes.Structure):
-    _fields_ = [
-        ("iteration", c_int32),
-        ("total", c_int32),
-        ("scene_extent", c_float),
-    ] + _tensors("gradients gradients_abs opacities max_scales")
+    _fields_ = _MOMENT + _tensors("gradients gradients_abs opacities max_scales")
 
 
 class ScoredView(ctypes.Structure):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any, Callable, Dict, Iterable, List, Tuple
 
@@ -119,7 +120,7 @@ class Boost:
             image = self._render(camera)
             return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device))
 
-        return [lambda camera=camera: scored(camera) for camera in self._scene.getTrainCameras()]
+        return [functools.partial(scored, camera) for camera in self._scene.getTrainCameras()]
 
     # --- growth and pruning
 
