@@ -99,6 +99,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   train_options.checkpoint_iterations = options.checkpoint_iterations;
   train_options.resume = options.resume;
   train_options.identity = identity_of(options, boost, backbone.config());
+  train_options.beta = plugged.beta;
   train_options.on_start = [&](std::size_t primitives) { tell_memory(memory, primitives, options, label, resident); };
   train_options.label = label;
   train_options.quiet = options.quiet;
@@ -179,7 +180,6 @@ PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const fs
       find_backbone(options.backbone).make(context_of(bench, options), options.backbone_settings, nullptr);
   plugged.backbone->import_model(saved);
   plugged.backbone->rasterizer_hook().set_beta(beta);
-  plugged.beta = beta;
   return plugged;
 }
 

@@ -159,6 +159,7 @@ class Run {
         order_epoch = epoch;
       }
       const View& view = scene_.train[order[static_cast<std::size_t>(iteration - 1) % views]];
+      if (options_.beta) backbone_.rasterizer_hook().set_beta(options_.beta({iteration, options_.iterations}));
       const double loss = backbone_.train_step(iteration, view);
       const bool last = iteration == options_.iterations;
       if (last) backbone_.finish();

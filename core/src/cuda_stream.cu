@@ -177,9 +177,11 @@ CudaCall::CudaCall(CudaStream& stream, void* handle) : stream_(stream) {
     throw_no_device(stream.ordinal_);
   }
   stream.handle_ = handle;
-  if (stream.end_of_call_ != nullptr) {
-    stream.check(cudaStreamWaitEvent(stream_of(handle), event_of(stream.end_of_call_), 0), "cudaStreamWaitEvent");
-  }
+  if (stream.end_of_call_ == nullptr) return;
+  const cudaError_t error = cudaStreamWaitEvent(stream_of(handle), event_of(stream.end_of_call_), 0);
+  if (error == cudaSuccess) return;
+  static_cast<void>(cudaSetDevice(device_before_));
+  stream.check(error, "waiting for the call before");
 }
 
 CudaCall::~CudaCall() {

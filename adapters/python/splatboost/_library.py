@@ -213,11 +213,12 @@ _ENTRIES = {
     "sb_mean_squared_neighbor_distances": (_STATUS, [_DEVICE, _T, c_int32, _T]),
     "sb_steps_at": (_STATUS, [POINTER(StepIntervals), c_int32, c_int32, _I32]),
     "sb_scaled_iteration": (_STATUS, [c_int32, c_int32, c_int32, _I32]),
+    "sb_beta_at": (_STATUS, [c_float, c_int32, c_int32, POINTER(c_float)]),
     "sb_exponential_rate": (_STATUS, [c_double, c_double, c_int32, c_int32, _F64]),
     "sb_boost_default": (_STATUS, [c_char_p, POINTER(Boost)]),
     "sb_adapter_create": (_STATUS, [c_char_p, POINTER(Boost), _DEVICE, POINTER(c_void_p)]),
     "sb_adapter_destroy": (None, [c_void_p]),
-    "sb_adapter_beta": (_STATUS, [c_void_p, POINTER(c_float)]),
+    "sb_adapter_beta": (_STATUS, [c_void_p, c_int32, c_int32, POINTER(c_float)]),
     "sb_adapter_grows_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_prunes_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_steps_at": (_STATUS, [c_void_p, c_char_p, c_int32, c_int32, _I32]),
@@ -309,11 +310,6 @@ def get_threads() -> int:
         wanted = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
         return int(wanted) if wanted.isdigit() else 0
     return _threads
-
-
-def has_cuda() -> bool:
-    """Whether the library can run on a GPU here."""
-    return bool(load().sb_has_device(CUDA))
 
 
 @functools.lru_cache(maxsize=None)
