@@ -34,7 +34,10 @@ endif()
 
 if(SPLATBOOST_HAVE_CUDA)
   find_package(CUDAToolkit REQUIRED)
-  if(NOT architectures_given)
+  if(NOT architectures_given AND SKBUILD AND CMAKE_CUDA_ARCHITECTURES_NATIVE)
+    # pip builds for the GPUs of the machine that it runs on, in a fraction of the time.
+    set(CMAKE_CUDA_ARCHITECTURES ${CMAKE_CUDA_ARCHITECTURES_NATIVE} CACHE STRING "CUDA architectures" FORCE)
+  elseif(NOT architectures_given)
     # Code for each generation that this nvcc knows, and PTX of the newest for what comes after it.
     execute_process(COMMAND ${CMAKE_CUDA_COMPILER} --list-gpu-arch OUTPUT_VARIABLE known COMMAND_ERROR_IS_FATAL ANY)
     set(chosen "")

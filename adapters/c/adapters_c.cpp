@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -102,6 +103,26 @@ sb_tensor tensor_of(std::span<T> values, std::int32_t type, std::initializer_lis
   return tensor;
 }
 
+/// Values of a tensor where the rules read and write them: in place on the CPU, copied from a GPU.
+template <class T>
+class OnHost {
+ public:
+  OnHost(std::span<T> values, splatboost::Device device) : values_(values), device_(device) {
+    if (!device.is_cuda()) return;
+    copy_.resize(values.size());
+    device.stream().copy_to_host(copy_.data(), values.data(), values.size_bytes());
+  }
+  std::span<T> span() { return device_.is_cuda() ? std::span<T>(copy_) : values_; }
+  void write_back() {
+    if (device_.is_cuda()) device_.stream().copy_to_device(values_.data(), copy_.data(), values_.size_bytes());
+  }
+
+ private:
+  std::span<T> values_;
+  splatboost::Device device_;
+  std::vector<std::remove_const_t<T>> copy_;
+};
+
 /// The host's functions as the hook that adapters know.
 class HostRenderer final : public splatboost::RasterizerHook {
  public:
@@ -148,7 +169,10 @@ class HostRenderer final : public splatboost::RasterizerHook {
 
 struct sb_adapter {
   sb_adapter(Backbone backbone, const splatboost::VanillaBoost& wanted, const sb_device* device)
-      : place(device), boost(wanted), adapter(make_adapter(backbone, wanted, place)) {}
+      : place(device), boost(wanted) {
+    const Place::Call call(place, device != nullptr ? device->stream : nullptr);
+    adapter = make_adapter(backbone, wanted, place);
+  }
 
   Place place;
   splatboost::VanillaBoost boost;
@@ -230,9 +254,11 @@ sb_status sb_adapter_steps_at(const sb_adapter* adapter, const char* group, int3
 }
 
 sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const sb_views* views, const sb_tensor* clone,
-                          const sb_tensor* split) {
+                          const sb_tensor* split, void* stream) {
   return guarded([&] {
     sb_adapter& a = need(adapter, "adapter");
+    const Place::Call call(a.place, stream);
+    const splatboost::Device device = a.place.device();
     const sb_density& d = need(density, "density");
     HostRenderer renderer(need(views, "views"), a.place);
     const std::int64_t n = views->primitives;
@@ -241,43 +267,58 @@ sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const 
     SPLATBOOST_CHECK(d.scene_extent >= 0.0f && std::isfinite(d.scene_extent),
                      "scene_extent must be finite and not negative");
     statistics.scene_extent = d.scene_extent;
-    statistics.gradients = a.place.view<const float>(d.gradients, "gradients", {{n}, {n, 1}});
+    const auto values = [&](const sb_tensor* tensor, const char* name) {
+      return OnHost(a.place.view<const float>(tensor, name, {{n}, {n, 1}}), device);
+    };
+    OnHost gradients = values(d.gradients, "gradients");
+    statistics.gradients = gradients.span();
+    std::optional<OnHost<const float>> gradients_abs, max_scales;
     if (a.boost.absgrad) {
-      statistics.gradients_abs = a.place.view<const float>(d.gradients_abs, "gradients_abs", {{n}, {n, 1}});
-      statistics.max_scales = a.place.view<const float>(d.max_scales, "max_scales", {{n}, {n, 1}});
+      statistics.gradients_abs = gradients_abs.emplace(values(d.gradients_abs, "gradients_abs")).span();
+      statistics.max_scales = max_scales.emplace(values(d.max_scales, "max_scales")).span();
     }
-    splatboost::GrowDecisions decisions{a.place.view<std::uint8_t>(clone, "clone", {n}),
-                                        a.place.view<std::uint8_t>(split, "split", {n})};
+    OnHost clones(a.place.view<std::uint8_t>(clone, "clone", {n}), device);
+    OnHost splits(a.place.view<std::uint8_t>(split, "split", {n}), device);
+    splatboost::GrowDecisions decisions{clones.span(), splits.span()};
     a.grown_at = -1;
     a.adapter->grow(statistics, renderer, decisions);
+    clones.write_back();
+    splits.write_back();
     a.grown = n;
     a.grown_at = d.iteration;
   });
 }
 
 sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const sb_views* views,
-                           const sb_tensor* remove, const sb_tensor* origins) {
+                           const sb_tensor* remove, const sb_tensor* origins, void* stream) {
   return guarded([&] {
     sb_adapter& a = need(adapter, "adapter");
+    const Place::Call call(a.place, stream);
+    const splatboost::Device device = a.place.device();
     const sb_density& d = need(density, "density");
     splatboost::DensityStatistics statistics;
     statistics.moment = moment_of(d.iteration, d.total);
     const std::int64_t n = size_of(remove, "remove");
     HostRenderer renderer(need(views, "views"), a.place);
     splatboost::PruneDecisions decisions;
-    decisions.remove = a.place.view<std::uint8_t>(remove, "remove", {n});
+    OnHost removals(a.place.view<std::uint8_t>(remove, "remove", {n}), device);
+    decisions.remove = removals.span();
     std::vector<std::uint32_t> parents;
+    std::optional<OnHost<const float>> opacities;
     if (origins != nullptr) {
       SPLATBOOST_CHECK(a.grown_at == d.iteration, "origins need a grow at the same iteration before");
-      for (const std::int32_t origin : a.place.view<const std::int32_t>(origins, "origins", {n})) {
+      OnHost from(a.place.view<const std::int32_t>(origins, "origins", {n}), device);
+      for (const std::int32_t origin : from.span()) {
         SPLATBOOST_CHECK(origin >= 0 && origin < a.grown, "origins must be indices of the primitives of the last grow");
         parents.push_back(static_cast<std::uint32_t>(origin));
       }
       decisions.origins = parents;
     } else if (a.boost.vcp) {
       SPLATBOOST_CHECK(views->primitives == n, "views.primitives must be the number of rows of remove");
-      statistics.opacities = a.place.view<const float>(d.opacities, "opacities", {{n}, {n, 1}});
+      opacities.emplace(a.place.view<const float>(d.opacities, "opacities", {{n}, {n, 1}}), device);
+      statistics.opacities = opacities->span();
     }
     a.adapter->prune(statistics, renderer, decisions);
+    removals.write_back();
   });
 }

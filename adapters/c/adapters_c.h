@@ -34,7 +34,7 @@ SB_API sb_status sb_boost_default(const char* backbone, sb_boost* boost);
 
 typedef struct sb_adapter sb_adapter;
 
-/** @param device where the host's images, masks and counts are; kept, so its stream must outlive the adapter */
+/** @param device where the host's images, masks and counts are; its stream is not kept */
 SB_API sb_status sb_adapter_create(const char* backbone, const sb_boost* boost, const sb_device* device,
                                    sb_adapter** adapter);
 /** NULL is allowed. */
@@ -50,7 +50,8 @@ typedef struct sb_density {
   const sb_tensor* max_scales;    /**< longest standard deviation, world units; for growth with absgrad */
 } sb_density;
 
-/** A view as rendered without anything random. The tensors live until the next render or the entry's return. */
+/** A view as rendered without anything random, and settled (sb_rasterizer_settle). The tensors live until the next
+ *  render or the entry's return. */
 typedef struct sb_scored_view {
   const sb_tensor* color; /**< float32 [3,H,W] */
   sb_truth truth;
@@ -81,14 +82,15 @@ SB_API sb_status sb_adapter_prunes_at(const sb_adapter* adapter, int32_t iterati
 SB_API sb_status sb_adapter_steps_at(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
                                      int32_t* steps);
 
-/** Scores the views and decides growth. @param clone,split uint8 [N], come with the host's own decisions */
+/** Scores the views and decides growth; waits for the GPU. @param clone,split uint8 [N], come with the host's own
+ *  decisions @param stream of this call, which the functions of `views` must draw on too; NULL on the CPU */
 SB_API sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const sb_views* views,
-                                 const sb_tensor* clone, const sb_tensor* split);
-/** Decides removal. @param remove uint8 [M], comes with the host's own candidates
+                                 const sb_tensor* clone, const sb_tensor* split, void* stream);
+/** Decides removal; waits for the GPU. @param remove uint8 [M], comes with the host's own candidates
  *  @param origins int32 [M] index that each primitive, or the one it was made from, had in the grow of this iteration;
- *  NULL: not within growth (late pruning, which scores the views) */
+ *  NULL: not within growth (late pruning, which scores the views) @param stream as for growth */
 SB_API sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const sb_views* views,
-                                  const sb_tensor* remove, const sb_tensor* origins);
+                                  const sb_tensor* remove, const sb_tensor* origins, void* stream);
 
 #ifdef __cplusplus
 }

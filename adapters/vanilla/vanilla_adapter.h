@@ -4,9 +4,9 @@
 
 #include <cstdint>
 
+#include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/multi_view_scores.h"
-#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -45,10 +45,10 @@ inline constexpr int kMinGrowthInterval = 100;
 inline constexpr double kTauDPixels = 1e6;
 
 /// Plug it into a backbone by set_hooks(&adapter, &adapter), and call rasterizer_hook().set_beta(adapter.beta(moment))
-/// before each iteration.
+/// before each iteration. The device is where views are scored; statistics and decisions lie in memory of the host.
 class VanillaAdapter : public DensityHook, public OptimizerHook {
  public:
-  VanillaAdapter(const VanillaBoost& boost, Threads& threads);
+  VanillaAdapter(const VanillaBoost& boost, Device device);
 
   /// β for the rasterizer (schedule.h), nullopt without the compact box.
   std::optional<float> beta(Moment moment) const;

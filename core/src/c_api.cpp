@@ -17,6 +17,7 @@
 
 namespace edge = splatboost::edge;
 using edge::guarded;
+using edge::guarded_on;
 using edge::kAny;
 using edge::need;
 using edge::Place;
@@ -36,10 +37,23 @@ DrawnShape shape_of(const splatboost::Gaussians& g) {
   return {g.count, !g.covariances.empty(), !g.colors.empty(), g.sh_degree, g.sh_rest_rows, g.features_per_gaussian};
 }
 
+template <class T>
+void copy(std::span<const T> from, std::span<T> to, splatboost::Device device) {
+  if (device.is_cuda()) {
+    device.stream().copy_on_device(to.data(), from.data(), from.size_bytes());
+  } else {
+    std::copy(from.begin(), from.end(), to.begin());
+  }
+}
+
 }  // namespace
 
 struct sb_rasterizer {
-  explicit sb_rasterizer(const sb_device* device) : place(device), rasterizer(place.device()) {}
+  explicit sb_rasterizer(const sb_device* device)
+      : place(device), rasterizer([&] {
+          const Place::Call call(place, device != nullptr ? device->stream : nullptr);
+          return splatboost::Rasterizer(place.device());
+        }()) {}
 
   Place place;
   splatboost::Rasterizer rasterizer;
@@ -55,7 +69,19 @@ struct sb_rasterizer {
 int32_t sb_abi_version(void) { return SB_ABI_VERSION; }
 const char* sb_version(void) { return SPLATBOOST_VERSION; }
 
-int32_t sb_has_device(int32_t kind) { return kind == SB_CPU ? 1 : 0; }
+int32_t sb_has_device(int32_t kind) {
+  return kind == SB_CPU || (kind == SB_CUDA && splatboost::cuda_device_count() > 0) ? 1 : 0;
+}
+
+const char* sb_cuda_architectures(void) { return splatboost::cuda_architectures(); }
+
+sb_status sb_cuda_activity(int64_t* allocations, int64_t* waits) {
+  return guarded([&] {
+    const splatboost::CudaActivity total = splatboost::CudaStream::total_activity();
+    if (allocations != nullptr) *allocations = static_cast<std::int64_t>(total.allocations);
+    if (waits != nullptr) *waits = static_cast<std::int64_t>(total.synchronizations);
+  });
+}
 
 sb_status sb_raster_options_default(sb_raster_options* options) {
   return guarded([&] {
@@ -86,7 +112,7 @@ sb_status sb_rasterizer_forward(sb_rasterizer* rasterizer, const sb_camera* came
     sb_rasterizer& r = need(rasterizer, "rasterizer");
     const sb_raster_outputs& to = need(outputs, "outputs");
     Place& place = r.place;
-    place.use_stream(stream);
+    const Place::Call call(place, stream);
     const splatboost::Camera view = edge::camera_of(camera);
     const splatboost::Gaussians in = place.gaussians(gaussians, true);
     const splatboost::RasterOptions how = edge::options_of(options);
@@ -101,8 +127,8 @@ sb_status sb_rasterizer_forward(sb_rasterizer* rasterizer, const sb_camera* came
 
     r.drawn = false;
     r.rasterizer.forward(view, in, how, images);
-    if (!radii.empty()) std::copy_n(r.rasterizer.screen_radii().begin(), radii.size(), radii.begin());
-    if (!visible.empty()) std::copy_n(r.rasterizer.visible().begin(), visible.size(), visible.begin());
+    if (!radii.empty()) copy(r.rasterizer.screen_radii(), radii, place.device());
+    if (!visible.empty()) copy(r.rasterizer.visible(), visible, place.device());
     r.shape = shape_of(in);
     r.width = w;
     r.height = h;
@@ -118,7 +144,7 @@ sb_status sb_rasterizer_backward(sb_rasterizer* rasterizer, const sb_gaussians* 
     const sb_image_gradients& from = need(image_gradients, "image_gradients");
     const sb_gaussian_gradients& to = need(gradients, "gradients");
     Place& place = r.place;
-    place.use_stream(stream);
+    const Place::Call call(place, stream);
     r.check_drawn("backward");
     const splatboost::Gaussians in = place.gaussians(gaussians, true);
     if (!(shape_of(in) == r.shape)) throw splatboost::ArgumentError("backward needs the Gaussians of the last forward");
@@ -153,7 +179,7 @@ sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb_tensor
                                       void* stream) {
   return guarded([&] {
     sb_rasterizer& r = need(rasterizer, "rasterizer");
-    r.place.use_stream(stream);
+    const Place::Call call(r.place, stream);
     r.check_drawn("count_flagged");
     r.rasterizer.count_flagged(
         r.place.view<const std::uint8_t>(flagged, "flagged", {r.height, r.width}),
@@ -161,9 +187,20 @@ sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb_tensor
   });
 }
 
-sb_status sb_rasterizer_counts(const sb_rasterizer* rasterizer, int64_t* visible, int64_t* entries) {
+sb_status sb_rasterizer_settle(sb_rasterizer* rasterizer, int32_t* redrawn, void* stream) {
   return guarded([&] {
-    const sb_rasterizer& r = need(rasterizer, "rasterizer");
+    sb_rasterizer& r = need(rasterizer, "rasterizer");
+    const Place::Call call(r.place, stream);
+    r.check_drawn("settle");
+    const bool again = r.rasterizer.settle();
+    if (redrawn != nullptr) *redrawn = again ? 1 : 0;
+  });
+}
+
+sb_status sb_rasterizer_counts(sb_rasterizer* rasterizer, int64_t* visible, int64_t* entries, void* stream) {
+  return guarded([&] {
+    sb_rasterizer& r = need(rasterizer, "rasterizer");
+    const Place::Call call(r.place, stream);
     r.check_drawn("counts");
     const splatboost::RasterCounts counts = r.rasterizer.counts();
     if (visible != nullptr) *visible = static_cast<std::int64_t>(counts.visible);
@@ -173,8 +210,7 @@ sb_status sb_rasterizer_counts(const sb_rasterizer* rasterizer, int64_t* visible
 
 sb_status sb_mark_visible(const sb_device* device, const sb_camera* camera, const sb_tensor* means, float near_plane,
                           const sb_tensor* visible) {
-  return guarded([&] {
-    Place place(device);
+  return guarded_on(device, [&](Place& place) {
     const std::int64_t n = size_of(means, "means");
     splatboost::mark_visible(edge::camera_of(camera), place.view<const float>(means, "means", {n, 3}), near_plane,
                              place.view<std::uint8_t>(visible, "visible", {n}), place.device());
@@ -183,8 +219,7 @@ sb_status sb_mark_visible(const sb_device* device, const sb_camera* camera, cons
 
 sb_status sb_visible_radii(const sb_device* device, const sb_camera* camera, const sb_gaussians* gaussians,
                            const sb_raster_options* options, const sb_tensor* radii) {
-  return guarded([&] {
-    Place place(device);
+  return guarded_on(device, [&](Place& place) {
     const splatboost::Gaussians in = place.gaussians(gaussians, false);
     splatboost::visible_radii(edge::camera_of(camera), in, edge::options_of(options),
                               place.view<std::int32_t>(radii, "radii", {static_cast<std::int64_t>(in.count)}),
@@ -194,8 +229,7 @@ sb_status sb_visible_radii(const sb_device* device, const sb_camera* camera, con
 
 sb_status sb_flag_errors(const sb_device* device, const sb_tensor* render, const sb_truth* truth, float tau,
                          const sb_tensor* error, const sb_tensor* flagged, int64_t* count) {
-  return guarded([&] {
-    Place place(device);
+  return guarded_on(device, [&](Place& place) {
     const auto drawn = place.view<const float>(render, "render", {3, kAny, kAny});
     const splatboost::TruthImage image = place.truth(truth, render);
     const std::size_t flags = splatboost::flag_errors(
@@ -207,23 +241,20 @@ sb_status sb_flag_errors(const sb_device* device, const sb_tensor* render, const
 
 sb_status sb_photometric_loss(const sb_device* device, const sb_tensor* render, const sb_truth* truth,
                               float lambda_dssim, const sb_tensor* gradient, sb_loss* loss) {
-  return guarded([&] {
-    Place place(device);
+  return guarded_on(device, [&](Place& place) {
     sb_loss& to = need(loss, "loss");
     const auto drawn = place.view<const float>(render, "render", {3, kAny, kAny});
     const splatboost::TruthImage image = place.truth(truth, render);
     const auto out = place.optional_view<float>(gradient, "gradient", {3, image.height, image.width});
-    splatboost::Photometric photometric(place.device());
-    const splatboost::PhotometricLoss value = photometric.evaluate(drawn, image, lambda_dssim, out);
+    const splatboost::PhotometricLoss value = place.photometric().evaluate(drawn, image, lambda_dssim, out);
     to = {value.l1, value.ssim, value.total};
   });
 }
 
 sb_status sb_ssim(const sb_device* device, const sb_tensor* images, const sb_tensor* truths, int32_t valid_padding,
-                  const sb_tensor* gradient, double* mean) {
-  return guarded([&] {
-    Place place(device);
-    double& to = need(mean, "mean");
+                  const sb_tensor* gradient, const sb_tensor* mean) {
+  return guarded_on(device, [&](Place& place) {
+    const auto to = place.view<double>(mean, "mean", {1});
     const auto from = place.view<const float>(images, "images", {kAny, kAny, kAny, kAny});
     const std::int64_t* s = images->shape;
     const auto wanted = place.view<const float>(truths, "truths", {s[0], s[1], s[2], s[3]});
@@ -235,80 +266,90 @@ sb_status sb_ssim(const sb_device* device, const sb_tensor* images, const sb_ten
     planes.height = static_cast<int>(s[2]);
     planes.width = static_cast<int>(s[3]);
     const auto padding = valid_padding != 0 ? splatboost::SsimPadding::valid : splatboost::SsimPadding::same;
-    to = splatboost::ssim(planes, from, wanted, padding, out, place.device());
+    if (place.is_cuda()) {
+      splatboost::ssim(planes, from, wanted, padding, out, to, place.ssim_workspace());
+    } else {
+      to[0] = splatboost::ssim(planes, from, wanted, padding, out, place.device().threads());
+    }
   });
 }
 
 sb_status sb_importance_scores(const sb_device* device, const sb_tensor* counts, int32_t views,
                                const sb_tensor* scores) {
-  return guarded([&] {
-    const Place place(device);
+  return guarded_on(device, [&](Place& place) {
     SPLATBOOST_CHECK(views >= 0, "views must not be negative");
     const std::int64_t n = size_of(counts, "counts");
     const auto from = place.view<const std::int64_t>(counts, "counts", {n});
+    const auto to = place.view<std::int64_t>(scores, "scores", {n});
+    if (place.is_cuda()) return splatboost::importance_scores(from, views, to, place.device().stream());
     splatboost::ScoreSums sums;
     sums.views = views;
     sums.counts.assign(from.begin(), from.end());
-    splatboost::importance_scores(sums, place.view<std::int64_t>(scores, "scores", {n}));
+    splatboost::importance_scores(sums, to);
   });
 }
 
 sb_status sb_pruning_scores(const sb_device* device, const sb_tensor* weighted_counts, const sb_tensor* scores) {
-  return guarded([&] {
-    const Place place(device);
+  return guarded_on(device, [&](Place& place) {
     const std::int64_t n = size_of(weighted_counts, "weighted_counts");
     const auto from = place.view<const double>(weighted_counts, "weighted_counts", {n});
+    const auto to = place.view<float>(scores, "scores", {n});
+    if (place.is_cuda()) return splatboost::pruning_scores(from, to, place.device().stream());
     for (const double v : from) SPLATBOOST_CHECK(std::isfinite(v), "weighted_counts must be finite");
     splatboost::ScoreSums sums;
     sums.weighted_counts.assign(from.begin(), from.end());
-    splatboost::pruning_scores(sums, place.view<float>(scores, "scores", {n}));
+    splatboost::pruning_scores(sums, to);
   });
 }
 
 sb_status sb_keep_important(const sb_device* device, const sb_tensor* importance, double threshold,
                             const sb_tensor* candidates, int64_t* kept) {
-  return guarded([&] {
-    const Place place(device);
+  return guarded_on(device, [&](Place& place) {
     const std::int64_t n = size_of(importance, "importance");
-    const std::size_t left =
-        splatboost::keep_important(place.view<const std::int64_t>(importance, "importance", {n}), threshold,
-                                   place.view<std::uint8_t>(candidates, "candidates", {n}));
+    const auto by = place.view<const std::int64_t>(importance, "importance", {n});
+    const auto mask = place.view<std::uint8_t>(candidates, "candidates", {n});
+    const std::size_t left = place.is_cuda() ? splatboost::keep_important(by, threshold, mask, place.device().stream())
+                                             : splatboost::keep_important(by, threshold, mask);
     if (kept != nullptr) *kept = static_cast<std::int64_t>(left);
   });
 }
 
 sb_status sb_keep_weighted_sample(const sb_device* device, const sb_tensor* weights, int64_t keep, uint64_t seed,
                                   uint64_t iteration, const sb_tensor* candidates) {
-  return guarded([&] {
-    const Place place(device);
+  return guarded_on(device, [&](Place& place) {
     SPLATBOOST_CHECK(keep >= 0, "keep must not be negative");
     const std::int64_t n = size_of(weights, "weights");
-    splatboost::keep_weighted_sample(place.view<const float>(weights, "weights", {n}), static_cast<std::size_t>(keep),
-                                     splatboost::RandomStream(seed, iteration, splatboost::RandomPurpose::prune),
-                                     place.view<std::uint8_t>(candidates, "candidates", {n}));
+    const auto by = place.view<const float>(weights, "weights", {n});
+    const auto mask = place.view<std::uint8_t>(candidates, "candidates", {n});
+    const splatboost::RandomStream random(seed, iteration, splatboost::RandomPurpose::prune);
+    const auto room = static_cast<std::size_t>(keep);
+    if (place.is_cuda()) return splatboost::keep_weighted_sample(by, room, random, mask, place.device().stream());
+    splatboost::keep_weighted_sample(by, room, random, mask);
   });
 }
 
 sb_status sb_keep_largest(const sb_device* device, const sb_tensor* priorities, int64_t keep,
                           const sb_tensor* candidates) {
-  return guarded([&] {
-    const Place place(device);
+  return guarded_on(device, [&](Place& place) {
     SPLATBOOST_CHECK(keep >= 0, "keep must not be negative");
     const std::int64_t n = size_of(priorities, "priorities");
     const auto from = place.view<const float>(priorities, "priorities", {n});
+    const auto mask = place.view<std::uint8_t>(candidates, "candidates", {n});
+    const auto room = static_cast<std::size_t>(keep);
+    if (place.is_cuda()) return splatboost::keep_largest(from, room, mask, place.device().stream());
     for (const float v : from) SPLATBOOST_CHECK(!std::isnan(v), "priorities must be numbers");
-    splatboost::keep_largest(from, static_cast<std::size_t>(keep),
-                             place.view<std::uint8_t>(candidates, "candidates", {n}));
+    splatboost::keep_largest(from, room, mask);
   });
 }
 
 sb_status sb_spare_one(const sb_device* device, const sb_tensor* priorities, const sb_tensor* removals,
                        int64_t* removed) {
-  return guarded([&] {
-    const Place place(device);
+  return guarded_on(device, [&](Place& place) {
     const std::int64_t n = size_of(priorities, "priorities");
-    const std::size_t left = splatboost::spare_one(place.view<const float>(priorities, "priorities", {n}),
-                                                   place.view<std::uint8_t>(removals, "removals", {n}));
+    const auto by = place.view<const float>(priorities, "priorities", {n});
+    const auto mask = place.view<std::uint8_t>(removals, "removals", {n});
+    const std::size_t left =
+        place.is_cuda() ? splatboost::spare_one(by, mask, place.device().stream()) : splatboost::spare_one(by, mask);
     if (removed != nullptr) *removed = static_cast<std::int64_t>(left);
   });
 }
@@ -316,8 +357,7 @@ sb_status sb_spare_one(const sb_device* device, const sb_tensor* priorities, con
 sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, const sb_tensor* gradients,
                        const sb_tensor* first_moments, const sb_tensor* second_moments, int64_t step,
                        const sb_adam_options* options) {
-  return guarded([&] {
-    Place place(device);
+  return guarded_on(device, [&](Place& place) {
     const sb_adam_options& o = need(options, "options");
     const auto any_shape = [&](const sb_tensor* tensor, const char* name) {
       return place.view<float>(tensor, name, {{kAny}, {kAny, kAny}, {kAny, kAny, kAny}, {kAny, kAny, kAny, kAny}});
@@ -334,8 +374,7 @@ sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, const s
 
 sb_status sb_mean_squared_neighbor_distances(const sb_device* device, const sb_tensor* points, int32_t k,
                                              const sb_tensor* distances) {
-  return guarded([&] {
-    Place place(device);
+  return guarded_on(device, [&](Place& place) {
     SPLATBOOST_CHECK(k >= 1 && k <= 64, "k must be 1 to 64, not " + std::to_string(k));
     const std::int64_t n = size_of(points, "points");
     splatboost::mean_squared_neighbor_distances(place.view<const float>(points, "points", {n, 3}), k,

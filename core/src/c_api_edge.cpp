@@ -3,6 +3,8 @@
 
 #include <cstdio>
 #include <limits>
+#include <mutex>
+#include <vector>
 
 namespace splatboost::edge {
 namespace {
@@ -72,18 +74,68 @@ Place::Place(const sb_device* device) : threads_(1) {
     threads_ = Threads();
     return;
   }
-  if (device->kind == SB_CUDA) {
-    throw NoCuda("this version has no CUDA behind its C ABI: pass tensors of the CPU");
-  }
-  SPLATBOOST_CHECK(device->kind == SB_CPU,
+  SPLATBOOST_CHECK(device->kind == SB_CPU || device->kind == SB_CUDA,
                    "device.kind must be SB_CPU or SB_CUDA, not " + std::to_string(device->kind));
-  SPLATBOOST_CHECK(device->index == 0, "device.index must be 0 on the CPU");
+  kind_ = device->kind;
+  index_ = device->index;
+  if (is_cuda()) {
+    SPLATBOOST_CHECK(index_ >= 0, "device.index must not be negative");
+    if (*cuda_architectures() == '\0') {
+      throw NoDeviceError(
+          "this libsplatboost was built without CUDA: build it with -DSPLATBOOST_CUDA=ON (pip install . "
+          "-C cmake.define.SPLATBOOST_CUDA=ON), or pass tensors of the CPU");
+    }
+    stream_.emplace(index_, nullptr);
+    return;
+  }
+  SPLATBOOST_CHECK(index_ == 0, "device.index must be 0 on the CPU");
   SPLATBOOST_CHECK(device->threads >= 0 && device->threads <= 4096, "device.threads must be 0 to 4096");
-  use_stream(device->stream);
   threads_ = Threads(device->threads);
 }
 
-void Place::use_stream(void* stream) const { SPLATBOOST_CHECK(stream == nullptr, "a stream must be NULL on the CPU"); }
+Place::Call::Call(Place& place, void* stream) {
+  if (place.is_cuda()) {
+    cuda_.emplace(*place.stream_, stream);
+  } else {
+    SPLATBOOST_CHECK(stream == nullptr, "a stream must be NULL on the CPU");
+  }
+}
+
+namespace {
+
+/// Never destroyed: CUDA may be gone before it would be.
+struct IdlePlaces {
+  std::mutex mutex;
+  std::vector<std::unique_ptr<Place>> places;
+};
+IdlePlaces& idle_places() {
+  static auto* const idle = new IdlePlaces;
+  return *idle;
+}
+
+}  // namespace
+
+BorrowedPlace::BorrowedPlace(const sb_device* device) {
+  if (device != nullptr && device->kind == SB_CUDA) {
+    IdlePlaces& idle = idle_places();
+    const std::lock_guard lock(idle.mutex);
+    for (std::unique_ptr<Place>& place : idle.places) {
+      if (place->index() != device->index) continue;
+      place_ = std::move(place);
+      std::swap(place, idle.places.back());
+      idle.places.pop_back();
+      return;
+    }
+  }
+  place_ = std::make_unique<Place>(device);
+}
+
+BorrowedPlace::~BorrowedPlace() {
+  if (!place_->is_cuda()) return;
+  IdlePlaces& idle = idle_places();
+  const std::lock_guard lock(idle.mutex);
+  idle.places.push_back(std::move(place_));
+}
 
 std::size_t Place::check(const sb_tensor& tensor, const char* name, std::int32_t type,
                          std::initializer_list<Shape> wanted) const {

@@ -1,29 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The edge between C and C++: exceptions become codes, tensors become spans, devices become thread pools.
+/// @file The edge between C and C++: exceptions become codes, tensors become spans, devices become threads or streams.
 #pragma once
 
 #include <cstdint>
 #include <initializer_list>
+#include <memory>
 #include <new>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
 
 #include "splatboost/c_api.h"
 #include "splatboost/camera.h"
+#include "splatboost/cuda_stream.h"
+#include "splatboost/device.h"
 #include "splatboost/errors.h"
 #include "splatboost/gaussians.h"
 #include "splatboost/photometric.h"
 #include "splatboost/rasterizer.h"
+#include "splatboost/ssim.h"
 #include "splatboost/threads.h"
 
 namespace splatboost::edge {
-
-/// No CUDA here.
-class NoCuda : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
 
 /// A function of the caller's reported failure.
 class CallbackFailed : public std::runtime_error {
@@ -42,8 +41,10 @@ sb_status guarded(Body&& body) noexcept {
     return SB_OK;
   } catch (const ArgumentError& e) {
     return failed(SB_ERROR_ARGUMENT, e.what());
-  } catch (const NoCuda& e) {
+  } catch (const NoDeviceError& e) {
     return failed(SB_ERROR_NO_CUDA, e.what());
+  } catch (const DeviceMemoryError& e) {
+    return failed(SB_ERROR_MEMORY, e.what());
   } catch (const CallbackFailed& e) {
     return failed(SB_ERROR_CALLBACK, e.what());
   } catch (const std::bad_alloc&) {
@@ -80,19 +81,30 @@ inline constexpr std::int32_t kTypeOf<std::int64_t> = SB_INT64;
 template <>
 inline constexpr std::int32_t kTypeOf<std::uint8_t> = SB_UINT8;
 
-/// Where a call runs, and the check that its tensors live there.
+/// Where calls run, and the check that their tensors live there. Makes no use of a GPU before the first call().
 class Place {
  public:
-  /// The one place where a device is chosen. Throws NoCuda for a GPU, which this library has no code for yet.
   explicit Place(const sb_device* device);
 
   /// What operations take. They run on it until the place ends.
-  Threads& device() { return threads_; }
+  Device device() { return stream_ ? Device(*stream_) : Device(threads_); }
+  bool is_cuda() const { return kind_ == SB_CUDA; }
   /// This place as tensors name it, for tensors that are made here.
-  std::int32_t kind() const { return SB_CPU; }
-  std::int32_t index() const { return 0; }
-  /// The stream of one call with a handle; throws where it does not fit the device.
-  void use_stream(void* stream) const;
+  std::int32_t kind() const { return kind_; }
+  std::int32_t index() const { return index_; }
+
+  /// One call. @param stream of the caller's; throws where it does not fit the device
+  class Call {
+   public:
+    Call(Place& place, void* stream);
+
+   private:
+    std::optional<CudaCall> cuda_;
+  };
+
+  /// Workspaces of calls that have no handle, kept from call to call where the place is.
+  Photometric& photometric() { return photometric_ ? *photometric_ : photometric_.emplace(device()); }
+  CudaSsimWorkspace& ssim_workspace() { return ssim_ ? *ssim_ : ssim_.emplace(*stream_); }
 
   /// A given tensor as a span, of one of the wanted shapes. Checks all of it that can be checked.
   template <class T>
@@ -122,8 +134,35 @@ class Place {
  private:
   std::size_t check(const sb_tensor& tensor, const char* name, std::int32_t type,
                     std::initializer_list<Shape> wanted) const;
+  std::int32_t kind_ = SB_CPU, index_ = 0;
   Threads threads_;
+  std::optional<CudaStream> stream_;  ///< goes along with the callers'
+  std::optional<Photometric> photometric_;
+  std::optional<CudaSsimWorkspace> ssim_;
 };
+
+/// A place of a call without a handle. On a GPU it is one that an earlier call left, with its workspaces, or a new one.
+class BorrowedPlace {
+ public:
+  explicit BorrowedPlace(const sb_device* device);
+  ~BorrowedPlace();
+  BorrowedPlace(const BorrowedPlace&) = delete;
+  BorrowedPlace& operator=(const BorrowedPlace&) = delete;
+  Place& operator*() { return *place_; }
+
+ private:
+  std::unique_ptr<Place> place_;
+};
+
+/// Runs the body of an entry without a handle, which gets its place.
+template <class Body>
+sb_status guarded_on(const sb_device* device, Body&& body) noexcept {
+  return guarded([&] {
+    BorrowedPlace place(device);
+    const Place::Call call(*place, device != nullptr ? device->stream : nullptr);
+    body(*place);
+  });
+}
 
 /// The size of a dimension that other tensors must follow, such as the number of rows. Throws where there is none.
 std::int64_t size_of(const sb_tensor* tensor, const char* name, int dimension = 0);

@@ -11,6 +11,12 @@ namespace {
 }
 }  // namespace
 
+int cuda_device_count() noexcept { return 0; }
+const char* cuda_architectures() noexcept { return ""; }
+CudaActivity CudaStream::total_activity() noexcept { return {}; }
+CudaCall::CudaCall(CudaStream& stream, void*) : stream_(stream) { absent(); }
+CudaCall::~CudaCall() = default;
+
 CudaStream::CudaStream(int) { absent(); }
 CudaStream::~CudaStream() = default;
 std::string CudaStream::device_name() const { absent(); }
@@ -46,6 +52,16 @@ ErrorCounts flag_errors(std::span<const float>, const TruthImage&, float, float,
   absent();
 }
 void add_view(std::span<const std::int32_t>, double, std::span<std::int64_t>, std::span<double>, CudaStream&) {
+  absent();
+}
+void ssim(const SsimPlanes&, std::span<const float>, std::span<const float>, int, std::span<float>, std::span<double>,
+          CudaSsimWorkspace&) {
+  absent();
+}
+void importance_scores(std::span<const std::int64_t>, int, std::span<std::int64_t>, CudaStream&) { absent(); }
+void pruning_scores(std::span<const double>, std::span<float>, CudaStream&) { absent(); }
+void mark_visible(const Camera&, std::span<const float>, float, std::span<std::uint8_t>, CudaStream&) { absent(); }
+void visible_radii(const Camera&, const Gaussians&, const RasterOptions&, std::span<std::int32_t>, CudaStream&) {
   absent();
 }
 void remove_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint8_t>) { absent(); }

@@ -14,6 +14,7 @@
 #include "splatboost/device_array.h"
 #include "splatboost/photometric.h"
 #include "splatboost/random.h"
+#include "splatboost/ssim.h"
 
 namespace splatboost::cuda {
 
@@ -46,6 +47,10 @@ struct PhotometricWorkspace {
 void photometric(std::span<const float> render, const TruthImage& truth, float lambda_dssim, std::span<float> gradient,
                  PhotometricWorkspace& workspace, CudaStream& stream);
 
+/// As splatboost::ssim(). @param border pixels at the planes' edges without a window
+void ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, int border,
+          std::span<float> gradient, std::span<double> mean, CudaSsimWorkspace& workspace);
+
 struct ErrorCounts {
   std::size_t flagged = 0;
   std::size_t valid = 0;
@@ -59,6 +64,17 @@ ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, 
 /// As ScoreSums::add_view().
 void add_view(std::span<const std::int32_t> view_counts, double photometric_loss, std::span<std::int64_t> counts,
               std::span<double> weighted_counts, CudaStream& stream);
+
+/// As in scores.h.
+void importance_scores(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores,
+                       CudaStream& stream);
+void pruning_scores(std::span<const double> weighted_counts, std::span<float> scores, CudaStream& stream);
+
+/// As in visibility.h.
+void mark_visible(const Camera& camera, std::span<const float> means, float near_plane, std::span<std::uint8_t> visible,
+                  CudaStream& stream);
+void visible_radii(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
+                   std::span<std::int32_t> radii, CudaStream& stream);
 
 /// As in rows.h; remove_rows() waits.
 void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed);

@@ -4,31 +4,71 @@
 #include <cuda_runtime.h>
 
 #include <algorithm>
+#include <atomic>
 
 #include "splatboost/errors.h"
 
 namespace splatboost {
 namespace {
 
+std::atomic<std::uint64_t> all_allocations{0}, all_synchronizations{0};
+
 cudaStream_t stream_of(void* handle) { return static_cast<cudaStream_t>(handle); }
+cudaEvent_t event_of(void* handle) { return static_cast<cudaEvent_t>(handle); }
+
+[[noreturn]] void throw_no_device(int ordinal) {
+  int devices = 0;
+  const cudaError_t found = cudaGetDeviceCount(&devices);
+  const std::string why = found != cudaSuccess ? cudaGetErrorString(found) : std::to_string(devices) + " found";
+  static_cast<void>(cudaGetLastError());
+  throw NoDeviceError("no CUDA device " + std::to_string(ordinal) + " on this machine (" + why + ")");
+}
 
 }  // namespace
 
-CudaStream::CudaStream(int ordinal) : ordinal_(ordinal) {
+int cuda_device_count() noexcept {
   int devices = 0;
-  const cudaError_t found = cudaGetDeviceCount(&devices);
-  if (found != cudaSuccess || ordinal < 0 || ordinal >= devices) {
-    const std::string why = found != cudaSuccess ? cudaGetErrorString(found) : std::to_string(devices) + " found";
-    static_cast<void>(cudaGetLastError());
-    throw NoDeviceError("no CUDA device " + std::to_string(ordinal) + " on this machine (" + why + ")");
-  }
+  if (cudaGetDeviceCount(&devices) == cudaSuccess) return devices;
+  static_cast<void>(cudaGetLastError());
+  return 0;
+}
+
+const char* cuda_architectures() noexcept {
+#ifdef __CUDA_ARCH_LIST__
+  // 750, 900 … as "7.5, 9.0 …"; nvcc says what its options and `native` came to.
+  static const std::string text = [] {
+    std::string list;
+    for (const int architecture : {__CUDA_ARCH_LIST__}) {
+      list += (list.empty() ? "" : ", ") + std::to_string(architecture / 100) + "." +
+              std::to_string(architecture / 10 % 10);
+    }
+    return list;
+  }();
+  return text.c_str();
+#else
+  return "the CPU";  // the tests' emulator
+#endif
+}
+
+CudaStream::CudaStream(int ordinal) : ordinal_(ordinal), owned_(true) {
+  if (ordinal < 0 || ordinal >= cuda_device_count()) throw_no_device(ordinal);
   check(cudaSetDevice(ordinal), "cudaSetDevice");
   cudaStream_t stream = nullptr;
   check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreate");
   handle_ = stream;
 }
 
-CudaStream::~CudaStream() { static_cast<void>(cudaStreamDestroy(stream_of(handle_))); }
+CudaStream::~CudaStream() {
+  if (end_of_call_ != nullptr) static_cast<void>(cudaEventDestroy(event_of(end_of_call_)));
+  if (owned_) static_cast<void>(cudaStreamDestroy(stream_of(handle_)));
+}
+
+CudaActivity CudaStream::total_activity() noexcept { return {all_allocations.load(), all_synchronizations.load()}; }
+
+void CudaStream::count_allocation() {
+  ++activity_.allocations;
+  ++all_allocations;
+}
 
 std::string CudaStream::device_name() const {
   cudaDeviceProp properties{};
@@ -37,14 +77,13 @@ std::string CudaStream::device_name() const {
 }
 
 void CudaStream::synchronize() {
-  ++activity_.synchronizations;
   check(cudaStreamSynchronize(stream_of(handle_)), "waiting for the device");
-  launches_ = 0;
+  count_synchronization();
 }
 
 void* CudaStream::allocate(std::size_t bytes) {
   if (bytes == 0) return nullptr;
-  ++activity_.allocations;
+  count_allocation();
   check(cudaSetDevice(ordinal_), "cudaSetDevice");
   void* memory = nullptr;
   const cudaError_t error = cudaMalloc(&memory, bytes);
@@ -64,7 +103,7 @@ void CudaStream::release(void* memory) noexcept {
 }
 
 void* CudaStream::allocate_pinned(std::size_t bytes) {
-  ++activity_.allocations;
+  count_allocation();
   void* memory = nullptr;
   check(cudaMallocHost(&memory, std::max<std::size_t>(bytes, 1)), "cudaMallocHost");
   return memory;
@@ -113,6 +152,7 @@ void CudaStream::end_launch(int error) {
 
 void CudaStream::count_synchronization() {
   ++activity_.synchronizations;
+  ++all_synchronizations;
   launches_ = 0;
 }
 
@@ -130,6 +170,28 @@ std::string CudaStream::recent_kernels() const {
     names += (names.empty() ? "" : ", ") + std::string(kernels_[k % kRememberedKernels]);
   }
   return " (kernels since the host last waited: " + names + "; CUDA_LAUNCH_BLOCKING=1 tells which)";
+}
+
+CudaCall::CudaCall(CudaStream& stream, void* handle) : stream_(stream) {
+  if (cudaGetDevice(&device_before_) != cudaSuccess || cudaSetDevice(stream.ordinal_) != cudaSuccess) {
+    throw_no_device(stream.ordinal_);
+  }
+  stream.handle_ = handle;
+  if (stream.end_of_call_ == nullptr) return;
+  const cudaError_t error = cudaStreamWaitEvent(stream_of(handle), event_of(stream.end_of_call_), 0);
+  if (error == cudaSuccess) return;
+  static_cast<void>(cudaSetDevice(device_before_));
+  stream.check(error, "waiting for the call before");
+}
+
+CudaCall::~CudaCall() {
+  // An event of the call's own: at the next call the caller's stream may be gone.
+  cudaEvent_t end = event_of(stream_.end_of_call_);
+  if (end != nullptr || cudaEventCreateWithFlags(&end, cudaEventDisableTiming) == cudaSuccess) {
+    stream_.end_of_call_ = end;
+    static_cast<void>(cudaEventRecord(end, stream_of(stream_.handle_)));
+  }
+  static_cast<void>(cudaSetDevice(device_before_));
 }
 
 }  // namespace splatboost

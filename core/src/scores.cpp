@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "cuda_operations.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
@@ -35,6 +36,17 @@ void pruning_scores(const ScoreSums& sums, std::span<float> scores) {
   for (std::size_t i = 0; i < scores.size(); ++i) {
     scores[i] = range > 0 ? static_cast<float>((sums.weighted_counts[i] - *low) / range) : 0.0f;
   }
+}
+
+void importance_scores(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores,
+                       CudaStream& stream) {
+  SPLATBOOST_CHECK(scores.size() == counts.size(), "scores must have one number a primitive");
+  cuda::importance_scores(counts, views, scores, stream);
+}
+
+void pruning_scores(std::span<const double> weighted_counts, std::span<float> scores, CudaStream& stream) {
+  SPLATBOOST_CHECK(scores.size() == weighted_counts.size(), "scores must have one number a primitive");
+  cuda::pruning_scores(weighted_counts, scores, stream);
 }
 
 }  // namespace splatboost

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "cuda_operations.h"
 #include "splatboost/errors.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -160,19 +161,36 @@ HWY_AFTER_NAMESPACE();
 namespace splatboost {
 namespace {
 HWY_EXPORT(ssim_strip);
-}  // namespace
 
-double ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
-            std::span<float> gradient, Threads& threads) {
+/// Checks the shapes. @return pixels at the planes' edges without a window
+int checked_border(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths,
+                   SsimPadding padding, std::span<const float> gradient) {
   SPLATBOOST_CHECK(planes.count > 0 && planes.width > 0 && planes.height > 0,
                    "ssim needs at least one plane of at least one pixel");
   const auto width = static_cast<std::size_t>(planes.width), height = static_cast<std::size_t>(planes.height);
-  const std::size_t pixels = width * height, size = planes.count * pixels;
+  const std::size_t size = planes.count * width * height;
   SPLATBOOST_CHECK(images.size() == size && truths.size() == size, "images and truths must be [count,H,W]");
   SPLATBOOST_CHECK(gradient.empty() || gradient.size() == size, "gradient must be empty or [count,H,W]");
-  const std::size_t border = padding == SsimPadding::valid ? kSsimHalo : 0;
-  SPLATBOOST_CHECK(width > 2 * border && height > 2 * border,
+  const int border = padding == SsimPadding::valid ? kSsimRadius : 0;
+  SPLATBOOST_CHECK(planes.width > 2 * border && planes.height > 2 * border,
                    "an image of width or height below 11 holds no window: take padding \"same\"");
+  return border;
+}
+}  // namespace
+
+void ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
+          std::span<float> gradient, std::span<double> mean, CudaSsimWorkspace& workspace) {
+  const int border = checked_border(planes, images, truths, padding, gradient);
+  SPLATBOOST_CHECK(planes.count <= 65535, "at most 65 535 planes on a CUDA device");
+  SPLATBOOST_CHECK(mean.size() == 1, "mean must be one number");
+  cuda::ssim(planes, images, truths, border, gradient, mean, workspace);
+}
+
+double ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
+            std::span<float> gradient, Threads& threads) {
+  const auto border = static_cast<std::size_t>(checked_border(planes, images, truths, padding, gradient));
+  const auto width = static_cast<std::size_t>(planes.width), height = static_cast<std::size_t>(planes.height);
+  const std::size_t pixels = width * height;
   const double windows =
       static_cast<double>(planes.count) * static_cast<double>((width - 2 * border) * (height - 2 * border));
 

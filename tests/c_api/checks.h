@@ -9,6 +9,16 @@
 #include <stdio.h>
 #include <string.h>
 
+/* The tests run twice: on the CPU, and on CUDA as the emulator has it, whose device memory is the host's. */
+#ifdef SPLATBOOST_TEST_ON_CUDA
+enum { TEST_KIND = SB_CUDA, OTHER_KIND = SB_CPU };
+static const sb_device cuda_device = {SB_CUDA, 0, 0, NULL};
+#define TEST_DEVICE (&cuda_device)
+#else
+enum { TEST_KIND = SB_CPU, OTHER_KIND = SB_CUDA };
+#define TEST_DEVICE NULL
+#endif
+
 static int failures = 0;
 
 #define CHECK(condition)                                                                               \
@@ -28,7 +38,7 @@ static int failures = 0;
     }                                                                                                      \
   } while (0)
 
-/** A dense tensor on the CPU; sizes that are 0 or beyond the dimensions are not read. */
+/** A dense tensor on the tested device; sizes that are 0 or beyond the dimensions are not read. */
 static inline sb_tensor tensor(void* data, int32_t type, int32_t dimensions, int64_t a, int64_t b, int64_t c) {
   sb_tensor t;
   int64_t stride = 1;
@@ -44,7 +54,7 @@ static inline sb_tensor tensor(void* data, int32_t type, int32_t dimensions, int
     t.strides[d] = stride;
     stride *= t.shape[d];
   }
-  t.device_kind = SB_CPU;
+  t.device_kind = TEST_KIND;
   return t;
 }
 

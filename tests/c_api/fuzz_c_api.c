@@ -9,6 +9,11 @@
 #include <stdlib.h>
 
 enum { N = 3, W = 20, H = 12, MOST = 10, ROOM = 1 << 16 };
+#ifdef SPLATBOOST_TEST_ON_CUDA /* the emulator is slow */
+enum { TENSOR_ROUNDS = 100, VALUE_ROUNDS = 300 };
+#else
+enum { TENSOR_ROUNDS = 300, VALUE_ROUNDS = 2000 };
+#endif
 
 /** An entry with valid arguments. Tensors are pointed to, so that they can be changed and left out. */
 typedef struct Entry {
@@ -50,24 +55,53 @@ static sb_gaussians gaussians_of(const Entry* e) { /* means scales rotations opa
   return g;
 }
 
-static sb_status call_forward_inputs(const Entry* e) {
-  static float image[3 * W * H];
-  const sb_tensor color = floats(image, 3, 3, H, W);
+static sb_gaussian_gradients gradients_of(const sb_tensor* const p[7]) { /* in the order of gaussians_of */
+  sb_gaussian_gradients to;
+  memset(&to, 0, sizeof to);
+  to.means = p[0];
+  to.scales = p[1];
+  to.rotations = p[2];
+  to.opacities = p[3];
+  to.sh_dc = p[4];
+  to.sh_rest = p[5];
+  to.features = p[6];
+  return to;
+}
+
+static sb_image_gradients image_gradients_of(const sb_tensor* color, const sb_tensor* features) {
+  sb_image_gradients from;
+  memset(&from, 0, sizeof from);
+  from.color = color;
+  from.features = features;
+  return from;
+}
+
+static sb_raster_outputs outputs_of(const sb_tensor* color, const sb_tensor* features) {
   sb_raster_outputs outputs;
-  const sb_gaussians g = gaussians_of(e);
   memset(&outputs, 0, sizeof outputs);
-  outputs.color = &color;
-  return sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &outputs, NULL);
+  outputs.color = color;
+  outputs.features = features;
+  return outputs;
+}
+
+/** Draws the Gaussians into an image of its own. */
+static sb_status draw(const sb_gaussians* g, const sb_raster_options* options, int with_features) {
+  static float image[5 * W * H];
+  const sb_tensor color = floats(image, 3, 3, H, W), features = floats(image + 3 * W * H, 3, 2, H, W);
+  const sb_raster_outputs outputs = outputs_of(&color, with_features ? &features : NULL);
+  return sb_rasterizer_forward(rasterizer, &camera, g, options, &outputs, NULL);
+}
+
+static sb_status call_forward_inputs(const Entry* e) {
+  const sb_gaussians g = gaussians_of(e);
+  return draw(&g, &raster_options, 0);
 }
 
 static Entry scene; /* valid inputs of call_forward_inputs */
 
 static sb_status call_forward_outputs(const Entry* e) {
   const sb_gaussians g = gaussians_of(&scene);
-  sb_raster_outputs o;
-  memset(&o, 0, sizeof o);
-  o.color = e->p[0];
-  o.features = e->p[1];
+  sb_raster_outputs o = outputs_of(e->p[0], e->p[1]);
   o.inverse_depth = e->p[2];
   o.alpha = e->p[3];
   o.radii = e->p[4];
@@ -76,42 +110,23 @@ static sb_status call_forward_outputs(const Entry* e) {
 }
 
 static void draw_scene(void) {
-  static float image[5 * W * H];
-  const sb_tensor color = floats(image, 3, 3, H, W), features = floats(image + 3 * W * H, 3, 2, H, W);
-  sb_raster_outputs o;
   const sb_gaussians g = gaussians_of(&scene);
-  memset(&o, 0, sizeof o);
-  o.color = &color;
-  o.features = &features;
-  CHECK(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &o, NULL) == SB_OK);
+  CHECK(draw(&g, &raster_options, 1) == SB_OK);
 }
 
 static sb_status call_backward_inputs(const Entry* e) {
   const sb_gaussians g = gaussians_of(e);
-  sb_image_gradients from;
-  sb_gaussian_gradients to;
+  const sb_image_gradients from = image_gradients_of(e->p[7], e->p[8]);
+  const sb_gaussian_gradients to = {0};
   draw_scene();
-  memset(&from, 0, sizeof from);
-  memset(&to, 0, sizeof to);
-  from.color = e->p[7];
-  from.features = e->p[8];
   return sb_rasterizer_backward(rasterizer, &g, &from, &to, NULL);
 }
 
 static sb_status call_backward_outputs(const Entry* e) {
   const sb_gaussians g = gaussians_of(&scene);
-  sb_image_gradients from;
-  sb_gaussian_gradients to;
+  const sb_image_gradients from = image_gradients_of(NULL, NULL);
+  sb_gaussian_gradients to = gradients_of(e->p);
   draw_scene();
-  memset(&from, 0, sizeof from);
-  memset(&to, 0, sizeof to);
-  to.means = e->p[0];
-  to.scales = e->p[1];
-  to.rotations = e->p[2];
-  to.opacities = e->p[3];
-  to.sh_dc = e->p[4];
-  to.sh_rest = e->p[5];
-  to.features = e->p[6];
   to.screen_means = e->p[7];
   to.screen_means_abs = e->p[8];
   return sb_rasterizer_backward(rasterizer, &g, &from, &to, NULL);
@@ -122,21 +137,23 @@ static sb_status call_count(const Entry* e) {
   return sb_rasterizer_count_flagged(rasterizer, e->p[0], e->p[1], NULL);
 }
 
-static sb_status call_mark_visible(const Entry* e) { return sb_mark_visible(NULL, &camera, e->p[0], 0.2f, e->p[1]); }
+static sb_status call_mark_visible(const Entry* e) {
+  return sb_mark_visible(TEST_DEVICE, &camera, e->p[0], 0.2f, e->p[1]);
+}
 
 static sb_status call_visible_radii(const Entry* e) {
   sb_gaussians g;
   memset(&g, 0, sizeof g);
   g.means = e->p[0];
   g.covariances = e->p[1];
-  return sb_visible_radii(NULL, &camera, &g, &raster_options, e->p[2]);
+  return sb_visible_radii(TEST_DEVICE, &camera, &g, &raster_options, e->p[2]);
 }
 
 static sb_status call_flag_errors(const Entry* e) {
   sb_truth truth;
   truth.color = e->p[1];
   truth.valid = e->p[2];
-  return sb_flag_errors(NULL, e->p[0], &truth, 0.1f, e->p[3], e->p[4], NULL);
+  return sb_flag_errors(TEST_DEVICE, e->p[0], &truth, 0.1f, e->p[3], e->p[4], NULL);
 }
 
 static sb_status call_photometric(const Entry* e) {
@@ -144,25 +161,26 @@ static sb_status call_photometric(const Entry* e) {
   sb_loss loss;
   truth.color = e->p[1];
   truth.valid = e->p[2];
-  return sb_photometric_loss(NULL, e->p[0], &truth, 0.2f, e->p[3], &loss);
+  return sb_photometric_loss(TEST_DEVICE, e->p[0], &truth, 0.2f, e->p[3], &loss);
 }
 
-static sb_status call_ssim(const Entry* e) {
-  double mean;
-  return sb_ssim(NULL, e->p[0], e->p[1], 1, e->p[2], &mean);
-}
+static sb_status call_ssim(const Entry* e) { return sb_ssim(TEST_DEVICE, e->p[0], e->p[1], 1, e->p[2], e->p[3]); }
 
-static sb_status call_importance(const Entry* e) { return sb_importance_scores(NULL, e->p[0], 10, e->p[1]); }
-static sb_status call_pruning(const Entry* e) { return sb_pruning_scores(NULL, e->p[0], e->p[1]); }
-static sb_status call_keep_important(const Entry* e) { return sb_keep_important(NULL, e->p[0], 5, e->p[1], NULL); }
-static sb_status call_keep_sample(const Entry* e) { return sb_keep_weighted_sample(NULL, e->p[0], 1, 0, 0, e->p[1]); }
-static sb_status call_keep_largest(const Entry* e) { return sb_keep_largest(NULL, e->p[0], 1, e->p[1]); }
-static sb_status call_spare_one(const Entry* e) { return sb_spare_one(NULL, e->p[0], e->p[1], NULL); }
+static sb_status call_importance(const Entry* e) { return sb_importance_scores(TEST_DEVICE, e->p[0], 10, e->p[1]); }
+static sb_status call_pruning(const Entry* e) { return sb_pruning_scores(TEST_DEVICE, e->p[0], e->p[1]); }
+static sb_status call_keep_important(const Entry* e) {
+  return sb_keep_important(TEST_DEVICE, e->p[0], 5, e->p[1], NULL);
+}
+static sb_status call_keep_sample(const Entry* e) {
+  return sb_keep_weighted_sample(TEST_DEVICE, e->p[0], 1, 0, 0, e->p[1]);
+}
+static sb_status call_keep_largest(const Entry* e) { return sb_keep_largest(TEST_DEVICE, e->p[0], 1, e->p[1]); }
+static sb_status call_spare_one(const Entry* e) { return sb_spare_one(TEST_DEVICE, e->p[0], e->p[1], NULL); }
 static sb_status call_adam(const Entry* e) {
-  return sb_adam_step(NULL, e->p[0], e->p[1], e->p[2], e->p[3], 1, &adam_options);
+  return sb_adam_step(TEST_DEVICE, e->p[0], e->p[1], e->p[2], e->p[3], 1, &adam_options);
 }
 static sb_status call_neighbors(const Entry* e) {
-  return sb_mean_squared_neighbor_distances(NULL, e->p[0], 3, e->p[1]);
+  return sb_mean_squared_neighbor_distances(TEST_DEVICE, e->p[0], 3, e->p[1]);
 }
 
 /* The host's answer is fuzzed as well. */
@@ -205,7 +223,7 @@ static sb_status call_grow(const Entry* e) {
   const sb_density d = host_density(e);
   const sb_views v = host_views();
   host_entry = e;
-  return sb_adapter_grow(adapter, &d, &v, e->p[3], e->p[4]);
+  return sb_adapter_grow(adapter, &d, &v, e->p[3], e->p[4], NULL);
 }
 static Entry grow_entry;
 static sb_status call_prune(const Entry* e) {
@@ -216,13 +234,13 @@ static sb_status call_prune(const Entry* e) {
   host.p[6] = e->p[3];
   host_entry = &host;
   d.opacities = e->p[1];
-  return sb_adapter_prune(adapter, &d, &v, e->p[0], NULL);
+  return sb_adapter_prune(adapter, &d, &v, e->p[0], NULL, NULL);
 }
 static sb_status call_prune_grown(const Entry* e) {
   const sb_density d = host_density(&grow_entry);
   const sb_views v = host_views();
   CHECK(call_grow(&grow_entry) == SB_OK);
-  return sb_adapter_prune(adapter, &d, &v, e->p[0], e->p[1]);
+  return sb_adapter_prune(adapter, &d, &v, e->p[0], e->p[1], NULL);
 }
 
 /* ---- the entries with valid arguments ---- */
@@ -260,6 +278,12 @@ static void add_gaussians(Entry* e) {
   add(e, SB_FLOAT32, 2, N, 2, 0, 1, 1);
 }
 
+/** What a call with the scene writes must not lie where the scene does. */
+static void move_from_scene(Entry* e) {
+  int i;
+  for (i = 0; i < e->tensors; ++i) e->t[i].data = (char*)e->t[i].data + sizeof(float) * 8192;
+}
+
 static void fill_memory(void) {
   int i, j;
   for (i = 0; i < MOST; ++i) {
@@ -282,8 +306,7 @@ static int make_entries(Entry* e) {
   add(&e[n], SB_FLOAT32, 3, 1, H, W, 1, 0);
   add(&e[n], SB_INT32, 1, N, 0, 0, 1, 0);
   add(&e[n], SB_UINT8, 1, N, 0, 0, 1, 0);
-  /* The outputs must not lie where the scene does. */
-  for (i = 0; i < e[n].tensors; ++i) e[n].t[i].data = (char*)e[n].t[i].data + sizeof(float) * 8192;
+  move_from_scene(&e[n]);
   ++n;
   e[n] = entry("sb_rasterizer_backward, inputs", call_backward_inputs);
   add_gaussians(&e[n]);
@@ -299,12 +322,12 @@ static int make_entries(Entry* e) {
   }
   add(&e[n], SB_FLOAT32, 2, N, 2, 0, 1, 0);
   add(&e[n], SB_FLOAT32, 2, N, 2, 0, 1, 0);
-  for (i = 0; i < e[n].tensors; ++i) e[n].t[i].data = (char*)e[n].t[i].data + sizeof(float) * 8192;
+  move_from_scene(&e[n]);
   ++n;
   e[n] = entry("sb_rasterizer_count_flagged", call_count);
   add(&e[n], SB_UINT8, 2, H, W, 0, 0, 0);
   add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
-  for (i = 0; i < e[n].tensors; ++i) e[n].t[i].data = (char*)e[n].t[i].data + sizeof(float) * 8192;
+  move_from_scene(&e[n]);
   ++n;
   e[n] = entry("sb_mark_visible", call_mark_visible);
   add(&e[n], SB_FLOAT32, 2, N, 3, 0, 0, 0);
@@ -341,6 +364,7 @@ static int make_entries(Entry* e) {
     e[n].t[i].strides[1] = W * H;
     e[n].t[i].strides[0] = 3 * W * H;
   }
+  add(&e[n], SB_FLOAT64, 1, 1, 0, 0, 0, 0);
   ++n;
   e[n] = entry("sb_importance_scores", call_importance);
   add(&e[n], SB_INT64, 1, N, 0, 0, 0, 0);
@@ -412,7 +436,7 @@ enum {
   ZERO_STRIDE,
   NEGATIVE_STRIDE,
   WIDE_STRIDE,
-  ON_CUDA,
+  ON_OTHER,
   ON_NOTHING,
   OTHER_INDEX,
   MISALIGNED,
@@ -467,8 +491,8 @@ static int mutate(Entry* e, int i, int mutation) {
     case WIDE_STRIDE:
       t->strides[0] *= 2;
       return t->shape[0] != 1;
-    case ON_CUDA:
-      t->device_kind = SB_CUDA;
+    case ON_OTHER:
+      t->device_kind = OTHER_KIND;
       return 1;
     case ON_NOTHING:
       t->device_kind = 12345;
@@ -481,6 +505,11 @@ static int mutate(Entry* e, int i, int mutation) {
       t->data = (char*)t->data + 1;
       return 1;
   }
+}
+
+/** Whether an entry said no, and why. */
+static int refused(sb_status status) {
+  return status != SB_OK && status != SB_ERROR_INTERNAL && strlen(sb_last_error()) > 0;
 }
 
 static uint32_t state = 12345;
@@ -509,13 +538,13 @@ static void fuzz_tensors(void) {
         must_fail = mutate(&e, i, mutation);
         fill_memory();
         status = e.call(&e);
-        if (must_fail && (status == SB_OK || status == SB_ERROR_INTERNAL || strlen(sb_last_error()) == 0)) {
+        if (must_fail && !refused(status)) {
           ++failures;
           printf("%s: tensor %d, mutation %d: status %d, %s\n", e.name, i, mutation, status, sb_last_error());
         }
       }
     }
-    for (round = 0; round < 300; ++round) {
+    for (round = 0; round < TENSOR_ROUNDS; ++round) {
       Entry e = entries[k];
       const int changes = 2 + (int)(next_random() % 3);
       repoint(&e);
@@ -537,7 +566,7 @@ static void fuzz_tensors(void) {
 #define REFUSED(call)                                                                            \
   do {                                                                                           \
     const sb_status status_ = (call);                                                            \
-    if (status_ == SB_OK || status_ == SB_ERROR_INTERNAL || strlen(sb_last_error()) == 0) {      \
+    if (!refused(status_)) {                                                                     \
       ++failures;                                                                                \
       printf("%s:%d: %s: status %d, %s\n", __FILE__, __LINE__, #call, status_, sb_last_error()); \
     }                                                                                            \
@@ -569,24 +598,37 @@ static void fuzz_devices(void) {
     CHECK(sb_rasterizer_create(&d, &r) == SB_ERROR_NO_CUDA && strstr(sb_last_error(), "CUDA") != NULL);
     d.kind = SB_CPU;
   }
+#ifdef SPLATBOOST_TEST_ON_CUDA
+  d.kind = SB_CUDA;
+  d.index = -1;
+  REFUSED(sb_rasterizer_create(&d, &r));
+  REFUSED(sb_importance_scores(&d, NULL, 1, NULL));
+  d.index = 7;
+  CHECK(sb_rasterizer_create(&d, &r) == SB_ERROR_NO_CUDA && strstr(sb_last_error(), "no CUDA device 7") != NULL);
+  CHECK(sb_importance_scores(&d, NULL, 1, NULL) == SB_ERROR_NO_CUDA);
+  d.index = 0;
+#endif
   CHECK(r == NULL);
   CHECK(sb_rasterizer_create(&d, &r) == SB_OK);
-  REFUSED(sb_rasterizer_counts(r, NULL, NULL)); /* nothing drawn yet */
+  REFUSED(sb_rasterizer_counts(r, NULL, NULL, NULL)); /* nothing drawn yet */
+  REFUSED(sb_rasterizer_settle(r, NULL, NULL));
+  REFUSED(sb_rasterizer_settle(NULL, NULL, NULL));
+  CHECK(sb_cuda_activity(NULL, NULL) == SB_OK);
   {
     const sb_gaussians g = gaussians_of(&scene);
-    sb_image_gradients from;
-    sb_gaussian_gradients to;
-    memset(&from, 0, sizeof from);
-    memset(&to, 0, sizeof to);
+    const sb_image_gradients from = image_gradients_of(NULL, NULL);
+    const sb_gaussian_gradients to = {0};
     REFUSED(sb_rasterizer_backward(r, &g, &from, &to, NULL));
     REFUSED(sb_rasterizer_backward(NULL, &g, &from, &to, NULL));
     REFUSED(sb_rasterizer_backward(r, NULL, &from, &to, NULL));
     REFUSED(sb_rasterizer_backward(r, &g, NULL, &to, NULL));
     REFUSED(sb_rasterizer_backward(r, &g, &from, NULL, NULL));
+#ifndef SPLATBOOST_TEST_ON_CUDA /* which any stream fits */
     REFUSED(sb_rasterizer_backward(r, &g, &from, &to, &d));
+#endif
   }
   sb_rasterizer_destroy(r);
-  REFUSED(sb_rasterizer_counts(NULL, NULL, NULL));
+  REFUSED(sb_rasterizer_counts(NULL, NULL, NULL, NULL));
   REFUSED(sb_raster_options_default(NULL));
 
   CHECK(sb_boost_default("vanilla", &boost) == SB_OK);
@@ -622,15 +664,15 @@ static void fuzz_structs(void) {
   static float image[3 * W * H];
   const sb_tensor color = floats(image, 3, 3, H, W);
   const sb_gaussians g = gaussians_of(&scene);
-  sb_raster_outputs outputs;
-  memset(&outputs, 0, sizeof outputs);
-  outputs.color = &color;
+  const sb_raster_outputs outputs = outputs_of(&color, NULL);
   REFUSED(sb_rasterizer_forward(NULL, &camera, &g, &raster_options, &outputs, NULL));
   REFUSED(sb_rasterizer_forward(rasterizer, NULL, &g, &raster_options, &outputs, NULL));
   REFUSED(sb_rasterizer_forward(rasterizer, &camera, NULL, &raster_options, &outputs, NULL));
   REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, NULL, &outputs, NULL));
   REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, NULL, NULL));
-  REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &outputs, &outputs));
+#ifndef SPLATBOOST_TEST_ON_CUDA
+  REFUSED(sb_rasterizer_forward(rasterizer, &camera, &g, &raster_options, &outputs, (void*)&color));
+#endif
 #define BROKEN_CAMERA(field, value)                                                      \
   do {                                                                                   \
     sb_camera c = camera;                                                                \
@@ -674,16 +716,12 @@ static void fuzz_structs(void) {
   BROKEN_GAUSSIANS(covariances, g.means);
 
   { /* a forward pass that fails leaves nothing to go back to */
-    sb_image_gradients from;
-    sb_gaussian_gradients to;
+    const sb_image_gradients from = image_gradients_of(NULL, NULL);
+    const sb_gaussian_gradients to = {0};
     sb_camera wide = camera;
     static float wide_image[3 << 20];
     const sb_tensor wide_color = floats(wide_image, 3, 3, 1, 1 << 20);
-    sb_raster_outputs wide_outputs;
-    memset(&from, 0, sizeof from);
-    memset(&to, 0, sizeof to);
-    memset(&wide_outputs, 0, sizeof wide_outputs);
-    wide_outputs.color = &wide_color;
+    const sb_raster_outputs wide_outputs = outputs_of(&wide_color, NULL);
     wide.width = 1 << 20;
     wide.height = 1;
     draw_scene();
@@ -695,31 +733,21 @@ static void fuzz_structs(void) {
 /** Gaussians that are no numbers, or too large for any: drawn or not, nothing breaks. */
 static void fuzz_values(void) {
   const float odd[] = {NAN, INFINITY, -INFINITY, 0.0f, -0.0f, -1.0f, 3e38f, -3e38f, 1e-38f, 1e-45f, 1e9f, 1e20f, 0.2f};
-  static float image[3 * W * H], ones[3 * W * H], gradients[MOST][256];
-  const sb_tensor color = floats(image, 3, 3, H, W), g_color = floats(ones, 3, 3, H, W);
-  sb_raster_outputs outputs;
-  sb_image_gradients from;
+  static float ones[3 * W * H], gradients[MOST][256];
+  const sb_tensor g_color = floats(ones, 3, 3, H, W);
+  const sb_image_gradients from = image_gradients_of(&g_color, NULL);
   sb_gaussian_gradients to;
+  const sb_tensor* p[7];
   sb_tensor t[7];
   int round, i;
-  memset(&outputs, 0, sizeof outputs);
-  memset(&from, 0, sizeof from);
-  memset(&to, 0, sizeof to);
-  outputs.color = &color;
-  from.color = &g_color;
   for (i = 0; i < 3 * W * H; ++i) ones[i] = 1;
   for (i = 0; i < 7; ++i) {
     t[i] = scene.t[i];
     t[i].data = gradients[i];
+    p[i] = &t[i];
   }
-  to.means = &t[0];
-  to.scales = &t[1];
-  to.rotations = &t[2];
-  to.opacities = &t[3];
-  to.sh_dc = &t[4];
-  to.sh_rest = &t[5];
-  to.features = &t[6];
-  for (round = 0; round < 2000; ++round) {
+  to = gradients_of(p);
+  for (round = 0; round < VALUE_ROUNDS; ++round) {
     sb_raster_options options = raster_options;
     const sb_gaussians g = gaussians_of(&scene);
     fill_memory();
@@ -728,7 +756,7 @@ static void fuzz_values(void) {
     }
     options.box = round % 2;
     options.compensate_opacity = round / 2 % 2;
-    CHECK(sb_rasterizer_forward(rasterizer, &camera, &g, &options, &outputs, NULL) == SB_OK);
+    CHECK(draw(&g, &options, 0) == SB_OK);
     CHECK(sb_rasterizer_backward(rasterizer, &g, &from, &to, NULL) == SB_OK);
   }
   fill_memory();
@@ -747,23 +775,23 @@ static void fuzz_numbers(void) {
   distances = row;
   mask = tensor(memory[8].u8, SB_UINT8, 1, N, 0, 0);
   counts = tensor(memory[8].i64, SB_INT64, 1, N, 0, 0);
-  REFUSED(sb_keep_weighted_sample(NULL, &row, -1, 0, 0, &mask));
-  REFUSED(sb_keep_largest(NULL, &row, INT64_MIN, &mask));
-  REFUSED(sb_importance_scores(NULL, &counts, -1, &counts));
-  REFUSED(sb_mean_squared_neighbor_distances(NULL, &scene.t[0], 0, &distances));
-  REFUSED(sb_mean_squared_neighbor_distances(NULL, &scene.t[0], INT32_MAX, &distances));
-  REFUSED(sb_adam_step(NULL, &row, &row, &row, &row, 0, &adam));
-  REFUSED(sb_adam_step(NULL, &row, &row, &row, &row, 1, NULL));
+  REFUSED(sb_keep_weighted_sample(TEST_DEVICE, &row, -1, 0, 0, &mask));
+  REFUSED(sb_keep_largest(TEST_DEVICE, &row, INT64_MIN, &mask));
+  REFUSED(sb_importance_scores(TEST_DEVICE, &counts, -1, &counts));
+  REFUSED(sb_mean_squared_neighbor_distances(TEST_DEVICE, &scene.t[0], 0, &distances));
+  REFUSED(sb_mean_squared_neighbor_distances(TEST_DEVICE, &scene.t[0], INT32_MAX, &distances));
+  REFUSED(sb_adam_step(TEST_DEVICE, &row, &row, &row, &row, 0, &adam));
+  REFUSED(sb_adam_step(TEST_DEVICE, &row, &row, &row, &row, 1, NULL));
   adam.beta1 = 1;
-  REFUSED(sb_adam_step(NULL, &row, &row, &row, &row, 1, &adam));
+  REFUSED(sb_adam_step(TEST_DEVICE, &row, &row, &row, &row, 1, &adam));
   adam = adam_options;
   adam.epsilon = NAN;
-  REFUSED(sb_adam_step(NULL, &row, &row, &row, &row, 1, &adam));
-  REFUSED(sb_mark_visible(NULL, NULL, &scene.t[0], 0.2f, &mask));
-  REFUSED(sb_mark_visible(NULL, &camera, &scene.t[0], NAN, &mask));
-  REFUSED(sb_flag_errors(NULL, &row, NULL, 0.1f, &row, &mask, NULL));
-  REFUSED(sb_photometric_loss(NULL, &row, NULL, 0.1f, NULL, NULL));
-  REFUSED(sb_ssim(NULL, &row, &row, 0, NULL, NULL));
+  REFUSED(sb_adam_step(TEST_DEVICE, &row, &row, &row, &row, 1, &adam));
+  REFUSED(sb_mark_visible(TEST_DEVICE, NULL, &scene.t[0], 0.2f, &mask));
+  REFUSED(sb_mark_visible(TEST_DEVICE, &camera, &scene.t[0], NAN, &mask));
+  REFUSED(sb_flag_errors(TEST_DEVICE, &row, NULL, 0.1f, &row, &mask, NULL));
+  REFUSED(sb_photometric_loss(TEST_DEVICE, &row, NULL, 0.1f, NULL, NULL));
+  REFUSED(sb_ssim(TEST_DEVICE, &row, &row, 0, NULL, NULL));
   REFUSED(sb_steps_at(NULL, 1, 2, &i32));
   REFUSED(sb_steps_at(&intervals, 1, 2, NULL));
   REFUSED(sb_steps_at(&intervals, 1, 0, &i32));
@@ -802,36 +830,36 @@ static void fuzz_numbers(void) {
     sb_views views = host_views();
     const sb_tensor *clone = &grow_entry.t[3], *split = &grow_entry.t[4];
     host_entry = &grow_entry;
-    REFUSED(sb_adapter_grow(NULL, &density, &views, clone, split));
-    REFUSED(sb_adapter_grow(adapter, NULL, &views, clone, split));
-    REFUSED(sb_adapter_grow(adapter, &density, NULL, clone, split));
-    REFUSED(sb_adapter_prune(NULL, &density, &views, clone, NULL));
-    REFUSED(sb_adapter_prune(adapter, NULL, &views, clone, NULL));
-    REFUSED(sb_adapter_prune(adapter, &density, NULL, clone, NULL));
+    REFUSED(sb_adapter_grow(NULL, &density, &views, clone, split, NULL));
+    REFUSED(sb_adapter_grow(adapter, NULL, &views, clone, split, NULL));
+    REFUSED(sb_adapter_grow(adapter, &density, NULL, clone, split, NULL));
+    REFUSED(sb_adapter_prune(NULL, &density, &views, clone, NULL, NULL));
+    REFUSED(sb_adapter_prune(adapter, NULL, &views, clone, NULL, NULL));
+    REFUSED(sb_adapter_prune(adapter, &density, NULL, clone, NULL, NULL));
     views.render = NULL;
-    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
     views = host_views();
     views.count_flagged = NULL;
-    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
     views = host_views();
     views.primitives = -1;
-    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
     views.primitives = INT64_MAX;
-    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
     views = host_views();
     views.views = INT64_MAX;
-    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
     views = host_views();
     density.iteration = -5;
-    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
     density.iteration = 600;
     density.scene_extent = NAN;
-    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split));
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
   }
 }
 
 int main(void) {
-  const sb_device one_thread = {SB_CPU, 0, 1, NULL};
+  const sb_device one_thread = {TEST_KIND, 0, 1, NULL};
   sb_boost boost;
   camera = test_camera();
   camera.width = W;

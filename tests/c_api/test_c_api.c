@@ -67,7 +67,7 @@ static void renders_and_differentiates(void) {
   CHECK_NEAR(options.low_pass, 0.3, 1e-6);
   options.box = SB_BOX_ELLIPSE;
   options.background[2] = 1;
-  CHECK(sb_rasterizer_create(NULL, &rasterizer) == SB_OK);
+  CHECK(sb_rasterizer_create(TEST_DEVICE, &rasterizer) == SB_OK);
   draw(rasterizer, &scene, &options);
   CHECK(radius[0] == (int)ceil(3 * sqrt(variance + sqrt(0.1))) && seen[0] == 1);
   for (y = 0; y < H; ++y) {
@@ -99,7 +99,9 @@ static void renders_and_differentiates(void) {
     memset(flags, 1, sizeof flags);
     CHECK(sb_rasterizer_count_flagged(rasterizer, &f, &c, NULL) == SB_OK);
     CHECK(count[0] == 1000 + inside);
-    CHECK(sb_rasterizer_counts(rasterizer, &visible, &entries) == SB_OK && visible == 1 && entries >= 1);
+    int32_t redrawn = -1;
+    CHECK(sb_rasterizer_settle(rasterizer, &redrawn, NULL) == SB_OK && redrawn == 0);
+    CHECK(sb_rasterizer_counts(rasterizer, &visible, &entries, NULL) == SB_OK && visible == 1 && entries >= 1);
   }
 
   /* Gradients of the image's sum against differences of it. */
@@ -164,9 +166,15 @@ static void tells_what_is_seen(void) {
   gaussians.means = &m;
   gaussians.scales = &s;
   gaussians.rotations = &q;
-  CHECK(sb_mark_visible(NULL, &camera, &m, 0.2f, &v) == SB_OK && visible[0] == 1 && visible[1] == 0);
+  CHECK(sb_mark_visible(TEST_DEVICE, &camera, &m, 0.2f, &v) == SB_OK && visible[0] == 1 && visible[1] == 0);
   CHECK(sb_raster_options_default(&options) == SB_OK);
-  CHECK(sb_visible_radii(NULL, &camera, &gaussians, &options, &r) == SB_OK && radii[0] == 6 && radii[1] == 0);
+  CHECK(sb_visible_radii(TEST_DEVICE, &camera, &gaussians, &options, &r) == SB_OK && radii[0] == 6 && radii[1] == 0);
+}
+
+static sb_status mean_ssim_of(const sb_tensor* images, const sb_tensor* truths, int32_t valid_padding,
+                              const sb_tensor* gradient, double* mean) {
+  const sb_tensor to = tensor(mean, SB_FLOAT64, 1, 1, 0, 0);
+  return sb_ssim(TEST_DEVICE, images, truths, valid_padding, gradient, &to);
 }
 
 static void measures_errors(void) {
@@ -186,10 +194,10 @@ static void measures_errors(void) {
     truth_floats[i] = render[i] = (float)truth[i] / 255.0f;
   }
   for (i = 0; i < 3; ++i) render[i * PIXELS + 5] = truth_floats[i * PIXELS + 5] > 0.5f ? 0.0f : 1.0f;
-  CHECK(sb_flag_errors(NULL, &r, &t, 0.1f, &e, &f, &count) == SB_OK);
+  CHECK(sb_flag_errors(TEST_DEVICE, &r, &t, 0.1f, &e, &f, &count) == SB_OK);
   CHECK(count == 1 && flagged[5] == 1 && error[4] == 0.0f && error[5] > 0.4f);
 
-  CHECK(sb_photometric_loss(NULL, &r, &t, 0.2f, &g, &loss) == SB_OK);
+  CHECK(sb_photometric_loss(TEST_DEVICE, &r, &t, 0.2f, &g, &loss) == SB_OK);
   CHECK_NEAR(loss.l1, error[5] / PIXELS, 1e-6);
   CHECK_NEAR(loss.total, 0.8 * loss.l1 + 0.2 * (1 - loss.ssim), 1e-9);
 
@@ -199,20 +207,20 @@ static void measures_errors(void) {
     images.strides[i] = truths.strides[i] = images.strides[i - 1];
   }
   images.shape[0] = truths.shape[0] = 1;
-  CHECK(sb_ssim(NULL, &truths, &truths, 0, NULL, &same) == SB_OK);
+  CHECK(mean_ssim_of(&truths, &truths, 0, NULL, &same) == SB_OK);
   CHECK_NEAR(same, 1, 1e-6);
-  CHECK(sb_ssim(NULL, &images, &truths, 0, NULL, &mean_ssim) == SB_OK);
+  CHECK(mean_ssim_of(&images, &truths, 0, NULL, &mean_ssim) == SB_OK);
   CHECK_NEAR(mean_ssim, loss.ssim, 1e-5); /* the same figure from 8-bit truths */
   {
     sb_tensor out = images;
     out.data = gradient;
     for (i = 0; i < 2; ++i) {
       const float was = render[300];
-      CHECK(sb_ssim(NULL, &images, &truths, i, &out, &mean_ssim) == SB_OK);
+      CHECK(mean_ssim_of(&images, &truths, i, &out, &mean_ssim) == SB_OK);
       render[300] = was + 0.01f;
-      CHECK(sb_ssim(NULL, &images, &truths, i, NULL, &up) == SB_OK);
+      CHECK(mean_ssim_of(&images, &truths, i, NULL, &up) == SB_OK);
       render[300] = was - 0.01f;
-      CHECK(sb_ssim(NULL, &images, &truths, i, NULL, &down) == SB_OK);
+      CHECK(mean_ssim_of(&images, &truths, i, NULL, &down) == SB_OK);
       render[300] = was;
       CHECK_NEAR(gradient[300], (up - down) / 0.02, 2e-2 * fabs((up - down) / 0.02) + 1e-6);
     }
@@ -227,16 +235,16 @@ static void scores_and_selects(void) {
   const sb_tensor n = tensor(counts, SB_INT64, 1, 3, 0, 0), s = tensor(importance, SB_INT64, 1, 3, 0, 0),
                   w = tensor(weighted, SB_FLOAT64, 1, 3, 0, 0), p = floats(scores, 1, 3, 0, 0),
                   l = floats(priorities, 1, 3, 0, 0), m = tensor(mask, SB_UINT8, 1, 3, 0, 0);
-  CHECK(sb_importance_scores(NULL, &n, 10, &s) == SB_OK);
+  CHECK(sb_importance_scores(TEST_DEVICE, &n, 10, &s) == SB_OK);
   CHECK(importance[0] == 2 && importance[1] == 3 && importance[2] == 3);
-  CHECK(sb_pruning_scores(NULL, &w, &p) == SB_OK && scores[0] == 0.0f && scores[1] == 1.0f && scores[2] == 0.5f);
-  CHECK(sb_keep_important(NULL, &s, 2.5, &m, &kept) == SB_OK && kept == 2 && mask[0] == 0 && mask[1] == 1);
+  CHECK(sb_pruning_scores(TEST_DEVICE, &w, &p) == SB_OK && scores[0] == 0.0f && scores[1] == 1.0f && scores[2] == 0.5f);
+  CHECK(sb_keep_important(TEST_DEVICE, &s, 2.5, &m, &kept) == SB_OK && kept == 2 && mask[0] == 0 && mask[1] == 1);
   memset(mask, 1, 3);
-  CHECK(sb_keep_largest(NULL, &l, 1, &m) == SB_OK && mask[0] == 0 && mask[1] == 1 && mask[2] == 0);
+  CHECK(sb_keep_largest(TEST_DEVICE, &l, 1, &m) == SB_OK && mask[0] == 0 && mask[1] == 1 && mask[2] == 0);
   memset(mask, 1, 3);
-  CHECK(sb_spare_one(NULL, &l, &m, &kept) == SB_OK && kept == 2 && mask[1] == 0);
+  CHECK(sb_spare_one(TEST_DEVICE, &l, &m, &kept) == SB_OK && kept == 2 && mask[1] == 0);
   memset(mask, 1, 3);
-  CHECK(sb_keep_weighted_sample(NULL, &l, 2, 7, 100, &m) == SB_OK && mask[0] + mask[1] + mask[2] == 2);
+  CHECK(sb_keep_weighted_sample(TEST_DEVICE, &l, 2, 7, 100, &m) == SB_OK && mask[0] + mask[1] + mask[2] == 2);
 }
 
 static void steps_and_measures(void) {
@@ -250,11 +258,11 @@ static void steps_and_measures(void) {
   int32_t steps = -1, iteration = 0;
   float beta = 0;
   double rate = 0;
-  CHECK(sb_adam_step(NULL, &v, &g, &m, &s, 1, &adam) == SB_OK);
+  CHECK(sb_adam_step(TEST_DEVICE, &v, &g, &m, &s, 1, &adam) == SB_OK);
   CHECK_NEAR(values[0], 0.9, 1e-5); /* the first step is the rate, against the gradient's sign */
   CHECK_NEAR(values[1], 1.1, 1e-5);
   CHECK(gradients[0] == 0.0f && gradients[1] == 0.0f);
-  CHECK(sb_mean_squared_neighbor_distances(NULL, &p, 3, &d) == SB_OK);
+  CHECK(sb_mean_squared_neighbor_distances(TEST_DEVICE, &p, 3, &d) == SB_OK);
   CHECK_NEAR(distances[0], (1 + 9 + 49) / 3.0, 1e-5);
   CHECK_NEAR(distances[2], (9 + 4 + 16) / 3.0, 1e-5);
   CHECK(sb_steps_at(&rest, 16, 30000, &steps) == SB_OK && steps == 1);
@@ -328,13 +336,13 @@ static void decides_as_the_adapter(void) {
   views.count_flagged = host_count;
 
   CHECK(sb_boost_default("vanilla", &boost) == SB_OK && boost.views == 10 && boost.tau_d == 5);
-  CHECK(sb_adapter_create("vanilla", &boost, NULL, &adapter) == SB_OK);
+  CHECK(sb_adapter_create("vanilla", &boost, TEST_DEVICE, &adapter) == SB_OK);
   CHECK(sb_adapter_beta(adapter, 1, 30000, &beta) == SB_OK && beta == 0.5f);
   CHECK(sb_adapter_grows_at(adapter, 1000, 30000, 0, &answer) == SB_OK && answer == 1);
   CHECK(sb_adapter_steps_at(adapter, "f_rest", 17, 30000, &answer) == SB_OK && answer == 0);
   CHECK(sb_adapter_steps_at(adapter, "xyz", 17, 30000, &answer) == SB_OK && answer == 1);
   CHECK(sb_adapter_prunes_at(adapter, 18000, 30000, 0, &answer) == SB_OK && answer == 1);
-  CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p) == SB_OK);
+  CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p, NULL) == SB_OK);
   CHECK(host.rendered == 3);
   CHECK(clone[0] == 1 && clone[1] == 0 && split[0] == 0 && split[1] == 0);
 
@@ -342,16 +350,16 @@ static void decides_as_the_adapter(void) {
     int32_t origins[2] = {0, 1};
     const sb_tensor from = tensor(origins, SB_INT32, 1, 2, 0, 0);
     memset(remove, 1, 2);
-    CHECK(sb_adapter_prune(adapter, &density, &views, &r, &from) == SB_OK && remove[0] == 1 && remove[1] == 0);
+    CHECK(sb_adapter_prune(adapter, &density, &views, &r, &from, NULL) == SB_OK && remove[0] == 1 && remove[1] == 0);
     origins[1] = 2;
-    CHECK(sb_adapter_prune(adapter, &density, &views, &r, &from) == SB_ERROR_ARGUMENT);
+    CHECK(sb_adapter_prune(adapter, &density, &views, &r, &from, NULL) == SB_ERROR_ARGUMENT);
   }
   density.iteration = 18000;
   density.opacities = &o;
-  CHECK(sb_adapter_prune(adapter, &density, &views, &r, NULL) == SB_OK && remove[0] == 1 && remove[1] == 1);
+  CHECK(sb_adapter_prune(adapter, &density, &views, &r, NULL, NULL) == SB_OK && remove[0] == 1 && remove[1] == 1);
 
   host.fails = 1;
-  CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p) == SB_ERROR_CALLBACK);
+  CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p, NULL) == SB_ERROR_CALLBACK);
   CHECK(strstr(sb_last_error(), "views.render") != NULL);
   sb_adapter_destroy(adapter);
   sb_adapter_destroy(NULL);
@@ -366,6 +374,8 @@ int main(void) {
   CHECK(sb_abi_version() == SB_ABI_VERSION);
   CHECK(strlen(sb_version()) > 0 && sb_last_error() != NULL);
   CHECK(sb_has_device(SB_CPU) == 1 && sb_has_device(77) == 0);
+  CHECK(sb_has_device(SB_CUDA) == 0 || strlen(sb_cuda_architectures()) > 0);
+  CHECK(sb_has_device(TEST_KIND) == 1);
   renders_and_differentiates();
   tells_what_is_seen();
   measures_errors();

@@ -8,9 +8,11 @@
 #include "cuda/cuda_device.h"
 #include "splatboost/device_array.h"
 #include "splatboost/neighbors.h"
+#include "splatboost/scores.h"
 #include "splatboost/select.h"
 #include "splatboost/spatial_order.h"
 #include "splatboost/threads.h"
+#include "splatboost/visibility.h"
 #include "support/scenes.h"
 
 namespace splatboost::test {
@@ -89,6 +91,74 @@ TEST_F(CudaDecisions, OneIsSparedOfAll) {
     EXPECT_EQ(device.to_host(), mask);
   }
   EXPECT_EQ(spare_one({}, {}, stream()), 0u);
+}
+
+TEST_F(CudaDecisions, ScoresAreThoseOfTheCpu) {
+  Numbers random(6);
+  ScoreSums sums;
+  for (std::size_t i = 0; i < kCount; ++i) {
+    sums.counts.push_back(static_cast<std::int64_t>(random.bits() % 1000));
+    sums.weighted_counts.push_back(random.real(-1, 100));
+  }
+  const DeviceArray<std::int64_t> counts(stream(), sums.counts);
+  DeviceArray<std::int64_t> device_importance(stream());
+  device_importance.ensure(kCount);
+  for (const int views : {0, 1, 10}) {
+    sums.views = views;
+    std::vector<std::int64_t> importance(kCount);
+    importance_scores(sums, importance);
+    importance_scores(counts.span(), views, device_importance.span(), stream());
+    EXPECT_EQ(device_importance.to_host(), importance);
+  }
+  DeviceArray<float> device_scores(stream());
+  for (const std::size_t n : {kCount, std::size_t{1}, std::size_t{0}}) {
+    sums.weighted_counts.resize(n);
+    std::vector<float> scores(n);
+    pruning_scores(sums, scores);
+    device_scores.ensure(n);
+    pruning_scores(DeviceArray<double>(stream(), sums.weighted_counts).span(), device_scores.span(), stream());
+    EXPECT_EQ(device_scores.to_host(), scores);
+  }
+}
+
+TEST_F(CudaDecisions, WhatAViewSeesIsAsOnTheCpu) {
+  Threads threads(1);
+  const Camera camera = oblique_camera(70, 50);
+  for (const bool covariances : {false, true}) {
+    SceneSpec spec;
+    spec.count = kCount;
+    spec.colors = true;
+    spec.covariances = covariances;
+    SceneData scene = random_scene(camera, spec, 11);
+    for (std::size_t i = 0; i < scene.means.size() / 2; ++i) scene.means[i] *= 3.0f;  // many beyond the sides
+    const DeviceArray<float> means(stream(), scene.means), scales(stream(), scene.scales),
+        rotations(stream(), scene.rotations), given(stream(), scene.covariances);
+    Gaussians gaussians = scene.view();
+    gaussians.means = means.span();
+    gaussians.scales = scales.span();
+    gaussians.rotations = rotations.span();
+    gaussians.covariances = given.span();
+    std::vector<std::int32_t> radii(kCount);
+    visible_radii(camera, scene.view(), {}, radii, threads);
+    DeviceArray<std::int32_t> device_radii(stream());
+    device_radii.ensure(kCount);
+    visible_radii(camera, gaussians, {}, device_radii.span(), stream());
+    std::size_t seen = 0, differ = 0;
+    const std::vector<std::int32_t> found = device_radii.to_host();
+    for (std::size_t i = 0; i < kCount; ++i) {
+      seen += radii[i] > 0;
+      differ += radii[i] != found[i];
+    }
+    EXPECT_GT(seen, 100u);
+    EXPECT_LE(differ, 3u);  // a radius just below a whole pixel may become one more
+
+    Mask visible(kCount);
+    mark_visible(camera, scene.means, 0.2f, visible, threads);
+    DeviceArray<std::uint8_t> device_visible(stream());
+    device_visible.ensure(kCount);
+    mark_visible(camera, means.span(), 0.2f, device_visible.span(), stream());
+    EXPECT_EQ(device_visible.to_host(), visible);
+  }
 }
 
 std::vector<float> cloud(std::size_t n, std::uint64_t seed) {

@@ -92,6 +92,31 @@ TEST_F(DeviceMemory, ADeviceIsThreadsOrAStream) {
   EXPECT_THROW(cpu.stream(), ArgumentError);
 }
 
+TEST_F(DeviceMemory, GoesAlongWithStreamsOfACaller) {
+  CudaStream along(0, nullptr);
+  DeviceArray<float> array(along);
+  {
+    const CudaCall call(along, stream().handle());
+    EXPECT_EQ(along.handle(), stream().handle());
+    array.upload(counting(100));
+  }
+  for (int k = 0; k < 3; ++k) {
+    CudaStream other;  // gone before the next call
+    const CudaCall call(along, other.handle());
+    array.resize(array.size() + 1);
+  }
+  const CudaCall call(along, nullptr);
+  std::vector<float> values = array.to_host();
+  values.resize(100);
+  EXPECT_EQ(values, counting(100));
+  EXPECT_EQ(along.activity().synchronizations, 1u);  // none but the reading
+}
+
+TEST(CudaDevices, ACallOnOneThatIsNotThereIsNamed) {
+  CudaStream along(99, nullptr);
+  EXPECT_THROW(CudaCall(along, nullptr), NoDeviceError);
+}
+
 TEST(CudaDevices, OneThatIsNotThereIsNamed) {
   try {
     CudaStream stream(99);

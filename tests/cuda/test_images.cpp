@@ -13,6 +13,7 @@
 #include "splatboost/error_map.h"
 #include "splatboost/multi_view_scores.h"
 #include "splatboost/photometric.h"
+#include "splatboost/ssim.h"
 #include "splatboost/threads.h"
 #include "support/scenes.h"
 
@@ -95,6 +96,58 @@ TEST_F(CudaImages, LossAndGradientAreThoseOfTheReference) {
       EXPECT_EQ(photometric.evaluate(device.render.span(), device.view(), 0.2f, {}).total, loss.total);
     }
   }
+}
+
+TEST_F(CudaImages, SsimOfFloatsIsThatOfTheCpu) {
+  Threads threads(1);
+  CudaSsimWorkspace workspace(stream());
+  DeviceArray<double> mean(stream());
+  mean.ensure(1);
+  Numbers random(5);
+  for (const SsimPlanes planes : {SsimPlanes{1, 1, 1}, {2, 11, 12}, {3, 16, 16}, {1, 50, 19}, {6, 17, 33}}) {
+    const auto width = static_cast<std::size_t>(planes.width), height = static_cast<std::size_t>(planes.height);
+    std::vector<float> images, truths;
+    for (std::size_t k = 0; k < planes.count * width * height; ++k) {
+      truths.push_back(random.real(0, 1));
+      images.push_back(truths.back() + random.real(-0.4, 0.4));
+    }
+    const DeviceArray<float> device_images(stream(), images), device_truths(stream(), truths);
+    DeviceArray<float> device_gradient(stream());
+    device_gradient.ensure(images.size());
+    for (const SsimPadding padding : {SsimPadding::same, SsimPadding::valid}) {
+      if (padding == SsimPadding::valid && (width < 11 || height < 11)) continue;
+      std::vector<float> gradient(images.size());
+      const double value = ssim(planes, images, truths, padding, gradient, threads);
+      ssim(planes, device_images.span(), device_truths.span(), padding, device_gradient.span(), mean.span(), workspace);
+      EXPECT_NEAR(mean.to_host()[0], value, 2e-6);
+      EXPECT_LT(relative_distance(device_gradient.to_host(), {gradient.begin(), gradient.end()}), 1e-4)
+          << planes.count << " of " << width << "x" << height;
+      ssim(planes, device_images.span(), device_truths.span(), padding, {}, mean.span(), workspace);
+      EXPECT_NEAR(mean.to_host()[0], value, 2e-6);
+    }
+  }
+  EXPECT_THROW(ssim({65536, 1, 1}, {}, {}, SsimPadding::same, {}, mean.span(), workspace), ArgumentError);
+}
+
+TEST_F(CudaImages, SsimOfSteadySizesAllocatesNothingAndNeverWaits) {
+  const DevicePicture device(stream(), Picture(33, 20, 0, 4));
+  DeviceArray<float> gradient(stream());
+  gradient.ensure(device.render.size());
+  DeviceArray<double> mean(stream());
+  mean.ensure(1);
+  CudaSsimWorkspace workspace(stream());
+  const auto evaluate = [&] {
+    ssim({3, 33, 20}, device.render.span(), device.render.span(), SsimPadding::same, gradient.span(), mean.span(),
+         workspace);
+  };
+  evaluate();
+  const CudaActivity before = stream().activity(), all_before = CudaStream::total_activity();
+  evaluate();
+  EXPECT_EQ(stream().activity().allocations, before.allocations);
+  EXPECT_EQ(stream().activity().synchronizations, before.synchronizations);
+  EXPECT_EQ(CudaStream::total_activity().allocations, all_before.allocations);
+  EXPECT_NEAR(mean.to_host()[0], 1, 1e-6);
+  EXPECT_EQ(CudaStream::total_activity().synchronizations, all_before.synchronizations + 1);
 }
 
 TEST_F(CudaImages, NothingToCompareIsNoErrorAndNoGradient) {

@@ -34,4 +34,8 @@ std::size_t device_memory_in_use();
 /// Number of devices that the runtime finds: 1 unless changed.
 void set_device_count(int count);
 
+/// Whether all work that `earlier` was given so far is done, on a GPU too, before what `later` is given next: they are
+/// one stream, or `later` waits for an event. @param earlier,later each a cudaStream_t
+bool comes_after(void* later, void* earlier);
+
 }  // namespace cuda_on_cpu

@@ -63,6 +63,7 @@ enum cudaError_t : int {
   cudaErrorMemoryAllocation = 2,
   cudaErrorInvalidConfiguration = 9,
   cudaErrorNoDevice = 100,
+  cudaErrorInvalidDevice = 101,
   cudaErrorNotReady = 600,
 };
 const char* cudaGetErrorString(cudaError_t error);
@@ -78,7 +79,8 @@ struct cudaDeviceProp {
 };
 cudaError_t cudaGetDeviceCount(int* count);
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int device);
-inline cudaError_t cudaSetDevice(int) { return cudaSuccess; }
+cudaError_t cudaGetDevice(int* device);
+cudaError_t cudaSetDevice(int device);
 cudaError_t cudaDriverGetVersion(int* version);
 cudaError_t cudaRuntimeGetVersion(int* version);
 
@@ -103,6 +105,7 @@ inline constexpr unsigned cudaEventDefault = 0, cudaEventDisableTiming = 2;
 cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned flags);
 cudaError_t cudaEventDestroy(cudaEvent_t event);
 cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream);
+cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned flags);
 inline cudaError_t cudaEventQuery(cudaEvent_t) { return cudaSuccess; }
 inline cudaError_t cudaEventSynchronize(cudaEvent_t) { return cudaSuccess; }
 cudaError_t cudaEventElapsedTime(float* milliseconds, cudaEvent_t from, cudaEvent_t to);
@@ -148,6 +151,9 @@ class SharedAccesses {
   void check_order(const Access& write, const char* what, int i) const;
   std::vector<Cell> cells_;
 };
+
+/// Notes that the stream was given work.
+void give_work(cudaStream_t stream);
 
 /// Runs a grid.
 cudaError_t run(dim3 blocks, dim3 threads, const std::function<void()>& kernel);
@@ -290,6 +296,7 @@ template <class... Parameters, class... Arguments>
 cudaError_t cudaLaunchKernelEx(const cudaLaunchConfig_t* config, void (*kernel)(Parameters...),
                                Arguments&&... arguments) {
   if (config->dynamicSmemBytes != 0) return cudaErrorInvalidConfiguration;
+  cuda_on_cpu::give_work(config->stream);
   // Every thread gets a copy of its own, as on a device.
   return cuda_on_cpu::run(config->gridDim, config->blockDim,
                           std::bind_front(kernel, static_cast<Parameters>(std::forward<Arguments>(arguments))...));

@@ -7,8 +7,13 @@
 #include "cuda_runtime.h"
 
 struct CudaOnCpuStream {};
+
+/// How far the streams are, as far as one stream (or event) knows: pieces of work of each that come before its own.
+using Progress = std::map<cudaStream_t, std::uint64_t>;
+
 struct CudaOnCpuEvent {
   std::chrono::steady_clock::time_point at;
+  Progress progress;
 };
 
 namespace {
@@ -17,6 +22,8 @@ int device_count = 1;
 std::size_t device_memory = std::size_t{4} << 30;
 std::size_t in_use = 0;
 std::map<void*, std::size_t> allocations;
+thread_local int current_device = 0;
+std::map<cudaStream_t, Progress> progress_of;
 
 }  // namespace
 
@@ -24,6 +31,11 @@ namespace cuda_on_cpu {
 void set_device_memory(std::size_t bytes) { device_memory = bytes; }
 std::size_t device_memory_in_use() { return in_use; }
 void set_device_count(int count) { device_count = count; }
+void give_work(cudaStream_t stream) { ++progress_of[stream][stream]; }
+bool comes_after(void* later, void* earlier) {
+  const auto from = static_cast<cudaStream_t>(earlier);
+  return progress_of[static_cast<cudaStream_t>(later)][from] >= progress_of[from][from];
+}
 }  // namespace cuda_on_cpu
 
 const char* cudaGetErrorString(cudaError_t error) {
@@ -38,6 +50,8 @@ const char* cudaGetErrorString(cudaError_t error) {
       return "invalid configuration argument";
     case cudaErrorNoDevice:
       return "no CUDA-capable device is detected";
+    case cudaErrorInvalidDevice:
+      return "invalid device ordinal";
     default:
       return "unknown error";
   }
@@ -46,6 +60,17 @@ const char* cudaGetErrorString(cudaError_t error) {
 cudaError_t cudaGetDeviceCount(int* count) {
   *count = device_count;
   return device_count > 0 ? cudaSuccess : cudaErrorNoDevice;
+}
+
+cudaError_t cudaGetDevice(int* device) {
+  *device = current_device;
+  return device_count > 0 ? cudaSuccess : cudaErrorNoDevice;
+}
+
+cudaError_t cudaSetDevice(int device) {
+  if (device < 0 || device >= device_count) return cudaErrorInvalidDevice;
+  current_device = device;
+  return cudaSuccess;
 }
 
 cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
@@ -105,12 +130,14 @@ cudaError_t cudaStreamDestroy(cudaStream_t stream) {
   return cudaSuccess;
 }
 
-cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t) {
+cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t stream) {
+  cuda_on_cpu::give_work(stream);
   std::memmove(to, from, bytes);
   return cudaSuccess;
 }
 
-cudaError_t cudaMemsetAsync(void* memory, int byte, std::size_t bytes, cudaStream_t) {
+cudaError_t cudaMemsetAsync(void* memory, int byte, std::size_t bytes, cudaStream_t stream) {
+  cuda_on_cpu::give_work(stream);
   std::memset(memory, byte, bytes);
   return cudaSuccess;
 }
@@ -125,12 +152,19 @@ cudaError_t cudaEventDestroy(cudaEvent_t event) {
   return cudaSuccess;
 }
 
-cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t) {
+cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
   event->at = std::chrono::steady_clock::now();
+  event->progress = progress_of[stream];
   return cudaSuccess;
 }
 
 cudaError_t cudaEventElapsedTime(float* milliseconds, cudaEvent_t from, cudaEvent_t to) {
   *milliseconds = std::chrono::duration<float, std::milli>(to->at - from->at).count();
+  return cudaSuccess;
+}
+
+cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned) {
+  Progress& known = progress_of[stream];
+  for (const auto& [other, pieces] : event->progress) known[other] = std::max(known[other], pieces);
   return cudaSuccess;
 }

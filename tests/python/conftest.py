@@ -1,14 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SPLATBOOST_BIN names the folder with the built programs; the library is beside it, in lib."""
+"""SPLATBOOST_BIN names the folder with the built programs; the libraries are beside it, in lib.
+
+SPLATBOOST_TEST_ON_CUDA=emulated runs the tests on the emulator of CUDA (emulated.py); test_emulated.py does that."""
 
 import os
 import pathlib
 import sys
 
+import pytest
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("SPLATBOOST_BIN", ROOT / "build/release/bin")).parent
 PACKAGE = ROOT / "adapters/python"
+EMULATED = os.environ.get("SPLATBOOST_TEST_ON_CUDA") == "emulated"
 
+if EMULATED:
+    os.environ["SPLATBOOST_LIBRARY"] = str(BUILD / "lib/libsplatboost_emulated.so")
 os.environ.setdefault("SPLATBOOST_LIBRARY", str(BUILD / "lib/libsplatboost.so"))
 sys.path[:0] = [str(PACKAGE), str(pathlib.Path(__file__).parent)]
 
@@ -22,3 +29,15 @@ except ImportError:
         terminalreporter.write_line(
             "SKIPPED tests of the Python package: torch is not installed (apt-get install python3-torch)", yellow=True
         )
+
+
+@pytest.fixture(autouse=EMULATED)
+def on_emulated_cuda(request):
+    """Every tensor of a test is CUDA's; test_cuda.py says itself which."""
+    if request.module.__name__ == "test_cuda":
+        yield
+        return
+    import emulated
+
+    with emulated.cuda():
+        yield

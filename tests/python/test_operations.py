@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors, losses, scores, selections, neighbours, Adam and schedule on tensors, against torch's own arithmetic."""
 
+import conftest
+import emulated
 import pytest
 import reference
 import torch
@@ -106,8 +108,9 @@ def test_neighbors_by_brute_force():
     wanted = squared.sort(dim=1).values[:, :3].mean(1)
     ours = splatboost.mean_squared_neighbor_distances(points.t().contiguous().t())  # of any strides
     assert ((ours - wanted) / wanted).abs().max() < 1e-4
-    with pytest.raises(ValueError, match="finite"):
-        splatboost.mean_squared_neighbor_distances(points * float("nan"))
+    if not conftest.EMULATED:  # values on a GPU are not looked at
+        with pytest.raises(ValueError, match="finite"):
+            splatboost.mean_squared_neighbor_distances(points * float("nan"))
     with pytest.raises(ValueError, match=r"points: shape \[N,3\] wanted"):
         splatboost.mean_squared_neighbor_distances(points[:, :2])
 
@@ -135,3 +138,10 @@ def test_schedule():
     assert splatboost.exponential_rate(1e-2, 1e-4, 50, 100) == pytest.approx(1e-3)
     with pytest.raises(ValueError, match="above 0"):
         splatboost.steps_at(rest, 1, 0)
+
+
+@pytest.mark.skipif(conftest.EMULATED or torch.cuda.is_available(), reason="there is a device")
+def test_cuda_tensors_without_a_gpu_are_refused_with_the_reason():
+    with emulated.cuda():
+        with pytest.raises(splatboost.NoCudaError, match="built without CUDA: .*SPLATBOOST_CUDA=ON|no CUDA device 0 on this"):
+            splatboost.importance_scores(torch.zeros(3, dtype=torch.int64), 1)

@@ -142,6 +142,22 @@ def test_doctor():
     assert done.returncode == 1 and "missing  libsplatboost was not found" in done.stdout
 
 
+def test_doctor_tells_of_cuda():
+    from splatboost import _library as lib
+
+    code = "from splatboost import doctor; print(doctor._library_cuda())"
+    told = run(code).stdout
+    if not lib.cuda_architectures():
+        assert "was built without CUDA" in told and "pip install . -C cmake.define.SPLATBOOST_CUDA=ON" in told
+    else:
+        assert "was built with CUDA, for compute capability " + lib.cuda_architectures() in told
+        assert ("cannot use a GPU here: no CUDA device 0" in told) == (not lib.load().sb_has_device(lib.CUDA))
+    emulated = conftest.BUILD / "lib/libsplatboost_emulated.so"
+    if emulated.exists():
+        told = run(code, SPLATBOOST_LIBRARY=str(emulated)).stdout
+        assert "for compute capability the CPU" in told and "cannot use" not in told
+
+
 def test_usage():
     done = subprocess.run(
         [sys.executable, "-m", "splatboost"],

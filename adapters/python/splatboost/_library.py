@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import os
 import pathlib
 from ctypes import POINTER, c_char_p, c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
-from typing import Any, List, Optional
+from typing import Any, List, Optional, Tuple
 
 ABI_VERSION = 1
 
@@ -23,7 +24,11 @@ class LibraryError(RuntimeError):
 
 
 class NoCudaError(RuntimeError):
-    """A CUDA tensor met a libsplatboost that runs on the CPU only."""
+    """A CUDA tensor met a libsplatboost without CUDA, or a machine where it finds no device."""
+
+
+#: How a library with CUDA is had. pip builds for the GPUs of the machine that it runs on.
+CUDA_REMEDY = "pip install . -C cmake.define.SPLATBOOST_CUDA=ON   (in SplatBoost's source tree, with nvcc on PATH)"
 
 
 class Device(ctypes.Structure):
@@ -45,6 +50,16 @@ class Tensor(ctypes.Structure):
 TensorPointer = POINTER(Tensor)
 
 
+def _tensors(names: str) -> List[Tuple[str, Any]]:
+    """Fields that point to tensors."""
+    return [(name, TensorPointer) for name in names.split()]
+
+
+# What structs share: the tensors of Gaussians and of images.
+_GAUSSIANS = _tensors("means scales rotations covariances opacities sh_dc sh_rest colors features")
+_IMAGES = _tensors("color features inverse_depth alpha")
+
+
 class Camera(ctypes.Structure):
     _fields_ = [
         ("width", c_int32),
@@ -58,18 +73,7 @@ class Camera(ctypes.Structure):
 
 
 class Gaussians(ctypes.Structure):
-    _fields_ = [
-        ("means", TensorPointer),
-        ("scales", TensorPointer),
-        ("rotations", TensorPointer),
-        ("covariances", TensorPointer),
-        ("opacities", TensorPointer),
-        ("sh_dc", TensorPointer),
-        ("sh_rest", TensorPointer),
-        ("colors", TensorPointer),
-        ("features", TensorPointer),
-        ("sh_degree", c_int32),
-    ]
+    _fields_ = _GAUSSIANS + [("sh_degree", c_int32)]
 
 
 class RasterOptions(ctypes.Structure):
@@ -84,44 +88,19 @@ class RasterOptions(ctypes.Structure):
 
 
 class RasterOutputs(ctypes.Structure):
-    _fields_ = [
-        ("color", TensorPointer),
-        ("features", TensorPointer),
-        ("inverse_depth", TensorPointer),
-        ("alpha", TensorPointer),
-        ("radii", TensorPointer),
-        ("visible", TensorPointer),
-    ]
+    _fields_ = _IMAGES + _tensors("radii visible")
 
 
 class ImageGradients(ctypes.Structure):
-    _fields_ = [
-        ("color", TensorPointer),
-        ("features", TensorPointer),
-        ("inverse_depth", TensorPointer),
-        ("alpha", TensorPointer),
-    ]
+    _fields_ = _IMAGES
 
 
 class GaussianGradients(ctypes.Structure):
-    _fields_ = [
-        ("accumulate", c_int32),
-        ("means", TensorPointer),
-        ("scales", TensorPointer),
-        ("rotations", TensorPointer),
-        ("covariances", TensorPointer),
-        ("opacities", TensorPointer),
-        ("sh_dc", TensorPointer),
-        ("sh_rest", TensorPointer),
-        ("colors", TensorPointer),
-        ("features", TensorPointer),
-        ("screen_means", TensorPointer),
-        ("screen_means_abs", TensorPointer),
-    ]
+    _fields_ = [("accumulate", c_int32)] + _GAUSSIANS + _tensors("screen_means screen_means_abs")
 
 
 class Truth(ctypes.Structure):
-    _fields_ = [("color", TensorPointer), ("valid", TensorPointer)]
+    _fields_ = _tensors("color valid")
 
 
 class Loss(ctypes.Structure):
@@ -169,20 +148,15 @@ class Boost(ctypes.Structure):
     ]
 
 
+_MOMENT: List[Tuple[str, Any]] = [("iteration", c_int32), ("total", c_int32), ("scene_extent", c_float)]
+
+
 class Density(ctypes.Structure):
-    _fields_ = [
-        ("iteration", c_int32),
-        ("total", c_int32),
-        ("scene_extent", c_float),
-        ("gradients", TensorPointer),
-        ("gradients_abs", TensorPointer),
-        ("opacities", TensorPointer),
-        ("max_scales", TensorPointer),
-    ]
+    _fields_ = _MOMENT + _tensors("gradients gradients_abs opacities max_scales")
 
 
 class ScoredView(ctypes.Structure):
-    _fields_ = [("color", TensorPointer), ("truth", Truth)]
+    _fields_ = _tensors("color") + [("truth", Truth)]
 
 
 RenderFunction = ctypes.CFUNCTYPE(c_int32, c_void_p, c_int64, POINTER(ScoredView))
@@ -208,6 +182,8 @@ _ENTRIES = {
     "sb_version": (c_char_p, []),
     "sb_last_error": (c_char_p, []),
     "sb_has_device": (c_int32, [c_int32]),
+    "sb_cuda_architectures": (c_char_p, []),
+    "sb_cuda_activity": (_STATUS, [_I64, _I64]),
     "sb_raster_options_default": (_STATUS, [POINTER(RasterOptions)]),
     "sb_rasterizer_create": (_STATUS, [_DEVICE, POINTER(c_void_p)]),
     "sb_rasterizer_destroy": (None, [c_void_p]),
@@ -220,12 +196,13 @@ _ENTRIES = {
         [c_void_p, POINTER(Gaussians), POINTER(ImageGradients), POINTER(GaussianGradients), c_void_p],
     ),
     "sb_rasterizer_count_flagged": (_STATUS, [c_void_p, _T, _T, c_void_p]),
-    "sb_rasterizer_counts": (_STATUS, [c_void_p, _I64, _I64]),
+    "sb_rasterizer_settle": (_STATUS, [c_void_p, _I32, c_void_p]),
+    "sb_rasterizer_counts": (_STATUS, [c_void_p, _I64, _I64, c_void_p]),
     "sb_mark_visible": (_STATUS, [_DEVICE, _CAMERA, _T, c_float, _T]),
     "sb_visible_radii": (_STATUS, [_DEVICE, _CAMERA, POINTER(Gaussians), POINTER(RasterOptions), _T]),
     "sb_flag_errors": (_STATUS, [_DEVICE, _T, POINTER(Truth), c_float, _T, _T, _I64]),
     "sb_photometric_loss": (_STATUS, [_DEVICE, _T, POINTER(Truth), c_float, _T, POINTER(Loss)]),
-    "sb_ssim": (_STATUS, [_DEVICE, _T, _T, c_int32, _T, _F64]),
+    "sb_ssim": (_STATUS, [_DEVICE, _T, _T, c_int32, _T, _T]),
     "sb_importance_scores": (_STATUS, [_DEVICE, _T, c_int32, _T]),
     "sb_pruning_scores": (_STATUS, [_DEVICE, _T, _T]),
     "sb_keep_important": (_STATUS, [_DEVICE, _T, c_double, _T, _I64]),
@@ -245,8 +222,8 @@ _ENTRIES = {
     "sb_adapter_grows_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_prunes_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_steps_at": (_STATUS, [c_void_p, c_char_p, c_int32, c_int32, _I32]),
-    "sb_adapter_grow": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T]),
-    "sb_adapter_prune": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T]),
+    "sb_adapter_grow": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T, c_void_p]),
+    "sb_adapter_prune": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T, c_void_p]),
 }
 
 _FILE = "libsplatboost.so"
@@ -335,9 +312,17 @@ def get_threads() -> int:
     return _threads
 
 
-def has_cuda() -> bool:
-    """Whether the library can run on a GPU here."""
-    return bool(load().sb_has_device(CUDA))
+@functools.lru_cache(maxsize=None)
+def cuda_architectures() -> str:
+    """Compute capabilities that the library was built for; empty without CUDA."""
+    return str(load().sb_cuda_architectures().decode())
+
+
+def cuda_activity() -> Tuple[int, int]:
+    """Allocations of the library for CUDA, and its waits for a device, since the process began."""
+    allocations, waits = c_int64(), c_int64()
+    call("sb_cuda_activity", ctypes.byref(allocations), ctypes.byref(waits))
+    return allocations.value, waits.value
 
 
 def version() -> str:

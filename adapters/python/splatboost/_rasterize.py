@@ -38,7 +38,7 @@ class _Lease:
 class _Workspace:
     def __init__(self, place: Place):
         handle = ctypes.c_void_p()
-        lib.call("sb_rasterizer_create", place.c_device(), ctypes.byref(handle))
+        place.call("sb_rasterizer_create", place.c_device(), ctypes.byref(handle))
         self.handle = handle
         self.lease: Any = lambda: None
         weakref.finalize(self, lib.load().sb_rasterizer_destroy, handle)
@@ -103,7 +103,7 @@ def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]])
     outputs = lib.RasterOutputs(**{name: place.target(image, name) for name, image in images.items()})
     gaussians = _gaussians(place, tensors, call.sh_degree)
     call.lease = _take_workspace(place)
-    lib.call(
+    place.call(
         "sb_rasterizer_forward",
         call.lease.workspace.handle,
         ctypes.byref(call.camera.c_struct()),
@@ -125,6 +125,8 @@ class _Rasterize(torch.autograd.Function):
         images = _draw(place, call, tensors)
         assert call.lease is not None
         call.lease.pending = call.differentiable and any(ctx.needs_input_grad)
+        if not call.lease.pending:  # for scores or evaluation, where every splat counts; training does not wait for it
+            place.call("sb_rasterizer_settle", call.lease.workspace.handle, None, place.stream)
         ctx.call = call
         ctx.screen_points = None if screen_points is None else screen_points.shape[1]
         ctx.together = sh is not None
@@ -174,7 +176,7 @@ class _Rasterize(torch.autograd.Function):
             **{name: place.target(gradient, name) for name, gradient in gradients.items()},
         )
         gaussians = _gaussians(place, tensors, call.sh_degree)
-        lib.call(
+        place.call(
             "sb_rasterizer_backward",
             call.lease.workspace.handle,
             ctypes.byref(gaussians),
@@ -187,13 +189,13 @@ class _Rasterize(torch.autograd.Function):
         g_screen = None
         if screen is not None:
             # From pixels to 3DGS's NDC units.
-            ndc = torch.tensor([0.5 * call.camera.width, 0.5 * call.camera.height], device=place.device)
             g_screen = torch.zeros((n, ctx.screen_points), device=place.device)
-            torch.mul(screen, ndc, out=g_screen[:, :2])
-            if absolute is not None and ctx.screen_points == 4:
-                torch.mul(absolute, ndc, out=g_screen[:, 2:])
-            elif absolute is not None:
-                g_screen[:, 2] = (absolute * ndc).sum(dim=1)
+            for axis, half in enumerate((0.5 * call.camera.width, 0.5 * call.camera.height)):
+                torch.mul(screen[:, axis], half, out=g_screen[:, axis])
+                if absolute is not None and ctx.screen_points == 4:
+                    torch.mul(absolute[:, axis], half, out=g_screen[:, 2 + axis])
+                elif absolute is not None:
+                    g_screen[:, 2] += absolute[:, axis] * half
         g_sh = None
         if ctx.together and gradients["sh_dc"] is not None:
             g_sh = torch.cat([gradients["sh_dc"], gradients["sh_rest"]], dim=1)  # type: ignore[list-item]
@@ -351,7 +353,7 @@ def mark_visible(camera: Camera, means: torch.Tensor, near_plane: float = 0.2) -
     check(means, "means", _F32, ("N", 3))
     place = Place(means, "means")
     visible = place.empty((means.shape[0],), torch.uint8)
-    lib.call(
+    place.call(
         "sb_mark_visible",
         place.c_device(),
         ctypes.byref(camera.c_struct()),
@@ -383,7 +385,7 @@ def visible_radii(
     tensors: Dict[str, Optional[torch.Tensor]] = dict.fromkeys(_NAMES)
     tensors.update(means=means, scales=scales, rotations=rotations, covariances=covariances)
     options = lib.RasterOptions(lib.BOX_SQUARE, 1.0, low_pass, 0, near_plane)
-    lib.call(
+    place.call(
         "sb_visible_radii",
         place.c_device(),
         ctypes.byref(camera.c_struct()),

@@ -19,6 +19,9 @@ _TYPES = {
     torch.bool: lib.UINT8,  # a byte of 0 or 1
 }
 
+#: The library's kinds of the devices whose tensors it takes.
+_KINDS = {"cpu": lib.CPU, "cuda": lib.CUDA}
+
 Size = Union[int, str]  # a number, or the name of a size that is free
 
 
@@ -40,7 +43,9 @@ def _name(dtype: torch.dtype) -> str:
 
 
 class Place:
-    """Where a call runs: the device of its first tensor. Makes views of further tensors, which must live there too."""
+    """Where a call runs: the device of its first tensor, on torch's current stream there. Makes views of further tensors,
+    which must live there too. The library itself makes the device current for the time of a call.
+    """
 
     def __init__(self, tensor: Any, name: str):
         if not isinstance(tensor, torch.Tensor):
@@ -48,17 +53,15 @@ class Place:
         self.device: torch.device = tensor.device
         self._first = name
         self._keep: List[Any] = []
-        if self.device.type == "cpu":
-            self.kind, self.index = lib.CPU, 0
-        elif self.device.type == "cuda":
-            if not lib.has_cuda():
-                raise lib.NoCudaError(
-                    "%s is on %s, but libsplatboost runs on the CPU only so far: move the tensors to the CPU"
-                    % (name, self.device)
-                )
-            self.kind, self.index = lib.CUDA, int(self.device.index or 0)
-        else:
+        if self.device.type not in _KINDS:
             raise ValueError("%s: a tensor of the CPU or of CUDA wanted, one on %s given" % (name, self.device))
+        self.kind = _KINDS[self.device.type]
+        self.index = int(self.device.index or 0) if self.kind == lib.CUDA else 0
+        if self.kind == lib.CUDA and not lib.cuda_architectures():
+            raise lib.NoCudaError(
+                "%s is on %s, but this libsplatboost was built without CUDA: move the tensors to the CPU, or %s"
+                % (name, self.device, lib.CUDA_REMEDY)
+            )
 
     @property
     def threads(self) -> int:
@@ -71,6 +74,16 @@ class Place:
 
     def c_device(self) -> Any:
         return ctypes.byref(lib.Device(self.kind, self.index, self.threads, self.stream))
+
+    def call(self, entry: str, *arguments: Any) -> None:
+        """Calls an entry that may be called again when it failed for lack of memory."""
+        try:
+            lib.call(entry, *arguments)
+        except MemoryError:
+            if self.kind != lib.CUDA:
+                raise
+            torch.cuda.empty_cache()  # what torch keeps for later may be enough
+            lib.call(entry, *arguments)
 
     def check_here(self, tensor: torch.Tensor, name: str) -> None:
         if tensor.device != self.device:

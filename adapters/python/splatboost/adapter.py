@@ -66,7 +66,7 @@ class Adapter:
         self._boost = boost
         place = Place(torch.empty(0, device=self.device), "device")
         handle = ctypes.c_void_p()
-        lib.call("sb_adapter_create", backbone.encode(), ctypes.byref(boost), place.c_device(), ctypes.byref(handle))
+        place.call("sb_adapter_create", backbone.encode(), ctypes.byref(boost), place.c_device(), ctypes.byref(handle))
         self._handle = handle
         self._close = weakref.finalize(self, lib.load().sb_adapter_destroy, handle)
 
@@ -148,6 +148,7 @@ class Adapter:
                 host.c_views(),
                 place.target(masks[0], "clone"),
                 place.target(masks[1], "split"),
+                place.stream,
             )
         return masks[0].bool(), masks[1].bool()
 
@@ -183,6 +184,7 @@ class Adapter:
                 host.c_views(),
                 place.target(remove, "remove"),
                 place.view(origins, "origins"),
+                place.stream,
             )
         return remove.bool()
 

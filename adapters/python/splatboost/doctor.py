@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import platform
+import shutil
+import subprocess
 import sys
 from typing import Callable, List, Tuple
 
@@ -25,16 +28,41 @@ def _library() -> List[Line]:
     ]
     if lib.version() != __version__:
         lines.append(("note", "this package is of version %s" % __version__, "install both from one source tree"))
-    if lib.has_cuda():
-        lines.append(("ok", "libsplatboost runs on CUDA here", ""))
+    return lines + _library_cuda() + _cuda()
+
+
+def _library_cuda() -> List[Line]:
+    built_for = lib.cuda_architectures()
+    if not built_for:
+        return [("note", "libsplatboost was built without CUDA: it takes tensors of the CPU", "for a GPU: " + lib.CUDA_REMEDY)]
+    lines: List[Line] = [("ok", "libsplatboost was built with CUDA, for compute capability %s" % built_for, "")]
+    try:
+        handle = ctypes.c_void_p()
+        lib.call("sb_rasterizer_create", ctypes.byref(lib.Device(lib.CUDA, 0, 0, None)), ctypes.byref(handle))
+        lib.load().sb_rasterizer_destroy(handle)
+    except (lib.NoCudaError, lib.LibraryError, MemoryError) as e:
+        remedy = "NVIDIA's driver must be there, and of the CUDA version that built the library, or newer"
+        lines.append(("note", "libsplatboost cannot use a GPU here: %s" % e, remedy))
+    return lines
+
+
+def _cuda() -> List[Line]:
+    """The driver, its devices, and the compiler that a library with CUDA needs."""
+    lines: List[Line] = []
+    if shutil.which("nvidia-smi"):
+        query = ["nvidia-smi", "--query-gpu=index,name,compute_cap,driver_version", "--format=csv,noheader"]
+        done = subprocess.run(query, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            lines.append(("note", "nvidia-smi: %s" % (done.stdout + done.stderr).strip(), "see NVIDIA's driver"))
+        for row in done.stdout.splitlines() if done.returncode == 0 else []:
+            fields = [field.strip() for field in row.split(",")]
+            if len(fields) == 4:
+                lines.append(("ok", "GPU %s: %s, compute capability %s, driver %s" % tuple(fields), ""))
     else:
-        lines.append(
-            (
-                "note",
-                "libsplatboost runs on the CPU only so far: tensors must be on the CPU",
-                "this version of SplatBoost has no CUDA code yet",
-            )
-        )
+        lines.append(("note", "nvidia-smi: not found", "for a GPU install NVIDIA's driver"))
+    if not lib.cuda_architectures() and not shutil.which("nvcc"):
+        remedy = "to build the library with CUDA install the CUDA toolkit, 12.0 or later, and put its bin on PATH"
+        lines.append(("note", "nvcc: not found", remedy))
     return lines
 
 
@@ -47,10 +75,15 @@ def _torch() -> List[Line]:
     version = tuple(int(p) for p in torch.__version__.split("+")[0].split(".")[:2] if p.isdigit())
     if version < (1, 13):
         lines.append(("note", "torch before 1.13 is not tested with this package", "pip install --upgrade torch"))
-    if torch.cuda.is_available():
-        lines.append(("ok", "torch sees CUDA: %s" % torch.cuda.get_device_name(), ""))
+    if torch.version.cuda is None:
+        lines.append(("note", "torch was built without CUDA", "for a GPU: https://pytorch.org/get-started/locally"))
+    elif not torch.cuda.is_available():
+        lines.append(("note", "torch, of CUDA %s, sees no device" % torch.version.cuda, "see NVIDIA's driver"))
     else:
-        lines.append(("note", "torch sees no CUDA device", "trains on the CPU; for a GPU install torch with CUDA"))
+        for i in range(torch.cuda.device_count()):
+            capability = "%d.%d" % torch.cuda.get_device_capability(i)
+            what = "torch, of CUDA %s, sees cuda:%d: %s, compute capability %s"
+            lines.append(("ok", what % (torch.version.cuda, i, torch.cuda.get_device_name(i), capability), ""))
     return lines
 
 
@@ -71,27 +104,38 @@ def _upstream() -> List[Line]:
 
 
 def _works() -> List[Line]:
-    """Draws one Gaussian, forward and backward."""
+    """Draws one Gaussian, forward and backward, wherever torch and the library both can."""
+    import torch
+
+    lines = [_works_on("cpu", "the CPU", "see the lines above; otherwise report it")]
+    if lib.cuda_architectures():
+        for i in range(torch.cuda.device_count() if torch.cuda.is_available() else 0):
+            remedy = "build the library on this machine, for its GPU: " + lib.CUDA_REMEDY
+            lines.append(_works_on("cuda:%d" % i, "cuda:%d" % i, remedy))
+    return lines
+
+
+def _works_on(device: str, name: str, remedy: str) -> Line:
     try:
         import torch
 
         from . import Camera, rasterize
 
         camera = Camera(16, 16, 16, 16, 8, 8, (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1))
-        opacity = torch.tensor([[0.8]], requires_grad=True)
+        opacity = torch.tensor([[0.8]], device=device, requires_grad=True)
         done = rasterize(
             camera,
-            torch.tensor([[0.0, 0, 2]]),
+            torch.tensor([[0.0, 0, 2]], device=device),
             opacity,
-            scales=torch.full((1, 3), 0.1),
-            rotations=torch.tensor([[1.0, 0, 0, 0]]),
-            colors=torch.ones(1, 3),
+            scales=torch.full((1, 3), 0.1, device=device),
+            rotations=torch.tensor([[1.0, 0, 0, 0]], device=device),
+            colors=torch.ones(1, 3, device=device),
         )
         done.color.sum().backward()
         assert opacity.grad is not None and float(opacity.grad) > 1.0
     except Exception as e:
-        return [("missing", "drawing a Gaussian failed: %s" % e, "see the lines above; otherwise report it")]
-    return [("ok", "draws and differentiates a Gaussian on the CPU", "")]
+        return ("missing", "drawing a Gaussian on %s failed: %s" % (name, e), remedy)
+    return ("ok", "draws and differentiates a Gaussian on %s" % name, "")
 
 
 def examine() -> List[Line]:

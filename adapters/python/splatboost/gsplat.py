@@ -93,9 +93,10 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
             if name not in params:
                 raise ValueError("params: %s wanted, there are %s" % (name, ", ".join(sorted(params.keys()))))
 
-    def adapter(self, device: Any = "cpu") -> Adapter:
-        """The decisions in use."""
-        if self._adapter is None:
+    def adapter(self, device: Any = None) -> Adapter:
+        """The decisions in use, on a device if it is given."""
+        if self._adapter is None or (device is not None and self._adapter.device != torch.device(device)):
+            device = "cpu" if device is None else device
             self._adapter = Adapter("vanilla", total_iterations=self.max_steps, device=device, **self.settings)
         return self._adapter
 
@@ -148,22 +149,21 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
             raise ValueError("info: means2d without absgrad: call rasterization(..., absgrad=True)")
         if radii.dim() == means2d.dim():  # gsplat since 1.5: a radius an axis
             radii = radii.amin(dim=-1)
-        if packed:
-            rows, chosen = info["gaussian_ids"], slice(None)
-        else:
-            chosen = radii > 0
-            rows = torch.where(chosen)[1]
         # To NDC units, of the loss of one camera.
-        scale = 0.5 * info["n_cameras"] * torch.tensor([info["width"], info["height"]], device=radii.device)
-        for name, gradient in (("grad2d", means2d.grad), ("absgrad2d", getattr(means2d, "absgrad", None))):
-            if gradient is None:
-                continue
+        half = [0.5 * info["n_cameras"] * info[size] for size in ("width", "height")]
+
+        def add(name: str, values: torch.Tensor) -> None:
             if state[name] is None:
-                state[name] = torch.zeros(n, device=gradient.device)
-            state[name].index_add_(0, rows, (gradient[chosen] * scale).norm(dim=-1))
-        if state["count"] is None:
-            state["count"] = torch.zeros(n, device=radii.device)
-        state["count"].index_add_(0, rows, torch.ones_like(rows, dtype=torch.float32))
+                state[name] = torch.zeros(n, device=values.device)
+            if packed:
+                state[name].index_add_(0, info["gaussian_ids"], values)
+            else:  # by a mask: picking would wait for a GPU to learn how many there are
+                state[name] += values.masked_fill(radii <= 0, 0).sum(dim=0)
+
+        for name, gradient in (("grad2d", means2d.grad), ("absgrad2d", getattr(means2d, "absgrad", None))):
+            if gradient is not None:
+                add(name, torch.stack([gradient[..., axis] * half[axis] for axis in (0, 1)], dim=-1).norm(dim=-1))
+        add("count", torch.ones(means2d.shape[:-1], device=means2d.device))
 
     def _apply_pending(self, params: Params, optimizers: Optimizers) -> None:
         """Steps with what has accumulated: the parameters that follow are new ones, without gradients."""

@@ -45,7 +45,7 @@ def flag_errors(
     place = Place(render, "render")
     error, flagged = place.empty((h, w)), place.empty((h, w), torch.uint8)
     image = _truth(place, truth, valid, h, w)
-    lib.call(
+    place.call(
         "sb_flag_errors",
         place.c_device(),
         place.view(render, "render"),
@@ -69,12 +69,15 @@ class Loss(NamedTuple):
 def photometric_loss(
     render: torch.Tensor, truth: torch.Tensor, valid: Optional[torch.Tensor] = None, lambda_dssim: float = 0.2
 ) -> Loss:
-    """(1−λ)·L1 + λ·(1−SSIM) of a view as the scores weigh it (paper eq. 10); no gradient. Shapes as flag_errors."""
+    """(1−λ)·L1 + λ·(1−SSIM) of a view as the scores weigh it (paper eq. 10); no gradient. Shapes as flag_errors.
+
+    The values are Python's: this waits for a GPU.
+    """
     check(render, "render", _F32, (3, "H", "W"))
     place = Place(render, "render")
     image = _truth(place, truth, valid, int(render.shape[1]), int(render.shape[2]))
     loss = lib.Loss()
-    lib.call(
+    place.call(
         "sb_photometric_loss",
         place.c_device(),
         place.view(render, "render"),
@@ -91,19 +94,19 @@ class _Ssim(torch.autograd.Function):
     def forward(ctx: Any, images: torch.Tensor, truths: torch.Tensor, valid_padding: bool, train: bool) -> torch.Tensor:
         place = Place(images, "img1")
         gradient = place.empty(images.shape) if train and ctx.needs_input_grad[0] else None
-        mean = ctypes.c_double()
-        lib.call(
+        mean = place.empty((1,), torch.float64)
+        place.call(
             "sb_ssim",
             place.c_device(),
             place.view(images, "img1"),
             place.view(truths, "img2"),
             int(valid_padding),
             place.target(gradient, "gradient"),
-            ctypes.byref(mean),
+            place.target(mean, "mean"),
         )
         if gradient is not None:
             ctx.save_for_backward(gradient)
-        return torch.tensor(mean.value, dtype=_F32, device=images.device)
+        return mean[0].to(_F32)
 
     @staticmethod
     @once_differentiable
@@ -131,7 +134,7 @@ def importance_scores(counts: torch.Tensor, views: int) -> torch.Tensor:
     check(counts, "counts", torch.int64, ("N",))
     place = Place(counts, "counts")
     scores = torch.empty_like(counts, memory_format=torch.contiguous_format)
-    lib.call(
+    place.call(
         "sb_importance_scores", place.c_device(), place.view(counts, "counts"), views, place.target(scores, "scores")
     )
     return scores
@@ -142,7 +145,7 @@ def pruning_scores(weighted_counts: torch.Tensor) -> torch.Tensor:
     check(weighted_counts, "weighted_counts", torch.float64, ("N",))
     place = Place(weighted_counts, "weighted_counts")
     scores = place.empty(weighted_counts.shape)
-    lib.call(
+    place.call(
         "sb_pruning_scores",
         place.c_device(),
         place.view(weighted_counts, "weighted_counts"),
@@ -160,7 +163,7 @@ def keep_important(importance: torch.Tensor, threshold: float, candidates: torch
     """bool [N]: the candidates (bool [N]) whose importance (int64 [N]) exceeds the threshold."""
     check(importance, "importance", torch.int64, ("N",))
     place, kept = Place(importance, "importance"), _mask(candidates, "candidates", importance.shape[0])
-    lib.call(
+    place.call(
         "sb_keep_important",
         place.c_device(),
         place.view(importance, "importance"),
@@ -177,7 +180,7 @@ def keep_weighted_sample(
     """bool [N]: `keep` of the candidates (bool [N]), drawn without replacement by weight (float32 [N])."""
     check(weights, "weights", _F32, ("N",))
     place, kept = Place(weights, "weights"), _mask(candidates, "candidates", weights.shape[0])
-    lib.call(
+    place.call(
         "sb_keep_weighted_sample",
         place.c_device(),
         place.view(weights, "weights"),
@@ -193,7 +196,7 @@ def keep_largest(priorities: torch.Tensor, keep: int, candidates: torch.Tensor) 
     """bool [N]: the `keep` candidates (bool [N]) of the largest priority (float32 [N]); ties to the lower index."""
     check(priorities, "priorities", _F32, ("N",))
     place, kept = Place(priorities, "priorities"), _mask(candidates, "candidates", priorities.shape[0])
-    lib.call(
+    place.call(
         "sb_keep_largest",
         place.c_device(),
         place.view(priorities, "priorities"),
@@ -207,7 +210,7 @@ def spare_one(priorities: torch.Tensor, removals: torch.Tensor) -> torch.Tensor:
     """bool [N]: the removals (bool [N]); if these are all, the one of the largest priority (float32 [N]) is spared."""
     check(priorities, "priorities", _F32, ("N",))
     place, kept = Place(priorities, "priorities"), _mask(removals, "removals", priorities.shape[0])
-    lib.call(
+    place.call(
         "sb_spare_one", place.c_device(), place.view(priorities, "priorities"), place.target(kept, "removals"), None
     )
     return kept.bool()
@@ -218,7 +221,7 @@ def mean_squared_neighbor_distances(points: torch.Tensor, k: int = 3) -> torch.T
     check(points, "points", _F32, ("N", 3))
     place = Place(points, "points")
     distances = place.empty((points.shape[0],))
-    lib.call(
+    place.call(
         "sb_mean_squared_neighbor_distances",
         place.c_device(),
         place.view(points, "points"),
@@ -252,7 +255,7 @@ def adam_step(
     ):
         check(tensor, name, _F32, tuple(values.shape))
     options = lib.AdamOptions(lr, betas[0], betas[1], eps)
-    lib.call(
+    place.call(
         "sb_adam_step",
         place.c_device(),
         place.target(values, "values"),

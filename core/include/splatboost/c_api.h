@@ -6,6 +6,12 @@
  * other strides are refused, with a message that names the tensor. All tensors of a call live on the call's device.
  * A pointer that may be NULL says so ("optional"); a tensor that is NULL is not given.
  *
+ * On a GPU a call queues its work on the caller's stream and returns. It waits for the device where a number goes to
+ * the host, which its comment says ("waits"), in a rasterizer's first forward, and where memory is taken or freed:
+ * where a workspace grows, and in scores, selections and neighbours. Successive calls may come with different streams:
+ * what they share in the library is kept in order. The thread's current device is as before when a call returns. Values
+ * in tensors are not checked there (that they are finite, or numbers).
+ *
  * Every entry that returns sb_status is safe against what it can see: NULL, negative or overflowing sizes, wrong types,
  * shapes, strides and devices give an error and leave the outputs as they were or partly written, never a crash. It
  * cannot see whether memory is as large as the shape says.
@@ -43,9 +49,9 @@ enum {
   SB_OK = 0,
   SB_ERROR_ARGUMENT = 1, /**< an argument breaks its contract */
   SB_ERROR_NO_CUDA = 2,  /**< a CUDA device was asked of a library or machine that has none */
-  SB_ERROR_MEMORY = 3,   /**< out of memory */
+  SB_ERROR_MEMORY = 3,   /**< out of memory; of a GPU's, the message says how many bytes were wanted and had */
   SB_ERROR_CALLBACK = 4, /**< a function of the caller's reported failure */
-  SB_ERROR_INTERNAL = 5  /**< anything else: a bug in the library */
+  SB_ERROR_INTERNAL = 5  /**< anything else: a failure of the GPU, or a bug in the library */
 };
 
 /** What went wrong in this thread's last failed call: one line, never NULL. Valid until this thread's next failure. */
@@ -60,11 +66,16 @@ typedef struct sb_device {
   int32_t kind;    /**< SB_CPU or SB_CUDA */
   int32_t index;   /**< of the GPU; 0 on the CPU */
   int32_t threads; /**< CPU threads; 0: one a hardware thread. Results do not depend on it */
-  void* stream;    /**< cudaStream_t that the call is queued on; NULL on the CPU */
+  void* stream;    /**< cudaStream_t that the call is queued on, NULL for the default one; NULL on the CPU */
 } sb_device;
 
 /** 1 if this library can run on that kind of device here, else 0. */
 SB_API int32_t sb_has_device(int32_t kind);
+/** Compute capabilities that the library was built for, such as "7.5, 9.0"; "" if it was built without CUDA. */
+SB_API const char* sb_cuda_architectures(void);
+/** What a steady loop must not do, counted over the process; each pointer is optional. @param allocations of device
+ *  memory and of host memory that the device reaches @param waits of the host for a device */
+SB_API sb_status sb_cuda_activity(int64_t* allocations, int64_t* waits);
 
 enum { SB_FLOAT32 = 0, SB_FLOAT64 = 1, SB_INT32 = 2, SB_INT64 = 3, SB_UINT8 = 4 };
 
@@ -162,7 +173,8 @@ SB_API sb_status sb_rasterizer_create(const sb_device* device, sb_rasterizer** r
 /** NULL is allowed. */
 SB_API void sb_rasterizer_destroy(sb_rasterizer* rasterizer);
 
-/** @param stream of this call; NULL on the CPU */
+/** On a GPU a view that needs more room than those before it is drawn without some of its splats (rasterizer.h), which
+ *  a training loop bears; sb_rasterizer_settle mends it. @param stream of this call; NULL on the CPU */
 SB_API sb_status sb_rasterizer_forward(sb_rasterizer* rasterizer, const sb_camera* camera,
                                        const sb_gaussians* gaussians, const sb_raster_options* options,
                                        const sb_raster_outputs* outputs, void* stream);
@@ -174,9 +186,14 @@ SB_API sb_status sb_rasterizer_backward(sb_rasterizer* rasterizer, const sb_gaus
  *  its tile lists. @param flagged uint8 [H,W] @param counts int32 [N] */
 SB_API sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb_tensor* flagged,
                                              const sb_tensor* counts, void* stream);
-/** Figures of the last forward; each pointer is optional. @param visible Gaussians @param entries (tile, Gaussian)
- * pairs */
-SB_API sb_status sb_rasterizer_counts(const sb_rasterizer* rasterizer, int64_t* visible, int64_t* entries);
+/** For scores and evaluation, where every splat counts: waits for the last forward and, if it had too little room,
+ * draws it again into the same images; the tensors of that call must still be there, unchanged. Does nothing on the
+ * CPU.
+ *  @param redrawn optional, receives 1 if it was, else 0 */
+SB_API sb_status sb_rasterizer_settle(sb_rasterizer* rasterizer, int32_t* redrawn, void* stream);
+/** Figures of the last forward, which it settles (waits); each pointer is optional. @param visible Gaussians
+ *  @param entries (tile, Gaussian) pairs */
+SB_API sb_status sb_rasterizer_counts(sb_rasterizer* rasterizer, int64_t* visible, int64_t* entries, void* stream);
 
 /** Which means lie beyond the near plane: what 3DGS calls markVisible. @param means float32 [N,3]
  *  @param visible uint8 [N] receives 1 or 0 */
@@ -195,7 +212,7 @@ typedef struct sb_truth {
   const sb_tensor* valid; /**< uint8 [H,W], non-zero where the pixel counts; optional: all do */
 } sb_truth;
 
-/** Flags pixels of large min-max normalised error (paper eqs. 6-8). @param render float32 [3,H,W]
+/** Flags pixels of large min-max normalised error (paper eqs. 6-8); waits. @param render float32 [3,H,W]
  *  @param error float32 [H,W] receives the error @param flagged uint8 [H,W] receives 1 or 0
  *  @param count optional, receives the number of flagged pixels */
 SB_API sb_status sb_flag_errors(const sb_device* device, const sb_tensor* render, const sb_truth* truth, float tau,
@@ -205,16 +222,16 @@ typedef struct sb_loss {
   double l1, ssim, total;
 } sb_loss;
 
-/** (1−λ)·L1 + λ·(1−SSIM) (paper eq. 10). @param gradient float32 [3,H,W] of the render; optional */
+/** (1−λ)·L1 + λ·(1−SSIM) (paper eq. 10); waits. @param gradient float32 [3,H,W] of the render; optional */
 SB_API sb_status sb_photometric_loss(const sb_device* device, const sb_tensor* render, const sb_truth* truth,
                                      float lambda_dssim, const sb_tensor* gradient, sb_loss* loss);
 
 /** Mean SSIM of float images, as fused_ssim gives it. @param images,truths float32 [B,C,H,W]
  *  @param valid_padding 0: windows are padded with zeros ("same"); 1: only windows within the image ("valid", H, W >
  * 10)
- *  @param gradient float32 [B,C,H,W] of the mean with respect to images; optional */
+ *  @param gradient float32 [B,C,H,W] of the mean with respect to images; optional @param mean float64 [1] */
 SB_API sb_status sb_ssim(const sb_device* device, const sb_tensor* images, const sb_tensor* truths,
-                         int32_t valid_padding, const sb_tensor* gradient, double* mean);
+                         int32_t valid_padding, const sb_tensor* gradient, const sb_tensor* mean);
 
 /* ---- scores and selections (scores.h, select.h) ---- */
 
@@ -223,7 +240,8 @@ SB_API sb_status sb_importance_scores(const sb_device* device, const sb_tensor* 
                                       const sb_tensor* scores);
 /** s⁻ (paper eq. 11). @param weighted_counts float64 [N] Σ_j E_j·n_ij, finite @param scores float32 [N] */
 SB_API sb_status sb_pruning_scores(const sb_device* device, const sb_tensor* weighted_counts, const sb_tensor* scores);
-/** VCD: candidates of an importance above the threshold stay. @param importance int64 [N] @param candidates uint8 [N]
+/** VCD: candidates of an importance above the threshold stay; waits. @param importance int64 [N] @param candidates
+ * uint8 [N]
  *  @param kept optional */
 SB_API sb_status sb_keep_important(const sb_device* device, const sb_tensor* importance, double threshold,
                                    const sb_tensor* candidates, int64_t* kept);
@@ -234,7 +252,7 @@ SB_API sb_status sb_keep_weighted_sample(const sb_device* device, const sb_tenso
 /** The `keep` candidates of the largest priority stay. @param priorities float32 [N] @param candidates uint8 [N] */
 SB_API sb_status sb_keep_largest(const sb_device* device, const sb_tensor* priorities, int64_t keep,
                                  const sb_tensor* candidates);
-/** If all are selected, that of the largest priority no longer is. @param priorities float32 [N]
+/** If all are selected, that of the largest priority no longer is; waits. @param priorities float32 [N]
  *  @param removals uint8 [N] @param removed optional, receives the number selected afterwards */
 SB_API sb_status sb_spare_one(const sb_device* device, const sb_tensor* priorities, const sb_tensor* removals,
                               int64_t* removed);
@@ -252,7 +270,7 @@ SB_API sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, 
                               const sb_adam_options* options);
 
 /** Mean squared distance of each point to its k nearest others; simple_knn's distCUDA2 with k = 3.
- *  @param points float32 [N,3] @param k 1 .. 64 @param distances float32 [N] */
+ *  @param points float32 [N,3] @param k 1 .. 64, on a GPU 1 .. 8 @param distances float32 [N] */
 SB_API sb_status sb_mean_squared_neighbor_distances(const sb_device* device, const sb_tensor* points, int32_t k,
                                                     const sb_tensor* distances);
 

@@ -15,7 +15,14 @@ struct CudaActivity {
   std::uint64_t synchronizations = 0;  ///< times that the host waited for the device
 };
 
-/// Owns a stream. Work that is given to it runs in order, while the host goes on. Not thread safe.
+/// Devices that CUDA finds on this machine; 0 where there is no driver, and in a build without CUDA.
+int cuda_device_count() noexcept;
+
+/// What the .cu files were compiled for, such as "7.5, 9.0"; empty in a build without CUDA.
+const char* cuda_architectures() noexcept;
+
+/// Owns a stream, or goes along with streams of a caller's (CudaCall). Work that is given to it runs in order, while
+/// the host goes on. Not thread safe.
 ///
 /// A build without CUDA has this class too; its constructor throws NoDeviceError. A kernel that fails is reported by
 /// the next call that looks at the device, as a DeviceError that names the kernels it may have been: those launched
@@ -24,6 +31,9 @@ class CudaStream {
  public:
   /// Throws NoDeviceError where the machine has no device of that number.
   explicit CudaStream(int ordinal = 0);
+  /// Goes along with a stream of the caller's, which stays the caller's: a cudaStream_t, nullptr for the device's
+  /// default stream. Costs nothing: the device is not asked.
+  CudaStream(int ordinal, void* handle) : ordinal_(ordinal), handle_(handle) {}
   ~CudaStream();
   CudaStream(const CudaStream&) = delete;
   CudaStream& operator=(const CudaStream&) = delete;
@@ -35,6 +45,8 @@ class CudaStream {
   /// Waits for all work given so far.
   void synchronize();
   const CudaActivity& activity() const { return activity_; }
+  /// Of all streams of the process since it began.
+  static CudaActivity total_activity() noexcept;
 
   // Memory, in bytes. DeviceArray is the comfortable way to it.
   /// Throws DeviceMemoryError.
@@ -63,14 +75,35 @@ class CudaStream {
   void check(int error, const char* what) const;
 
  private:
+  friend class CudaCall;
   static constexpr std::size_t kRememberedKernels = 32;
+  void count_allocation();
   std::string recent_kernels() const;
 
   int ordinal_ = 0;
   void* handle_ = nullptr;
+  bool owned_ = false;
+  void* end_of_call_ = nullptr;  ///< a cudaEvent_t in the stream of the last CudaCall; null: there was none
   CudaActivity activity_;
   std::array<const char*, kRememberedKernels> kernels_{};  ///< launched since the last synchronisation, a ring
   std::size_t launches_ = 0;                               ///< ... their number
+};
+
+/// One call's work on a stream of a caller's, who may come with another one each time, and with another device current.
+/// What the call gives to the stream starts when the work of the calls before is done, even if their stream is gone by
+/// then; the host does not wait. The device is current until the call ends, then the one that was before.
+class CudaCall {
+ public:
+  /// @param stream one that goes along with a caller's
+  /// Throws NoDeviceError where the machine has no such device.
+  CudaCall(CudaStream& stream, void* handle);
+  ~CudaCall();
+  CudaCall(const CudaCall&) = delete;
+  CudaCall& operator=(const CudaCall&) = delete;
+
+ private:
+  CudaStream& stream_;
+  int device_before_ = 0;
 };
 
 }  // namespace splatboost

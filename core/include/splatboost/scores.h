@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include "splatboost/cuda_stream.h"
+
 namespace splatboost {
 
 /// Sums over the scored views, a primitive each. Owned by the caller, reused from event to event.
@@ -27,5 +29,12 @@ void importance_scores(const ScoreSums& sums, std::span<std::int64_t> scores);
 /// equal.
 /// @param scores [N]
 void pruning_scores(const ScoreSums& sums, std::span<float> scores);
+
+// The same in the memory of a CUDA device.
+/// @param counts Σ_j n_ij of that many views
+void importance_scores(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores,
+                       CudaStream& stream);
+/// @param weighted_counts Σ_j E_j · n_ij, finite
+void pruning_scores(std::span<const double> weighted_counts, std::span<float> scores, CudaStream& stream);
 
 }  // namespace splatboost

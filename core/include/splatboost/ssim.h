@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <span>
 
+#include "splatboost/device_array.h"
 #include "splatboost/threads.h"
 
 namespace splatboost {
@@ -28,5 +29,17 @@ struct SsimPlanes {
 /// @param gradient [count,H,W] receives d mean / d images; empty: value only
 double ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
             std::span<float> gradient, Threads& threads);
+
+/// What ssim() keeps from call to call on a CUDA device, so that a loop of steady sizes allocates nothing.
+struct CudaSsimWorkspace {
+  explicit CudaSsimWorkspace(CudaStream& stream) : derivatives(stream), sums(stream) {}
+  DeviceArray<float> derivatives;  ///< [3,count,H,W] of SSIM by means, squares and products
+  DeviceArray<double> sums;        ///< of each tile
+};
+
+/// The same in the memory of a CUDA device; at most 65 535 planes. Does not wait.
+/// @param mean one number, receives the mean
+void ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
+          std::span<float> gradient, std::span<double> mean, CudaSsimWorkspace& workspace);
 
 }  // namespace splatboost

@@ -6,9 +6,9 @@
 #include <span>
 
 #include "splatboost/camera.h"
+#include "splatboost/device.h"
 #include "splatboost/gaussians.h"
 #include "splatboost/rasterizer.h"
-#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -16,7 +16,7 @@ namespace splatboost {
 /// @param means [N,3] world
 /// @param visible [N]
 void mark_visible(const Camera& camera, std::span<const float> means, float near_plane, std::span<std::uint8_t> visible,
-                  Threads& threads);
+                  Device device);
 
 /// Radii in px of the 3σ squares that meet a tile of the image, rounded up; 0 elsewhere. What Rasterizer::screen_radii
 /// holds after drawing with BoxPolicy::square, but without opacities and colours (Scaffold-GS: visible_filter).
@@ -24,6 +24,6 @@ void mark_visible(const Camera& camera, std::span<const float> means, float near
 /// @param options low_pass and near_plane are read
 /// @param radii [N]
 void visible_radii(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
-                   std::span<std::int32_t> radii, Threads& threads);
+                   std::span<std::int32_t> radii, Device device);
 
 }  // namespace splatboost

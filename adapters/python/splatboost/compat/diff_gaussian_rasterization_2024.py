@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import namedtuple
 from typing import Any, Dict
 
+from .._rasterize import Render
 from . import _drop_in
 
 __all__ = ["GaussianRasterizationSettings", "GaussianRasterizer", "rasterize_gaussians"]
@@ -20,7 +21,7 @@ class GaussianRasterizer(_drop_in.Drawer):
     def options(self) -> Dict[str, Any]:
         return {"inverse_depth": True, "compensate_opacity": bool(self.raster_settings.antialiasing)}
 
-    def results(self, done: _drop_in.Render) -> Any:
+    def results(self, done: Render) -> Any:
         return done.color, done.radii, done.inverse_depth
 
 

@@ -76,7 +76,6 @@ class SparseGaussianAdam(torch.optim.Adam):
                 "visibility: bool [%d] wanted, %s %s given"
                 % (N, str(visibility.dtype).replace("torch.", ""), list(visibility.shape))
             )
-        rows = visibility.nonzero()[:, 0]
         for group in self.param_groups:
             if len(group["params"]) != 1:
                 raise ValueError("SparseGaussianAdam: one tensor a group wanted, %d given" % len(group["params"]))
@@ -89,8 +88,9 @@ class SparseGaussianAdam(torch.optim.Adam):
                 state["exp_avg"] = torch.zeros_like(value)
                 state["exp_avg_sq"] = torch.zeros_like(value)
             beta1, beta2 = group["betas"]
-            gradient = value.grad[rows]
-            first = state["exp_avg"][rows].mul_(beta1).add_(gradient, alpha=1 - beta1)
-            second = state["exp_avg_sq"][rows].mul_(beta2).addcmul_(gradient, gradient, value=1 - beta2)
-            state["exp_avg"][rows], state["exp_avg_sq"][rows] = first, second
-            value[rows] -= group["lr"] * first / (second.sqrt_() + group["eps"])
+            # By masks: picking rows would wait for a GPU to learn how many there are.
+            gradient, first, second = value.grad, state["exp_avg"], state["exp_avg_sq"]
+            seen = visibility.reshape((N,) + (1,) * (value.dim() - 1))
+            first.copy_(torch.where(seen, (beta1 * first).add_(gradient, alpha=1 - beta1), first))
+            second.copy_(torch.where(seen, (beta2 * second).addcmul_(gradient, gradient, value=1 - beta2), second))
+            value -= (group["lr"] * first / (second.sqrt() + group["eps"])).masked_fill_(~seen, 0)

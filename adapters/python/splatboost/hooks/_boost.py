@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any, Callable, Dict, Iterable, List, Tuple
 
@@ -91,15 +92,18 @@ class Boost:
         self.gaussians.add_densification_stats(viewspace_points, seen)
         if not self.on:
             return
+        # By masks: picking rows by one would wait for a GPU to learn how many there are.
         if seen.dtype != torch.bool:
-            seen = seen.reshape(-1)
+            none = torch.zeros((self._seen.shape[0],), dtype=torch.bool, device=seen.device)
+            seen = none.index_fill_(0, seen.reshape(-1), True)
+        seen = seen.reshape(-1, 1)
         extra = self._views_of_one() - 1.0
         if extra > 0:
-            self.gaussians.denom[seen] += extra
+            self.gaussians.denom += extra * seen
         if self.gathers_absolute:
             gradients = self.gaussians.splatboost.screen_points.grad
-            self._absolute[seen] += torch.norm(gradients[seen, 2:], dim=-1, keepdim=True)
-            self._seen[seen] += 1.0 + extra
+            self._absolute += torch.norm(gradients[:, 2:], dim=-1, keepdim=True).masked_fill_(~seen, 0)
+            self._seen += (1.0 + extra) * seen
 
     def _views_of_one(self) -> float:
         """How many views one view stands for in the mean of gradients."""
@@ -118,7 +122,7 @@ class Boost:
             image = self._render(camera)
             return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device))
 
-        return [lambda camera=camera: scored(camera) for camera in self._scene.getTrainCameras()]
+        return [functools.partial(scored, camera) for camera in self._scene.getTrainCameras()]
 
     # --- growth and pruning
 
