@@ -11,7 +11,7 @@ VanillaBoost on_sums(VanillaBoost boost) {
 
 }  // namespace
 
-MipSplattingAdapter::MipSplattingAdapter(const VanillaBoost& boost, Threads& threads)
-    : VanillaAdapter(on_sums(boost), threads) {}
+MipSplattingAdapter::MipSplattingAdapter(const VanillaBoost& boost, Device device)
+    : VanillaAdapter(on_sums(boost), device) {}
 
 }  // namespace splatboost

@@ -15,7 +15,7 @@ inline constexpr double kAbsoluteSumOverLength = 1.36;
 /// DensityStatistics::gradients_abs must be Mip-Splatting's sums, opacities and scales those before its 3D filter.
 class MipSplattingAdapter final : public VanillaAdapter {
  public:
-  MipSplattingAdapter(const VanillaBoost& boost, Threads& threads);
+  MipSplattingAdapter(const VanillaBoost& boost, Device device);
 };
 
 }  // namespace splatboost

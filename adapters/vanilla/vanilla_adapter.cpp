@@ -16,7 +16,7 @@ constexpr StepIntervals kOtherIntervals{1, 32, 64};
 
 }  // namespace
 
-VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Threads& threads) : boost_(boost), scorer_(threads) {
+VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Device device) : boost_(boost), scorer_(device) {
   SPLATBOOST_CHECK(boost.beta > 0.0f && boost.beta <= 1.0f, "beta must lie in (0, 1]");
   SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
   SPLATBOOST_CHECK(boost.densify_from >= 0 && boost.densify_until >= 0,

@@ -4,9 +4,9 @@
 
 #include <cstdint>
 
+#include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/multi_view_scores.h"
-#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -47,7 +47,8 @@ inline constexpr double kTauDPixels = 1e6;
 /// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
 class VanillaAdapter : public DensityHook, public OptimizerHook {
  public:
-  VanillaAdapter(const VanillaBoost& boost, Threads& threads);
+  /// @param device the backbone's
+  VanillaAdapter(const VanillaBoost& boost, Device device);
 
   /// β for the rasterizer, nullopt without the compact box.
   std::optional<float> beta() const;

@@ -145,6 +145,15 @@ class SharedAccesses {
   std::vector<Cell> cells_;
 };
 
+/// While one lives, memory of the device can be touched, as kernels and copies do.
+class DeviceAccess {
+ public:
+  DeviceAccess();
+  ~DeviceAccess();
+  DeviceAccess(const DeviceAccess&) = delete;
+  DeviceAccess& operator=(const DeviceAccess&) = delete;
+};
+
 /// Runs a grid.
 cudaError_t run(dim3 blocks, dim3 threads, const std::function<void()>& kernel);
 
