@@ -48,6 +48,7 @@ inline constexpr double kTauDPixels = 1e6;
 /// before each iteration. The device is where views are scored; statistics and decisions lie in memory of the host.
 class VanillaAdapter : public DensityHook, public OptimizerHook {
  public:
+  /// @param device the backbone's
   VanillaAdapter(const VanillaBoost& boost, Device device);
 
   /// β for the rasterizer (schedule.h), nullopt without the compact box.

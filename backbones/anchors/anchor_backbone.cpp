@@ -94,8 +94,9 @@ std::vector<const ParameterGroup*> AnchorBackbone::groups() const {
 void AnchorBackbone::activate() {
   if (!stale_) return;
   scales_.resize(scaling_.values.size());
+  const std::vector<float>& logarithms = scaling_.values.host();
   context_.threads.for_range(scales_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) scales_[i] = smooth_exp(scaling_.values[i]);
+    for (std::size_t i = begin; i < end; ++i) scales_[i] = smooth_exp(logarithms[i]);
   });
   stale_ = false;
 }
@@ -116,11 +117,12 @@ void AnchorBackbone::use_embedding_of(const View* view) {
   if (width == 0) return;
   view_embedding_.assign(width, 0.0f);
   if (const std::optional<std::size_t> row = training_view(view)) {
-    std::copy_n(&embedding_.values[width * *row], width, view_embedding_.begin());
+    std::copy_n(&embedding_.values.host()[width * *row], width, view_embedding_.begin());
     return;
   }
   // A view that training did not see has no embedding of its own: the mean of all is the neutral one.
-  for (std::size_t i = 0; i < embedding_.values.size(); ++i) view_embedding_[i % width] += embedding_.values[i];
+  const std::vector<float>& rows = embedding_.values.host();
+  for (std::size_t i = 0; i < rows.size(); ++i) view_embedding_[i % width] += rows[i];
   for (float& value : view_embedding_) value /= static_cast<float>(std::max<std::size_t>(embedding_.rows(), 1));
 }
 
@@ -223,7 +225,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   const double volume = add_volume_loss();
   std::span<float> embedding_gradient;
   if (const std::optional<std::size_t> row = training_view(&view); row && shape_.appearance > 0) {
-    embedding_gradient = std::span(embedding_.gradients).subspan(*row * shape_.appearance, shape_.appearance);
+    embedding_gradient = embedding_.gradients.span().subspan(*row * shape_.appearance, shape_.appearance);
   }
   decoder_.backward(decoder_inputs(), {g.means, g.scales, g.rotations, g.opacities, g.colors},
                     {offsets_.gradients, features_.gradients, scaling_.gradients, opacity_net_.gradients,
@@ -296,7 +298,7 @@ void AnchorBackbone::change_anchors() {
   if (spare_one(equal, removed_) > 0) remove_anchors(removed_);
   for (std::size_t i = 0; i < primitives(); ++i) {
     for (std::size_t c = 3; c < 6; ++c) {
-      float& value = scaling_.values[6 * i + c];
+      float& value = scaling_.values.host()[6 * i + c];
       value = std::min(value, static_cast<float>(config_.max_log_size));
     }
   }
@@ -316,13 +318,13 @@ std::size_t AnchorBackbone::append_anchors(std::span<const float> positions, flo
   for (ParameterGroup* group : anchor_groups()) group->append_copies(any);
   for (const SideRow& row : side_rows_) append_zero_rows(*row.values, 1, added);
   statistics_.append(added);
-  std::fill(offsets_.values.begin() + static_cast<std::ptrdiff_t>(first * offsets_.width), offsets_.values.end(), 0.0f);
-  std::fill(scaling_.values.begin() + static_cast<std::ptrdiff_t>(first * 6), scaling_.values.end(), log_size);
+  std::ranges::fill(offsets_.values.span().subspan(first * offsets_.width), 0.0f);
+  std::ranges::fill(scaling_.values.span().subspan(first * 6), log_size);
   std::size_t row = first;
   for (std::size_t i = 0; i < kept.size(); ++i) {
     if (kept[i] == 0) continue;
     positions_.insert(positions_.end(), &positions[3 * i], &positions[3 * i] + 3);
-    std::copy_n(&features[features_.width * i], features_.width, &features_.values[features_.width * row++]);
+    std::copy_n(&features[features_.width * i], features_.width, &features_.values.host()[features_.width * row++]);
   }
   stale_ = true;
   return added;
@@ -332,14 +334,16 @@ std::array<float, 3> AnchorBackbone::slot_position(std::size_t slot) const {
   const std::size_t anchor = slot / shape_.offsets;
   std::array<float, 3> position{};
   for (std::size_t c = 0; c < 3; ++c) {
-    position[c] = positions_[3 * anchor + c] + offsets_.values[3 * slot + c] * scales_[6 * anchor + c];
+    position[c] = positions_[3 * anchor + c] + offsets_.values.host()[3 * slot + c] * scales_[6 * anchor + c];
   }
   return position;
 }
 
 void AnchorBackbone::remove_anchors(std::span<const std::uint8_t> removed) {
   remove_rows(positions_, 3, removed);
-  for (ParameterGroup* group : anchor_groups()) group->remove(removed);
+  const std::vector<std::uint32_t> kept = kept_rows(removed);
+  Array<float> workspace;
+  for (ParameterGroup* group : anchor_groups()) group->select(kept, workspace);
   for (const SideRow& row : side_rows_) remove_rows(*row.values, 1, removed);
   statistics_.remove(removed);
   stale_ = true;
@@ -389,12 +393,12 @@ std::uint64_t AnchorBackbone::export_model(const std::filesystem::path& folder) 
     out.insert(out.end(), &positions_[3 * i], &positions_[3 * i] + 3);
     out.insert(out.end(), 3, 0.0f);  // normals: the layout has them, nobody fills them
     for (const SideRow& row : side_rows_) out.push_back((*row.values)[i]);
-    const float* offset = &offsets_.values[3 * k * i];
+    const float* offset = &offsets_.values.host()[3 * k * i];
     for (std::size_t c = 0; c < 3; ++c) {  // the layout's order: all x, all y, all z
       for (std::size_t j = 0; j < k; ++j) out.push_back(offset[3 * j + c]);
     }
     const auto append = [&](const ParameterGroup& group) {
-      const float* row = &group.values[group.width * i];
+      const float* row = &group.values.host()[group.width * i];
       out.insert(out.end(), row, row + group.width);
     };
     append(features_);
@@ -406,7 +410,7 @@ std::uint64_t AnchorBackbone::export_model(const std::filesystem::path& folder) 
   write_float_ply(anchors, table);
   ArchiveWriter archive;
   for (const ParameterGroup* group : groups()) {
-    if (group->width == 1 || group == &embedding_) archive.put(group->name, std::span<const float>(group->values));
+    if (group->width == 1 || group == &embedding_) archive.put(group->name, group->values.span());
   }
   for (const Constant& constant : constants_) archive.put(constant.name, std::span<const float>(constant.value, 1));
   archive.write(nets);

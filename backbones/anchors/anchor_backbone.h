@@ -82,7 +82,7 @@ class AnchorBackbone : public Backbone {
   std::array<float, 3> slot_position(std::size_t slot) const;
   std::size_t slots_per_anchor() const { return shape_.offsets; }
   std::span<const float> anchor_feature(std::size_t anchor) const {
-    return std::span(features_.values).subspan(shape_.features * anchor, shape_.features);
+    return features_.values.span().subspan(shape_.features * anchor, shape_.features);
   }
   std::span<const float> positions() const { return positions_; }
   int at(int published) const;

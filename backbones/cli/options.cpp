@@ -227,7 +227,6 @@ void check_options(RunOptions& options) {
     if (!holds) throw UsageError(what);
   };
   check_device_name(options.device);
-  usage(options.device == "cpu", "--device cuda: this version has no CUDA training; use --device cpu");
   usage(options.threads >= 0, "--threads must be at least 0");
   usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
   const int resolution = options.scene.resolution.value_or(-1);
@@ -244,6 +243,8 @@ void check_options(RunOptions& options) {
     usage(iteration >= 1, "--checkpoint-iterations must be at least 1");
   }
   const BackboneEntry& backbone = find_backbone(options.backbone);
+  require(backbone.on_cuda || options.device == "cpu",
+          "--device " + options.device + ": " + options.backbone + " runs on the CPU only so far; use --device cpu");
   if (!options.iterations) options.iterations = backbone.iterations;
 }
 

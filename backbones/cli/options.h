@@ -158,8 +158,8 @@ void apply_settings(const nlohmann::json& settings, const std::string& place, Op
 /// Settings of the acceleration: of the files, overlaid with the command line; complete and checked.
 nlohmann::json boost_settings(const RunOptions& options);
 
-/// Throws on values no run can have, and on --device cuda in a build without it. Names the option. Where no length is
-/// given, the run gets that of its backbone as published.
+/// Throws on values no run can have, and on --device cuda for a backbone that has none. Names the option. Where no
+/// length is given, the run gets that of its backbone as published.
 void check_options(RunOptions& options);
 
 /// Throws UsageError unless a source is given.

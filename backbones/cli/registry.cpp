@@ -63,7 +63,7 @@ VanillaBoost boost_from_json(VanillaBoost boost, const Json& given) {
 /// @tparam kDefaults makes these, kConfig reads the backbone's constants, kMake makes the backbone
 template <auto kDefaults, auto kConfig, auto kMake, class Adapter>
 BackboneEntry gaussian_entry(std::string_view name, int iterations) {
-  return {name, iterations,
+  return {name, iterations, true,
           [](const Json& given) {
             const VanillaBoost boost = boost_from_json(kDefaults(), given);
             return fields_to_json([&](auto&& visit) { for_each_field(boost, visit); });
@@ -74,7 +74,7 @@ BackboneEntry gaussian_entry(std::string_view name, int iterations) {
             if (settings) {
               VanillaBoost boost = boost_from_json(kDefaults(), *settings);
               boost.seed = context.seed;
-              const auto adapter = std::make_shared<Adapter>(boost, context.threads);
+              const auto adapter = std::make_shared<Adapter>(boost, context.device);
               plugged.beta = [adapter](Moment moment) { return adapter->beta(moment); };
               plugged.backbone->set_hooks(adapter.get(), adapter.get());
               plugged.adapter = adapter;
@@ -95,8 +95,8 @@ const std::vector<BackboneEntry>& backbones() {
           "mip-splatting", kPublishedIterations),
       gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, VanillaAdapter>(
           "dropgaussian", kDropGaussianIterations),
-      {"scaffold-gs", kPublishedIterations, scaffold_boost_settings, make_plugged_scaffold},
-      {"octree-gs", kOctreeIterations, octree_boost_settings, make_plugged_octree},
+      {"scaffold-gs", kPublishedIterations, false, scaffold_boost_settings, make_plugged_scaffold},
+      {"octree-gs", kOctreeIterations, false, octree_boost_settings, make_plugged_octree},
   };
   return entries;
 }

@@ -56,7 +56,9 @@ std::size_t most_primitives(const std::vector<CurvePoint>& curve, std::size_t at
 }
 
 BackboneContext context_of(Workbench& bench, const RunOptions& options) {
-  return {bench.scene, bench.device->threads(), options.seed, options.iterations.value(), options.max_primitives};
+  return {
+      bench.scene,           bench.device->threads(), options.seed, options.iterations.value(), options.max_primitives,
+      bench.device->device()};
 }
 
 }  // namespace
@@ -100,7 +102,11 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   train_options.resume = options.resume;
   train_options.identity = identity_of(options, boost, backbone.config());
   train_options.beta = plugged.beta;
-  train_options.on_start = [&](std::size_t primitives) { tell_memory(memory, primitives, options, label, resident); };
+  // On a GPU primitives take none of the host's memory, which is what is estimated.
+  const bool on_host = !bench.device->device().is_cuda();
+  if (on_host) {
+    train_options.on_start = [&](std::size_t primitives) { tell_memory(memory, primitives, options, label, resident); };
+  }
   train_options.label = label;
   train_options.quiet = options.quiet;
   TrainOutcome trained = train(backbone, bench.scene, train_options);
@@ -119,7 +125,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   results.primitives = backbone.primitives();
   results.train_seconds = trained.seconds;
   results.peak_memory_bytes = peak_memory_bytes();
-  results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
+  if (on_host) results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
   results.storage_bytes = trained.storage_bytes;
   results.device = bench.device->name();
   results.machine = machine_name();

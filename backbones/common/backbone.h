@@ -17,6 +17,7 @@
 #include "common/archive.h"
 #include "common/memory_estimate.h"
 #include "common/scene.h"
+#include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/threads.h"
 
@@ -40,10 +41,11 @@ class StageClock {
 /// What a backbone is made of. References outlive the backbone.
 struct BackboneContext {
   const Scene& scene;
-  Threads& threads;
+  Threads& threads;  ///< for what the host does
   std::uint64_t seed = 0;
   int iterations = kPublishedIterations;
   std::size_t max_primitives = 0;  ///< hard cap, never exceeded; 0: none
+  Device device = threads;         ///< trains and renders
 };
 
 class Backbone {
@@ -51,8 +53,13 @@ class Backbone {
   virtual ~Backbone() = default;
 
   /// One iteration (from 1) on one training view: render, loss, backward, steps, density control.
-  /// @return the training loss
+  /// A GPU may still be at work when this returns, so that the host prepares the next iterations.
+  /// @return the training loss; on a GPU the newest that is known, of an earlier iteration, except for the last
+  /// iteration of the run. Once one was not finite it stays so.
   virtual double train_step(int iteration, const View& view) = 0;
+
+  /// Returns when all iterations are done. On the CPU they are.
+  virtual void wait() {}
 
   /// Applies what the optimizer has accumulated; called once after the last iteration and before a model is exported.
   virtual void finish() = 0;
@@ -63,7 +70,7 @@ class Backbone {
   virtual std::size_t bytes_per_primitive() const { return gaussian_memory_bytes(); }
 
   /// Renders as trained (hook's box), or with a compact box of `beta`.
-  /// @param color [3,H,W] of the camera's size
+  /// @param color [3,H,W] of the camera's size, in memory of the host
   virtual void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) = 0;
 
   /// Writes the model into `folder` (for Gaussians: point_cloud.ply). @return bytes written

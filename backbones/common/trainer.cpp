@@ -7,10 +7,12 @@
 #include <csignal>
 #include <numeric>
 #include <stdexcept>
+#include <type_traits>
 #include <utility>
 
 #include "common/input_error.h"
 #include "common/progress.h"
+#include "splatboost/errors.h"
 #include "splatboost/random.h"
 
 namespace splatboost {
@@ -160,22 +162,28 @@ class Run {
       }
       const View& view = scene_.train[order[static_cast<std::size_t>(iteration - 1) % views]];
       if (options_.beta) backbone_.rasterizer_hook().set_beta(options_.beta({iteration, options_.iterations}));
-      const double loss = backbone_.train_step(iteration, view);
       const bool last = iteration == options_.iterations;
+      const bool samples = samples_curve_at(iteration, options_.iterations, options_.curve_points);
+      const bool saves = contains(options_.save_iterations, iteration);
+      const bool checkpoints = contains(options_.checkpoint_iterations, iteration);
+      const double loss = saving_the_model(iteration, [&] { return backbone_.train_step(iteration, view); });
       if (last) backbone_.finish();
+      // What is not training is not timed, and begins when all of the training before it is done.
+      if (samples || saves || checkpoints) backbone_.wait();
       outcome_.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 
       if (!std::isfinite(loss)) {
         throw std::runtime_error("the loss is not finite at iteration " + std::to_string(iteration) + " (view " +
-                                 view.name + "); lower the learning rates in --config, or report this");
+                                 view.name +
+                                 "), or on a GPU shortly before; lower the learning rates in --config, or report this");
       }
       outcome_.iteration = iteration;
       loss_ = std::isnan(loss_) ? loss : loss_ + kLossWeight * (loss - loss_);
       progress.update(iteration, loss_, backbone_.primitives(), outcome_.seconds - seconds_before);
-      if (samples_curve_at(iteration, options_.iterations, options_.curve_points)) sample_curve();
+      if (samples) saving_the_model(iteration, [&] { sample_curve(); });
       if (last) break;
-      if (contains(options_.save_iterations, iteration)) export_model();
-      if (contains(options_.checkpoint_iterations, iteration)) save();
+      if (saves) export_model();
+      if (checkpoints) save();
       if (signals.caught() != 0) {
         outcome_.interrupted_by = signals.caught();
         outcome_.checkpoint = save();
@@ -188,6 +196,25 @@ class Run {
   }
 
  private:
+  /// Where the device's memory does not do for the body, what there is of the model is saved before the error goes on.
+  template <class Body>
+  std::invoke_result_t<const Body&> saving_the_model(int iteration, const Body& body) {
+    try {
+      return body();
+    } catch (const DeviceMemoryError& error) {
+      outcome_.iteration = iteration;
+      std::string saved = "the model so far is in " + model_folder().string();
+      try {
+        export_model();
+      } catch (const std::exception& reason) {
+        saved = "the model could not be saved: " + std::string(reason.what());
+      }
+      throw DeviceMemoryError("iteration " + std::to_string(iteration) + ": " + error.what() + ", with " +
+                              std::to_string(backbone_.primitives()) + " primitives; " + saved +
+                              "; lower --resolution or set --max-primitives");
+    }
+  }
+
   void sample_curve() {
     CurvePoint point;
     point.iteration = outcome_.iteration;
@@ -200,8 +227,12 @@ class Run {
     outcome_.curve.push_back(point);
   }
 
+  std::filesystem::path model_folder() const {
+    return options_.model / "point_cloud" / iteration_name(outcome_.iteration);
+  }
+
   std::uint64_t export_model() {
-    const auto folder = options_.model / "point_cloud" / iteration_name(outcome_.iteration);
+    const auto folder = model_folder();
     make_folder(folder);
     return backbone_.export_model(folder);
   }

@@ -59,7 +59,8 @@ std::size_t view_of_iteration(int iteration, std::size_t views, std::uint64_t se
 ///
 /// Exports to point_cloud/iteration_N. Backbone::finish() is called after the last iteration only, so that models saved
 /// on the way do not change the run. Throws std::runtime_error naming the iteration if the loss is not finite, and
-/// InputError if options.resume is not a checkpoint of this run.
+/// InputError if options.resume is not a checkpoint of this run. Where the memory of a GPU does not do, the model so
+/// far is exported, and DeviceMemoryError says where it is.
 TrainOutcome train(Backbone& backbone, const Scene& scene, const TrainOptions& options);
 
 /// The views that a run is measured on: the test views, or the training views if there are none.

@@ -6,13 +6,15 @@
 #include "common/input_error.h"
 #include "common/json_fields.h"
 #include "gaussians/gaussian_backbone.h"
+#include "splatboost/array.h"
+#include "splatboost/dropout.h"
+#include "splatboost/elementwise.h"
 #include "splatboost/random.h"
 
 namespace splatboost {
 namespace {
 
 constexpr const char* kName = "dropgaussian";
-constexpr std::size_t kGrain = 4096;
 
 template <class Config, class Visit>
 void for_each_field(Config& config, Visit&& visit) {
@@ -23,7 +25,13 @@ void for_each_field(Config& config, Visit&& visit) {
 class DropGaussian final : public GaussianMethod {
  public:
   DropGaussian(const BackboneContext& context, const DropGaussianConfig& config)
-      : threads_(context.threads), seed_(context.seed), iterations_(context.iterations), config_(config) {}
+      : device_(context.device),
+        seed_(context.seed),
+        iterations_(context.iterations),
+        config_(config),
+        factors_(device_),
+        opacities_(device_),
+        opacity_gradients_(device_) {}
 
   std::string_view name() const override { return kName; }
   nlohmann::json config() const override { return to_json(config_); }
@@ -36,11 +44,11 @@ class DropGaussian final : public GaussianMethod {
 
   void draw(Gaussians& drawn, std::optional<int> training) override;
   void redirect(GaussianGradients& gradients) override {
-    opacity_gradients_.assign(factors_.size(), 0.0f);
+    opacity_gradients_.assign_zeros(factors_.size());
     gradients.opacities = opacity_gradients_;
   }
   void add_gradients(const GaussianGradients& activated) override {
-    for (std::size_t i = 0; i < factors_.size(); ++i) activated.opacities[i] += opacity_gradients_[i] * factors_[i];
+    add_products(opacity_gradients_, factors_, activated.opacities, device_);
   }
 
   float views_seen(bool compact_box) const override {
@@ -50,33 +58,30 @@ class DropGaussian final : public GaussianMethod {
   }
 
  private:
-  Threads& threads_;
+  Device device_;
   std::uint64_t seed_;
   int iterations_;
   DropGaussianConfig config_;
 
   double rate_ = 0;  ///< of the last training view
-  std::vector<float> factors_, opacities_, opacity_gradients_;
+  Array<float> factors_, opacities_, opacity_gradients_;
 };
 
 void DropGaussian::draw(Gaussians& drawn, std::optional<int> training) {
   if (!training) return;
   rate_ = config_.drop_rate * *training / iterations_;
-  factors_.resize(drawn.count);
-  opacities_.resize(drawn.count);
-  draw_dropout(seed_, *training, rate_, factors_, threads_);
-  for (std::size_t i = 0; i < drawn.count; ++i) opacities_[i] = drawn.opacities[i] * factors_[i];
+  factors_.ensure(drawn.count);
+  opacities_.ensure(drawn.count);
+  draw_dropout(seed_, *training, rate_, factors_, device_);
+  multiply(drawn.opacities, factors_, opacities_, device_);
   drawn.opacities = opacities_;
 }
 
 }  // namespace
 
-void draw_dropout(std::uint64_t seed, int iteration, double rate, std::span<float> factors, Threads& threads) {
-  const RandomStream random(seed, static_cast<std::uint64_t>(iteration), RandomPurpose::dropout);
-  const auto kept = static_cast<float>(1 / (1 - rate));
-  threads.for_range(factors.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) factors[i] = random.uniform(i) < rate ? 0.0f : kept;
-  });
+void draw_dropout(std::uint64_t seed, int iteration, double rate, std::span<float> factors, Device device) {
+  dropout_factors(RandomStream(seed, static_cast<std::uint64_t>(iteration), RandomPurpose::dropout), rate, factors,
+                  device);
 }
 
 nlohmann::json to_json(const DropGaussianConfig& config) {

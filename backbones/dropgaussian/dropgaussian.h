@@ -32,9 +32,8 @@ DropGaussianConfig dropgaussian_config_from_json(const nlohmann::json& json);
 
 std::unique_ptr<Backbone> make_dropgaussian(const BackboneContext& context, const DropGaussianConfig& config);
 
-/// What opacities are multiplied by in one iteration: 0 with probability `rate`, else 1/(1 − rate), so that their
-/// expectation stays. A function of its arguments alone, whatever the number of threads.
+/// What opacities are multiplied by in one iteration (dropout.h).
 /// @param factors [N]
-void draw_dropout(std::uint64_t seed, int iteration, double rate, std::span<float> factors, Threads& threads);
+void draw_dropout(std::uint64_t seed, int iteration, double rate, std::span<float> factors, Device device);
 
 }  // namespace splatboost

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -12,11 +13,16 @@
 #include "common/parameter_group.h"
 #include "common/splat_ply.h"
 #include "splatboost/activations.h"
+#include "splatboost/array.h"
+#include "splatboost/density_statistics.h"
+#include "splatboost/elementwise.h"
 #include "splatboost/neighbors.h"
 #include "splatboost/random.h"
 #include "splatboost/rasterizer.h"
+#include "splatboost/rows.h"
 #include "splatboost/select.h"
 #include "splatboost/spatial_order.h"
+#include "splatboost/truth_store.h"
 
 namespace splatboost {
 namespace {
@@ -27,10 +33,10 @@ constexpr int kRestRows = 15;
 constexpr int kSplitChildren = 2;
 constexpr float kSplitShrink = 0.8f * kSplitChildren;
 constexpr int kLeastGrowthsAReset = 5;
-constexpr std::size_t kGrain = 4096;
+/// One part in so many of a GPU's free memory is for truth images; those beyond it are uploaded view by view.
+constexpr std::size_t kTruthShare = 4;
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
-float length_of(float x, float y) { return std::sqrt(x * x + y * y); }  // no overflow to care for, as std::hypot does
 
 class GaussianBackbone final : public Backbone, private RasterizerHook {
  public:
@@ -38,13 +44,20 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
       : context_(context),
         config_(config),
         method_(std::move(method)),
-        rasterizer_(context.threads),
-        photometric_(context.threads) {
+        device_(context.device),
+        rasterizer_(device_),
+        photometric_(device_) {
     initialise();
   }
 
   double train_step(int iteration, const View& view) override;
-  void finish() override { step_all(iteration_); }
+  void wait() override {
+    if (device_.is_cuda()) device_.stream().synchronize();
+  }
+  void finish() override {
+    step_all(iteration_);
+    wait();
+  }
   std::size_t primitives() const override { return opacity_.rows(); }
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
   std::uint64_t export_model(const std::filesystem::path& folder) const override;
@@ -84,6 +97,14 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   bool needs_absolute_gradients() const {
     return method_->needs_absolute_gradients() || (density_ != nullptr && density_->needs_absolute_gradients());
   }
+  /// Where the device reads the truth of a view.
+  TruthImage truth_of(const View& view);
+  // Stages of a GPU are not timed: the host runs ahead of them.
+  void lap(std::string_view stage) {
+    if (!device_.is_cuda()) clock_.lap(stage);
+  }
+  template <class... Stages>
+  void lap_rasterizer(const Stages&... stages);
   std::string entry(const char* what) const { return std::string(method_->name()) + "." + what; }
 
   std::array<ParameterGroup*, 6> groups() { return {&xyz_, &f_dc_, &f_rest_, &opacity_, &scaling_, &rotation_}; }
@@ -95,7 +116,6 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void step_all(int iteration);
   void step_scheduled(int iteration);
 
-  void gather_statistics(const Camera& camera);
   void control_density();
   DensityStatistics statistics();
   void grow();
@@ -104,13 +124,16 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void prune(bool by_own_rule);
   void append_children(std::span<const std::uint32_t> parents);
   void remove(std::span<const std::uint8_t> removed);
+  void select(const Array<std::uint32_t>& rows);
   void reset_opacities();
   void reorder();
   void restart_statistics();
+  ScreenGradientSums gradient_sums() { return {gradient_sum_, gradient_abs_sum_, seen_}; }
 
   BackboneContext context_;
   GaussianConfig config_;
   std::unique_ptr<GaussianMethod> method_;
+  Device device_;
   Rasterizer rasterizer_;
   Photometric photometric_;
   std::optional<float> beta_;
@@ -120,18 +143,27 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   int iteration_ = 0;
 
   // Names of the groups are 3DGS's.
-  ParameterGroup xyz_{"xyz", 3}, f_dc_{"f_dc", 3}, f_rest_{"f_rest", 3 * kRestRows};
-  ParameterGroup opacity_{"opacity", 1}, scaling_{"scaling", 3}, rotation_{"rotation", 4};
+  ParameterGroup xyz_{"xyz", 3, device_}, f_dc_{"f_dc", 3, device_}, f_rest_{"f_rest", 3 * kRestRows, device_};
+  ParameterGroup opacity_{"opacity", 1, device_}, scaling_{"scaling", 3, device_}, rotation_{"rotation", 4, device_};
 
   bool stale_ = true;        ///< parameters moved since activate()
   bool set_changed_ = true;  ///< Gaussians came or went since activate(), or what the method keeps of them is due
-  std::vector<float> scales_, opacities_;
+  Array<float> scales_{device_}, opacities_{device_};
 
-  std::vector<float> image_, image_gradient_;
-  std::vector<float> screen_, screen_abs_;              ///< [N,2] gradients of this iteration
-  std::vector<float> gradient_sum_, gradient_abs_sum_;  ///< [N] norms since the last growth, NDC
-  std::vector<float> seen_;                             ///< [N] views that they come from
-  std::vector<float> mean_gradients_, mean_gradients_abs_, max_scales_;
+  Array<float> image_{device_}, image_gradient_{device_};
+  std::optional<TruthStore> truths_;                                    ///< of the training views, from the first on
+  Array<float> screen_{device_}, screen_abs_{device_};                  ///< [N,2] gradients of this iteration
+  Array<float> gradient_sum_{device_}, gradient_abs_sum_{device_};      ///< [N] norms since the last growth, NDC
+  Array<float> seen_{device_};                                          ///< [N] views that they come from
+  Array<float> mean_gradients_{device_}, mean_gradients_abs_{device_};  ///< [N]
+  Array<float> max_scales_{device_};                                    ///< [N]
+  Array<float> workspace_{device_};                                     ///< of select()
+
+  // Of density control, which is decided on the host.
+  struct OnHost {
+    std::vector<float> mean_gradients, mean_gradients_abs, opacities, max_scales;
+  };
+  OnHost on_host_;                      ///< copies of a GPU's statistics
   std::vector<std::uint32_t> origins_;  ///< [N] index before the growth of this iteration
 };
 
@@ -170,18 +202,18 @@ void GaussianBackbone::initialise() {
 
 void GaussianBackbone::restart_statistics() {
   const std::size_t n = primitives();
-  gradient_sum_.assign(n, 0.0f);
-  gradient_abs_sum_.assign(n, 0.0f);
-  seen_.assign(n, 0.0f);
+  gradient_sum_.assign_zeros(n);
+  gradient_abs_sum_.assign_zeros(n);
+  seen_.assign_zeros(n);
 }
 
 void GaussianBackbone::activate() {
   if (!stale_ && !set_changed_) return;
   const std::size_t n = primitives();
-  scales_.resize(3 * n);
-  opacities_.resize(n);
-  exponentials(scaling_.values, scales_, context_.threads);
-  sigmoids(opacity_.values, opacities_, context_.threads);
+  scales_.ensure(3 * n);
+  opacities_.ensure(n);
+  exponentials(scaling_.values, scales_, device_);
+  sigmoids(opacity_.values, opacities_, device_);
   if (set_changed_) method_->gaussians_changed(xyz_.values);
   method_->activated(scales_, opacities_);
   stale_ = set_changed_ = false;
@@ -218,29 +250,51 @@ RasterOptions GaussianBackbone::raster_options(std::optional<float> beta) const 
   return options;
 }
 
+TruthImage GaussianBackbone::truth_of(const View& view) {
+  if (!device_.is_cuda()) return view.truth();
+  const std::vector<View>& views = context_.scene.train;
+  if (!truths_) {
+    std::vector<TruthImage> images;
+    for (const View& each : views) images.push_back(each.truth());
+    truths_.emplace(std::move(images), device_.stream().free_memory() / kTruthShare, device_);
+  }
+  const View* const at = &view;
+  const bool known = !std::less<>()(at, views.data()) && std::less<>()(at, views.data() + views.size());
+  require(known, "a view that is trained on must be one of the scene's training views");
+  return truths_->get(static_cast<std::size_t>(at - views.data()));
+}
+
+template <class... Stages>
+void GaussianBackbone::lap_rasterizer(const Stages&... stages) {
+  if (device_.is_cuda()) return;
+  const RasterSeconds& seconds = rasterizer_.seconds();
+  (clock_.add(stages.first, seconds.*stages.second), ...);
+}
+
 double GaussianBackbone::train_step(int iteration, const View& view) {
   clock_.restart();
   iteration_ = iteration;
   const std::size_t n = primitives();
   const std::size_t pixels = view.color.size();
-  image_.resize(pixels);
-  image_gradient_.resize(pixels);
+  image_.ensure(pixels);
+  image_gradient_.ensure(pixels);
   const Gaussians gaussians = drawn(iteration);
-  clock_.lap("activate");
+  lap("activate");
   RasterImages images;
   images.color = image_;
   rasterizer_.forward(view.camera, gaussians, raster_options(beta_), images);
-  clock_.add("project", rasterizer_.seconds().project);
-  clock_.add("tile_lists", rasterizer_.seconds().tile_lists);
-  clock_.add("blend", rasterizer_.seconds().blend);
+  lap_rasterizer(std::pair("project", &RasterSeconds::project), std::pair("tile_lists", &RasterSeconds::tile_lists),
+                 std::pair("blend", &RasterSeconds::blend));
 
   const LossForm form = method_->loss();
-  const double loss =
-      form.scale * photometric_.evaluate(image_, view.truth(), form.lambda_dssim, image_gradient_).total;
-  if (form.scale != 1) {
-    for (float& gradient : image_gradient_) gradient *= form.scale;
-  }
-  clock_.lap("loss");
+  const TruthImage truth = truth_of(view);
+  // The run ends with the loss of its end.
+  const PhotometricLoss measured = iteration == context_.iterations
+                                       ? photometric_.evaluate(image_, truth, form.lambda_dssim, image_gradient_)
+                                       : photometric_.evaluate_ahead(image_, truth, form.lambda_dssim, image_gradient_);
+  const double loss = form.scale * measured.total;
+  if (form.scale != 1) scale(image_gradient_, form.scale, device_);
+  lap("loss");
 
   GaussianGradients gradients;
   gradients.mode = GradientMode::accumulate;
@@ -252,10 +306,10 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   gradients.sh_rest = f_rest_.gradients;
   const bool growing = iteration < at(config_.densify_until);
   if (growing) {
-    screen_.resize(2 * n);
+    screen_.ensure(2 * n);
     gradients.screen_means = screen_;
     if (needs_absolute_gradients()) {
-      screen_abs_.resize(2 * n);
+      screen_abs_.ensure(2 * n);
       gradients.screen_means_abs = screen_abs_;
     }
   }
@@ -266,18 +320,22 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   rasterizer_.backward(gaussians, image_gradients, gradients);
   method_->add_gradients(of_activated);
   for (ParameterGroup* group : groups()) group->pending = true;
-  clock_.add("blend_backward", rasterizer_.seconds().blend_backward);
-  clock_.add("project_backward", rasterizer_.seconds().project_backward);
+  lap_rasterizer(std::pair("blend_backward", &RasterSeconds::blend_backward),
+                 std::pair("project_backward", &RasterSeconds::project_backward));
 
-  if (growing) gather_statistics(view.camera);
-  clock_.lap("statistics");
+  if (growing) {
+    add_screen_gradients({rasterizer_.visible(), gradients.screen_means, gradients.screen_means_abs, view.camera.width,
+                          view.camera.height},
+                         method_->absolute_norm(), method_->views_seen(beta_.has_value()), gradient_sums(), device_);
+  }
+  lap("statistics");
   step_scheduled(iteration);
-  clock_.lap("optimizer");
+  lap("optimizer");
   control_density();
   // Now rather than before the next view, so that a checkpoint holds it.
   if (method_->renews_at(moment())) set_changed_ = true;
   if (set_changed_) activate();
-  clock_.lap("density");
+  lap("density");
   return loss;
 }
 
@@ -297,16 +355,11 @@ float GaussianBackbone::learning_rate(const ParameterGroup& group, int iteration
 void GaussianBackbone::step_group(ParameterGroup& group, int iteration) {
   if (!group.pending) return;
   // The rasterizer's gradients are of activated values; these have not changed since the last step of the group.
-  if (&group == &scaling_ || &group == &opacity_) {
-    context_.threads.for_range(group.values.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        group.gradients[i] *= &group == &scaling_ ? scales_[i] : opacities_[i] * (1.0f - opacities_[i]);
-      }
-    });
-  }
+  if (&group == &scaling_) exponential_gradients(scales_, group.gradients, device_);
+  if (&group == &opacity_) sigmoid_gradients(opacities_, group.gradients, device_);
   AdamOptions options;
   options.learning_rate = learning_rate(group, iteration);
-  group.step(options, context_.threads);
+  group.step(options, device_);
   stale_ = true;
 }
 
@@ -321,38 +374,20 @@ void GaussianBackbone::step_scheduled(int iteration) {
   }
 }
 
-void GaussianBackbone::gather_statistics(const Camera& camera) {
-  const std::span<const std::uint8_t> visible = rasterizer_.visible();
-  const float to_ndc_x = 0.5f * static_cast<float>(camera.width), to_ndc_y = 0.5f * static_cast<float>(camera.height);
-  const bool absolute = needs_absolute_gradients();
-  const bool sum = method_->absolute_norm() == AbsoluteNorm::sum;
-  const float views = method_->views_seen(beta_.has_value());
-  context_.threads.for_range(visible.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      if (visible[i] == 0) continue;
-      gradient_sum_[i] += length_of(screen_[2 * i] * to_ndc_x, screen_[2 * i + 1] * to_ndc_y);
-      if (absolute) {
-        const float x = screen_abs_[2 * i] * to_ndc_x, y = screen_abs_[2 * i + 1] * to_ndc_y;
-        gradient_abs_sum_[i] += sum ? x + y : length_of(x, y);
-      }
-      seen_[i] += views;
-    }
-  });
-}
-
 DensityStatistics GaussianBackbone::statistics() {
   activate();
   const std::size_t n = primitives();
-  mean_gradients_.resize(n);
-  mean_gradients_abs_.resize(n);
-  max_scales_.resize(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    const float views = std::max(seen_[i], 1.0f);
-    mean_gradients_[i] = gradient_sum_[i] / views;
-    mean_gradients_abs_[i] = gradient_abs_sum_[i] / views;
-    max_scales_[i] = std::max({scales_[3 * i], scales_[3 * i + 1], scales_[3 * i + 2]});
-  }
-  return {moment(), context_.scene.extent, mean_gradients_, mean_gradients_abs_, opacities_, max_scales_};
+  mean_gradients_.ensure(n);
+  mean_gradients_abs_.ensure(n);
+  max_scales_.ensure(n);
+  mean_screen_gradients(gradient_sums(), mean_gradients_, mean_gradients_abs_, device_);
+  longest_scales(scales_, max_scales_, device_);
+  return {moment(),
+          context_.scene.extent,
+          mean_gradients_.on_host(on_host_.mean_gradients),
+          mean_gradients_abs_.on_host(on_host_.mean_gradients_abs),
+          opacities_.on_host(on_host_.opacities),
+          max_scales_.on_host(on_host_.max_scales)};
 }
 
 void GaussianBackbone::control_density() {
@@ -406,7 +441,10 @@ void GaussianBackbone::grow() {
       clones.push_back(static_cast<std::uint32_t>(i));
     }
   }
-  for (ParameterGroup* group : groups()) group->append_copies(clones);
+  // All or none: where memory is short the model stays whole.
+  for (ParameterGroup* group : groups()) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
+  const Array<std::uint32_t> listed(device_, clones);
+  for (ParameterGroup* group : groups()) group->append_copies(listed);
   origins_.insert(origins_.end(), clones.begin(), clones.end());
   append_children(parents);
   split.resize(primitives(), 0);  // parents go, clones and children stay
@@ -429,14 +467,19 @@ void GaussianBackbone::hold_cap(std::span<const float> gradients, std::vector<st
 
 void GaussianBackbone::append_children(std::span<const std::uint32_t> parents) {
   const RandomStream random(context_.seed, static_cast<std::uint64_t>(iteration_), RandomPurpose::split);
+  const Array<std::uint32_t> listed(device_, std::vector<std::uint32_t>(parents.begin(), parents.end()));
+  Array<float> listed_scales(device_), listed_rotations(device_);
+  append_rows_of(scales_, 3, listed, listed_scales);
+  append_rows_of(rotation_.values, 4, listed, listed_rotations);
+  const std::vector<float> scales = listed_scales.to_host(), rotations = listed_rotations.to_host();
+  std::vector<float> offsets(scales.size());
   for (int child = 0; child < kSplitChildren; ++child) {
     const std::size_t first = primitives();
-    for (ParameterGroup* group : groups()) group->append_copies(parents);
+    for (ParameterGroup* group : groups()) group->append_copies(listed);
     origins_.insert(origins_.end(), parents.begin(), parents.end());
     for (std::size_t j = 0; j < parents.size(); ++j) {
-      const std::size_t parent = parents[j], row = first + j;
       // A point of the parent's own distribution: mean + R·(scale ⊙ normal).
-      const float* q = &rotation_.values[4 * parent];
+      const float* q = &rotations[4 * j];
       const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
       const float w = q[0] / length, x = q[1] / length, y = q[2] / length, z = q[3] / length;
       const float rotation[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
@@ -445,14 +488,18 @@ void GaussianBackbone::append_children(std::span<const std::uint32_t> parents) {
       float offset[3];
       for (std::size_t c = 0; c < 3; ++c) {
         const std::uint64_t number = 3 * (parents.size() * static_cast<std::size_t>(child) + j) + c;
-        offset[c] = static_cast<float>(random.normal(number)) * scales_[3 * parent + c];
+        offset[c] = static_cast<float>(random.normal(number)) * scales[3 * j + c];
       }
       for (std::size_t c = 0; c < 3; ++c) {
-        xyz_.values[3 * row + c] +=
-            rotation[c][0] * offset[0] + rotation[c][1] * offset[1] + rotation[c][2] * offset[2];
-        scaling_.values[3 * row + c] = std::log(scales_[3 * parent + c] / kSplitShrink);
+        offsets[3 * j + c] = rotation[c][0] * offset[0] + rotation[c][1] * offset[1] + rotation[c][2] * offset[2];
       }
     }
+    xyz_.values.edit(3 * first, [&](std::span<float> means) {
+      for (std::size_t k = 0; k < means.size(); ++k) means[k] += offsets[k];
+    });
+    scaling_.values.edit(3 * first, [&](std::span<float> logarithms) {
+      for (std::size_t k = 0; k < logarithms.size(); ++k) logarithms[k] = std::log(scales[k] / kSplitShrink);
+    });
   }
   stale_ = set_changed_ = true;
 }
@@ -481,7 +528,7 @@ void GaussianBackbone::prune(bool by_own_rule) {
 }
 
 void GaussianBackbone::remove(std::span<const std::uint8_t> removed) {
-  for (ParameterGroup* group : groups()) group->remove(removed);
+  select({device_, kept_rows(removed)});
   if (origins_.size() == removed.size()) {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < removed.size(); ++i) {
@@ -489,57 +536,71 @@ void GaussianBackbone::remove(std::span<const std::uint8_t> removed) {
     }
     origins_.resize(kept);
   }
+}
+
+void GaussianBackbone::select(const Array<std::uint32_t>& rows) {
+  for (ParameterGroup* group : groups()) group->select(rows, workspace_);
   stale_ = set_changed_ = true;
 }
 
 /// Growth appends; here neighbours in space become neighbours in memory again, which the rasterizer's caches thank.
 void GaussianBackbone::reorder() {
-  std::vector<std::uint32_t> order(primitives());
-  spatial_order(xyz_.values, order);
-  for (ParameterGroup* group : groups()) group->reorder(order);
-  stale_ = set_changed_ = true;
+  Array<std::uint32_t> order(device_);
+  order.ensure(primitives());
+  if (device_.is_cuda()) {
+    spatial_order(xyz_.values, order, device_.stream());
+  } else {
+    spatial_order(xyz_.values, order);
+  }
+  select(order);
 }
 
 void GaussianBackbone::reset_opacities() {
-  const std::span<const float> factors = method_->opacity_factors();
+  const std::vector<float> factors = copy_to_host(method_->opacity_factors(), device_);
   const float cap = logit(config_.reset_opacity);
-  for (std::size_t i = 0; i < opacity_.values.size(); ++i) {
-    float& value = opacity_.values[i];
-    if (factors.empty()) {
-      value = std::min(value, cap);
-    } else if (config_.reset_opacity < static_cast<double>(factors[i])) {
-      // The reset speaks of what is drawn; where the factor alone keeps that below, nothing is left to do.
-      value = std::min(value, logit(config_.reset_opacity / static_cast<double>(factors[i])));
+  opacity_.values.edit(0, [&](std::span<float> values) {
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      float& value = values[i];
+      if (factors.empty()) {
+        value = std::min(value, cap);
+      } else if (config_.reset_opacity < static_cast<double>(factors[i])) {
+        // The reset speaks of what is drawn; where the factor alone keeps that below, nothing is left to do.
+        value = std::min(value, logit(config_.reset_opacity / static_cast<double>(factors[i])));
+      }
     }
-  }
+  });
   opacity_.forget_moments();
   stale_ = true;
 }
 
 ScoredView GaussianBackbone::render_for_score(std::size_t view) {
   const View& truth = context_.scene.train[view];
-  image_.resize(truth.color.size());
+  image_.ensure(truth.color.size());
   RasterImages images;
   images.color = image_;
   rasterizer_.forward(truth.camera, drawn(std::nullopt), raster_options(beta_), images);
-  return {image_, truth.truth()};
+  rasterizer_.settle();
+  return {image_, truth_of(truth)};
 }
 
 void GaussianBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
   RasterImages images;
-  images.color = color;
+  if (device_.is_cuda()) image_.ensure(color.size());
+  images.color = device_.is_cuda() ? image_.span() : color;
   rasterizer_.forward(camera, drawn(std::nullopt), raster_options(beta ? beta : beta_), images);
+  rasterizer_.settle();
+  if (device_.is_cuda()) image_.cuda().download(color);
 }
 
 std::uint64_t GaussianBackbone::export_model(const std::filesystem::path& folder) const {
   SplatCloud cloud;
-  cloud.means = xyz_.values;
-  cloud.sh_dc = f_dc_.values;
-  cloud.sh_rest = f_rest_.values;
+  cloud.means = xyz_.values.to_host();
+  cloud.sh_dc = f_dc_.values.to_host();
+  cloud.sh_rest = f_rest_.values.to_host();
   cloud.sh_rest_rows = kRestRows;
-  cloud.logit_opacities = opacity_.values;
-  cloud.log_scales = scaling_.values;
-  cloud.rotations = rotation_.values;
+  cloud.logit_opacities = opacity_.values.to_host();
+  cloud.log_scales = scaling_.values.to_host();
+  cloud.rotations = rotation_.values.to_host();
   method_->export_to(cloud);
   const std::filesystem::path path = folder / "point_cloud.ply";
   write_splat_ply(path, cloud);
@@ -572,9 +633,10 @@ void GaussianBackbone::save(ArchiveWriter& archive) const {
   archive.put(entry("iteration"), std::int64_t{iteration_});
   archive.put(entry("config"), std::string_view(method_->config().dump()));
   for (const ParameterGroup* group : groups()) group->save(archive);
-  archive.put(entry("gradient_sum"), std::span<const float>(gradient_sum_));
-  archive.put(entry("gradient_abs_sum"), std::span<const float>(gradient_abs_sum_));
-  archive.put(entry("seen"), std::span<const float>(seen_));
+  std::vector<float> copy;
+  archive.put(entry("gradient_sum"), gradient_sum_.on_host(copy));
+  archive.put(entry("gradient_abs_sum"), gradient_abs_sum_.on_host(copy));
+  archive.put(entry("seen"), seen_.on_host(copy));
   method_->save(archive);
 }
 
@@ -585,9 +647,9 @@ void GaussianBackbone::load(ArchiveReader& archive) {
   }
   for (ParameterGroup* group : groups()) group->load(archive);
   iteration_ = static_cast<int>(archive.integer(entry("iteration")));
-  gradient_sum_ = archive.floats(entry("gradient_sum"));
-  gradient_abs_sum_ = archive.floats(entry("gradient_abs_sum"));
-  seen_ = archive.floats(entry("seen"));
+  gradient_sum_.assign(archive.floats(entry("gradient_sum")));
+  gradient_abs_sum_.assign(archive.floats(entry("gradient_abs_sum")));
+  seen_.assign(archive.floats(entry("seen")));
   const std::size_t n = primitives();
   bool fits = gradient_sum_.size() == n && gradient_abs_sum_.size() == n && seen_.size() == n;
   for (const ParameterGroup* group : groups()) fits = fits && group->rows() == n;

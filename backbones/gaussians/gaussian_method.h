@@ -11,6 +11,7 @@
 
 #include "common/archive.h"
 #include "common/splat_ply.h"
+#include "splatboost/density_statistics.h"
 #include "splatboost/gaussians.h"
 #include "splatboost/hooks.h"
 #include "splatboost/rasterizer.h"
@@ -23,11 +24,9 @@ struct LossForm {
   float scale = 1;
 };
 
-/// How the two absolute gradients of a Gaussian, along x and y, become one number.
-enum class AbsoluteNorm { euclidean, sum };
-
 /// The points where a backbone may vary; the trainer (gaussian_backbone.h) does the rest. Defaults are 3DGS.
-/// Spans have one row a Gaussian, activated, and are valid during the call.
+/// Spans have one row a Gaussian, activated, in memory of the backbone's device, and are valid during the call. Those
+/// of add_growing() are of the host.
 class GaussianMethod {
  public:
   virtual ~GaussianMethod() = default;

@@ -8,13 +8,13 @@
 #include "common/input_error.h"
 #include "common/json_fields.h"
 #include "gaussians/gaussian_backbone.h"
-#include "mip_splatting/smoothing_filter.h"
+#include "splatboost/array.h"
+#include "splatboost/smoothing.h"
 
 namespace splatboost {
 namespace {
 
 constexpr const char* kName = "mip-splatting";
-constexpr std::size_t kGrain = 4096;
 
 template <class Config, class Visit>
 void for_each_field(Config& config, Visit&& visit) {
@@ -25,10 +25,24 @@ void for_each_field(Config& config, Visit&& visit) {
   visit("smoothing_interval", config.smoothing_interval);
 }
 
+std::vector<Camera> cameras_of(const std::vector<View>& views) {
+  std::vector<Camera> cameras;
+  for (const View& view : views) cameras.push_back(view.camera);
+  return cameras;
+}
+
 class MipSplatting final : public GaussianMethod {
  public:
   MipSplatting(const BackboneContext& context, const MipSplattingConfig& config)
-      : views_(context.scene.train), threads_(context.threads), config_(config) {}
+      : device_(context.device),
+        config_(config),
+        smoothing_(cameras_of(context.scene.train), config.smoothing_variance, config.visibility_margin, device_),
+        filters_(device_),
+        smooth_scales_(device_),
+        smooth_opacities_(device_),
+        factors_(device_),
+        scale_gradients_(device_),
+        opacity_gradients_(device_) {}
 
   std::string_view name() const override { return kName; }
   nlohmann::json config() const override { return to_json(config_); }
@@ -43,7 +57,7 @@ class MipSplatting final : public GaussianMethod {
 
   void gaussians_changed(std::span<const float> means) override {
     filters_.resize(means.size() / 3);
-    smoothing_filters(means, views_, config_.smoothing_variance, config_.visibility_margin, filters_, threads_);
+    smoothing_.compute(means, filters_);
   }
   bool renews_at(Moment moment) const override {
     // At the end of a run the filter rests for an interval, so that the Gaussians settle under the one they are shown
@@ -51,19 +65,27 @@ class MipSplatting final : public GaussianMethod {
     return moment.iteration % config_.smoothing_interval == 0 &&
            moment.iteration < moment.total - config_.smoothing_interval;
   }
-  void activated(std::span<const float> scales, std::span<const float> opacities) override;
+  void activated(std::span<const float> scales, std::span<const float> opacities) override {
+    smooth_scales_.ensure(scales.size());
+    smooth_opacities_.ensure(opacities.size());
+    factors_.ensure(opacities.size());
+    smooth_gaussians(scales, opacities, filters_, smoothed(), device_);
+  }
   void draw(Gaussians& drawn, std::optional<int> /*training*/) override {
     scales_ = drawn.scales;
     drawn.scales = smooth_scales_;
     drawn.opacities = smooth_opacities_;
   }
   void redirect(GaussianGradients& gradients) override {
-    scale_gradients_.assign(smooth_scales_.size(), 0.0f);
-    opacity_gradients_.assign(smooth_opacities_.size(), 0.0f);
+    scale_gradients_.assign_zeros(smooth_scales_.size());
+    opacity_gradients_.assign_zeros(smooth_opacities_.size());
     gradients.scales = scale_gradients_;
     gradients.opacities = opacity_gradients_;
   }
-  void add_gradients(const GaussianGradients& activated) override;
+  void add_gradients(const GaussianGradients& activated) override {
+    smooth_gaussians_backward(scales_, filters_, smoothed(), {scale_gradients_, opacity_gradients_}, activated.scales,
+                              activated.opacities, device_);
+  }
 
   bool needs_absolute_gradients() const override { return true; }
   AbsoluteNorm absolute_norm() const override { return AbsoluteNorm::sum; }
@@ -71,55 +93,31 @@ class MipSplatting final : public GaussianMethod {
   std::span<const float> opacity_factors() const override { return factors_; }
 
   void save(ArchiveWriter& archive) const override {
-    archive.put("mip-splatting.filters", std::span<const float>(filters_));
+    std::vector<float> copy;
+    archive.put("mip-splatting.filters", filters_.on_host(copy));
   }
   void load(const ArchiveReader& archive, std::size_t count) override {
-    filters_ = archive.floats("mip-splatting.filters");
+    filters_.assign(archive.floats("mip-splatting.filters"));
     require(filters_.size() == count, archive.path().string() + ": its filters do not fit; the checkpoint is damaged");
   }
-  void export_to(SplatCloud& cloud) const override { cloud.filters = filters_; }
+  void export_to(SplatCloud& cloud) const override { cloud.filters = filters_.to_host(); }
   bool import_from(const SplatCloud& cloud) override {
-    filters_ = cloud.filters;
+    filters_.assign(cloud.filters);
     return !filters_.empty();
   }
 
  private:
-  const std::vector<View>& views_;
-  Threads& threads_;
+  SmoothedGaussians smoothed() { return {smooth_scales_, smooth_opacities_, factors_}; }
+
+  Device device_;
   MipSplattingConfig config_;
+  SmoothingFilters smoothing_;
 
-  std::vector<float> filters_;  ///< [N] standard deviations
+  Array<float> filters_;  ///< [N] standard deviations
   std::span<const float> scales_;
-  std::vector<float> smooth_scales_, smooth_opacities_, factors_;
-  std::vector<float> scale_gradients_, opacity_gradients_;
+  Array<float> smooth_scales_, smooth_opacities_, factors_;
+  Array<float> scale_gradients_, opacity_gradients_;
 };
-
-void MipSplatting::activated(std::span<const float> scales, std::span<const float> opacities) {
-  smooth_scales_.resize(scales.size());
-  smooth_opacities_.resize(opacities.size());
-  factors_.resize(opacities.size());
-  threads_.for_range(opacities.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const SmoothedGaussian<float> out = smooth(&scales[3 * i], opacities[i], filters_[i]);
-      for (std::size_t c = 0; c < 3; ++c) smooth_scales_[3 * i + c] = out.scales[c];
-      smooth_opacities_[i] = out.opacity;
-      factors_[i] = out.factor;
-    }
-  });
-}
-
-void MipSplatting::add_gradients(const GaussianGradients& activated) {
-  threads_.for_range(factors_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      SmoothedGaussian<float> out;
-      for (std::size_t c = 0; c < 3; ++c) out.scales[c] = smooth_scales_[3 * i + c];
-      out.opacity = smooth_opacities_[i];
-      out.factor = factors_[i];
-      smooth_backward(&scales_[3 * i], filters_[i], out, &scale_gradients_[3 * i], opacity_gradients_[i],
-                      &activated.scales[3 * i], activated.opacities[i]);
-    }
-  });
-}
 
 void MipSplatting::add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const {
   // As many grow by the absolute gradient as by the signed one.

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/activations.h"
 
+#include "activation_math.h"
 #include "cuda_operations.h"
+#include "splatboost/elementwise.h"
 #include "splatboost/errors.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -60,6 +62,18 @@ void sigmoids(std::span<const float> from, std::span<float> to, Device device) {
   if (device.is_cuda()) return cuda::sigmoids(from, to, device.stream());
   device.threads().for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(sigmoids_range)(from.data() + begin, to.data() + begin, end - begin);
+  });
+}
+
+void exponential_gradients(std::span<const float> exponentials, std::span<float> gradients, Device device) {
+  multiply(gradients, exponentials, gradients, device);  // the function is its own derivative
+}
+
+void sigmoid_gradients(std::span<const float> sigmoids, std::span<float> gradients, Device device) {
+  SPLATBOOST_CHECK(sigmoids.size() == gradients.size(), "sigmoids and gradients must be of one size");
+  if (device.is_cuda()) return cuda::sigmoid_gradients(sigmoids, gradients, device.stream());
+  device.threads().for_range(gradients.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) gradients[i] *= sigmoid_slope(sigmoids[i]);
   });
 }
 

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "activation_math.h"
 #include "cuda_operations.h"
 #include "device_view.h"
 #include "host_device.h"
@@ -22,6 +23,13 @@ __global__ void __launch_bounds__(kBlockThreads) sigmoids_kernel(DeviceView<cons
   to[i] = 1.0f / (1.0f + expf(min_of(-from[i], kLargestExponent)));
 }
 
+__global__ void __launch_bounds__(kBlockThreads)
+    sigmoid_gradients_kernel(DeviceView<const float> sigmoids, DeviceView<float> gradients) {
+  const std::size_t i = element_index();
+  if (i >= gradients.size()) return;
+  gradients[i] *= sigmoid_slope(sigmoids[i]);
+}
+
 }  // namespace
 
 void exponentials(std::span<const float> from, std::span<float> to, CudaStream& stream) {
@@ -30,6 +38,10 @@ void exponentials(std::span<const float> from, std::span<float> to, CudaStream& 
 
 void sigmoids(std::span<const float> from, std::span<float> to, CudaStream& stream) {
   launch_each(stream, "sigmoids", sigmoids_kernel, to.size(), from, to);
+}
+
+void sigmoid_gradients(std::span<const float> sigmoids, std::span<float> gradients, CudaStream& stream) {
+  launch_each(stream, "sigmoid_gradients", sigmoid_gradients_kernel, gradients.size(), sigmoids, gradients);
 }
 
 }  // namespace splatboost::cuda

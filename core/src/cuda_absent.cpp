@@ -20,6 +20,7 @@ CudaCall::~CudaCall() = default;
 CudaStream::CudaStream(int) { absent(); }
 CudaStream::~CudaStream() = default;
 std::string CudaStream::device_name() const { absent(); }
+std::size_t CudaStream::free_memory() const { absent(); }
 void CudaStream::synchronize() { absent(); }
 void* CudaStream::allocate(std::size_t) { absent(); }
 void CudaStream::release(void*) noexcept {}
@@ -39,10 +40,43 @@ namespace cuda {
 std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream&) { absent(); }
 void exponentials(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
 void sigmoids(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void sigmoid_gradients(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void scale(std::span<float>, float, CudaStream&) { absent(); }
+void multiply(std::span<const float>, std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void add_products(std::span<const float>, std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void dropout_factors(const RandomStream&, double, float, std::span<float>, CudaStream&) { absent(); }
+void add_screen_gradients(const ScreenGradients&, AbsoluteNorm, float, const ScreenGradientSums&, CudaStream&) {
+  absent();
+}
+void mean_screen_gradients(const ScreenGradientSums&, std::span<float>, std::span<float>, CudaStream&) { absent(); }
+void longest_scales(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void smoothing_filters(std::span<const float>, std::span<const Camera>, float, float, std::span<std::uint32_t>,
+                       std::span<float>, CudaStream&) {
+  absent();
+}
+void smooth_gaussians(std::span<const float>, std::span<const float>, std::span<const float>, const SmoothedGaussians&,
+                      CudaStream&) {
+  absent();
+}
+void smooth_gaussians_backward(std::span<const float>, std::span<const float>, const SmoothedGaussians&,
+                               const SmoothedGradients&, std::span<float>, std::span<float>, CudaStream&) {
+  absent();
+}
 void adam_step(std::span<float>, std::span<float>, std::span<float>, std::span<float>, std::int64_t, const AdamOptions&,
                CudaStream&) {
   absent();
 }
+struct LossesOnTheWay::State {};
+LossesOnTheWay::LossesOnTheWay(CudaStream&) { absent(); }
+LossesOnTheWay::~LossesOnTheWay() = default;
+bool LossesOnTheWay::is_full() const { absent(); }
+void LossesOnTheWay::send(const DeviceArray<double>&, float) { absent(); }
+std::optional<LossTotals> LossesOnTheWay::take() { absent(); }
+LossTotals LossesOnTheWay::wait() { absent(); }
+struct PinnedUploads::State {};
+PinnedUploads::PinnedUploads(CudaStream&) { absent(); }
+PinnedUploads::~PinnedUploads() = default;
+void PinnedUploads::upload(std::span<const std::uint8_t>, std::span<const std::uint8_t>, std::uint8_t*) { absent(); }
 void photometric(std::span<const float>, const TruthImage&, float, std::span<float>, PhotometricWorkspace&,
                  CudaStream&) {
   absent();
@@ -65,6 +99,9 @@ void visible_radii(const Camera&, const Gaussians&, const RasterOptions&, std::s
   absent();
 }
 void remove_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint8_t>) { absent(); }
+void gather_rows(std::span<const float>, std::size_t, std::span<const std::uint32_t>, std::span<float>, CudaStream&) {
+  absent();
+}
 void append_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
 void reorder_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
 

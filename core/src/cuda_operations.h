@@ -6,14 +6,17 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "rasterizer_backend.h"
 #include "splatboost/adam.h"
 #include "splatboost/cuda_stream.h"
+#include "splatboost/density_statistics.h"
 #include "splatboost/device_array.h"
 #include "splatboost/photometric.h"
 #include "splatboost/random.h"
+#include "splatboost/smoothing.h"
 #include "splatboost/ssim.h"
 
 namespace splatboost::cuda {
@@ -22,28 +25,79 @@ std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream& stream);
 
 void exponentials(std::span<const float> from, std::span<float> to, CudaStream& stream);
 void sigmoids(std::span<const float> from, std::span<float> to, CudaStream& stream);
+void sigmoid_gradients(std::span<const float> sigmoids, std::span<float> gradients, CudaStream& stream);
+
+/// As in elementwise.h.
+void scale(std::span<float> values, float factor, CudaStream& stream);
+void multiply(std::span<const float> values, std::span<const float> factors, std::span<float> products,
+              CudaStream& stream);
+void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums,
+                  CudaStream& stream);
+
+/// @param kept factor of those that are not dropped
+void dropout_factors(const RandomStream& random, double rate, float kept, std::span<float> factors, CudaStream& stream);
+
+/// As in density_statistics.h.
+void add_screen_gradients(const ScreenGradients& view, AbsoluteNorm norm, float views, const ScreenGradientSums& sums,
+                          CudaStream& stream);
+void mean_screen_gradients(const ScreenGradientSums& sums, std::span<float> means, std::span<float> means_abs,
+                           CudaStream& stream);
+void longest_scales(std::span<const float> scales, std::span<float> longest, CudaStream& stream);
+
+/// As in smoothing.h. @param largest one number, workspace
+void smoothing_filters(std::span<const float> means, std::span<const Camera> views, float deviation, float margin,
+                       std::span<std::uint32_t> largest, std::span<float> filters, CudaStream& stream);
+void smooth_gaussians(std::span<const float> scales, std::span<const float> opacities, std::span<const float> filters,
+                      const SmoothedGaussians& smoothed, CudaStream& stream);
+void smooth_gaussians_backward(std::span<const float> scales, std::span<const float> filters,
+                               const SmoothedGaussians& smoothed, const SmoothedGradients& of_smoothed,
+                               std::span<float> scale_gradients, std::span<float> opacity_gradients,
+                               CudaStream& stream);
 
 void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
                std::span<float> second_moments, std::int64_t step, const AdamOptions& options, CudaStream& stream);
 
+/// A loss as the device computes it.
+struct LossTotals {
+  double l1;            ///< Σ |difference|
+  double ssim;          ///< Σ SSIM
+  double counted;       ///< pixels
+  double lambda_dssim;  ///< that the call was given
+};
+
+/// Losses on their way to the host, in the order of the calls.
+class LossesOnTheWay {
+ public:
+  explicit LossesOnTheWay(CudaStream& stream);
+  ~LossesOnTheWay();
+  /// kMost are under way: the oldest must be waited for before another is sent.
+  bool is_full() const;
+  /// Starts the way of one. Does not wait.
+  void send(const DeviceArray<double>& totals, float lambda_dssim);
+  /// The oldest that was not taken yet, if it has arrived.
+  std::optional<LossTotals> take();
+  /// Waits for the oldest that was not taken yet; there must be one.
+  LossTotals wait();
+
+  static constexpr std::size_t kMost = 64;  ///< more iterations than the driver lets the host run ahead
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
 /// What the loss keeps from call to call.
 struct PhotometricWorkspace {
   explicit PhotometricWorkspace(CudaStream& stream)
-      : derivatives(stream),
-        sums(stream),
-        totals(stream),
-        read_back(static_cast<double*>(stream.allocate_pinned(3 * sizeof(double)))) {}
-  ~PhotometricWorkspace() { totals.stream().release_pinned(read_back); }
-  PhotometricWorkspace(const PhotometricWorkspace&) = delete;
-  PhotometricWorkspace& operator=(const PhotometricWorkspace&) = delete;
+      : derivatives(stream), sums(stream), totals(stream), losses(stream) {}
 
   DeviceArray<float> derivatives;  ///< [3,3,H,W] of SSIM by means, squares and products
   DeviceArray<double> sums;        ///< of each tile
   DeviceArray<double> totals;
-  double* read_back;  ///< pinned: Σ |difference|, Σ SSIM, counted pixels, once the stream has come so far
+  LossesOnTheWay losses;
 };
 
-/// Does not wait.
+/// Sends the loss on its way. Does not wait.
 void photometric(std::span<const float> render, const TruthImage& truth, float lambda_dssim, std::span<float> gradient,
                  PhotometricWorkspace& workspace, CudaStream& stream);
 
@@ -75,9 +129,25 @@ void mark_visible(const Camera& camera, std::span<const float> means, float near
                   CudaStream& stream);
 void visible_radii(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
                    std::span<std::int32_t> radii, CudaStream& stream);
+/// Copies host memory to the device through pinned buffers, so that the host can go on.
+class PinnedUploads {
+ public:
+  explicit PinnedUploads(CudaStream& stream);
+  ~PinnedUploads();
+  /// The two parts, one behind the other; what they are of may change as soon as this returns. Waits only if the device
+  /// has not come to the upload before the last.
+  void upload(std::span<const std::uint8_t> first, std::span<const std::uint8_t> second, std::uint8_t* to);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
 
 /// As in rows.h; remove_rows() waits.
 void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed);
+/// Row i of `to` becomes row rows[i] of `from`.
+void gather_rows(std::span<const float> from, std::size_t width, std::span<const std::uint32_t> rows,
+                 std::span<float> to, CudaStream& stream);
 void append_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
 void reorder_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> order);
 

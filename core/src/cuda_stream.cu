@@ -76,6 +76,13 @@ std::string CudaStream::device_name() const {
   return properties.name;
 }
 
+std::size_t CudaStream::free_memory() const {
+  check(cudaSetDevice(ordinal_), "cudaSetDevice");
+  std::size_t free = 0, total = 0;
+  check(cudaMemGetInfo(&free, &total), "cudaMemGetInfo");
+  return free;
+}
+
 void CudaStream::synchronize() {
   check(cudaStreamSynchronize(stream_of(handle_)), "waiting for the device");
   count_synchronization();

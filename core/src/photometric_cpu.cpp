@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <optional>
 
 #include "cuda_operations.h"
 #include "splatboost/errors.h"
@@ -298,6 +299,7 @@ struct Photometric::State {
   }
   Device device;
   std::unique_ptr<cuda::PhotometricWorkspace> workspace;  ///< of a CUDA device
+  std::optional<PhotometricLoss> newest;  ///< that came back from there, or the first that was not finite
   std::vector<PhotometricSums> sums;
 };
 
@@ -306,8 +308,20 @@ Photometric::~Photometric() = default;
 Photometric::Photometric(Photometric&&) noexcept = default;
 Photometric& Photometric::operator=(Photometric&&) noexcept = default;
 
-PhotometricLoss Photometric::evaluate(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
-                                      std::span<float> gradient) {
+namespace {
+
+PhotometricLoss loss_of(double l1_sum, double ssim_sum, double counted, double lambda) {
+  if (counted == 0) return {0.0, 1.0, 0.0};  // nothing to compare
+  const double samples = 3.0 * counted, l1 = l1_sum / samples, ssim = ssim_sum / samples;
+  return {l1, ssim, (1.0 - lambda) * l1 + lambda * (1.0 - ssim)};
+}
+
+PhotometricLoss loss_of(const cuda::LossTotals& totals) {
+  return loss_of(totals.l1, totals.ssim, totals.counted, totals.lambda_dssim);
+}
+
+void check_images(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
+                  std::span<float> gradient) {
   SPLATBOOST_CHECK(truth.width > 0 && truth.height > 0, "truth.width and truth.height must be above 0");
   const auto width = static_cast<std::size_t>(truth.width), height = static_cast<std::size_t>(truth.height);
   const std::size_t pixels = width * height;
@@ -316,19 +330,44 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
   SPLATBOOST_CHECK(render.size() == 3 * pixels, "render must be [3,H,W] of the truth's size");
   SPLATBOOST_CHECK(gradient.empty() || gradient.size() == 3 * pixels, "gradient must be empty or [3,H,W]");
   SPLATBOOST_CHECK(lambda_dssim >= 0.0f && lambda_dssim <= 1.0f, "lambda_dssim must lie in [0, 1]");
+}
 
+}  // namespace
+
+PhotometricLoss Photometric::evaluate_ahead(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
+                                            std::span<float> gradient) {
+  State& s = *state_;
+  if (!s.device.is_cuda()) return evaluate(render, truth, lambda_dssim, gradient);
+  check_images(render, truth, lambda_dssim, gradient);
+  cuda::LossesOnTheWay& losses = s.workspace->losses;
+  const auto note = [&s](const cuda::LossTotals& totals) {
+    if (!s.newest || std::isfinite(s.newest->total)) s.newest = loss_of(totals);
+  };
+  if (losses.is_full()) note(losses.wait());
+  cuda::photometric(render, truth, lambda_dssim, gradient, *s.workspace, s.device.stream());
+  if (!s.newest) note(losses.wait());
+  while (const std::optional<cuda::LossTotals> totals = losses.take()) note(*totals);
+  return *s.newest;
+}
+
+PhotometricLoss Photometric::evaluate(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
+                                      std::span<float> gradient) {
+  check_images(render, truth, lambda_dssim, gradient);
+  const auto width = static_cast<std::size_t>(truth.width), height = static_cast<std::size_t>(truth.height);
+  const std::size_t pixels = width * height;
   State& s = *state_;
   const auto lambda = static_cast<double>(lambda_dssim);
-  const auto loss_of = [&](double l1_sum, double ssim_sum, double counted) -> PhotometricLoss {
-    if (counted == 0) return {0.0, 1.0, 0.0};  // nothing to compare
-    const double samples = 3.0 * counted, l1 = l1_sum / samples, ssim = ssim_sum / samples;
-    return {l1, ssim, (1.0 - lambda) * l1 + lambda * (1.0 - ssim)};
-  };
   if (s.device.is_cuda()) {
+    cuda::LossesOnTheWay& losses = s.workspace->losses;
+    if (losses.is_full()) static_cast<void>(losses.wait());
     cuda::photometric(render, truth, lambda_dssim, gradient, *s.workspace, s.device.stream());
     s.device.stream().synchronize();
-    const double* const totals = s.workspace->read_back;
-    return loss_of(totals[0], totals[1], totals[2]);
+    PhotometricLoss loss;
+    while (const std::optional<cuda::LossTotals> totals = losses.take()) {
+      // Of calls of evaluate_ahead() before this one none that was not finite shall be missed.
+      if (std::isfinite(loss.total)) loss = loss_of(*totals);
+    }
+    return loss;
   }
 
   std::size_t counted = pixels;
@@ -338,7 +377,7 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
   }
   if (counted == 0) {
     std::fill(gradient.begin(), gradient.end(), 0.0f);
-    return loss_of(0, 0, 0);
+    return loss_of(0, 0, 0, lambda);
   }
   const double samples = 3.0 * static_cast<double>(counted);
 
@@ -366,7 +405,7 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
     l1 += sum.l1;
     ssim += sum.ssim;
   }
-  return loss_of(l1, ssim, static_cast<double>(counted));
+  return loss_of(l1, ssim, static_cast<double>(counted), lambda);
 }
 
 }  // namespace splatboost

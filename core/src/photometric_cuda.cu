@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The loss in three kernels: SSIM's values and derivatives of each tile of pixels; the sums of the tiles; the gradient,
 // which blurs the derivatives once more, the window being its own adjoint.
+#include <array>
+
+#include "cuda_event.h"
 #include "cuda_operations.h"
 #include "ssim_cuda.h"
 
@@ -85,6 +88,54 @@ __global__ void __launch_bounds__(kSsimThreads)
 
 }  // namespace
 
+/// A ring of pinned slots.
+struct LossesOnTheWay::State {
+  struct Slot {
+    explicit Slot(CudaStream& stream) : arrived(stream, cudaEventDisableTiming) {}
+    Event arrived;
+    double lambda_dssim = 0;
+  };
+  explicit State(CudaStream& on)
+      : stream(on), totals(static_cast<double*>(on.allocate_pinned(kMost * kTotals * sizeof(double)))) {
+    for (std::unique_ptr<Slot>& slot : slots) slot = std::make_unique<Slot>(on);
+  }
+  ~State() { stream.release_pinned(totals); }
+  Slot& slot(std::size_t number) { return *slots[number % kMost]; }
+  LossTotals take_oldest() {
+    const double* const at = totals + kTotals * (taken % kMost);
+    return {at[0], at[1], at[2], slot(taken++).lambda_dssim};
+  }
+
+  CudaStream& stream;
+  double* totals;  ///< pinned, [kMost,3]
+  std::array<std::unique_ptr<Slot>, kMost> slots;
+  std::size_t sent = 0, taken = 0;
+};
+
+LossesOnTheWay::LossesOnTheWay(CudaStream& stream) : state_(std::make_unique<State>(stream)) {}
+LossesOnTheWay::~LossesOnTheWay() = default;
+
+bool LossesOnTheWay::is_full() const { return state_->sent - state_->taken == kMost; }
+
+void LossesOnTheWay::send(const DeviceArray<double>& totals, float lambda_dssim) {
+  State& s = *state_;
+  s.stream.copy_to_pinned(s.totals + kTotals * (s.sent % kMost), totals.data(), kTotals * sizeof(double));
+  s.slot(s.sent).lambda_dssim = static_cast<double>(lambda_dssim);
+  s.slot(s.sent++).arrived.record();
+}
+
+std::optional<LossTotals> LossesOnTheWay::take() {
+  State& s = *state_;
+  if (s.taken == s.sent || !s.slot(s.taken).arrived.is_done()) return std::nullopt;
+  return s.take_oldest();
+}
+
+LossTotals LossesOnTheWay::wait() {
+  State& s = *state_;
+  s.slot(s.taken).arrived.wait();
+  return s.take_oldest();
+}
+
 void photometric(std::span<const float> render, const TruthImage& truth, float lambda_dssim, std::span<float> gradient,
                  PhotometricWorkspace& workspace, CudaStream& stream) {
   const ImageSize size{truth.width, truth.height};
@@ -96,7 +147,7 @@ void photometric(std::span<const float> render, const TruthImage& truth, float l
          workspace.derivatives.span(), workspace.sums.span());
   launch(stream, "photometric_totals", sum_blocks_kernel<kTotals>, dim3(1), dim3(kSsimThreads),
          std::span<const double>(workspace.sums.span()), 1.0, workspace.totals.span());
-  stream.copy_to_pinned(workspace.read_back, workspace.totals.data(), kTotals * sizeof(double));
+  workspace.losses.send(workspace.totals, lambda_dssim);
   if (gradient.empty()) return;
   launch(stream, "photometric_gradient", gradient_kernel, blocks, dim3(kSsimThreads), size, render, truth.color,
          truth.valid, std::span<const float>(workspace.derivatives.span()),

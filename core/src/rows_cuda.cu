@@ -63,6 +63,11 @@ void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const 
   tensor = std::move(compacted);
 }
 
+void gather_rows(std::span<const float> from, std::size_t width, std::span<const std::uint32_t> rows,
+                 std::span<float> to, CudaStream& stream) {
+  launch_each(stream, "gather_rows", gather_kernel, to.size(), from, rows, width, to);
+}
+
 void append_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows) {
   const std::size_t before = tensor.size();
   tensor.resize(before + rows.size() * width);

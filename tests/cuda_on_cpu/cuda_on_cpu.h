@@ -4,7 +4,8 @@
 /// The .cu files are compiled as C++ with this folder's cuda_runtime.h and cub/ in place of the toolkit's. A launch
 /// runs its grid block by block and returns when it is done; the threads of a block are fibers of the one thread that
 /// launches. Faults are thrown by the launch: an access out of bounds, a race or an unwritten value in shared memory,
-/// a barrier or a warp function that some threads never reach, a lane mask that is not of those that arrive.
+/// a barrier or a warp function that some threads never reach, a lane mask that is not of those that arrive. Code of
+/// the host that touches memory of the device ends with a segmentation fault, at that line.
 ///
 /// What it cannot see: races in global memory, and orders of execution other than those it is told to run.
 #pragma once

@@ -154,6 +154,14 @@ class SharedAccesses {
 
 /// Notes that the stream was given work.
 void give_work(cudaStream_t stream);
+/// While one lives, memory of the device can be touched, as kernels and copies do.
+class DeviceAccess {
+ public:
+  DeviceAccess();
+  ~DeviceAccess();
+  DeviceAccess(const DeviceAccess&) = delete;
+  DeviceAccess& operator=(const DeviceAccess&) = delete;
+};
 
 /// Runs a grid.
 cudaError_t run(dim3 blocks, dim3 threads, const std::function<void()>& kernel);

@@ -370,6 +370,7 @@ cudaError_t run(dim3 blocks, dim3 threads, const std::function<void()>& kernel) 
   if (size == 0 || size > kMostThreads || blocks.x * blocks.y * blocks.z == 0 || blocks.y > 65535 || blocks.z > 65535) {
     return cudaErrorInvalidConfiguration;
   }
+  const DeviceAccess access;
   std::uint64_t random = seed;
   std::vector<unsigned> block_order(blocks.x * blocks.y * blocks.z);
   std::iota(block_order.begin(), block_order.end(), 0u);

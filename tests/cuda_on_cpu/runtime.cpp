@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The runtime's functions: memory of the "device" is the host's, streams and events are done at once.
+// The runtime's functions: memory of the "device" is the host's, which nobody but kernels and copies can touch; streams
+// and events are done at once.
+#include <sys/mman.h>
+
 #include <chrono>
 #include <cstdlib>
 #include <map>
@@ -25,9 +28,73 @@ std::map<void*, std::size_t> allocations;
 thread_local int current_device = 0;
 std::map<cudaStream_t, Progress> progress_of;
 
+/// Addresses that the device's memory is in, page by page.
+class Arena {
+ public:
+  static constexpr std::size_t kPage = 4096;
+
+  Arena() {
+    void* const at = mmap(nullptr, kReserved, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    begin_ = at == MAP_FAILED ? nullptr : static_cast<std::byte*>(at);
+    if (begin_ != nullptr) free_[0] = kReserved;
+  }
+  /// The first free stretch that is large enough; null: there is none.
+  void* take(std::size_t bytes) {
+    const std::size_t wanted = rounded(std::max<std::size_t>(bytes, 1));
+    for (const auto& [offset, size] : free_) {
+      if (size < wanted) continue;
+      const std::size_t at = offset, left = size - wanted;
+      free_.erase(at);
+      if (left > 0) free_[at + wanted] = left;
+      used_ = std::max(used_, at + wanted);
+      if (open_ > 0) protect(PROT_READ | PROT_WRITE);
+      return begin_ + at;
+    }
+    return nullptr;
+  }
+  void give_back(void* memory, std::size_t bytes) {
+    const auto offset = static_cast<std::size_t>(static_cast<std::byte*>(memory) - begin_);
+    auto here = free_.emplace(offset, rounded(std::max<std::size_t>(bytes, 1))).first;
+    if (const auto next = std::next(here); next != free_.end() && here->first + here->second == next->first) {
+      here->second += next->second;
+      free_.erase(next);
+    }
+    if (here == free_.begin()) return;
+    if (const auto before = std::prev(here); before->first + before->second == here->first) {
+      before->second += here->second;
+      free_.erase(here);
+    }
+  }
+  void open() {
+    if (open_++ == 0) protect(PROT_READ | PROT_WRITE);
+  }
+  void close() {
+    if (--open_ == 0) protect(PROT_NONE);
+  }
+
+ private:
+  static constexpr std::size_t kReserved = std::size_t{64} << 30;  // of addresses, not of memory
+  static std::size_t rounded(std::size_t bytes) { return (bytes + kPage - 1) / kPage * kPage; }
+  void protect(int access) const {
+    if (used_ > 0) static_cast<void>(mprotect(begin_, used_, access));
+  }
+
+  std::byte* begin_ = nullptr;
+  std::map<std::size_t, std::size_t> free_;  ///< offset → size
+  std::size_t used_ = 0;                     ///< no page beyond it was ever taken
+  int open_ = 0;
+};
+
+Arena& arena() {
+  static Arena& whole = *new Arena;  // arrays of other static objects may outlive it otherwise
+  return whole;
+}
+
 }  // namespace
 
 namespace cuda_on_cpu {
+DeviceAccess::DeviceAccess() { arena().open(); }
+DeviceAccess::~DeviceAccess() { arena().close(); }
 void set_device_memory(std::size_t bytes) { device_memory = bytes; }
 std::size_t device_memory_in_use() { return in_use; }
 void set_device_count(int count) { device_count = count; }
@@ -87,8 +154,9 @@ cudaError_t cudaRuntimeGetVersion(int* version) { return cudaDriverGetVersion(ve
 
 cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
   if (bytes > device_memory - std::min(in_use, device_memory)) return cudaErrorMemoryAllocation;
-  *memory = std::aligned_alloc(256, (bytes + 255) / 256 * 256);
+  *memory = arena().take(bytes);
   if (*memory == nullptr) return cudaErrorMemoryAllocation;
+  const cuda_on_cpu::DeviceAccess access;
   std::memset(*memory, 0xff, bytes);  // floats that are not numbers: who reads what nobody wrote shows
   allocations[*memory] = bytes;
   in_use += bytes;
@@ -99,8 +167,8 @@ cudaError_t cudaFree(void* memory) {
   const auto found = allocations.find(memory);
   if (found == allocations.end()) return memory == nullptr ? cudaSuccess : cudaErrorInvalidValue;
   in_use -= found->second;
+  arena().give_back(memory, found->second);
   allocations.erase(found);
-  std::free(memory);
   return cudaSuccess;
 }
 
@@ -132,12 +200,14 @@ cudaError_t cudaStreamDestroy(cudaStream_t stream) {
 
 cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t stream) {
   cuda_on_cpu::give_work(stream);
+  const cuda_on_cpu::DeviceAccess access;
   std::memmove(to, from, bytes);
   return cudaSuccess;
 }
 
 cudaError_t cudaMemsetAsync(void* memory, int byte, std::size_t bytes, cudaStream_t stream) {
   cuda_on_cpu::give_work(stream);
+  const cuda_on_cpu::DeviceAccess access;
   std::memset(memory, byte, bytes);
   return cudaSuccess;
 }

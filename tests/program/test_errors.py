@@ -2,6 +2,7 @@
 """What goes wrong is told in one line that says what to do, with exit code 2 for what a user can mend."""
 
 import json
+import shutil
 import subprocess
 
 import pytest
@@ -71,8 +72,22 @@ def test_impossible_values(scene, tmp_path, arguments, name):
     assert not (tmp_path / "model").exists()
 
 
-def test_there_is_no_training_on_cuda_yet(scene, tmp_path):
-    assert "no CUDA" in fails("train", "-s", scene, "-m", tmp_path / "model", "--device", "cuda")
+@pytest.mark.parametrize("device", ["cuda", "cuda:999"])
+def test_a_gpu_that_is_not_there(scene, tmp_path, device):
+    if device == "cuda" and shutil.which("nvidia-smi"):
+        pytest.skip("there may be one")
+    line = fails("train", "-s", scene, "-m", tmp_path / "model", "--device", device)
+    assert "no CUDA" in line
+    assert "--device cpu" in line
+    assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize("backbone", ["scaffold-gs", "octree-gs"])
+def test_backbones_that_run_on_the_cpu_only(scene, tmp_path, backbone):
+    line = fails("train", "-s", scene, "-m", tmp_path / "model", "--backbone", backbone, "--device", "cuda")
+    assert backbone in line
+    assert "--device cpu" in line
+    assert not (tmp_path / "model").exists()
 
 
 def test_config_that_is_not_json(scene, tmp_path):

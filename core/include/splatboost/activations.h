@@ -14,4 +14,12 @@ void exponentials(std::span<const float> from, std::span<float> to, Device devic
 /// to[i] = 1 / (1 + exp(-from[i])): opacities. Relative error below 1e-6.
 void sigmoids(std::span<const float> from, std::span<float> to, Device device);
 
+// Backwards: gradients of what came out become those of what went in.
+
+/// gradients[i] *= exponentials[i]
+void exponential_gradients(std::span<const float> exponentials, std::span<float> gradients, Device device);
+
+/// gradients[i] *= sigmoids[i] · (1 − sigmoids[i])
+void sigmoid_gradients(std::span<const float> sigmoids, std::span<float> gradients, Device device);
+
 }  // namespace splatboost

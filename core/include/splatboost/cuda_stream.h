@@ -40,6 +40,8 @@ class CudaStream {
 
   int ordinal() const { return ordinal_; }
   std::string device_name() const;
+  /// Bytes of the device's memory that nobody has.
+  std::size_t free_memory() const;
   /// Its cudaStream_t.
   void* handle() const { return handle_; }
   /// Waits for all work given so far.

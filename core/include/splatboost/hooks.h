@@ -9,6 +9,9 @@
 ///   OptimizerHook    an adapter implements it:    "does this parameter group step now?"
 ///
 /// A backbone without hooks is exactly its published self.
+///
+/// Pictures, masks and counts of the RasterizerHook lie in the memory of the backbone's device, which a MultiViewScorer
+/// of that device works on. Statistics and decisions of the DensityHook are always in memory of the host.
 #pragma once
 
 #include <cstddef>
@@ -22,7 +25,8 @@
 
 namespace splatboost {
 
-/// A view as the scores need it; valid until the next render_for_score() or change of the backbone.
+/// A view as the scores need it, in memory of the device; valid until the next render_for_score() or change of the
+/// backbone.
 struct ScoredView {
   std::span<const float> color;  ///< [3,H,W] rendered, without anything random (dropout, exposure jitter)
   TruthImage truth;

@@ -38,6 +38,12 @@ class Photometric {
   PhotometricLoss evaluate(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
                            std::span<float> gradient);
 
+  /// The same for training loops: on a GPU it does not wait for its own loss, but returns the newest that has come
+  /// back, of an earlier call (the first call waits). Once one was not finite it returns that one, so that none is
+  /// missed.
+  PhotometricLoss evaluate_ahead(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
+                                 std::span<float> gradient);
+
  private:
   struct State;
   std::unique_ptr<State> state_;

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "splatboost/array.h"
 #include "splatboost/device_array.h"
 
 namespace splatboost {
@@ -30,5 +31,20 @@ void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const 
 void append_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
 void reorder_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> order);
 void append_zero_rows(DeviceArray<float>& tensor, std::size_t width, std::size_t count);
+
+// The same of either device, which lists lie on too. None of these waits.
+
+/// Leaves the rows that the list names, in its order: others go, or all get another place.
+/// @param workspace of the device; what it holds means nothing, and nothing is allocated once it is large enough
+void select_rows(Array<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows, Array<float>& workspace);
+void append_rows(Array<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
+void append_zero_rows(Array<float>& tensor, std::size_t width, std::size_t count);
+
+/// Appends copies of rows of another tensor.
+void append_rows_of(std::span<const float> from, std::size_t width, std::span<const std::uint32_t> rows,
+                    Array<float>& tensor);
+
+/// The rows whose mask byte is zero, in order: the list by which select_rows() removes the others.
+std::vector<std::uint32_t> kept_rows(std::span<const std::uint8_t> removed);
 
 }  // namespace splatboost

@@ -11,7 +11,7 @@
 
 #include "common/multi_scale.h"
 #include "common/trainer.h"
-#include "mip_splatting/smoothing_filter.h"
+#include "splatboost/smoothing.h"
 #include "support/density_recorder.h"
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
@@ -41,8 +41,10 @@ class MipSplattingRun : public ::testing::Test {
   std::vector<float> filters_for(const SplatCloud& cloud) {
     std::vector<float> filters(cloud.size());
     const MipSplattingConfig config;
-    smoothing_filters(cloud.means, scene_.train, config.smoothing_variance, config.visibility_margin, filters,
-                      threads_);
+    std::vector<Camera> cameras;
+    for (const View& view : scene_.train) cameras.push_back(view.camera);
+    SmoothingFilters(cameras, config.smoothing_variance, config.visibility_margin, threads_)
+        .compute(cloud.means, filters);
     return filters;
   }
 

@@ -67,6 +67,7 @@ struct DeviceRadixSort {
                                const Value* values_in, Value* values_out, std::int64_t n, int begin_bit = 0,
                                int end_bit = 8 * static_cast<int>(sizeof(Key)), cudaStream_t = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     const auto order = detail_on_cpu::sorted(keys_in, static_cast<std::size_t>(n), begin_bit, end_bit);
     detail_on_cpu::gather(values_in, values_out, order);
     detail_on_cpu::gather(keys_in, keys_out, order);
@@ -77,6 +78,7 @@ struct DeviceRadixSort {
                                std::int64_t n, int begin_bit = 0, int end_bit = 8 * static_cast<int>(sizeof(Key)),
                                cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     SortPairs(memory, bytes, keys.Current(), keys.Alternate(), values.Current(), values.Alternate(), n, begin_bit,
               end_bit, stream);
     keys.selector ^= 1;
@@ -88,6 +90,7 @@ struct DeviceRadixSort {
                               int begin_bit = 0, int end_bit = 8 * static_cast<int>(sizeof(Key)),
                               cudaStream_t = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     detail_on_cpu::gather(keys_in, keys_out,
                           detail_on_cpu::sorted(keys_in, static_cast<std::size_t>(n), begin_bit, end_bit));
     return cudaSuccess;
@@ -99,6 +102,7 @@ struct DeviceScan {
   static cudaError_t ExclusiveSum(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n,
                                   cudaStream_t = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     std::remove_cvref_t<decltype(out[0])> sum{};
     for (std::int64_t i = 0; i < n; ++i) {
       const auto value = in[i];  // in and out may be one
@@ -111,6 +115,7 @@ struct DeviceScan {
   static cudaError_t InclusiveSum(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n,
                                   cudaStream_t = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     std::remove_cvref_t<decltype(out[0])> sum{};
     for (std::int64_t i = 0; i < n; ++i) out[i] = sum += in[i];
     return cudaSuccess;
@@ -121,6 +126,7 @@ struct DeviceReduce {
   template <class In, class Out>
   static cudaError_t Sum(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n, cudaStream_t = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     std::remove_cvref_t<decltype(out[0])> sum{};
     for (std::int64_t i = 0; i < n; ++i) sum += in[i];
     *out = sum;
@@ -129,12 +135,14 @@ struct DeviceReduce {
   template <class In, class Out>
   static cudaError_t Min(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n, cudaStream_t = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     if (n > 0) *out = *std::min_element(in, in + n);
     return cudaSuccess;
   }
   template <class In, class Out>
   static cudaError_t Max(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n, cudaStream_t = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     if (n > 0) *out = *std::max_element(in, in + n);
     return cudaSuccess;
   }
@@ -145,6 +153,7 @@ struct DeviceSelect {
   static cudaError_t Flagged(void* memory, std::size_t& bytes, In in, Flags flags, Out out, Count selected,
                              std::int64_t n, cudaStream_t = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
+    const cuda_on_cpu::DeviceAccess access;
     std::int64_t kept = 0;
     for (std::int64_t i = 0; i < n; ++i) {
       if (flags[i]) out[kept++] = in[i];

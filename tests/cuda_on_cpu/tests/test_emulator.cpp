@@ -284,10 +284,39 @@ TEST(EmulatorMemory, IsLimitedAndNotZero) {
   EXPECT_EQ(cudaMalloc(&memory, (1 << 20) + 1), cudaErrorMemoryAllocation);
   ASSERT_EQ(cudaMalloc(&memory, 1 << 19), cudaSuccess);
   EXPECT_EQ(cuda_on_cpu::device_memory_in_use(), std::size_t{1} << 19);
-  EXPECT_TRUE(std::isnan(*static_cast<float*>(memory)));
+  float value = 0;
+  EXPECT_EQ(cudaMemcpyAsync(&value, memory, sizeof value, cudaMemcpyDeviceToHost, nullptr), cudaSuccess);
+  EXPECT_TRUE(std::isnan(value));
   EXPECT_EQ(cudaFree(memory), cudaSuccess);
   EXPECT_EQ(cudaFree(memory), cudaErrorInvalidValue);  // twice
   cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
+}
+
+TEST(EmulatorMemory, IsNotTheHosts) {
+  void* memory = nullptr;
+  ASSERT_EQ(cudaMalloc(&memory, 100), cudaSuccess);
+  EXPECT_DEATH(*static_cast<volatile int*>(memory) = 1, "");
+  EXPECT_EQ(cudaMemsetAsync(memory, 0, 100, nullptr), cudaSuccess);
+  EXPECT_DEATH(*static_cast<volatile int*>(memory) = 1, "") << "nor after the device has used it";
+  EXPECT_EQ(cudaFree(memory), cudaSuccess);
+}
+
+TEST(EmulatorMemory, IsFoundAgainWhenItWasGivenBack) {
+  std::vector<void*> pieces(20);
+  for (int round = 0; round < 3; ++round) {
+    for (std::size_t i = 0; i < pieces.size(); ++i) {
+      ASSERT_EQ(cudaMalloc(&pieces[i], 5000 * (i + 1)), cudaSuccess);
+      ASSERT_EQ(cudaMemsetAsync(pieces[i], static_cast<int>(i), 5000 * (i + 1), nullptr), cudaSuccess);
+    }
+    for (std::size_t i = 0; i < pieces.size(); ++i) {
+      std::vector<unsigned char> there(5000 * (i + 1));
+      ASSERT_EQ(cudaMemcpyAsync(there.data(), pieces[i], there.size(), cudaMemcpyDeviceToHost, nullptr), cudaSuccess);
+      EXPECT_EQ(std::count(there.begin(), there.end(), static_cast<unsigned char>(i)),
+                static_cast<std::ptrdiff_t>(there.size()));
+    }
+    for (std::size_t i = 0; i < pieces.size(); ++i) EXPECT_EQ(cudaFree(pieces[i * 7 % pieces.size()]), cudaSuccess);
+  }
+  EXPECT_EQ(cuda_on_cpu::device_memory_in_use(), 0u);
 }
 
 TEST(EmulatorCub, SortsStablyByTheBitsAskedFor) {

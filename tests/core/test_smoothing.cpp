@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The 3D smoothing filter: which it is for given cameras, what it does to a Gaussian, and the gradient of that.
-#include "mip_splatting/smoothing_filter.h"
+#include "splatboost/smoothing.h"
 
 #include <gtest/gtest.h>
 
@@ -15,19 +15,19 @@ namespace splatboost {
 namespace {
 
 /// At (0, 0, z), looking along +z, 100×100 pixels of focal length f.
-View view_from(float z, float focal) {
-  View view;
-  view.camera.width = view.camera.height = 100;
-  view.camera.fx = view.camera.fy = focal;
-  view.camera.cx = view.camera.cy = 50;
-  view.camera.camera_from_world[3] = glm::vec4(0, 0, -z, 1);
-  return view;
+Camera view_from(float z, float focal) {
+  Camera camera;
+  camera.width = camera.height = 100;
+  camera.fx = camera.fy = focal;
+  camera.cx = camera.cy = 50;
+  camera.camera_from_world[3] = glm::vec4(0, 0, -z, 1);
+  return camera;
 }
 
-std::vector<float> filters_of(const std::vector<float>& means, const std::vector<View>& views) {
+std::vector<float> filters_of(const std::vector<float>& means, const std::vector<Camera>& views) {
   Threads threads(2);
   std::vector<float> filters(means.size() / 3);
-  smoothing_filters(means, views, 0.2, 0.15, filters, threads);
+  SmoothingFilters(views, 0.2, 0.15, threads).compute(means, filters);
   return filters;
 }
 
@@ -42,7 +42,7 @@ TEST(SmoothingFilter, is_that_of_the_view_which_resolves_the_mean_best) {
 
 TEST(SmoothingFilter, counts_views_up_to_a_margin_beyond_their_border) {
   // At depth 2 and focal length 100 a pixel is 0.02 wide: the border lies at x = 1, the margin's end at 1.3.
-  const std::vector<View> views = {view_from(0, 100), view_from(-8, 100)};
+  const std::vector<Camera> views = {view_from(0, 100), view_from(-8, 100)};
   const float root = std::sqrt(0.2f);
   const std::vector<float> filters = filters_of({1.29f, 0, 2, 1.31f, 0, 2, 0, -1.29f, 2, 0, -1.31f, 2}, views);
   EXPECT_FLOAT_EQ(filters[0], root * 2 / 100);

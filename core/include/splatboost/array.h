@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file An array in the memory of a Device: what trainers keep their tensors in, whatever they run on.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "splatboost/device.h"
+#include "splatboost/device_array.h"
+#include "splatboost/errors.h"
+
+namespace splatboost {
+
+/// Owns trivial values: a std::vector on the CPU, a DeviceArray on a GPU. It shrinks on neither, so that a loop of
+/// steady sizes allocates nothing. As a span it goes into the operations of its device.
+template <class T>
+class Array {
+ public:
+  /// In memory of the host.
+  Array() = default;
+  explicit Array(Device device) {
+    if (device.is_cuda()) cuda_.emplace(device.stream());
+  }
+  Array(Device device, std::vector<T> values) : Array(device) { assign(std::move(values)); }
+
+  bool is_cuda() const { return cuda_.has_value(); }
+  std::size_t size() const { return cuda_ ? cuda_->size() : host_.size(); }
+  bool empty() const { return size() == 0; }
+  std::span<T> span() { return cuda_ ? cuda_->span() : std::span<T>(host_); }
+  std::span<const T> span() const { return cuda_ ? cuda_->span() : std::span<const T>(host_); }
+  operator std::span<T>() { return span(); }              // NOLINT: a view of it
+  operator std::span<const T>() const { return span(); }  // NOLINT
+
+  /// Makes it of n values; what they hold is undefined.
+  void ensure(std::size_t n) {
+    if (cuda_) {
+      cuda_->ensure(n);
+    } else {
+      host_.resize(n);
+    }
+  }
+  /// Makes it of n values and keeps those it has; new ones are undefined. Where memory is short it stays as it was.
+  void resize(std::size_t n) {
+    if (cuda_) {
+      cuda_->resize(n);
+    } else {
+      host_.resize(n);
+    }
+  }
+  /// Makes room for n values, so that resize() up to that many cannot fail.
+  void reserve(std::size_t n) {
+    const std::size_t now = size();
+    if (!cuda_) return host_.reserve(std::max(n, now));
+    cuda_->resize(std::max(n, now));
+    cuda_->resize(now);
+  }
+  /// Makes it of n zeros.
+  void assign_zeros(std::size_t n) {
+    if (!cuda_) return host_.assign(n, T{});
+    cuda_->ensure(n);
+    cuda_->fill_zero();
+  }
+  /// Takes the values.
+  void assign(std::vector<T> values) {
+    if (cuda_) {
+      cuda_->upload(values);
+    } else {
+      host_ = std::move(values);
+    }
+  }
+
+  // To the host. On a GPU these wait, and belong into no steady loop.
+
+  /// A copy.
+  std::vector<T> to_host() const { return cuda_ ? cuda_->to_host() : host_; }
+  /// The values where the host can read them: on the CPU these themselves, on a GPU a copy in `copy`.
+  std::span<const T> on_host(std::vector<T>& copy) const {
+    if (!cuda_) return host_;
+    copy.resize(size());
+    cuda_->download(copy);
+    return copy;
+  }
+  /// Lets the host change the values from `first` on, by change(span): on a GPU they go there and back.
+  template <class Change>
+  void edit(std::size_t first, const Change& change) {
+    if (!cuda_) return change(std::span<T>(host_).subspan(first));
+    std::vector<T> values(size() - first);
+    CudaStream& stream = cuda_->stream();
+    stream.copy_to_host(values.data(), cuda_->data() + first, values.size() * sizeof(T));
+    change(std::span<T>(values));
+    stream.copy_to_device(cuda_->data() + first, values.data(), values.size() * sizeof(T));
+  }
+
+  // The memory itself, for what is different on each device.
+
+  std::vector<T>& host() {
+    SPLATBOOST_CHECK(!cuda_, "these values are on a GPU");
+    return host_;
+  }
+  const std::vector<T>& host() const {
+    SPLATBOOST_CHECK(!cuda_, "these values are on a GPU");
+    return host_;
+  }
+  DeviceArray<T>& cuda() {
+    SPLATBOOST_CHECK(cuda_, "these values are not on a GPU");
+    return *cuda_;
+  }
+
+ private:
+  std::vector<T> host_;                 ///< of the CPU
+  std::optional<DeviceArray<T>> cuda_;  ///< of a GPU
+};
+
+/// A copy of memory of a device; on a GPU it waits.
+template <class T>
+std::vector<T> copy_to_host(std::span<const T> values, Device device) {
+  std::vector<T> copy(values.size());
+  if (device.is_cuda()) {
+    device.stream().copy_to_host(copy.data(), values.data(), values.size_bytes());
+  } else {
+    std::copy(values.begin(), values.end(), copy.begin());
+  }
+  return copy;
+}
+
+}  // namespace splatboost

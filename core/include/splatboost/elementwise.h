@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Arithmetic on arrays, element by element.
+#pragma once
+
+#include <span>
+
+#include "splatboost/device.h"
+
+namespace splatboost {
+
+/// values[i] *= factor
+void scale(std::span<float> values, float factor, Device device);
+
+/// products[i] = values[i] · factors[i]. They may be the same memory.
+void multiply(std::span<const float> values, std::span<const float> factors, std::span<float> products, Device device);
+
+/// sums[i] += values[i] · factors[i]
+void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums, Device device);
+
+}  // namespace splatboost
