@@ -223,9 +223,8 @@ sb_status sb_adapter_create(const char* backbone, const sb_boost* boost, const s
 
 void sb_adapter_destroy(sb_adapter* adapter) { delete adapter; }
 
-sb_status sb_adapter_beta(const sb_adapter* adapter, int32_t iteration, int32_t total, float* beta) {
-  return guarded(
-      [&] { need(beta, "beta") = need(adapter, "adapter").adapter->beta(moment_of(iteration, total)).value_or(0.0f); });
+sb_status sb_adapter_beta(const sb_adapter* adapter, float* beta) {
+  return guarded([&] { need(beta, "beta") = need(adapter, "adapter").adapter->beta().value_or(0.0f); });
 }
 
 sb_status sb_adapter_grows_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,

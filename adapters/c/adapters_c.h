@@ -68,9 +68,8 @@ typedef struct sb_views {
   int32_t (*count_flagged)(void* context, const sb_tensor* flagged, const sb_tensor* counts);
 } sb_views;
 
-/** @param beta of the compact box at an iteration: it is 1 in the last part of a run; 0 where the box is to stay the
- *  host's own */
-SB_API sb_status sb_adapter_beta(const sb_adapter* adapter, int32_t iteration, int32_t total, float* beta);
+/** @param beta of the compact box; 0 where the box is to stay the host's own */
+SB_API sb_status sb_adapter_beta(const sb_adapter* adapter, float* beta);
 /** @param host_would whether the host's own rule would grow now @param grows receives 1 or 0 */
 SB_API sb_status sb_adapter_grows_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
                                      int32_t* grows);

@@ -13,8 +13,8 @@ ScaffoldAdapter::ScaffoldAdapter(const ScaffoldBoost& boost, Threads& threads) :
   SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
 }
 
-std::optional<float> ScaffoldAdapter::beta(Moment moment) const {
-  return boost_.cb ? std::optional<float>(beta_at(boost_.beta, moment)) : std::nullopt;
+std::optional<float> ScaffoldAdapter::beta() const {
+  return boost_.cb ? std::optional<float>(boost_.beta) : std::nullopt;
 }
 
 double ScaffoldAdapter::tau_d_for(std::span<const std::int64_t> importance) const {

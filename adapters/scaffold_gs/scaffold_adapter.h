@@ -28,14 +28,13 @@ struct ScaffoldBoost {
   std::uint64_t seed = 0;
 };
 
-/// Plug it into a backbone by set_hooks(&adapter, nullptr), and call rasterizer_hook().set_beta(adapter.beta(moment))
-/// before each iteration.
+/// Plug it into a backbone by set_hooks(&adapter, nullptr) after rasterizer_hook().set_beta(adapter.beta()).
 class ScaffoldAdapter : public DensityHook {
  public:
   ScaffoldAdapter(const ScaffoldBoost& boost, Threads& threads);
 
-  /// β for the rasterizer (schedule.h), nullopt without the compact box.
-  std::optional<float> beta(Moment moment) const;
+  /// β for the rasterizer, nullopt without the compact box.
+  std::optional<float> beta() const;
 
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}

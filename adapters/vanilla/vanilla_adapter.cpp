@@ -24,8 +24,8 @@ VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Device device) : boost
   SPLATBOOST_CHECK(boost.densify_interval > 0 && boost.late_prune_interval > 0, "intervals must be above 0");
 }
 
-std::optional<float> VanillaAdapter::beta(Moment moment) const {
-  return boost_.cb ? std::optional<float>(beta_at(boost_.beta, moment)) : std::nullopt;
+std::optional<float> VanillaAdapter::beta() const {
+  return boost_.cb ? std::optional<float>(boost_.beta) : std::nullopt;
 }
 
 bool VanillaAdapter::needs_absolute_gradients() const { return boost_.absgrad; }

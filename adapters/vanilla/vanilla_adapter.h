@@ -44,15 +44,15 @@ inline constexpr int kMinGrowthInterval = 100;
 /// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
 inline constexpr double kTauDPixels = 1e6;
 
-/// Plug it into a backbone by set_hooks(&adapter, &adapter), and call rasterizer_hook().set_beta(adapter.beta(moment))
-/// before each iteration. The device is where views are scored; statistics and decisions lie in memory of the host.
+/// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
+/// The device is where views are scored; statistics and decisions lie in memory of the host.
 class VanillaAdapter : public DensityHook, public OptimizerHook {
  public:
   /// @param device the backbone's
   VanillaAdapter(const VanillaBoost& boost, Device device);
 
-  /// β for the rasterizer (schedule.h), nullopt without the compact box.
-  std::optional<float> beta(Moment moment) const;
+  /// β for the rasterizer, nullopt without the compact box.
+  std::optional<float> beta() const;
 
   bool needs_absolute_gradients() const override;
   bool grows_at(Moment moment, bool backbone_would) const override;

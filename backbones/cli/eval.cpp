@@ -39,8 +39,8 @@ struct Eval {
     const nlohmann::json config = read_config(options.model);
     apply_settings(config, (options.model / "config.json").string(), set, options);
     check_options(options);
+    const std::optional<float> beta = trained_beta(config);
     const fs::path saved = saved_model(options.model, iteration);
-    const std::optional<float> beta = trained_beta(config, {saved_iteration(saved), *options.iterations});
     const fs::path results_path = options.model / "results.json";
     require(fs::exists(results_path), results_path.string() +
                                           ": missing: the run did not end; let it end with "

@@ -67,8 +67,7 @@ void write_config(const fs::path& folder, const OptionSet& set, const RunOptions
   config["boost"]["enabled"] = boost;
   if (plugged) {
     Json& trained = config["trained"];
-    const std::optional<float> beta = plugged->beta ? plugged->beta({1, *options.iterations}) : std::nullopt;
-    trained["beta"] = beta ? readable(*beta) : Json(nullptr);
+    trained["beta"] = plugged->beta ? readable(*plugged->beta) : Json(nullptr);
     trained["background"] = options.scene.white_background ? "white" : "black";
     if (config["backbone"].contains("sh_degree")) trained["sh_degree"] = config["backbone"]["sh_degree"];
   }
@@ -83,14 +82,14 @@ Json read_config(const fs::path& folder) {
   return read_settings_file(folder / "config.json");
 }
 
-std::optional<float> trained_beta(const Json& config, Moment moment) {
+std::optional<float> trained_beta(const Json& config) {
   const std::string place = "config.json: trained: beta";
   require(config.contains("trained") && config["trained"].is_object() && config["trained"].contains("beta"),
           "config.json has no trained.beta: it is not of a single run; name one of its runs, such as MODEL/boosted");
   std::optional<float> beta;
   read_value(config["trained"]["beta"], place, beta);
   require(!beta || (*beta > 0 && *beta <= 1), place + " must be in (0, 1]");
-  return beta ? std::optional<float>(beta_at(*beta, moment)) : std::nullopt;
+  return beta;
 }
 
 fs::path saved_model(const fs::path& folder, int iteration) {

@@ -29,8 +29,8 @@ void write_config(const std::filesystem::path& folder, const OptionSet& set, con
 /// config.json of a run; throws InputError where there is none.
 nlohmann::json read_config(const std::filesystem::path& folder);
 
-/// β that the model saved at a moment of the run was trained with; none: the backbone's own box.
-std::optional<float> trained_beta(const nlohmann::json& config, Moment moment);
+/// β the model was trained with; none: the backbone's own box.
+std::optional<float> trained_beta(const nlohmann::json& config);
 
 /// Folder of the model saved at `iteration`, or of the last one if it is 0. Throws InputError where there is none.
 std::filesystem::path saved_model(const std::filesystem::path& folder, int iteration);

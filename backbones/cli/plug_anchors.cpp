@@ -54,7 +54,8 @@ PluggedBackbone plug(std::unique_ptr<Backbone> backbone, const BackboneContext& 
   const auto adapter = std::make_shared<Adapter>(boost, context.threads);
   PluggedBackbone plugged;
   plugged.backbone = std::move(backbone);
-  plugged.beta = [adapter](Moment moment) { return adapter->beta(moment); };
+  plugged.beta = adapter->beta();
+  plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
   plugged.backbone->set_hooks(adapter.get(), nullptr);
   plugged.adapter = adapter;
   return plugged;
@@ -66,7 +67,7 @@ Json scaffold_boost_settings(const Json& given) { return settings_of<ScaffoldBoo
 
 PluggedBackbone make_plugged_scaffold(const BackboneContext& context, const Json& constants, const Json* settings) {
   std::unique_ptr<Backbone> backbone = make_scaffold(context, scaffold_config_from_json(constants));
-  if (settings == nullptr) return {nullptr, std::move(backbone), nullptr};
+  if (settings == nullptr) return {nullptr, std::move(backbone), std::nullopt};
   return plug<ScaffoldAdapter>(std::move(backbone), context, boost_from_json<ScaffoldBoost>(*settings));
 }
 
@@ -75,7 +76,7 @@ Json octree_boost_settings(const Json& given) { return settings_of<OctreeBoost>(
 PluggedBackbone make_plugged_octree(const BackboneContext& context, const Json& constants, const Json* settings) {
   const OctreeConfig config = octree_config_from_json(constants);
   std::unique_ptr<Backbone> backbone = make_octree(context, config);
-  if (settings == nullptr) return {nullptr, std::move(backbone), nullptr};
+  if (settings == nullptr) return {nullptr, std::move(backbone), std::nullopt};
   OctreeBoost boost = boost_from_json<OctreeBoost>(*settings);
   boost.slots_per_anchor = static_cast<std::size_t>(config.n_offsets);
   return plug<OctreeAdapter>(std::move(backbone), context, boost);

@@ -75,7 +75,8 @@ BackboneEntry gaussian_entry(std::string_view name, int iterations) {
               VanillaBoost boost = boost_from_json(kDefaults(), *settings);
               boost.seed = context.seed;
               const auto adapter = std::make_shared<Adapter>(boost, context.device);
-              plugged.beta = [adapter](Moment moment) { return adapter->beta(moment); };
+              plugged.beta = adapter->beta();
+              plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
               plugged.backbone->set_hooks(adapter.get(), adapter.get());
               plugged.adapter = adapter;
             }

@@ -2,7 +2,6 @@
 /// @file The one place that knows which backbones there are, and plugs their adapters into them.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -19,8 +18,7 @@ namespace splatboost::cli {
 struct PluggedBackbone {
   std::shared_ptr<void> adapter;  ///< outlives the backbone, which holds plain pointers to it
   std::unique_ptr<Backbone> backbone;
-  /// β of the compact box; where it or its value is missing: the backbone's own box.
-  std::function<std::optional<float>(Moment)> beta;
+  std::optional<float> beta;  ///< of the compact box in use; none: the backbone's own box
 };
 
 /// What the program needs to know of a backbone. Settings are JSON objects by field name, as --config takes them.

@@ -46,9 +46,9 @@ struct Render {
     check_options(options);
     if (orbit < 0 || (set.given("orbit") && orbit == 0)) throw UsageError("--orbit must be at least 1");
     if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
-    const fs::path saved = saved_model(options.model, iteration);
-    std::optional<float> beta = trained_beta(config, {saved_iteration(saved), *options.iterations});
+    std::optional<float> beta = trained_beta(config);
     if (options.beta) beta = static_cast<float>(*options.beta);
+    const fs::path saved = saved_model(options.model, iteration);
     options.lpips.clear();
     Workbench bench = make_workbench(options);
     const PluggedBackbone plugged = load_model(bench, options, saved, beta);

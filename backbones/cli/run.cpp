@@ -101,7 +101,6 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   train_options.checkpoint_iterations = options.checkpoint_iterations;
   train_options.resume = options.resume;
   train_options.identity = identity_of(options, boost, backbone.config());
-  train_options.beta = plugged.beta;
   // On a GPU primitives take none of the host's memory, which is what is estimated.
   const bool on_host = !bench.device->device().is_cuda();
   if (on_host) {
@@ -186,6 +185,7 @@ PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const fs
       find_backbone(options.backbone).make(context_of(bench, options), options.backbone_settings, nullptr);
   plugged.backbone->import_model(saved);
   plugged.backbone->rasterizer_hook().set_beta(beta);
+  plugged.beta = beta;
   return plugged;
 }
 

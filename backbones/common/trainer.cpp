@@ -161,7 +161,6 @@ class Run {
         order_epoch = epoch;
       }
       const View& view = scene_.train[order[static_cast<std::size_t>(iteration - 1) % views]];
-      if (options_.beta) backbone_.rasterizer_hook().set_beta(options_.beta({iteration, options_.iterations}));
       const bool last = iteration == options_.iterations;
       const bool samples = samples_curve_at(iteration, options_.iterations, options_.curve_points);
       const bool saves = contains(options_.save_iterations, iteration);

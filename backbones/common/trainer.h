@@ -32,8 +32,6 @@ struct TrainOptions {
   /// Settings that make the run what it is, by the names a user knows them by; flat. A checkpoint of a run that
   /// differs in one of them is refused. Iterations, seed and the views' number and size are added by train().
   nlohmann::json identity = nlohmann::json::object();
-  /// β of the compact box, given to the backbone before each iteration; may be empty: its own box.
-  std::function<std::optional<float>(Moment)> beta;
   /// Called before the first iteration, once a checkpoint, if any, has proved to be good; may be empty.
   std::function<void(std::size_t primitives)> on_start;
   std::string label;  ///< shown in the progress line

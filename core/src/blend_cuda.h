@@ -67,7 +67,7 @@ __device__ inline float exponent_at(const SplatRecord& splat, float dx, float dy
   return fmaf(dy, fmaf(dy, splat.quadratic_yy, dx * splat.quadratic_xy), constant);
 }
 
-/// Whether a splat may reach a pixel of the warp. The greatest exponent over a rectangle that does not
+/// Whether a splat may reach α = 1/255 at a pixel of the warp. The greatest exponent over a rectangle that does not
 /// hold the mean is on an edge that faces it.
 __device__ inline bool may_reach(const SplatRecord& splat, const TilePixel& pixel) {
   constexpr float kSlack = 0.02f;  // more than rounding; the exact test is per pixel
@@ -78,7 +78,7 @@ __device__ inline bool may_reach(const SplatRecord& splat, const TilePixel& pixe
   const float at_y = fminf(fmaxf(-0.5f * splat.quadratic_xy * edge_x / splat.quadratic_yy, top), bottom);
   const float at_x = fminf(fmaxf(-0.5f * splat.quadratic_xy * edge_y / splat.quadratic_xx, left), right);
   const float greatest = fmaxf(exponent_at(splat, edge_x, at_y), exponent_at(splat, at_x, edge_y));
-  return greatest >= splat.least_exponent - kSlack;
+  return greatest >= kMinLog2Alpha - kSlack;
 }
 
 /// What one splat does to one pixel.
@@ -96,7 +96,7 @@ __device__ inline PixelStep step_pixel(const SplatRecord& splat, const TilePixel
   step.dx = pixel.centre_x - splat.mean_x;
   step.dy = pixel.centre_y - splat.mean_y;
   const float exponent = exponent_at(splat, step.dx, step.dy);
-  step.blended = open && exponent >= splat.least_exponent;
+  step.blended = open && exponent >= kMinLog2Alpha;
   step.alpha = fminf(exp2f(exponent), kMaxAlpha);
   step.after = fmaf(-transmittance, step.alpha, transmittance);
   if (step.blended && step.after < kMinTransmittance) open = step.blended = false;

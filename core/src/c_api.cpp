@@ -401,13 +401,6 @@ sb_status sb_scaled_iteration(int32_t published, int32_t total, int32_t publishe
   });
 }
 
-sb_status sb_beta_at(float beta, int32_t iteration, int32_t total, float* at) {
-  return guarded([&] {
-    SPLATBOOST_CHECK(total > 0, "total must be above 0");
-    need(at, "at") = splatboost::beta_at(beta, {iteration, total});
-  });
-}
-
 sb_status sb_exponential_rate(double initial, double final_value, int32_t iteration, int32_t steps, double* rate) {
   return guarded([&] { need(rate, "rate") = splatboost::exponential_rate(initial, final_value, iteration, steps); });
 }

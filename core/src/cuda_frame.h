@@ -17,9 +17,9 @@ struct alignas(16) SplatRecord {
   float log2_opacity;
   float depth;
   float quadratic_xx, quadratic_xy, quadratic_yy;
-  float least_exponent;
-  float red, green, blue;
   float unused;
+  float red, green, blue;
+  float also_unused;
 };
 
 /// The ellipse of a splat's compact box, as tile_math.h has it.

@@ -22,8 +22,7 @@ struct alignas(64) BlendRecord {
   float ridge;  ///< dx / dy of the line along which a row's α is greatest
   float red, green, blue;
   float depth;
-  float least_exponent;  ///< log2 α below which the splat is not blended
-  float unused[4];
+  float unused[5];
 };
 
 /// The tiles that a Gaussian is listed in.

@@ -225,7 +225,7 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
                           color.y,
                           color.z,
                           p.view.z,
-                          square ? Float(kMinLog2Alpha) : least_exponent(log2_opacity, options.beta)};
+                          zero};
   constexpr std::size_t kFields = sizeof fields / sizeof fields[0];
   alignas(64) float columns[kFields * kMostLanes];
   for (std::size_t f = 0; f < kFields; ++f) store(fields[f], columns + f * lanes());

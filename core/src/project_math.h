@@ -188,13 +188,6 @@ SPLATBOOST_HOST_DEVICE T reach_of(T log2_opacity) {
   return T(kTwoLn2) * (log2_opacity - T(kMinLog2Alpha));
 }
 
-/// log2 α on the rim of the compact box of β, where Mahalanobis² is β·reach: below it a splat is not blended. At β = 1
-/// exactly that of alpha = 1/255.
-template <class T>
-SPLATBOOST_HOST_DEVICE T least_exponent(T log2_opacity, float beta) {
-  return T(1.0f - beta) * log2_opacity + T(beta * kMinLog2Alpha);
-}
-
 SPLATBOOST_MATH_END
 
 #endif  // guard

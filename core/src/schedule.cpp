@@ -28,11 +28,6 @@ bool steps_at(const StepIntervals& intervals, Moment moment) {
   return moment.iteration % std::max(1L, std::lround(interval * length * length * length)) == 0;
 }
 
-float beta_at(float beta, Moment moment) {
-  SPLATBOOST_CHECK(beta > 0.0f && beta <= 1.0f, "beta must lie in (0, 1]");
-  return moment.iteration > kWholeBoxFrom * moment.total ? 1.0f : beta;
-}
-
 double exponential_rate(double initial, double final_value, int iteration, int steps) {
   SPLATBOOST_CHECK(initial > 0 && final_value > 0 && steps > 0, "rates and steps must be above 0");
   const double t = std::clamp(static_cast<double>(iteration) / steps, 0.0, 1.0);

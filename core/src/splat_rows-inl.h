@@ -73,7 +73,7 @@ HWY_INLINE std::uint32_t rows_in_reach(const BlendRecord& splat, float y, float 
     const Vec in_x = hn::MulAdd(dx, hn::Set(d, splat.quadratic_xx), hn::Mul(dy, hn::Set(d, splat.quadratic_xy)));
     exponent = hn::MulAdd(dx, in_x, exponent);
     std::uint8_t bits[8] = {};
-    hn::StoreMaskBits(d, hn::Ge(exponent, hn::Set(d, splat.least_exponent - kRowSlack)), bits);
+    hn::StoreMaskBits(d, hn::Ge(exponent, hn::Set(d, kMinLog2Alpha - kRowSlack)), bits);
     std::uint32_t found;
     std::memcpy(&found, bits, sizeof found);
     rows |= found << row;
@@ -87,7 +87,6 @@ struct Columns {
   Vec constant;
   Vec linear;
   Vec quadratic;
-  Vec least;  ///< exponent of a pixel that the splat reaches
 
   HWY_INLINE Columns(const BlendRecord& splat, int x0) {
     const Lanes d;
@@ -95,7 +94,6 @@ struct Columns {
     constant = hn::MulAdd(hn::Mul(dx, dx), hn::Set(d, splat.quadratic_xx), hn::Set(d, splat.log2_opacity));
     linear = hn::Mul(dx, hn::Set(d, splat.quadratic_xy));
     quadratic = hn::Set(d, splat.quadratic_yy);
-    least = hn::Set(d, splat.least_exponent);
   }
 };
 
@@ -137,7 +135,7 @@ HWY_INLINE RowStep step_row(const Columns& columns, float dy, float* HWY_RESTRIC
   RowStep step;
   step.dy = hn::Set(d, dy);
   const Vec exponent = hn::MulAdd(step.dy, hn::MulAdd(step.dy, columns.quadratic, columns.linear), columns.constant);
-  const Mask reached = hn::Ge(exponent, columns.least);
+  const Mask reached = hn::Ge(exponent, hn::Set(d, kMinLog2Alpha));
   step.alpha = hn::IfThenElseZero(reached, hn::Min(exp2_of(exponent), hn::Set(d, kMaxAlpha)));
   step.before = hn::Load(d, transmittance);
   step.after = hn::NegMulAdd(step.before, step.alpha, step.before);

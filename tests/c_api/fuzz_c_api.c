@@ -808,15 +808,8 @@ static void fuzz_numbers(void) {
   REFUSED(sb_exponential_rate(1, 1, 1, 0, &d));
   REFUSED(sb_exponential_rate(1, 1, 1, 1, NULL));
 
-  REFUSED(sb_beta_at(0.0f, 1, 2, &beta));
-  REFUSED(sb_beta_at(NAN, 1, 2, &beta));
-  REFUSED(sb_beta_at(0.5f, 1, 0, &beta));
-  REFUSED(sb_beta_at(0.5f, 1, 2, NULL));
-
-  REFUSED(sb_adapter_beta(NULL, 1, 2, &beta));
-  REFUSED(sb_adapter_beta(adapter, -1, 2, &beta));
-  REFUSED(sb_adapter_beta(adapter, 1, 0, &beta));
-  REFUSED(sb_adapter_beta(adapter, 1, 2, NULL));
+  REFUSED(sb_adapter_beta(NULL, &beta));
+  REFUSED(sb_adapter_beta(adapter, NULL));
   REFUSED(sb_adapter_grows_at(NULL, 1, 1, 0, &i32));
   REFUSED(sb_adapter_grows_at(adapter, -1, 1, 0, &i32));
   REFUSED(sb_adapter_grows_at(adapter, 1, 0, 0, &i32));

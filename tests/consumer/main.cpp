@@ -31,7 +31,7 @@ int main() {
   const splatboost::VanillaAdapter adapter(splatboost::VanillaBoost{}, threads);
   splatboost::RasterOptions options;
   options.box = splatboost::BoxPolicy::ellipse;
-  options.beta = adapter.beta({1, 1000}).value();
+  options.beta = adapter.beta().value();
 
   std::vector<float> image(3 * 32 * 32);
   splatboost::Rasterizer rasterizer(threads);

@@ -3,7 +3,6 @@
 
 #include <cmath>
 
-#include "splatboost/errors.h"
 #include "splatboost/schedule.h"
 
 namespace splatboost::test {
@@ -87,14 +86,6 @@ TEST(StepsAt, TheLastIterationAlwaysSteps) {
   for (const int total : {1, 5, 17, 1000, 29999}) {
     EXPECT_TRUE(steps_at({1000000, 1000000, 1000000, 15000, 20000}, {total, total})) << total;
   }
-}
-
-TEST(BetaAt, IsOneInTheLastPart) {
-  EXPECT_EQ(beta_at(0.5f, {1, 30000}), 0.5f);
-  EXPECT_EQ(beta_at(0.5f, {24000, 30000}), 0.5f);
-  EXPECT_EQ(beta_at(0.5f, {24001, 30000}), 1.0f);
-  EXPECT_EQ(beta_at(0.5f, {1, 1}), 1.0f);
-  for (const float beta : {0.0f, -0.5f, 1.1f, std::nanf("")}) EXPECT_THROW(beta_at(beta, {1, 10}), ArgumentError);
 }
 
 TEST(ExponentialRate, IsLogLinear) {

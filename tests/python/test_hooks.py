@@ -14,11 +14,10 @@ N = 6
 class Adapter:
     """Decides as it is told."""
 
+    beta = 0.5
+
     def __init__(self, remove=(), prunes=True):
         self.remove, self.prunes = remove, prunes
-
-    def beta_at(self, iteration):
-        return 0.5 if iteration < 90 else 1.0
 
     def prunes_at(self, iteration, host_would):
         return self.prunes
@@ -44,7 +43,6 @@ class Model:
         self.percent_dense = 0.01
         self.tmp_radii = None
         self.filters, self.resets = 0, 0
-        self.splatboost = _drawing.Drawing(0.5)
 
     get_xyz = property(lambda self: self.value)
     get_opacity = property(lambda self: torch.sigmoid(self.value.detach()).unsqueeze(1))
@@ -170,26 +168,14 @@ def test_changed_densify_functions_are_noticed():
 
 def test_beta_stays_with_the_model_folder(tmp_path):
     model = types.SimpleNamespace()
-    _drawing.load(model, str(tmp_path), 7000)
+    _drawing.load(model, str(tmp_path))
     assert not hasattr(model, "splatboost")
-    _drawing.save(str(tmp_path), "vanilla", 0.7, 30000)
-    _drawing.load(model, str(tmp_path), 7000)
+    _drawing.save(str(tmp_path), "vanilla", 0.7)
+    _drawing.load(model, str(tmp_path))
     assert model.splatboost.beta == 0.7
-    _drawing.load(model, str(tmp_path), 30000)
-    assert model.splatboost.beta == 1.0
-    _drawing.save(str(tmp_path), "vanilla", None, 30000)
-    _drawing.load(model, str(tmp_path), 30000)
-    assert model.splatboost.beta is None
     _drawing.forget(str(tmp_path))
     _drawing.forget(str(tmp_path))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_box_is_that_of_the_iteration():
-    boost = boost_of()
-    for iteration, beta in ((1, 0.5), (89, 0.5), (90, 1.0)):
-        boost.begin(iteration)
-        assert boost.gaussians.splatboost.beta == beta
 
 
 def test_options_of_the_user_hold_and_scale():

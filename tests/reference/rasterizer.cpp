@@ -156,14 +156,6 @@ double alpha_error(const Splat<Scalar>& splat, double exponent, const Camera& ca
          (16 + 16 * splat.condition * exponent + 8 * position * std::sqrt(2 * exponent * splat.conic_norm));
 }
 
-/// Alpha below which a splat is not blended: on the rim of the compact box ½·dᵀ conic d = β·ln(σ/τ).
-template <class Scalar>
-double alpha_floor(const Splat<Scalar>& splat, const Options& options) {
-  const double opacity = value_of(splat.opacity);
-  return options.ellipse && opacity > kAlphaFloor ? opacity * std::pow(kAlphaFloor / opacity, options.beta)
-                                                  : kAlphaFloor;
-}
-
 template <class Scalar>
 Scene<Scalar> lift(const Scene<double>& scene) {
   const auto copy = [](const std::vector<double>& from) { return std::vector<Scalar>(from.begin(), from.end()); };
@@ -431,13 +423,12 @@ Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const
                                            value_of(splat.conic_yy) * vy * vy);
             const double raw_value = value_of(splat.opacity) * std::exp(-exponent);
             const double error = alpha_error(splat, exponent, camera);
-            const double floor = alpha_floor(splat, options);
-            if (raw_value < floor * (1 - error)) continue;
-            if (near(raw_value, floor, error) || near(raw_value, kAlphaCeiling, error) || splat.uncertain ||
+            if (raw_value < kAlphaFloor * (1 - error)) continue;
+            if (near(raw_value, kAlphaFloor, error) || near(raw_value, kAlphaCeiling, error) || splat.uncertain ||
                 entry.listing.uncertain) {
               result.uncertain[pixel] = 1;
             }
-            if (raw_value < floor || !entry.listing.listed) continue;
+            if (raw_value < kAlphaFloor || !entry.listing.listed) continue;
 
             const double depth = value_of(splat.depth);
             if (depth != last_depth && depth - last_depth < 1e-6 * depth) result.uncertain[pixel] = 1;

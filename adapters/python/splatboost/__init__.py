@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         pruning_scores,
         spare_one,
     )
-    from .schedule import StepIntervals, beta_at, exponential_rate, scaled_iteration, steps_at
+    from .schedule import StepIntervals, exponential_rate, scaled_iteration, steps_at
 
 # name → module, imported when it is first asked for
 _NAMES = {
@@ -58,7 +58,7 @@ _NAMES = {
             "pruning_scores",
             "spare_one",
         ),
-        "schedule": ("StepIntervals", "beta_at", "exponential_rate", "scaled_iteration", "steps_at"),
+        "schedule": ("StepIntervals", "exponential_rate", "scaled_iteration", "steps_at"),
     }.items()
     for name in names
 }
@@ -67,7 +67,6 @@ __all__ = [
     "__version__",
     "adam_step",
     "Adapter",
-    "beta_at",
     "Camera",
     "exponential_rate",
     "flag_errors",

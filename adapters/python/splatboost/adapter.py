@@ -75,11 +75,12 @@ class Adapter:
         """All settings by name, with the values in use."""
         return {name: getattr(self._boost, name) for name, _ in lib.Boost._fields_}  # type: ignore[misc]
 
-    def beta_at(self, iteration: int) -> Optional[float]:
-        """β for set_beta at this iteration (from 1): 1 in the last part of the run. None without the compact box."""
+    @property
+    def beta(self) -> Optional[float]:
+        """β for set_beta; None without the compact box."""
         beta = ctypes.c_float()
-        lib.call("sb_adapter_beta", self._handle, iteration, self.total_iterations, ctypes.byref(beta))
-        return float(beta.value) if beta.value > 0 else None
+        lib.call("sb_adapter_beta", self._handle, ctypes.byref(beta))
+        return float(self._boost.beta) if beta.value > 0 else None
 
     def _asks(self, entry: str, iteration: int, host_would: bool) -> bool:
         answer = ctypes.c_int32()

@@ -36,13 +36,6 @@ def scaled_iteration(published: int, total: int, published_total: int = PUBLISHE
     return int(iteration.value)
 
 
-def beta_at(beta: float, iteration: int, total: int) -> float:
-    """β of the compact box at an iteration of a run of `total`: `beta`, in the last part of the run 1."""
-    at = ctypes.c_float()
-    lib.call("sb_beta_at", beta, iteration, total, ctypes.byref(at))
-    return 1.0 if at.value == 1.0 else beta
-
-
 def exponential_rate(initial: float, final: float, iteration: int, steps: int) -> float:
     """Log-linear from `initial` at iteration 0 to `final` at `steps` and after."""
     rate = ctypes.c_double()

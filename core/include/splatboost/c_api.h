@@ -283,8 +283,6 @@ typedef struct sb_step_intervals {
 SB_API sb_status sb_steps_at(const sb_step_intervals* intervals, int32_t iteration, int32_t total, int32_t* steps);
 /** The iteration of a run of `total` that corresponds to `published` of one of `published_total`. */
 SB_API sb_status sb_scaled_iteration(int32_t published, int32_t total, int32_t published_total, int32_t* iteration);
-/** β of the compact box at an iteration of a run: `beta`, in its last part 1. */
-SB_API sb_status sb_beta_at(float beta, int32_t iteration, int32_t total, float* at);
 /** Log-linear from `initial` at iteration 0 to `final_value` at `steps` and after. */
 SB_API sb_status sb_exponential_rate(double initial, double final_value, int32_t iteration, int32_t steps,
                                      double* rate);

@@ -15,16 +15,16 @@
 
 namespace splatboost {
 
-/// Where a splat is drawn: at the pixels of its box where its alpha is at least τ_α = 1/255.
+/// Which tiles a splat is listed in.
 enum class BoxPolicy {
-  square,   ///< all tiles that the 3σ square of 3DGS touches: the baseline
-  ellipse,  ///< the pixels in the ellipse A(p) <= β·2·ln(σ/τ_α): the compact box, paper eq. 15
+  square,   ///< all tiles of the 3σ square of 3DGS: the baseline
+  ellipse,  ///< tiles that the ellipse A(p) <= β·2·ln(σ/τ_α) meets: the compact box, paper eq. 15
 };
 
 /// How to draw. Defaults are 3DGS as published.
 struct RasterOptions {
   BoxPolicy box = BoxPolicy::square;
-  float beta = 1.0f;                ///< (0,1]; only for the ellipse. 1 loses nothing, less cuts faint rims
+  float beta = 1.0f;                ///< (0,1]; only for the ellipse. 1 loses nothing with alpha >= 1/255
   float low_pass = kLowPass;        ///< px², >= 0
   bool compensate_opacity = false;  ///< opacity × sqrt(det Σ / det(Σ + low-pass)), keeps a splat's energy
   float near_plane = kNearPlane;

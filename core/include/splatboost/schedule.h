@@ -30,13 +30,6 @@ struct StepIntervals {
 /// Whether a group of these intervals steps at this moment. The last iteration of a run always steps.
 bool steps_at(const StepIntervals& intervals, Moment moment);
 
-/// Share of a run after which the compact box is whole.
-inline constexpr double kWholeBoxFrom = 0.8;
-
-/// β of the compact box: `beta`, and 1 in the last part of a run. There the model learns to be drawn without the box,
-/// as every viewer will draw it: what it shows at the end does not depend on who knows of β.
-float beta_at(float beta, Moment moment);
-
 /// Log-linear interpolation from `initial` at iteration 0 to `final_value` at `steps` and after.
 double exponential_rate(double initial, double final_value, int iteration, int steps);
 

@@ -66,11 +66,10 @@ TEST(ScaffoldAdapter, growth_and_pruning_keep_the_backbones_own_times) {
   EXPECT_TRUE(adapter.grows_at({1600, 30000}, true));
   EXPECT_FALSE(adapter.grows_at({1600, 30000}, false));
   EXPECT_FALSE(adapter.prunes_at({18000, 30000}, false)) << "VCP does not apply";
-  EXPECT_EQ(adapter.beta({800, 1000}), 0.5f);
-  EXPECT_EQ(adapter.beta({801, 1000}), 1.0f);
+  EXPECT_EQ(adapter.beta(), 0.5f);
   ScaffoldBoost boost;
   boost.cb = false;
-  EXPECT_EQ(ScaffoldAdapter(boost, threads).beta({1, 1000}), std::nullopt);
+  EXPECT_EQ(ScaffoldAdapter(boost, threads).beta(), std::nullopt);
 }
 
 }  // namespace

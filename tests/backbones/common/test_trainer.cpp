@@ -21,7 +21,7 @@ namespace splatboost::test {
 namespace {
 
 /// A "model" that is the sum of what it saw, and notes how it is called.
-class FakeBackbone final : public Backbone, private RasterizerHook {
+class FakeBackbone final : public Backbone {
  public:
   explicit FakeBackbone(const Scene& scene) : scene_(scene) {}
 
@@ -49,23 +49,17 @@ class FakeBackbone final : public Backbone, private RasterizerHook {
   void save(ArchiveWriter& archive) const override { archive.put("sum", std::int64_t{sum_}); }
   void load(ArchiveReader& archive) override { sum_ = static_cast<std::uint32_t>(archive.integer("sum")); }
   nlohmann::json config() const override { return {}; }
-  RasterizerHook& rasterizer_hook() override { return *this; }
+  RasterizerHook& rasterizer_hook() override { std::abort(); }
   void set_hooks(DensityHook*, OptimizerHook*) override {}
   const StageClock& stages() const override { return clock_; }
 
   std::vector<int> iterations;
-  std::vector<std::optional<float>> betas;  ///< given so far
   std::vector<std::size_t> seen;
   bool finished = false;
   int broken_at = 0;
   std::function<void(int)> on_step;
 
  private:
-  void set_beta(std::optional<float> beta) override { betas.push_back(beta); }
-  std::size_t scorable_views() const override { return 0; }
-  ScoredView render_for_score(std::size_t) override { return {}; }
-  void count_flagged(std::span<const std::uint8_t>, std::span<std::int32_t>) override {}
-
   const Scene& scene_;
   std::uint32_t sum_ = 0;
   StageClock clock_;
@@ -132,15 +126,6 @@ TEST_F(Trainer, ShowsTheViewsOfTheIterationsAndEndsWithTheModel) {
   EXPECT_GT(outcome.storage_bytes, 0u);
   EXPECT_EQ(outcome.stage_seconds.count("step"), 1u);
   EXPECT_FALSE(model(20).empty());
-  EXPECT_TRUE(backbone.betas.empty()) << "its own box";
-}
-
-TEST_F(Trainer, GivesTheBoxOfEachIteration) {
-  FakeBackbone backbone(scene);
-  options.iterations = 4;
-  options.beta = [](Moment moment) { return std::optional<float>(moment.iteration < 3 ? 0.5f : 1.0f); };
-  train(backbone, scene, options);
-  EXPECT_EQ(backbone.betas, (std::vector<std::optional<float>>{0.5f, 0.5f, 1.0f, 1.0f}));
 }
 
 TEST_F(Trainer, SamplesTheCurveEvenlyAndAtTheEnd) {

@@ -64,9 +64,9 @@ class Boost:
         self._growth_ends = scaled_iteration(int(self.adapter.settings["densify_until"]), options.iterations,
                                              self.published_iterations)
         self._reset_at = -options.opacity_reset_interval
-        gaussians.splatboost = _drawing.Drawing(self.adapter.beta_at(1), absolute=self.gathers_absolute)
+        gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
-        _drawing.save(model_path, self.backbone, self.adapter.beta_at(1), options.iterations)
+        _drawing.save(model_path, self.backbone, self.adapter.beta)
 
     def _settings(self) -> Dict[str, Any]:
         options = self.options
@@ -82,8 +82,6 @@ class Boost:
 
     def begin(self, iteration: int) -> None:
         self.iteration = iteration
-        if self.on:
-            self.gaussians.splatboost.beta = self.adapter.beta_at(iteration)
 
     # --- what the host knows of its Gaussians
 

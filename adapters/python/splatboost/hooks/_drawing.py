@@ -17,7 +17,6 @@ from ..compat import (
     get_beta,
     set_beta,
 )
-from ..schedule import beta_at
 
 #: Beside the host's cfg_args: how the model was trained, for whoever draws it.
 MODEL_FILE = "splatboost.json"
@@ -72,25 +71,21 @@ def rasterizer(model: Any, host: Any, depth: bool = False) -> Callable[..., Any]
     return draw
 
 
-def load(model: Any, model_path: str, iteration: int) -> None:
-    """Draws the model saved at an iteration as it was trained. Without MODEL_FILE in its folder it is the host's own."""
+def load(model: Any, model_path: str) -> None:
+    """Draws a saved model as it was trained. Without MODEL_FILE in its folder it is the host's own."""
     path = os.path.join(model_path, MODEL_FILE)
     if not os.path.exists(path):
         return
     with open(path, encoding="utf-8") as file:
-        trained = json.load(file)
-    beta = trained["beta"]
-    model.splatboost = Drawing(None if beta is None else beta_at(beta, iteration, trained["iterations"]))
+        beta = json.load(file)["beta"]
+    model.splatboost = Drawing(beta)
 
 
-def save(model_path: str, backbone: str, beta: Optional[float], iterations: int) -> None:
-    """Lets load() draw the models of this folder as a run of so many iterations trains them.
-
-    beta: of the first iteration; None without the compact box.
-    """
+def save(model_path: str, backbone: str, beta: Optional[float]) -> None:
+    """Lets load() draw the models of this folder with beta."""
     path = os.path.join(model_path, MODEL_FILE)
     with open(path + ".new", "w", encoding="utf-8") as file:
-        json.dump({"backbone": backbone, "beta": beta, "iterations": iterations}, file)
+        json.dump({"backbone": backbone, "beta": beta}, file)
         file.write("\n")
     os.replace(path + ".new", path)
 

@@ -21,6 +21,6 @@ class Boost(_boost.Boost):
     def _views_of_one(self) -> float:
         # In 3DGS's square a dropped Gaussian counts as seen, without a gradient. The compact box does not list it:
         # each view where it was kept stands for those where it was not.
-        if self.gaussians.splatboost.beta is None:
+        if self.adapter.beta is None:
             return 1.0
         return 1.0 / (1.0 - _RATE * self.iteration / _RATE_AT)
