@@ -165,7 +165,7 @@ TEST_P(CudaTraining, AcceleratedIsThatOfTheCpu) {
   const Trace expected = whole_run(threads_, true);
   EXPECT_GT(expected.primitives[25], scene_.points.size()) << "this run shall grow";
   EXPECT_LT(expected.primitives.back(), expected.primitives[25]) << "this run shall prune";
-  expect_same_run(whole_run(stream(), true), expected, 19);
+  expect_same_run(whole_run(stream(), true), expected, 9);
 }
 
 TEST_P(CudaTraining, NeverWaitsBetweenGrowths) {
