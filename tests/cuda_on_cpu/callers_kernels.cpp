@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: Apache-2.0
+// Part of a library whose callers bring kernels of their own: their tests play these in plain code of the host, which
+// may therefore touch the device's memory for as long as the library is loaded.
+#include "cuda_runtime.h"
+
+namespace {
+const cuda_on_cpu::DeviceAccess access_of_callers;
+}  // namespace
