@@ -81,7 +81,7 @@ class CudaIteration final : private RasterizerHook {
     images.color = image_.span();
     rasterizer_.forward(view_.camera, gaussians_, options, images);
   }
-  void loss() { photometric_.evaluate(image_.span(), truth(), kLambdaDssim, image_gradient_.span()); }
+  void loss() { photometric_.evaluate_ahead(image_.span(), truth(), kLambdaDssim, image_gradient_.span()); }
   void backward() {
     RasterImageGradients of_images;
     of_images.color = image_gradient_.span();
