@@ -298,6 +298,7 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
     splatboost::DensityStatistics statistics;
     statistics.moment = moment_of(d.iteration, d.total);
     const std::int64_t n = size_of(remove, "remove");
+    SPLATBOOST_CHECK(n < (std::int64_t{1} << 31), "remove: at most 2^31 rows");
     HostRenderer renderer(need(views, "views"), a.place);
     splatboost::PruneDecisions decisions;
     OnHost removals(a.place.view<std::uint8_t>(remove, "remove", {n}), device);
