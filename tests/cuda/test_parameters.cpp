@@ -20,13 +20,6 @@ namespace {
 
 using CudaParameters = OnCuda<>;
 
-std::vector<float> numbers(std::size_t n, double low, double high, std::uint64_t seed) {
-  Numbers random(seed);
-  std::vector<float> values;
-  for (std::size_t i = 0; i < n; ++i) values.push_back(random.real(low, high));
-  return values;
-}
-
 TEST_F(CudaParameters, ActivationsAreExponentialAndSigmoid) {
   std::vector<float> values = numbers(1000, -20, 20, 1);
   values.insert(values.end(), {0.0f, 87.9f, 100.0f, -100.0f, 1e30f, -1e30f});

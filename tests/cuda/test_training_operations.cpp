@@ -39,13 +39,6 @@ class CudaTrainingOperations : public OnCuda<> {
   Threads threads_{2};
 };
 
-std::vector<float> numbers(std::size_t n, double low, double high, std::uint64_t seed) {
-  Numbers random(seed);
-  std::vector<float> values;
-  for (std::size_t i = 0; i < n; ++i) values.push_back(random.real(low, high));
-  return values;
-}
-
 TEST_F(CudaTrainingOperations, Arithmetic) {
   const std::vector<float> a = numbers(kCount, -2, 2, 1), b = numbers(kCount, -2, 2, 2);
   expect_same(

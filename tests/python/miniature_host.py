@@ -12,9 +12,9 @@ RECIPES = {"3dgs-2023": "3dgs", "3dgs-2024-08": "3dgs", "3dgs-2024-10": "3dgs", 
 
 ARGUMENTS = '''
 class Options:
-    """What a subclass has set when it calls the constructor becomes an option."""
+    """What a subclass has set when it calls offer() becomes an option."""
 
-    def __init__(self, parser, title):
+    def offer(self, parser, title):
         self.keys = sorted(self.__dict__)
         section = parser.add_argument_group(title)
         for key in self.keys:
@@ -31,7 +31,7 @@ class ModelParams(Options):
         self.sh_degree = 1
         self.kernel_size = 0.1
         self.train_test_exp = 0
-        super().__init__(parser, "model")
+        self.offer(parser, "model")
 
 
 class OptimizationParams(Options):
@@ -39,7 +39,7 @@ class OptimizationParams(Options):
         self.iterations, self.densification_interval, self.opacity_reset_interval = 30_000, 100, 3000
         self.densify_from_iter, self.densify_until_iter = 500, @UNTIL@
         self.densify_grad_threshold = @THRESHOLD@
-        super().__init__(parser, "Optimization Parameters")
+        self.offer(parser, "Optimization Parameters")
 '''
 
 RENDERER = '''
@@ -238,12 +238,11 @@ def training(dataset, opt, pipe, checkpoint_iterations):
     scene = Scene(dataset, gaussians)
     gaussians.training_setup(opt)
     background = torch.zeros(3, device="cuda")
-    iter_start = torch.cuda.Event(enable_timing=True)
-    iter_end = torch.cuda.Event(enable_timing=True)
+    begun, iter_end = torch.cuda.Event(True), torch.cuda.Event(True)
 @FILTER_LINE@
     losses, counts = [], []
     for iteration in range(1, opt.iterations + 1):
-        iter_start.record()
+        begun.record()
         gaussians.update_learning_rate(iteration)
         viewpoint_cam = random.choice(scene.getTrainCameras())
         drawn = render(viewpoint_cam, gaussians, pipe, background@ARGUMENTS@)
@@ -268,7 +267,7 @@ def training(dataset, opt, pipe, checkpoint_iterations):
 @STEP@
     scene.save(opt.iterations)
     with open(os.path.join(dataset.model_path, "losses.json"), "w") as file:
-        json.dump({"losses": losses, "counts": counts, "seconds": iter_start.elapsed_time(iter_end)}, file)
+        json.dump({"losses": losses, "counts": counts, "seconds": begun.elapsed_time(iter_end)}, file)
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()

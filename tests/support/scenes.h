@@ -35,6 +35,13 @@ class Numbers {
   std::mt19937_64 engine_;
 };
 
+inline std::vector<float> numbers(std::size_t n, double low, double high, std::uint64_t seed) {
+  Numbers random(seed);
+  std::vector<float> values;
+  for (std::size_t i = 0; i < n; ++i) values.push_back(random.real(low, high));
+  return values;
+}
+
 /// A camera with an oblique pose and a principal point off the centre.
 inline Camera oblique_camera(int width, int height) {
   Camera camera;
