@@ -21,7 +21,7 @@ inline constexpr int kLeastViews = 2;
 
 class OctreeAdapter final : public ScaffoldAdapter {
  public:
-  OctreeAdapter(const OctreeBoost& boost, Threads& threads) : ScaffoldAdapter(boost, threads), boost_(boost) {}
+  OctreeAdapter(const OctreeBoost& boost, Device device) : ScaffoldAdapter(boost, device), boost_(boost) {}
 
  private:
   void score(RasterizerHook& rasterizer, const RandomStream& random, std::vector<std::int64_t>& importance) override;

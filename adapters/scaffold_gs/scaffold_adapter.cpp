@@ -8,7 +8,8 @@
 
 namespace splatboost {
 
-ScaffoldAdapter::ScaffoldAdapter(const ScaffoldBoost& boost, Threads& threads) : boost_(boost), scorer_(threads) {
+ScaffoldAdapter::ScaffoldAdapter(const ScaffoldBoost& boost, Device device)
+    : boost_(boost), device_(device), scorer_(device) {
   SPLATBOOST_CHECK(boost.beta > 0.0f && boost.beta <= 1.0f, "beta must lie in (0, 1]");
   SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
 }

@@ -8,9 +8,9 @@
 #include <span>
 #include <vector>
 
+#include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/multi_view_scores.h"
-#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -31,7 +31,8 @@ struct ScaffoldBoost {
 /// Plug it into a backbone by set_hooks(&adapter, nullptr) after rasterizer_hook().set_beta(adapter.beta()).
 class ScaffoldAdapter : public DensityHook {
  public:
-  ScaffoldAdapter(const ScaffoldBoost& boost, Threads& threads);
+  /// @param device the backbone's: where views are scored
+  ScaffoldAdapter(const ScaffoldBoost& boost, Device device);
 
   /// β for the rasterizer, nullopt without the compact box.
   std::optional<float> beta() const;
@@ -48,9 +49,11 @@ class ScaffoldAdapter : public DensityHook {
   double tau_d_for(std::span<const std::int64_t> importance) const;
 
   const ScoreSums& sums(RasterizerHook& rasterizer, const RandomStream& random);
+  Device device() const { return device_; }
 
  private:
   ScaffoldBoost boost_;
+  Device device_;
   MultiViewScorer scorer_;
   std::vector<std::int64_t> importance_;
 };

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <numeric>
 
-#include "anchors/anchor_prefilter.h"
 #include "anchors/smooth_functions.h"
 #include "common/input_error.h"
 #include "common/splat_ply.h"
+#include "splatboost/activations.h"
 #include "splatboost/random.h"
 #include "splatboost/rows.h"
 #include "splatboost/select.h"
@@ -28,14 +28,15 @@ AnchorBackbone::AnchorBackbone(const BackboneContext& context, const AnchorConfi
       config_(config),
       shape_(shape),
       published_iterations_(published_iterations),
-      rasterizer_(context.threads),
-      photometric_(context.threads),
-      decoder_(shape, context.threads),
-      statistics_(shape.offsets, context.threads),
-      offsets_("offset", 3 * shape.offsets),
-      features_("anchor_feat", shape.features),
-      scaling_("scaling", 6),
-      embedding_("embedding_appearance", std::max<std::size_t>(shape.appearance, 1)) {
+      device_(context.device),
+      rasterizer_(device_),
+      photometric_(device_),
+      view_(shape, device_),
+      statistics_(shape.offsets, device_),
+      offsets_("offset", 3 * shape.offsets, device_),
+      features_("anchor_feat", shape.features, device_),
+      scaling_("scaling", 6, device_),
+      embedding_("embedding_appearance", std::max<std::size_t>(shape.appearance, 1), device_) {
   const RandomStream random(context.seed, 0, RandomPurpose::net_parameters);
   std::uint64_t next = 0;
   const auto start = [&](ParameterGroup& group, const NetShape& net) {
@@ -76,7 +77,7 @@ void AnchorBackbone::set_anchors(std::span<const float> positions, std::span<con
   features_.assign(std::vector<float>(n * features_.width, 0.0f));
   scaling_.assign(std::move(scaling));
   statistics_.reset(n);
-  stale_ = true;
+  stale_ = anchors_changed_ = true;
 }
 
 std::vector<ParameterGroup*> AnchorBackbone::groups() {
@@ -92,18 +93,32 @@ std::vector<const ParameterGroup*> AnchorBackbone::groups() const {
 }
 
 void AnchorBackbone::activate() {
+  if (anchors_changed_) {
+    if (device_.is_cuda()) positions_there_.assign(positions_);
+    anchors_changed();
+    anchors_changed_ = false;
+  }
   if (!stale_) return;
-  scales_.resize(scaling_.values.size());
-  const std::vector<float>& logarithms = scaling_.values.host();
-  context_.threads.for_range(scales_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) scales_[i] = smooth_exp(logarithms[i]);
-  });
+  scales_.ensure(scaling_.values.size());
+  if (device_.is_cuda()) {
+    exponentials(scaling_.values, scales_, device_);
+  } else {
+    const std::vector<float>& logarithms = scaling_.values.host();
+    std::vector<float>& scales = scales_.host();
+    context_.threads.for_range(scales.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) scales[i] = smooth_exp(logarithms[i]);
+    });
+  }
   stale_ = false;
 }
 
+std::span<const float> AnchorBackbone::positions_on_device() const {
+  return device_.is_cuda() ? positions_there_.span() : std::span<const float>(positions_);
+}
+
 DecoderInputs<float> AnchorBackbone::decoder_inputs() const {
-  return {positions_,          offsets_.values, features_.values,  scales_,          levels(),
-          opacity_net_.values, cov_net_.values, color_net_.values, bank_net_.values, view_embedding_};
+  return {positions_on_device(), offsets_.values, features_.values,  scales_,          levels(),
+          opacity_net_.values,   cov_net_.values, color_net_.values, bank_net_.values, view_embedding_};
 }
 
 std::optional<std::size_t> AnchorBackbone::training_view(const View* view) const {
@@ -115,27 +130,27 @@ std::optional<std::size_t> AnchorBackbone::training_view(const View* view) const
 void AnchorBackbone::use_embedding_of(const View* view) {
   const std::size_t width = shape_.appearance;
   if (width == 0) return;
-  view_embedding_.assign(width, 0.0f);
   if (const std::optional<std::size_t> row = training_view(view)) {
-    std::copy_n(&embedding_.values.host()[width * *row], width, view_embedding_.begin());
+    view_embedding_ = embedding_.values.span().subspan(width * *row, width);
     return;
   }
   // A view that training did not see has no embedding of its own: the mean of all is the neutral one.
-  const std::vector<float>& rows = embedding_.values.host();
-  for (std::size_t i = 0; i < rows.size(); ++i) view_embedding_[i % width] += rows[i];
-  for (float& value : view_embedding_) value /= static_cast<float>(std::max<std::size_t>(embedding_.rows(), 1));
+  std::vector<float> copy, mean(width, 0.0f);
+  const std::span<const float> rows = embedding_.values.on_host(copy);
+  for (std::size_t i = 0; i < rows.size(); ++i) mean[i % width] += rows[i];
+  for (float& value : mean) value /= static_cast<float>(std::max<std::size_t>(embedding_.rows(), 1));
+  mean_embedding_.assign(std::move(mean));
+  view_embedding_ = mean_embedding_;
 }
 
 void AnchorBackbone::decode(const Camera& camera) {
   activate();
-  anchors_in_view(camera, positions_, scales_, usable_anchors(camera), context_.threads, in_view_, visible_);
-  const glm::vec3 centre = camera.centre();
-  decoded_ = &decoder_.forward(decoder_inputs(), visible_, {centre.x, centre.y, centre.z});
+  decoded_ = &view_.decode(camera, decoder_inputs(), usable_anchors(camera));
 }
 
 Gaussians AnchorBackbone::gaussians() const {
   Gaussians g;
-  g.count = decoded_->size();
+  g.count = decoded_->count;
   g.means = decoded_->means;
   g.scales = decoded_->scales;
   g.rotations = decoded_->rotations;
@@ -156,22 +171,6 @@ void AnchorBackbone::draw(const Camera& camera, std::optional<float> beta, std::
   rasterizer_.forward(camera, gaussians(), options, images);
 }
 
-double AnchorBackbone::add_volume_loss() {
-  const std::size_t m = decoded_->size();
-  if (m == 0 || config_.volume_weight == 0) return 0;
-  const float weight = static_cast<float>(config_.volume_weight / static_cast<double>(m));
-  double sum = 0;
-  for (std::size_t i = 0; i < m; ++i) {
-    const float* s = &decoded_->scales[3 * i];
-    float* g = &gaussian_gradients_.scales[3 * i];
-    g[0] += weight * s[1] * s[2];
-    g[1] += weight * s[0] * s[2];
-    g[2] += weight * s[0] * s[1];
-    sum += static_cast<double>(s[0]) * s[1] * s[2];
-  }
-  return config_.volume_weight * sum / static_cast<double>(m);
-}
-
 std::size_t AnchorBackbone::bytes_per_primitive() const {
   const std::size_t slots = shape_.offsets, outputs = 11 * slots;
   const std::size_t trained = 4 * (3 * slots + shape_.features + 6) * sizeof(float);  // values, gradients, two moments
@@ -184,67 +183,74 @@ std::size_t AnchorBackbone::bytes_per_primitive() const {
 double AnchorBackbone::train_step(int iteration, const View& view) {
   clock_.restart();
   iteration_ = iteration;
-  image_.resize(view.color.size());
-  image_gradient_.resize(view.color.size());
+  image_.ensure(view.color.size());
+  image_gradient_.ensure(view.color.size());
   use_embedding_of(&view);
   decode(view.camera);
-  clock_.lap("decode");
+  lap("decode");
   draw(view.camera, beta_, image_);
-  clock_.add("project", rasterizer_.seconds().project);
-  clock_.add("tile_lists", rasterizer_.seconds().tile_lists);
-  clock_.add("blend", rasterizer_.seconds().blend);
+  if (!device_.is_cuda()) {
+    clock_.add("project", rasterizer_.seconds().project);
+    clock_.add("tile_lists", rasterizer_.seconds().tile_lists);
+    clock_.add("blend", rasterizer_.seconds().blend);
+  }
 
-  const PhotometricLoss loss =
-      photometric_.evaluate(image_, view.truth(), static_cast<float>(config_.lambda_dssim), image_gradient_);
-  clock_.lap("loss");
+  const auto lambda = static_cast<float>(config_.lambda_dssim);
+  const TruthImage truth = truths_.of(view);
+  // The run ends with the loss of its end.
+  const bool last = iteration == context_.iterations;
+  const PhotometricLoss loss = last ? photometric_.evaluate(image_, truth, lambda, image_gradient_)
+                                    : photometric_.evaluate_ahead(image_, truth, lambda, image_gradient_);
+  lap("loss");
 
   const bool gathering = iteration > at(config_.statistics_from) && iteration < at(config_.grow_until);
-  const std::size_t m = decoded_->size();
-  NeuralGaussians<float>& g = gaussian_gradients_;
-  g.means.resize(3 * m);
-  g.scales.resize(3 * m);
-  g.rotations.resize(4 * m);
-  g.opacities.resize(m);
-  g.colors.resize(3 * m);
+  const std::size_t m = decoded_->count;
+  by_.means.ensure(3 * m);
+  by_.scales.ensure(3 * m);
+  by_.rotations.ensure(4 * m);
+  by_.opacities.ensure(m);
+  by_.colors.ensure(3 * m);
   GaussianGradients gradients;
-  gradients.means = g.means;
-  gradients.scales = g.scales;
-  gradients.rotations = g.rotations;
-  gradients.opacities = g.opacities;
-  gradients.colors = g.colors;
+  gradients.means = by_.means;
+  gradients.scales = by_.scales;
+  gradients.rotations = by_.rotations;
+  gradients.opacities = by_.opacities;
+  gradients.colors = by_.colors;
   if (gathering) {
-    screen_.resize(2 * m);
+    screen_.ensure(2 * m);
     gradients.screen_means = screen_;
   }
   RasterImageGradients image_gradients;
   image_gradients.color = image_gradient_;
   rasterizer_.backward(gaussians(), image_gradients, gradients);
-  clock_.add("blend_backward", rasterizer_.seconds().blend_backward);
-  clock_.add("project_backward", rasterizer_.seconds().project_backward);
+  if (!device_.is_cuda()) {
+    clock_.add("blend_backward", rasterizer_.seconds().blend_backward);
+    clock_.add("project_backward", rasterizer_.seconds().project_backward);
+  }
 
-  const double volume = add_volume_loss();
+  const double volume = view_.add_volume_loss(config_.volume_weight, by_.scales, !last);
   std::span<float> embedding_gradient;
   if (const std::optional<std::size_t> row = training_view(&view); row && shape_.appearance > 0) {
     embedding_gradient = embedding_.gradients.span().subspan(*row * shape_.appearance, shape_.appearance);
   }
-  decoder_.backward(decoder_inputs(), {g.means, g.scales, g.rotations, g.opacities, g.colors},
-                    {offsets_.gradients, features_.gradients, scaling_.gradients, opacity_net_.gradients,
-                     cov_net_.gradients, color_net_.gradients, bank_net_.gradients, embedding_gradient});
+  view_.backward(decoder_inputs(), {by_.means, by_.scales, by_.rotations, by_.opacities, by_.colors},
+                 {offsets_.gradients, features_.gradients, scaling_.gradients, opacity_net_.gradients,
+                  cov_net_.gradients, color_net_.gradients, bank_net_.gradients, embedding_gradient});
   for (ParameterGroup* group : groups()) group->pending = true;
-  clock_.lap("decode_backward");
+  lap("decode_backward");
 
   if (gathering) {
-    statistics_.add_anchors(visible_, decoder_.all_opacities());
+    statistics_.add_anchors(decoded_->anchors, decoded_->all_opacities);
     statistics_.add_gaussians(decoded_->slots, rasterizer_.visible(), screen_, view.camera.width, view.camera.height);
   }
-  clock_.lap("statistics");
+  lap("statistics");
   for (ParameterGroup* group : groups()) {
     if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group);
   }
-  clock_.lap("optimizer");
+  lap("optimizer");
   const bool own = gathering && iteration > at(config_.grow_from) && iteration % config_.grow_interval == 0;
   if (density_ != nullptr ? density_->grows_at(moment(), own) : own) change_anchors();
-  clock_.lap("density");
+  lap("density");
   return loss.total + volume;
 }
 
@@ -267,7 +273,7 @@ void AnchorBackbone::step_group(ParameterGroup& group) {
   if (!group.pending) return;
   AdamOptions options;
   options.learning_rate = learning_rate(group);
-  group.step(options, context_.threads);
+  group.step(options, device_);
   stale_ = true;
 }
 
@@ -278,6 +284,9 @@ void AnchorBackbone::step_all() {
 void AnchorBackbone::change_anchors() {
   step_all();
   activate();
+  if (device_.is_cuda()) {
+    on_host_ = {offsets_.values.to_host(), features_.values.to_host(), scales_.to_host()};
+  }
   const double anchor_views = config_.grow_interval * config_.success_threshold;
   statistics_.mean_gradients(mean_gradients_);
   statistics_.slots_seen_over(0.5 * anchor_views, judged_);
@@ -296,13 +305,16 @@ void AnchorBackbone::change_anchors() {
   statistics_.restart_anchors_seen_over(anchor_views);
   const std::vector<float> equal(removed_.size(), 0.0f);
   if (spare_one(equal, removed_) > 0) remove_anchors(removed_);
-  for (std::size_t i = 0; i < primitives(); ++i) {
-    for (std::size_t c = 3; c < 6; ++c) {
-      float& value = scaling_.values.host()[6 * i + c];
-      value = std::min(value, static_cast<float>(config_.max_log_size));
+  scaling_.values.edit(0, [&](std::span<float> logarithms) {
+    for (std::size_t i = 0; i < primitives(); ++i) {
+      for (std::size_t c = 3; c < 6; ++c) {
+        float& value = logarithms[6 * i + c];
+        value = std::min(value, static_cast<float>(config_.max_log_size));
+      }
     }
-  }
-  stale_ = true;
+  });
+  on_host_ = {};
+  stale_ = anchors_changed_ = true;
 }
 
 std::size_t AnchorBackbone::append_anchors(std::span<const float> positions, float log_size,
@@ -314,61 +326,79 @@ std::size_t AnchorBackbone::append_anchors(std::span<const float> positions, flo
   const auto added = static_cast<std::size_t>(std::count(kept.begin(), kept.end(), std::uint8_t{1}));
   if (added == 0) return 0;
   const std::size_t first = primitives();
-  const std::vector<std::uint32_t> any(added, 0);
+  // All or none: where memory is short the model stays whole.
+  for (ParameterGroup* group : anchor_groups()) group->reserve_rows(first + added);
+  statistics_.reserve(first + added);
+  const Array<std::uint32_t> any(device_, std::vector<std::uint32_t>(added, 0));
   for (ParameterGroup* group : anchor_groups()) group->append_copies(any);
   for (const SideRow& row : side_rows_) append_zero_rows(*row.values, 1, added);
   statistics_.append(added);
-  std::ranges::fill(offsets_.values.span().subspan(first * offsets_.width), 0.0f);
-  std::ranges::fill(scaling_.values.span().subspan(first * 6), log_size);
-  std::size_t row = first;
-  for (std::size_t i = 0; i < kept.size(); ++i) {
-    if (kept[i] == 0) continue;
-    positions_.insert(positions_.end(), &positions[3 * i], &positions[3 * i] + 3);
-    std::copy_n(&features[features_.width * i], features_.width, &features_.values.host()[features_.width * row++]);
-  }
-  stale_ = true;
+  const auto fill = [&](ParameterGroup& group, float value) {
+    group.values.edit(first * group.width, [&](std::span<float> rows) { std::ranges::fill(rows, value); });
+  };
+  fill(offsets_, 0.0f);
+  fill(scaling_, log_size);
+  features_.values.edit(first * features_.width, [&](std::span<float> rows) {
+    std::size_t row = 0;
+    for (std::size_t i = 0; i < kept.size(); ++i) {
+      if (kept[i] == 0) continue;
+      positions_.insert(positions_.end(), &positions[3 * i], &positions[3 * i] + 3);
+      std::copy_n(&features[features_.width * i], features_.width, &rows[features_.width * row++]);
+    }
+  });
+  stale_ = anchors_changed_ = true;
   return added;
 }
 
 std::array<float, 3> AnchorBackbone::slot_position(std::size_t slot) const {
   const std::size_t anchor = slot / shape_.offsets;
+  const std::vector<float>& offsets = device_.is_cuda() ? on_host_.offsets : offsets_.values.host();
+  const std::vector<float>& scales = device_.is_cuda() ? on_host_.scales : scales_.host();
   std::array<float, 3> position{};
   for (std::size_t c = 0; c < 3; ++c) {
-    position[c] = positions_[3 * anchor + c] + offsets_.values.host()[3 * slot + c] * scales_[6 * anchor + c];
+    position[c] = positions_[3 * anchor + c] + offsets[3 * slot + c] * scales[6 * anchor + c];
   }
   return position;
 }
 
+std::span<const float> AnchorBackbone::anchor_feature(std::size_t anchor) const {
+  const std::span<const float> all = device_.is_cuda() ? std::span<const float>(on_host_.features) : features_.values;
+  return all.subspan(shape_.features * anchor, shape_.features);
+}
+
 void AnchorBackbone::remove_anchors(std::span<const std::uint8_t> removed) {
   remove_rows(positions_, 3, removed);
-  const std::vector<std::uint32_t> kept = kept_rows(removed);
-  Array<float> workspace;
+  const Array<std::uint32_t> kept(device_, kept_rows(removed));
+  Array<float> workspace(device_);
   for (ParameterGroup* group : anchor_groups()) group->select(kept, workspace);
   for (const SideRow& row : side_rows_) remove_rows(*row.values, 1, removed);
-  statistics_.remove(removed);
-  stale_ = true;
+  statistics_.select(kept);
+  stale_ = anchors_changed_ = true;
 }
 
 ScoredView AnchorBackbone::SlotsHook::render_for_score(std::size_t view) {
   const View& truth = owner_.context_.scene.train[view];
-  owner_.image_.resize(truth.color.size());
+  owner_.image_.ensure(truth.color.size());
   owner_.use_embedding_of(&truth);
   owner_.decode(truth.camera);
   owner_.draw(truth.camera, owner_.beta_, owner_.image_);
-  return {owner_.image_, truth.truth()};
+  owner_.rasterizer_.settle();
+  return {owner_.image_, owner_.truths_.of(truth)};
 }
 
 void AnchorBackbone::SlotsHook::count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) {
-  const std::vector<std::uint32_t>& slots = owner_.decoded_->slots;
-  view_counts_.assign(slots.size(), 0);
+  view_counts_.assign_zeros(owner_.decoded_->count);
   owner_.rasterizer_.count_flagged(flagged, view_counts_);
-  for (std::size_t i = 0; i < slots.size(); ++i) counts[slots[i]] += view_counts_[i];
+  add_slot_counts(owner_.decoded_->slots, view_counts_, counts, owner_.device_);
 }
 
 void AnchorBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
   use_embedding_of(nullptr);
   decode(camera);
-  draw(camera, beta ? beta : beta_, color);
+  if (device_.is_cuda()) image_.ensure(color.size());
+  draw(camera, beta ? beta : beta_, device_.is_cuda() ? image_.span() : color);
+  rasterizer_.settle();
+  if (device_.is_cuda()) image_.cuda().download(color);
 }
 
 std::vector<std::string> AnchorBackbone::model_columns() const {
@@ -388,29 +418,32 @@ std::vector<std::string> AnchorBackbone::model_columns() const {
 std::uint64_t AnchorBackbone::export_model(const std::filesystem::path& folder) const {
   FloatTable table{model_columns(), {}};
   const std::size_t k = shape_.offsets;
+  std::vector<float> offsets_copy, features_copy, scaling_copy, copy;
+  const std::span<const float> offsets = offsets_.values.on_host(offsets_copy);
+  const std::span<const float> features = features_.values.on_host(features_copy);
+  const std::span<const float> scaling = scaling_.values.on_host(scaling_copy);
   for (std::size_t i = 0; i < primitives(); ++i) {
     std::vector<float>& out = table.values;
     out.insert(out.end(), &positions_[3 * i], &positions_[3 * i] + 3);
     out.insert(out.end(), 3, 0.0f);  // normals: the layout has them, nobody fills them
     for (const SideRow& row : side_rows_) out.push_back((*row.values)[i]);
-    const float* offset = &offsets_.values.host()[3 * k * i];
+    const float* offset = &offsets[3 * k * i];
     for (std::size_t c = 0; c < 3; ++c) {  // the layout's order: all x, all y, all z
       for (std::size_t j = 0; j < k; ++j) out.push_back(offset[3 * j + c]);
     }
-    const auto append = [&](const ParameterGroup& group) {
-      const float* row = &group.values.host()[group.width * i];
-      out.insert(out.end(), row, row + group.width);
+    const auto append = [&](std::span<const float> values, std::size_t width) {
+      out.insert(out.end(), &values[width * i], &values[width * i] + width);
     };
-    append(features_);
+    append(features, features_.width);
     out.push_back(kLogitTenth);
-    append(scaling_);
+    append(scaling, scaling_.width);
     out.insert(out.end(), {1.0f, 0.0f, 0.0f, 0.0f});
   }
   const std::filesystem::path anchors = folder / "point_cloud.ply", nets = folder / kNetsFile;
   write_float_ply(anchors, table);
   ArchiveWriter archive;
   for (const ParameterGroup* group : groups()) {
-    if (group->width == 1 || group == &embedding_) archive.put(group->name, group->values.span());
+    if (group->width == 1 || group == &embedding_) archive.put(group->name, group->values.on_host(copy));
   }
   for (const Constant& constant : constants_) archive.put(constant.name, std::span<const float>(constant.value, 1));
   archive.write(nets);
@@ -458,7 +491,7 @@ void AnchorBackbone::import_model(const std::filesystem::path& folder) {
   }
   statistics_.reset(n);
   iteration_ = context_.iterations;  // a finished model: all levels are open
-  stale_ = true;
+  stale_ = anchors_changed_ = true;
 }
 
 void AnchorBackbone::save(ArchiveWriter& archive) const {
@@ -499,7 +532,7 @@ void AnchorBackbone::load(ArchiveReader& archive) {
   fits = statistics_.load(archive, n) && fits;
   if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
   iteration_ = static_cast<int>(archive.integer("anchors.iteration"));
-  stale_ = true;
+  stale_ = anchors_changed_ = true;
 }
 
 }  // namespace splatboost

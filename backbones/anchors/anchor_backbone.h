@@ -10,20 +10,31 @@
 #include <vector>
 
 #include "anchors/anchor_config.h"
-#include "anchors/anchor_decoder.h"
+#include "anchors/anchor_view.h"
 #include "anchors/slot_statistics.h"
 #include "common/backbone.h"
 #include "common/parameter_group.h"
+#include "common/training_truths.h"
+#include "splatboost/array.h"
 #include "splatboost/rasterizer.h"
 
 namespace splatboost {
 
 /// Positions of anchors never move: their published learning rate is 0. A primitive of the program is an anchor; one of
 /// the hooks is a slot, anchor·k + offset.
+///
+/// Tensors lie in memory of the device. Positions and side rows, which change with growth only, are of the host, and so
+/// is all that growth decides.
 class AnchorBackbone : public Backbone {
  public:
   double train_step(int iteration, const View& view) override;
-  void finish() override { step_all(); }
+  void wait() override {
+    if (device_.is_cuda()) device_.stream().synchronize();
+  }
+  void finish() override {
+    step_all();
+    wait();
+  }
   std::size_t primitives() const override { return positions_.size() / 3; }
   std::size_t bytes_per_primitive() const override;
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
@@ -60,12 +71,15 @@ class AnchorBackbone : public Backbone {
   void add_side_row(SideRow row) { side_rows_.push_back(std::move(row)); }
   void add_constant(Constant constant) { constants_.push_back(std::move(constant)); }
 
-  /// [N] zero where this view may not use an anchor; empty: it may use all.
+  /// Anchors, side rows or constants changed: what of them the device needs shall go there. Called before the next
+  /// view.
+  virtual void anchors_changed() {}
+  /// [N] zero where this view may not use an anchor, in memory of the device; empty: it may use all.
   virtual std::span<const std::uint8_t> usable_anchors(const Camera& camera) {
     (void)camera;
     return {};
   }
-  /// [N] of DecoderShape::level.
+  /// [N] of DecoderShape::level, in memory of the device.
   virtual std::span<const float> levels() const { return {}; }
   /// The backbone's own rule: marks [N·k] the slots that grow. @param judged slots seen often enough
   virtual void choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,
@@ -78,13 +92,15 @@ class AnchorBackbone : public Backbone {
   /// in the given order
   std::size_t append_anchors(std::span<const float> positions, float log_size, std::span<const float> features,
                              std::span<const float> importance);
+  std::size_t slots_per_anchor() const { return shape_.offsets; }
+  std::span<const float> positions() const { return positions_; }
+  /// The same in memory of the device.
+  std::span<const float> positions_on_device() const;
+
+  // Within grow(), of what was there when it began:
   /// World position of what a slot draws.
   std::array<float, 3> slot_position(std::size_t slot) const;
-  std::size_t slots_per_anchor() const { return shape_.offsets; }
-  std::span<const float> anchor_feature(std::size_t anchor) const {
-    return features_.values.span().subspan(shape_.features * anchor, shape_.features);
-  }
-  std::span<const float> positions() const { return positions_; }
+  std::span<const float> anchor_feature(std::size_t anchor) const;
   int at(int published) const;
   int iteration() const { return iteration_; }
   const BackboneContext& context() const { return context_; }
@@ -102,7 +118,7 @@ class AnchorBackbone : public Backbone {
 
    private:
     AnchorBackbone& owner_;
-    std::vector<std::int32_t> view_counts_;
+    Array<std::int32_t> view_counts_{owner_.device_};
   };
 
   std::vector<ParameterGroup*> anchor_groups() { return {&offsets_, &features_, &scaling_}; }
@@ -118,9 +134,12 @@ class AnchorBackbone : public Backbone {
   void decode(const Camera& camera);
   Gaussians gaussians() const;
   void draw(const Camera& camera, std::optional<float> beta, std::span<float> color);
-  double add_volume_loss();
   void change_anchors();
   void remove_anchors(std::span<const std::uint8_t> removed);
+  // Stages of a GPU are not timed: the host runs ahead of them.
+  void lap(std::string_view stage) {
+    if (!device_.is_cuda()) clock_.lap(stage);
+  }
   std::vector<std::string> model_columns() const;
   Moment moment() const { return {iteration_, context_.iterations}; }
 
@@ -128,9 +147,10 @@ class AnchorBackbone : public Backbone {
   AnchorConfig config_;
   DecoderShape shape_;
   int published_iterations_;
+  Device device_;
   Rasterizer rasterizer_;
   Photometric photometric_;
-  AnchorDecoder<float> decoder_;
+  AnchorView view_;
   SlotStatistics statistics_;
   SlotsHook slots_hook_{*this};
   std::optional<float> beta_;
@@ -139,23 +159,35 @@ class AnchorBackbone : public Backbone {
   StageClock clock_;
   int iteration_ = 0;
 
-  std::vector<float> positions_;  ///< [N,3]
+  std::vector<float> positions_;           ///< [N,3]
+  Array<float> positions_there_{device_};  ///< the same for a GPU, which they are copied to
   // Names of the groups are Scaffold-GS's.
   ParameterGroup offsets_, features_, scaling_;
-  ParameterGroup opacity_net_{"mlp_opacity", 1}, cov_net_{"mlp_cov", 1}, color_net_{"mlp_color", 1};
-  ParameterGroup bank_net_{"mlp_featurebank", 1};
+  ParameterGroup opacity_net_{"mlp_opacity", 1, device_}, cov_net_{"mlp_cov", 1, device_};
+  ParameterGroup color_net_{"mlp_color", 1, device_}, bank_net_{"mlp_featurebank", 1, device_};
   ParameterGroup embedding_;  ///< a row a training view
   std::vector<SideRow> side_rows_;
   std::vector<Constant> constants_;
 
-  bool stale_ = true;                  ///< parameters moved since activate()
-  std::vector<float> scales_;          ///< [N,6] exp of scaling
-  std::vector<float> view_embedding_;  ///< of the view that is being decoded
-  std::vector<std::uint8_t> in_view_;  ///< [N]
-  std::vector<std::uint32_t> visible_;
-  const NeuralGaussians<float>* decoded_ = nullptr;
-  std::vector<float> image_, image_gradient_, screen_;
-  NeuralGaussians<float> gaussian_gradients_;  ///< slots unused
+  bool stale_ = true;                       ///< parameters moved since activate()
+  bool anchors_changed_ = true;             ///< ... or the set of anchors, or what the host keeps of them
+  Array<float> scales_{device_};            ///< [N,6] exp of scaling
+  std::span<const float> view_embedding_;   ///< of the view that is being decoded
+  Array<float> mean_embedding_{device_};    ///< of views that training did not see
+  const ViewGaussians* decoded_ = nullptr;  ///< of the last decode()
+  Array<float> image_{device_}, image_gradient_{device_}, screen_{device_};
+  /// Gradients of the view's Gaussians.
+  struct {
+    Array<float> means, scales, rotations, opacities, colors;
+  } by_{Array<float>(device_), Array<float>(device_), Array<float>(device_), Array<float>(device_),
+        Array<float>(device_)};
+  TrainingTruths truths_{context_.scene, device_};
+
+  // Of growth, which is decided on the host.
+  struct OnHost {
+    std::vector<float> offsets, features, scales;
+  };
+  OnHost on_host_;  ///< copies of a GPU's tensors
   std::vector<float> mean_gradients_;
   std::vector<std::uint8_t> judged_, growing_, removed_;
 };

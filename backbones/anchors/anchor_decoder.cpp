@@ -2,9 +2,8 @@
 #include "anchors/anchor_decoder.h"
 
 #include <algorithm>
-#include <cmath>
 
-#include "anchors/smooth_functions.h"
+#include "anchors/decoder_math.h"
 
 namespace splatboost {
 namespace {
@@ -54,7 +53,7 @@ void AnchorDecoder<Real>::pack_bank_input(const DecoderInputs<Real>& inputs, std
 template <class Real>
 void AnchorDecoder<Real>::pack_features(const DecoderInputs<Real>& inputs, std::size_t begin, std::size_t end,
                                         Real* mixed) const {
-  const std::size_t width = shape_.features, quarter = width / 4, half = width / 2;
+  const std::size_t width = shape_.features;
   for (std::size_t v = begin; v < end; ++v, mixed += width) {
     const Real* f = &inputs.features[width * anchors_[v]];
     if (!shape_.feature_bank) {
@@ -62,9 +61,7 @@ void AnchorDecoder<Real>::pack_features(const DecoderInputs<Real>& inputs, std::
       continue;
     }
     const Real* w = &bank_[3 * v];
-    for (std::size_t c = 0; c < width; ++c) {
-      mixed[c] = w[0] * f[4 * (c % quarter)] + w[1] * f[2 * (c % half)] + w[2] * f[c];
-    }
+    for (std::size_t c = 0; c < width; ++c) mixed[c] = mixed_channel(f, w, c, width);
   }
 }
 
@@ -102,25 +99,14 @@ const NeuralGaussians<Real>& AnchorDecoder<Real>::forward(const DecoderInputs<Re
     const std::size_t rows = end - begin;
     Scratch& scratch = Scratch::of_this_thread();
     for (std::size_t v = begin; v < end; ++v) {
-      const Real* p = &inputs.positions[3 * anchors_[v]];
-      const Real x = p[0] - centre[0], y = p[1] - centre[1], z = p[2] - centre[2];
-      const Real distance = std::sqrt(x * x + y * y + z * z);
-      const Real inverse = distance > 0 ? Real(1) / distance : Real(0);
-      const Real row[4] = {x * inverse, y * inverse, z * inverse, distance};
-      std::copy_n(row, 4, &view_[4 * v]);
+      view_anchor(&inputs.positions[3 * anchors_[v]], centre.data(), &view_[4 * v]);
     }
     if (shape_.feature_bank) {
       const NetShape net = shape_.bank();
       Real* x = Scratch::room(scratch.x, rows * net.inputs);
       pack_bank_input(inputs, begin, end, x);
       net_forward<Real>(net, inputs.bank_net, rows, x, &bank_hidden_[width * begin], &bank_[3 * begin]);
-      for (std::size_t v = begin; v < end; ++v) {  // softmax
-        Real* w = &bank_[3 * v];
-        const Real highest = std::max({w[0], w[1], w[2]});
-        for (std::size_t i = 0; i < 3; ++i) w[i] = smooth_exp(w[i] - highest);
-        const Real sum = w[0] + w[1] + w[2];
-        for (std::size_t i = 0; i < 3; ++i) w[i] /= sum;
-      }
+      for (std::size_t v = begin; v < end; ++v) softmax(&bank_[3 * v]);
     }
     Real* mixed = Scratch::room(scratch.mixed, rows * width);
     pack_features(inputs, begin, end, mixed);
@@ -162,8 +148,8 @@ const NeuralGaussians<Real>& AnchorDecoder<Real>::forward(const DecoderInputs<Re
         const Real* shape = &covariance_[7 * of];
         const Real* offset = &inputs.offsets[3 * (k * anchor + j)];
         for (std::size_t c = 0; c < 3; ++c) {
-          g.means[3 * to + c] = inputs.positions[3 * anchor + c] + offset[c] * size[c];
-          g.scales[3 * to + c] = size[3 + c] * sigmoid(shape[c]);
+          g.means[3 * to + c] = slot_mean(inputs.positions[3 * anchor + c], offset[c], size[c]);
+          g.scales[3 * to + c] = slot_scale(size[3 + c], shape[c]);
           g.colors[3 * to + c] = color_[3 * of + c];
         }
         std::copy_n(shape + 3, 4, &g.rotations[4 * to]);
@@ -193,19 +179,18 @@ void AnchorDecoder<Real>::backward_block(const DecoderInputs<Real>& inputs, cons
     for (std::size_t j = 0; j < k; ++j) {
       const std::size_t of = k * v + j, row = of - k * begin;
       if (!(opacity_[of] > 0)) continue;
-      opacity_gradient[row] = given.opacities[from] * (1 - opacity_[of] * opacity_[of]);
+      opacity_gradient[row] = tanh_gradient(given.opacities[from], opacity_[of]);
       const Real* offset = &inputs.offsets[3 * (k * anchor + j)];
       Real* offset_gradient = &gradients.offsets[3 * (k * anchor + j)];
       for (std::size_t c = 0; c < 3; ++c) {
-        const Real color = color_[3 * of + c];
-        color_gradient[3 * row + c] = given.colors[3 * from + c] * color * (1 - color);
+        color_gradient[3 * row + c] = sigmoid_gradient(given.colors[3 * from + c], color_[3 * of + c]);
         const Real by_mean = given.means[3 * from + c] * size[c];
         offset_gradient[c] += by_mean;
         log_scale_gradient[c] += by_mean * offset[c];
         const Real scale = gaussians_.scales[3 * from + c];
         const Real by_log_scale = given.scales[3 * from + c] * scale;
         log_scale_gradient[3 + c] += by_log_scale;
-        covariance_gradient[7 * row + c] = by_log_scale * (1 - scale / size[3 + c]);  // scale / bound is the sigmoid
+        covariance_gradient[7 * row + c] = raw_scale_gradient(by_log_scale, scale, size[3 + c]);
       }
       std::copy_n(&given.rotations[4 * from], 4, &covariance_gradient[7 * row + 3]);
       ++from;
@@ -249,7 +234,6 @@ void AnchorDecoder<Real>::backward_block(const DecoderInputs<Real>& inputs, cons
     }
     return;
   }
-  const std::size_t quarter = width / 4, half = width / 2;
   Real* bank_gradient = Scratch::room(scratch.bank_gradient, 3 * rows);
   for (std::size_t v = begin; v < end; ++v) {
     const Real* f = &inputs.features[width * anchors_[v]];
@@ -258,7 +242,7 @@ void AnchorDecoder<Real>::backward_block(const DecoderInputs<Real>& inputs, cons
     const Real* w = &bank_[3 * v];
     Real by_weight[3] = {0, 0, 0};
     for (std::size_t c = 0; c < width; ++c) {
-      const std::size_t coarse = 4 * (c % quarter), middle = 2 * (c % half);
+      const std::size_t coarse = coarse_channel(c, width), middle = middle_channel(c, width);
       to[coarse] += w[0] * g[c];
       to[middle] += w[1] * g[c];
       to[c] += w[2] * g[c];

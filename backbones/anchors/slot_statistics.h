@@ -7,16 +7,20 @@
 #include <vector>
 
 #include "common/archive.h"
-#include "splatboost/threads.h"
+#include "splatboost/array.h"
+#include "splatboost/device.h"
 
 namespace splatboost {
 
 /// Sums over views. A slot is anchor·k + offset. Slots and anchors are judged once they have been seen often enough,
 /// and only those that were judged start again: the others keep gathering from event to event.
+///
+/// Sums lie in memory of the device, and so does what a view adds, which costs no wait; what is decided on them is of
+/// the host. Places of lists that are kNothing (anchor_view.h) are passed over.
 class SlotStatistics {
  public:
   /// @param slots k, slots of an anchor
-  SlotStatistics(std::size_t slots, Threads& threads) : slots_(slots), threads_(threads) {}
+  SlotStatistics(std::size_t slots, Device device) : slots_(slots), device_(device) {}
 
   void reset(std::size_t anchors);
 
@@ -36,8 +40,11 @@ class SlotStatistics {
 
   void restart_slots(std::span<const std::uint8_t> mask);
   void restart_anchors_seen_over(double views);
+  /// Makes room for so many anchors in all: where memory is short nothing has changed.
+  void reserve(std::size_t anchors);
   void append(std::size_t anchors);
-  void remove(std::span<const std::uint8_t> removed_anchors);
+  /// Leaves the anchors that the list names, in its order.
+  void select(std::span<const std::uint32_t> anchors);
 
   std::size_t anchors() const { return anchor_seen_.size(); }
   void save(ArchiveWriter& archive) const;
@@ -46,9 +53,13 @@ class SlotStatistics {
 
  private:
   std::size_t slots_;
-  Threads& threads_;
-  std::vector<float> opacity_sum_, anchor_seen_;  ///< [N]
-  std::vector<float> gradient_sum_, slot_seen_;   ///< [N·k]
+  Device device_;
+  Array<float> opacity_sum_{device_}, anchor_seen_{device_};  ///< [N]
+  Array<float> gradient_sum_{device_}, slot_seen_{device_};   ///< [N,k]
 };
+
+/// counts[slots[i]] += view_counts[i]: from the Gaussians of a view to the slots that they are of.
+void add_slot_counts(std::span<const std::uint32_t> slots, std::span<const std::int32_t> view_counts,
+                     std::span<std::int32_t> counts, Device device);
 
 }  // namespace splatboost

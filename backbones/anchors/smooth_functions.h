@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file exp, sigmoid and tanh in a form that compilers turn into SIMD code: no branches, no calls. Of internal
-/// linkage, because they are compiled for several instruction sets.
+/// linkage, because they are compiled for several instruction sets. GPUs take the same.
 #pragma once
 
 #include <algorithm>
@@ -9,11 +9,18 @@
 #include <cstdint>
 #include <type_traits>
 
+/// Marks the formulas of anchors, which every device shares.
+#ifdef __CUDACC__
+#define SPLATBOOST_ANCHOR_MATH __host__ __device__ static inline
+#else
+#define SPLATBOOST_ANCHOR_MATH static inline
+#endif
+
 namespace splatboost {
 
 /// Within 3e-7 of exp(x), relatively, for x in [-87, 88], and clamped to that range; doubles get the library's.
 template <class Real>
-static inline Real smooth_exp(Real x) {
+SPLATBOOST_ANCHOR_MATH Real smooth_exp(Real x) {
   if constexpr (!std::is_same_v<Real, float>) {
     return std::exp(x);
   } else {
@@ -38,12 +45,12 @@ static inline Real smooth_exp(Real x) {
 }
 
 template <class Real>
-static inline Real sigmoid(Real x) {
+SPLATBOOST_ANCHOR_MATH Real sigmoid(Real x) {
   return Real(1) / (Real(1) + smooth_exp(-x));
 }
 
 template <class Real>
-static inline Real smooth_tanh(Real x) {
+SPLATBOOST_ANCHOR_MATH Real smooth_tanh(Real x) {
   return Real(1) - Real(2) / (smooth_exp(Real(2) * x) + Real(1));
 }
 

@@ -145,6 +145,8 @@ int run_program(int argc, char** argv) {
     return fail(kUsage, where, error.what());
   } catch (const ArgumentError& error) {
     return fail(kUsage, where, error.what());
+  } catch (const NoDeviceError& error) {
+    return fail(kUsage, where, error.what());
   } catch (const std::bad_alloc&) {
     return fail(kFailure, where, "out of memory: lower --resolution or set --max-primitives");
   } catch (const std::exception& error) {

@@ -241,10 +241,7 @@ void check_options(RunOptions& options) {
   for (const int iteration : options.checkpoint_iterations) {
     usage(iteration >= 1, "--checkpoint-iterations must be at least 1");
   }
-  const BackboneEntry& backbone = find_backbone(options.backbone);
-  require(backbone.on_cuda || options.device == "cpu",
-          "--device " + options.device + ": " + options.backbone + " runs on the CPU only so far; use --device cpu");
-  if (!options.iterations) options.iterations = backbone.iterations;
+  if (!options.iterations) options.iterations = find_backbone(options.backbone).iterations;
 }
 
 void require_source(const RunOptions& options) {

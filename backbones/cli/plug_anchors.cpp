@@ -51,7 +51,7 @@ Json settings_of(const Json& given) {
 template <class Adapter, class Boost>
 PluggedBackbone plug(std::unique_ptr<Backbone> backbone, const BackboneContext& context, Boost boost) {
   boost.seed = context.seed;
-  const auto adapter = std::make_shared<Adapter>(boost, context.threads);
+  const auto adapter = std::make_shared<Adapter>(boost, context.device);
   PluggedBackbone plugged;
   plugged.backbone = std::move(backbone);
   plugged.beta = adapter->beta();

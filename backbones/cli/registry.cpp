@@ -63,7 +63,7 @@ VanillaBoost boost_from_json(VanillaBoost boost, const Json& given) {
 /// @tparam kDefaults makes these, kConfig reads the backbone's constants, kMake makes the backbone
 template <auto kDefaults, auto kConfig, auto kMake, class Adapter>
 BackboneEntry gaussian_entry(std::string_view name, int iterations) {
-  return {name, iterations, true,
+  return {name, iterations,
           [](const Json& given) {
             const VanillaBoost boost = boost_from_json(kDefaults(), given);
             return fields_to_json([&](auto&& visit) { for_each_field(boost, visit); });
@@ -96,8 +96,8 @@ const std::vector<BackboneEntry>& backbones() {
           "mip-splatting", kPublishedIterations),
       gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, VanillaAdapter>(
           "dropgaussian", kDropGaussianIterations),
-      {"scaffold-gs", kPublishedIterations, false, scaffold_boost_settings, make_plugged_scaffold},
-      {"octree-gs", kOctreeIterations, false, octree_boost_settings, make_plugged_octree},
+      {"scaffold-gs", kPublishedIterations, scaffold_boost_settings, make_plugged_scaffold},
+      {"octree-gs", kOctreeIterations, octree_boost_settings, make_plugged_octree},
   };
   return entries;
 }

@@ -25,7 +25,6 @@ struct PluggedBackbone {
 struct BackboneEntry {
   std::string_view name;
   int iterations;  ///< length of the published run, the default
-  bool on_cuda;    ///< whether it runs on a GPU too
   /// All settings of the acceleration: the defaults overlaid with the given ones. Throws InputError on an unknown
   /// key, a wrong type or an impossible value.
   nlohmann::json (*boost_settings)(const nlohmann::json& given);

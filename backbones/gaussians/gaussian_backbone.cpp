@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -12,6 +11,7 @@
 #include "common/input_error.h"
 #include "common/parameter_group.h"
 #include "common/splat_ply.h"
+#include "common/training_truths.h"
 #include "splatboost/activations.h"
 #include "splatboost/array.h"
 #include "splatboost/density_statistics.h"
@@ -22,7 +22,6 @@
 #include "splatboost/rows.h"
 #include "splatboost/select.h"
 #include "splatboost/spatial_order.h"
-#include "splatboost/truth_store.h"
 
 namespace splatboost {
 namespace {
@@ -33,8 +32,6 @@ constexpr int kRestRows = 15;
 constexpr int kSplitChildren = 2;
 constexpr float kSplitShrink = 0.8f * kSplitChildren;
 constexpr int kLeastGrowthsAReset = 5;
-/// One part in so many of a GPU's free memory is for truth images; those beyond it are uploaded view by view.
-constexpr std::size_t kTruthShare = 4;
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
 
@@ -97,8 +94,6 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   bool needs_absolute_gradients() const {
     return method_->needs_absolute_gradients() || (density_ != nullptr && density_->needs_absolute_gradients());
   }
-  /// Where the device reads the truth of a view.
-  TruthImage truth_of(const View& view);
   // Stages of a GPU are not timed: the host runs ahead of them.
   void lap(std::string_view stage) {
     if (!device_.is_cuda()) clock_.lap(stage);
@@ -151,7 +146,7 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   Array<float> scales_{device_}, opacities_{device_};
 
   Array<float> image_{device_}, image_gradient_{device_};
-  std::optional<TruthStore> truths_;                                    ///< of the training views, from the first on
+  TrainingTruths truths_{context_.scene, device_};
   Array<float> screen_{device_}, screen_abs_{device_};                  ///< [N,2] gradients of this iteration
   Array<float> gradient_sum_{device_}, gradient_abs_sum_{device_};      ///< [N] norms since the last growth, NDC
   Array<float> seen_{device_};                                          ///< [N] views that they come from
@@ -250,20 +245,6 @@ RasterOptions GaussianBackbone::raster_options(std::optional<float> beta) const 
   return options;
 }
 
-TruthImage GaussianBackbone::truth_of(const View& view) {
-  if (!device_.is_cuda()) return view.truth();
-  const std::vector<View>& views = context_.scene.train;
-  if (!truths_) {
-    std::vector<TruthImage> images;
-    for (const View& each : views) images.push_back(each.truth());
-    truths_.emplace(std::move(images), device_.stream().free_memory() / kTruthShare, device_);
-  }
-  const View* const at = &view;
-  const bool known = !std::less<>()(at, views.data()) && std::less<>()(at, views.data() + views.size());
-  require(known, "a view that is trained on must be one of the scene's training views");
-  return truths_->get(static_cast<std::size_t>(at - views.data()));
-}
-
 template <class... Stages>
 void GaussianBackbone::lap_rasterizer(const Stages&... stages) {
   if (device_.is_cuda()) return;
@@ -287,7 +268,7 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
                  std::pair("blend", &RasterSeconds::blend));
 
   const LossForm form = method_->loss();
-  const TruthImage truth = truth_of(view);
+  const TruthImage truth = truths_.of(view);
   // The run ends with the loss of its end.
   const PhotometricLoss measured = iteration == context_.iterations
                                        ? photometric_.evaluate(image_, truth, form.lambda_dssim, image_gradient_)
@@ -580,7 +561,7 @@ ScoredView GaussianBackbone::render_for_score(std::size_t view) {
   images.color = image_;
   rasterizer_.forward(truth.camera, drawn(std::nullopt), raster_options(beta_), images);
   rasterizer_.settle();
-  return {image_, truth_of(truth)};
+  return {image_, truths_.of(truth)};
 }
 
 void GaussianBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {

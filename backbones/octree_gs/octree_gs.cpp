@@ -8,6 +8,7 @@
 #include "anchors/anchor_cells.h"
 #include "common/input_error.h"
 #include "octree_gs/octree_levels.h"
+#include "octree_gs/usable_anchors.h"
 #include "splatboost/neighbors.h"
 
 namespace splatboost {
@@ -53,8 +54,12 @@ class Octree final : public AnchorBackbone {
  private:
   void initialise();
   std::span<const std::uint8_t> usable_anchors(const Camera& camera) override;
+  void anchors_changed() override;
   std::span<const float> levels() const override {
-    return config_.add_level ? std::span<const float>(level_) : std::span<const float>{};
+    return config_.add_level ? on_device(level_, level_there_) : std::span<const float>{};
+  }
+  std::span<const float> on_device(const std::vector<float>& row, const Array<float>& there) const {
+    return context().device.is_cuda() ? there.span() : std::span<const float>(row);
   }
   void choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,
                       std::span<std::uint8_t> growing) override;
@@ -79,9 +84,10 @@ class Octree final : public AnchorBackbone {
 
   OctreeConfig config_;
   LevelRounding rounding_;
-  std::vector<float> level_, extra_level_;  ///< [N]
+  std::vector<float> level_, extra_level_;                                            ///< [N]
+  Array<float> level_there_{context().device}, extra_level_there_{context().device};  ///< the same for a GPU
   float voxel_size_ = 0, standard_distance_ = 0, levels_ = 0, init_level_ = 0, visible_threshold_ = 0, origin_ = 0;
-  std::vector<std::uint8_t> usable_;
+  Array<std::uint8_t> usable_{context().device};
 };
 
 void Octree::initialise() {
@@ -90,7 +96,8 @@ void Octree::initialise() {
   const LevelRange range = measure_levels(points, context().scene.train, config_.dist_ratio, config_.fork);
   standard_distance_ = range.standard_distance;
   levels_ = static_cast<float>(config_.levels > 0 ? config_.levels : range.levels);
-  require(levels_ <= 24, "the distances of the scene ask for more than 24 levels; set levels of the backbone");
+  require(level_count() <= kMostLevels,
+          "the distances of the scene ask for more than 24 levels; set levels of the backbone");
   init_level_ = static_cast<float>(config_.init_level >= 0 ? config_.init_level : level_count() / 2);
   const auto [low, high] = std::minmax_element(points.begin(), points.end());
   const auto extend = static_cast<float>(config_.extend);
@@ -143,21 +150,21 @@ int Octree::highest_level() const {
   return std::min(finest, first + static_cast<int>(opened - opens.begin()));
 }
 
+void Octree::anchors_changed() {
+  if (!context().device.is_cuda()) return;
+  level_there_.assign(level_);
+  extra_level_there_.assign(extra_level_);
+}
+
 std::span<const std::uint8_t> Octree::usable_anchors(const Camera& camera) {
   const glm::vec3 centre = camera.centre();
-  const int highest = highest_level();
-  const std::span<const float> p = positions();
-  std::vector<float> shifts;  // from the centre of a cell to its far corner, an axis
-  for (int level = 0; level < level_count(); ++level) shifts.push_back(0.5f * grid(level).size);
-  usable_.resize(level_.size());
-  context().threads.for_range(level_.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const float shift = shifts[static_cast<std::size_t>(level_[i])];
-      const glm::vec3 to = glm::vec3(p[3 * i], p[3 * i + 1], p[3 * i + 2]) + shift - centre;
-      const float wanted = level_at(glm::length(to), standard_distance_, fork()) + extra_level_[i];
-      usable_[i] = static_cast<int>(level_[i]) <= whole_level(wanted, rounding_, highest);
-    }
-  });
+  LevelsInUse rule{{centre.x, centre.y, centre.z}, standard_distance_, fork(), rounding_, highest_level(), {}};
+  for (int level = 0; level < level_count(); ++level) {
+    rule.shift[static_cast<std::size_t>(level)] = 0.5f * grid(level).size;
+  }
+  usable_.ensure(level_.size());
+  splatboost::usable_anchors(rule, positions_on_device(), on_device(level_, level_there_),
+                             on_device(extra_level_, extra_level_there_), usable_, context().device);
   return usable_;
 }
 

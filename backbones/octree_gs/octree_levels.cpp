@@ -49,17 +49,6 @@ LevelRange measure_levels(std::span<const float> points, const std::vector<View>
   return range;
 }
 
-float level_at(float distance, float standard_distance, float fork) {
-  return std::log2(standard_distance / distance) / std::log2(fork);
-}
-
-int whole_level(float level, LevelRounding rounding, int highest) {
-  const float whole = rounding == LevelRounding::round   ? std::nearbyint(level)
-                      : rounding == LevelRounding::floor ? std::floor(level)
-                                                         : std::ceil(level);
-  return static_cast<int>(std::clamp(whole, 0.0f, static_cast<float>(highest)));
-}
-
 std::vector<double> opening_iterations(int count, double end, double factor) {
   std::vector<double> at;
   if (count <= 0) return at;

@@ -7,12 +7,11 @@
 #include <vector>
 
 #include "common/scene.h"
+#include "octree_gs/octree_levels_math.h"
 #include "splatboost/camera.h"
 
 namespace splatboost {
 
-/// How a real level becomes a whole one.
-enum class LevelRounding { round, floor, ceil };
 LevelRounding level_rounding_named(std::string_view name);
 
 /// Distances of a scene, and the number of levels that they ask for.
@@ -24,11 +23,6 @@ struct LevelRange {
 /// From the distances of all points to all cameras: their `ratio` and 1 − `ratio` quantiles in each view, then over
 /// views.
 LevelRange measure_levels(std::span<const float> points, const std::vector<View>& views, double ratio, int fork);
-
-/// Level that a distance asks for: log(standard / distance) / log(fork), real.
-float level_at(float distance, float standard_distance, float fork);
-/// Whole and within [0, highest].
-int whole_level(float level, LevelRounding rounding, int highest);
 
 /// Iterations at which one more level opens: `count` of them, each interval 1/factor of the one before, the last at
 /// `end`.

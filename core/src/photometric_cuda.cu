@@ -3,8 +3,8 @@
 // which blurs the derivatives once more, the window being its own adjoint.
 #include <array>
 
-#include "cuda_event.h"
 #include "cuda_operations.h"
+#include "readbacks.h"
 #include "ssim_cuda.h"
 
 namespace splatboost::cuda {
@@ -90,51 +90,33 @@ __global__ void __launch_bounds__(kSsimThreads)
 
 /// A ring of pinned slots.
 struct LossesOnTheWay::State {
-  struct Slot {
-    explicit Slot(CudaStream& stream) : arrived(stream, cudaEventDisableTiming) {}
-    Event arrived;
-    double lambda_dssim = 0;
-  };
-  explicit State(CudaStream& on)
-      : stream(on), totals(static_cast<double*>(on.allocate_pinned(kMost * kTotals * sizeof(double)))) {
-    for (std::unique_ptr<Slot>& slot : slots) slot = std::make_unique<Slot>(on);
-  }
-  ~State() { stream.release_pinned(totals); }
-  Slot& slot(std::size_t number) { return *slots[number % kMost]; }
-  LossTotals take_oldest() {
-    const double* const at = totals + kTotals * (taken % kMost);
-    return {at[0], at[1], at[2], slot(taken++).lambda_dssim};
+  explicit State(CudaStream& stream) : totals(stream) {}
+  LossTotals with_lambda(const std::array<double, kTotals>& sums) {
+    return {sums[0], sums[1], sums[2], lambdas[taken++ % kMost]};
   }
 
-  CudaStream& stream;
-  double* totals;  ///< pinned, [kMost,3]
-  std::array<std::unique_ptr<Slot>, kMost> slots;
+  Readbacks<std::array<double, kTotals>, kMost> totals;
+  std::array<double, kMost> lambdas{};  ///< that the calls were given
   std::size_t sent = 0, taken = 0;
 };
 
 LossesOnTheWay::LossesOnTheWay(CudaStream& stream) : state_(std::make_unique<State>(stream)) {}
 LossesOnTheWay::~LossesOnTheWay() = default;
 
-bool LossesOnTheWay::is_full() const { return state_->sent - state_->taken == kMost; }
+bool LossesOnTheWay::is_full() const { return state_->totals.is_full(); }
 
 void LossesOnTheWay::send(const DeviceArray<double>& totals, float lambda_dssim) {
-  State& s = *state_;
-  s.stream.copy_to_pinned(s.totals + kTotals * (s.sent % kMost), totals.data(), kTotals * sizeof(double));
-  s.slot(s.sent).lambda_dssim = static_cast<double>(lambda_dssim);
-  s.slot(s.sent++).arrived.record();
+  state_->totals.send(totals.data());
+  state_->lambdas[state_->sent++ % kMost] = static_cast<double>(lambda_dssim);
 }
 
 std::optional<LossTotals> LossesOnTheWay::take() {
-  State& s = *state_;
-  if (s.taken == s.sent || !s.slot(s.taken).arrived.is_done()) return std::nullopt;
-  return s.take_oldest();
+  const std::optional<std::array<double, kTotals>> sums = state_->totals.take();
+  if (!sums) return std::nullopt;
+  return state_->with_lambda(*sums);
 }
 
-LossTotals LossesOnTheWay::wait() {
-  State& s = *state_;
-  s.slot(s.taken).arrived.wait();
-  return s.take_oldest();
-}
+LossTotals LossesOnTheWay::wait() { return state_->with_lambda(state_->totals.wait()); }
 
 void photometric(std::span<const float> render, const TruthImage& truth, float lambda_dssim, std::span<float> gradient,
                  PhotometricWorkspace& workspace, CudaStream& stream) {

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cub/cub.cuh>
-
 #include <bit>
 
 #include "cuda_frame.h"
 #include "device_view.h"
 #include "launch.h"
+#include "run_cub.h"
 #include "splatboost/errors.h"
 #include "tile_math.h"
 
@@ -14,18 +13,6 @@ namespace {
 
 /// Sorts behind every depth and every tile.
 constexpr std::uint32_t kNothing = 0xffffffffu;
-
-/// Calls one of CUB's functions: call(memory, bytes) first asks how much memory it needs.
-template <class Call>
-void run_cub(CudaStream& stream, DeviceArray<std::uint8_t>& scratch, const char* name, Call&& call) {
-  std::size_t bytes = 0;
-  stream.begin_launch(name);
-  stream.end_launch(call(nullptr, bytes));
-  scratch.ensure(std::max<std::size_t>(bytes, 1));
-  stream.end_launch(call(scratch.data(), bytes));
-}
-
-cudaStream_t handle_of(const CudaStream& stream) { return static_cast<cudaStream_t>(stream.handle()); }
 
 int items(std::size_t n) {
   SPLATBOOST_CHECK(n < (std::size_t{1} << 31), "a view has more than 2^31 (tile, Gaussian) pairs");

@@ -209,6 +209,19 @@ TEST(CompactBox, OpacityOfOneStepOrLessTouchesNoTile) {
   }
 }
 
+TEST(CompactBox, OpacityBelowZeroIsNotDrawnInAnyBox) {
+  const Camera camera = flat_camera(64, 64);
+  Threads threads(1);
+  Rasterizer rasterizer(threads);
+  std::vector<float> color(3 * 64 * 64);
+  const SceneData scene = flat_splat(24.5, 24.5, 8, 5, 0.3, -1);
+  for (const RasterOptions& options : {RasterOptions{}, ellipse(1)}) {
+    rasterizer.forward(camera, scene.view(), options, color_only(color));
+    EXPECT_EQ(rasterizer.counts().tile_entries, 0u);
+    EXPECT_EQ(rasterizer.visible()[0], 0);
+  }
+}
+
 TEST(CompactBox, ASplatBetweenPixelCentresOfTwoTilesMayTouchNeither) {
   // Tiles are spanned by pixel centres: x in [0.5,15.5] and [16.5,31.5]. A faint dot at x = 16 reaches none of them.
   const Camera camera = flat_camera(32, 16);

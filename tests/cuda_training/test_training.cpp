@@ -11,6 +11,7 @@
 
 #include "common/trainer.h"
 #include "cuda/cuda_device.h"
+#include "cuda_training/training_runs.h"
 #include "dropgaussian/dropgaussian.h"
 #include "dropgaussian/dropgaussian_adapter.h"
 #include "mip_splatting/mip_splatting.h"
@@ -30,7 +31,6 @@ namespace {
 
 using testing::exported;
 using testing::picture;
-using testing::view_at;
 
 constexpr int kIterations = 60;
 
@@ -79,12 +79,6 @@ const std::vector<Method>& methods() {
   return all;
 }
 
-/// What a run showed of itself.
-struct Trace {
-  std::vector<double> losses;
-  std::vector<std::size_t> primitives;
-};
-
 class CudaTraining : public OnCuda<::testing::TestWithParam<Method>> {
  protected:
   BackboneContext context(Device device) {
@@ -94,14 +88,7 @@ class CudaTraining : public OnCuda<::testing::TestWithParam<Method>> {
   }
   std::unique_ptr<Backbone> make(Device device) { return GetParam().make(context(device)); }
 
-  Trace run(Backbone& backbone, int first, int last) {
-    Trace trace;
-    for (int i = first; i <= last; ++i) {
-      trace.losses.push_back(backbone.train_step(i, view_at(scene_, i)));
-      trace.primitives.push_back(backbone.primitives());
-    }
-    return trace;
-  }
+  Trace run(Backbone& backbone, int first, int last) { return run_of(backbone, scene_, first, last); }
   /// A whole run that is accelerated, or as published.
   Trace whole_run(Device device, bool boosted) {
     const std::unique_ptr<Backbone> backbone = make(device);
@@ -116,18 +103,6 @@ class CudaTraining : public OnCuda<::testing::TestWithParam<Method>> {
   Threads threads_{1};
   Scene scene_ = testing::tiny_scene(threads_);
 };
-
-/// Rounding alone makes runs part after their first growth: Gaussians near each other may change places in memory, and
-/// with them the random numbers of the splits to come. @param alike iterations in which they have not
-void expect_same_run(const Trace& found, const Trace& expected, std::size_t alike) {
-  ASSERT_EQ(found.losses.size(), expected.losses.size());
-  for (std::size_t i = 0; i < expected.losses.size(); ++i) {
-    const double loose = i < alike ? 0.001 : 0.15;
-    EXPECT_NEAR(found.losses[i], expected.losses[i], loose * expected.losses[i]) << "iteration " << i + 1;
-    const auto primitives = static_cast<double>(expected.primitives[i]);
-    EXPECT_NEAR(static_cast<double>(found.primitives[i]), primitives, loose * primitives) << "iteration " << i + 1;
-  }
-}
 
 /// Both hold the same Gaussians, in whatever order: each has a twin.
 void expect_same_set(const SplatCloud& found, const SplatCloud& expected) {
@@ -169,12 +144,7 @@ TEST_P(CudaTraining, AcceleratedIsThatOfTheCpu) {
 }
 
 TEST_P(CudaTraining, NeverWaitsBetweenGrowths) {
-  class NeverGrows : public DensityHook {
-    bool needs_absolute_gradients() const override { return true; }
-    bool grows_at(Moment, bool) const override { return false; }
-    void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions&) override {}
-    void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
-  } hook;
+  NeverGrows hook;
   const std::unique_ptr<Backbone> backbone = make(stream());
   backbone->set_hooks(&hook, nullptr);
   run(*backbone, 1, 10);

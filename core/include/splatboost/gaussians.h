@@ -14,7 +14,7 @@ struct Gaussians {
   std::span<const float> scales;       ///< [N,3] standard deviations along the own axes, world units, > 0
   std::span<const float> rotations;    ///< [N,4] quaternions (w,x,y,z), of any non-zero length: normalised here
   std::span<const float> covariances;  ///< [N,6] xx xy xz yy yz zz in world; instead of scales and rotations
-  std::span<const float> opacities;    ///< [N] >= 0; above 1 only to make up for others (dropout)
+  std::span<const float> opacities;    ///< [N], not drawn where below 0; above 1 only to make up for others (dropout)
   std::span<const float> sh_dc;        ///< [N,3] degree-0 spherical harmonics
   std::span<const float> sh_rest;      ///< [N,sh_rest_rows,3] higher degrees, in the field's order
   int sh_rest_rows = 0;                ///< coefficients stored a Gaussian beyond the first (15 for degree 3)

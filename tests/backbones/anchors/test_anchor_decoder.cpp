@@ -6,87 +6,13 @@
 #include <cmath>
 #include <functional>
 
-#include "anchors/anchor_decoder.h"
+#include "support/decoder_models.h"
 
 namespace splatboost {
 namespace {
 
-/// Everything that a decoder reads, for N anchors.
-template <class Real>
-struct Model {
-  DecoderShape shape;
-  std::vector<Real> positions, offsets, features, log_scales, scales, levels, opacity_net, covariance_net, color_net,
-      bank_net, embedding;
-
-  Model(const DecoderShape& s, std::size_t n) : shape(s) {
-    const RandomStream random(5, 0, RandomPurpose::net_parameters);
-    std::uint64_t next = 0;
-    const auto fill = [&](std::vector<Real>& values, std::size_t count, double spread, double middle = 0) {
-      for (std::size_t i = 0; i < count; ++i) {
-        values.push_back(static_cast<Real>(middle + spread * random.normal(next++)));
-      }
-    };
-    fill(positions, 3 * n, 1);
-    fill(offsets, 3 * n * s.offsets, 0.5);
-    fill(features, n * s.features, 1);
-    fill(log_scales, 6 * n, 0.3, -1);
-    for (std::size_t i = 0; i < n; ++i) levels.push_back(static_cast<Real>(i % 4));
-    fill(opacity_net, s.opacity().parameters(), 0.4);
-    fill(covariance_net, s.covariance().parameters(), 0.4);
-    fill(color_net, s.color().parameters(), 0.4);
-    if (s.feature_bank) fill(bank_net, s.bank().parameters(), 0.4);
-    fill(embedding, s.appearance, 1);
-    activate();
-  }
-  void activate() {
-    scales.clear();
-    for (const Real value : log_scales) scales.push_back(std::exp(value));
-  }
-  DecoderInputs<Real> inputs() const {
-    return {positions,
-            offsets,
-            features,
-            scales,
-            shape.level ? std::span<const Real>(levels) : std::span<const Real>{},
-            opacity_net,
-            covariance_net,
-            color_net,
-            bank_net,
-            embedding};
-  }
-};
-
-struct Options {
-  const char* name;
-  DecoderShape shape;
-};
-
-DecoderShape small_shape() {
-  DecoderShape shape;
-  shape.features = 8;
-  shape.offsets = 3;
-  return shape;
-}
-
-std::vector<Options> all_options() {
-  std::vector<Options> all{{"plain", small_shape()}};
-  const auto add = [&](const char* name, auto&& change) {
-    DecoderShape shape = small_shape();
-    change(shape);
-    all.push_back({name, shape});
-  };
-  add("distances", [](DecoderShape& s) { s.opacity_distance = s.covariance_distance = s.color_distance = true; });
-  add("one_distance", [](DecoderShape& s) { s.covariance_distance = true; });
-  add("appearance", [](DecoderShape& s) { s.appearance = 5; });
-  add("bank", [](DecoderShape& s) { s.feature_bank = true; });
-  add("levels", [](DecoderShape& s) { s.level = true; });
-  add("all", [](DecoderShape& s) {
-    s.opacity_distance = s.covariance_distance = s.color_distance = s.level = s.feature_bank = true;
-    s.bank_distance = false;
-    s.appearance = 4;
-  });
-  return all;
-}
+using testing::Model;
+using testing::Options;
 
 class Decoder : public ::testing::TestWithParam<Options> {};
 
@@ -181,7 +107,7 @@ TEST_P(Decoder, gives_the_same_bytes_for_any_number_of_threads) {
   EXPECT_EQ(results[0], results[1]);
 }
 
-INSTANTIATE_TEST_SUITE_P(Options, Decoder, ::testing::ValuesIn(all_options()),
+INSTANTIATE_TEST_SUITE_P(Options, Decoder, ::testing::ValuesIn(testing::all_options()),
                          [](const auto& test) { return std::string(test.param.name); });
 
 TEST(AnchorDecoder, one_anchor_by_hand) {
@@ -221,7 +147,7 @@ TEST(AnchorDecoder, one_anchor_by_hand) {
 
 TEST(AnchorDecoder, no_anchor_in_view_is_no_gaussian) {
   Threads threads(2);
-  Model<float> model(small_shape(), 3);
+  Model<float> model(testing::small_shape(), 3);
   AnchorDecoder<float> decoder(model.shape, threads);
   EXPECT_EQ(decoder.forward(model.inputs(), {}, {0, 0, 0}).size(), 0u);
   Model<float> to = model;

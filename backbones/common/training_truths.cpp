@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "common/training_truths.h"
+
+#include <functional>
+#include <vector>
+
+#include "common/input_error.h"
+#include "splatboost/cuda_stream.h"
+
+namespace splatboost {
+namespace {
+
+/// One part in so many of a GPU's free memory is for truth images.
+constexpr std::size_t kShare = 4;
+
+}  // namespace
+
+TruthImage TrainingTruths::of(const View& view) {
+  if (!device_.is_cuda()) return view.truth();
+  const std::vector<View>& views = scene_.train;
+  if (!store_) {
+    std::vector<TruthImage> images;
+    for (const View& each : views) images.push_back(each.truth());
+    store_.emplace(std::move(images), device_.stream().free_memory() / kShare, device_);
+  }
+  const View* const at = &view;
+  const bool known = !std::less<>()(at, views.data()) && std::less<>()(at, views.data() + views.size());
+  require(known, "a view that is trained on must be one of the scene's training views");
+  return store_->get(static_cast<std::size_t>(at - views.data()));
+}
+
+}  // namespace splatboost

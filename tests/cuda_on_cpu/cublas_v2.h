@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Stands in for cuBLAS's header of this name: the functions that the .cu files call, as plain loops over
+/// matrices in the order of columns.
+#pragma once
+
+#include <cstddef>
+
+#include "cuda_runtime.h"
+
+enum cublasStatus_t { CUBLAS_STATUS_SUCCESS = 0, CUBLAS_STATUS_ALLOC_FAILED = 3, CUBLAS_STATUS_INVALID_VALUE = 7 };
+enum cublasOperation_t { CUBLAS_OP_N = 0, CUBLAS_OP_T = 1 };
+
+struct CublasOnCpu {
+  cudaStream_t stream = nullptr;
+};
+using cublasHandle_t = CublasOnCpu*;
+
+inline cublasStatus_t cublasCreate(cublasHandle_t* handle) {
+  *handle = new CublasOnCpu;
+  return CUBLAS_STATUS_SUCCESS;
+}
+
+inline cublasStatus_t cublasDestroy(cublasHandle_t handle) {
+  delete handle;
+  return CUBLAS_STATUS_SUCCESS;
+}
+
+inline cublasStatus_t cublasSetStream(cublasHandle_t handle, cudaStream_t stream) {
+  handle->stream = stream;
+  return CUBLAS_STATUS_SUCCESS;
+}
+
+/// c [m,n] = alpha·op(a)·op(b) + beta·c, op(a) [m,k], op(b) [k,n]; ld: from column to column.
+inline cublasStatus_t cublasSgemm(cublasHandle_t handle, cublasOperation_t of_a, cublasOperation_t of_b, int m, int n,
+                                  int k, const float* alpha, const float* a, int lda, const float* b, int ldb,
+                                  const float* beta, float* c, int ldc) {
+  const bool a_turned = of_a == CUBLAS_OP_T, b_turned = of_b == CUBLAS_OP_T;
+  if (m < 0 || n < 0 || k < 0 || lda < (a_turned ? k : m) || ldb < (b_turned ? n : k) || ldc < m) {
+    return CUBLAS_STATUS_INVALID_VALUE;
+  }
+  cuda_on_cpu::give_work(handle->stream);
+  const cuda_on_cpu::DeviceAccess access;
+  const auto at = [](const float* matrix, int ld, int row, int column) {
+    return matrix[static_cast<std::ptrdiff_t>(column) * ld + row];
+  };
+  for (int column = 0; column < n; ++column) {
+    for (int row = 0; row < m; ++row) {
+      float sum = 0;
+      for (int i = 0; i < k; ++i) {
+        sum += (a_turned ? at(a, lda, i, row) : at(a, lda, row, i)) *
+               (b_turned ? at(b, ldb, column, i) : at(b, ldb, i, column));
+      }
+      float& result = c[static_cast<std::ptrdiff_t>(column) * ldc + row];
+      // As cuBLAS: where beta is 0, c need not hold numbers.
+      result = *alpha * sum + (*beta == 0.0f ? 0.0f : *beta * result);
+    }
+  }
+  return CUBLAS_STATUS_SUCCESS;
+}
+
+/// y [m] = alpha·a·x + beta·y, a [m,n], x [n]
+inline cublasStatus_t cublasSgemv(cublasHandle_t handle, cublasOperation_t of_a, int m, int n, const float* alpha,
+                                  const float* a, int lda, const float* x, int x_step, const float* beta, float* y,
+                                  int y_step) {
+  if (of_a != CUBLAS_OP_N || x_step != 1 || y_step != 1) return CUBLAS_STATUS_INVALID_VALUE;  // not needed so far
+  return cublasSgemm(handle, CUBLAS_OP_N, CUBLAS_OP_N, m, 1, n, alpha, a, lda, x, n, beta, y, m);
+}
