@@ -187,9 +187,11 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   image_gradient_.ensure(view.color.size());
   use_embedding_of(&view);
   decode(view.camera);
-  lap("decode");
+  clock_.lap("decode");
   draw(view.camera, beta_, image_);
-  if (!device_.is_cuda()) {
+  if (device_.is_cuda()) {  // where asking for the parts would wait
+    clock_.lap("render");
+  } else {
     clock_.add("project", rasterizer_.seconds().project);
     clock_.add("tile_lists", rasterizer_.seconds().tile_lists);
     clock_.add("blend", rasterizer_.seconds().blend);
@@ -201,7 +203,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   const bool last = iteration == context_.iterations;
   const PhotometricLoss loss = last ? photometric_.evaluate(image_, truth, lambda, image_gradient_)
                                     : photometric_.evaluate_ahead(image_, truth, lambda, image_gradient_);
-  lap("loss");
+  clock_.lap("loss");
 
   const bool gathering = iteration > at(config_.statistics_from) && iteration < at(config_.grow_until);
   const std::size_t m = decoded_->count;
@@ -223,7 +225,9 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   RasterImageGradients image_gradients;
   image_gradients.color = image_gradient_;
   rasterizer_.backward(gaussians(), image_gradients, gradients);
-  if (!device_.is_cuda()) {
+  if (device_.is_cuda()) {
+    clock_.lap("render_backward");
+  } else {
     clock_.add("blend_backward", rasterizer_.seconds().blend_backward);
     clock_.add("project_backward", rasterizer_.seconds().project_backward);
   }
@@ -237,20 +241,20 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
                  {offsets_.gradients, features_.gradients, scaling_.gradients, opacity_net_.gradients,
                   cov_net_.gradients, color_net_.gradients, bank_net_.gradients, embedding_gradient});
   for (ParameterGroup* group : groups()) group->pending = true;
-  lap("decode_backward");
+  clock_.lap("decode_backward");
 
   if (gathering) {
     statistics_.add_anchors(decoded_->anchors, decoded_->all_opacities);
     statistics_.add_gaussians(decoded_->slots, rasterizer_.visible(), screen_, view.camera.width, view.camera.height);
   }
-  lap("statistics");
+  clock_.lap("statistics");
   for (ParameterGroup* group : groups()) {
     if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group);
   }
-  lap("optimizer");
+  clock_.lap("optimizer");
   const bool own = gathering && iteration > at(config_.grow_from) && iteration % config_.grow_interval == 0;
   if (density_ != nullptr ? density_->grows_at(moment(), own) : own) change_anchors();
-  lap("density");
+  clock_.lap("density");
   return loss.total + volume;
 }
 

@@ -136,10 +136,6 @@ class AnchorBackbone : public Backbone {
   void draw(const Camera& camera, std::optional<float> beta, std::span<float> color);
   void change_anchors();
   void remove_anchors(std::span<const std::uint8_t> removed);
-  // Stages of a GPU are not timed: the host runs ahead of them.
-  void lap(std::string_view stage) {
-    if (!device_.is_cuda()) clock_.lap(stage);
-  }
   std::vector<std::string> model_columns() const;
   Moment moment() const { return {iteration_, context_.iterations}; }
 
@@ -156,7 +152,7 @@ class AnchorBackbone : public Backbone {
   std::optional<float> beta_;
   DensityHook* density_ = nullptr;
   OptimizerHook* optimizer_ = nullptr;
-  StageClock clock_;
+  StageClock clock_{device_};
   int iteration_ = 0;
 
   std::vector<float> positions_;           ///< [N,3]

@@ -2,41 +2,23 @@
 /// @file What the trainer and the program need from a backbone. It knows of hooks, not of what is behind them.
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <optional>
 #include <span>
-#include <string>
-#include <string_view>
 
 #include <nlohmann/json.hpp>
 
 #include "common/archive.h"
 #include "common/memory_estimate.h"
 #include "common/scene.h"
+#include "common/stage_clock.h"
 #include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/threads.h"
 
 namespace splatboost {
-
-/// Wall time by stage of training ("project", "blend", …), summed over a run.
-class StageClock {
- public:
-  /// Adds the time since the last call (or restart) to `stage`.
-  void lap(std::string_view stage);
-  /// Adds a time that was measured elsewhere; what has passed since the last call counts to no stage.
-  void add(std::string_view stage, double seconds);
-  void restart();
-  const std::map<std::string, double, std::less<>>& seconds() const { return seconds_; }
-
- private:
-  std::map<std::string, double, std::less<>> seconds_;
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-};
 
 /// What a backbone is made of. References outlive the backbone.
 struct BackboneContext {

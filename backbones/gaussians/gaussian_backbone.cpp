@@ -94,12 +94,9 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   bool needs_absolute_gradients() const {
     return method_->needs_absolute_gradients() || (density_ != nullptr && density_->needs_absolute_gradients());
   }
-  // Stages of a GPU are not timed: the host runs ahead of them.
-  void lap(std::string_view stage) {
-    if (!device_.is_cuda()) clock_.lap(stage);
-  }
+  /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
   template <class... Stages>
-  void lap_rasterizer(const Stages&... stages);
+  void lap_rasterizer(const char* all, const Stages&... stages);
   std::string entry(const char* what) const { return std::string(method_->name()) + "." + what; }
 
   std::array<ParameterGroup*, 6> groups() { return {&xyz_, &f_dc_, &f_rest_, &opacity_, &scaling_, &rotation_}; }
@@ -134,7 +131,7 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   std::optional<float> beta_;
   DensityHook* density_ = nullptr;
   OptimizerHook* optimizer_ = nullptr;
-  StageClock clock_;
+  StageClock clock_{device_};
   int iteration_ = 0;
 
   // Names of the groups are 3DGS's.
@@ -246,8 +243,8 @@ RasterOptions GaussianBackbone::raster_options(std::optional<float> beta) const 
 }
 
 template <class... Stages>
-void GaussianBackbone::lap_rasterizer(const Stages&... stages) {
-  if (device_.is_cuda()) return;
+void GaussianBackbone::lap_rasterizer(const char* all, const Stages&... stages) {
+  if (device_.is_cuda()) return clock_.lap(all);
   const RasterSeconds& seconds = rasterizer_.seconds();
   (clock_.add(stages.first, seconds.*stages.second), ...);
 }
@@ -260,12 +257,12 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   image_.ensure(pixels);
   image_gradient_.ensure(pixels);
   const Gaussians gaussians = drawn(iteration);
-  lap("activate");
+  clock_.lap("activate");
   RasterImages images;
   images.color = image_;
   rasterizer_.forward(view.camera, gaussians, raster_options(beta_), images);
-  lap_rasterizer(std::pair("project", &RasterSeconds::project), std::pair("tile_lists", &RasterSeconds::tile_lists),
-                 std::pair("blend", &RasterSeconds::blend));
+  lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
+                 std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
 
   const LossForm form = method_->loss();
   const TruthImage truth = truths_.of(view);
@@ -275,7 +272,7 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
                                        : photometric_.evaluate_ahead(image_, truth, form.lambda_dssim, image_gradient_);
   const double loss = form.scale * measured.total;
   if (form.scale != 1) scale(image_gradient_, form.scale, device_);
-  lap("loss");
+  clock_.lap("loss");
 
   GaussianGradients gradients;
   gradients.mode = GradientMode::accumulate;
@@ -301,7 +298,7 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   rasterizer_.backward(gaussians, image_gradients, gradients);
   method_->add_gradients(of_activated);
   for (ParameterGroup* group : groups()) group->pending = true;
-  lap_rasterizer(std::pair("blend_backward", &RasterSeconds::blend_backward),
+  lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
                  std::pair("project_backward", &RasterSeconds::project_backward));
 
   if (growing) {
@@ -309,14 +306,14 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
                           view.camera.height},
                          method_->absolute_norm(), method_->views_seen(beta_.has_value()), gradient_sums(), device_);
   }
-  lap("statistics");
+  clock_.lap("statistics");
   step_scheduled(iteration);
-  lap("optimizer");
+  clock_.lap("optimizer");
   control_density();
   // Now rather than before the next view, so that a checkpoint holds it.
   if (method_->renews_at(moment())) set_changed_ = true;
   if (set_changed_) activate();
-  lap("density");
+  clock_.lap("density");
   return loss;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a build without CUDA has in place of the .cu files. There is no stream, so nothing else here is ever reached.
 #include "cuda_operations.h"
+#include "splatboost/cuda_laps.h"
 #include "splatboost/cuda_stream.h"
 #include "splatboost/errors.h"
 
@@ -35,6 +36,14 @@ void CudaStream::begin_launch(const char*) { absent(); }
 void CudaStream::end_launch(int) { absent(); }
 void CudaStream::count_synchronization() { absent(); }
 void CudaStream::check(int, const char*) const { absent(); }
+
+struct CudaLaps::State {};
+CudaLaps::CudaLaps(CudaStream&) { absent(); }
+CudaLaps::~CudaLaps() = default;
+CudaLaps::CudaLaps(CudaLaps&&) noexcept = default;
+CudaLaps& CudaLaps::operator=(CudaLaps&&) noexcept = default;
+void CudaLaps::mark(const char*) { absent(); }
+std::optional<CudaLaps::Lap> CudaLaps::take() { absent(); }
 
 namespace cuda {
 std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream&) { absent(); }

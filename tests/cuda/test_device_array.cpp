@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cuda/cuda_device.h"
+#include "splatboost/cuda_laps.h"
 #include "splatboost/device.h"
 #include "splatboost/device_array.h"
 #include "splatboost/threads.h"
@@ -90,6 +91,35 @@ TEST_F(DeviceMemory, ADeviceIsThreadsOrAStream) {
   EXPECT_EQ(&cuda.stream(), &stream());
   EXPECT_THROW(cuda.threads(), ArgumentError);
   EXPECT_THROW(cpu.stream(), ArgumentError);
+}
+
+TEST_F(DeviceMemory, LapsAreTakenInOrderAndWithoutAWait) {
+  CudaLaps laps(stream());
+  DeviceArray<float> array(stream());
+  array.ensure(1 << 20);
+  const CudaActivity before = stream().activity();
+  for (int i = 0; i < 3000; ++i) {  // more marks than are kept
+    laps.mark(nullptr);
+    array.fill_zero();
+    laps.mark("first");
+    laps.mark("second");
+    while (i % 10 == 0 && laps.take()) continue;
+  }
+  EXPECT_EQ(stream().activity().synchronizations, before.synchronizations);
+  stream().synchronize();
+  for (int i = 0; i < 9; ++i) {
+    const std::optional<CudaLaps::Lap> first = laps.take();
+    ASSERT_TRUE(first);
+    EXPECT_STREQ(first->stage, "first");
+    EXPECT_GE(first->seconds, 0);
+    const std::optional<CudaLaps::Lap> second = laps.take();
+    ASSERT_TRUE(second);
+    EXPECT_STREQ(second->stage, "second");
+  }
+  EXPECT_FALSE(laps.take());
+  // Whose laps nobody takes loses the oldest.
+  for (int i = 0; i < 5000; ++i) laps.mark("more");
+  EXPECT_TRUE(laps.take());
 }
 
 TEST_F(DeviceMemory, GoesAlongWithStreamsOfACaller) {

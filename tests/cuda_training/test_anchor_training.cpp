@@ -142,6 +142,11 @@ TEST_P(CudaAnchorTraining, NeverWaitsBetweenGrowths) {
   run(*backbone, 11, 17);
   EXPECT_EQ(stream().activity().allocations, before.allocations);
   EXPECT_EQ(stream().activity().synchronizations, before.synchronizations);
+  backbone->wait();
+  for (const char* stage : {"render", "loss", "render_backward", "statistics", "optimizer"}) {
+    ASSERT_TRUE(backbone->stages().seconds().contains(stage)) << stage;
+    EXPECT_GT(backbone->stages().seconds().find(stage)->second, 0) << stage;
+  }
 }
 
 TEST_P(CudaAnchorTraining, GoesOnFromACheckpointOnEitherDevice) {
