@@ -102,7 +102,7 @@ void AnchorBackbone::activate() {
   scales_.ensure(scaling_.values.size());
   if (device_.is_cuda()) {
     exponentials(scaling_.values, scales_, device_);
-  } else {
+  } else {  // by the function that the nets' kernels have: the same bytes with every instruction set
     const std::vector<float>& logarithms = scaling_.values.host();
     std::vector<float>& scales = scales_.host();
     context_.threads.for_range(scales.size(), kGrain, [&](std::size_t begin, std::size_t end) {
@@ -121,25 +121,21 @@ DecoderInputs<float> AnchorBackbone::decoder_inputs() const {
           opacity_net_.values,   cov_net_.values, color_net_.values, bank_net_.values, view_embedding_};
 }
 
-std::optional<std::size_t> AnchorBackbone::training_view(const View* view) const {
-  const std::vector<View>& views = context_.scene.train;
-  if (view < views.data() || view >= views.data() + views.size()) return std::nullopt;
-  return static_cast<std::size_t>(view - views.data());
-}
-
 void AnchorBackbone::use_embedding_of(const View* view) {
   const std::size_t width = shape_.appearance;
   if (width == 0) return;
-  if (const std::optional<std::size_t> row = training_view(view)) {
+  if (const std::optional<std::size_t> row = view == nullptr ? std::nullopt : training_index(context_.scene, *view)) {
     view_embedding_ = embedding_.values.span().subspan(width * *row, width);
     return;
   }
   // A view that training did not see has no embedding of its own: the mean of all is the neutral one.
-  std::vector<float> copy, mean(width, 0.0f);
-  const std::span<const float> rows = embedding_.values.on_host(copy);
-  for (std::size_t i = 0; i < rows.size(); ++i) mean[i % width] += rows[i];
-  for (float& value : mean) value /= static_cast<float>(std::max<std::size_t>(embedding_.rows(), 1));
-  mean_embedding_.assign(std::move(mean));
+  if (mean_embedding_.empty()) {
+    std::vector<float> copy, mean(width, 0.0f);
+    const std::span<const float> rows = embedding_.values.on_host(copy);
+    for (std::size_t i = 0; i < rows.size(); ++i) mean[i % width] += rows[i];
+    for (float& value : mean) value /= static_cast<float>(std::max<std::size_t>(embedding_.rows(), 1));
+    mean_embedding_.assign(std::move(mean));
+  }
   view_embedding_ = mean_embedding_;
 }
 
@@ -234,7 +230,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
 
   const double volume = view_.add_volume_loss(config_.volume_weight, by_.scales, !last);
   std::span<float> embedding_gradient;
-  if (const std::optional<std::size_t> row = training_view(&view); row && shape_.appearance > 0) {
+  if (const std::optional<std::size_t> row = training_index(context_.scene, view); row && shape_.appearance > 0) {
     embedding_gradient = embedding_.gradients.span().subspan(*row * shape_.appearance, shape_.appearance);
   }
   view_.backward(decoder_inputs(), {by_.means, by_.scales, by_.rotations, by_.opacities, by_.colors},
@@ -278,6 +274,7 @@ void AnchorBackbone::step_group(ParameterGroup& group) {
   AdamOptions options;
   options.learning_rate = learning_rate(group);
   group.step(options, device_);
+  if (&group == &embedding_) mean_embedding_.ensure(0);
   stale_ = true;
 }
 
@@ -296,6 +293,7 @@ void AnchorBackbone::change_anchors() {
   statistics_.slots_seen_over(0.5 * anchor_views, judged_);
   growing_.assign(judged_.size(), 0);
   choose_growing(mean_gradients_, judged_, growing_);
+  anchors_changed_ = true;  // side rows may have
   if (density_ != nullptr) {
     const DensityStatistics known{moment(), context_.scene.extent, mean_gradients_, {}, {}, {}};
     GrowDecisions decisions{growing_, {}};
@@ -371,12 +369,14 @@ std::span<const float> AnchorBackbone::anchor_feature(std::size_t anchor) const 
 }
 
 void AnchorBackbone::remove_anchors(std::span<const std::uint8_t> removed) {
-  remove_rows(positions_, 3, removed);
   const Array<std::uint32_t> kept(device_, kept_rows(removed));
+  // Room for the widest tensor first: where memory is short the model stays whole.
   Array<float> workspace(device_);
+  workspace.ensure(kept.size() * std::max({offsets_.width, features_.width, scaling_.width}));
   for (ParameterGroup* group : anchor_groups()) group->select(kept, workspace);
+  statistics_.select(kept, workspace);
+  remove_rows(positions_, 3, removed);
   for (const SideRow& row : side_rows_) remove_rows(*row.values, 1, removed);
-  statistics_.select(kept);
   stale_ = anchors_changed_ = true;
 }
 
@@ -495,6 +495,7 @@ void AnchorBackbone::import_model(const std::filesystem::path& folder) {
   }
   statistics_.reset(n);
   iteration_ = context_.iterations;  // a finished model: all levels are open
+  mean_embedding_.ensure(0);
   stale_ = anchors_changed_ = true;
 }
 
@@ -536,6 +537,7 @@ void AnchorBackbone::load(ArchiveReader& archive) {
   fits = statistics_.load(archive, n) && fits;
   if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
   iteration_ = static_cast<int>(archive.integer("anchors.iteration"));
+  mean_embedding_.ensure(0);
   stale_ = anchors_changed_ = true;
 }
 

@@ -129,7 +129,6 @@ class AnchorBackbone : public Backbone {
   void step_all();
   void activate();
   DecoderInputs<float> decoder_inputs() const;
-  std::optional<std::size_t> training_view(const View* view) const;
   void use_embedding_of(const View* view);
   void decode(const Camera& camera);
   Gaussians gaussians() const;
@@ -169,7 +168,7 @@ class AnchorBackbone : public Backbone {
   bool anchors_changed_ = true;             ///< ... or the set of anchors, or what the host keeps of them
   Array<float> scales_{device_};            ///< [N,6] exp of scaling
   std::span<const float> view_embedding_;   ///< of the view that is being decoded
-  Array<float> mean_embedding_{device_};    ///< of views that training did not see
+  Array<float> mean_embedding_{device_};    ///< of views that training did not see; empty: not known
   const ViewGaussians* decoded_ = nullptr;  ///< of the last decode()
   Array<float> image_{device_}, image_gradient_{device_}, screen_{device_};
   /// Gradients of the view's Gaussians.

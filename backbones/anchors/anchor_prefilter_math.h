@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "anchors/smooth_functions.h"
+#include "anchors/anchor_math.h"
 #include "projection_camera.h"
 #include "splatboost/constants.h"
 

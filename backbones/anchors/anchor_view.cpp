@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "anchors/anchor_view.h"
 
-#include <array>
-#include <utility>
 #include <vector>
 
 #include "anchors/anchor_prefilter.h"

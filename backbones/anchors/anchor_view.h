@@ -3,6 +3,7 @@
 /// that they offer, and the way back.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -46,7 +47,8 @@ class AnchorView {
 
   /// Adds the gradient of `weight` × the mean volume Π scales of the Gaussians.
   /// @param scale_gradients [M,3]
-  /// @param ahead on a GPU do not wait: the loss that is returned is the newest that has come back, 0 until one has
+  /// @param ahead on a GPU do not wait: the loss that is returned is the newest that has come back, 0 until one has, or
+  /// the first that was not finite
   /// @return that loss
   double add_volume_loss(double weight, std::span<float> scale_gradients, bool ahead);
 

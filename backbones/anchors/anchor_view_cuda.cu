@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // How many anchors are in view is known to the device only, which the host does not wait for. So each view has rows for
 // all anchors: those in view come first, behind them are rows of zeros, and slots of theirs that are not drawn.
-#include <algorithm>
 #include <array>
+#include <cmath>
+#include <optional>
 
 #include "anchors/anchor_prefilter_math.h"
 #include "anchors/cuda_anchors.h"
@@ -318,6 +319,7 @@ class WorkOnCuda final : public AnchorView::Work {
                 scales_.span(), scale_gradients);
 
     const auto note = [&](const std::array<double, 2>& totals) {
+      if (!std::isfinite(newest_volume_loss_)) return;  // so that none of these is missed
       newest_volume_loss_ = totals[1] > 0 ? weight * totals[0] / totals[1] : 0;
     };
     if (volume_losses_.is_full()) note(volume_losses_.wait());

@@ -106,8 +106,7 @@ void SlotStatistics::append(std::size_t anchors) {
   for (Array<float>* tensor : {&gradient_sum_, &slot_seen_}) append_zero_rows(*tensor, slots_, anchors);
 }
 
-void SlotStatistics::select(std::span<const std::uint32_t> anchors) {
-  Array<float> workspace(device_);
+void SlotStatistics::select(std::span<const std::uint32_t> anchors, Array<float>& workspace) {
   for (Array<float>* tensor : {&opacity_sum_, &anchor_seen_}) select_rows(*tensor, 1, anchors, workspace);
   for (Array<float>* tensor : {&gradient_sum_, &slot_seen_}) select_rows(*tensor, slots_, anchors, workspace);
 }

@@ -2,6 +2,7 @@
 /// @file What growth and pruning of anchors are decided on, gathered view by view.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -43,8 +44,8 @@ class SlotStatistics {
   /// Makes room for so many anchors in all: where memory is short nothing has changed.
   void reserve(std::size_t anchors);
   void append(std::size_t anchors);
-  /// Leaves the anchors that the list names, in its order.
-  void select(std::span<const std::uint32_t> anchors);
+  /// Leaves the anchors that the list names, in its order. @param workspace as of select_rows(), for k floats an anchor
+  void select(std::span<const std::uint32_t> anchors, Array<float>& workspace);
 
   std::size_t anchors() const { return anchor_seen_.size(); }
   void save(ArchiveWriter& archive) const;

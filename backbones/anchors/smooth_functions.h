@@ -9,12 +9,7 @@
 #include <cstdint>
 #include <type_traits>
 
-/// Marks the formulas of anchors, which every device shares.
-#ifdef __CUDACC__
-#define SPLATBOOST_ANCHOR_MATH __host__ __device__ static inline
-#else
-#define SPLATBOOST_ANCHOR_MATH static inline
-#endif
+#include "anchors/anchor_math.h"
 
 namespace splatboost {
 

@@ -5,7 +5,7 @@
 
 #include <span>
 
-#include "anchors/cuda_matrices.h"
+#include "anchors/matrices_cuda.h"
 #include "anchors/two_layer_net.h"
 
 namespace splatboost::cuda {

@@ -15,18 +15,23 @@ constexpr std::size_t kShare = 4;
 
 }  // namespace
 
+std::optional<std::size_t> training_index(const Scene& scene, const View& view) {
+  const std::vector<View>& views = scene.train;
+  const View* const at = &view;
+  if (std::less<>()(at, views.data()) || !std::less<>()(at, views.data() + views.size())) return std::nullopt;
+  return static_cast<std::size_t>(at - views.data());
+}
+
 TruthImage TrainingTruths::of(const View& view) {
   if (!device_.is_cuda()) return view.truth();
-  const std::vector<View>& views = scene_.train;
   if (!store_) {
     std::vector<TruthImage> images;
-    for (const View& each : views) images.push_back(each.truth());
+    for (const View& each : scene_.train) images.push_back(each.truth());
     store_.emplace(std::move(images), device_.stream().free_memory() / kShare, device_);
   }
-  const View* const at = &view;
-  const bool known = !std::less<>()(at, views.data()) && std::less<>()(at, views.data() + views.size());
-  require(known, "a view that is trained on must be one of the scene's training views");
-  return store_->get(static_cast<std::size_t>(at - views.data()));
+  const std::optional<std::size_t> index = training_index(scene_, view);
+  require(index.has_value(), "a view that is trained on must be one of the scene's training views");
+  return store_->get(*index);
 }
 
 }  // namespace splatboost

@@ -2,6 +2,7 @@
 /// @file Truth images of a scene's training views, where a device reads them.
 #pragma once
 
+#include <cstddef>
 #include <optional>
 
 #include "common/scene.h"
@@ -9,6 +10,9 @@
 #include "splatboost/truth_store.h"
 
 namespace splatboost {
+
+/// The place of a view among the scene's training views; none: it is not one of them, but perhaps a copy.
+std::optional<std::size_t> training_index(const Scene& scene, const View& view);
 
 /// The scene and the device must outlive it.
 class TrainingTruths {

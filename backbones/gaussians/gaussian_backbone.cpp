@@ -517,6 +517,7 @@ void GaussianBackbone::remove(std::span<const std::uint8_t> removed) {
 }
 
 void GaussianBackbone::select(const Array<std::uint32_t>& rows) {
+  workspace_.ensure(rows.size() * f_rest_.width);  // the widest first: where memory is short the model stays whole
   for (ParameterGroup* group : groups()) group->select(rows, workspace_);
   stale_ = set_changed_ = true;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/json_fields.h"
 #include "octree_gs/octree_gs.h"
+#include "octree_gs/usable_anchors.h"
 
 namespace splatboost {
 namespace {
@@ -41,8 +42,10 @@ OctreeConfig octree_config_from_json(const nlohmann::json& json) {
   require(config.base_layer >= -1 && config.base_layer <= 30, what + "base_layer must be -1 to 30");
   require(config.visible_threshold < 1, what + "visible_threshold must be below 1");
   require(config.dist_ratio > 0.5 && config.dist_ratio <= 1, what + "dist_ratio must lie in (0.5, 1]");
-  require(config.levels == -1 || (config.levels >= 1 && config.levels <= 24), what + "levels must be -1 or 1 to 24");
-  require(config.init_level >= -1 && config.init_level <= 24, what + "init_level must be -1 to 24");
+  require(config.levels == -1 || (config.levels >= 1 && config.levels <= kMostLevels),
+          what + "levels must be -1 or 1 to " + std::to_string(kMostLevels));
+  require(config.init_level >= -1 && config.init_level <= kMostLevels,
+          what + "init_level must be -1 to " + std::to_string(kMostLevels));
   require(config.dist2level == "round" || config.dist2level == "floor" || config.dist2level == "ceil",
           what + "dist2level must be round, floor or ceil");
   require(config.coarse_iter >= 0, what + "coarse_iter must not be negative");

@@ -6,7 +6,7 @@
 
 namespace splatboost {
 namespace {
-constexpr std::size_t kMost = 4096;  // marks that are under way
+constexpr std::size_t kMost = 1024;  // marks that are under way
 }
 
 struct CudaLaps::State {

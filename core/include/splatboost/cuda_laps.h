@@ -19,7 +19,7 @@ class CudaLaps {
   CudaLaps(CudaLaps&&) noexcept;
   CudaLaps& operator=(CudaLaps&&) noexcept;
 
-  /// Ends a stage here, which began at the mark before. Waits only where the host is thousands of marks ahead.
+  /// Ends a stage here, which began at the mark before. Waits only where the host is a thousand marks ahead.
   /// @param stage a literal; null: what has passed since the mark before counts to no stage
   void mark(const char* stage);
 

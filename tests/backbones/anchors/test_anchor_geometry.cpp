@@ -132,7 +132,8 @@ TEST(SlotStatistics, judges_only_what_was_seen_often_and_restarts_only_that) {
   statistics.faint_anchors(0, 1, mask);
   EXPECT_EQ(mask, (Mask{0, 0, 0}));
   statistics.append(1);
-  statistics.select(std::vector<std::uint32_t>{1, 2, 3});
+  Array<float> workspace;
+  statistics.select(std::vector<std::uint32_t>{1, 2, 3}, workspace);
   EXPECT_EQ(statistics.anchors(), 3u);
   statistics.slots_seen_over(0, mask);
   EXPECT_EQ(mask, (Mask{0, 0, 1, 0, 0, 0})) << "rows follow their anchors";

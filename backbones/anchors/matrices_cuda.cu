@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "anchors/cuda_matrices.h"
+#include "anchors/matrices_cuda.h"
 
 #include <cublas_v2.h>
 
@@ -76,13 +76,14 @@ int whole(std::size_t n) {
 
 struct CudaMatrices::State {
   explicit State(CudaStream& on) : stream(on), ones(on) {
-    check(cublas().create(&handle), "cublasCreate");
-    check(cublas().set_stream(handle, static_cast<cudaStream_t>(on.handle())), "cublasSetStream");
+    on.begin_launch("cublasCreate");  // on the stream's device
+    cublasHandle_t made = nullptr;
+    check(cublas().create(&made), "cublasCreate");
+    handle.reset(made);
+    check(cublas().set_stream(made, static_cast<cudaStream_t>(on.handle())), "cublasSetStream");
   }
-  ~State() { static_cast<void>(cublas().destroy(handle)); }
   static void check(cublasStatus_t status, const char* what) {
     if (status == CUBLAS_STATUS_SUCCESS) return;
-    if (status == CUBLAS_STATUS_ALLOC_FAILED) throw DeviceMemoryError(std::string(what) + ": out of device memory");
     throw DeviceError(std::string(what) + " failed: cuBLAS status " + std::to_string(static_cast<int>(status)));
   }
   /// A row-major matrix is the transposed one in the order of columns that cuBLAS knows: c = op(a)·op(b) is asked for
@@ -93,14 +94,16 @@ struct CudaMatrices::State {
     SPLATBOOST_CHECK(a.size() >= m * k && b.size() >= k * n && c.size() >= m * n, "a matrix is too small");
     constexpr float kOne = 1;
     stream.begin_launch("cublasSgemm");
-    check(cublas().sgemm(handle, of_b, of_a, whole(n), whole(m), whole(k), &kOne, b.data(), whole(b_width), a.data(),
-                         whole(a_width), &beta, c.data(), whole(n)),
+    check(cublas().sgemm(handle.get(), of_b, of_a, whole(n), whole(m), whole(k), &kOne, b.data(), whole(b_width),
+                         a.data(), whole(a_width), &beta, c.data(), whole(n)),
           "cublasSgemm");
-    stream.end_launch(cudaSuccess);
   }
 
   CudaStream& stream;
-  cublasHandle_t handle = nullptr;
+  struct Destroy {
+    void operator()(cublasHandle_t made) const { static_cast<void>(cublas().destroy(made)); }
+  };
+  std::unique_ptr<std::remove_pointer_t<cublasHandle_t>, Destroy> handle;
   DeviceArray<float> ones;
 };
 
@@ -132,10 +135,9 @@ void CudaMatrices::add_column_sums(std::span<const float> a, std::size_t m, std:
   }
   constexpr float kOne = 1;
   s.stream.begin_launch("cublasSgemv");
-  State::check(cublas().sgemv(s.handle, CUBLAS_OP_N, whole(sums.size()), whole(m), &kOne, a.data() + first,
+  State::check(cublas().sgemv(s.handle.get(), CUBLAS_OP_N, whole(sums.size()), whole(m), &kOne, a.data() + first,
                               whole(width), s.ones.data(), 1, &kOne, sums.data(), 1),
                "cublasSgemv");
-  s.stream.end_launch(cudaSuccess);
 }
 
 }  // namespace splatboost::cuda

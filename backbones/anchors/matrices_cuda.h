@@ -17,6 +17,7 @@ namespace splatboost::cuda {
 /// its 200 MB and tenth of a second.
 class CudaMatrices {
  public:
+  /// @param stream one of its own: a stream that goes along with a caller's may not become another
   /// Throws NoDeviceError where the machine has no cuBLAS of the CUDA release that this was built with.
   explicit CudaMatrices(CudaStream& stream);
   ~CudaMatrices();
