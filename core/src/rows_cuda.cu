@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cub/cub.cuh>
-
 #include <utility>
 
 #include "cuda_operations.h"
 #include "device_view.h"
 #include "launch.h"
+#include "run_cub.h"
 
 namespace splatboost::cuda {
 namespace {
@@ -43,16 +42,11 @@ void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const 
   kept.ensure(rows + 1);
   places.ensure(rows + 1);
   launch_each(stream, "kept_rows", kept_kernel, rows + 1, removed, kept.span());
-  const auto scan = [&](void* memory, std::size_t& bytes) {
+  DeviceArray<std::uint8_t> scratch(stream);
+  run_cub(stream, scratch, "cub::ExclusiveSum of kept rows", [&](void* memory, std::size_t& bytes) {
     return cub::DeviceScan::ExclusiveSum(memory, bytes, kept.data(), places.data(), static_cast<std::int64_t>(rows + 1),
-                                         static_cast<cudaStream_t>(stream.handle()));
-  };
-  std::size_t bytes = 0;
-  static_cast<void>(scan(nullptr, bytes));
-  DeviceArray<std::byte> memory(stream);
-  memory.ensure(bytes);
-  stream.begin_launch("scan");
-  stream.end_launch(scan(memory.data(), bytes));
+                                         handle_of(stream));
+  });
   std::uint32_t left = 0;
   stream.copy_to_host(&left, places.data() + rows, sizeof left);
 

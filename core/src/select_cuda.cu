@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cub/cub.cuh>
-
 #include "cuda_operations.h"
 #include "device_view.h"
 #include "launch.h"
+#include "run_cub.h"
 #include "select_math.h"
 
 namespace splatboost::cuda {
@@ -66,17 +65,12 @@ struct Keys {
 void keep_smallest(Keys& ranked, std::size_t keep, std::span<std::uint8_t> candidates, CudaStream& stream) {
   const std::size_t n = candidates.size();
   Keys sorted(stream, n);
-  const auto sort = [&](void* memory, std::size_t& bytes) {
+  DeviceArray<std::uint8_t> scratch(stream);
+  run_cub(stream, scratch, "cub::SortPairs by priority", [&](void* memory, std::size_t& bytes) {
     return cub::DeviceRadixSort::SortPairs(memory, bytes, ranked.keys.data(), sorted.keys.data(), ranked.indices.data(),
                                            sorted.indices.data(), static_cast<std::int64_t>(n), 0, 64,
-                                           static_cast<cudaStream_t>(stream.handle()));
-  };
-  std::size_t bytes = 0;
-  static_cast<void>(sort(nullptr, bytes));
-  DeviceArray<std::byte> memory(stream);
-  memory.ensure(bytes);
-  stream.begin_launch("sort");
-  stream.end_launch(sort(memory.data(), bytes));
+                                           handle_of(stream));
+  });
   launch_each(stream, "drop", drop_kernel, n, std::span<const std::uint32_t>(sorted.indices.span()), keep, candidates);
 }
 

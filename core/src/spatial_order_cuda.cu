@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cub/cub.cuh>
-
 #include "cuda_operations.h"
 #include "device_view.h"
 #include "launch.h"
+#include "run_cub.h"
 #include "spatial_order_math.h"
 
 namespace splatboost::cuda {
@@ -79,17 +78,11 @@ void spatial_order(std::span<const float> means, std::span<std::uint32_t> order,
   launch_each(stream, "spatial_bounds", bounds_kernel, n, means, bounds.span());
   launch_each(stream, "spatial_codes", codes_kernel, n, means, std::span<const unsigned>(bounds.span()), codes.span(),
               points.span());
-  const auto sort = [&](void* memory, std::size_t& bytes) {  // stable: ties by index
+  DeviceArray<std::uint8_t> scratch(stream);
+  run_cub(stream, scratch, "cub::SortPairs by place", [&](void* memory, std::size_t& bytes) {  // stable: ties by index
     return cub::DeviceRadixSort::SortPairs(memory, bytes, codes.data(), sorted_codes.data(), points.data(),
-                                           order.data(), static_cast<std::int64_t>(n), 0, 64,
-                                           static_cast<cudaStream_t>(stream.handle()));
-  };
-  std::size_t bytes = 0;
-  static_cast<void>(sort(nullptr, bytes));
-  DeviceArray<std::byte> memory(stream);
-  memory.ensure(bytes);
-  stream.begin_launch("sort");
-  stream.end_launch(sort(memory.data(), bytes));
+                                           order.data(), static_cast<std::int64_t>(n), 0, 64, handle_of(stream));
+  });
 }
 
 }  // namespace splatboost::cuda
