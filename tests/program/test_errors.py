@@ -82,14 +82,6 @@ def test_a_gpu_that_is_not_there(scene, tmp_path, device):
     assert not (tmp_path / "model").exists()
 
 
-@pytest.mark.parametrize("backbone", ["scaffold-gs", "octree-gs"])
-def test_backbones_that_run_on_the_cpu_only(scene, tmp_path, backbone):
-    line = fails("train", "-s", scene, "-m", tmp_path / "model", "--backbone", backbone, "--device", "cuda")
-    assert backbone in line
-    assert "--device cpu" in line
-    assert not (tmp_path / "model").exists()
-
-
 def test_config_that_is_not_json(scene, tmp_path):
     config = tmp_path / "config.json"
     config.write_text('{"iterations": 5,\n oops}')

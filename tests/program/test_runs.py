@@ -93,8 +93,9 @@ def test_resume_gives_the_bytes_of_an_uninterrupted_run(trained, tmp_path):
 def test_interruption_leaves_a_checkpoint(scene, tmp_path, stop):
     long_run = ["-s", scene, "--eval", "--iterations", "2000", "--threads", "1", "--max-primitives", "1500"]
     model = tmp_path / "model"
+    # Where the tests are a background job, SIGINT is ignored, and what they start would go on ignoring it.
     started = subprocess.Popen([str(PROGRAM), "train", "-m", str(model), *map(str, long_run)], stderr=subprocess.PIPE,
-                               stdout=subprocess.PIPE, text=True)
+                               stdout=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(stop, signal.SIG_DFL))
     deadline = time.monotonic() + 60
     while not (model / "point_cloud").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
