@@ -14,7 +14,7 @@ namespace splatboost::cuda {
 /// throughout: no shorter formats inside. Nothing is allocated once the tallest matrix has been seen.
 ///
 /// cuBLAS is loaded when the first of these is made, not when the program starts: what runs on the CPU shall not pay
-/// its 200 MB and tenth of a second.
+/// the time and the memory that loading it takes.
 class CudaMatrices {
  public:
   /// @param stream one of its own: a stream that goes along with a caller's may not become another

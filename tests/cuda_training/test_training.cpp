@@ -4,13 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "common/trainer.h"
-#include "cuda/cuda_device.h"
 #include "cuda_training/training_runs.h"
 #include "dropgaussian/dropgaussian.h"
 #include "dropgaussian/dropgaussian_adapter.h"
@@ -18,19 +16,13 @@
 #include "mip_splatting/mip_splatting_adapter.h"
 #include "splatboost/errors.h"
 #include "support/gaussian_checks.h"
-#include "support/tiny_scene.h"
 #include "vanilla/vanilla.h"
 #include "vanilla/vanilla_adapter.h"
-
-#ifdef SPLATBOOST_CUDA_ON_CPU
-#include "cuda_on_cpu.h"
-#endif
 
 namespace splatboost::test {
 namespace {
 
 using testing::exported;
-using testing::picture;
 
 constexpr int kIterations = 60;
 
@@ -54,55 +46,26 @@ VanillaBoost eager_boost() {
   return boost;
 }
 
-struct Method {
-  std::string name;
-  std::function<std::unique_ptr<Backbone>(const BackboneContext&)> make;
-  std::function<std::unique_ptr<VanillaAdapter>(Device)> boost;
-};
-
-std::ostream& operator<<(std::ostream& out, const Method& method) { return out << method.name; }
-
 const std::vector<Method>& methods() {
   static const std::vector<Method> all = {
       {"vanilla", [](const BackboneContext& c) { return make_vanilla(c, eager<VanillaConfig>()); },
-       [](Device d) { return std::make_unique<VanillaAdapter>(eager_boost(), d); }},
+       accelerated_by<VanillaAdapter>(eager_boost())},
       {"mip_splatting",
        [](const BackboneContext& c) {
          auto config = eager<MipSplattingConfig>();
          config.smoothing_interval = 7;
          return make_mip_splatting(c, config);
        },
-       [](Device d) { return std::make_unique<MipSplattingAdapter>(eager_boost(), d); }},
+       accelerated_by<MipSplattingAdapter>(eager_boost())},
       {"dropgaussian", [](const BackboneContext& c) { return make_dropgaussian(c, eager<DropGaussianConfig>()); },
-       [](Device d) { return std::make_unique<VanillaAdapter>(eager_boost(), d); }},
+       accelerated_by<VanillaAdapter>(eager_boost())},
   };
   return all;
 }
 
-class CudaTraining : public OnCuda<::testing::TestWithParam<Method>> {
+class CudaTraining : public TrainingOnCuda {
  protected:
-  BackboneContext context(Device device) {
-    BackboneContext context{scene_, threads_, 3, kIterations, 200};
-    context.device = device;
-    return context;
-  }
-  std::unique_ptr<Backbone> make(Device device) { return GetParam().make(context(device)); }
-
-  Trace run(Backbone& backbone, int first, int last) { return run_of(backbone, scene_, first, last); }
-  void steps(Backbone& backbone, int first, int last) { testing::train(backbone, scene_, first, last); }
-  /// A whole run that is accelerated, or as published.
-  Trace whole_run(Device device, bool boosted) {
-    const std::unique_ptr<Backbone> backbone = make(device);
-    const std::unique_ptr<VanillaAdapter> adapter = GetParam().boost(device);
-    if (boosted) {
-      backbone->rasterizer_hook().set_beta(adapter->beta());
-      backbone->set_hooks(adapter.get(), adapter.get());
-    }
-    return run(*backbone, 1, kIterations);
-  }
-
-  Threads threads_{1};
-  Scene scene_ = testing::tiny_scene(threads_);
+  CudaTraining() : TrainingOnCuda(kIterations) {}
 };
 
 /// Both hold the same Gaussians, in whatever order: each has a twin.
@@ -144,73 +107,17 @@ TEST_P(CudaTraining, AcceleratedIsThatOfTheCpu) {
   expect_same_run(whole_run(stream(), true), expected, 9);
 }
 
-TEST_P(CudaTraining, NeverWaitsBetweenGrowths) {
-  NeverGrows hook;
-  const std::unique_ptr<Backbone> backbone = make(stream());
-  backbone->set_hooks(&hook, nullptr);
-  steps(*backbone, 1, 10);
-  backbone->wait();  // all numbers have come back
-  steps(*backbone, 8, 10);
-  const CudaActivity before = stream().activity();
-  // Mip-Splatting renews its filter within these.
-  steps(*backbone, 11, 19);
-  EXPECT_EQ(stream().activity().allocations, before.allocations);
-  EXPECT_EQ(stream().activity().synchronizations, before.synchronizations);
-  backbone->wait();
-  for (const char* stage : {"render", "loss", "render_backward", "statistics", "optimizer"}) {
-    ASSERT_TRUE(backbone->stages().seconds().contains(stage)) << stage;
-    EXPECT_GT(backbone->stages().seconds().find(stage)->second, 0) << stage;
-  }
-}
+// Mip-Splatting renews its filter within these.
+TEST_P(CudaTraining, NeverWaitsBetweenGrowths) { expect_no_wait_between_growths(19); }
 
-TEST_P(CudaTraining, GoesOnFromACheckpointOnEitherDevice) {
-  const TemporaryFolder folder;
-  const std::unique_ptr<Backbone> first = make(stream());
-  run(*first, 1, 25);
-  testing::save_state(*first, folder / "checkpoint");
-  const Trace expected = run(*first, 26, 40);
-  for (const Device device : {Device(stream()), Device(threads_)}) {
-    const std::unique_ptr<Backbone> second = make(device);
-    testing::load_state(*second, folder / "checkpoint");
-    // The next growth comes after iteration 28.
-    expect_same_run(run(*second, 26, 40), expected, device.is_cuda() ? 15 : 2);
-  }
-}
+// The next growth comes after iteration 28.
+TEST_P(CudaTraining, GoesOnFromACheckpointOnEitherDevice) { expect_resume_on_either_device(25, 40, 2); }
 
-TEST_P(CudaTraining, ModelsAndPicturesAreThoseOfTheCpu) {
-  const std::unique_ptr<Backbone> trained = make(stream());
-  run(*trained, 1, 12);
-  trained->finish();
-  const std::unique_ptr<Backbone> there = make(stream()), here = make(threads_);
-  const SplatCloud cloud = exported(*trained);
-  testing::import_cloud(*there, cloud);
-  testing::import_cloud(*here, cloud);
-  EXPECT_EQ(testing::model_bytes(*there), testing::model_bytes(*here));
-  for (const View& view : scene_.test) {
-    const std::vector<float> found = picture(*there, view), expected = picture(*here, view);
-    for (std::size_t p = 0; p < found.size(); ++p) ASSERT_NEAR(found[p], expected[p], 1e-4);
-  }
-}
+TEST_P(CudaTraining, ModelsAndPicturesAreThoseOfTheCpu) { expect_models_and_pictures_of_the_cpu(12); }
 
 #ifdef SPLATBOOST_CUDA_ON_CPU
-constexpr std::size_t kPlenty = std::size_t{4} << 30;
-
 TEST_P(CudaTraining, AGrowthThatFindsNoMemoryLeavesTheModelWhole) {
-  int failed = 0;
-  for (const std::size_t more : {1u << 10, 1u << 13, 1u << 14, 1u << 15}) {
-    const std::unique_ptr<Backbone> backbone = make(stream());
-    run(*backbone, 1, 3);
-    cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() + more);
-    try {
-      run(*backbone, 4, 4);
-    } catch (const DeviceMemoryError&) {
-      ++failed;
-    }
-    EXPECT_EQ(exported(*backbone).size(), backbone->primitives());
-    cuda_on_cpu::set_device_memory(kPlenty);
-    EXPECT_TRUE(std::isfinite(run(*backbone, 5, 6).errors.back()));
-  }
-  EXPECT_GT(failed, 0);
+  expect_whole_model_without_memory(4, {1u << 10, 1u << 13, 1u << 14, 1u << 15});
 }
 
 TEST_P(CudaTraining, SavesTheModelWhereMemoryIsShort) {

@@ -1,15 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Runs of a few iterations, which a GPU's are compared by with the CPU's.
+/// @file What every backbone that trains on a GPU is held to: runs of a few iterations against the CPU's, a steady loop
+/// without waits, checkpoints and models across devices, growth where memory is short.
 #pragma once
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <cstddef>
+#include <functional>
+#include <initializer_list>
+#include <memory>
+#include <ostream>
+#include <string>
+#include <type_traits>
 #include <vector>
 
 #include "common/backbone.h"
+#include "common/splat_ply.h"
+#include "cuda/cuda_device.h"
+#include "splatboost/errors.h"
 #include "support/backbone_checks.h"
+#include "support/tiny_scene.h"
+
+#ifdef SPLATBOOST_CUDA_ON_CPU
+#include "cuda_on_cpu.h"
+#endif
 
 namespace splatboost::test {
 
@@ -52,6 +67,127 @@ class NeverGrows : public DensityHook {
   bool grows_at(Moment, bool) const override { return false; }
   void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions&) override {}
   void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
+};
+
+/// A backbone, and how it is accelerated.
+struct Method {
+  std::string name;
+  std::function<std::unique_ptr<Backbone>(const BackboneContext&)> make;
+  /// Plugs an adapter in. @return it, which must outlive the run
+  std::function<std::shared_ptr<void>(Backbone&, Device)> accelerate;
+  friend std::ostream& operator<<(std::ostream& out, const Method& method) { return out << method.name; }
+};
+
+/// Plugs adapters of this type in.
+template <class Adapter, class Boost>
+std::function<std::shared_ptr<void>(Backbone&, Device)> accelerated_by(const Boost& boost) {
+  return [boost](Backbone& backbone, Device device) {
+    const auto adapter = std::make_shared<Adapter>(boost, device);
+    backbone.rasterizer_hook().set_beta(adapter->beta());
+    if constexpr (std::is_base_of_v<OptimizerHook, Adapter>) {
+      backbone.set_hooks(adapter.get(), adapter.get());
+    } else {
+      backbone.set_hooks(adapter.get(), nullptr);
+    }
+    return adapter;
+  };
+}
+
+class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
+ protected:
+  /// @param iterations of whole runs
+  explicit TrainingOnCuda(int iterations) : iterations_(iterations) {}
+
+  std::unique_ptr<Backbone> make(Device device) {
+    BackboneContext context{scene_, threads_, 3, iterations_, 200};
+    context.device = device;
+    return GetParam().make(context);
+  }
+  Trace run(Backbone& backbone, int first, int last) { return run_of(backbone, scene_, first, last); }
+  /// A whole run that is accelerated, or as published.
+  Trace whole_run(Device device, bool boosted) {
+    const std::unique_ptr<Backbone> backbone = make(device);
+    const std::shared_ptr<void> adapter = boosted ? GetParam().accelerate(*backbone, device) : nullptr;
+    return run(*backbone, 1, iterations_);
+  }
+
+  /// Of the iterations 11 to `last`, after a warm-up.
+  void expect_no_wait_between_growths(int last) {
+    NeverGrows hook;
+    const std::unique_ptr<Backbone> backbone = make(stream());
+    backbone->set_hooks(&hook, nullptr);
+    testing::train(*backbone, scene_, 1, 10);
+    backbone->wait();  // all numbers have come back
+    testing::train(*backbone, scene_, 8, 10);
+    const CudaActivity before = stream().activity();
+    testing::train(*backbone, scene_, 11, last);
+    EXPECT_EQ(stream().activity().allocations, before.allocations);
+    EXPECT_EQ(stream().activity().synchronizations, before.synchronizations);
+    backbone->wait();
+    for (const char* stage : {"render", "loss", "render_backward", "statistics", "optimizer"}) {
+      ASSERT_TRUE(backbone->stages().seconds().contains(stage)) << stage;
+      EXPECT_GT(backbone->stages().seconds().find(stage)->second, 0) << stage;
+    }
+  }
+
+  /// @param alike iterations after the cut without a growth
+  void expect_resume_on_either_device(int cut, int last, std::size_t alike) {
+    const TemporaryFolder folder;
+    const std::unique_ptr<Backbone> first = make(stream());
+    run(*first, 1, cut);
+    testing::save_state(*first, folder / "checkpoint");
+    const Trace expected = run(*first, cut + 1, last);
+    for (const Device device : {Device(stream()), Device(threads_)}) {
+      const std::unique_ptr<Backbone> second = make(device);
+      testing::load_state(*second, folder / "checkpoint");
+      expect_same_run(run(*second, cut + 1, last), expected, device.is_cuda() ? expected.errors.size() : alike);
+    }
+  }
+
+  void expect_models_and_pictures_of_the_cpu(int iterations) {
+    const TemporaryFolder folder;
+    const std::unique_ptr<Backbone> trained = make(stream());
+    run(*trained, 1, iterations);
+    trained->finish();
+    trained->export_model(folder.path());
+    const std::unique_ptr<Backbone> there = make(stream()), here = make(threads_);
+    there->import_model(folder.path());
+    here->import_model(folder.path());
+    EXPECT_EQ(testing::model_bytes(*there), testing::model_bytes(*here));
+    for (const View& view : scene_.test) {
+      const std::vector<float> found = testing::picture(*there, view), expected = testing::picture(*here, view);
+      for (std::size_t p = 0; p < found.size(); ++p) ASSERT_NEAR(found[p], expected[p], 1e-4);
+    }
+  }
+
+#ifdef SPLATBOOST_CUDA_ON_CPU
+  static constexpr std::size_t kPlenty = std::size_t{4} << 30;
+
+  /// @param growth the first iteration that grows @param budgets bytes that are free then
+  void expect_whole_model_without_memory(int growth, std::initializer_list<unsigned> budgets) {
+    int failed = 0;
+    for (const std::size_t more : budgets) {
+      const std::unique_ptr<Backbone> backbone = make(stream());
+      run(*backbone, 1, growth - 1);
+      cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() + more);
+      try {
+        run(*backbone, growth, growth);
+      } catch (const DeviceMemoryError&) {
+        ++failed;
+      }
+      const TemporaryFolder folder;
+      backbone->export_model(folder.path());
+      EXPECT_EQ(read_float_ply(folder / "point_cloud.ply", {"x"}).rows(), backbone->primitives());
+      cuda_on_cpu::set_device_memory(kPlenty);
+      EXPECT_TRUE(std::isfinite(run(*backbone, growth + 1, growth + 2).errors.back()));
+    }
+    EXPECT_GT(failed, 0);
+  }
+#endif
+
+  int iterations_;
+  Threads threads_{1};
+  Scene scene_ = testing::tiny_scene(threads_);
 };
 
 }  // namespace splatboost::test
