@@ -370,9 +370,9 @@ std::span<const float> AnchorBackbone::anchor_feature(std::size_t anchor) const 
 
 void AnchorBackbone::remove_anchors(std::span<const std::uint8_t> removed) {
   const Array<std::uint32_t> kept(device_, kept_rows(removed));
-  // Room for the widest tensor first: where memory is short the model stays whole.
+  // Room for the widest tensor first: where memory is short the model stays whole. The CPU needs none.
   Array<float> workspace(device_);
-  workspace.ensure(kept.size() * std::max({offsets_.width, features_.width, scaling_.width}));
+  if (device_.is_cuda()) workspace.ensure(kept.size() * std::max({offsets_.width, features_.width, scaling_.width}));
   for (ParameterGroup* group : anchor_groups()) group->select(kept, workspace);
   statistics_.select(kept, workspace);
   remove_rows(positions_, 3, removed);

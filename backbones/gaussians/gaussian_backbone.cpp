@@ -517,7 +517,8 @@ void GaussianBackbone::remove(std::span<const std::uint8_t> removed) {
 }
 
 void GaussianBackbone::select(const Array<std::uint32_t>& rows) {
-  workspace_.ensure(rows.size() * f_rest_.width);  // the widest first: where memory is short the model stays whole
+  // Room for the widest tensor first: where memory is short the model stays whole. The CPU needs none.
+  if (device_.is_cuda()) workspace_.ensure(rows.size() * f_rest_.width);
   for (ParameterGroup* group : groups()) group->select(rows, workspace_);
   stale_ = set_changed_ = true;
 }
