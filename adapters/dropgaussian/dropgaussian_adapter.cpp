@@ -8,7 +8,7 @@ VanillaBoost dropgaussian_boost() {
   boost.published_iterations = kDropGaussianIterations;
   boost.densify_until = kDropGaussianIterations;
   // Few views leave gradients that no other view contradicts: splitting needs a clearer sign of detail.
-  boost.gradient_abs_threshold = 3e-3;
+  boost.gradient_abs_threshold = 2.4e-3;
   // Once, after the last reset of opacities but one has been made good.
   boost.late_prune_from = 5000;
   boost.late_prune_interval = 8000;

@@ -34,7 +34,7 @@ TEST(DropGaussianAdapter, three_views_are_all_scored_and_splitting_needs_a_clear
   Threads threads(1);
   VanillaAdapter adapter(dropgaussian_boost(), threads);
   // The border between small and large is 0.001 × extent. The scene covers half of the views: thresholds × √½.
-  const float clone_from = 2e-4f * 0.70711f, split_from = 3e-3f * 0.70711f;
+  const float clone_from = 2e-4f * 0.70711f, split_from = 2.4e-3f * 0.70711f;
   const Hand hand{{1.001f * clone_from, 0.999f * clone_from, 0, 0, 1, 0},
                   {0, 0, 1.001f * split_from, 0.999f * split_from, 1, 1},
                   {0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.5f},
