@@ -131,6 +131,7 @@ void add_boost_options(OptionSet& set, RunOptions& options) {
   set.add("--no-cb", options.no_cb, "without the compact box", false);
   set.add("--no-absgrad", options.no_absgrad, "without absolute gradients", false);
   set.add("--no-schedule", options.no_schedule, "without the optimizer schedule", false);
+  set.add("--no-coarse", options.no_coarse, "without a start on views of half the size", false);
 }
 
 void add_machine_options(OptionSet& set, RunOptions& options) {
@@ -218,6 +219,7 @@ Json boost_settings(const RunOptions& options) {
   if (options.no_cb) settings["cb"] = false;
   if (options.no_absgrad) settings["absgrad"] = false;
   if (options.no_schedule) settings["schedule"] = false;
+  if (options.no_coarse) settings["coarse"] = false;
   return find_backbone(options.backbone).boost_settings(settings);
 }
 

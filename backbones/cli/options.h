@@ -123,6 +123,7 @@ struct RunOptions {
   bool no_cb = false;
   bool no_absgrad = false;
   bool no_schedule = false;
+  bool no_coarse = false;
   std::filesystem::path lpips;
   std::filesystem::path config;
   std::vector<int> save_iterations;

@@ -25,6 +25,7 @@ void for_each_field(Settings& boost, Visitor&& visit) {
   visit("tau_d", boost.tau_d);
   visit("views", boost.views);
   visit("tau", boost.tau);
+  for_each_coarse_field(boost, visit);
 }
 
 void check(const ScaffoldBoost& boost) {
@@ -34,22 +35,28 @@ void check(const ScaffoldBoost& boost) {
   require(boost.tau > 0 && boost.tau < 1, "boost: tau must be in (0, 1)");
 }
 
+/// Octree-GS's progressive training begins with coarse levels: half views as well cost more than they spare.
 template <class Boost>
-Boost boost_from_json(const Json& given) {
-  Boost boost;
+constexpr bool kStartsCoarse = !std::is_same_v<Boost, OctreeBoost>;
+
+template <class Boost>
+RunBoost<Boost> boost_from_json(const Json& given) {
+  RunBoost<Boost> boost;
+  boost.coarse = kStartsCoarse<Boost>;
   fields_from_json(given, "boost", [&](auto&& visit) { for_each_field(boost, visit); });
   check(boost);
+  check_coarse(boost);
   return boost;
 }
 
 template <class Boost>
 Json settings_of(const Json& given) {
-  const Boost boost = boost_from_json<Boost>(given);
+  const RunBoost<Boost> boost = boost_from_json<Boost>(given);
   return fields_to_json([&](auto&& visit) { for_each_field(boost, visit); });
 }
 
 template <class Adapter, class Boost>
-PluggedBackbone plug(std::unique_ptr<Backbone> backbone, const BackboneContext& context, Boost boost) {
+PluggedBackbone plug(std::unique_ptr<Backbone> backbone, const BackboneContext& context, RunBoost<Boost> boost) {
   boost.seed = context.seed;
   const auto adapter = std::make_shared<Adapter>(boost, context.device);
   PluggedBackbone plugged;
@@ -58,6 +65,7 @@ PluggedBackbone plug(std::unique_ptr<Backbone> backbone, const BackboneContext& 
   plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
   plugged.backbone->set_hooks(adapter.get(), nullptr);
   plugged.adapter = adapter;
+  plugged.coarse_until = boost.coarse ? boost.coarse_until : 0;
   return plugged;
 }
 
@@ -67,7 +75,7 @@ Json scaffold_boost_settings(const Json& given) { return settings_of<ScaffoldBoo
 
 PluggedBackbone make_plugged_scaffold(const BackboneContext& context, const Json& constants, const Json* settings) {
   std::unique_ptr<Backbone> backbone = make_scaffold(context, scaffold_config_from_json(constants));
-  if (settings == nullptr) return {nullptr, std::move(backbone), std::nullopt};
+  if (settings == nullptr) return {nullptr, std::move(backbone), std::nullopt, 0};
   return plug<ScaffoldAdapter>(std::move(backbone), context, boost_from_json<ScaffoldBoost>(*settings));
 }
 
@@ -76,8 +84,8 @@ Json octree_boost_settings(const Json& given) { return settings_of<OctreeBoost>(
 PluggedBackbone make_plugged_octree(const BackboneContext& context, const Json& constants, const Json* settings) {
   const OctreeConfig config = octree_config_from_json(constants);
   std::unique_ptr<Backbone> backbone = make_octree(context, config);
-  if (settings == nullptr) return {nullptr, std::move(backbone), std::nullopt};
-  OctreeBoost boost = boost_from_json<OctreeBoost>(*settings);
+  if (settings == nullptr) return {nullptr, std::move(backbone), std::nullopt, 0};
+  RunBoost<OctreeBoost> boost = boost_from_json<OctreeBoost>(*settings);
   boost.slots_per_anchor = static_cast<std::size_t>(config.n_offsets);
   return plug<OctreeAdapter>(std::move(backbone), context, boost);
 }

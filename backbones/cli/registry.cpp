@@ -40,10 +40,12 @@ void for_each_field(Settings& boost, Visitor&& visit) {
   visit("late_prune_interval", boost.late_prune_interval);
   visit("late_min_opacity", boost.late_min_opacity);
   visit("late_max_score", boost.late_max_score);
+  for_each_coarse_field(boost, visit);
 }
 
 /// @param defaults of the backbone's acceleration
-VanillaBoost boost_from_json(VanillaBoost boost, const Json& given) {
+RunBoost<VanillaBoost> boost_from_json(const VanillaBoost& defaults, const Json& given) {
+  RunBoost<VanillaBoost> boost{defaults, {}};
   fields_from_json(given, "boost", [&](auto&& visit) { for_each_field(boost, visit); });
   require(boost.beta > 0 && boost.beta <= 1, "boost: beta must be in (0, 1]");
   require(boost.tau_d >= 0, "boost: tau_d must be at least 0");
@@ -56,6 +58,7 @@ VanillaBoost boost_from_json(VanillaBoost boost, const Json& given) {
   require(boost.densify_interval >= 1, "boost: densify_interval must be at least 1");
   require(boost.late_prune_from >= 0, "boost: late_prune_from must be at least 0");
   require(boost.late_prune_interval >= 1, "boost: late_prune_interval must be at least 1");
+  check_coarse(boost);
   return boost;
 }
 
@@ -65,20 +68,21 @@ template <auto kDefaults, auto kConfig, auto kMake, class Adapter>
 BackboneEntry gaussian_entry(std::string_view name, int iterations) {
   return {name, iterations,
           [](const Json& given) {
-            const VanillaBoost boost = boost_from_json(kDefaults(), given);
+            const RunBoost<VanillaBoost> boost = boost_from_json(kDefaults(), given);
             return fields_to_json([&](auto&& visit) { for_each_field(boost, visit); });
           },
           [](const BackboneContext& context, const Json& constants, const Json* settings) {
             PluggedBackbone plugged;
             plugged.backbone = kMake(context, kConfig(constants));
             if (settings) {
-              VanillaBoost boost = boost_from_json(kDefaults(), *settings);
+              RunBoost<VanillaBoost> boost = boost_from_json(kDefaults(), *settings);
               boost.seed = context.seed;
               const auto adapter = std::make_shared<Adapter>(boost, context.device);
               plugged.beta = adapter->beta();
               plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
               plugged.backbone->set_hooks(adapter.get(), adapter.get());
               plugged.adapter = adapter;
+              plugged.coarse_until = boost.coarse ? boost.coarse_until : 0;
             }
             return plugged;
           }};
@@ -87,6 +91,10 @@ BackboneEntry gaussian_entry(std::string_view name, int iterations) {
 VanillaBoost paper_boost() { return {}; }
 
 }  // namespace
+
+void check_coarse(const CoarseStart& boost) {
+  require(boost.coarse_until >= 0 && boost.coarse_until <= 1, "boost: coarse_until must be in [0, 1]");
+}
 
 const std::vector<BackboneEntry>& backbones() {
   static const std::vector<BackboneEntry> entries = {

@@ -14,11 +14,32 @@
 
 namespace splatboost::cli {
 
+/// What the training loop does for an accelerated run, next to the adapter's parts.
+struct CoarseStart {
+  bool coarse = true;         ///< begin with the views at half their size
+  double coarse_until = 0.3;  ///< share of the run
+};
+
+/// All settings of an accelerated run. @tparam Boost settings of the backbone's adapter
+template <class Boost>
+struct RunBoost : Boost, CoarseStart {};
+
+/// Visits the fields of CoarseStart by name.
+template <class Settings, class Visitor>
+void for_each_coarse_field(Settings& boost, Visitor& visit) {
+  visit("coarse", boost.coarse);
+  visit("coarse_until", boost.coarse_until);
+}
+
+/// Throws InputError on an impossible value.
+void check_coarse(const CoarseStart& boost);
+
 /// A backbone with the hooks that accelerate it, if any.
 struct PluggedBackbone {
   std::shared_ptr<void> adapter;  ///< outlives the backbone, which holds plain pointers to it
   std::unique_ptr<Backbone> backbone;
   std::optional<float> beta;  ///< of the compact box in use; none: the backbone's own box
+  double coarse_until = 0;    ///< share of the run that sees views at half their size
 };
 
 /// What the program needs to know of a backbone. Settings are JSON objects by field name, as --config takes them.

@@ -5,11 +5,13 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 
 #include "cli/model_folder.h"
 #include "common/atomic_file.h"
 #include "common/memory_estimate.h"
+#include "common/multi_scale.h"
 #include "common/trainer.h"
 
 namespace splatboost::cli {
@@ -91,12 +93,15 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
           .make(context_of(bench, options), options.backbone_settings, boost ? &settings : nullptr);
   Backbone& backbone = *plugged.backbone;
   write_config(folder, set, options, boost, &plugged);
+  bench.scene.train_halves.clear();
+  if (plugged.coarse_until > 0) bench.scene.train_halves = half_views(bench.scene.train, bench.device->threads());
   const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
 
   TrainOptions train_options;
   train_options.iterations = options.iterations.value();
   train_options.seed = options.seed;
   train_options.model = folder;
+  train_options.coarse_iterations = static_cast<int>(std::lround(plugged.coarse_until * train_options.iterations));
   train_options.save_iterations = options.save_iterations;
   train_options.checkpoint_iterations = options.checkpoint_iterations;
   train_options.resume = options.resume;

@@ -88,7 +88,7 @@ std::size_t gaussian_memory_bytes() {
 MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes, std::size_t bytes_per_primitive) {
   MemoryEstimate estimate;
   std::size_t largest = 0;
-  for (const auto* views : {&scene.train, &scene.test}) {
+  for (const auto* views : {&scene.train, &scene.train_halves, &scene.test}) {
     for (const View& view : *views) {
       estimate.photo_bytes += view.color.size() + view.valid.size();
       largest = std::max(largest, view.color.size() / 3);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "common/multi_scale.h"
 
+#include <algorithm>
+
 namespace splatboost {
 
 View smaller_view(const View& view, int divisor) {
@@ -43,6 +45,18 @@ View smaller_view(const View& view, int divisor) {
     }
   }
   return out;
+}
+
+std::vector<View> half_views(const std::vector<View>& views, Threads& threads) {
+  const bool all_large = std::all_of(views.begin(), views.end(), [](const View& view) {
+    return std::min(view.camera.width, view.camera.height) >= 2 * kLeastHalfSide;
+  });
+  if (!all_large) return {};
+  std::vector<View> halves(views.size());
+  threads.for_range(views.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) halves[i] = smaller_view(views[i], 2);
+  });
+  return halves;
 }
 
 }  // namespace splatboost

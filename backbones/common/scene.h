@@ -31,6 +31,8 @@ struct PointCloud {
 struct Scene {
   std::vector<View> train;
   std::vector<View> test;
+  /// The training views at half their size, in the same order, for the coarse start of a run; empty: it has none.
+  std::vector<View> train_halves;
   PointCloud points;
   float extent = 0;  ///< 1.1 × largest distance of a training camera from their mean (3DGS)
   bool white_background = false;

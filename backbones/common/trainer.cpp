@@ -160,7 +160,9 @@ class Run {
         shuffle_epoch(epoch, views, options_.seed, order);
         order_epoch = epoch;
       }
-      const View& view = scene_.train[order[static_cast<std::size_t>(iteration - 1) % views]];
+      const bool coarse = iteration <= options_.coarse_iterations && !scene_.train_halves.empty();
+      const View& view =
+          (coarse ? scene_.train_halves : scene_.train)[order[static_cast<std::size_t>(iteration - 1) % views]];
       const bool last = iteration == options_.iterations;
       const bool samples = samples_curve_at(iteration, options_.iterations, options_.curve_points);
       const bool saves = contains(options_.save_iterations, iteration);

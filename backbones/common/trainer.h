@@ -26,6 +26,8 @@ struct TrainOptions {
   std::filesystem::path model;       ///< output folder
   std::vector<int> save_iterations;  ///< export the model at these too; the last is always exported
   std::vector<int> checkpoint_iterations;
+  /// The first iterations see the scene's train_halves, where it has them.
+  int coarse_iterations = 0;
   int curve_points = 20;  ///< how often the curve is sampled with a PSNR (on up to curve_views views)
   int curve_views = 4;
   std::filesystem::path resume;  ///< checkpoint to continue from

@@ -13,24 +13,35 @@ namespace {
 /// One part in so many of a GPU's free memory is for truth images.
 constexpr std::size_t kShare = 4;
 
-}  // namespace
-
-std::optional<std::size_t> training_index(const Scene& scene, const View& view) {
-  const std::vector<View>& views = scene.train;
+/// Where in `views` the view lies; none: it does not.
+std::optional<std::size_t> place_in(const std::vector<View>& views, const View& view) {
   const View* const at = &view;
   if (std::less<>()(at, views.data()) || !std::less<>()(at, views.data() + views.size())) return std::nullopt;
   return static_cast<std::size_t>(at - views.data());
+}
+
+}  // namespace
+
+std::optional<std::size_t> training_index(const Scene& scene, const View& view) {
+  const std::optional<std::size_t> index = place_in(scene.train, view);
+  return index ? index : place_in(scene.train_halves, view);
 }
 
 TruthImage TrainingTruths::of(const View& view) {
   if (!device_.is_cuda()) return view.truth();
   if (!store_) {
     std::vector<TruthImage> images;
-    for (const View& each : scene_.train) images.push_back(each.truth());
+    for (const auto* views : {&scene_.train, &scene_.train_halves}) {
+      for (const View& each : *views) images.push_back(each.truth());
+    }
     store_.emplace(std::move(images), device_.stream().free_memory() / kShare, device_);
   }
-  const std::optional<std::size_t> index = training_index(scene_, view);
-  require(index.has_value(), "a view that is trained on must be one of the scene's training views");
+  std::optional<std::size_t> index = place_in(scene_.train, view);
+  if (!index) {
+    index = place_in(scene_.train_halves, view);
+    require(index.has_value(), "a view that is trained on must be one of the scene's training views");
+    *index += scene_.train.size();
+  }
   return store_->get(*index);
 }
 

@@ -11,7 +11,8 @@
 
 namespace splatboost {
 
-/// The place of a view among the scene's training views; none: it is not one of them, but perhaps a copy.
+/// The place of a training view, or of its half, among the scene's training views; none: it is not one of them, but
+/// perhaps a copy.
 std::optional<std::size_t> training_index(const Scene& scene, const View& view);
 
 /// The scene and the device must outlive it.
@@ -21,7 +22,7 @@ class TrainingTruths {
 
   /// On a GPU the first call uploads what part of the images a quarter of the free memory holds; the others are
   /// uploaded when they are asked for.
-  /// @param view one of the scene's training views
+  /// @param view one of the scene's training views or their halves
   TruthImage of(const View& view);
 
  private:

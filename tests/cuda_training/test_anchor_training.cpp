@@ -95,6 +95,8 @@ TEST_P(CudaAnchorTraining, AcceleratedIsThatOfTheCpu) {
   expect_same_run(whole_run(stream(), true), expected, 12);
 }
 
+TEST_P(CudaAnchorTraining, AStartOnHalfViewsIsThatOfTheCpu) { expect_coarse_start_of_the_cpu(5); }
+
 TEST_P(CudaAnchorTraining, NeverWaitsBetweenGrowths) { expect_no_wait_between_growths(17); }
 
 TEST_P(CudaAnchorTraining, GoesOnFromACheckpointOnEitherDevice) { expect_resume_on_either_device(15, 22, 2); }

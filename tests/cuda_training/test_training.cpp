@@ -107,6 +107,8 @@ TEST_P(CudaTraining, AcceleratedIsThatOfTheCpu) {
   expect_same_run(whole_run(stream(), true), expected, 9);
 }
 
+TEST_P(CudaTraining, AStartOnHalfViewsIsThatOfTheCpu) { expect_coarse_start_of_the_cpu(3); }
+
 // Mip-Splatting renews its filter within these.
 TEST_P(CudaTraining, NeverWaitsBetweenGrowths) { expect_no_wait_between_growths(19); }
 

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "common/backbone.h"
+#include "common/multi_scale.h"
 #include "common/splat_ply.h"
 #include "cuda/cuda_device.h"
 #include "splatboost/errors.h"
@@ -35,10 +36,12 @@ struct Trace {
   std::vector<std::size_t> primitives;
 };
 
-inline Trace run_of(Backbone& backbone, const Scene& scene, int first, int last) {
+/// @param coarse so many of the first iterations see the scene's halves
+inline Trace run_of(Backbone& backbone, const Scene& scene, int first, int last, int coarse = 0) {
   Trace trace;
   for (int i = first; i <= last; ++i) {
-    EXPECT_TRUE(std::isfinite(backbone.train_step(i, testing::view_at(scene, i))));
+    const std::vector<View>& views = i <= coarse ? scene.train_halves : scene.train;
+    EXPECT_TRUE(std::isfinite(backbone.train_step(i, views[static_cast<std::size_t>(i) % views.size()])));
     const View& shown = scene.test.front();
     const std::vector<float> picture = testing::picture(backbone, shown);
     double sum = 0;
@@ -109,6 +112,16 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
     const std::unique_ptr<Backbone> backbone = make(device);
     const std::shared_ptr<void> adapter = boosted ? GetParam().accelerate(*backbone, device) : nullptr;
     return run(*backbone, 1, iterations_);
+  }
+
+  /// @param last before the first growth, so that the runs stay alike
+  void expect_coarse_start_of_the_cpu(int last) {
+    for (const View& view : scene_.train) scene_.train_halves.push_back(smaller_view(view, 2));
+    const std::unique_ptr<Backbone> there = make(stream()), here = make(threads_), whole = make(threads_);
+    const Trace found = run_of(*there, scene_, 1, last, last / 2);
+    const Trace expected = run_of(*here, scene_, 1, last, last / 2);
+    expect_same_run(found, expected, static_cast<std::size_t>(last));
+    EXPECT_NE(run_of(*whole, scene_, 1, last).errors, expected.errors);
   }
 
   /// Of the iterations 11 to `last`, after a warm-up.

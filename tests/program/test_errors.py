@@ -103,6 +103,8 @@ def test_config_that_is_not_json(scene, tmp_path):
     ({"backbone": {"name": "dropgaussian", "low_pass": 0.1}}, ["dropgaussian", "low_pass"]),
     ({"boost": {"bata": 0.5}}, ["bata"]),
     ({"boost": {"beta": 7}}, ["beta"]),
+    ({"boost": {"coarse_until": 1.2}}, ["coarse_until", "[0, 1]"]),
+    ({"backbone": "scaffold-gs", "boost": {"coarse_until": -1}}, ["coarse_until", "[0, 1]"]),
     ({"boost": "yes"}, ["boost"]),
     ([1, 2], ["object"])])
 def test_config_with_wrong_keys_or_values(scene, tmp_path, content, names):

@@ -89,6 +89,23 @@ def test_resume_gives_the_bytes_of_an_uninterrupted_run(trained, tmp_path):
            [(p["iteration"], p["loss"], p["psnr"]) for p in whole["curve"]]
 
 
+def test_a_coarse_start_is_taken_up_where_it_was_cut(tmp_path):
+    scene = tmp_path / "room"
+    run_well("synth", scene, "--width", 160, "--height", 128, "--views", 8, "--points", 300)
+    options = ["-s", scene, *SHORT_RUN]  # the first 18 of 60 iterations
+    whole, other, resumed = (tmp_path / name for name in ("whole", "other", "resumed"))
+    run_well("train", *options, "-m", whole, "--checkpoint-iterations", "12")
+    assert json.loads((whole / "config.json").read_text())["boost"]["coarse"] is True
+    run_well("train", "--resume", whole / "checkpoints/iteration_12.ckpt", "-m", resumed)
+    assert ply(resumed) == ply(whole)
+    run_well("train", *options, "-m", other, "--no-coarse")
+    assert ply(other) != ply(whole)
+    published = [tmp_path / "published", tmp_path / "published_too"]
+    for model, switch in zip(published, ([], ["--no-coarse"])):
+        run_well("train", *options, "-m", model, "--no-boost", *switch)
+    assert ply(published[0]) == ply(published[1])
+
+
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_interruption_leaves_a_checkpoint(scene, tmp_path, stop):
     long_run = ["-s", scene, "--eval", "--iterations", "2000", "--threads", "1", "--max-primitives", "1500"]

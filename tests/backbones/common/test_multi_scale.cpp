@@ -50,5 +50,23 @@ TEST(SmallerView, AtTheTrainedScaleIsTheView) {
   EXPECT_EQ(same.camera.cx, view.camera.cx);
 }
 
+TEST(HalfViews, AreTheViewsInTheirOrder) {
+  Threads threads(2);
+  std::vector<View> views;
+  for (const int width : {2 * kLeastHalfSide, 150, 200}) views.push_back(numbered_view(width, 2 * kLeastHalfSide));
+  const std::vector<View> halves = half_views(views, threads);
+  ASSERT_EQ(halves.size(), views.size());
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    EXPECT_EQ(halves[i].color, smaller_view(views[i], 2).color);
+    EXPECT_EQ(halves[i].camera.width, views[i].camera.width / 2);
+  }
+}
+
+TEST(HalfViews, OfPicturesThatAreTooSmallThereAreNone) {
+  Threads threads(1);
+  const std::vector<View> views = {numbered_view(300, 300), numbered_view(300, 2 * kLeastHalfSide - 1)};
+  EXPECT_TRUE(half_views(views, threads).empty());
+}
+
 }  // namespace
 }  // namespace splatboost::test

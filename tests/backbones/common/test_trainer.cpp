@@ -15,6 +15,7 @@
 
 #include "common/atomic_file.h"
 #include "common/input_error.h"
+#include "common/multi_scale.h"
 #include "temporary_folder.h"
 
 namespace splatboost::test {
@@ -28,8 +29,11 @@ class FakeBackbone final : public Backbone {
   double train_step(int iteration, const View& view) override {
     EXPECT_FALSE(finished);
     iterations.push_back(iteration);
-    const auto index = static_cast<std::size_t>(&view - scene_.train.data());
+    const bool half = view.camera.width < scene_.train[0].camera.width;
+    const auto index = static_cast<std::size_t>(&view - (half ? scene_.train_halves : scene_.train).data());
     seen.push_back(index);
+    halves_seen += half ? 1 : 0;
+    EXPECT_EQ(half, halves_seen == iteration) << "halves come first";
     sum_ = sum_ * 31 + static_cast<std::uint32_t>(index) + 1;
     if (on_step) on_step(iteration);
     clock_.lap("step");
@@ -55,6 +59,7 @@ class FakeBackbone final : public Backbone {
 
   std::vector<int> iterations;
   std::vector<std::size_t> seen;
+  int halves_seen = 0;
   bool finished = false;
   int broken_at = 0;
   std::function<void(int)> on_step;
@@ -126,6 +131,19 @@ TEST_F(Trainer, ShowsTheViewsOfTheIterationsAndEndsWithTheModel) {
   EXPECT_GT(outcome.storage_bytes, 0u);
   EXPECT_EQ(outcome.stage_seconds.count("step"), 1u);
   EXPECT_FALSE(model(20).empty());
+}
+
+TEST_F(Trainer, StartsWithTheHalvesOfTheSameViews) {
+  options.coarse_iterations = 8;
+  FakeBackbone without(scene);
+  train(without, scene, options);
+  EXPECT_EQ(without.halves_seen, 0) << "this scene has none";
+
+  for (const View& view : scene.train) scene.train_halves.push_back(smaller_view(view, 2));
+  FakeBackbone backbone(scene);
+  train(backbone, scene, options);
+  EXPECT_EQ(backbone.halves_seen, 8);
+  EXPECT_EQ(backbone.seen, without.seen);
 }
 
 TEST_F(Trainer, SamplesTheCurveEvenlyAndAtTheEnd) {
