@@ -35,7 +35,7 @@ void check(const ScaffoldBoost& boost) {
   require(boost.tau > 0 && boost.tau < 1, "boost: tau must be in (0, 1)");
 }
 
-/// Octree-GS's progressive training begins with coarse levels: half views as well cost more than they spare.
+/// Octree-GS's progressive training is a coarse start of its own.
 template <class Boost>
 constexpr bool kStartsCoarse = !std::is_same_v<Boost, OctreeBoost>;
 
@@ -65,7 +65,7 @@ PluggedBackbone plug(std::unique_ptr<Backbone> backbone, const BackboneContext& 
   plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
   plugged.backbone->set_hooks(adapter.get(), nullptr);
   plugged.adapter = adapter;
-  plugged.coarse_until = boost.coarse ? boost.coarse_until : 0;
+  plugged.coarse_until = boost.share();
   return plugged;
 }
 

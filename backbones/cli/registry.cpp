@@ -82,7 +82,7 @@ BackboneEntry gaussian_entry(std::string_view name, int iterations) {
               plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
               plugged.backbone->set_hooks(adapter.get(), adapter.get());
               plugged.adapter = adapter;
-              plugged.coarse_until = boost.coarse ? boost.coarse_until : 0;
+              plugged.coarse_until = boost.share();
             }
             return plugged;
           }};

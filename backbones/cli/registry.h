@@ -18,6 +18,7 @@ namespace splatboost::cli {
 struct CoarseStart {
   bool coarse = true;         ///< begin with the views at half their size
   double coarse_until = 0.3;  ///< share of the run
+  double share() const { return coarse ? coarse_until : 0; }
 };
 
 /// All settings of an accelerated run. @tparam Boost settings of the backbone's adapter
