@@ -75,6 +75,9 @@ std::unique_ptr<splatboost::VanillaAdapter> make_adapter(Backbone backbone, cons
   if (backbone == Backbone::mip_splatting) {
     return std::make_unique<splatboost::MipSplattingAdapter>(boost, place.device());
   }
+  if (backbone == Backbone::dropgaussian) {
+    return std::make_unique<splatboost::DropGaussianAdapter>(boost, place.device());
+  }
   return std::make_unique<splatboost::VanillaAdapter>(boost, place.device());
 }
 

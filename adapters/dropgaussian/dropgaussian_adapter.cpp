@@ -1,20 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dropgaussian/dropgaussian_adapter.h"
 
+#include <algorithm>
+
 namespace splatboost {
 
 VanillaBoost dropgaussian_boost() {
   VanillaBoost boost;
   boost.published_iterations = kDropGaussianIterations;
-  boost.densify_until = kDropGaussianIterations;
-  // Few views leave gradients that no other view contradicts: splitting needs a clearer sign of detail.
-  boost.gradient_abs_threshold = 2.4e-3;
+  // Half of the run, as vanilla's: what is added later fits what few views show by chance.
+  boost.densify_until = kDropGaussianIterations / 2;
   // Once, after the last reset of opacities but one has been made good.
   boost.late_prune_from = 5000;
   boost.late_prune_interval = 8000;
   // The supplement (Sec. 9.2) trains it with plain Adam.
   boost.schedule = false;
   return boost;
+}
+
+double DropGaussianAdapter::split_threshold(std::size_t views) const {
+  return VanillaAdapter::split_threshold(views) *
+         (1 + kViewsOfDoubt / static_cast<double>(std::max<std::size_t>(views, 1)));
 }
 
 }  // namespace splatboost

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file FastGS for Scaffold-GS, whose primitives are (anchor, offset) slots: VCD gates the slots that would grow, CB
-/// draws less. VCP does not apply: the anchor that a pruned Gaussian belongs to would make it anew.
+/// @file FastGS for backbones of anchors, whose primitives are (anchor, offset) slots: VCD gates the slots that would
+/// grow, CB draws less. VCP does not apply: the anchor that a pruned Gaussian belongs to would make it anew.
 #pragma once
 
 #include <cstdint>
 #include <optional>
-#include <span>
 #include <vector>
 
 #include "splatboost/device.h"
@@ -18,18 +17,22 @@ namespace splatboost {
 struct ScaffoldBoost {
   bool vcd = true;  ///< multi-view consistent densification
   bool cb = true;   ///< compact box
-  float beta = 0.5f;
-  double tau_d = 5;  ///< importance that growth must exceed; more where the mean exceeds mean_importance
-  /// The paper's τ_d holds back the slots below the average of a model whose counted slots have this importance in the
-  /// mean. Found on runs of 5 000 iterations.
-  double mean_importance = 3.5;
+  /// More than the 0.5 of explicit Gaussians: those that nets make are fainter, and a box cuts faint ones most.
+  float beta = 0.7f;
+  /// Judge a slot by the paper's importance, ⌊Σ n / K⌋ flagged pixels (eq. 9), and not by its share of flagged pixels.
+  bool literal = false;
+  double tau_d = 5;  ///< importance that growth must exceed
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   std::uint64_t seed = 0;
 };
 
+/// Importance of a slot with as large a share of flagged pixels as all slots together have. By it the paper's τ_d = 5
+/// asks for 1.25 times that share.
+inline constexpr double kImportanceOfMeanShare = 4;
+
 /// Plug it into a backbone by set_hooks(&adapter, nullptr) after rasterizer_hook().set_beta(adapter.beta()).
-class ScaffoldAdapter : public DensityHook {
+class ScaffoldAdapter final : public DensityHook {
  public:
   /// @param device the backbone's: where views are scored
   ScaffoldAdapter(const ScaffoldBoost& boost, Device device);
@@ -37,19 +40,13 @@ class ScaffoldAdapter : public DensityHook {
   /// β for the rasterizer, nullopt without the compact box.
   std::optional<float> beta() const;
 
+  /// A slot that the backbone would grow from stays chosen where its errors are denser than elsewhere: its importance,
+  /// kImportanceOfMeanShare · (flagged pixels of the slot / pixels of the slot) / (the same of all slots together),
+  /// exceeds τ_d, and it has at least K flagged pixels in the K views. A count of pixels, as the paper has it, would
+  /// choose by size: slots of large Gaussians have many flagged pixels anywhere, those of small ones, and of levels of
+  /// detail that few views show, never do.
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
-
- protected:
-  /// Importance of every slot over K views: ⌊Σ counts / K⌋ (paper eq. 9).
-  virtual void score(RasterizerHook& rasterizer, const RandomStream& random, std::vector<std::int64_t>& importance);
-
-  /// τ_d in proportion to the mean importance of the slots that were counted at all, where that is above
-  /// mean_importance: models that are young or of few, large Gaussians have errors under nearly every slot.
-  double tau_d_for(std::span<const std::int64_t> importance) const;
-
-  const ScoreSums& sums(RasterizerHook& rasterizer, const RandomStream& random);
-  Device device() const { return device_; }
 
  private:
   ScaffoldBoost boost_;

@@ -55,7 +55,7 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
   if (boost_.absgrad) {
     const auto border = static_cast<float>(boost_.percent_dense * static_cast<double>(statistics.scene_extent));
     const auto clone_from = static_cast<float>(boost_.gradient_threshold * gradient_scale);
-    const auto split_from = static_cast<float>(boost_.gradient_abs_threshold * gradient_scale);
+    const auto split_from = static_cast<float>(split_threshold(rasterizer.scorable_views()) * gradient_scale);
     for (std::size_t i = 0; i < n; ++i) {
       const bool small = statistics.max_scales[i] <= border;
       decisions.clone[i] = small && statistics.gradients[i] >= clone_from;

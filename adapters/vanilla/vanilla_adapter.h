@@ -61,6 +61,13 @@ class VanillaAdapter : public DensityHook, public OptimizerHook {
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
   bool steps_at(std::string_view group, Moment moment) const override;
 
+ protected:
+  /// Absolute gradient from which a Gaussian of a model seen in so many training views is split.
+  virtual double split_threshold(std::size_t views) const {
+    (void)views;
+    return boost_.gradient_abs_threshold;
+  }
+
  private:
   double tau_d_at(double pixels) const;
   int at(int published, Moment moment) const {

@@ -121,7 +121,8 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
 
 void add_boost_options(OptionSet& set, RunOptions& options) {
   set.set_group("Acceleration");
-  set.add("--beta", options.beta, "compact box, in (0, 1]; smaller: faster, cuts faint rims [0.5]", false)
+  set.add("--beta", options.beta, "compact box, in (0, 1]; smaller: faster, cuts faint rims [0.5; scaffold-gs 0.7]",
+          false)
       ->type_name("X");
   set.add("--tau-d", options.tau_d, "importance a primitive needs to grow (docs/method.md); larger: fewer [5]", false)
       ->type_name("X");

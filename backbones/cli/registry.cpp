@@ -102,7 +102,7 @@ const std::vector<BackboneEntry>& backbones() {
                                                                                           kPublishedIterations),
       gaussian_entry<paper_boost, mip_splatting_config_from_json, make_mip_splatting, MipSplattingAdapter>(
           "mip-splatting", kPublishedIterations),
-      gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, VanillaAdapter>(
+      gaussian_entry<dropgaussian_boost, dropgaussian_config_from_json, make_dropgaussian, DropGaussianAdapter>(
           "dropgaussian", kDropGaussianIterations),
       {"scaffold-gs", kPublishedIterations, scaffold_boost_settings, make_plugged_scaffold},
       {"octree-gs", kOctreeIterations, octree_boost_settings, make_plugged_octree},

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "cuda_training/training_runs.h"
-#include "octree_gs/octree_adapter.h"
 #include "octree_gs/octree_gs.h"
 #include "scaffold_gs/scaffold_adapter.h"
 #include "scaffold_gs/scaffold_gs.h"
@@ -32,11 +31,9 @@ Config eager() {
   return config;
 }
 
-template <class Boost>
-Boost eager_boost() {
-  Boost boost;
+ScaffoldBoost eager_boost() {
+  ScaffoldBoost boost;
   boost.views = 2;
-  boost.tau_d = 1;
   boost.seed = 3;
   return boost;
 }
@@ -60,20 +57,13 @@ std::unique_ptr<Backbone> octree(const BackboneContext& context) {
   return make_octree(context, config);
 }
 
-OctreeBoost octree_boost() {
-  auto boost = eager_boost<OctreeBoost>();
-  boost.slots_per_anchor = kSlots;
-  boost.tau_d = 20;
-  return boost;
-}
-
 const std::vector<Method>& methods() {
   static const std::vector<Method> all = {
       {"scaffold", [](const BackboneContext& c) { return scaffold(c, false); },
-       accelerated_by<ScaffoldAdapter>(eager_boost<ScaffoldBoost>())},
+       accelerated_by<ScaffoldAdapter>(eager_boost())},
       {"scaffold_with_all", [](const BackboneContext& c) { return scaffold(c, true); },
-       accelerated_by<ScaffoldAdapter>(eager_boost<ScaffoldBoost>())},
-      {"octree", octree, accelerated_by<OctreeAdapter>(octree_boost())},
+       accelerated_by<ScaffoldAdapter>(eager_boost())},
+      {"octree", octree, accelerated_by<ScaffoldAdapter>(eager_boost())},
   };
   return all;
 }

@@ -19,36 +19,45 @@ Mask gate(const ScaffoldBoost& boost, testing::GivenCounts& rasterizer, Mask wan
   return wanted;
 }
 
-TEST(ScaffoldAdapter, a_slot_grows_only_where_its_importance_exceeds_tau_d) {
-  // Each of 10 views counts the same, so importance is that count. Its mean is below 3.5: τ_d is the paper's.
-  testing::GivenCounts rasterizer({{5}, {6}, {9}, {0}, {7}, {6}, {1}, {1}, {1}, {1}, {1}, {1}, {1}}, 10, 8, 8);
-  EXPECT_EQ(gate({}, rasterizer, {1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}),
-            (Mask{0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0}))
+TEST(ScaffoldAdapter, a_slot_grows_where_its_share_of_flagged_pixels_is_a_quarter_above_that_of_all) {
+  // In each of 10 views 1000 of 10,000 pixels are flagged: growth asks for more than an eighth, whatever a slot's size.
+  testing::GivenCounts rasterizer({{125}, {126}, {13}, {12}, {1}, {0}, {723}}, 10, 8, 8);
+  rasterizer.drawn = {{1000}, {1000}, {100}, {100}, {4}, {0}, {7796}};
+  EXPECT_EQ(gate({}, rasterizer, Mask(7, 1)), (Mask{0, 1, 1, 0, 1, 0, 0}));
+  EXPECT_EQ(rasterizer.rendered.size(), 10u) << "each view rendered once";
+  EXPECT_EQ(gate({}, rasterizer, {1, 0, 1, 1, 1, 1, 1}), (Mask{0, 0, 1, 0, 1, 0, 0}))
       << "the gate takes away, it never adds";
-  EXPECT_EQ(rasterizer.rendered.size(), 10u);
+
+  ScaffoldBoost boost;
+  boost.tau_d = 5.1;  // 0.1275
+  EXPECT_EQ(gate(boost, rasterizer, Mask(7, 1)), (Mask{0, 0, 1, 0, 1, 0, 0}));
+  boost.tau_d = 3.7;  // 0.0925
+  EXPECT_EQ(gate(boost, rasterizer, Mask(7, 1)), (Mask{1, 1, 1, 1, 1, 0, 1}));
 }
 
-TEST(ScaffoldAdapter, counts_are_summed_over_views_and_divided_by_k_whoever_drew_the_slot) {
-  // Seen in one view of four only: ⌊23 / 4⌋ = 5 does not exceed the threshold, here the mean 5.5; ⌊24 / 4⌋ = 6 does.
-  testing::GivenCounts rasterizer({{23, 0, 0, 0}, {24, 0, 0, 0}, {6, 6, 6, 5}, {6, 6, 6, 6}}, 4, 8, 8);
+TEST(ScaffoldAdapter, views_that_do_not_draw_a_slot_say_nothing_of_it) {
+  // Slots of a fine level are in one view of four; a share of a fifth in all.
+  testing::GivenCounts rasterizer({{20, 0, 0, 0}, {10, 0, 0, 0}, {3, 0, 0, 0}, {16, 17, 17, 17}}, 4, 8, 8);
+  rasterizer.drawn = {{50, 0, 0, 0}, {50, 0, 0, 0}, {4, 0, 0, 0}, {99, 99, 99, 99}};
   ScaffoldBoost boost;
   boost.views = 4;
-  boost.mean_importance = 5;
-  EXPECT_EQ(gate(boost, rasterizer, {1, 1, 1, 1}), (Mask{0, 1, 0, 1}));
+  EXPECT_EQ(gate(boost, rasterizer, {1, 1, 1, 1}), (Mask{1, 0, 0, 0}))
+      << "the third has a large share, but not one flagged pixel a scored view";
 }
 
-TEST(ScaffoldAdapter, tau_d_rises_with_the_mean_importance_of_the_slots_that_were_counted) {
-  const std::vector<std::vector<std::int32_t>> counts{{2}, {4}, {30}, {60}, {0}, {0}, {0}};  // mean 24 of those above 0
-  testing::GivenCounts rasterizer(counts, 10, 8, 8);
-  const Mask all(counts.size(), 1);
-  EXPECT_EQ(gate({}, rasterizer, all), (Mask{0, 0, 0, 1, 0, 0, 0})) << "5 · 24 / 3.5";
+TEST(ScaffoldAdapter, nothing_flagged_lets_nothing_grow) {
+  testing::GivenCounts rasterizer({{0}, {0}}, 10, 8, 8);
+  rasterizer.drawn = {{9}, {0}};
+  EXPECT_EQ(gate({}, rasterizer, {1, 1}), (Mask{0, 0}));
+}
+
+TEST(ScaffoldAdapter, the_literal_rule_counts_pixels_and_divides_by_k_whoever_drew_the_slot) {
+  // ⌊23 / 4⌋ = 5 does not exceed τ_d, ⌊24 / 4⌋ = 6 does.
+  testing::GivenCounts rasterizer({{23, 0, 0, 0}, {24, 0, 0, 0}, {6, 6, 6, 5}, {6, 6, 6, 6}, {400, 0, 0, 0}}, 4, 8, 8);
   ScaffoldBoost boost;
-  boost.mean_importance = 5;
-  EXPECT_EQ(gate(boost, rasterizer, all), (Mask{0, 0, 1, 1, 0, 0, 0})) << "the mean";
-  boost.tau_d = 10;  // twice the mean
-  EXPECT_EQ(gate(boost, rasterizer, all), (Mask{0, 0, 0, 1, 0, 0, 0}));
-  boost.tau_d = 0.7;  // 3.36
-  EXPECT_EQ(gate(boost, rasterizer, all), (Mask{0, 1, 1, 1, 0, 0, 0}));
+  boost.literal = true;
+  boost.views = 4;
+  EXPECT_EQ(gate(boost, rasterizer, {1, 1, 1, 1, 0}), (Mask{0, 1, 0, 1, 0}));
 }
 
 TEST(ScaffoldAdapter, nothing_is_drawn_without_a_candidate_or_without_vcd) {
@@ -66,7 +75,7 @@ TEST(ScaffoldAdapter, growth_and_pruning_keep_the_backbones_own_times) {
   EXPECT_TRUE(adapter.grows_at({1600, 30000}, true));
   EXPECT_FALSE(adapter.grows_at({1600, 30000}, false));
   EXPECT_FALSE(adapter.prunes_at({18000, 30000}, false)) << "VCP does not apply";
-  EXPECT_EQ(adapter.beta(), 0.5f);
+  EXPECT_EQ(adapter.beta(), 0.7f);
   ScaffoldBoost boost;
   boost.cb = false;
   EXPECT_EQ(ScaffoldAdapter(boost, threads).beta(), std::nullopt);
