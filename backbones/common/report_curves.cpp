@@ -150,7 +150,7 @@ std::string draw(const Chart& chart) {
     }
   }
   // The last values stand right of their points at the chart's edge, pushed apart where they would overlap, and above
-  // points inside the chart, where the other line goes on.
+  // points inside the chart, where the other line goes on, unless the chart ends there.
   std::stable_sort(ends.begin(), ends.end(), [](const End& a, const End& b) { return a.y < b.y; });
   End* above = nullptr;
   for (End& end : ends) {
@@ -162,6 +162,9 @@ std::string draw(const Chart& chart) {
       // 18 units keep the larger text of phones apart too.
       if (above && end.y < above->y + 18) end.y = above->y + 18;
       above = &end;
+    } else if (end.y < 2 * kTop) {
+      end.x += 8;
+      end.y += 4;
     } else {
       end.y -= 10;
       anchor = "middle";
