@@ -62,7 +62,8 @@ class VanillaAdapter : public DensityHook, public OptimizerHook {
   bool steps_at(std::string_view group, Moment moment) const override;
 
  protected:
-  /// Absolute gradient from which a Gaussian of a model seen in so many training views is split.
+  /// Mean absolute gradient, in NDC as DensityStatistics::gradients_abs, from which a large Gaussian is split.
+  /// @param views the backbone's training views
   virtual double split_threshold(std::size_t views) const {
     (void)views;
     return boost_.gradient_abs_threshold;
