@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What CUDA 12 has not is refused. The check itself is a step of CI, since it fetches headers."""
+import importlib.machinery
+import importlib.util
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).resolve().parents[2] / "scripts/cuda12_check"
+
+
+@pytest.fixture(scope="module")
+def script():
+    loader = importlib.machinery.SourceFileLoader("cuda12_check", str(SCRIPT))
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader("cuda12_check", loader))
+    loader.exec_module(module)
+    return module
+
+
+def test_every_cuda_file_is_looked_at_but_that_of_cublas(script):
+    names = {path.name for path in script.sources()}
+    assert {"blend_cuda.cu", "two_layer_net_cuda.cu", "cuda_bench.cu"} <= names
+    assert "matrices_cuda.cu" not in names
+
+
+def test_what_cuda_12_has_not_is_refused(script, tmp_path):
+    compiler = next((name for name in script.COMPILERS if shutil.which(name)), None)
+    if compiler is None or not (script.TOOLKIT / "complete").exists():
+        pytest.skip("needs clang, and the headers of CUDA 12 from an earlier run of scripts/cuda12_check")
+    kernel = "__global__ void set(float* x) { *x = 1; }\n"
+    good, bad = tmp_path / "good.cu", tmp_path / "bad.cu"
+    good.write_text(kernel)
+    bad.write_text(kernel + "cudaEmulationStrategy later;\n")
+    assert script.errors_of(compiler, good) == ""
+    assert "cudaEmulationStrategy" in script.errors_of(compiler, bad)
+
+
+def test_a_wrong_option_is_refused():
+    assert subprocess.run([SCRIPT, "--fast"], capture_output=True).returncode == 2
