@@ -2,6 +2,7 @@
 #include "scaffold_gs/scaffold_adapter.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include "splatboost/array.h"
@@ -11,12 +12,16 @@
 namespace splatboost {
 namespace {
 
-/// Passes everything on, and replays each scored view once more, with every pixel flagged, to count the pixels of each
-/// slot.
-class PixelsOfSlots final : public RasterizerHook {
+double sum_of(std::span<const std::int32_t> values) {
+  return static_cast<double>(std::accumulate(values.begin(), values.end(), std::int64_t{0}));
+}
+
+/// Passes everything on, and replays each scored view once more, with every pixel flagged, to know how many flagged
+/// pixels a slot would have if the errors of the view lay evenly over what is drawn there.
+class EvenErrors final : public RasterizerHook {
  public:
-  PixelsOfSlots(RasterizerHook& inner, Device device)
-      : inner_(inner), sums_(inner.primitives(), 0), all_(device), drawn_(device) {}
+  EvenErrors(RasterizerHook& inner, Device device)
+      : inner_(inner), device_(device), counts_(inner.primitives(), 0), all_(device), drawn_(device) {}
   void set_beta(std::optional<float> beta) override { inner_.set_beta(beta); }
   std::size_t primitives() const override { return inner_.primitives(); }
   std::size_t scorable_views() const override { return inner_.scorable_views(); }
@@ -27,30 +32,26 @@ class PixelsOfSlots final : public RasterizerHook {
     drawn_.assign_zeros(counts.size());
     inner_.count_flagged(all_, drawn_);
     const std::span<const std::int32_t> drawn = drawn_.on_host(copy_);
-    for (std::size_t i = 0; i < sums_.size(); ++i) sums_[i] += drawn[i];
+    const double share = sum_of(copy_to_host<std::int32_t>(counts, device_)) / std::max(1.0, sum_of(drawn));
+    for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += share * drawn[i];
   }
   /// [N] over the views so far
-  std::span<const std::int64_t> sums() const { return sums_; }
+  std::span<const double> counts() const { return counts_; }
 
  private:
   RasterizerHook& inner_;
-  std::vector<std::int64_t> sums_;
+  Device device_;
+  std::vector<double> counts_;
   Array<std::uint8_t> all_;
   Array<std::int32_t> drawn_;
   std::vector<std::int32_t> copy_;  ///< of a GPU's
 };
 
-double sum_of(std::span<const std::int64_t> values) {
-  return static_cast<double>(std::accumulate(values.begin(), values.end(), std::int64_t{0}));
-}
-
-/// Keeps candidates of at least `least` flagged pixels whose share of flagged pixels exceeds `factor` times that of
-/// all slots together.
-void keep_dense_errors(std::span<const std::int64_t> flagged, std::span<const std::int64_t> pixels, double factor,
+/// Keeps candidates of at least `least` flagged pixels, and of more than `factor` times as many as `even`.
+void keep_dense_errors(std::span<const std::int64_t> flagged, std::span<const double> even, double factor,
                        std::int64_t least, std::span<std::uint8_t> candidates) {
-  const double threshold = factor * sum_of(flagged) / std::max(1.0, sum_of(pixels));
   for (std::size_t i = 0; i < candidates.size(); ++i) {
-    const bool dense = static_cast<double>(flagged[i]) > threshold * static_cast<double>(pixels[i]);
+    const bool dense = static_cast<double>(flagged[i]) > factor * even[i];
     if (!dense || flagged[i] < least) candidates[i] = 0;
   }
 }
@@ -65,6 +66,13 @@ ScaffoldAdapter::ScaffoldAdapter(const ScaffoldBoost& boost, Device device)
 
 std::optional<float> ScaffoldAdapter::beta() const {
   return boost_.cb ? std::optional<float>(boost_.beta) : std::nullopt;
+}
+
+float ScaffoldAdapter::rate_factor(std::string_view group, Moment moment) const {
+  const bool constant = group == "anchor_feat" || group == "scaling" || group == "mlp_cov";
+  if (!boost_.schedule || !constant) return 1;
+  const double late = 2.0 * moment.iteration / moment.total - 1;  // 0 at half of the run, 1 at its end
+  return static_cast<float>(std::pow(kFinalRateFactor, std::clamp(late, 0.0, 1.0)));
 }
 
 void ScaffoldAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
@@ -82,9 +90,9 @@ void ScaffoldAdapter::grow(const DensityStatistics& statistics, RasterizerHook& 
     importance_scores(scorer_.score(rasterizer, options, random), importance_);
     keep_important(importance_, boost_.tau_d, decisions.clone);
   } else {
-    PixelsOfSlots counted(rasterizer, device_);
-    const ScoreSums& found = scorer_.score(counted, options, random);
-    keep_dense_errors(found.counts, counted.sums(), boost_.tau_d / kImportanceOfMeanShare, found.views,
+    EvenErrors even(rasterizer, device_);
+    const ScoreSums& found = scorer_.score(even, options, random);
+    keep_dense_errors(found.counts, even.counts(), boost_.tau_d / kImportanceOfEvenErrors, found.views,
                       decisions.clone);
   }
 }

@@ -273,6 +273,7 @@ void AnchorBackbone::step_group(ParameterGroup& group) {
   if (!group.pending) return;
   AdamOptions options;
   options.learning_rate = learning_rate(group);
+  if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
   group.step(options, device_);
   if (&group == &embedding_) mean_embedding_.ensure(0);
   stale_ = true;

@@ -20,6 +20,7 @@ template <class Settings, class Visitor>
 void for_each_field(Settings& boost, Visitor&& visit) {
   visit("vcd", boost.vcd);
   visit("cb", boost.cb);
+  visit("schedule", boost.schedule);
   visit("literal", boost.literal);
   visit("beta", boost.beta);
   visit("tau_d", boost.tau_d);
@@ -57,7 +58,7 @@ PluggedBackbone plug(std::unique_ptr<Backbone> backbone, const BackboneContext& 
   plugged.backbone = std::move(backbone);
   plugged.beta = adapter->beta();
   plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
-  plugged.backbone->set_hooks(adapter.get(), nullptr);
+  plugged.backbone->set_hooks(adapter.get(), adapter.get());
   plugged.adapter = adapter;
   plugged.coarse_until = boost.share();
   return plugged;

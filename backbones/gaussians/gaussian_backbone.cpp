@@ -337,6 +337,7 @@ void GaussianBackbone::step_group(ParameterGroup& group, int iteration) {
   if (&group == &opacity_) sigmoid_gradients(opacities_, group.gradients, device_);
   AdamOptions options;
   options.learning_rate = learning_rate(group, iteration);
+  if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
   group.step(options, device_);
   stale_ = true;
 }

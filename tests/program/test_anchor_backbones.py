@@ -54,7 +54,6 @@ def test_compare_resume_render_and_eval(scene, config, tmp_path):
 
 @pytest.mark.parametrize("arguments, word", [
     (["--no-vcp"], "vcp"),
-    (["--no-schedule"], "schedule"),
 ])
 def test_parts_that_do_not_apply_are_refused(scene, config, tmp_path, arguments, word):
     done = run_program("train", "-s", scene, "-m", tmp_path / "model", "--config", config, *arguments)

@@ -99,6 +99,31 @@ inline void expect_same_bytes_for_any_threads(const std::function<std::unique_pt
   EXPECT_EQ(bytes[0], bytes[1]);
 }
 
+/// The group stands still where a hook takes its rate to 0, and only it.
+inline void expect_rates_times_factor(Backbone& backbone, const Scene& scene, const std::string& still,
+                                      const std::string& moving) {
+  class Stills : public OptimizerHook {
+   public:
+    explicit Stills(std::string group) : group_(std::move(group)) {}
+    bool steps_at(std::string_view, Moment) const override { return true; }
+    float rate_factor(std::string_view group, Moment) const override { return group == group_ ? 0.0f : 1.0f; }
+
+   private:
+    std::string group_;
+  };
+  Stills hook(still);
+  backbone.set_hooks(nullptr, &hook);
+  const auto values = [&](const std::string& group) {
+    const test::TemporaryFolder folder;
+    save_state(backbone, folder / "state");
+    return ArchiveReader(folder / "state").floats(group + ".values");
+  };
+  const std::vector<float> still_before = values(still), moving_before = values(moving);
+  train(backbone, scene, 1, 3);
+  EXPECT_EQ(values(still), still_before);
+  EXPECT_NE(values(moving), moving_before);
+}
+
 /// Each of the JSON texts is refused in one line that holds the word.
 inline void expect_one_clear_line(const std::function<void(const nlohmann::json&)>& read,
                                   const std::map<const char*, const char*>& text_to_word) {

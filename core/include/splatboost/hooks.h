@@ -6,7 +6,7 @@
 ///
 ///   RasterizerHook   the backbone implements it:  "draw view j", "who was blended where these pixels are flagged?"
 ///   DensityHook      an adapter implements it:    "these would grow (go) by your own rule; which shall?"
-///   OptimizerHook    an adapter implements it:    "does this parameter group step now?"
+///   OptimizerHook    an adapter implements it:    "does this parameter group step now, how far?"
 ///
 /// A backbone without hooks is exactly its published self.
 ///
@@ -89,13 +89,18 @@ class DensityHook {
   virtual void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) = 0;
 };
 
-/// Decides when parameters move. Between steps gradients accumulate; the backbone applies what is accumulated before
-/// it removes primitives and at the end of the run.
+/// Decides when parameters move, and how far. Between steps gradients accumulate; the backbone applies what is
+/// accumulated before it removes primitives and at the end of the run.
 class OptimizerHook {
  public:
   virtual ~OptimizerHook() = default;
   /// @param group the backbone's own name of the group
   virtual bool steps_at(std::string_view group, Moment moment) const = 0;
+  /// What the backbone's own learning rate of the group is multiplied by.
+  virtual float rate_factor(std::string_view group, Moment moment) const {
+    (void)group, (void)moment;
+    return 1;
+  }
 };
 
 }  // namespace splatboost

@@ -45,6 +45,15 @@ TEST(ScaffoldAdapter, views_that_do_not_draw_a_slot_say_nothing_of_it) {
       << "the third has a large share, but not one flagged pixel a scored view";
 }
 
+TEST(ScaffoldAdapter, errors_are_dense_or_not_within_their_view) {
+  // One bad pixel sets the scale of a view's errors: of the first half is flagged, of the second a twentieth.
+  testing::GivenCounts rasterizer({{55, 0}, {65, 0}, {0, 6}, {0, 7}, {380, 37}}, 2, 8, 8);
+  rasterizer.drawn = {{100, 0}, {100, 0}, {0, 100}, {0, 100}, {800, 800}};
+  ScaffoldBoost boost;
+  boost.views = 2;
+  EXPECT_EQ(gate(boost, rasterizer, {1, 1, 1, 1, 1}), (Mask{0, 1, 0, 1, 0}));
+}
+
 TEST(ScaffoldAdapter, nothing_flagged_lets_nothing_grow) {
   testing::GivenCounts rasterizer({{0}, {0}}, 10, 8, 8);
   rasterizer.drawn = {{9}, {0}};
@@ -67,6 +76,24 @@ TEST(ScaffoldAdapter, nothing_is_drawn_without_a_candidate_or_without_vcd) {
   boost.vcd = false;
   EXPECT_EQ(gate(boost, rasterizer, {1, 0}), (Mask{1, 0}));
   EXPECT_TRUE(rasterizer.rendered.empty());
+}
+
+TEST(ScaffoldAdapter, rates_that_are_constant_as_published_fall_to_a_tenth_in_the_second_half) {
+  Threads threads(1);
+  const ScaffoldAdapter adapter({}, threads);
+  for (const char* group : {"anchor_feat", "scaling", "mlp_cov"}) {
+    EXPECT_EQ(adapter.rate_factor(group, {1, 30000}), 1.0f);
+    EXPECT_EQ(adapter.rate_factor(group, {15000, 30000}), 1.0f);
+    EXPECT_FLOAT_EQ(adapter.rate_factor(group, {22500, 30000}), 0.31622777f) << "the square root of a tenth";
+    EXPECT_FLOAT_EQ(adapter.rate_factor(group, {30000, 30000}), 0.1f);
+    EXPECT_TRUE(adapter.steps_at(group, {16, 30000}));
+  }
+  for (const char* group : {"offset", "mlp_opacity", "mlp_color", "mlp_featurebank", "embedding_appearance"}) {
+    EXPECT_EQ(adapter.rate_factor(group, {30000, 30000}), 1.0f) << group << " falls as published";
+  }
+  ScaffoldBoost boost;
+  boost.schedule = false;
+  EXPECT_EQ(ScaffoldAdapter(boost, threads).rate_factor("scaling", {30000, 30000}), 1.0f);
 }
 
 TEST(ScaffoldAdapter, growth_and_pruning_keep_the_backbones_own_times) {

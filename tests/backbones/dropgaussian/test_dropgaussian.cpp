@@ -210,6 +210,11 @@ TEST_F(DropGaussianRun, resume_is_exact) {
   testing::expect_exact_resume([&] { return make(eager(), 100, 600); }, scene_, 90, {15, 20, 44, 85}, &third);
 }
 
+TEST_F(DropGaussianRun, a_hook_says_how_far_a_group_steps) {
+  const auto backbone = make(eager(), 100, 600);
+  testing::expect_rates_times_factor(*backbone, scene_, "opacity", "scaling");
+}
+
 TEST_F(DropGaussianRun, threads_do_not_change_the_bytes) {
   testing::expect_same_bytes_for_any_threads(
       [&](Threads& threads) {

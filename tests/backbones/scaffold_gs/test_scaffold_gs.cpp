@@ -287,6 +287,13 @@ TEST(ScaffoldTraining, resuming_gives_the_bytes_of_an_uninterrupted_run) {
       << "a checkpoint of other constants";
 }
 
+TEST(ScaffoldTraining, a_hook_says_how_far_a_group_steps) {
+  Threads threads(2);
+  const Scene scene = testing::tiny_scene(threads);
+  const auto backbone = make_scaffold({scene, threads, kSeed, kIterations, 0}, everything());
+  testing::expect_rates_times_factor(*backbone, scene, "mlp_cov", "anchor_feat");
+}
+
 TEST(ScaffoldTraining, gives_the_same_bytes_for_any_number_of_threads) {
   Threads threads(1);
   const Scene scene = testing::tiny_scene(threads);
