@@ -62,6 +62,7 @@ ScaffoldAdapter::ScaffoldAdapter(const ScaffoldBoost& boost, Device device)
     : boost_(boost), device_(device), scorer_(device) {
   SPLATBOOST_CHECK(boost.beta > 0.0f && boost.beta <= 1.0f, "beta must lie in (0, 1]");
   SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
+  SPLATBOOST_CHECK(boost.rates_fall_from >= 0 && boost.rates_fall_from < 1, "rates_fall_from must lie in [0, 1)");
 }
 
 std::optional<float> ScaffoldAdapter::beta() const {
@@ -71,7 +72,8 @@ std::optional<float> ScaffoldAdapter::beta() const {
 float ScaffoldAdapter::rate_factor(std::string_view group, Moment moment) const {
   const bool constant = group == "anchor_feat" || group == "scaling" || group == "mlp_cov";
   if (!boost_.schedule || !constant) return 1;
-  const double late = 2.0 * moment.iteration / moment.total - 1;  // 0 at half of the run, 1 at its end
+  const double done = static_cast<double>(moment.iteration) / moment.total;
+  const double late = (done - boost_.rates_fall_from) / (1 - boost_.rates_fall_from);  // 1 at the end
   return static_cast<float>(std::pow(kFinalRateFactor, std::clamp(late, 0.0, 1.0)));
 }
 

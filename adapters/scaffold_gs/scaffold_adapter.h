@@ -19,8 +19,9 @@ namespace splatboost {
 struct ScaffoldBoost {
   bool vcd = true;  ///< multi-view consistent densification
   bool cb = true;   ///< compact box
-  /// The rates that the published runs hold constant fall in the second half of the run. Ours, not the paper's.
+  /// The rates that the published runs hold constant fall once growth has ended. Ours, not the paper's.
   bool schedule = true;
+  double rates_fall_from = 0.5;  ///< share of the run; where the backbone's growth ends
   /// More than the paper's 0.5; found on one scene (docs/results/backbones.md).
   float beta = 0.7f;
   /// Judge a slot by the paper's importance, ⌊Σ n / K⌋ flagged pixels (eq. 9), and not by how dense its errors are.
@@ -58,7 +59,7 @@ class ScaffoldAdapter final : public DensityHook, public OptimizerHook {
 
   /// At every iteration, as published.
   bool steps_at(std::string_view, Moment) const override { return true; }
-  /// For the groups whose rates are constant as published, from 1 at half of the run log-linearly to kFinalRateFactor.
+  /// For the groups whose rates are constant as published, from 1 at rates_fall_from log-linearly to kFinalRateFactor.
   float rate_factor(std::string_view group, Moment moment) const override;
 
  private:

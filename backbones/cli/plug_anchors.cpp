@@ -21,6 +21,7 @@ void for_each_field(Settings& boost, Visitor&& visit) {
   visit("vcd", boost.vcd);
   visit("cb", boost.cb);
   visit("schedule", boost.schedule);
+  visit("rates_fall_from", boost.rates_fall_from);
   visit("literal", boost.literal);
   visit("beta", boost.beta);
   visit("tau_d", boost.tau_d);
@@ -31,11 +32,7 @@ void for_each_field(Settings& boost, Visitor&& visit) {
 
 AnchorBoost scaffold_defaults() { return {}; }
 
-AnchorBoost octree_defaults() {
-  AnchorBoost boost{octree_boost(), {}};
-  boost.coarse = false;  // its progressive training is a coarse start of its own
-  return boost;
-}
+AnchorBoost octree_defaults() { return {octree_boost(), {}}; }
 
 AnchorBoost boost_from_json(AnchorBoost boost, const Json& given) {
   fields_from_json(given, "boost", [&](auto&& visit) { for_each_field(boost, visit); });
@@ -43,6 +40,7 @@ AnchorBoost boost_from_json(AnchorBoost boost, const Json& given) {
   require(boost.tau_d >= 0, "boost: tau_d must be at least 0");
   require(boost.views >= 1, "boost: views must be at least 1");
   require(boost.tau > 0 && boost.tau < 1, "boost: tau must be in (0, 1)");
+  require(boost.rates_fall_from >= 0 && boost.rates_fall_from < 1, "boost: rates_fall_from must be in [0, 1)");
   check_coarse(boost);
   return boost;
 }

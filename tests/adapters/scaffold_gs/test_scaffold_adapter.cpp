@@ -78,7 +78,7 @@ TEST(ScaffoldAdapter, nothing_is_drawn_without_a_candidate_or_without_vcd) {
   EXPECT_TRUE(rasterizer.rendered.empty());
 }
 
-TEST(ScaffoldAdapter, rates_that_are_constant_as_published_fall_to_a_tenth_in_the_second_half) {
+TEST(ScaffoldAdapter, rates_that_are_constant_as_published_fall_to_a_tenth_once_growth_has_ended) {
   Threads threads(1);
   const ScaffoldAdapter adapter({}, threads);
   for (const char* group : {"anchor_feat", "scaling", "mlp_cov"}) {
@@ -92,6 +92,9 @@ TEST(ScaffoldAdapter, rates_that_are_constant_as_published_fall_to_a_tenth_in_th
     EXPECT_EQ(adapter.rate_factor(group, {30000, 30000}), 1.0f) << group << " falls as published";
   }
   ScaffoldBoost boost;
+  boost.rates_fall_from = 0.75;
+  EXPECT_EQ(ScaffoldAdapter(boost, threads).rate_factor("scaling", {22500, 30000}), 1.0f);
+  EXPECT_FLOAT_EQ(ScaffoldAdapter(boost, threads).rate_factor("scaling", {30000, 30000}), 0.1f);
   boost.schedule = false;
   EXPECT_EQ(ScaffoldAdapter(boost, threads).rate_factor("scaling", {30000, 30000}), 1.0f);
 }
