@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "splatboost/array.h"
 #include "splatboost/errors.h"
@@ -16,8 +17,8 @@ double sum_of(std::span<const std::int32_t> values) {
   return static_cast<double>(std::accumulate(values.begin(), values.end(), std::int64_t{0}));
 }
 
-/// Passes everything on, and replays each scored view once more, with every pixel flagged, to know how many flagged
-/// pixels a slot would have if the errors of the view lay evenly over what is drawn there.
+/// Passes everything on, and replays each scored view once more, with every valid pixel flagged, to know how many
+/// flagged pixels a slot would have if the errors of the view lay evenly over what is drawn there.
 class EvenErrors final : public RasterizerHook {
  public:
   EvenErrors(RasterizerHook& inner, Device device)
@@ -25,12 +26,17 @@ class EvenErrors final : public RasterizerHook {
   void set_beta(std::optional<float> beta) override { inner_.set_beta(beta); }
   std::size_t primitives() const override { return inner_.primitives(); }
   std::size_t scorable_views() const override { return inner_.scorable_views(); }
-  ScoredView render_for_score(std::size_t view) override { return inner_.render_for_score(view); }
+  ScoredView render_for_score(std::size_t view) override {
+    const ScoredView scored = inner_.render_for_score(view);
+    valid_ = scored.truth.valid;
+    return scored;
+  }
+  /// @param counts of this view alone: zeros before
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     inner_.count_flagged(flagged, counts);
     if (all_.size() != flagged.size()) all_.assign(std::vector<std::uint8_t>(flagged.size(), 1));
     drawn_.assign_zeros(counts.size());
-    inner_.count_flagged(all_, drawn_);
+    inner_.count_flagged(valid_.empty() ? std::as_const(all_).span() : valid_, drawn_);
     const std::span<const std::int32_t> drawn = drawn_.on_host(copy_);
     const double share = sum_of(copy_to_host<std::int32_t>(counts, device_)) / std::max(1.0, sum_of(drawn));
     for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += share * drawn[i];
@@ -42,6 +48,7 @@ class EvenErrors final : public RasterizerHook {
   RasterizerHook& inner_;
   Device device_;
   std::vector<double> counts_;
+  std::span<const std::uint8_t> valid_;  ///< of the view just rendered; empty: all
   Array<std::uint8_t> all_;
   Array<std::int32_t> drawn_;
   std::vector<std::int32_t> copy_;  ///< of a GPU's

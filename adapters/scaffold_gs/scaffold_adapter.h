@@ -21,7 +21,7 @@ struct ScaffoldBoost {
   bool cb = true;   ///< compact box
   /// The rates that the published runs hold constant fall once growth has ended. Ours, not the paper's.
   bool schedule = true;
-  double rates_fall_from = 0.5;  ///< share of the run; where the backbone's growth ends
+  double rates_fall_from = 0.5;  ///< share of the run; where growth ends as published
   /// More than the paper's 0.5; found on one scene (docs/results/backbones.md).
   float beta = 0.7f;
   /// Judge a slot by the paper's importance, ⌊Σ n / K⌋ flagged pixels (eq. 9), and not by how dense its errors are.

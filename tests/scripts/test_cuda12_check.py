@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """What CUDA 12 has not is refused. The check itself is a step of CI, since it fetches headers."""
-import importlib.machinery
-import importlib.util
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,14 +7,6 @@ from pathlib import Path
 import pytest
 
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts/cuda12_check"
-
-
-@pytest.fixture(scope="module")
-def script():
-    loader = importlib.machinery.SourceFileLoader("cuda12_check", str(SCRIPT))
-    module = importlib.util.module_from_spec(importlib.util.spec_from_loader("cuda12_check", loader))
-    loader.exec_module(module)
-    return module
 
 
 def test_every_cuda_file_is_looked_at_but_that_of_cublas(script):

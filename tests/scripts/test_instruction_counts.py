@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """No kernel needs markedly more instructions than the committed counts say, and the guard would tell."""
-import importlib.machinery
-import importlib.util
 import json
 import shutil
 import subprocess
@@ -11,14 +9,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "scripts/instruction_counts"
-
-
-@pytest.fixture(scope="module")
-def script():
-    loader = importlib.machinery.SourceFileLoader("instruction_counts", str(SCRIPT))
-    module = importlib.util.module_from_spec(importlib.util.spec_from_loader("instruction_counts", loader))
-    loader.exec_module(module)
-    return module
 
 
 def test_calls_of_a_function_are_summed(script):

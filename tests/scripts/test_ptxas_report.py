@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """No blend kernel spills registers, and the guard would tell."""
-import importlib.machinery
-import importlib.util
 import json
 import shutil
 import subprocess
@@ -18,14 +16,6 @@ ptxas info    : Function properties for {MANGLED}
     8 bytes stack frame, 16 bytes spill stores, 24 bytes spill loads
 ptxas info    : Used 45 registers, used 1 barriers, 13312 bytes smem
 """
-
-
-@pytest.fixture(scope="module")
-def script():
-    loader = importlib.machinery.SourceFileLoader("ptxas_report", str(SCRIPT))
-    module = importlib.util.module_from_spec(importlib.util.spec_from_loader("ptxas_report", loader))
-    loader.exec_module(module)
-    return module
 
 
 def test_what_ptxas_says_is_read(script):

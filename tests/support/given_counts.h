@@ -26,16 +26,18 @@ class GivenCounts : public RasterizerHook {
   std::size_t scorable_views() const override { return views_; }
   ScoredView render_for_score(std::size_t view) override {
     rendered.push_back(view);
-    return {color_, {width_, height_, truth_, {}}};
+    return {color_, {width_, height_, truth_, valid}};
   }
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
-    const bool whole = std::find(flagged.begin(), flagged.end(), std::uint8_t{0}) == flagged.end();
+    const bool whole = valid.empty() ? std::find(flagged.begin(), flagged.end(), std::uint8_t{0}) == flagged.end()
+                                     : std::ranges::equal(flagged, valid);
     const auto& given = whole && !drawn.empty() ? drawn : counts_;
     for (std::size_t i = 0; i < counts.size(); ++i) {
       counts[i] += given[i].size() == 1 ? given[i][0] : given[i][rendered.back()];
     }
   }
-  /// Counts where every pixel is flagged; empty: the same.
+  std::vector<std::uint8_t> valid;  ///< of every view's pixels; empty: all
+  /// Counts where every valid pixel is flagged; empty: the same.
   std::vector<std::vector<std::int32_t>> drawn;
   std::vector<std::size_t> rendered;
 

@@ -54,6 +54,14 @@ TEST(ScaffoldAdapter, errors_are_dense_or_not_within_their_view) {
   EXPECT_EQ(gate(boost, rasterizer, {1, 1, 1, 1, 1}), (Mask{0, 1, 0, 1, 0}));
 }
 
+TEST(ScaffoldAdapter, masked_pixels_say_nothing_of_a_slot) {
+  testing::GivenCounts rasterizer({{70}, {30}}, 10, 8, 8);
+  rasterizer.drawn = {{100}, {100}};  // where the valid pixels, and only they, are flagged
+  rasterizer.valid.assign(64, 1);
+  std::fill_n(rasterizer.valid.begin(), 16, std::uint8_t{0});
+  EXPECT_EQ(gate({}, rasterizer, {1, 1}), (Mask{1, 0}));
+}
+
 TEST(ScaffoldAdapter, nothing_flagged_lets_nothing_grow) {
   testing::GivenCounts rasterizer({{0}, {0}}, 10, 8, 8);
   rasterizer.drawn = {{9}, {0}};
