@@ -15,7 +15,7 @@ struct PixelCell {
   std::size_t pixels() const { return width * height; }
 };
 inline constexpr PixelCell kTileRow{16, 1};    ///< of a CPU
-inline constexpr PixelCell kWarpPixels{8, 4};  ///< of a GPU
+inline constexpr PixelCell kWarpPixels{8, 4};  ///< of a GPU's instruction
 
 /// Counts of one view, drawn with the exact compact box (β = 1).
 struct BlendWork {

@@ -69,77 +69,98 @@ struct PixelGradients {
   }
 };
 
-/// Adds one pixel's part to a splat's sums, and takes the pixel behind the splat.
+/// Adds one pixel's part to a splat's sums, or begins them, and takes the pixel behind the splat. A pixel that does not
+/// blend it adds zeros, which is cheaper than to branch.
 /// @param rest gradient · what the splats behind the current one, and the background, add to the image
-template <bool kAbsolute, int kMostExtra>
-__device__ inline void add_pixel(const BlendGradients& in, std::uint32_t gaussian, const SplatRecord& splat,
-                                 const PixelStep& step, const PixelGradients<kMostExtra>& g, float& transmittance,
-                                 float& rest, float (&moments)[kMomentColumns], float (&features)[kMomentColumns]) {
-  const float weight = transmittance * step.alpha;
+template <bool kAbsolute, bool kBegins, int kMostExtra>
+__device__ inline void add_pixel(const BlendGradients& in, const SplatRecord& splat, const PixelStep& step,
+                                 const PixelGradients<kMostExtra>& g, float& transmittance, float& rest,
+                                 float (&moments)[kMomentColumns], float (&features)[kMomentColumns]) {
+  const auto add = [](float& sum, float part) { sum = kBegins ? part : sum + part; };
+  const float weight = step.blended ? transmittance * step.alpha : 0.0f;
   float along = g.alpha;  // gradient · the splat's own channels; alpha is one that is 1
   along = fmaf(g.red, splat.red, along);
   along = fmaf(g.green, splat.green, along);
   along = fmaf(g.blue, splat.blue, along);
+  float by_inverse_depth = 0.0f;
 #pragma unroll
   for (int c = 0; c < kMostExtra; ++c) {
     if (c >= in.extra) continue;
-    along = fmaf(g.extra[c], in.channels[gaussian * static_cast<std::size_t>(in.extra) + c], along);
+    along = fmaf(g.extra[c], in.channels[splat.gaussian * static_cast<std::size_t>(in.extra) + c], along);
     if (c < in.features_count) {
-      features[c] += weight * g.extra[c];
+      add(features[c], weight * g.extra[c]);
     } else {
-      moments[kMomentInverseDepth] += weight * g.extra[c];
+      by_inverse_depth = weight * g.extra[c];
     }
   }
+  if (kMostExtra > 0) add(moments[kMomentInverseDepth], by_inverse_depth);
   const float gain = weight * along;
   rest -= gain;
   // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after.
-  const float s = step.alpha < kMaxAlpha ? gain - rest * (weight / step.after) : 0.0f;
-  transmittance = step.after;
+  const float s = step.alpha < kMaxAlpha ? gain - rest * (weight * reciprocal(step.after)) : 0.0f;
+  transmittance = step.blended ? step.after : transmittance;
   const float sx = s * step.dx, sy = s * step.dy;
-  moments[kMomentS] += s;
-  moments[kMomentSX] += sx;
-  moments[kMomentSY] += sy;
-  moments[kMomentSXX] += sx * step.dx;
-  moments[kMomentSXY] += sx * step.dy;
-  moments[kMomentSYY] += sy * step.dy;
-  moments[kMomentRed] += weight * g.red;
-  moments[kMomentGreen] += weight * g.green;
-  moments[kMomentBlue] += weight * g.blue;
+  add(moments[kMomentS], s);
+  add(moments[kMomentSX], sx);
+  add(moments[kMomentSY], sy);
+  add(moments[kMomentSXX], sx * step.dx);
+  add(moments[kMomentSXY], sx * step.dy);
+  add(moments[kMomentSYY], sy * step.dy);
+  add(moments[kMomentRed], weight * g.red);
+  add(moments[kMomentGreen], weight * g.green);
+  add(moments[kMomentBlue], weight * g.blue);
   if (kAbsolute) {
     const float slope_x = fmaf(2.0f * splat.quadratic_xx, step.dx, splat.quadratic_xy * step.dy);
     const float slope_y = fmaf(2.0f * splat.quadratic_yy, step.dy, splat.quadratic_xy * step.dx);
-    moments[kMomentAbsX] += fabsf(s * slope_x);
-    moments[kMomentAbsY] += fabsf(s * slope_y);
+    add(moments[kMomentAbsX], fabsf(s * slope_x));
+    add(moments[kMomentAbsY], fabsf(s * slope_y));
   }
 }
 
-/// A thread a pixel, front to back with the transmittance recomputed; a warp adds to a splat once.
+/// A pixel on its way from front to back.
+template <int kMostExtra>
+struct PixelAhead {
+  PixelGradients<kMostExtra> g;
+  float transmittance = 1.0f;
+  float rest;  ///< gradient · what is still to be blended, and the background
+
+  __device__ PixelAhead(const BlendGradients& in, const TileLists& lists, const TilePixel& pixel)
+      : PixelAhead(in, pixel.inside, static_cast<std::size_t>(lists.width) * lists.height, pixel.index(lists)) {}
+  __device__ PixelAhead(const BlendGradients& in, bool inside, std::size_t plane, std::size_t at)
+      : g(in, inside, plane, at) {
+    const auto blended = [&](int c) { return inside ? in.pixels[c * plane + at] : 0.0f; };
+    rest = g.red * blended(0) + g.green * blended(1) + g.blue * blended(2) + g.alpha * blended(3);
+#pragma unroll
+    for (int c = 0; c < kMostExtra; ++c) {
+      if (c < in.extra) rest = fmaf(g.extra[c], blended(4 + c), rest);
+    }
+  }
+};
+
+/// Front to back with the transmittance recomputed; a warp adds to a splat once.
 /// @tparam kMostExtra room for that many extra channels
 template <bool kAbsolute, int kMostExtra>
-__global__ void __launch_bounds__(kTilePixels) pixel_backward_kernel(TileLists lists, BlendGradients in) {
-  const TilePixel pixel(lists, blockIdx.x, threadIdx.x);
-  bool open = pixel.inside;
-  float transmittance = 1.0f;
-  const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height, at = pixel.index(lists);
-  const PixelGradients<kMostExtra> g(in, pixel.inside, plane, at);
-  const auto blended = [&](int c) { return pixel.inside ? in.pixels[c * plane + at] : 0.0f; };
-  float rest = g.red * blended(0) + g.green * blended(1) + g.blue * blended(2) + g.alpha * blended(3);
+__global__ void __launch_bounds__(kTileThreads) pixel_backward_kernel(TileLists lists, BlendGradients in) {
+  ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
+  PixelAhead<kMostExtra> ahead[kThreadPixels] = {{in, lists, pixels.at[0]}, {in, lists, pixels.at[1]}};
+  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+    PixelStep steps[kThreadPixels];
+    bool any = false;
 #pragma unroll
-  for (int c = 0; c < kMostExtra; ++c) {
-    if (c < in.extra) rest = fmaf(g.extra[c], blended(4 + c), rest);
-  }
-
-  visit_splats(lists, blockIdx.x, pixel, open, [&](std::uint32_t, std::uint32_t gaussian, const SplatRecord& splat) {
-    const PixelStep step = step_pixel(splat, pixel, transmittance, open);
-    if (!__any_sync(kWholeWarp, step.blended)) return;
+    for (int p = 0; p < kThreadPixels; ++p) {
+      steps[p] = step_pixel(splat, pixels.at[p], ahead[p].transmittance, pixels.open[p]);
+      any = any || steps[p].blended;
+    }
+    if (!__any_sync(kWholeWarp, any)) return;
     float moments[kMomentColumns] = {};
     float features[kMomentColumns] = {};
-    if (step.blended) {
-      add_pixel<kAbsolute>(in, gaussian, splat, step, g, transmittance, rest, moments, features);
-    }
-    add_row(in.moments, gaussian * static_cast<std::size_t>(kMomentColumns), kMoments, moments);
+    add_pixel<kAbsolute, true>(in, splat, steps[0], ahead[0].g, ahead[0].transmittance, ahead[0].rest, moments,
+                               features);
+    add_pixel<kAbsolute, false>(in, splat, steps[1], ahead[1].g, ahead[1].transmittance, ahead[1].rest, moments,
+                                features);
+    add_row(in.moments, splat.gaussian * static_cast<std::size_t>(kMomentColumns), kMoments, moments);
     if (kMostExtra > 0 && in.features_count > 0) {
-      add_row(in.feature_gradients, gaussian * static_cast<std::size_t>(in.features_count), in.features_count,
+      add_row(in.feature_gradients, splat.gaussian * static_cast<std::size_t>(in.features_count), in.features_count,
               features);
     }
   });
@@ -168,9 +189,8 @@ __global__ void __launch_bounds__(kTilePixels)
   const TileEntries range = lists.tiles[tile];
   const std::uint32_t index = first + static_cast<std::uint32_t>(lane);
   const bool has_splat = range.begin + index < range.end;
-  const std::uint32_t gaussian = has_splat ? lists.entries[range.begin + index] : 0;
   SplatRecord splat{};
-  if (has_splat) splat = lists.records[gaussian];
+  if (has_splat) splat = lists.records[lists.entries[range.begin + index]];
   const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height;
   const std::size_t state_row = bucket * (4 + static_cast<std::size_t>(in.extra)) * kTilePixels;
   const std::size_t stops_row = tile * static_cast<std::size_t>(kTilePixels);
@@ -219,17 +239,18 @@ __global__ void __launch_bounds__(kTilePixels)
     const PixelStep step = step_pixel(splat, pixel, transmittance, open);
     if (!step.blended) continue;
     const PixelGradients<kMostExtra> g(in, true, plane, pixel.index(lists));
-    add_pixel<kAbsolute>(in, gaussian, splat, step, g, transmittance, rest, moments, features);
+    add_pixel<kAbsolute, false>(in, splat, step, g, transmittance, rest, moments, features);
   }
   if (!has_splat) return;
 #pragma unroll
   for (int k = 0; k < kMoments; ++k) {
-    if (moments[k] != 0.0f) atomicAdd(&in.moments[gaussian * static_cast<std::size_t>(kMomentColumns) + k], moments[k]);
+    if (moments[k] != 0.0f)
+      atomicAdd(&in.moments[splat.gaussian * static_cast<std::size_t>(kMomentColumns) + k], moments[k]);
   }
 #pragma unroll
   for (int c = 0; c < (kMostExtra > 0 ? kMaxFeatures : 0); ++c) {
     if (c < in.features_count && features[c] != 0.0f) {
-      atomicAdd(&in.feature_gradients[gaussian * static_cast<std::size_t>(in.features_count) + c], features[c]);
+      atomicAdd(&in.feature_gradients[splat.gaussian * static_cast<std::size_t>(in.features_count) + c], features[c]);
     }
   }
 }
@@ -265,7 +286,7 @@ void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, boo
     } else {
       const dim3 blocks(static_cast<std::uint32_t>(frame.tiles()));
       const auto kernel = absolute ? pixel_backward_kernel<true, kMostExtra> : pixel_backward_kernel<false, kMostExtra>;
-      launch(stream, "pixel_backward", kernel, blocks, dim3(kTilePixels), TileLists(frame), in);
+      launch(stream, "pixel_backward", kernel, blocks, dim3(kTileThreads), TileLists(frame), in);
     }
   };
   if (!extra_gradients) {  // extra channels that no gradient comes from change nothing

@@ -2,8 +2,9 @@
 /// @file One tile of pixels on a GPU: the walk through its splats and the arithmetic of one splat at one pixel, which
 /// blending, its gradient and the count replay must share to the last bit. For .cu files.
 ///
-/// A block is a tile; a warp is 8 × 4 of its pixels. Splats come in batches through shared memory. Before a warp looks
-/// at 32 of them, each lane asks of one whether it reaches the warp's pixels at all.
+/// A block is a tile; a warp is 8 × 8 of its pixels, a thread two of these, one above the other, which share what the
+/// walk costs and the sums that a warp adds to a splat. Splats come in batches through shared memory. Before a warp
+/// looks at 32 of them, each lane asks of one whether it reaches the warp's pixels at all.
 #pragma once
 
 #include <cmath>
@@ -15,9 +16,13 @@
 namespace splatboost::cuda {
 
 inline constexpr unsigned kWholeWarp = 0xffffffffu;
+inline constexpr int kThreadPixels = 2;
+inline constexpr std::uint32_t kTileThreads = kTilePixels / kThreadPixels;
 /// Splats of a batch: one a thread.
-inline constexpr std::uint32_t kBatchSplats = kTilePixels;
-inline constexpr int kWarpWidth = 8, kWarpHeight = 4;
+inline constexpr std::uint32_t kBatchSplats = kTileThreads;
+/// Pixels of a warp: 32 in rows of 8, then the next 32 below.
+inline constexpr int kWarpWidth = 8, kWarpHeight = 32 / kWarpWidth * kThreadPixels;
+inline constexpr std::uint32_t kWarpsAcross = kTileSize / kWarpWidth;
 
 /// What all of these kernels read.
 struct TileLists {
@@ -36,29 +41,58 @@ struct TileLists {
         height(static_cast<std::uint32_t>(frame.camera.height)) {}
 };
 
-/// Where a thread's pixel lies, and its warp's.
+/// Centre of a warp's first pixel.
+struct WarpCorner {
+  float x, y;
+
+  __device__ WarpCorner(const TileLists& lists, std::uint32_t tile, std::uint32_t warp) {
+    const std::uint32_t column = tile % lists.tiles_x * kTileSize + warp % kWarpsAcross * kWarpWidth;
+    const std::uint32_t row = tile / lists.tiles_x * kTileSize + warp / kWarpsAcross * kWarpHeight;
+    x = static_cast<float>(column) + 0.5f;
+    y = static_cast<float>(row) + 0.5f;
+  }
+};
+
+/// Where a pixel of a tile lies.
 struct TilePixel {
   std::uint32_t x, y;
   bool inside;  ///< of the image
   float centre_x, centre_y;
-  float warp_x, warp_y;  ///< centre of the warp's first pixel
 
-  /// @param thread of the tile's block
-  __device__ TilePixel(const TileLists& lists, std::uint32_t tile, std::uint32_t thread) {
-    const std::uint32_t warp = thread / 32, lane = thread % 32;
-    const std::uint32_t x0 = tile % lists.tiles_x * kTileSize + warp % 2 * kWarpWidth;
-    const std::uint32_t y0 = tile / lists.tiles_x * kTileSize + warp / 2 * kWarpHeight;
-    x = x0 + lane % kWarpWidth;
-    y = y0 + lane / kWarpWidth;
+  /// @param which of the pixels of the lane of the warp
+  __device__ TilePixel(const TileLists& lists, std::uint32_t tile, std::uint32_t warp, std::uint32_t lane,
+                       std::uint32_t which) {
+    x = tile % lists.tiles_x * kTileSize + warp % kWarpsAcross * kWarpWidth + lane % kWarpWidth;
+    y = tile / lists.tiles_x * kTileSize + warp / kWarpsAcross * kWarpHeight + lane / kWarpWidth +
+        which * (32 / kWarpWidth);
     inside = x < lists.width && y < lists.height;
     centre_x = static_cast<float>(x) + 0.5f;
     centre_y = static_cast<float>(y) + 0.5f;
-    warp_x = static_cast<float>(x0) + 0.5f;
-    warp_y = static_cast<float>(y0) + 0.5f;
+  }
+  /// @param number of the pixel in its tile, as number_of() says
+  __device__ TilePixel(const TileLists& lists, std::uint32_t tile, std::uint32_t number)
+      : TilePixel(lists, tile, number / (32 * kThreadPixels), number % 32, number / 32 % kThreadPixels) {}
+
+  /// Neighbouring lanes have neighbouring numbers.
+  __device__ static std::uint32_t number_of(std::uint32_t thread, std::uint32_t which) {
+    return (thread / 32 * kThreadPixels + which) * 32 + thread % 32;
   }
   /// In a plane of the image.
   __device__ std::size_t index(const TileLists& lists) const { return static_cast<std::size_t>(y) * lists.width + x; }
 };
+
+/// The pixels of a thread, and which of them still take part.
+struct ThreadPixels {
+  TilePixel at[kThreadPixels];
+  bool open[kThreadPixels];
+
+  /// @param thread of the tile's block
+  __device__ ThreadPixels(const TileLists& lists, std::uint32_t tile, std::uint32_t thread)
+      : at{{lists, tile, thread / 32, thread % 32, 0}, {lists, tile, thread / 32, thread % 32, 1}},
+        open{at[0].inside, at[1].inside} {}
+  __device__ bool any_open() const { return open[0] || open[1]; }
+};
+static_assert(kThreadPixels == 2);
 
 /// log2 α at an offset from the mean. Every operation is spelled out: what the compiler contracts must not differ from
 /// kernel to kernel.
@@ -67,16 +101,38 @@ __device__ inline float exponent_at(const SplatRecord& splat, float dx, float dy
   return fmaf(dy, fmaf(dy, splat.quadratic_yy, dx * splat.quadratic_xy), constant);
 }
 
+// Of numbers far from the ends of the range of float, in one instruction: what exp2f() and a division do for the others
+// takes several.
+__device__ inline float power_of_two(float exponent) {
+#ifdef SPLATBOOST_CUDA_ON_CPU
+  return exp2f(exponent);
+#else
+  float power;
+  asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(power) : "f"(exponent));
+  return power;
+#endif
+}
+__device__ inline float reciprocal(float x) {
+#ifdef SPLATBOOST_CUDA_ON_CPU
+  return 1.0f / x;
+#else
+  float inverse;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(x));
+  return inverse;
+#endif
+}
+
 /// Whether a splat may reach α = 1/255 at a pixel of the warp. The greatest exponent over a rectangle that does not
 /// hold the mean is on an edge that faces it.
-__device__ inline bool may_reach(const SplatRecord& splat, const TilePixel& pixel) {
+__device__ inline bool may_reach(const SplatRecord& splat, const WarpCorner& corner) {
   constexpr float kSlack = 0.02f;  // more than rounding; the exact test is per pixel
-  const float left = pixel.warp_x - splat.mean_x, right = left + (kWarpWidth - 1);
-  const float top = pixel.warp_y - splat.mean_y, bottom = top + (kWarpHeight - 1);
+  const float left = corner.x - splat.mean_x, right = left + (kWarpWidth - 1);
+  const float top = corner.y - splat.mean_y, bottom = top + (kWarpHeight - 1);
   const float edge_x = fminf(fmaxf(0.0f, left), right), edge_y = fminf(fmaxf(0.0f, top), bottom);
   // Along the edge of x (y): where the slope across it is zero.
-  const float at_y = fminf(fmaxf(-0.5f * splat.quadratic_xy * edge_x / splat.quadratic_yy, top), bottom);
-  const float at_x = fminf(fmaxf(-0.5f * splat.quadratic_xy * edge_y / splat.quadratic_xx, left), right);
+  const float slope = -0.5f * splat.quadratic_xy;
+  const float at_y = fminf(fmaxf(slope * edge_x * reciprocal(splat.quadratic_yy), top), bottom);
+  const float at_x = fminf(fmaxf(slope * edge_y * reciprocal(splat.quadratic_xx), left), right);
   const float greatest = fmaxf(exponent_at(splat, edge_x, at_y), exponent_at(splat, at_x, edge_y));
   return greatest >= kMinLog2Alpha - kSlack;
 }
@@ -97,50 +153,46 @@ __device__ inline PixelStep step_pixel(const SplatRecord& splat, const TilePixel
   step.dy = pixel.centre_y - splat.mean_y;
   const float exponent = exponent_at(splat, step.dx, step.dy);
   step.blended = open && exponent >= kMinLog2Alpha;
-  step.alpha = fminf(exp2f(exponent), kMaxAlpha);
+  step.alpha = fminf(power_of_two(exponent), kMaxAlpha);
   step.after = fmaf(-transmittance, step.alpha, transmittance);
   if (step.blended && step.after < kMinTransmittance) open = step.blended = false;
   return step;
 }
 
 /// Walks through a tile's splats, near to far, until all its pixels are closed. All threads of the block call it.
-/// @param open whether the thread's pixel takes part
-/// @param visit (index in the tile's list, gaussian, splat): called by whole warps, for splats that may reach one of
-///     their pixels; closes `open`
+/// @param visit (index in the tile's list, splat): called by whole warps, for splats that may reach one of their
+///     pixels; closes pixels
 /// @param begin_bucket (number): called by whole warps before each kBucketSplats of the list
 template <class Visit, class BeginBucket>
-__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const TilePixel& pixel, bool& open,
-                             Visit&& visit, BeginBucket&& begin_bucket) {
+__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const ThreadPixels& pixels, Visit&& visit,
+                             BeginBucket&& begin_bucket) {
   __shared__ SharedArray<SplatRecord, kBatchSplats> batch;
-  __shared__ SharedArray<std::uint32_t, kBatchSplats> gaussians;
   const TileEntries range = lists.tiles[tile];
+  const WarpCorner corner(lists, tile, threadIdx.x / 32);
   const int lane = static_cast<int>(threadIdx.x % 32);
   for (std::uint32_t base = range.begin; base < range.end; base += kBatchSplats) {
-    if (!__syncthreads_or(open)) break;  // and nobody reads the last batch any more
+    if (!__syncthreads_or(pixels.any_open())) break;  // and nobody reads the last batch any more
     if (base + threadIdx.x < range.end) {
-      const std::uint32_t gaussian = lists.entries[base + threadIdx.x];
-      gaussians.set(static_cast<int>(threadIdx.x), gaussian);
-      batch.set(static_cast<int>(threadIdx.x), lists.records[gaussian]);
+      batch.set(static_cast<int>(threadIdx.x), lists.records[lists.entries[base + threadIdx.x]]);
     }
     __syncthreads();
     const int count = static_cast<int>(min(kBatchSplats, range.end - base));
     for (int group = 0; group < count; group += 32) {
-      if (!__any_sync(kWholeWarp, open)) break;
+      if (!__any_sync(kWholeWarp, pixels.any_open())) break;
       const std::uint32_t index = base - range.begin + static_cast<std::uint32_t>(group);
       begin_bucket(index / kBucketSplats);
       const int own = group + lane;
-      unsigned reaching = __ballot_sync(kWholeWarp, own < count && may_reach(batch.get(min(own, count - 1)), pixel));
+      unsigned reaching = __ballot_sync(kWholeWarp, own < count && may_reach(batch.get(min(own, count - 1)), corner));
       for (; reaching != 0; reaching &= reaching - 1) {
         const int next = __ffs(static_cast<int>(reaching)) - 1;
-        visit(index + static_cast<std::uint32_t>(next), gaussians.get(group + next), batch.get(group + next));
+        visit(index + static_cast<std::uint32_t>(next), batch.get(group + next));
       }
     }
   }
 }
 template <class Visit>
-__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const TilePixel& pixel, bool& open,
-                             Visit&& visit) {
-  visit_splats(lists, tile, pixel, open, visit, [](std::uint32_t) {});
+__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const ThreadPixels& pixels, Visit&& visit) {
+  visit_splats(lists, tile, pixels, visit, [](std::uint32_t) {});
 }
 
 }  // namespace splatboost::cuda

@@ -17,9 +17,9 @@ struct alignas(16) SplatRecord {
   float log2_opacity;
   float depth;
   float quadratic_xx, quadratic_xy, quadratic_yy;
-  float unused;
+  std::uint32_t gaussian;
   float red, green, blue;
-  float also_unused;
+  float unused;
 };
 
 /// The ellipse of a splat's compact box, as tile_math.h has it.

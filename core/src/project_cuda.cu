@@ -172,11 +172,11 @@ __global__ void __launch_bounds__(kBlockThreads)
   record.quadratic_xx = per_half * p.conic.xx;
   record.quadratic_xy = 2.0f * per_half * p.conic.xy;
   record.quadratic_yy = per_half * p.conic.yy;
-  record.unused = 0.0f;
+  record.gaussian = static_cast<std::uint32_t>(i);
   record.red = color.x;
   record.green = color.y;
   record.blue = color.z;
-  record.also_unused = 0.0f;
+  record.unused = 0.0f;
   out.records[i] = record;
 
   const std::size_t features = static_cast<std::size_t>(out.features);
