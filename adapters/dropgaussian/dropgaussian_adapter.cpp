@@ -10,9 +10,8 @@ VanillaBoost dropgaussian_boost() {
   boost.published_iterations = kDropGaussianIterations;
   // Half of the run, as vanilla's: with three views, growth to the end made held-out views worse.
   boost.densify_until = kDropGaussianIterations / 2;
-  // Once, after the last reset of opacities but one has been made good.
-  boost.late_prune_from = 5000;
-  boost.late_prune_interval = 8000;
+  boost.late_prune_from = kDropGaussianIterations / 2;
+  boost.late_prune_interval = kDropGaussianIterations / 10;
   // The supplement (Sec. 9.2) trains it with plain Adam.
   boost.schedule = false;
   return boost;

@@ -102,6 +102,10 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   }
 }
 
+bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {
+  return backbone_would && (!boost_.vcd || moment.iteration < at(boost_.densify_until, moment));
+}
+
 bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
   if (!boost_.schedule) return true;
   return splatboost::steps_at(group == "f_rest" ? kRestIntervals : kOtherIntervals, moment);

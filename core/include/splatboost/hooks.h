@@ -87,6 +87,11 @@ class DensityHook {
     return backbone_would;
   }
   virtual void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) = 0;
+  /// Whether all opacities are lowered, so that those that views need come back and the others go.
+  virtual bool resets_opacities_at(Moment moment, bool backbone_would) const {
+    (void)moment;
+    return backbone_would;
+  }
 };
 
 /// Decides when parameters move, and how far. Between steps gradients accumulate; the backbone applies what is

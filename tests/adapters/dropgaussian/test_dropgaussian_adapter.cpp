@@ -17,16 +17,22 @@ using testing::Hand;
 TEST(DropGaussianAdapter, plan_is_of_the_published_run_of_10000) {
   Threads threads(1);
   const DropGaussianAdapter adapter(dropgaussian_boost(), threads);
-  std::vector<int> growths, prunes;
+  std::vector<int> growths, prunes, resets;
   for (int i = 1; i <= 10000; ++i) {
     if (adapter.grows_at({i, 10000}, false)) growths.push_back(i);
     if (adapter.prunes_at({i, 10000}, false)) prunes.push_back(i);
+    if (adapter.resets_opacities_at({i, 10000}, i % 3000 == 0)) resets.push_back(i);
     EXPECT_TRUE(adapter.steps_at("f_rest", {i, 10000})) << "plain Adam";
   }
   EXPECT_EQ(growths, (std::vector<int>{832, 1248, 1664, 2080, 2496, 2912, 3328, 3744, 4160, 4576, 4992}))
       << "twelve intervals in the half of the run that grows";
-  EXPECT_EQ(prunes, std::vector<int>{8000});
+  EXPECT_EQ(prunes, (std::vector<int>{6000, 7000, 8000, 9000}));
   EXPECT_TRUE(adapter.prunes_at({2400, 3000}, false)) << "it scales with the run";
+  EXPECT_EQ(resets, std::vector<int>{3000}) << "none after growth has ended";
+  VanillaBoost boost = dropgaussian_boost();
+  boost.vcd = false;
+  EXPECT_TRUE(DropGaussianAdapter(boost, threads).resets_opacities_at({9000, 10000}, true))
+      << "growth is the backbone's";
 }
 
 TEST(DropGaussianAdapter, few_views_are_all_scored_and_the_fewer_the_clearer_a_sign_splitting_needs) {

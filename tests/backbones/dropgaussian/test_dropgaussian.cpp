@@ -205,6 +205,34 @@ TEST_F(DropGaussianRun, late_pruning_comes_after_a_growth_of_the_same_iteration)
   EXPECT_TRUE(at_40[2]->origins.empty()) << "and the late one, of the set as it is";
 }
 
+/// Refuses the reset of opacities at an iteration.
+class NoResetAt : public DensityRecorder {
+ public:
+  explicit NoResetAt(int iteration) : iteration_(iteration) {}
+  bool resets_opacities_at(Moment moment, bool backbone_would) const override {
+    return backbone_would && moment.iteration != iteration_;
+  }
+
+ private:
+  int iteration_;
+};
+
+TEST_F(DropGaussianRun, a_hook_says_whether_opacities_are_reset) {
+  DropGaussianConfig config = eager();
+  config.opacity_reset_interval = 3000;
+  const auto highest_after = [&](NoResetAt hook, int last) {
+    const auto backbone = make(config, kIterations, 600);
+    backbone->set_hooks(&hook, nullptr);
+    testing::train(*backbone, scene_, 1, last);
+    const std::vector<float> logits = exported(*backbone).logit_opacities;
+    return *std::max_element(logits.begin(), logits.end());
+  };
+  const float reset = std::log(0.0101f / 0.9899f);
+  EXPECT_GT(highest_after(NoResetAt(0), 59), reset);
+  EXPECT_LT(highest_after(NoResetAt(0), 60), reset);
+  EXPECT_GT(highest_after(NoResetAt(60), 60), reset);
+}
+
 TEST_F(DropGaussianRun, resume_is_exact) {
   testing::StepsEveryThird third;
   testing::expect_exact_resume([&] { return make(eager(), 100, 600); }, scene_, 90, {15, 20, 44, 85}, &third);
