@@ -10,6 +10,7 @@ VanillaBoost dropgaussian_boost() {
   boost.published_iterations = kDropGaussianIterations;
   // Half of the run, as vanilla's: with three views, growth to the end made held-out views worse.
   boost.densify_until = kDropGaussianIterations / 2;
+  // As vanilla's: every tenth of the run, from where growth ends.
   boost.late_prune_from = kDropGaussianIterations / 2;
   boost.late_prune_interval = kDropGaussianIterations / 10;
   // The supplement (Sec. 9.2) trains it with plain Adam.

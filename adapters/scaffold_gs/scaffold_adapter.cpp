@@ -34,7 +34,7 @@ class EvenErrors final : public RasterizerHook {
   /// @param counts of this view alone: zeros before
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     inner_.count_flagged(flagged, counts);
-    if (all_.size() != flagged.size()) all_.assign(std::vector<std::uint8_t>(flagged.size(), 1));
+    if (valid_.empty() && all_.size() != flagged.size()) all_.assign(std::vector<std::uint8_t>(flagged.size(), 1));
     drawn_.assign_zeros(counts.size());
     inner_.count_flagged(valid_.empty() ? std::as_const(all_).span() : valid_, drawn_);
     const std::span<const std::int32_t> drawn = drawn_.on_host(copy_);

@@ -19,7 +19,7 @@ namespace splatboost {
 struct ScaffoldBoost {
   bool vcd = true;  ///< multi-view consistent densification
   bool cb = true;   ///< compact box
-  /// The rates that the published runs hold constant fall once growth has ended. Ours, not the paper's.
+  /// The rates that the published runs hold constant fall from where growth ends. Ours, not the paper's.
   bool schedule = true;
   double rates_fall_from = 0.5;  ///< share of the run; where growth ends as published
   /// More than the paper's 0.5; found on one scene (docs/results/backbones.md).
@@ -50,10 +50,11 @@ class ScaffoldAdapter final : public DensityHook, public OptimizerHook {
   std::optional<float> beta() const;
 
   /// A slot that the backbone would grow from stays chosen where errors are denser than elsewhere in the same views:
-  /// its importance, kImportanceOfEvenErrors · Σ n / Σ (share of the view · pixels of the slot), exceeds τ_d. Sums go
-  /// over the K views, n are the slot's flagged pixels, and the share of a view is that of flagged pixels among those
-  /// of all slots. At least K flagged pixels are asked for too. A count of pixels, as the paper has it, would choose by
-  /// size and by the number of views that draw the slot; and how much of a view is flagged hangs on its worst pixel.
+  /// its importance, kImportanceOfEvenErrors · Σ n / Σ (share of the view · valid pixels of the slot), exceeds τ_d.
+  /// Sums go over the K views, n are the slot's flagged pixels, and the share of a view is that of flagged pixels among
+  /// the valid ones of all slots. At least K flagged pixels are asked for too. A count of pixels, as the paper has it,
+  /// would choose by size and by the number of views that draw the slot; and how much of a view is flagged hangs on its
+  /// worst pixel.
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
 

@@ -103,7 +103,9 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
 }
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {
-  return backbone_would && (!boost_.vcd || moment.iteration < at(boost_.densify_until, moment));
+  if (boost_.vcd && moment.iteration >= at(boost_.densify_until, moment)) return false;
+  if (boost_.vcp && moment.iteration >= at(boost_.late_prune_from, moment)) return false;
+  return backbone_would;
 }
 
 bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {

@@ -59,7 +59,8 @@ class VanillaAdapter : public DensityHook, public OptimizerHook {
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
-  /// As the backbone would, while primitives grow: resets are for the pruning that belongs to growth.
+  /// As the backbone would, until growth ends or late pruning begins: resets are for the pruning that belongs to
+  /// growth, and late pruning would take for faint what was only just reset. (Hosts in Python: hooks/_boost.py.)
   bool resets_opacities_at(Moment moment, bool backbone_would) const override;
   bool steps_at(std::string_view group, Moment moment) const override;
 

@@ -6,6 +6,8 @@
 #include <cstdio>
 #include <string>
 
+#include "cli/blend_work.h"
+
 namespace splatboost::cli {
 namespace {
 
@@ -131,10 +133,10 @@ void print_efforts(const Json& now) {
   print_limits(now, "GPU");
   for (const Json& scene : now["scenes"]) {
     const Json& work = scene["work"];
-    const double pairs = work["pairs"].get<double>(), warps = work["warps"].get<double>();
-    std::printf("%s: %.2f million tile entries, %.2f million of warps of 32 pixels, %.0f%% of their pixels blended\n",
-                scene["name"].get<std::string>().c_str(), 1e-6 * work["entries"].get<double>(), 1e-6 * warps,
-                100 * pairs / (32 * warps));
+    const double pairs = work["pairs"].get<double>(), cells = work["instructions"].get<double>();
+    std::printf("%s: %.2f million tile entries, %.2f million of 8x4 pixels, %.0f%% of these pixels blended\n",
+                scene["name"].get<std::string>().c_str(), 1e-6 * work["entries"].get<double>(), 1e-6 * cells,
+                100 * pairs / (static_cast<double>(kInstructionPixels.pixels()) * cells));
     for (const auto& [stage, title] : kStages) {
       if (scene["efforts"].contains(stage)) print_effort(label(title), scene["efforts"][stage]);
     }

@@ -14,8 +14,9 @@ struct PixelCell {
   std::size_t width, height;
   std::size_t pixels() const { return width * height; }
 };
-inline constexpr PixelCell kTileRow{16, 1};    ///< of a CPU
-inline constexpr PixelCell kWarpPixels{8, 4};  ///< of a GPU's instruction
+inline constexpr PixelCell kTileRow{16, 1};           ///< of a CPU
+inline constexpr PixelCell kInstructionPixels{8, 4};  ///< of a GPU: of one instruction of a warp ...
+inline constexpr PixelCell kWarpPixels{8, 8};         ///< ... and of a warp, which adds to a splat once
 
 /// Counts of one view, drawn with the exact compact box (β = 1).
 struct BlendWork {

@@ -20,11 +20,15 @@ void add_cuda_figures(std::span<const BenchSize> sizes, int repeats, CudaStream&
   for (const BenchSize& size : sizes) {
     const BenchScene bench = make_bench_scene(size);
     const nlohmann::json milliseconds = medians_json(measure_cuda_stages(bench, stream, kBenchWarmUp, repeats));
-    const BlendWork work = count_blend_work(bench, kWarpPixels, threads);
+    const BlendWork work = count_blend_work(bench, kInstructionPixels, threads);
+    const std::uint64_t warps = count_blend_work(bench, kWarpPixels, threads).cells;
     nlohmann::json scene = scene_json(size, work, milliseconds);
-    scene["work"] = {
-        {"visible", work.visible}, {"entries", work.entries}, {"warps", work.cells}, {"pairs", work.pairs}};
-    for (const auto& [stage, effort] : cuda_efforts(work, bench.scene.train[0].camera, size.splats)) {
+    scene["work"] = {{"visible", work.visible},
+                     {"entries", work.entries},
+                     {"instructions", work.cells},
+                     {"warps", warps},
+                     {"pairs", work.pairs}};
+    for (const auto& [stage, effort] : cuda_efforts(work, warps, bench.scene.train[0].camera, size.splats)) {
       scene["efforts"][stage] = effort_json(effort, milliseconds.at(stage).get<double>(), limits);
     }
     document["scenes"].push_back(scene);

@@ -79,10 +79,11 @@ Effort optimizer(double splats) {
 
 }  // namespace
 
-std::map<std::string, Effort> cuda_efforts(const BlendWork& work, const Camera& camera, std::size_t splats) {
+std::map<std::string, Effort> cuda_efforts(const BlendWork& work, std::uint64_t warps, const Camera& camera,
+                                           std::size_t splats) {
   const auto n = static_cast<double>(splats), visible = static_cast<double>(work.visible);
   const auto entries = static_cast<double>(work.entries), pixels = static_cast<double>(work.pixels);
-  const auto warps = static_cast<double>(work.cells), lanes = static_cast<double>(kWarpPixels.pixels()) * warps;
+  const auto lanes = static_cast<double>(kInstructionPixels.pixels()) * static_cast<double>(work.cells);
   const double tables = (kEntry + kRecord) * entries, sums = kMomentRow * n;
   const auto tiles = static_cast<std::size_t>(camera.tiles_x()) * static_cast<std::size_t>(camera.tiles_y());
   constexpr double kMomentsInUse = 4 * 11;  // bytes
@@ -93,7 +94,8 @@ std::map<std::string, Effort> cuda_efforts(const BlendWork& work, const Camera& 
       {"blend", {kBlend * lanes, tables + (kOwnPixel + kImagePixel) * pixels}},
       {"loss", loss(3 * pixels)},
       {"blend_backward",
-       {kBlendBackward * lanes, tables + sums + kMomentsInUse * warps + (kOwnPixel + kImagePixel) * pixels}},
+       {kBlendBackward * lanes,
+        tables + sums + kMomentsInUse * static_cast<double>(warps) + (kOwnPixel + kImagePixel) * pixels}},
       {"project_backward", project_backward(visible)},
       {"optimizer", optimizer(n)}};
   efforts["tile_lists_per_splat"] = efforts["tile_lists"];

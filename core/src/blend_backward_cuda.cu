@@ -51,10 +51,11 @@ struct PixelGradients {
   float red, green, blue, alpha;
   float extra[kMostExtra > 0 ? kMostExtra : 1];
 
-  /// @param at the pixel in a plane; zero where it is outside
-  __device__ PixelGradients(const BlendGradients& in, bool inside, std::size_t plane, std::size_t at) {
+  /// @param at the pixel in a plane
+  /// @param counts otherwise all are zero
+  __device__ PixelGradients(const BlendGradients& in, bool counts, std::size_t plane, std::size_t at) {
     const auto upstream = [&](const DeviceView<const float>& image, int c) {
-      return inside && !image.empty() ? image[c * plane + at] : 0.0f;
+      return counts && !image.empty() ? image[c * plane + at] : 0.0f;
     };
     red = upstream(in.color, 0);
     green = upstream(in.color, 1);
@@ -124,11 +125,10 @@ struct PixelAhead {
   float transmittance = 1.0f;
   float rest;  ///< gradient · what is still to be blended, and the background
 
-  __device__ PixelAhead(const BlendGradients& in, const TileLists& lists, const TilePixel& pixel)
-      : PixelAhead(in, pixel.inside, static_cast<std::size_t>(lists.width) * lists.height, pixel.index(lists)) {}
-  __device__ PixelAhead(const BlendGradients& in, bool inside, std::size_t plane, std::size_t at)
-      : g(in, inside, plane, at) {
-    const auto blended = [&](int c) { return inside ? in.pixels[c * plane + at] : 0.0f; };
+  /// @param covered by at least one splat. The gradients of others are not looked at: they may be anything, also NaN.
+  __device__ PixelAhead(const BlendGradients& in, bool covered, std::size_t plane, std::size_t at)
+      : g(in, covered, plane, at) {
+    const auto blended = [&](int c) { return covered ? in.pixels[c * plane + at] : 0.0f; };
     rest = g.red * blended(0) + g.green * blended(1) + g.blue * blended(2) + g.alpha * blended(3);
 #pragma unroll
     for (int c = 0; c < kMostExtra; ++c) {
@@ -142,7 +142,12 @@ struct PixelAhead {
 template <bool kAbsolute, int kMostExtra>
 __global__ void __launch_bounds__(kTileThreads) pixel_backward_kernel(TileLists lists, BlendGradients in) {
   ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
-  PixelAhead<kMostExtra> ahead[kThreadPixels] = {{in, lists, pixels.at[0]}, {in, lists, pixels.at[1]}};
+  const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height;
+  const auto at = [&](int p) { return pixels.at[p].index(lists); };
+#pragma unroll
+  for (int p = 0; p < kThreadPixels; ++p) pixels.open[p] = pixels.at[p].inside && in.pixels[3 * plane + at(p)] > 0.0f;
+  PixelAhead<kMostExtra> ahead[kThreadPixels] = {{in, pixels.open[0], plane, at(0)},
+                                                 {in, pixels.open[1], plane, at(1)}};
   visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
     PixelStep steps[kThreadPixels];
     bool any = false;
@@ -201,14 +206,14 @@ __global__ void __launch_bounds__(kTilePixels)
   float first_transmittance = 0.0f, first_rest = 0.0f;  // of the pixels that come next, one a lane
   for (int round = 0; round < static_cast<int>(kTilePixels) + 31; ++round) {
     if (round % 32 == 0 && round < static_cast<int>(kTilePixels)) {
-      const auto thread = static_cast<std::uint32_t>(round + lane);
-      const TilePixel pixel(lists, tile, thread);
+      const auto number = static_cast<std::uint32_t>(round + lane);
+      const TilePixel pixel(lists, tile, number);
       first_transmittance = first_rest = 0.0f;
-      if (pixel.inside && kept.pixel_stops[stops_row + thread] > first) {
+      if (pixel.inside && kept.pixel_stops[stops_row + number] > first) {
         const std::size_t at = pixel.index(lists);
         const PixelGradients<kMostExtra> g(in, true, plane, at);
         const auto state = [&](int c) {
-          return kept.states[state_row + c * static_cast<std::size_t>(kTilePixels) + thread];
+          return kept.states[state_row + c * static_cast<std::size_t>(kTilePixels) + number];
         };
         const auto behind = [&](int c, int plane_of_state) {
           return in.pixels[c * plane + at] - state(plane_of_state);
@@ -231,10 +236,10 @@ __global__ void __launch_bounds__(kTilePixels)
       transmittance = new_transmittance;
       rest = new_rest;
     }
-    const int thread = round - lane;
-    if (!has_splat || thread < 0 || thread >= static_cast<int>(kTilePixels)) continue;
-    if (index >= kept.pixel_stops[stops_row + static_cast<std::uint32_t>(thread)]) continue;
-    const TilePixel pixel(lists, tile, static_cast<std::uint32_t>(thread));
+    const int number = round - lane;
+    if (!has_splat || number < 0 || number >= static_cast<int>(kTilePixels)) continue;
+    if (index >= kept.pixel_stops[stops_row + static_cast<std::uint32_t>(number)]) continue;
+    const TilePixel pixel(lists, tile, static_cast<std::uint32_t>(number));
     bool open = true;
     const PixelStep step = step_pixel(splat, pixel, transmittance, open);
     if (!step.blended) continue;

@@ -92,7 +92,7 @@ struct ThreadPixels {
         open{at[0].inside, at[1].inside} {}
   __device__ bool any_open() const { return open[0] || open[1]; }
 };
-static_assert(kThreadPixels == 2);
+static_assert(kThreadPixels == 2, "ThreadPixels and PixelAhead name both");
 
 /// log2 α at an offset from the mean. Every operation is spelled out: what the compiler contracts must not differ from
 /// kernel to kernel.
@@ -101,8 +101,8 @@ __device__ inline float exponent_at(const SplatRecord& splat, float dx, float dy
   return fmaf(dy, fmaf(dy, splat.quadratic_yy, dx * splat.quadratic_xy), constant);
 }
 
-// Of numbers far from the ends of the range of float, in one instruction: what exp2f() and a division do for the others
-// takes several.
+// One instruction each. They take what is below 2^-126 for 0, which happens only where a splat is not blended; exp2f()
+// and a division spend several more on such numbers.
 __device__ inline float power_of_two(float exponent) {
 #ifdef SPLATBOOST_CUDA_ON_CPU
   return exp2f(exponent);

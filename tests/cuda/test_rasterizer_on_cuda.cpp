@@ -155,6 +155,29 @@ TEST_P(RasterizerOnCuda, AgreesWithTheCpu) {
   EXPECT_NEAR(static_cast<double>(on_cuda.counts().tile_entries), static_cast<double>(on_cpu.counts().tile_entries), 2);
 }
 
+TEST_P(RasterizerOnCuda, GradientsWhereNothingIsDrawnMayBeAnything) {
+  const SceneData scene = many_splats(camera, 40, 2);
+  SceneOnDevice there(stream(), scene, camera);
+  Rasterizer rasterizer(stream());
+  there.forward(rasterizer, camera, options);
+  const std::vector<float> image = there.image.to_host();  // black where nothing is
+  std::vector<float> gradient = there.image_gradient.to_host();
+  const std::size_t pixels = image.size() / 3;
+  std::size_t empty = 0;
+  for (std::size_t p = 0; p < pixels; ++p) {
+    if (image[p] != 0 || image[pixels + p] != 0 || image[2 * pixels + p] != 0) continue;
+    ++empty;
+    for (std::size_t c = 0; c < 3; ++c) gradient[c * pixels + p] = NAN;
+  }
+  ASSERT_GT(empty, pixels / 4);
+  ASSERT_LT(empty, pixels - 500);
+  there.backward(rasterizer);
+  const std::vector<float> means = there.g_means.to_host();
+  there.image_gradient.upload(gradient);
+  there.backward(rasterizer);
+  EXPECT_TRUE(is_close(there.g_means.to_host(), as_doubles(means), kGradientTolerance));
+}
+
 TEST_P(RasterizerOnCuda, ASteadyLoopNeitherWaitsNorAllocates) {
   const SceneData scene = many_splats(camera, 300);
   SceneOnDevice on_device(stream(), scene, camera);

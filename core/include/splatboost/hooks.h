@@ -87,7 +87,8 @@ class DensityHook {
     return backbone_would;
   }
   virtual void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) = 0;
-  /// Whether all opacities are lowered, so that those that views need come back and the others go.
+  /// Whether the backbone now lowers all opacities (3DGS's reset). Asked at every iteration, after growth and pruning;
+  /// a backbone that has no resets never asks.
   virtual bool resets_opacities_at(Moment moment, bool backbone_would) const {
     (void)moment;
     return backbone_would;

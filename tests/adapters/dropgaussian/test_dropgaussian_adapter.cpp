@@ -31,8 +31,10 @@ TEST(DropGaussianAdapter, plan_is_of_the_published_run_of_10000) {
   EXPECT_EQ(resets, std::vector<int>{3000}) << "none after growth has ended";
   VanillaBoost boost = dropgaussian_boost();
   boost.vcd = false;
-  EXPECT_TRUE(DropGaussianAdapter(boost, threads).resets_opacities_at({9000, 10000}, true))
-      << "growth is the backbone's";
+  EXPECT_FALSE(DropGaussianAdapter(boost, threads).resets_opacities_at({9000, 10000}, true))
+      << "late pruning at 9000 and what follows would take all that is faint by the reset";
+  boost.vcp = false;
+  EXPECT_TRUE(DropGaussianAdapter(boost, threads).resets_opacities_at({9000, 10000}, true)) << "all is the backbone's";
 }
 
 TEST(DropGaussianAdapter, few_views_are_all_scored_and_the_fewer_the_clearer_a_sign_splitting_needs) {

@@ -139,6 +139,24 @@ TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
   for (std::size_t i = 0; i < n; ++i) EXPECT_LE(remove[i], candidates[i]);
 }
 
+TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
+  VanillaBoost boost = boost_at_paper_size();
+  const auto resets = [&] {
+    const VanillaAdapter adapter(boost, threads_);
+    std::vector<int> at;
+    for (int i = 3000; i <= 30000; i += 3000) {
+      if (adapter.resets_opacities_at({i, 30000}, true)) at.push_back(i);
+    }
+    EXPECT_FALSE(adapter.resets_opacities_at({3001, 30000}, false)) << "when is the backbone's to say";
+    return at;
+  };
+  EXPECT_EQ(resets(), (std::vector<int>{3000, 6000, 9000, 12000}));
+  boost.densify_until = 9000;
+  EXPECT_EQ(resets(), (std::vector<int>{3000, 6000}));
+  boost.vcd = false;
+  EXPECT_EQ(resets(), (std::vector<int>{3000, 6000, 9000, 12000})) << "to where late pruning begins";
+}
+
 TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
   EXPECT_FALSE(adapter.prunes_at({15000, 30000}, false));

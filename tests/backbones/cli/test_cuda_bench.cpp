@@ -43,8 +43,9 @@ TEST(CudaBench, TimesEveryStageBothWays) {
 TEST(CudaBench, EveryStageOfAnIterationHasAnEffort) {
   const BenchScene bench = make_bench_scene(kTiny);
   Threads threads(1);
-  const BlendWork work = count_blend_work(bench, kWarpPixels, threads);
-  const auto efforts = cuda_efforts(work, bench.scene.train[0].camera, kTiny.splats);
+  const BlendWork work = count_blend_work(bench, kInstructionPixels, threads);
+  const auto efforts = cuda_efforts(work, count_blend_work(bench, kWarpPixels, threads).cells,
+                                    bench.scene.train[0].camera, kTiny.splats);
   CudaStream stream;
   for (const auto& [stage, milliseconds] : measure_cuda_stages(bench, stream, 0, 1)) {
     if (kWithoutEffort.contains(stage)) continue;
@@ -71,9 +72,12 @@ TEST(CudaBench, CountsCellsThatHoldABlendedPixel) {
   const BlendWork of_tiles = count_blend_work(bench, {16, 16}, threads);
   EXPECT_LE(of_tiles.cells, of_tiles.entries);  // the box lists a tile whose pixels a splat may still miss
   const BlendWork of_warps = count_blend_work(bench, kWarpPixels, threads);
+  const BlendWork of_instructions = count_blend_work(bench, kInstructionPixels, threads);
   EXPECT_LE(of_tiles.cells, of_warps.cells);
-  EXPECT_LE(of_warps.cells, of_pixels.cells);
-  EXPECT_LE(of_pixels.pairs, 32 * of_warps.cells);
+  EXPECT_LE(of_warps.cells, of_instructions.cells);
+  EXPECT_LE(of_instructions.cells, of_pixels.cells);
+  EXPECT_LE(of_pixels.pairs, 32 * of_instructions.cells);
+  EXPECT_GE(2 * of_warps.cells, of_instructions.cells);
 }
 
 TEST(CudaBench, MeasuresLimitsAndNamesTheDevice) {
