@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from script_fixture import script  # noqa: F401, a fixture
+
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts/cuda12_check"
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from script_fixture import script  # noqa: F401, a fixture
+
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "scripts/ptxas_report"
 
