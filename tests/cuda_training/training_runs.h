@@ -169,7 +169,13 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
     EXPECT_EQ(testing::model_bytes(*there), testing::model_bytes(*here));
     for (const View& view : scene_.test) {
       const std::vector<float> found = testing::picture(*there, view), expected = testing::picture(*here, view);
-      for (std::size_t p = 0; p < found.size(); ++p) ASSERT_NEAR(found[p], expected[p], 1e-4);
+      // Rounding may decide a (pixel, splat) pair at the threshold of 1/255 differently.
+      std::size_t apart = 0;
+      for (std::size_t p = 0; p < found.size(); ++p) {
+        ASSERT_NEAR(found[p], expected[p], 1.0 / 255);
+        apart += std::abs(found[p] - expected[p]) > 1e-5f ? 1 : 0;
+      }
+      EXPECT_LE(apart, 3u) << "the channels of one pixel";
     }
   }
 
