@@ -54,7 +54,7 @@ struct Blended {
   }
 };
 
-/// Eight blocks a multiprocessor: told nothing, nvcc 13 keeps one extra channel in local memory to fit more.
+/// Eight blocks a multiprocessor: told nothing, nvcc 13 spills a register of blend_kernel<1, false> to fit more.
 /// @tparam kMostExtra room for that many extra channels
 template <int kMostExtra, bool kKeepsStates>
 __global__ void __launch_bounds__(kTileThreads, 8) blend_kernel(TileLists lists, BlendImages images, KeptStates kept) {
