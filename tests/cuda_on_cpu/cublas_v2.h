@@ -38,23 +38,24 @@ inline cublasStatus_t cublasSgemm(cublasHandle_t handle, cublasOperation_t of_a,
   if (m < 0 || n < 0 || k < 0 || lda < (a_turned ? k : m) || ldb < (b_turned ? n : k) || ldc < m) {
     return CUBLAS_STATUS_INVALID_VALUE;
   }
-  cuda_on_cpu::give_work(handle->stream);
-  const cuda_on_cpu::DeviceAccess access;
-  const auto at = [](const float* matrix, int ld, int row, int column) {
-    return matrix[static_cast<std::ptrdiff_t>(column) * ld + row];
-  };
-  for (int column = 0; column < n; ++column) {
-    for (int row = 0; row < m; ++row) {
-      float sum = 0;
-      for (int i = 0; i < k; ++i) {
-        sum += (a_turned ? at(a, lda, i, row) : at(a, lda, row, i)) *
-               (b_turned ? at(b, ldb, column, i) : at(b, ldb, i, column));
+  cuda_on_cpu::give_work(handle->stream, [=, alpha = *alpha, beta = *beta] {
+    const cuda_on_cpu::DeviceAccess access;
+    const auto at = [](const float* matrix, int ld, int row, int column) {
+      return matrix[static_cast<std::ptrdiff_t>(column) * ld + row];
+    };
+    for (int column = 0; column < n; ++column) {
+      for (int row = 0; row < m; ++row) {
+        float sum = 0;
+        for (int i = 0; i < k; ++i) {
+          sum += (a_turned ? at(a, lda, i, row) : at(a, lda, row, i)) *
+                 (b_turned ? at(b, ldb, column, i) : at(b, ldb, i, column));
+        }
+        float& result = c[static_cast<std::ptrdiff_t>(column) * ldc + row];
+        // As cuBLAS: where beta is 0, c need not hold numbers.
+        result = alpha * sum + (beta == 0.0f ? 0.0f : beta * result);
       }
-      float& result = c[static_cast<std::ptrdiff_t>(column) * ldc + row];
-      // As cuBLAS: where beta is 0, c need not hold numbers.
-      result = *alpha * sum + (*beta == 0.0f ? 0.0f : *beta * result);
     }
-  }
+  });
   return CUBLAS_STATUS_SUCCESS;
 }
 

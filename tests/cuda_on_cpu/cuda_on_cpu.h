@@ -2,10 +2,11 @@
 /// @file Runs CUDA kernels on the CPU, so that they are tested where there is no GPU.
 ///
 /// The .cu files are compiled as C++ with this folder's cuda_runtime.h and cub/ in place of the toolkit's. A launch
-/// runs its grid block by block and returns when it is done; the threads of a block are fibers of the one thread that
-/// launches. Faults are thrown by the launch: an access out of bounds, a race or an unwritten value in shared memory,
-/// a barrier or a warp function that some threads never reach, a lane mask that is not of those that arrive. Code of
-/// the host that touches memory of the device ends with a segmentation fault, at that line.
+/// is work for its stream, as a copy is: a stream does nothing before the host waits for it, the slowest that a device
+/// can be, so that what the host does too early shows. A grid runs block by block; the threads of a block are fibers of
+/// the host's one thread. Faults are thrown where the host waits: an access out of bounds, a race or an unwritten value
+/// in shared memory, a barrier or a warp function that some threads never reach, a lane mask that is not of those that
+/// arrive. Code of the host that touches memory of the device ends with a segmentation fault, at that line.
 ///
 /// What it cannot see: races in global memory, and orders of execution other than those it is told to run.
 #pragma once
@@ -25,6 +26,10 @@ class Fault : public std::logic_error {
 /// Runs blocks, and a block's threads between two barriers, in an order drawn from this seed; 0: in their own order.
 /// What a kernel computes may depend on it only where atomic additions of floats do.
 void permute(std::uint64_t seed);
+
+/// The most pieces of work (launches, copies, marks of events) that wait in a stream; 0: each is done when it is given,
+/// and a fault is thrown there, as where CUDA_LAUNCH_BLOCKING=1 is set. Any number at first.
+void set_lag(std::size_t pieces);
 
 /// Size of the memory of the device. Allocations beyond it fail.
 void set_device_memory(std::size_t bytes);

@@ -70,7 +70,7 @@ const char* cudaGetErrorString(cudaError_t error);
 inline cudaError_t cudaGetLastError() { return cudaSuccess; }
 inline cudaError_t cudaPeekAtLastError() { return cudaSuccess; }
 
-// ---- devices, memory, streams, events: whatever is asked for is done at once
+// ---- devices, memory, streams, events
 
 struct cudaDeviceProp {
   char name[256];
@@ -94,7 +94,7 @@ using cudaStream_t = struct CudaOnCpuStream*;
 inline constexpr unsigned cudaStreamNonBlocking = 1;
 cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned flags);
 cudaError_t cudaStreamDestroy(cudaStream_t stream);
-inline cudaError_t cudaStreamSynchronize(cudaStream_t) { return cudaSuccess; }
+cudaError_t cudaStreamSynchronize(cudaStream_t stream);
 
 enum cudaMemcpyKind { cudaMemcpyHostToDevice, cudaMemcpyDeviceToHost, cudaMemcpyDeviceToDevice };
 cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind, cudaStream_t stream);
@@ -106,8 +106,8 @@ cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned flags);
 cudaError_t cudaEventDestroy(cudaEvent_t event);
 cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream);
 cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned flags);
-inline cudaError_t cudaEventQuery(cudaEvent_t) { return cudaSuccess; }
-inline cudaError_t cudaEventSynchronize(cudaEvent_t) { return cudaSuccess; }
+cudaError_t cudaEventQuery(cudaEvent_t event);
+cudaError_t cudaEventSynchronize(cudaEvent_t event);
 cudaError_t cudaEventElapsedTime(float* milliseconds, cudaEvent_t from, cudaEvent_t to);
 
 // ---- a thread of a kernel, and what it can do
@@ -152,8 +152,12 @@ class SharedAccesses {
   std::vector<Cell> cells_;
 };
 
-/// Notes that the stream was given work.
-void give_work(cudaStream_t stream);
+/// Gives the stream work, which it does when the host waits for it. A fault is thrown there, not here.
+void give_work(cudaStream_t stream, std::function<void()> work);
+/// Does the work of all streams, as a device does before it gives memory back. A fault waits for the next call.
+void finish_everything() noexcept;
+/// Whether it is memory of the host that is not pinned.
+bool is_pageable(const void* memory);
 /// While one lives, memory of the device can be touched, as kernels and copies do.
 class DeviceAccess {
  public:
@@ -163,8 +167,9 @@ class DeviceAccess {
   DeviceAccess& operator=(const DeviceAccess&) = delete;
 };
 
-/// Runs a grid.
-cudaError_t run(dim3 blocks, dim3 threads, const std::function<void()>& kernel);
+bool is_valid_shape(dim3 blocks, dim3 threads);
+/// Runs a grid of a valid shape.
+void run(dim3 blocks, dim3 threads, const std::function<void()>& kernel);
 
 template <class T>
 std::uint64_t to_bits(T value) {
@@ -303,9 +308,14 @@ struct cudaLaunchConfig_t {
 template <class... Parameters, class... Arguments>
 cudaError_t cudaLaunchKernelEx(const cudaLaunchConfig_t* config, void (*kernel)(Parameters...),
                                Arguments&&... arguments) {
-  if (config->dynamicSmemBytes != 0) return cudaErrorInvalidConfiguration;
-  cuda_on_cpu::give_work(config->stream);
-  // Every thread gets a copy of its own, as on a device.
-  return cuda_on_cpu::run(config->gridDim, config->blockDim,
-                          std::bind_front(kernel, static_cast<Parameters>(std::forward<Arguments>(arguments))...));
+  const dim3 blocks = config->gridDim, threads = config->blockDim;
+  if (config->dynamicSmemBytes != 0 || !cuda_on_cpu::is_valid_shape(blocks, threads)) {
+    return cudaErrorInvalidConfiguration;
+  }
+  // The arguments are copied now, and every thread gets a copy of its own, as on a device.
+  std::function<void()> thread =
+      std::bind_front(kernel, static_cast<Parameters>(std::forward<Arguments>(arguments))...);
+  cuda_on_cpu::give_work(config->stream,
+                         [=, thread = std::move(thread)] { cuda_on_cpu::run(blocks, threads, thread); });
+  return cudaSuccess;
 }

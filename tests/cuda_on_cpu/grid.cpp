@@ -365,11 +365,14 @@ void SharedAccesses::change(int i, bool atomic) {
   at.write = {grid.block_epoch, warp_epoch, thread.number, atomic};
 }
 
-cudaError_t run(dim3 blocks, dim3 threads, const std::function<void()>& kernel) {
+bool is_valid_shape(dim3 blocks, dim3 threads) {
   const unsigned size = threads.x * threads.y * threads.z;
-  if (size == 0 || size > kMostThreads || blocks.x * blocks.y * blocks.z == 0 || blocks.y > 65535 || blocks.z > 65535) {
-    return cudaErrorInvalidConfiguration;
-  }
+  return size > 0 && size <= kMostThreads && blocks.x * blocks.y * blocks.z > 0 && blocks.y <= 65535 &&
+         blocks.z <= 65535;
+}
+
+void run(dim3 blocks, dim3 threads, const std::function<void()>& kernel) {
+  const unsigned size = threads.x * threads.y * threads.z;
   const DeviceAccess access;
   std::uint64_t random = seed;
   std::vector<unsigned> block_order(blocks.x * blocks.y * blocks.z);
@@ -400,7 +403,6 @@ cudaError_t run(dim3 blocks, dim3 threads, const std::function<void()>& kernel) 
     all_fibers.clear();
     throw;
   }
-  return cudaSuccess;
 }
 
 }  // namespace cuda_on_cpu

@@ -1,23 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The runtime's functions: memory of the "device" is the host's, which nobody but kernels and copies can touch; streams
-// and events are done at once.
+// Devices and their memory, which is the host's, but which nobody but kernels and copies can touch.
 #include <sys/mman.h>
 
-#include <chrono>
 #include <cstdlib>
 #include <map>
 
 #include "cuda_runtime.h"
-
-struct CudaOnCpuStream {};
-
-/// How far the streams are, as far as one stream (or event) knows: pieces of work of each that come before its own.
-using Progress = std::map<cudaStream_t, std::uint64_t>;
-
-struct CudaOnCpuEvent {
-  std::chrono::steady_clock::time_point at;
-  Progress progress;
-};
 
 namespace {
 
@@ -25,8 +13,8 @@ int device_count = 1;
 std::size_t device_memory = std::size_t{4} << 30;
 std::size_t in_use = 0;
 std::map<void*, std::size_t> allocations;
+std::map<const void*, std::size_t> pinned;
 thread_local int current_device = 0;
-std::map<cudaStream_t, Progress> progress_of;
 
 /// Addresses that the device's memory is in, page by page.
 class Arena {
@@ -65,6 +53,10 @@ class Arena {
       free_.erase(here);
     }
   }
+  bool holds(const void* memory) const {
+    const auto* const at = static_cast<const std::byte*>(memory);
+    return begin_ != nullptr && at >= begin_ && at < begin_ + kReserved;
+  }
   void open() {
     if (open_++ == 0) protect(PROT_READ | PROT_WRITE);
   }
@@ -98,10 +90,12 @@ DeviceAccess::~DeviceAccess() { arena().close(); }
 void set_device_memory(std::size_t bytes) { device_memory = bytes; }
 std::size_t device_memory_in_use() { return in_use; }
 void set_device_count(int count) { device_count = count; }
-void give_work(cudaStream_t stream) { ++progress_of[stream][stream]; }
-bool comes_after(void* later, void* earlier) {
-  const auto from = static_cast<cudaStream_t>(earlier);
-  return progress_of[static_cast<cudaStream_t>(later)][from] >= progress_of[from][from];
+bool is_pageable(const void* memory) {
+  if (arena().holds(memory)) return false;
+  auto next = pinned.upper_bound(memory);
+  if (next == pinned.begin()) return true;
+  const auto& [begin, bytes] = *std::prev(next);
+  return static_cast<const std::byte*>(memory) >= static_cast<const std::byte*>(begin) + bytes;
 }
 }  // namespace cuda_on_cpu
 
@@ -166,6 +160,7 @@ cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
 cudaError_t cudaFree(void* memory) {
   const auto found = allocations.find(memory);
   if (found == allocations.end()) return memory == nullptr ? cudaSuccess : cudaErrorInvalidValue;
+  cuda_on_cpu::finish_everything();
   in_use -= found->second;
   arena().give_back(memory, found->second);
   allocations.erase(found);
@@ -180,61 +175,15 @@ cudaError_t cudaMemGetInfo(std::size_t* free, std::size_t* total) {
 
 cudaError_t cudaMallocHost(void** memory, std::size_t bytes) {
   *memory = std::malloc(bytes);
-  return *memory != nullptr ? cudaSuccess : cudaErrorMemoryAllocation;
+  if (*memory == nullptr) return cudaErrorMemoryAllocation;
+  std::memset(*memory, 0xff, bytes);  // who reads what has not arrived yet shows
+  pinned[*memory] = bytes;
+  return cudaSuccess;
 }
 
 cudaError_t cudaFreeHost(void* memory) {
+  if (memory != nullptr && pinned.erase(memory) == 0) return cudaErrorInvalidValue;
+  cuda_on_cpu::finish_everything();
   std::free(memory);
-  return cudaSuccess;
-}
-
-cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
-  *stream = new CudaOnCpuStream;
-  return cudaSuccess;
-}
-
-cudaError_t cudaStreamDestroy(cudaStream_t stream) {
-  delete stream;
-  return cudaSuccess;
-}
-
-cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind, cudaStream_t stream) {
-  cuda_on_cpu::give_work(stream);
-  const cuda_on_cpu::DeviceAccess access;
-  std::memmove(to, from, bytes);
-  return cudaSuccess;
-}
-
-cudaError_t cudaMemsetAsync(void* memory, int byte, std::size_t bytes, cudaStream_t stream) {
-  cuda_on_cpu::give_work(stream);
-  const cuda_on_cpu::DeviceAccess access;
-  std::memset(memory, byte, bytes);
-  return cudaSuccess;
-}
-
-cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned) {
-  *event = new CudaOnCpuEvent;
-  return cudaSuccess;
-}
-
-cudaError_t cudaEventDestroy(cudaEvent_t event) {
-  delete event;
-  return cudaSuccess;
-}
-
-cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
-  event->at = std::chrono::steady_clock::now();
-  event->progress = progress_of[stream];
-  return cudaSuccess;
-}
-
-cudaError_t cudaEventElapsedTime(float* milliseconds, cudaEvent_t from, cudaEvent_t to) {
-  *milliseconds = std::chrono::duration<float, std::milli>(to->at - from->at).count();
-  return cudaSuccess;
-}
-
-cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned) {
-  Progress& known = progress_of[stream];
-  for (const auto& [other, pieces] : event->progress) known[other] = std::max(known[other], pieces);
   return cudaSuccess;
 }

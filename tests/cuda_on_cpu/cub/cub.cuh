@@ -65,12 +65,14 @@ struct DeviceRadixSort {
   template <class Key, class Value>
   static cudaError_t SortPairs(void* memory, std::size_t& bytes, const Key* keys_in, Key* keys_out,
                                const Value* values_in, Value* values_out, std::int64_t n, int begin_bit = 0,
-                               int end_bit = 8 * static_cast<int>(sizeof(Key)), cudaStream_t = nullptr) {
+                               int end_bit = 8 * static_cast<int>(sizeof(Key)), cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    const auto order = detail_on_cpu::sorted(keys_in, static_cast<std::size_t>(n), begin_bit, end_bit);
-    detail_on_cpu::gather(values_in, values_out, order);
-    detail_on_cpu::gather(keys_in, keys_out, order);
+    cuda_on_cpu::give_work(stream, [=] {
+      const cuda_on_cpu::DeviceAccess access;
+      const auto order = detail_on_cpu::sorted(keys_in, static_cast<std::size_t>(n), begin_bit, end_bit);
+      detail_on_cpu::gather(values_in, values_out, order);
+      detail_on_cpu::gather(keys_in, keys_out, order);
+    });
     return cudaSuccess;
   }
   template <class Key, class Value>
@@ -78,21 +80,25 @@ struct DeviceRadixSort {
                                std::int64_t n, int begin_bit = 0, int end_bit = 8 * static_cast<int>(sizeof(Key)),
                                cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    SortPairs(memory, bytes, keys.Current(), keys.Alternate(), values.Current(), values.Alternate(), n, begin_bit,
-              end_bit, stream);
-    keys.selector ^= 1;
-    values.selector ^= 1;
-    return cudaSuccess;
+    // A pass a byte, to and fro: which buffer the last one leaves depends on their number.
+    const int turns = (end_bit - begin_bit + 7) / 8 % 2;
+    const Key* const keys_in = keys.Current();
+    const Value* const values_in = values.Current();
+    keys.selector ^= turns;
+    values.selector ^= turns;
+    return SortPairs(memory, bytes, keys_in, keys.Current(), values_in, values.Current(), n, begin_bit, end_bit,
+                     stream);
   }
   template <class Key>
   static cudaError_t SortKeys(void* memory, std::size_t& bytes, const Key* keys_in, Key* keys_out, std::int64_t n,
                               int begin_bit = 0, int end_bit = 8 * static_cast<int>(sizeof(Key)),
-                              cudaStream_t = nullptr) {
+                              cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    detail_on_cpu::gather(keys_in, keys_out,
-                          detail_on_cpu::sorted(keys_in, static_cast<std::size_t>(n), begin_bit, end_bit));
+    cuda_on_cpu::give_work(stream, [=] {
+      const cuda_on_cpu::DeviceAccess access;
+      detail_on_cpu::gather(keys_in, keys_out,
+                            detail_on_cpu::sorted(keys_in, static_cast<std::size_t>(n), begin_bit, end_bit));
+    });
     return cudaSuccess;
   }
 };
@@ -100,50 +106,63 @@ struct DeviceRadixSort {
 struct DeviceScan {
   template <class In, class Out>
   static cudaError_t ExclusiveSum(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n,
-                                  cudaStream_t = nullptr) {
+                                  cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    std::remove_cvref_t<decltype(out[0])> sum{};
-    for (std::int64_t i = 0; i < n; ++i) {
-      const auto value = in[i];  // in and out may be one
-      out[i] = sum;
-      sum += value;
-    }
+    cuda_on_cpu::give_work(stream, [=] {
+      const cuda_on_cpu::DeviceAccess access;
+      std::remove_cvref_t<decltype(out[0])> sum{};
+      for (std::int64_t i = 0; i < n; ++i) {
+        const auto value = in[i];  // in and out may be one
+        out[i] = sum;
+        sum += value;
+      }
+    });
     return cudaSuccess;
   }
   template <class In, class Out>
   static cudaError_t InclusiveSum(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n,
-                                  cudaStream_t = nullptr) {
+                                  cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    std::remove_cvref_t<decltype(out[0])> sum{};
-    for (std::int64_t i = 0; i < n; ++i) out[i] = sum += in[i];
+    cuda_on_cpu::give_work(stream, [=] {
+      const cuda_on_cpu::DeviceAccess access;
+      std::remove_cvref_t<decltype(out[0])> sum{};
+      for (std::int64_t i = 0; i < n; ++i) out[i] = sum += in[i];
+    });
     return cudaSuccess;
   }
 };
 
 struct DeviceReduce {
   template <class In, class Out>
-  static cudaError_t Sum(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n, cudaStream_t = nullptr) {
+  static cudaError_t Sum(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n,
+                         cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    std::remove_cvref_t<decltype(out[0])> sum{};
-    for (std::int64_t i = 0; i < n; ++i) sum += in[i];
-    *out = sum;
+    cuda_on_cpu::give_work(stream, [=] {
+      const cuda_on_cpu::DeviceAccess access;
+      std::remove_cvref_t<decltype(out[0])> sum{};
+      for (std::int64_t i = 0; i < n; ++i) sum += in[i];
+      *out = sum;
+    });
     return cudaSuccess;
   }
   template <class In, class Out>
-  static cudaError_t Min(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n, cudaStream_t = nullptr) {
+  static cudaError_t Min(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n,
+                         cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    if (n > 0) *out = *std::min_element(in, in + n);
+    cuda_on_cpu::give_work(stream, [=] {
+      const cuda_on_cpu::DeviceAccess access;
+      if (n > 0) *out = *std::min_element(in, in + n);
+    });
     return cudaSuccess;
   }
   template <class In, class Out>
-  static cudaError_t Max(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n, cudaStream_t = nullptr) {
+  static cudaError_t Max(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n,
+                         cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    if (n > 0) *out = *std::max_element(in, in + n);
+    cuda_on_cpu::give_work(stream, [=] {
+      const cuda_on_cpu::DeviceAccess access;
+      if (n > 0) *out = *std::max_element(in, in + n);
+    });
     return cudaSuccess;
   }
 };
@@ -151,14 +170,16 @@ struct DeviceReduce {
 struct DeviceSelect {
   template <class In, class Flags, class Out, class Count>
   static cudaError_t Flagged(void* memory, std::size_t& bytes, In in, Flags flags, Out out, Count selected,
-                             std::int64_t n, cudaStream_t = nullptr) {
+                             std::int64_t n, cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    const cuda_on_cpu::DeviceAccess access;
-    std::int64_t kept = 0;
-    for (std::int64_t i = 0; i < n; ++i) {
-      if (flags[i]) out[kept++] = in[i];
-    }
-    *selected = static_cast<std::remove_cvref_t<decltype(*selected)>>(kept);
+    cuda_on_cpu::give_work(stream, [=] {
+      const cuda_on_cpu::DeviceAccess access;
+      std::int64_t kept = 0;
+      for (std::int64_t i = 0; i < n; ++i) {
+        if (flags[i]) out[kept++] = in[i];
+      }
+      *selected = static_cast<std::remove_cvref_t<decltype(*selected)>>(kept);
+    });
     return cudaSuccess;
   }
 };

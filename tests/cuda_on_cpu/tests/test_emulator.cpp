@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <numeric>
 #include <span>
 #include <string>
@@ -23,6 +24,7 @@ void start(void (*kernel)(Parameters...), unsigned blocks, unsigned threads, Arg
   shape.gridDim = dim3(blocks);
   shape.blockDim = dim3(threads);
   ASSERT_EQ(cudaLaunchKernelEx(&shape, kernel, std::forward<Arguments>(arguments)...), cudaSuccess);
+  ASSERT_EQ(cudaStreamSynchronize(nullptr), cudaSuccess);
 }
 
 /// Expects a fault whose text holds `part`, and a kernel that runs well after it.
@@ -319,6 +321,116 @@ TEST(EmulatorMemory, IsFoundAgainWhenItWasGivenBack) {
   EXPECT_EQ(cuda_on_cpu::device_memory_in_use(), 0u);
 }
 
+// ---- streams: what the host does too early shows
+
+/// Memory of the device, of the host, and a stream.
+class EmulatorStreams : public ::testing::Test {
+ protected:
+  static constexpr std::size_t kNumbers = 64;
+  static constexpr std::size_t kBytes = kNumbers * sizeof(int);
+  void SetUp() override {
+    ASSERT_EQ(cudaMalloc(reinterpret_cast<void**>(&device_), kBytes), cudaSuccess);
+    ASSERT_EQ(cudaMallocHost(reinterpret_cast<void**>(&pinned_), kBytes), cudaSuccess);
+    for (cudaStream_t& stream : streams_) {
+      ASSERT_EQ(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), cudaSuccess);
+    }
+    ASSERT_EQ(cudaEventCreateWithFlags(&event_, cudaEventDefault), cudaSuccess);
+  }
+  void TearDown() override {
+    cuda_on_cpu::set_lag(std::numeric_limits<std::size_t>::max());
+    EXPECT_EQ(cudaEventDestroy(event_), cudaSuccess);
+    for (const cudaStream_t stream : streams_) EXPECT_EQ(cudaStreamDestroy(stream), cudaSuccess);
+    EXPECT_EQ(cudaFreeHost(pinned_), cudaSuccess);
+    EXPECT_EQ(cudaFree(device_), cudaSuccess);
+  }
+  /// Gives a stream a kernel without waiting for it.
+  template <class... Parameters, class... Arguments>
+  void give(cudaStream_t stream, void (*kernel)(Parameters...), Arguments&&... arguments) {
+    cudaLaunchConfig_t shape{};
+    shape.gridDim = dim3(1);
+    shape.blockDim = dim3(kNumbers);
+    shape.stream = stream;
+    ASSERT_EQ(cudaLaunchKernelEx(&shape, kernel, std::forward<Arguments>(arguments)...), cudaSuccess);
+  }
+  void copy(void* to, const void* from, cudaMemcpyKind kind, cudaStream_t stream) {
+    ASSERT_EQ(cudaMemcpyAsync(to, from, kBytes, kind, stream), cudaSuccess);
+  }
+  DeviceView<int> numbers() { return std::span(device_, kNumbers); }
+
+  int* device_ = nullptr;
+  int* pinned_ = nullptr;
+  cudaStream_t streams_[2] = {};
+  cudaEvent_t event_ = nullptr;
+};
+
+TEST_F(EmulatorStreams, DoNothingBeforeTheHostWaits) {
+  give(streams_[0], write_index, numbers());
+  copy(pinned_, device_, cudaMemcpyDeviceToHost, streams_[0]);
+  ASSERT_EQ(cudaEventRecord(event_, streams_[0]), cudaSuccess);
+  EXPECT_EQ(cudaEventQuery(event_), cudaErrorNotReady);
+  EXPECT_EQ(pinned_[5], -1) << "read too early";
+  float milliseconds = 0;
+  EXPECT_EQ(cudaEventElapsedTime(&milliseconds, event_, event_), cudaErrorNotReady);
+  ASSERT_EQ(cudaEventSynchronize(event_), cudaSuccess);
+  EXPECT_EQ(cudaEventQuery(event_), cudaSuccess);
+  EXPECT_EQ(pinned_[5], 5);
+}
+
+TEST_F(EmulatorStreams, AreBehindByTheLagAtMost) {
+  cuda_on_cpu::set_lag(1);
+  give(streams_[0], write_index, numbers());
+  copy(pinned_, device_, cudaMemcpyDeviceToHost, streams_[0]);
+  EXPECT_EQ(pinned_[5], -1);
+  ASSERT_EQ(cudaMemsetAsync(device_, 0, kBytes, streams_[0]), cudaSuccess);
+  EXPECT_EQ(pinned_[5], 5);
+  cuda_on_cpu::set_lag(0);
+  copy(pinned_, device_, cudaMemcpyDeviceToHost, streams_[0]);
+  EXPECT_EQ(pinned_[5], 0);
+}
+
+TEST_F(EmulatorStreams, ReadPinnedMemoryWhenTheirTurnComesAndOtherMemoryAtOnce) {
+  std::vector<int> pageable(kNumbers, 7), back(kNumbers, 0);
+  copy(device_, pageable.data(), cudaMemcpyHostToDevice, streams_[0]);
+  pageable.assign(kNumbers, 8);
+  copy(back.data(), device_, cudaMemcpyDeviceToHost, streams_[0]);
+  EXPECT_EQ(back, std::vector<int>(kNumbers, 7));
+  std::fill_n(pinned_, kNumbers, 7);
+  copy(device_, pinned_, cudaMemcpyHostToDevice, streams_[0]);
+  std::fill_n(pinned_, kNumbers, 8);  // too early
+  copy(back.data(), device_, cudaMemcpyDeviceToHost, streams_[0]);
+  EXPECT_EQ(back, std::vector<int>(kNumbers, 8));
+}
+
+TEST_F(EmulatorStreams, WaitForEventsOfOthersAndForNothingElse) {
+  ASSERT_EQ(cudaMemsetAsync(device_, 0, kBytes, streams_[0]), cudaSuccess);
+  ASSERT_EQ(cudaEventRecord(event_, streams_[0]), cudaSuccess);
+  give(streams_[0], write_index, numbers());
+  ASSERT_EQ(cudaStreamWaitEvent(streams_[1], event_, 0), cudaSuccess);
+  copy(pinned_, device_, cudaMemcpyDeviceToHost, streams_[1]);
+  ASSERT_EQ(cudaStreamSynchronize(streams_[1]), cudaSuccess);
+  EXPECT_EQ(pinned_[5], 0) << "the kernel comes after the event";
+  copy(pinned_, device_, cudaMemcpyDeviceToHost, streams_[1]);
+  ASSERT_EQ(cudaStreamSynchronize(streams_[1]), cudaSuccess);
+  EXPECT_EQ(pinned_[5], 0) << "nobody waited for the kernel";
+}
+
+TEST_F(EmulatorStreams, ThrowFaultsWhereTheHostWaits) {
+  std::vector<int> few(10);
+  for (const bool from_giving_back : {false, true}) {
+    give(streams_[0], write_index, numbers());
+    give(streams_[0], writes_beyond, std::span(few));
+    if (from_giving_back) {  // which must not throw: the next call does
+      void* memory = nullptr;
+      ASSERT_EQ(cudaMalloc(&memory, 1), cudaSuccess);
+      ASSERT_EQ(cudaFree(memory), cudaSuccess);
+    }
+    EXPECT_THROW(static_cast<void>(cudaStreamSynchronize(streams_[0])), cuda_on_cpu::Fault);
+    EXPECT_EQ(cudaStreamSynchronize(streams_[0]), cudaSuccess);
+  }
+  cuda_on_cpu::set_lag(0);
+  EXPECT_THROW(give(streams_[0], writes_beyond, std::span(few)), cuda_on_cpu::Fault);
+}
+
 TEST(EmulatorCub, SortsStablyByTheBitsAskedFor) {
   const std::vector<float> keys{2.0f, -1.0f, 0.5f, -3.0f, 2.0f};
   const std::vector<int> values{0, 1, 2, 3, 4};
@@ -328,6 +440,7 @@ TEST(EmulatorCub, SortsStablyByTheBitsAskedFor) {
   cub::DeviceRadixSort::SortPairs(nullptr, bytes, keys.data(), sorted.data(), values.data(), moved.data(), 5);
   std::vector<char> memory(bytes);
   cub::DeviceRadixSort::SortPairs(memory.data(), bytes, keys.data(), sorted.data(), values.data(), moved.data(), 5);
+  ASSERT_EQ(cudaStreamSynchronize(nullptr), cudaSuccess);
   EXPECT_EQ(moved, (std::vector<int>{3, 1, 2, 0, 4}));
   EXPECT_EQ(sorted, (std::vector<float>{-3, -1, 0.5f, 2, 2}));
   std::vector<std::uint32_t> bits{0x13, 0x01, 0x22, 0x12};
@@ -335,6 +448,7 @@ TEST(EmulatorCub, SortsStablyByTheBitsAskedFor) {
   std::vector<std::uint32_t> bits_sorted(4);
   cub::DeviceRadixSort::SortPairs(memory.data(), bytes, bits.data(), bits_sorted.data(), at.data(), bits_moved.data(),
                                   4, 0, 4);
+  ASSERT_EQ(cudaStreamSynchronize(nullptr), cudaSuccess);
   EXPECT_EQ(bits_moved, (std::vector<int>{1, 2, 3, 0}));
 }
 
