@@ -5,10 +5,11 @@
 /// is work for its stream, as a copy is: a stream does nothing before the host waits for it, the slowest that a device
 /// can be, so that what the host does too early shows. A grid runs block by block; the threads of a block are fibers of
 /// the host's one thread. Faults are thrown where the host waits: an access out of bounds, a race or an unwritten value
-/// in shared memory, a barrier or a warp function that some threads never reach, a lane mask that is not of those that
-/// arrive. Code of the host that touches memory of the device ends with a segmentation fault, at that line.
+/// in shared memory or in the device's, a barrier or a warp function that some threads never reach, a lane mask that is
+/// not of those that arrive. Code of the host that touches memory of the device ends with a segmentation fault, at that
+/// line.
 ///
-/// What it cannot see: races in global memory, and orders of execution other than those it is told to run.
+/// What it cannot see: orders of execution other than those it is told to run, and how hardware rounds.
 #pragma once
 
 #include <cstddef>

@@ -158,6 +158,9 @@ void give_work(cudaStream_t stream, std::function<void()> work);
 void finish_everything() noexcept;
 /// Whether it is memory of the host that is not pinned.
 bool is_pageable(const void* memory);
+/// What work that is no kernel reads and writes of the device's memory, where the compiler does not tell of it.
+void note_read(const void* memory, std::size_t bytes);
+void note_written(const void* memory, std::size_t bytes);
 /// While one lives, memory of the device can be touched, as kernels and copies do.
 class DeviceAccess {
  public:
@@ -188,9 +191,15 @@ template <class T>
 T shuffle(unsigned mask, T value, int source) {
   return from_bits<T>(warp_call(WarpFunction::shuffle, mask, to_bits(value), source));
 }
-template <class T>
-T atomically(T* at, T next) {
-  return std::exchange(*at, next);
+/// Of memory of the device, where the compiler tells the emulator of each access (accesses.cpp).
+void note_atomic(const void* at, std::size_t bytes);
+/// The compiler does not tell of the accesses in here.
+template <class T, class Next>
+__attribute__((no_sanitize("thread"))) T atomically(T* at, const Next& next) {
+  note_atomic(at, sizeof(T));
+  const T before = *at;
+  *at = static_cast<T>(next(before));
+  return before;
 }
 
 }  // namespace cuda_on_cpu
@@ -253,27 +262,27 @@ inline unsigned __reduce_or_sync(unsigned mask, unsigned value) {
 
 template <class T>
 T atomicAdd(T* at, std::type_identity_t<T> value) {
-  return cuda_on_cpu::atomically(at, static_cast<T>(*at + value));
+  return cuda_on_cpu::atomically(at, [value](T now) { return now + value; });
 }
 template <class T>
 T atomicMax(T* at, std::type_identity_t<T> value) {
-  return cuda_on_cpu::atomically(at, std::max(*at, value));
+  return cuda_on_cpu::atomically(at, [value](T now) { return std::max(now, value); });
 }
 template <class T>
 T atomicMin(T* at, std::type_identity_t<T> value) {
-  return cuda_on_cpu::atomically(at, std::min(*at, value));
+  return cuda_on_cpu::atomically(at, [value](T now) { return std::min(now, value); });
 }
 template <class T>
 T atomicOr(T* at, std::type_identity_t<T> value) {
-  return cuda_on_cpu::atomically(at, static_cast<T>(*at | value));
+  return cuda_on_cpu::atomically(at, [value](T now) { return now | value; });
 }
 template <class T>
 T atomicExch(T* at, std::type_identity_t<T> value) {
-  return cuda_on_cpu::atomically(at, value);
+  return cuda_on_cpu::atomically(at, [value](T) { return value; });
 }
 template <class T>
 T atomicCAS(T* at, std::type_identity_t<T> expected, std::type_identity_t<T> value) {
-  return cuda_on_cpu::atomically(at, *at == expected ? value : *at);
+  return cuda_on_cpu::atomically(at, [expected, value](T now) { return now == expected ? value : now; });
 }
 
 using std::max;

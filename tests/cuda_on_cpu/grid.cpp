@@ -9,6 +9,7 @@
 
 #include "cuda_runtime.h"
 #include "fibers.h"
+#include "grid.h"
 
 namespace cuda_on_cpu {
 namespace {
@@ -43,6 +44,7 @@ struct Grid {
   std::size_t started = 0;
   Thread* current = nullptr;
   std::exception_ptr failure;
+  std::uint64_t first_epoch = 0;        ///< of the grid
   std::uint64_t first_block_epoch = 0;  ///< of the block
   std::uint64_t block_epoch = 0;        ///< counts barriers, over all blocks and grids
   std::vector<std::uint64_t> warp_epochs = std::vector<std::uint64_t>(kMostThreads / 32);
@@ -54,6 +56,7 @@ struct Grid {
 };
 
 Grid grid;
+std::exception_ptr fault_of_work;
 std::uint64_t seed = 0;
 
 std::vector<std::unique_ptr<Fiber>> all_fibers;
@@ -278,6 +281,15 @@ std::uint64_t wait(Thread::State state) {
   return thread.result;
 }
 
+/// Of the thread that runs now.
+std::string place() {
+  const uint3 at = grid.current->index;
+  char text[160];
+  std::snprintf(text, sizeof text, "block (%u, %u, %u), thread (%u, %u, %u): ", blockIdx.x, blockIdx.y, blockIdx.z,
+                at.x, at.y, at.z);
+  return text;
+}
+
 uint3 unravel(unsigned index, dim3 size) { return {index % size.x, index / size.x % size.y, index / size.x / size.y}; }
 
 }  // namespace
@@ -310,11 +322,28 @@ void fault(const char* format, ...) {
   va_start(arguments, format);
   std::vsnprintf(text, sizeof text, format, arguments);
   va_end(arguments);
-  const uint3 at = grid.current->index;
-  char where[160];
-  std::snprintf(where, sizeof where, "block (%u, %u, %u), thread (%u, %u, %u): ", blockIdx.x, blockIdx.y, blockIdx.z,
-                at.x, at.y, at.z);
-  throw Fault(std::string(where) + text);
+  throw Fault(place() + text);
+}
+
+bool is_in_kernel() { return grid.current != nullptr; }
+
+Moment moment() {
+  const Thread& thread = *grid.current;
+  return {grid.first_epoch, grid.first_block_epoch, grid.block_epoch,
+          grid.warp_epochs[static_cast<std::size_t>(thread.warp())], thread.number};
+}
+
+void end_with_fault(const std::string& what) {
+  if (grid.current == nullptr) {
+    if (!fault_of_work) fault_of_work = std::make_exception_ptr(Fault(what));
+    return;
+  }
+  grid.failure = std::make_exception_ptr(Fault(place() + what));
+  grid.current->fiber->give_way();
+}
+
+void throw_fault_of_work() {
+  if (fault_of_work) std::rethrow_exception(std::exchange(fault_of_work, nullptr));
 }
 
 SharedAccesses::Cell& SharedAccesses::cell(int i) {
@@ -382,6 +411,7 @@ void run(dim3 blocks, dim3 threads, const std::function<void()>& kernel) {
   blockDim = threads;
   gridDim = blocks;
   grid.failure = nullptr;
+  grid.first_epoch = grid.block_epoch + 1;
   grid.threads.assign(size, Thread{});
   grid.order.resize(size);
   std::iota(grid.order.begin(), grid.order.end(), 0);
@@ -401,8 +431,10 @@ void run(dim3 blocks, dim3 threads, const std::function<void()>& kernel) {
     // Threads that still wait never go on: their stacks go.
     idle_fibers.clear();
     all_fibers.clear();
+    grid.current = nullptr;
     throw;
   }
+  grid.current = nullptr;
 }
 
 }  // namespace cuda_on_cpu

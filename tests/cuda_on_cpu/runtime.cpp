@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <map>
 
+#include "accesses.h"
 #include "cuda_runtime.h"
 
 namespace {
@@ -24,7 +25,9 @@ class Arena {
   Arena() {
     void* const at = mmap(nullptr, kReserved, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     begin_ = at == MAP_FAILED ? nullptr : static_cast<std::byte*>(at);
-    if (begin_ != nullptr) free_[0] = kReserved;
+    if (begin_ == nullptr) return;
+    free_[0] = kReserved;
+    cuda_on_cpu::watch(begin_, kReserved);
   }
   /// The first free stretch that is large enough; null: there is none.
   void* take(std::size_t bytes) {
@@ -65,7 +68,7 @@ class Arena {
   }
 
  private:
-  static constexpr std::size_t kReserved = std::size_t{64} << 30;  // of addresses, not of memory
+  static constexpr std::size_t kReserved = std::size_t{16} << 30;  // of addresses, not of memory
   static std::size_t rounded(std::size_t bytes) { return (bytes + kPage - 1) / kPage * kPage; }
   void protect(int access) const {
     if (used_ > 0) static_cast<void>(mprotect(begin_, used_, access));
@@ -152,6 +155,7 @@ cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
   if (*memory == nullptr) return cudaErrorMemoryAllocation;
   const cuda_on_cpu::DeviceAccess access;
   std::memset(*memory, 0xff, bytes);  // floats that are not numbers: who reads what nobody wrote shows
+  cuda_on_cpu::forget(*memory, bytes);
   allocations[*memory] = bytes;
   in_use += bytes;
   return cudaSuccess;

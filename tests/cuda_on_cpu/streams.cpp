@@ -10,6 +10,7 @@
 #include <memory>
 
 #include "cuda_runtime.h"
+#include "grid.h"
 
 struct CudaOnCpuStream {};
 
@@ -64,6 +65,7 @@ void do_next(Stream& stream) {
   stream.work.pop_front();
   try {
     work();
+    cuda_on_cpu::throw_fault_of_work();
   } catch (...) {
     for (auto& [handle, other] : streams()) other.work.clear();  // a device does nothing more after a fault
     throw;
@@ -151,7 +153,9 @@ cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaM
   }
   cuda_on_cpu::give_work(stream, [=] {
     const cuda_on_cpu::DeviceAccess access;
+    cuda_on_cpu::note_read(from, bytes);
     std::memmove(to, staged ? staged.get() : from, bytes);
+    cuda_on_cpu::note_written(to, bytes);
   });
   // … and what is not pinned is written before it returns.
   if (kind == cudaMemcpyDeviceToHost && cuda_on_cpu::is_pageable(to)) return cudaStreamSynchronize(stream);
@@ -162,6 +166,7 @@ cudaError_t cudaMemsetAsync(void* memory, int byte, std::size_t bytes, cudaStrea
   cuda_on_cpu::give_work(stream, [=] {
     const cuda_on_cpu::DeviceAccess access;
     std::memset(memory, byte, bytes);
+    cuda_on_cpu::note_written(memory, bytes);
   });
   return cudaSuccess;
 }

@@ -58,6 +58,7 @@ void gather(const T* from, T* to, const std::vector<std::size_t>& order) {
   std::vector<T> result;
   for (const std::size_t i : order) result.push_back(from[i]);
   std::copy(result.begin(), result.end(), to);
+  cuda_on_cpu::note_written(to, order.size() * sizeof(T));
 }
 }  // namespace detail_on_cpu
 

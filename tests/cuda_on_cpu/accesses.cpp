@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+// Accesses to the device's memory. The .cu files are compiled with -fsanitize=thread, by which the compiler calls a
+// function of a known name at each access; here these functions are, in place of the thread sanitizer's, which knows
+// nothing of fibers and blocks. Two accesses of a grid that may meet, one of them writing and not both atomic, are a
+// fault, and so is a read of what nobody wrote.
+#include "accesses.h"
+
+#include <sys/mman.h>
+
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+
+#include "cuda_runtime.h"
+#include "grid.h"
+
+namespace cuda_on_cpu {
+namespace {
+
+/// The last access of a kind to an address.
+struct Access {
+  static constexpr std::uint64_t kSeveral = 1024;        ///< threads of a block, between two of its barriers
+  static constexpr std::uint64_t kSeveralBlocks = 1025;  ///< … of a grid
+  std::uint64_t epoch : 40 = 0;
+  std::uint64_t thread : 11 = 0;
+  std::uint64_t warp_epoch : 12 = 0;  ///< its last bits
+  std::uint64_t atomic : 1 = 0;
+
+  static Access of(const Moment& now, bool is_atomic = false) {
+    Access access;
+    access.epoch = now.now & ((std::uint64_t{1} << 40) - 1);
+    access.thread = static_cast<std::uint64_t>(now.thread) & 2047u;
+    access.warp_epoch = now.warp_now & 4095u;
+    access.atomic = is_atomic ? 1 : 0;
+    return access;
+  }
+  bool is_of_grid(const Moment& now) const { return epoch >= now.grid; }
+  /// Whether it comes before `now` however the threads run.
+  bool is_before(const Moment& now) const {
+    if (!is_of_grid(now)) return true;
+    if (epoch < now.block || thread == kSeveralBlocks) return false;
+    if (epoch < now.now) return true;
+    if (thread == kSeveral) return false;
+    const auto me = static_cast<std::uint64_t>(now.thread);
+    return thread == me || (thread / 32 == me / 32 && warp_epoch != (now.warp_now & 4095u));
+  }
+};
+
+struct Cell {
+  Access write, read;
+};
+
+// A cell for each byte, of which an access uses the first of each of its words; a flag for each byte that was written.
+const std::byte* begin = nullptr;
+std::size_t watched = 0;
+Cell* cells = nullptr;
+bool* written = nullptr;
+
+template <class T>
+T* reserve(std::size_t n) {
+  void* const at =
+      mmap(nullptr, n * sizeof(T), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (at != MAP_FAILED) return static_cast<T*>(at);
+  std::fputs("the CUDA emulator found no addresses to note accesses at\n", stderr);
+  std::abort();
+}
+
+/// Where an address lies in the device's memory; at least `watched`: elsewhere.
+std::size_t offset_of(const void* at) {
+  return static_cast<std::size_t>(reinterpret_cast<std::uintptr_t>(at) - reinterpret_cast<std::uintptr_t>(begin));
+}
+
+std::string thread_of(const Access& access) {
+  if (access.thread >= Access::kSeveral) return "several threads";
+  return "thread " + std::to_string(access.thread);
+}
+
+void report(const char* what, std::size_t offset, const Access& other, const char* did, const Moment& now) {
+  char address[32];
+  std::snprintf(address, sizeof address, "%p", static_cast<const void*>(begin + offset));
+  end_with_fault(std::string(what) + " global memory at " + address + ", which " + thread_of(other) +
+                 (other.epoch < now.block || other.thread == Access::kSeveralBlocks ? " of another block " : " ") +
+                 did + ", with no barrier in between");
+}
+
+void check_written(std::size_t offset, std::size_t bytes) {
+  const void* const hole = std::memchr(written + offset, 0, bytes);
+  if (hole == nullptr) return;
+  char text[96];
+  std::snprintf(text, sizeof text, "reads global memory at %p, which nobody wrote",
+                static_cast<const void*>(begin + (static_cast<const bool*>(hole) - written)));
+  end_with_fault(text);
+}
+
+void read(const void* at, std::size_t bytes) {
+  const std::size_t offset = offset_of(at);
+  if (offset >= watched) return;
+  check_written(offset, bytes);
+  if (!is_in_kernel()) return;
+  const Moment now = moment();
+  for (std::size_t word = offset; word < offset + bytes; word += 4) {
+    Cell& cell = cells[word];
+    if (!cell.write.is_before(now)) report("reads", word, cell.write, "wrote", now);
+    Access seen = Access::of(now);
+    if (cell.read.is_of_grid(now)) {
+      if (cell.read.epoch < now.block || cell.read.thread == Access::kSeveralBlocks) {
+        seen.thread = Access::kSeveralBlocks;
+      } else if (cell.read.epoch == now.now && cell.read.thread != seen.thread) {
+        seen.thread = Access::kSeveral;
+      }
+    }
+    cell.read = seen;
+  }
+}
+
+void write(const void* at, std::size_t bytes, bool is_atomic = false) {
+  const std::size_t offset = offset_of(at);
+  if (offset >= watched) return;
+  if (is_atomic) check_written(offset, bytes);
+  std::memset(written + offset, 1, bytes);
+  if (!is_in_kernel()) return;
+  const Moment now = moment();
+  for (std::size_t word = offset; word < offset + bytes; word += 4) {
+    Cell& cell = cells[word];
+    if (!(is_atomic && cell.write.atomic) && !cell.write.is_before(now))
+      report("writes", word, cell.write, "wrote", now);
+    if (!cell.read.is_before(now)) report("writes", word, cell.read, "read", now);
+    cell.write = Access::of(now, is_atomic);
+  }
+}
+
+}  // namespace
+
+void watch([[maybe_unused]] const std::byte* first, [[maybe_unused]] std::size_t bytes) {
+#ifdef SPLATBOOST_WATCHES_ACCESSES
+  begin = first;
+  cells = reserve<Cell>(bytes);
+  written = reserve<bool>(bytes);
+  watched = bytes;
+#endif
+}
+
+void forget(const void* memory, std::size_t bytes) {
+  if (const std::size_t offset = offset_of(memory); offset < watched) std::memset(written + offset, 0, bytes);
+}
+
+void note_atomic(const void* at, std::size_t bytes) { write(at, bytes, true); }
+void note_read(const void* memory, std::size_t bytes) {
+  if (const std::size_t offset = offset_of(memory); offset < watched) check_written(offset, bytes);
+}
+void note_written(const void* memory, std::size_t bytes) {
+  if (const std::size_t offset = offset_of(memory); offset < watched) std::memset(written + offset, 1, bytes);
+}
+
+}  // namespace cuda_on_cpu
+
+// The compiler's names.
+extern "C" {
+void __tsan_init() {}
+void __tsan_func_entry(void*) {}
+void __tsan_func_exit() {}
+void __tsan_vptr_update(void**, void*) {}
+void __tsan_vptr_read(void**) {}
+void __tsan_read_range(void* at, std::size_t bytes) { cuda_on_cpu::read(at, bytes); }
+void __tsan_write_range(void* at, std::size_t bytes) { cuda_on_cpu::write(at, bytes); }
+#define SPLATBOOST_ACCESS(bytes)                                                \
+  void __tsan_read##bytes(void* at) { cuda_on_cpu::read(at, bytes); }           \
+  void __tsan_write##bytes(void* at) { cuda_on_cpu::write(at, bytes); }         \
+  void __tsan_unaligned_read##bytes(void* at) { cuda_on_cpu::read(at, bytes); } \
+  void __tsan_unaligned_write##bytes(void* at) { cuda_on_cpu::write(at, bytes); }
+SPLATBOOST_ACCESS(1)
+SPLATBOOST_ACCESS(2)
+SPLATBOOST_ACCESS(4)
+SPLATBOOST_ACCESS(8)
+SPLATBOOST_ACCESS(16)
+#undef SPLATBOOST_ACCESS
+// Atomics of the host, such as counts of shared pointers, which the compiler would leave to the sanitizer too.
+#define SPLATBOOST_ATOMICS(bits, Int)                                                                           \
+  Int __tsan_atomic##bits##_load(const volatile Int* at, int) { return __atomic_load_n(at, __ATOMIC_SEQ_CST); } \
+  Int __tsan_atomic##bits##_fetch_add(volatile Int* at, Int by, int) {                                          \
+    return __atomic_fetch_add(at, by, __ATOMIC_SEQ_CST);                                                        \
+  }                                                                                                             \
+  Int __tsan_atomic##bits##_fetch_sub(volatile Int* at, Int by, int) {                                          \
+    return __atomic_fetch_sub(at, by, __ATOMIC_SEQ_CST);                                                        \
+  }
+SPLATBOOST_ATOMICS(32, std::int32_t)
+SPLATBOOST_ATOMICS(64, std::int64_t)
+#undef SPLATBOOST_ATOMICS
+}
