@@ -139,9 +139,10 @@ void AnchorBackbone::use_embedding_of(const View* view) {
   view_embedding_ = mean_embedding_;
 }
 
-void AnchorBackbone::decode(const Camera& camera) {
+void AnchorBackbone::decode(const Camera& camera, bool ahead) {
   activate();
-  decoded_ = &view_.decode(camera, decoder_inputs(), usable_anchors(camera));
+  const std::span<const std::uint8_t> usable = usable_anchors(camera);  // which may say that they are others now
+  decoded_ = &view_.decode(camera, decoder_inputs(), usable, ahead);
 }
 
 Gaussians AnchorBackbone::gaussians() const {
@@ -182,7 +183,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   image_.ensure(view.color.size());
   image_gradient_.ensure(view.color.size());
   use_embedding_of(&view);
-  decode(view.camera);
+  decode(view.camera, true);
   clock_.lap("decode");
   draw(view.camera, beta_, image_);
   if (device_.is_cuda()) {  // where asking for the parts would wait
@@ -385,7 +386,7 @@ ScoredView AnchorBackbone::SlotsHook::render_for_score(std::size_t view) {
   const View& truth = owner_.context_.scene.train[view];
   owner_.image_.ensure(truth.color.size());
   owner_.use_embedding_of(&truth);
-  owner_.decode(truth.camera);
+  owner_.decode(truth.camera, false);
   owner_.draw(truth.camera, owner_.beta_, owner_.image_);
   owner_.rasterizer_.settle();
   return {owner_.image_, owner_.truths_.of(truth)};
@@ -399,7 +400,7 @@ void AnchorBackbone::SlotsHook::count_flagged(std::span<const std::uint8_t> flag
 
 void AnchorBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
   use_embedding_of(nullptr);
-  decode(camera);
+  decode(camera, false);
   if (device_.is_cuda()) image_.ensure(color.size());
   draw(camera, beta ? beta : beta_, device_.is_cuda() ? image_.span() : color);
   rasterizer_.settle();

@@ -79,6 +79,8 @@ class AnchorBackbone : public Backbone {
     (void)camera;
     return {};
   }
+  /// usable_anchors() lets views use more of the anchors than before.
+  void views_use_more() { view_.forget_views(); }
   /// [N] of DecoderShape::level, in memory of the device.
   virtual std::span<const float> levels() const { return {}; }
   /// The backbone's own rule: marks [N·k] the slots that grow. @param judged slots seen often enough
@@ -130,7 +132,7 @@ class AnchorBackbone : public Backbone {
   void activate();
   DecoderInputs<float> decoder_inputs() const;
   void use_embedding_of(const View* view);
-  void decode(const Camera& camera);
+  void decode(const Camera& camera, bool ahead);
   Gaussians gaussians() const;
   void draw(const Camera& camera, std::optional<float> beta, std::span<float> color);
   void change_anchors();

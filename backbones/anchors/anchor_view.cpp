@@ -14,7 +14,7 @@ class WorkOnCpu final : public AnchorView::Work {
   WorkOnCpu(const DecoderShape& shape, Threads& threads) : threads_(threads), decoder_(shape, threads) {}
 
   const ViewGaussians& decode(const Camera& camera, const DecoderInputs<float>& inputs,
-                              std::span<const std::uint8_t> usable) override {
+                              std::span<const std::uint8_t> usable, bool /*ahead*/) override {
     anchors_in_view(camera, inputs.positions, inputs.scales, usable, threads_, in_view_, anchors_);
     const glm::vec3 centre = camera.centre();
     const NeuralGaussians<float>& g = decoder_.forward(inputs, anchors_, {centre.x, centre.y, centre.z});
@@ -22,6 +22,8 @@ class WorkOnCpu final : public AnchorView::Work {
         g.size(), g.means, g.scales, g.rotations, g.opacities, g.colors, g.slots, anchors_, decoder_.all_opacities()};
     return gaussians_;
   }
+
+  void forget_views() override {}
 
   double add_volume_loss(double weight, std::span<float> scale_gradients, bool /*ahead*/) override {
     const std::size_t m = gaussians_.count;
@@ -66,9 +68,11 @@ AnchorView::AnchorView(AnchorView&&) noexcept = default;
 AnchorView& AnchorView::operator=(AnchorView&&) noexcept = default;
 
 const ViewGaussians& AnchorView::decode(const Camera& camera, const DecoderInputs<float>& inputs,
-                                        std::span<const std::uint8_t> usable) {
-  return work_->decode(camera, inputs, usable);
+                                        std::span<const std::uint8_t> usable, bool ahead) {
+  return work_->decode(camera, inputs, usable, ahead);
 }
+
+void AnchorView::forget_views() { work_->forget_views(); }
 
 double AnchorView::add_volume_loss(double weight, std::span<float> scale_gradients, bool ahead) {
   return weight == 0 ? 0 : work_->add_volume_loss(weight, scale_gradients, ahead);

@@ -42,8 +42,13 @@ class AnchorView {
 
   /// Valid until the next call.
   /// @param usable [N] zero where the view may not use an anchor; empty: it may use all
+  /// @param ahead on a GPU do not wait for the number of anchors in view: there is room for half as many again as the
+  /// most that a view so far had, of the anchors that there were; a view that has more goes without the last of them
   const ViewGaussians& decode(const Camera& camera, const DecoderInputs<float>& inputs,
-                              std::span<const std::uint8_t> usable);
+                              std::span<const std::uint8_t> usable, bool ahead);
+
+  /// From now on views have other shares of the anchors than before: the next ones get room for all.
+  void forget_views();
 
   /// Adds the gradient of `weight` × the mean volume Π scales of the Gaussians.
   /// @param scale_gradients [M,3]
@@ -61,7 +66,8 @@ class AnchorView {
    public:
     virtual ~Work() = default;
     virtual const ViewGaussians& decode(const Camera& camera, const DecoderInputs<float>& inputs,
-                                        std::span<const std::uint8_t> usable) = 0;
+                                        std::span<const std::uint8_t> usable, bool ahead) = 0;
+    virtual void forget_views() = 0;
     virtual double add_volume_loss(double weight, std::span<float> scale_gradients, bool ahead) = 0;
     virtual void backward(const DecoderInputs<float>& inputs, const NeuralGaussianGradients<float>& given,
                           const DecoderGradients<float>& gradients) = 0;

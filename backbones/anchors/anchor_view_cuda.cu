@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // How many anchors are in view is known to the device only, which the host does not wait for. So each view has rows for
-// all anchors: those in view come first, behind them are rows of zeros, and slots of theirs that are not drawn.
+// more of them: those in view come first, behind them are rows of zeros, and slots of theirs that are not drawn.
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <deque>
 #include <optional>
 
 #include "anchors/anchor_prefilter_math.h"
@@ -35,10 +37,11 @@ __global__ void __launch_bounds__(kBlockThreads)
 
 __global__ void __launch_bounds__(kBlockThreads)
     list_anchors_kernel(DeviceView<const std::uint32_t> places, DeviceView<std::uint32_t> anchors) {
-  const std::size_t i = element_index();
-  if (i >= anchors.size()) return;
-  if (places[i + 1] != places[i]) anchors[places[i]] = static_cast<std::uint32_t>(i);
-  if (i >= places[anchors.size()]) anchors[i] = kNothing;
+  const std::size_t i = element_index(), n = places.size() - 1;
+  if (i >= n) return;
+  const std::size_t place = places[i];
+  if (places[i + 1] != place && place < anchors.size()) anchors[place] = static_cast<std::uint32_t>(i);
+  if (i >= places[n] && i < anchors.size()) anchors[i] = kNothing;
 }
 
 struct Centre {
@@ -258,16 +261,61 @@ __global__ void __launch_bounds__(kBlockThreads)
   for (std::size_t i = 0; i < 3; ++i) by_bank[3 * v + i] = bank[3 * v + i] * (by_weight[i] - mean);
 }
 
+/// How many rows a view gets.
+class RowsOfViews {
+ public:
+  explicit RowsOfViews(CudaStream& stream) : numbers_(stream) {}
+
+  /// @param in_view on the device: anchors in view @param anchors there are
+  std::size_t next(const std::uint32_t* in_view, std::size_t anchors, bool ahead) {
+    if (numbers_.is_full()) note(numbers_.wait());
+    numbers_.send(in_view);
+    anchors_of_.push_back(anchors);
+    while (const std::optional<std::uint32_t> number = numbers_.take()) note(*number);
+    while (!ahead && !numbers_.is_empty()) note(numbers_.wait());
+    if (ahead && views_with_all_ > 0) {
+      --views_with_all_;
+      return anchors;
+    }
+    const double most = largest_share_ * static_cast<double>(anchors);
+    // Whole hundreds and some, so that few shapes of matrices occur.
+    const std::size_t rows = (static_cast<std::size_t>(kRoomFactor * most) / kGrain + 2) * kGrain;
+    return std::min(anchors, rows);
+  }
+  void forget() {
+    views_with_all_ = kViewsWithAll;
+    largest_share_ = 0;
+  }
+
+ private:
+  static constexpr double kRoomFactor = 1.5;
+  static constexpr std::size_t kGrain = 128;
+  /// As many as the host may be ahead of the numbers.
+  static constexpr int kViewsWithAll = 64;
+
+  void note(std::uint32_t in_view) {
+    const double share =
+        static_cast<double>(in_view) / static_cast<double>(std::max<std::size_t>(anchors_of_.front(), 1));
+    largest_share_ = std::max(largest_share_, share);
+    anchors_of_.pop_front();
+  }
+
+  Readbacks<std::uint32_t> numbers_;
+  std::deque<std::size_t> anchors_of_;  ///< of the views whose numbers are under way
+  double largest_share_ = 0;            ///< of all anchors, in one view
+  int views_with_all_ = kViewsWithAll;
+};
+
 class WorkOnCuda final : public AnchorView::Work {
  public:
   WorkOnCuda(const DecoderShape& shape, CudaStream& stream)
-      : shape_(shape), stream_(stream), nets_(stream), volume_losses_(stream) {
+      : shape_(shape), stream_(stream), nets_(stream), rows_(stream), volume_losses_(stream) {
     totals_.ensure(2);
   }
 
   const ViewGaussians& decode(const Camera& camera, const DecoderInputs<float>& inputs,
-                              std::span<const std::uint8_t> usable) override {
-    list_anchors(camera, inputs, usable);
+                              std::span<const std::uint8_t> usable, bool ahead) override {
+    list_anchors(camera, inputs, usable, ahead);
     const std::size_t n = anchors_.size(), k = shape_.offsets;
     const glm::vec3 centre = camera.centre();
     views_.ensure(4 * n);
@@ -304,6 +352,8 @@ class WorkOnCuda final : public AnchorView::Work {
                   opacity_.span()};
     return gaussians_;
   }
+
+  void forget_views() override { rows_.forget(); }
 
   double add_volume_loss(double weight, std::span<float> scale_gradients, bool ahead) override {
     const std::size_t m = gaussians_.count;
@@ -365,16 +415,17 @@ class WorkOnCuda final : public AnchorView::Work {
   }
 
  private:
-  void list_anchors(const Camera& camera, const DecoderInputs<float>& inputs, std::span<const std::uint8_t> usable) {
+  void list_anchors(const Camera& camera, const DecoderInputs<float>& inputs, std::span<const std::uint8_t> usable,
+                    bool ahead) {
     const std::size_t n = inputs.positions.size() / 3;
     places_.ensure(n + 1);
-    anchors_.ensure(n);
     launch_each(stream_, "anchors_in_view", anchors_in_view_kernel, n + 1, AnchorScreen(camera), inputs.positions,
                 inputs.scales, usable, places_.span());
     run_cub(stream_, scratch_, "cub::ExclusiveSum of anchors", [&](void* memory, std::size_t& bytes) {
       return cub::DeviceScan::ExclusiveSum(memory, bytes, places_.data(), places_.data(),
                                            static_cast<std::int64_t>(n + 1), handle_of(stream_));
     });
+    anchors_.ensure(rows_.next(places_.data() + n, n, ahead));
     launch_each(stream_, "list_anchors", list_anchors_kernel, n, places_.span(), anchors_.span());
   }
 
@@ -434,17 +485,18 @@ class WorkOnCuda final : public AnchorView::Work {
   DecoderShape shape_;
   CudaStream& stream_;
   CudaNets nets_;
+  RowsOfViews rows_;
   DeviceArray<std::uint8_t> scratch_{stream_};
   DeviceArray<std::uint32_t> places_{stream_};   ///< [N+1] anchors in view before each
-  DeviceArray<std::uint32_t> anchors_{stream_};  ///< [N]
-  DeviceArray<float> views_{stream_};            ///< [N,4] direction and distance
+  DeviceArray<std::uint32_t> anchors_{stream_};  ///< [V], V rows of the view
+  DeviceArray<float> views_{stream_};            ///< [V,4] direction and distance
   DeviceArray<float> x_{stream_};                ///< inputs of the net that is at work
-  DeviceArray<float> bank_{stream_};             ///< [N,3] weights of the feature bank; empty: there is none
-  DeviceArray<float> opacity_{stream_}, covariance_{stream_}, color_{stream_};  ///< [N,k], [N,7k] raw, [N,3k]
+  DeviceArray<float> bank_{stream_};             ///< [V,3] weights of the feature bank; empty: there is none
+  DeviceArray<float> opacity_{stream_}, covariance_{stream_}, color_{stream_};  ///< [V,k], [V,7k] raw, [V,3k]
   DeviceArray<float> bank_hidden_{stream_}, opacity_hidden_{stream_}, covariance_hidden_{stream_},
-      color_hidden_{stream_};  ///< [N,F]
+      color_hidden_{stream_};  ///< [V,F]
 
-  // Gaussians, M = N·k of them.
+  // Gaussians, M = V·k of them.
   DeviceArray<float> means_{stream_}, scales_{stream_}, rotations_{stream_}, opacities_{stream_}, colors_{stream_};
   DeviceArray<float> volumes_{stream_};
   DeviceArray<std::uint32_t> slots_{stream_};

@@ -88,6 +88,7 @@ class Octree final : public AnchorBackbone {
   Array<float> level_there_{context().device}, extra_level_there_{context().device};  ///< the same for a GPU
   float voxel_size_ = 0, standard_distance_ = 0, levels_ = 0, init_level_ = 0, visible_threshold_ = 0, origin_ = 0;
   Array<std::uint8_t> usable_{context().device};
+  int highest_in_use_ = 0;  ///< finest level that was open in the last view
 };
 
 void Octree::initialise() {
@@ -161,7 +162,9 @@ void Octree::anchors_changed() {
 
 std::span<const std::uint8_t> Octree::usable_anchors(const Camera& camera) {
   const glm::vec3 centre = camera.centre();
-  LevelsInUse rule{{centre.x, centre.y, centre.z}, standard_distance_, fork(), rounding_, highest_level(), {}};
+  const int highest = highest_level();
+  if (std::exchange(highest_in_use_, highest) < highest) views_use_more();
+  LevelsInUse rule{{centre.x, centre.y, centre.z}, standard_distance_, fork(), rounding_, highest, {}};
   for (int level = 0; level < level_count(); ++level) {
     rule.shift[static_cast<std::size_t>(level)] = 0.5f * grid(level).size;
   }

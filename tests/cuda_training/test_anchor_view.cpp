@@ -25,13 +25,14 @@ namespace {
 using testing::Model;
 using testing::Options;
 
-constexpr std::size_t kAnchors = 40;
+constexpr std::size_t kAnchors = 700;
 constexpr float kBefore = 0.5f;  // gradients are added to what is there
 
 /// All that a view hands out, by slot, so that both devices can be compared whatever their order and gaps.
 using BySlot = std::map<std::uint32_t, std::vector<float>>;
 
 struct Outcome {
+  std::size_t rows = 0;
   std::vector<std::uint32_t> anchors;
   BySlot gaussians;
   std::map<std::uint32_t, std::vector<float>> all_opacities;  ///< by anchor
@@ -56,13 +57,14 @@ class CudaAnchorView : public OnCuda<::testing::TestWithParam<Options>> {
     const Camera camera = testing::camera_looking_at_origin({0.4f, -0.6f, 1.2f}, 64, 48);
     Outcome found;
     // Twice: the second must not see what the first left behind.
-    view.decode(testing::camera_looking_at_origin({-3, 0, 1}, 64, 48), inputs, {});
-    const ViewGaussians& g = view.decode(camera, inputs, usable_there);
+    view.decode(testing::camera_looking_at_origin({-3, 0, 1}, 64, 48), inputs, {}, false);
+    const ViewGaussians& g = view.decode(camera, inputs, usable_there, false);
     const std::vector<std::uint32_t> slots = copy_to_host(g.slots, device);
     const std::vector<float> means = copy_to_host(g.means, device), sizes = copy_to_host(g.scales, device),
                              turns = copy_to_host(g.rotations, device), colors = copy_to_host(g.colors, device),
                              opacities = copy_to_host(g.opacities, device), all = copy_to_host(g.all_opacities, device);
     found.anchors = copy_to_host(g.anchors, device);
+    found.rows = found.anchors.size();
     for (std::size_t v = 0; v < found.anchors.size(); ++v) {
       if (found.anchors[v] == kNothing) continue;
       found.all_opacities[found.anchors[v]] = {&all[shape.offsets * v], &all[shape.offsets * (v + 1)]};
@@ -128,6 +130,7 @@ TEST_P(CudaAnchorView, IsThatOfTheCpu) {
   ASSERT_LT(expected.anchors.size(), kAnchors - 6) << "some anchors shall be out of view";
   ASSERT_LT(expected.gaussians.size(), expected.anchors.size() * GetParam().shape.offsets) << "some not drawn";
   EXPECT_EQ(found.anchors, expected.anchors);
+  EXPECT_LT(found.rows, kAnchors);
   ASSERT_EQ(found.gaussians.size(), expected.gaussians.size());
   for (const auto& [slot, row] : expected.gaussians) {
     ASSERT_TRUE(found.gaussians.contains(slot));
@@ -162,6 +165,55 @@ INSTANTIATE_TEST_SUITE_P(Shapes, CudaAnchorView, ::testing::ValuesIn(testing::al
                          [](const auto& options) { return options.param.name; });
 
 using CudaAnchors = OnCuda<>;
+
+TEST_F(CudaAnchors, RowsFollowTheViews) {
+  constexpr std::size_t kMany = 3000;
+  Model<float> model(testing::all_options().front().shape, kMany);
+  for (float& value : model.positions) value *= 3;  // most are behind the camera or beside its view
+  const auto there = [&](const std::vector<float>& values) { return Array<float>(stream(), values); };
+  const Array<float> positions = there(model.positions), offsets = there(model.offsets),
+                     features = there(model.features), scales = there(model.scales), levels = there(model.levels),
+                     opacity = there(model.opacity_net), covariance = there(model.covariance_net),
+                     color = there(model.color_net), bank = there(model.bank_net), embedding = there(model.embedding);
+  const DecoderInputs<float> inputs{positions, offsets,    features, scales, {},
+                                    opacity,   covariance, color,    bank,   embedding};
+  AnchorView view(model.shape, stream());
+  /// Anchors in view, and the rows that there were for them.
+  const auto listed = [&](const Camera& camera, bool ahead) {
+    const ViewGaussians& g = view.decode(camera, inputs, {}, ahead);
+    EXPECT_EQ(g.count, g.anchors.size() * model.shape.offsets);
+    std::vector<std::uint32_t> anchors = copy_to_host(g.anchors, stream());  // waits, so that the number arrives
+    const std::size_t rows = anchors.size();
+    std::erase(anchors, kNothing);
+    return std::pair(anchors, rows);
+  };
+  const Camera few = testing::camera_looking_at_origin({0.1f, -0.2f, 0.3f}, 64, 48),
+               many = testing::camera_looking_at_origin({0, 0, -20}, 64, 48);
+  const std::vector<std::uint32_t> in_few = listed(few, false).first, in_many = listed(many, false).first;
+  ASSERT_LT(in_few.size(), kMany / 4);
+  ASSERT_GT(in_many.size(), kMany / 2);
+
+  view.forget_views();
+  int with_all = 0;
+  while (listed(few, true).second == kMany && with_all < 100) ++with_all;
+  EXPECT_EQ(with_all, 64);
+  const auto [anchors, rows] = listed(few, true);
+  EXPECT_EQ(anchors, in_few);
+  EXPECT_LT(rows, kMany / 2);
+  // A view that has more in it goes without the last of them; it is known before the next.
+  const auto [cut, room] = listed(many, true);
+  EXPECT_EQ(room, rows);
+  EXPECT_EQ(cut, std::vector(in_many.begin(), in_many.begin() + static_cast<std::ptrdiff_t>(room)));
+  EXPECT_EQ(listed(many, true).first, in_many);
+  view.forget_views();
+  EXPECT_EQ(listed(few, true).second, kMany);
+  // Who waits gets them all, whatever was before.
+  view.forget_views();
+  const auto [exactly, enough] = listed(few, false);
+  EXPECT_EQ(exactly, in_few);
+  EXPECT_LT(enough, kMany / 2);
+  EXPECT_EQ(listed(many, false).first, in_many);
+}
 
 TEST_F(CudaAnchors, StatisticsAreThoseOfTheCpu) {
   constexpr std::uint32_t kSlots = 3, kCount = 50;
