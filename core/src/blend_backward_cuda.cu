@@ -140,7 +140,8 @@ struct PixelAhead {
 /// Front to back with the transmittance recomputed; a warp adds to a splat once.
 /// @tparam kMostExtra room for that many extra channels
 template <bool kAbsolute, int kMostExtra>
-__global__ void __launch_bounds__(kTileThreads) pixel_backward_kernel(TileLists lists, BlendGradients in) {
+__global__ void __launch_bounds__(kTileThreads, kMostExtra == 0 ? 0 : kLeastBlocks<kMostExtra>)
+    pixel_backward_kernel(TileLists lists, BlendGradients in) {
   ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
   const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height;
   const auto at = [&](int p) { return pixels.at[p].index(lists); };

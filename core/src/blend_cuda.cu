@@ -54,10 +54,10 @@ struct Blended {
   }
 };
 
-/// Eight blocks a multiprocessor: told nothing, nvcc 13 spills a register of blend_kernel<1, false> to fit more.
 /// @tparam kMostExtra room for that many extra channels
 template <int kMostExtra, bool kKeepsStates>
-__global__ void __launch_bounds__(kTileThreads, 8) blend_kernel(TileLists lists, BlendImages images, KeptStates kept) {
+__global__ void __launch_bounds__(kTileThreads, kLeastBlocks<kMostExtra>)
+    blend_kernel(TileLists lists, BlendImages images, KeptStates kept) {
   ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
   Blended<kMostExtra> blended[kThreadPixels];
   std::uint32_t first_bucket = 0;

@@ -21,7 +21,7 @@ ptxas info    : Used 45 registers, used 1 barriers, 13312 bytes smem
 
 
 def test_what_ptxas_says_is_read(script):
-    assert script.parse(TEXT) == {MANGLED: {"stack_bytes": 8, "spill_store_bytes": 16, "spill_load_bytes": 24,
+    assert script.parse(TEXT) == {(MANGLED, 90): {"stack_bytes": 8, "spill_store_bytes": 16, "spill_load_bytes": 24,
                                             "registers": 45, "shared_bytes": 13312}}
     assert script.short(MANGLED) == "blend_kernel<true, 9>"
 
@@ -43,7 +43,7 @@ def test_the_committed_report_has_the_blend_kernels_and_no_spill(script):
 def test_no_blend_kernel_spills():
     done = subprocess.run([SCRIPT, "--check"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    for kernel in ("blend_kernel<", "pixel_backward_kernel<", "splat_backward_kernel<", "count_kernel"):
+    for kernel in ("sm_75", "sm_90", "blend_kernel<", "pixel_backward_kernel<", "splat_backward_kernel<", "count_kernel"):
         assert kernel in done.stdout
 
 
