@@ -109,7 +109,7 @@ __device__ inline float exponent_at(const SplatRecord& splat, float dx, float dy
 // and a division spend several more on such numbers.
 __device__ inline float power_of_two(float exponent) {
 #ifdef SPLATBOOST_CUDA_ON_CPU
-  return exp2f(exponent);
+  return cuda_on_cpu::approximate(exp2f(exponent));
 #else
   float power;
   asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(power) : "f"(exponent));
@@ -118,7 +118,7 @@ __device__ inline float power_of_two(float exponent) {
 }
 __device__ inline float reciprocal(float x) {
 #ifdef SPLATBOOST_CUDA_ON_CPU
-  return 1.0f / x;
+  return cuda_on_cpu::approximate(1.0f / x);
 #else
   float inverse;
   asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(x));

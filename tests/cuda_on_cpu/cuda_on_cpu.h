@@ -9,7 +9,7 @@
 /// not of those that arrive. Code of the host that touches memory of the device ends with a segmentation fault, at that
 /// line.
 ///
-/// What it cannot see: orders of execution other than those it is told to run, and how hardware rounds.
+/// What it cannot see: orders of execution other than those it is told to run, and how hardware rounds to the last bit.
 #pragma once
 
 #include <cstddef>

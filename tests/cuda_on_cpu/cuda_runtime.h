@@ -298,11 +298,26 @@ inline unsigned __float_as_uint(float value) { return std::bit_cast<unsigned>(va
 inline float __uint_as_float(unsigned bits) { return std::bit_cast<float>(bits); }
 inline int __float_as_int(float value) { return std::bit_cast<int>(value); }
 inline float __int_as_float(int bits) { return std::bit_cast<float>(bits); }
+namespace cuda_on_cpu {
+/// A number that the compiler takes as it is: what made it is not fused with what is made of it.
+template <class T>
+T rounded(T value) {
+  asm volatile("" : "+m"(value));
+  return value;
+}
+/// As a special function unit may give it: numbers below the normal ones are 0, and the last bits are not sure.
+inline float approximate(float exact) {
+  if (!std::isnormal(exact)) return std::abs(exact) < 1 ? std::copysign(0.0f, exact) : exact;
+  const auto bits = std::bit_cast<unsigned>(exact);
+  return std::bit_cast<float>(bits + (bits * 2654435761u >> 30) - 1);  // one down to two up
+}
+}  // namespace cuda_on_cpu
+
 // Rounded one by one: never fused.
-inline float __fmul_rn(float a, float b) { return a * b; }
-inline float __fadd_rn(float a, float b) { return a + b; }
-inline double __dmul_rn(double a, double b) { return a * b; }
-inline double __dadd_rn(double a, double b) { return a + b; }
+inline float __fmul_rn(float a, float b) { return cuda_on_cpu::rounded(a * b); }
+inline float __fadd_rn(float a, float b) { return cuda_on_cpu::rounded(a + b); }
+inline double __dmul_rn(double a, double b) { return cuda_on_cpu::rounded(a * b); }
+inline double __dadd_rn(double a, double b) { return cuda_on_cpu::rounded(a + b); }
 inline float __fdividef(float a, float b) { return a / b; }
 inline float __saturatef(float a) { return std::min(std::max(a, 0.0f), 1.0f); }
 inline float rsqrtf(float a) { return 1.0f / std::sqrt(a); }
