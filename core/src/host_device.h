@@ -38,6 +38,14 @@ SPLATBOOST_HOST_DEVICE float floor_of(float a) { return floorf(a); }
 SPLATBOOST_HOST_DEVICE float ceil_of(float a) { return ceilf(a); }
 SPLATBOOST_HOST_DEVICE float reciprocal_of(float a) { return 1.0f / a; }
 SPLATBOOST_HOST_DEVICE float log2_of(float a) { return log2f(a); }
+/// a·b, rounded: not fused with a sum that it goes into.
+SPLATBOOST_HOST_DEVICE float product_of(float a, float b) {
+#if defined(__CUDA_ARCH__) || defined(SPLATBOOST_CUDA_ON_CPU)
+  return __fmul_rn(a, b);
+#else
+  return a * b;
+#endif
+}
 /// a where the condition holds, else b.
 SPLATBOOST_HOST_DEVICE constexpr float select(bool condition, float a, float b) { return condition ? a : b; }
 

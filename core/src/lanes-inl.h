@@ -68,6 +68,7 @@ HWY_INLINE Float reciprocal_of(Float a) {
 }
 /// At most e^88, which is finite; Highway's gives anything beyond.
 HWY_INLINE Float exp_of(Float a) { return Float(hn::Exp(Lanes(), min_of(a, Float(88.0f)).v)); }
+HWY_INLINE Float product_of(Float a, Float b) { return a * b; }
 HWY_INLINE Float log2_of(Float a) { return Float(hn::Log2(Lanes(), a.v)); }
 HWY_INLINE Float select(Bool condition, Float a, Float b) { return Float(hn::IfThenElse(condition.m, a.v, b.v)); }
 

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <string>
 
 #include "cuda_runtime.h"
@@ -18,40 +19,54 @@
 namespace cuda_on_cpu {
 namespace {
 
-/// The last access of a kind to an address.
+/// The last access of a kind to a byte.
 struct Access {
-  static constexpr std::uint64_t kSeveral = 1024;        ///< threads of a block, between two of its barriers
-  static constexpr std::uint64_t kSeveralBlocks = 1025;  ///< … of a grid
+  // In place of a thread's number:
+  static constexpr std::uint64_t kSeveralOfWarp = 1024;  ///< and the number of the warp
+  static constexpr std::uint64_t kSeveral = 1056;        ///< threads of a block, between two of its barriers
+  static constexpr std::uint64_t kSeveralBlocks = 1057;  ///< of the grid
+
   std::uint64_t epoch : 40 = 0;
   std::uint64_t thread : 11 = 0;
-  std::uint64_t warp_epoch : 12 = 0;  ///< its last bits
-  std::uint64_t atomic : 1 = 0;
+  std::uint64_t warp_epoch : 13 = 0;  ///< its last bits
 
-  static Access of(const Moment& now, bool is_atomic = false) {
+  static Access of(const Moment& now) {
     Access access;
     access.epoch = now.now & ((std::uint64_t{1} << 40) - 1);
     access.thread = static_cast<std::uint64_t>(now.thread) & 2047u;
-    access.warp_epoch = now.warp_now & 4095u;
-    access.atomic = is_atomic ? 1 : 0;
+    access.warp_epoch = now.warp_now & 8191u;
     return access;
   }
   bool is_of_grid(const Moment& now) const { return epoch >= now.grid; }
+  bool is_of_warp(const Moment& now) const {
+    const auto warp = static_cast<std::uint64_t>(now.thread / 32);
+    return thread < kSeveralOfWarp ? thread / 32 == warp : thread == kSeveralOfWarp + warp;
+  }
   /// Whether it comes before `now` however the threads run.
   bool is_before(const Moment& now) const {
     if (!is_of_grid(now)) return true;
     if (epoch < now.block || thread == kSeveralBlocks) return false;
-    if (epoch < now.now) return true;
-    if (thread == kSeveral) return false;
-    const auto me = static_cast<std::uint64_t>(now.thread);
-    return thread == me || (thread / 32 == me / 32 && warp_epoch != (now.warp_now & 4095u));
+    if (epoch < now.now || thread == static_cast<std::uint64_t>(now.thread)) return true;
+    return is_of_warp(now) && warp_epoch != (now.warp_now & 8191u);
+  }
+  /// Notes one more where several do no harm.
+  void join(const Moment& now) {
+    Access joined = of(now);
+    if (is_of_grid(now) && (epoch < now.block || thread == kSeveralBlocks)) {
+      joined.thread = kSeveralBlocks;
+    } else if (epoch == now.now && !is_before(now)) {
+      joined.thread =
+          (is_of_warp(now) ? kSeveralOfWarp + static_cast<std::uint64_t>(now.thread / 32) : kSeveral) & 2047u;
+    }
+    *this = joined;
   }
 };
 
 struct Cell {
-  Access write, read;
+  Access write, atomic, read;
 };
 
-// A cell for each byte, of which an access uses the first of each of its words; a flag for each byte that was written.
+// Of each byte of the device's memory: its accesses, and whether it was written.
 const std::byte* begin = nullptr;
 std::size_t watched = 0;
 Cell* cells = nullptr;
@@ -62,7 +77,8 @@ T* reserve(std::size_t n) {
   void* const at =
       mmap(nullptr, n * sizeof(T), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (at != MAP_FAILED) return static_cast<T*>(at);
-  std::fputs("the CUDA emulator found no addresses to note accesses at\n", stderr);
+  std::fprintf(stderr, "the CUDA emulator found no %zu GiB of addresses: see ulimit -v and vm.overcommit_memory\n",
+               n * sizeof(T) >> 30);
   std::abort();
 }
 
@@ -71,17 +87,14 @@ std::size_t offset_of(const void* at) {
   return static_cast<std::size_t>(reinterpret_cast<std::uintptr_t>(at) - reinterpret_cast<std::uintptr_t>(begin));
 }
 
-std::string thread_of(const Access& access) {
-  if (access.thread >= Access::kSeveral) return "several threads";
-  return "thread " + std::to_string(access.thread);
-}
-
 void report(const char* what, std::size_t offset, const Access& other, const char* did, const Moment& now) {
   char address[32];
   std::snprintf(address, sizeof address, "%p", static_cast<const void*>(begin + offset));
-  end_with_fault(std::string(what) + " global memory at " + address + ", which " + thread_of(other) +
-                 (other.epoch < now.block || other.thread == Access::kSeveralBlocks ? " of another block " : " ") +
-                 did + ", with no barrier in between");
+  const bool of_another_block = other.epoch < now.block || other.thread == Access::kSeveralBlocks;
+  end_with_fault(
+      std::string(what) + " global memory at " + address + ", which " +
+      (other.thread < Access::kSeveralOfWarp ? "thread " + std::to_string(other.thread) : "several threads") +
+      (of_another_block ? " of another block " : " ") + did + ", with no barrier in between");
 }
 
 void check_written(std::size_t offset, std::size_t bytes) {
@@ -99,18 +112,11 @@ void read(const void* at, std::size_t bytes) {
   check_written(offset, bytes);
   if (!is_in_kernel()) return;
   const Moment now = moment();
-  for (std::size_t word = offset; word < offset + bytes; word += 4) {
-    Cell& cell = cells[word];
-    if (!cell.write.is_before(now)) report("reads", word, cell.write, "wrote", now);
-    Access seen = Access::of(now);
-    if (cell.read.is_of_grid(now)) {
-      if (cell.read.epoch < now.block || cell.read.thread == Access::kSeveralBlocks) {
-        seen.thread = Access::kSeveralBlocks;
-      } else if (cell.read.epoch == now.now && cell.read.thread != seen.thread) {
-        seen.thread = Access::kSeveral;
-      }
-    }
-    cell.read = seen;
+  for (std::size_t at_byte = offset; at_byte < offset + bytes; ++at_byte) {
+    Cell& cell = cells[at_byte];
+    if (!cell.write.is_before(now)) report("reads", at_byte, cell.write, "wrote", now);
+    if (!cell.atomic.is_before(now)) report("reads", at_byte, cell.atomic, "changed", now);
+    cell.read.join(now);
   }
 }
 
@@ -121,12 +127,16 @@ void write(const void* at, std::size_t bytes, bool is_atomic = false) {
   std::memset(written + offset, 1, bytes);
   if (!is_in_kernel()) return;
   const Moment now = moment();
-  for (std::size_t word = offset; word < offset + bytes; word += 4) {
-    Cell& cell = cells[word];
-    if (!(is_atomic && cell.write.atomic) && !cell.write.is_before(now))
-      report("writes", word, cell.write, "wrote", now);
-    if (!cell.read.is_before(now)) report("writes", word, cell.read, "read", now);
-    cell.write = Access::of(now, is_atomic);
+  for (std::size_t at_byte = offset; at_byte < offset + bytes; ++at_byte) {
+    Cell& cell = cells[at_byte];
+    if (!cell.write.is_before(now)) report("writes", at_byte, cell.write, "wrote", now);
+    if (!cell.read.is_before(now)) report("writes", at_byte, cell.read, "read", now);
+    if (is_atomic) {
+      cell.atomic.join(now);
+      continue;
+    }
+    if (!cell.atomic.is_before(now)) report("writes", at_byte, cell.atomic, "changed", now);
+    cell.write = Access::of(now);
   }
 }
 

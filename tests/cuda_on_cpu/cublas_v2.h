@@ -58,11 +58,3 @@ inline cublasStatus_t cublasSgemm(cublasHandle_t handle, cublasOperation_t of_a,
   });
   return CUBLAS_STATUS_SUCCESS;
 }
-
-/// y [m] = alpha·a·x + beta·y, a [m,n], x [n]
-inline cublasStatus_t cublasSgemv(cublasHandle_t handle, cublasOperation_t of_a, int m, int n, const float* alpha,
-                                  const float* a, int lda, const float* x, int x_step, const float* beta, float* y,
-                                  int y_step) {
-  if (of_a != CUBLAS_OP_N || x_step != 1 || y_step != 1) return CUBLAS_STATUS_INVALID_VALUE;  // not needed so far
-  return cublasSgemm(handle, CUBLAS_OP_N, CUBLAS_OP_N, m, 1, n, alpha, a, lda, x, n, beta, y, m);
-}

@@ -24,13 +24,15 @@ class Fault : public std::logic_error {
   using std::logic_error::logic_error;
 };
 
-/// Runs blocks, and a block's threads between two barriers, in an order drawn from this seed; 0: in their own order.
-/// What a kernel computes may depend on it only where atomic additions of floats do.
+/// Runs blocks, and a block's threads between two barriers, in an order drawn from this seed, another one at each
+/// launch; 0: in their own order. 1 unless told. What a kernel computes may depend on it only where atomic additions of
+/// floats do.
 void permute(std::uint64_t seed);
 
 /// The most pieces of work (launches, copies, marks of events) that wait in a stream; 0: each is done when it is given,
 /// and a fault is thrown there, as where CUDA_LAUNCH_BLOCKING=1 is set. Any number at first.
-void set_lag(std::size_t pieces);
+/// @return what it was
+std::size_t set_lag(std::size_t pieces);
 
 /// Size of the memory of the device. Allocations beyond it fail.
 void set_device_memory(std::size_t bytes);

@@ -57,7 +57,8 @@ struct Grid {
 
 Grid grid;
 std::exception_ptr fault_of_work;
-std::uint64_t seed = 0;
+std::uint64_t seed = 1;
+std::uint64_t launches = 0;
 
 std::vector<std::unique_ptr<Fiber>> all_fibers;
 std::vector<Fiber*> idle_fibers;
@@ -294,7 +295,10 @@ uint3 unravel(unsigned index, dim3 size) { return {index % size.x, index / size.
 
 }  // namespace
 
-void permute(std::uint64_t new_seed) { seed = new_seed; }
+void permute(std::uint64_t new_seed) {
+  seed = new_seed;
+  launches = 0;
+}
 
 int lane() { return grid.current->lane(); }
 
@@ -403,7 +407,7 @@ bool is_valid_shape(dim3 blocks, dim3 threads) {
 void run(dim3 blocks, dim3 threads, const std::function<void()>& kernel) {
   const unsigned size = threads.x * threads.y * threads.z;
   const DeviceAccess access;
-  std::uint64_t random = seed;
+  std::uint64_t random = seed + ++launches;
   std::vector<unsigned> block_order(blocks.x * blocks.y * blocks.z);
   std::iota(block_order.begin(), block_order.end(), 0u);
   shuffle_order(block_order, random);

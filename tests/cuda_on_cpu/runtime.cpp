@@ -68,7 +68,7 @@ class Arena {
   }
 
  private:
-  static constexpr std::size_t kReserved = std::size_t{16} << 30;  // of addresses, not of memory
+  static constexpr std::size_t kReserved = std::size_t{8} << 30;  // of addresses, not of memory
   static std::size_t rounded(std::size_t bytes) { return (bytes + kPage - 1) / kPage * kPage; }
   void protect(int access) const {
     if (used_ > 0) static_cast<void>(mprotect(begin_, used_, access));
@@ -165,6 +165,7 @@ cudaError_t cudaFree(void* memory) {
   const auto found = allocations.find(memory);
   if (found == allocations.end()) return memory == nullptr ? cudaSuccess : cudaErrorInvalidValue;
   cuda_on_cpu::finish_everything();
+  cuda_on_cpu::forget(memory, found->second);  // who still reads it shows
   in_use -= found->second;
   arena().give_back(memory, found->second);
   allocations.erase(found);

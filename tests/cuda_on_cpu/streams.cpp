@@ -86,6 +86,16 @@ void append(Stream& stream, std::function<void()> work) {
   do_all_but(lag(), stream);
 }
 
+/// In a call that destructors make: a fault waits for the next one that may throw.
+template <class Call>
+void quietly(const Call& call) noexcept {
+  try {
+    call();
+  } catch (...) {
+    failure.fault = std::current_exception();
+  }
+}
+
 void finish(Mark& mark) {
   Stream& stream = streams()[mark.stream];
   const cuda_on_cpu::DeviceAccess access;
@@ -107,16 +117,14 @@ void give_work(cudaStream_t stream, std::function<void()> work) {
 }
 
 void finish_everything() noexcept {
-  try {
+  quietly([] {
     for (auto& [handle, stream] : streams()) finish(stream);
-  } catch (...) {
-    failure.fault = std::current_exception();
-  }
+  });
 }
 
-void set_lag(std::size_t pieces) {
-  lag() = pieces;
+std::size_t set_lag(std::size_t pieces) {
   for (auto& [handle, stream] : streams()) do_all_but(pieces, stream);
+  return std::exchange(lag(), pieces);
 }
 
 bool comes_after(void* later, void* earlier) {
@@ -184,9 +192,11 @@ cudaError_t cudaEventDestroy(cudaEvent_t event) {
 cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream) {
   Stream& in = streams()[stream];
   event->mark = std::make_shared<Mark>(Mark{stream, in.progress});
-  append(in, [mark = event->mark] {
-    mark->reached = true;
-    mark->at = std::chrono::steady_clock::now();
+  quietly([&] {
+    append(in, [mark = event->mark] {
+      mark->reached = true;
+      mark->at = std::chrono::steady_clock::now();
+    });
   });
   return cudaSuccess;
 }

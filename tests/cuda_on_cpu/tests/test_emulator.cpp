@@ -38,14 +38,14 @@ void expect_fault(const std::function<void()>& launch, const std::string& part) 
       EXPECT_NE(std::string(fault.what()).find(part), std::string::npos) << fault.what();
     }
   }
-  cuda_on_cpu::permute(0);
+  cuda_on_cpu::permute(1);
 }
 
 /// Runs a test in several orders.
 class Orders : public ::testing::TestWithParam<std::uint64_t> {
  protected:
   void SetUp() override { cuda_on_cpu::permute(GetParam()); }
-  void TearDown() override { cuda_on_cpu::permute(0); }
+  void TearDown() override { cuda_on_cpu::permute(1); }
 };
 
 // ---- right kernels
@@ -138,7 +138,7 @@ TEST(Emulator, SeedsChangeTheOrder) {
     start(order_of_arrival, 2, 32, std::span(next), std::span(out));
     found.push_back(out);
   }
-  cuda_on_cpu::permute(0);
+  cuda_on_cpu::permute(1);
   EXPECT_TRUE(std::is_sorted(found[0].begin(), found[0].end()));
   EXPECT_NE(found[1], found[0]);
   EXPECT_NE(found[1], found[2]);
@@ -325,6 +325,60 @@ TEST_F(EmulatorFindsInGlobalMemory, APlainReadBesideAtomics) {
   expect_fault([&] { start(add_and_read, 1, 64, numbers()); }, "global memory");
 }
 
+/// All add to the first number; one block reads it, writes it before, or writes it behind.
+enum class Beside { reads, writes_before, writes_behind };
+
+template <Beside kBeside>
+__global__ void beside_atomics(DeviceView<int> numbers) {
+  const bool one = blockIdx.x + 1 == gridDim.x && threadIdx.x == 0;
+  if (kBeside == Beside::writes_before && one) numbers[0] = 0;
+  __syncthreads();
+  atomicAdd(&numbers[0], 1);
+  __syncthreads();
+  if (kBeside == Beside::reads && one) numbers[1] = numbers[0];
+  if (kBeside == Beside::writes_behind && one) numbers[0] = 0;
+}
+
+TEST_F(EmulatorFindsInGlobalMemory, APlainAccessBesideAtomicsOfOtherBlocks) {
+  expect_fault([&] { start(beside_atomics<Beside::reads>, 4, 32, numbers()); }, "of another block");
+  expect_fault([&] { start(beside_atomics<Beside::writes_before>, 4, 32, numbers()); }, "of another block");
+  expect_fault([&] { start(beside_atomics<Beside::writes_behind>, 4, 32, numbers()); }, "of another block");
+  start(beside_atomics<Beside::reads>, 1, 64, numbers());
+  start(beside_atomics<Beside::writes_before>, 1, 64, numbers());
+  start(beside_atomics<Beside::writes_behind>, 1, 64, numbers());
+}
+
+template <bool kWarpSync>
+__global__ void read_then_write(DeviceView<int> numbers) {
+  numbers[64 + threadIdx.x] = numbers[0];
+  if (kWarpSync) __syncwarp();
+  if (threadIdx.x == 0) numbers[0] = 1;
+}
+
+TEST_F(EmulatorFindsInGlobalMemory, AWriteOfWhatAWarpReads) {
+  start(read_then_write<true>, 1, 32, numbers());
+  expect_fault([&] { start(read_then_write<false>, 1, 32, numbers()); }, "with no barrier in between");
+  expect_fault([&] { start(read_then_write<true>, 1, 64, numbers()); }, "with no barrier in between");
+}
+
+__global__ void write_parts(DeviceView<int> numbers) {
+  if (threadIdx.x == 0) numbers[0] = 1;
+  if (threadIdx.x == 1) reinterpret_cast<unsigned char*>(&numbers[0])[3] = 1;
+}
+
+TEST_F(EmulatorFindsInGlobalMemory, AWriteOfAPartOfWhatAnotherWrites) {
+  expect_fault([&] { start(write_parts, 1, 32, numbers()); }, "global memory");
+}
+
+TEST_F(EmulatorFindsInGlobalMemory, WhatWasGivenBack) {
+  void* gone = nullptr;
+  ASSERT_EQ(cudaMalloc(&gone, 128 * sizeof(int)), cudaSuccess);
+  const DeviceView<int> numbers = std::span(static_cast<int*>(gone), 128);
+  start(write_index, 4, 32, numbers);
+  ASSERT_EQ(cudaFree(gone), cudaSuccess);
+  expect_fault([&] { start(touch<Touch::own_twice>, 1, 1, numbers); }, "nobody wrote");
+}
+
 template <bool kBarrier, bool kWarpSync>
 __global__ void exchange_in_global(DeviceView<int> numbers) {
   numbers[threadIdx.x] = static_cast<int>(threadIdx.x);
@@ -422,6 +476,7 @@ class EmulatorStreams : public ::testing::Test {
   static constexpr std::size_t kNumbers = 64;
   static constexpr std::size_t kBytes = kNumbers * sizeof(int);
   void SetUp() override {
+    lag_before_ = cuda_on_cpu::set_lag(std::numeric_limits<std::size_t>::max());
     ASSERT_EQ(cudaMalloc(reinterpret_cast<void**>(&device_), kBytes), cudaSuccess);
     ASSERT_EQ(cudaMallocHost(reinterpret_cast<void**>(&pinned_), kBytes), cudaSuccess);
     for (cudaStream_t& stream : streams_) {
@@ -430,7 +485,7 @@ class EmulatorStreams : public ::testing::Test {
     ASSERT_EQ(cudaEventCreateWithFlags(&event_, cudaEventDefault), cudaSuccess);
   }
   void TearDown() override {
-    cuda_on_cpu::set_lag(std::numeric_limits<std::size_t>::max());
+    cuda_on_cpu::set_lag(lag_before_);
     EXPECT_EQ(cudaEventDestroy(event_), cudaSuccess);
     for (const cudaStream_t stream : streams_) EXPECT_EQ(cudaStreamDestroy(stream), cudaSuccess);
     EXPECT_EQ(cudaFreeHost(pinned_), cudaSuccess);
@@ -450,6 +505,7 @@ class EmulatorStreams : public ::testing::Test {
   }
   DeviceView<int> numbers() { return std::span(device_, kNumbers); }
 
+  std::size_t lag_before_ = 0;
   int* device_ = nullptr;
   int* pinned_ = nullptr;
   cudaStream_t streams_[2] = {};
@@ -520,6 +576,11 @@ TEST_F(EmulatorStreams, ThrowFaultsWhereTheHostWaits) {
     EXPECT_THROW(static_cast<void>(cudaStreamSynchronize(streams_[0])), cuda_on_cpu::Fault);
     EXPECT_EQ(cudaStreamSynchronize(streams_[0]), cudaSuccess);
   }
+  // Nor does the mark of an event throw, which destructors set.
+  cuda_on_cpu::set_lag(1);
+  give(streams_[0], writes_beyond, std::span(few));
+  EXPECT_EQ(cudaEventRecord(event_, streams_[0]), cudaSuccess);
+  EXPECT_THROW(static_cast<void>(cudaEventQuery(event_)), cuda_on_cpu::Fault);
   cuda_on_cpu::set_lag(0);
   EXPECT_THROW(give(streams_[0], writes_beyond, std::span(few)), cuda_on_cpu::Fault);
 }
