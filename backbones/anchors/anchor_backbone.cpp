@@ -141,7 +141,7 @@ void AnchorBackbone::use_embedding_of(const View* view) {
 
 void AnchorBackbone::decode(const Camera& camera, bool ahead) {
   activate();
-  const std::span<const std::uint8_t> usable = usable_anchors(camera);  // which may say that they are others now
+  const std::span<const std::uint8_t> usable = usable_anchors(camera);  // may forget_views(), so it comes first
   decoded_ = &view_.decode(camera, decoder_inputs(), usable, ahead);
 }
 

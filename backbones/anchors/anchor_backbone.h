@@ -79,8 +79,8 @@ class AnchorBackbone : public Backbone {
     (void)camera;
     return {};
   }
-  /// usable_anchors() lets views use more of the anchors than before.
-  void views_use_more() { view_.forget_views(); }
+  /// To be called before the first view of training that may use other shares of the anchors than those before.
+  void forget_views() { view_.forget_views(); }
   /// [N] of DecoderShape::level, in memory of the device.
   virtual std::span<const float> levels() const { return {}; }
   /// The backbone's own rule: marks [N·k] the slots that grow. @param judged slots seen often enough

@@ -42,12 +42,12 @@ class AnchorView {
 
   /// Valid until the next call.
   /// @param usable [N] zero where the view may not use an anchor; empty: it may use all
-  /// @param ahead on a GPU do not wait for the number of anchors in view: there is room for half as many again as the
-  /// most that a view so far had, of the anchors that there were; a view that has more goes without the last of them
+  /// @param ahead on a GPU do not wait for the number of anchors in view. There is room for all until 64 views are
+  /// known, then for half as many again as any of them had; a view that has more goes without the last of them
   const ViewGaussians& decode(const Camera& camera, const DecoderInputs<float>& inputs,
                               std::span<const std::uint8_t> usable, bool ahead);
 
-  /// From now on views have other shares of the anchors than before: the next ones get room for all.
+  /// From now on views have other shares of the anchors than before: nothing is known of them.
   void forget_views();
 
   /// Adds the gradient of `weight` × the mean volume Π scales of the Gaussians.

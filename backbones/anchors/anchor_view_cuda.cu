@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many anchors are in view is known to the device only, which the host does not wait for. So each view has rows for
-// more of them: those in view come first, behind them are rows of zeros, and slots of theirs that are not drawn.
+// How many anchors are in view is known to the device only, which the host does not wait for. So a view has more rows
+// than it needs: the anchors in view come first, behind them are rows of zeros, and slots of theirs that are not drawn.
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <deque>
 #include <optional>
 
 #include "anchors/anchor_prefilter_math.h"
@@ -143,11 +142,11 @@ __global__ void __launch_bounds__(kBlockThreads)
 
 /// @param totals sum of the volumes, and how many there are
 __global__ void __launch_bounds__(kBlockThreads)
-    volume_gradient_kernel(double weight, DeviceView<const double> totals, DeviceView<const std::uint32_t> slots,
+    volume_gradient_kernel(float weight, DeviceView<const double> totals, DeviceView<const std::uint32_t> slots,
                            DeviceView<const float> scales, DeviceView<float> gradients) {
   const std::size_t i = element_index();
   if (i >= slots.size() || slots[i] == kNothing) return;
-  const float share = static_cast<float>(weight / totals[1]);
+  const float share = weight / static_cast<float>(totals[1]);
   const float x = scales[3 * i], y = scales[3 * i + 1], z = scales[3 * i + 2];
   gradients[3 * i] += share * y * z;
   gradients[3 * i + 1] += share * x * z;
@@ -261,7 +260,8 @@ __global__ void __launch_bounds__(kBlockThreads)
   for (std::size_t i = 0; i < 3; ++i) by_bank[3 * v + i] = bank[3 * v + i] * (by_weight[i] - mean);
 }
 
-/// How many rows a view gets.
+/// How many rows a view gets: half as many again as the views whose numbers are known needed at most, as a share of all
+/// anchors and as a number.
 class RowsOfViews {
  public:
   explicit RowsOfViews(CudaStream& stream) : numbers_(stream) {}
@@ -270,40 +270,41 @@ class RowsOfViews {
   std::size_t next(const std::uint32_t* in_view, std::size_t anchors, bool ahead) {
     if (numbers_.is_full()) note(numbers_.wait());
     numbers_.send(in_view);
-    anchors_of_.push_back(anchors);
+    anchors_of_[sent_++ % kMostUnderWay] = anchors;
     while (const std::optional<std::uint32_t> number = numbers_.take()) note(*number);
     while (!ahead && !numbers_.is_empty()) note(numbers_.wait());
-    if (ahead && views_with_all_ > 0) {
-      --views_with_all_;
-      return anchors;
-    }
-    const double most = largest_share_ * static_cast<double>(anchors);
-    // Whole hundreds and some, so that few shapes of matrices occur.
+    if (ahead && known_ < forgotten_ + kViewsWithAll) return anchors;
+    const double most = std::max(largest_share_ * static_cast<double>(anchors), static_cast<double>(largest_));
+    // Some to spare, in steps, so that few shapes of matrices occur.
     const std::size_t rows = (static_cast<std::size_t>(kRoomFactor * most) / kGrain + 2) * kGrain;
     return std::min(anchors, rows);
   }
   void forget() {
-    views_with_all_ = kViewsWithAll;
+    forgotten_ = sent_;
     largest_share_ = 0;
+    largest_ = 0;
   }
 
  private:
   static constexpr double kRoomFactor = 1.5;
-  static constexpr std::size_t kGrain = 128;
-  /// As many as the host may be ahead of the numbers.
-  static constexpr int kViewsWithAll = 64;
+  static constexpr std::size_t kGrain = 32;
+  static constexpr std::size_t kViewsWithAll = 64;
+  static constexpr std::size_t kMostUnderWay = 64;
 
   void note(std::uint32_t in_view) {
-    const double share =
-        static_cast<double>(in_view) / static_cast<double>(std::max<std::size_t>(anchors_of_.front(), 1));
-    largest_share_ = std::max(largest_share_, share);
-    anchors_of_.pop_front();
+    const std::size_t anchors = anchors_of_[known_++ % kMostUnderWay];
+    if (known_ <= forgotten_) return;
+    largest_ = std::max(largest_, in_view);
+    if (anchors > 0)
+      largest_share_ = std::max(largest_share_, static_cast<double>(in_view) / static_cast<double>(anchors));
   }
 
-  Readbacks<std::uint32_t> numbers_;
-  std::deque<std::size_t> anchors_of_;  ///< of the views whose numbers are under way
-  double largest_share_ = 0;            ///< of all anchors, in one view
-  int views_with_all_ = kViewsWithAll;
+  Readbacks<std::uint32_t, kMostUnderWay> numbers_;
+  std::array<std::size_t, kMostUnderWay> anchors_of_{};  ///< of the views whose numbers are under way
+  std::size_t sent_ = 0, known_ = 0;                     ///< numbers so far
+  std::size_t forgotten_ = 0;                            ///< the first of them say nothing of the views to come
+  double largest_share_ = 0;                             ///< of all anchors, in one view
+  std::uint32_t largest_ = 0;
 };
 
 class WorkOnCuda final : public AnchorView::Work {
@@ -365,8 +366,8 @@ class WorkOnCuda final : public AnchorView::Work {
     };
     sum(volumes_, totals_.data());
     sum(drawn_, totals_.data() + 1);
-    launch_each(stream_, "volume_gradient", volume_gradient_kernel, m, weight, totals_.span(), slots_.span(),
-                scales_.span(), scale_gradients);
+    launch_each(stream_, "volume_gradient", volume_gradient_kernel, m, static_cast<float>(weight), totals_.span(),
+                slots_.span(), scales_.span(), scale_gradients);
 
     const auto note = [&](const std::array<double, 2>& totals) {
       if (!std::isfinite(newest_volume_loss_)) return;  // so that none of these is missed

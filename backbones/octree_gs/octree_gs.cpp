@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "anchors/anchor_backbone.h"
 #include "anchors/anchor_cells.h"
@@ -163,7 +164,7 @@ void Octree::anchors_changed() {
 std::span<const std::uint8_t> Octree::usable_anchors(const Camera& camera) {
   const glm::vec3 centre = camera.centre();
   const int highest = highest_level();
-  if (std::exchange(highest_in_use_, highest) < highest) views_use_more();
+  if (std::exchange(highest_in_use_, highest) < highest) forget_views();
   LevelsInUse rule{{centre.x, centre.y, centre.z}, standard_distance_, fork(), rounding_, highest, {}};
   for (int level = 0; level < level_count(); ++level) {
     rule.shift[static_cast<std::size_t>(level)] = 0.5f * grid(level).size;

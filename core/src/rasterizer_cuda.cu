@@ -161,7 +161,7 @@ class CudaRasterizer : public RasterizerBackend {
   /// Looks at numbers that have arrived.
   void learn() {
     known_ = totals_.get();
-    known_gaussians_ = std::max<std::size_t>(frame_.gaussians, 1);
+    known_gaussians_ = std::max({known_gaussians_, frame_.gaussians, std::size_t{1}});
     outgrown_ = known_.most_visible > visible_room_ || known_.most_entries > frame_.entry_room;
   }
 
@@ -182,7 +182,7 @@ class CudaRasterizer : public RasterizerBackend {
   bool settled_ = true;           ///< the last frame had room enough
   bool outgrown_ = false;         ///< a frame was found to have had too little room
   FrameTotals known_{};
-  std::size_t known_gaussians_ = 0;  ///< N when these were looked at; 0: no frame was drawn
+  std::size_t known_gaussians_ = 0;  ///< the largest N when such were looked at; 0: no frame was drawn
   RasterSeconds seconds_;
   Event start_, projected_, listed_, blended_, backward_start_, blended_backward_, projected_backward_, count_start_,
       counted_;

@@ -10,6 +10,7 @@
 #include "octree_gs/octree_gs.h"
 #include "scaffold_gs/scaffold_adapter.h"
 #include "scaffold_gs/scaffold_gs.h"
+#include "support/scenes.h"
 
 namespace splatboost::test {
 namespace {
@@ -57,6 +58,19 @@ std::unique_ptr<Backbone> octree(const BackboneContext& context) {
   return make_octree(context, config);
 }
 
+std::unique_ptr<Backbone> coarse_scaffold(const BackboneContext& context) {
+  auto config = eager<ScaffoldConfig>();
+  config.voxel_size = 0.5;
+  return make_scaffold(context, config);
+}
+
+std::unique_ptr<Backbone> octree_of_three_levels(const BackboneContext& context) {
+  auto config = eager<OctreeConfig>();
+  config.levels = 3;
+  config.base_layer = 4;
+  return make_octree(context, config);
+}
+
 const std::vector<Method>& methods() {
   static const std::vector<Method> all = {
       {"scaffold", [](const BackboneContext& c) { return scaffold(c, false); },
@@ -92,6 +106,58 @@ TEST_P(CudaAnchorTraining, NeverWaitsBetweenGrowths) { expect_no_wait_between_gr
 TEST_P(CudaAnchorTraining, GoesOnFromACheckpointOnEitherDevice) { expect_resume_on_either_device(15, 22, 2); }
 
 TEST_P(CudaAnchorTraining, ModelsAndPicturesAreThoseOfTheCpu) { expect_models_and_pictures_of_the_cpu(14); }
+
+/// Views see a part of the anchors, so that rows follow the views once 64 of these are known.
+class CudaAnchorTrainingOfParts : public CudaAnchorTraining {
+ protected:
+  static constexpr int kKnown = 77, kLast = 90;
+  CudaAnchorTrainingOfParts() {
+    iterations_ = 320;  // the finest level of the octree opens at 80
+    most_primitives_ = 5000;
+    for (std::size_t i = 0; i < 1300; ++i) {  // some of them far around all cameras, most between these
+      const std::vector<float> at = numbers(3, -1, 1, 1000 + i);
+      const float length = std::sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+      for (const float x : at) scene_.points.positions.push_back(i < 400 ? 12 * x / length : 1.3f * x);
+      for (int c = 0; c < 3; ++c) scene_.points.colors.push_back(static_cast<std::uint8_t>(40 * (i % 6)));
+    }
+  }
+  /// A run that has rows for parts from kKnown on, up to `last`.
+  std::unique_ptr<Backbone> trained(Device device, int last) {
+    std::unique_ptr<Backbone> backbone = make(device);
+    backbone->set_hooks(&hook_, nullptr);
+    testing::train(*backbone, scene_, 1, kKnown);
+    backbone->wait();  // all numbers have come back
+    testing::train(*backbone, scene_, kKnown + 1, last);
+    return backbone;
+  }
+
+  NeverGrows hook_;
+};
+
+TEST_P(CudaAnchorTrainingOfParts, IsThatOfTheCpu) {
+  const std::unique_ptr<Backbone> there = trained(stream(), kLast), here = trained(threads_, kLast);
+  for (const View& view : scene_.train) {
+    const std::vector<float> found = testing::picture(*there, view), expected = testing::picture(*here, view);
+    double sum = 0;
+    for (std::size_t p = 0; p < found.size(); ++p) sum += std::abs(found[p] - expected[p]);
+    EXPECT_LT(sum / static_cast<double>(found.size()), 1e-4);
+  }
+}
+
+TEST_P(CudaAnchorTrainingOfParts, NeverWaits) {
+  const std::unique_ptr<Backbone> backbone = trained(stream(), kKnown + 5);  // a level that opens may take more room
+  backbone->wait();
+  testing::train(*backbone, scene_, kKnown + 6, kKnown + 8);
+  const CudaActivity before = stream().activity();
+  testing::train(*backbone, scene_, kKnown + 9, kLast);
+  EXPECT_EQ(stream().activity().allocations, before.allocations);
+  EXPECT_EQ(stream().activity().synchronizations, before.synchronizations);
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, CudaAnchorTrainingOfParts,
+                         ::testing::Values(Method{"scaffold", coarse_scaffold, {}},
+                                           Method{"octree", octree_of_three_levels, {}}),
+                         [](const auto& method) { return method.param.name; });
 
 #ifdef SPLATBOOST_CUDA_ON_CPU
 TEST_P(CudaAnchorTraining, AGrowthThatFindsNoMemoryLeavesTheModelWhole) {

@@ -102,7 +102,7 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
   explicit TrainingOnCuda(int iterations) : iterations_(iterations) {}
 
   std::unique_ptr<Backbone> make(Device device) {
-    BackboneContext context{scene_, threads_, 3, iterations_, 200};
+    BackboneContext context{scene_, threads_, 3, iterations_, most_primitives_};
     context.device = device;
     return GetParam().make(context);
   }
@@ -205,6 +205,7 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
 #endif
 
   int iterations_;
+  std::size_t most_primitives_ = 200;
   Threads threads_{1};
   Scene scene_ = testing::tiny_scene(threads_);
 };
