@@ -3,6 +3,7 @@
 
 #include <cublas_v2.h>
 
+#include <algorithm>
 #include <string>
 #include <type_traits>
 
@@ -24,12 +25,11 @@ struct Cublas {
   decltype(&cublasDestroy) destroy;
   decltype(&cublasSetStream) set_stream;
   decltype(&cublasSgemm) sgemm;
-  decltype(&cublasSgemv) sgemv;
 };
 
 #ifdef SPLATBOOST_CUDA_ON_CPU
 
-Cublas load_cublas() { return {cublasCreate, cublasDestroy, cublasSetStream, cublasSgemm, cublasSgemv}; }
+Cublas load_cublas() { return {cublasCreate, cublasDestroy, cublasSetStream, cublasSgemm}; }
 
 #else
 
@@ -51,7 +51,6 @@ Cublas load_cublas() {
   find(cublas.destroy, "cublasDestroy_v2");
   find(cublas.set_stream, "cublasSetStream_v2");
   find(cublas.sgemm, "cublasSgemm_v2");
-  find(cublas.sgemv, "cublasSgemv_v2");
   return cublas;
 }
 
@@ -62,9 +61,29 @@ const Cublas& cublas() {
   return loaded;
 }
 
-__global__ void __launch_bounds__(kBlockThreads) ones_kernel(DeviceView<float> values) {
-  const std::size_t i = element_index();
-  if (i < values.size()) values[i] = 1.0f;
+constexpr unsigned kColumns = 32, kRowLanes = 8;  // of a block
+constexpr std::size_t kMostRowBlocks = 512;
+
+/// Sums of columns over rows, a row a block of the grid's x; a block a kColumns of the columns.
+/// @param add to what is there; else it is overwritten
+__global__ void __launch_bounds__(kColumns* kRowLanes)
+    column_sums_kernel(DeviceView<const float> a, std::size_t m, std::size_t width, std::size_t first,
+                       std::size_t columns, bool add, DeviceView<float> sums) {
+  __shared__ SharedArray<float, kColumns * kRowLanes> lanes;
+  const std::size_t column = blockIdx.y * kColumns + threadIdx.x;
+  const int at = static_cast<int>(threadIdx.y * kColumns + threadIdx.x);
+  float sum = 0;
+  for (std::size_t row = blockIdx.x * kRowLanes + threadIdx.y; column < columns && row < m;
+       row += static_cast<std::size_t>(gridDim.x) * kRowLanes) {
+    sum += a[width * row + first + column];
+  }
+  lanes.set(at, sum);
+  __syncthreads();
+  if (threadIdx.y != 0 || column >= columns) return;
+  for (int lane = 1; lane < static_cast<int>(kRowLanes); ++lane)
+    sum += lanes.get(lane * static_cast<int>(kColumns) + at);
+  float& to = sums[columns * blockIdx.x + column];
+  to = add ? to + sum : sum;
 }
 
 int whole(std::size_t n) {
@@ -75,7 +94,7 @@ int whole(std::size_t n) {
 }  // namespace
 
 struct CudaMatrices::State {
-  explicit State(CudaStream& on) : stream(on), ones(on) {
+  explicit State(CudaStream& on) : stream(on), partial_sums(on) {
     on.begin_launch("cublasCreate");  // on the stream's device
     cublasHandle_t made = nullptr;
     check(cublas().create(&made), "cublasCreate");
@@ -104,7 +123,7 @@ struct CudaMatrices::State {
     void operator()(cublasHandle_t made) const { static_cast<void>(cublas().destroy(made)); }
   };
   std::unique_ptr<std::remove_pointer_t<cublasHandle_t>, Destroy> handle;
-  DeviceArray<float> ones;
+  DeviceArray<float> partial_sums;  ///< [blocks, columns]
 };
 
 CudaMatrices::CudaMatrices(CudaStream& stream) : state_(std::make_unique<State>(stream)) {}
@@ -129,15 +148,16 @@ void CudaMatrices::add_column_sums(std::span<const float> a, std::size_t m, std:
                                    std::span<float> sums) {
   State& s = *state_;
   SPLATBOOST_CHECK(a.size() >= m * width && first + sums.size() <= width, "a matrix is too small");
-  if (s.ones.size() < m) {
-    s.ones.ensure(m);
-    launch_each(s.stream, "ones", ones_kernel, s.ones.size(), s.ones.span());
-  }
-  constexpr float kOne = 1;
-  s.stream.begin_launch("cublasSgemv");
-  State::check(cublas().sgemv(s.handle.get(), CUBLAS_OP_N, whole(sums.size()), whole(m), &kOne, a.data() + first,
-                              whole(width), s.ones.data(), 1, &kOne, sums.data(), 1),
-               "cublasSgemv");
+  const std::size_t columns = sums.size(), blocks = std::min((m + 63) / 64, kMostRowBlocks);
+  s.partial_sums.ensure(blocks * columns);
+  const auto run = [&](std::span<const float> from, std::size_t rows, std::size_t of_width, std::size_t from_column,
+                       std::size_t row_blocks, bool add, std::span<float> to) {
+    const dim3 grid(static_cast<unsigned>(row_blocks), static_cast<unsigned>((columns + kColumns - 1) / kColumns));
+    launch(s.stream, "column_sums", column_sums_kernel, grid, dim3(kColumns, kRowLanes), from, rows, of_width,
+           from_column, columns, add, to);
+  };
+  run(a, m, width, first, blocks, false, s.partial_sums.span());
+  run(s.partial_sums.span(), blocks, columns, 0, 1, true, sums);
 }
 
 }  // namespace splatboost::cuda

@@ -11,7 +11,7 @@
 namespace splatboost::cuda {
 
 /// Matrices are dense and row-major, of at least one row and column, and must not overlap. Single precision
-/// throughout: no shorter formats inside. Nothing is allocated once the tallest matrix has been seen.
+/// throughout: no shorter formats inside. Nothing is allocated once the widest matrix has been seen.
 ///
 /// cuBLAS is loaded when the first of these is made, not when the program starts: what runs on the CPU shall not pay
 /// the time and the memory that loading it takes.
@@ -33,7 +33,8 @@ class CudaMatrices {
   /// c [m,n] += aᵀ · b, a [k,m], b [k,n]
   void add_product_of_transposed(std::span<const float> a, std::span<const float> b, std::span<float> c, std::size_t m,
                                  std::size_t n, std::size_t k);
-  /// sums[c] += Σ over the m rows of a [m,width], column first + c
+  /// sums[c] += Σ over the m rows of a [m,width], column first + c; in a fixed order. Not by cuBLAS: a product with a
+  /// vector of ones would be of few rows and very many columns, which it is not made for.
   void add_column_sums(std::span<const float> a, std::size_t m, std::size_t width, std::size_t first,
                        std::span<float> sums);
 

@@ -61,6 +61,7 @@ __global__ void __launch_bounds__(kSsimThreads)
                     DeviceView<const double> totals, float lambda_dssim, DeviceView<float> gradient) {
   __shared__ TilePixels map;
   __shared__ TileRows rows;
+  __shared__ SharedArray<float, 2> weights;  // of L1 and of SSIM
   const TilePixel pixel;
   const std::size_t pixels = size.pixels(), channel = blockIdx.z;
   float sums[3];
@@ -71,17 +72,21 @@ __global__ void __launch_bounds__(kSsimThreads)
     __syncthreads();
     sums[q] = blurred(map, rows, pixel);
   }
+  if (threadIdx.x == 0) {  // most GPUs take long for numbers of double precision
+    const double samples = 3.0 * totals[2], lambda = static_cast<double>(lambda_dssim);
+    weights.set(0, static_cast<float>((1.0 - lambda) / samples));
+    weights.set(1, static_cast<float>(-lambda / samples));
+  }
+  __syncthreads();
   if (!size.holds(pixel.x, pixel.y)) return;
   const std::size_t p = size.at(pixel.x, pixel.y), at = channel * pixels + p;
   const bool counts = valid.empty() || valid[p] != 0;
-  const double samples = 3.0 * totals[2], lambda = static_cast<double>(lambda_dssim);
   float result = 0;
   if (counts) {  // so there are samples
-    const auto l1_weight = static_cast<float>((1.0 - lambda) / samples);
-    const auto ssim_weight = static_cast<float>(-lambda / samples);
+    const float l1_weight = weights.get(0);
     const float a = render[at], b = static_cast<float>(truth[at]) * (1.0f / 255.0f);
     const float sign = a > b ? l1_weight : a < b ? -l1_weight : 0.0f;
-    result = sign + ssim_weight * (sums[0] + 2.0f * a * sums[1] + b * sums[2]);
+    result = sign + weights.get(1) * (sums[0] + 2.0f * a * sums[1] + b * sums[2]);
   }
   gradient[at] = result;
 }
