@@ -41,7 +41,7 @@ if(SPLATBOOST_HAVE_CUDA)
     # Code for each generation that this nvcc knows, and PTX of the newest for what comes after it.
     execute_process(COMMAND ${CMAKE_CUDA_COMPILER} --list-gpu-arch OUTPUT_VARIABLE known COMMAND_ERROR_IS_FATAL ANY)
     set(chosen "")
-    foreach(architecture 75 80 86 89 90 100 120)
+    foreach(architecture 75 80 86 89 90 100 110 120)
       if(known MATCHES "compute_${architecture}\n")
         list(APPEND chosen ${architecture}-real)
         set(newest ${architecture})

@@ -28,10 +28,12 @@ void CudaStream::release(void*) noexcept {}
 void* CudaStream::allocate_pinned(std::size_t) { absent(); }
 void CudaStream::release_pinned(void*) noexcept {}
 void CudaStream::copy_to_device(void*, const void*, std::size_t) { absent(); }
+void CudaStream::copy_from_pinned(void*, const void*, std::size_t) { absent(); }
 void CudaStream::copy_on_device(void*, const void*, std::size_t) { absent(); }
 void CudaStream::copy_to_host(void*, const void*, std::size_t) { absent(); }
 void CudaStream::copy_to_pinned(void*, const void*, std::size_t) { absent(); }
 void CudaStream::fill_zero(void*, std::size_t) { absent(); }
+void CudaStream::make_current() const { absent(); }
 void CudaStream::begin_launch(const char*) { absent(); }
 void CudaStream::end_launch(int) { absent(); }
 void CudaStream::count_synchronization() { absent(); }

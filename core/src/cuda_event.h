@@ -13,6 +13,7 @@ class Event {
  public:
   /// @param flags cudaEventDefault, whose times can be compared, or cudaEventDisableTiming
   Event(CudaStream& stream, unsigned flags) : stream_(stream) {
+    stream.make_current();  // whose event it will be
     stream.check(cudaEventCreateWithFlags(&event_, flags), "cudaEventCreate");
   }
   ~Event() { static_cast<void>(cudaEventDestroy(event_)); }

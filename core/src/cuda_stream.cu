@@ -16,6 +16,20 @@ std::atomic<std::uint64_t> all_allocations{0}, all_synchronizations{0};
 cudaStream_t stream_of(void* handle) { return static_cast<cudaStream_t>(handle); }
 cudaEvent_t event_of(void* handle) { return static_cast<cudaEvent_t>(handle); }
 
+/// Whether the device reads memory of the host as the host itself does, so that a copy from there may come later than
+/// the call.
+bool reads_pageable_memory(int ordinal) {
+  int reads = 0;
+  return cudaDeviceGetAttribute(&reads, cudaDevAttrPageableMemoryAccessUsesHostPageTables, ordinal) == cudaSuccess &&
+         reads != 0;
+}
+
+std::string not_enough(const std::string& wanted) {
+  std::size_t free = 0, total = 0;
+  static_cast<void>(cudaMemGetInfo(&free, &total));
+  return "out of device memory: " + wanted + ", " + std::to_string(free) + " of " + std::to_string(total) + " free";
+}
+
 [[noreturn]] void throw_no_device(int ordinal) {
   int devices = 0;
   const cudaError_t found = cudaGetDeviceCount(&devices);
@@ -52,7 +66,7 @@ const char* cuda_architectures() noexcept {
 
 CudaStream::CudaStream(int ordinal) : ordinal_(ordinal), owned_(true) {
   if (ordinal < 0 || ordinal >= cuda_device_count()) throw_no_device(ordinal);
-  check(cudaSetDevice(ordinal), "cudaSetDevice");
+  make_current();
   cudaStream_t stream = nullptr;
   check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking), "cudaStreamCreate");
   handle_ = stream;
@@ -77,7 +91,7 @@ std::string CudaStream::device_name() const {
 }
 
 std::size_t CudaStream::free_memory() const {
-  check(cudaSetDevice(ordinal_), "cudaSetDevice");
+  make_current();
   std::size_t free = 0, total = 0;
   check(cudaMemGetInfo(&free, &total), "cudaMemGetInfo");
   return free;
@@ -91,15 +105,12 @@ void CudaStream::synchronize() {
 void* CudaStream::allocate(std::size_t bytes) {
   if (bytes == 0) return nullptr;
   count_allocation();
-  check(cudaSetDevice(ordinal_), "cudaSetDevice");
+  make_current();
   void* memory = nullptr;
   const cudaError_t error = cudaMalloc(&memory, bytes);
   if (error == cudaErrorMemoryAllocation) {
     static_cast<void>(cudaGetLastError());  // it is not sticky: the stream can still be used
-    std::size_t free = 0, total = 0;
-    static_cast<void>(cudaMemGetInfo(&free, &total));
-    throw DeviceMemoryError("out of device memory: " + std::to_string(bytes) + " bytes wanted, " +
-                            std::to_string(free) + " of " + std::to_string(total) + " free");
+    throw DeviceMemoryError(not_enough(std::to_string(bytes) + " bytes wanted"));
   }
   check(error, "cudaMalloc");
   return memory;
@@ -121,38 +132,54 @@ void CudaStream::release_pinned(void* memory) noexcept {
 }
 
 void CudaStream::copy_to_device(void* to, const void* from, std::size_t bytes) {
+  copy_from_pinned(to, from, bytes);
+  if (bytes != 0 && reads_pageable_memory(ordinal_)) synchronize();
+}
+
+void CudaStream::copy_from_pinned(void* to, const void* from, std::size_t bytes) {
   if (bytes == 0) return;
+  make_current();
   check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream_of(handle_)), "copying to the device");
 }
 
 void CudaStream::copy_on_device(void* to, const void* from, std::size_t bytes) {
   if (bytes == 0) return;
+  make_current();
   check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream_of(handle_)), "copying on the device");
 }
 
 void CudaStream::copy_to_host(void* to, const void* from, std::size_t bytes) {
   if (bytes == 0) return;
+  make_current();
   check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream_of(handle_)), "copying from the device");
   synchronize();
 }
 
 void CudaStream::copy_to_pinned(void* to, const void* from, std::size_t bytes) {
   if (bytes == 0) return;
+  make_current();
   check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream_of(handle_)), "copying from the device");
 }
 
 void CudaStream::fill_zero(void* memory, std::size_t bytes) {
   if (bytes == 0) return;
+  make_current();
   check(cudaMemsetAsync(memory, 0, bytes, stream_of(handle_)), "clearing device memory");
 }
 
+void CudaStream::make_current() const { check(cudaSetDevice(ordinal_), "cudaSetDevice"); }
+
 void CudaStream::begin_launch(const char* kernel) {
-  check(cudaSetDevice(ordinal_), "cudaSetDevice");
+  make_current();
   kernels_[launches_++ % kRememberedKernels] = kernel;
 }
 
 void CudaStream::end_launch(int error) {
   if (error == cudaSuccess) return;
+  static_cast<void>(cudaGetLastError());  // else CUB would take it for one of its own
+  if (error == cudaErrorMemoryAllocation) {
+    throw DeviceMemoryError(not_enough(std::string("kernel ") + kernels_[(launches_ - 1) % kRememberedKernels]));
+  }
   throw DeviceError(std::string("kernel ") + kernels_[(launches_ - 1) % kRememberedKernels] +
                     " was not launched: " + cudaGetErrorString(static_cast<cudaError_t>(error)) + recent_kernels());
 }
@@ -165,6 +192,8 @@ void CudaStream::count_synchronization() {
 
 void CudaStream::check(int error, const char* what) const {
   if (error == cudaSuccess) return;
+  static_cast<void>(cudaGetLastError());  // else CUB would take it for one of its own
+  if (error == cudaErrorMemoryAllocation) throw DeviceMemoryError(not_enough(what));
   throw DeviceError(std::string(what) + " failed: " + cudaGetErrorString(static_cast<cudaError_t>(error)) +
                     recent_kernels());
 }

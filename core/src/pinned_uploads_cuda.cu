@@ -27,7 +27,7 @@ class PinnedBuffer {
     }
     if (!first.empty()) std::memcpy(memory_, first.data(), first.size());
     if (!second.empty()) std::memcpy(memory_ + first.size(), second.data(), second.size());
-    stream_.copy_to_device(to, memory_, bytes);
+    stream_.copy_from_pinned(to, memory_, bytes);
     read_.record();
   }
 

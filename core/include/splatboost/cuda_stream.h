@@ -57,9 +57,11 @@ class CudaStream {
   /// Memory of the host that the device writes to and reads from while the host goes on.
   void* allocate_pinned(std::size_t bytes);
   void release_pinned(void* memory) noexcept;
-  /// From memory that is not pinned the driver may wait for work given before, which is not counted: nothing for a
-  /// steady loop.
+  /// `from` may change as soon as this returns. It is not pinned: the driver may wait for work given before, which is
+  /// not counted. Nothing for a steady loop.
   void copy_to_device(void* to, const void* from, std::size_t bytes);
+  /// Does not wait; `from` is pinned.
+  void copy_from_pinned(void* to, const void* from, std::size_t bytes);
   void copy_on_device(void* to, const void* from, std::size_t bytes);
   /// Waits until the copy is done.
   void copy_to_host(void* to, const void* from, std::size_t bytes);
@@ -67,13 +69,15 @@ class CudaStream {
   void copy_to_pinned(void* to, const void* from, std::size_t bytes);
   void fill_zero(void* memory, std::size_t bytes);
 
+  /// Makes the device the calling thread's.
+  void make_current() const;
   /// Makes the device current and writes down a kernel that is about to be launched. @param kernel a literal
   void begin_launch(const char* kernel);
   /// @param error the launch's cudaError_t
   void end_launch(int error);
   /// Counts a wait that happened elsewhere.
   void count_synchronization();
-  /// Throws DeviceError where a cudaError_t is none of success.
+  /// Throws DeviceError, or DeviceMemoryError, where a cudaError_t is none of success.
   void check(int error, const char* what) const;
 
  private:
