@@ -64,7 +64,8 @@ const Cublas& cublas() {
 constexpr unsigned kColumns = 32, kRowLanes = 8;  // of a block
 constexpr std::size_t kMostRowBlocks = 512;
 
-/// Sums of columns over rows, a row a block of the grid's x; a block a kColumns of the columns.
+/// A block adds up kColumns of the columns, over every gridDim.x-th group of rows; blocks of one x write one row of
+/// sums.
 /// @param add to what is there; else it is overwritten
 __global__ void __launch_bounds__(kColumns* kRowLanes)
     column_sums_kernel(DeviceView<const float> a, std::size_t m, std::size_t width, std::size_t first,

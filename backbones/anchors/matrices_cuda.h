@@ -11,7 +11,7 @@
 namespace splatboost::cuda {
 
 /// Matrices are dense and row-major, of at least one row and column, and must not overlap. Single precision
-/// throughout: no shorter formats inside. Nothing is allocated once the widest matrix has been seen.
+/// throughout: no shorter formats inside. Nothing is allocated once the tallest and the widest have been seen.
 ///
 /// cuBLAS is loaded when the first of these is made, not when the program starts: what runs on the CPU shall not pay
 /// the time and the memory that loading it takes.

@@ -21,6 +21,7 @@ class Event {
   Event& operator=(const Event&) = delete;
 
   void record() {
+    stream_.make_current();  // nullptr is the stream of the current device
     stream_.check(cudaEventRecord(event_, static_cast<cudaStream_t>(stream_.handle())), "cudaEventRecord");
     recorded_ = true;
   }

@@ -98,6 +98,7 @@ std::size_t CudaStream::free_memory() const {
 }
 
 void CudaStream::synchronize() {
+  make_current();  // nullptr is the stream of the current device
   check(cudaStreamSynchronize(stream_of(handle_)), "waiting for the device");
   count_synchronization();
 }
@@ -122,8 +123,14 @@ void CudaStream::release(void* memory) noexcept {
 
 void* CudaStream::allocate_pinned(std::size_t bytes) {
   count_allocation();
+  make_current();
   void* memory = nullptr;
-  check(cudaMallocHost(&memory, std::max<std::size_t>(bytes, 1)), "cudaMallocHost");
+  const cudaError_t error = cudaMallocHost(&memory, std::max<std::size_t>(bytes, 1));
+  if (error == cudaErrorMemoryAllocation) {
+    static_cast<void>(cudaGetLastError());
+    throw DeviceError("out of pinned memory of the host: " + std::to_string(bytes) + " bytes wanted");
+  }
+  check(error, "cudaMallocHost");
   return memory;
 }
 
@@ -209,12 +216,15 @@ std::string CudaStream::recent_kernels() const {
 }
 
 CudaCall::CudaCall(CudaStream& stream, void* handle) : stream_(stream) {
-  if (cudaGetDevice(&device_before_) != cudaSuccess || cudaSetDevice(stream.ordinal_) != cudaSuccess) {
-    throw_no_device(stream.ordinal_);
+  cudaError_t error = cudaGetDevice(&device_before_);
+  if (error == cudaSuccess) error = cudaSetDevice(stream.ordinal_);
+  if (error != cudaSuccess) {
+    if (stream.ordinal_ < 0 || stream.ordinal_ >= cuda_device_count()) throw_no_device(stream.ordinal_);
+    stream.check(error, "cudaSetDevice");
   }
   stream.handle_ = handle;
   if (stream.end_of_call_ == nullptr) return;
-  const cudaError_t error = cudaStreamWaitEvent(stream_of(handle), event_of(stream.end_of_call_), 0);
+  error = cudaStreamWaitEvent(stream_of(handle), event_of(stream.end_of_call_), 0);
   if (error == cudaSuccess) return;
   static_cast<void>(cudaSetDevice(device_before_));
   stream.check(error, "waiting for the call before");

@@ -164,6 +164,11 @@ SPLATBOOST_HOST_DEVICE GaussianGeometryGradient<T> project_gaussian_backward(con
   return out;
 }
 
+template <class T>
+SPLATBOOST_HOST_DEVICE Vec3<T> rounded_product(T s, Vec3<T> v) {
+  return {product_of(s, v.x), product_of(s, v.y), product_of(s, v.z)};
+}
+
 /// Gradients of scale and (unnormalised) quaternion, given the one of the covariance's full matrix.
 /// @param unit the quaternion, normalised
 template <class T>
@@ -178,11 +183,8 @@ SPLATBOOST_HOST_DEVICE void covariance_backward(Vec3<T> scale, Quaternion<T> uni
   g_scale = {dot(x, rotation.x), dot(y, rotation.y), dot(z, rotation.z)};
   // Of a round Gaussian that is not turned, pairs of these cancel to the last bit, unless a GPU fuses one product of
   // the two with the difference. Adam would make steps of the whole rate of what is left.
-  const auto scaled = [](T s, Vec3<T> v) -> Vec3<T> {
-    return {product_of(s, v.x), product_of(s, v.y), product_of(s, v.z)};
-  };
-  const Quaternion<T> g_unit =
-      rotation_gradient(unit, Matrix3<T>{scaled(scale.x, x), scaled(scale.y, y), scaled(scale.z, z)});
+  const Quaternion<T> g_unit = rotation_gradient(
+      unit, Matrix3<T>{rounded_product(scale.x, x), rounded_product(scale.y, y), rounded_product(scale.z, z)});
   const T along = dot(unit, g_unit);
   g_quaternion = {(g_unit.w - unit.w * along) * inverse_length, (g_unit.x - unit.x * along) * inverse_length,
                   (g_unit.y - unit.y * along) * inverse_length, (g_unit.z - unit.z * along) * inverse_length};

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rasterizer on tensors against the reference in double precision, values and gradients."""
 
+import conftest
 import pytest
 import reference
 import torch
@@ -28,6 +29,14 @@ def gaussians(seed=0, degree=3):
         "colors": uniform(N, 3),
         "features": uniform(N, 5) - 0.5,
     }
+
+
+def assert_same(found, expected):
+    """Gradients of one view; on a GPU they are sums by atomics, whose order is not the same each time."""
+    if not conftest.EMULATED:
+        assert torch.equal(found, expected)
+    largest = expected.abs().max().item()
+    torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5 * largest)
 
 
 def upper(m):
@@ -93,7 +102,7 @@ def test_sh_in_two_parts_is_the_same():
     parts = splatboost.rasterize(camera, **common, sh_dc=dc, sh_rest=rest, sh_degree=3)
     parts.color.square().sum().backward()
     assert torch.equal(whole.color, parts.color)
-    assert torch.equal(sh.grad, torch.cat([dc.grad, rest.grad], dim=1))
+    assert_same(sh.grad, torch.cat([dc.grad, rest.grad], dim=1))
 
 
 def test_gradcheck():
@@ -174,7 +183,8 @@ def test_renders_may_wait_for_their_backward_passes():
     second = splatboost.rasterize(camera, **b)
     together = [torch.autograd.grad(r.color.square().sum(), list(t.values())) for r, t in ((first, a), (second, b))]
     for x, y in zip(alone, together):
-        assert all(torch.equal(i, j) for i, j in zip(x, y))
+        for i, j in zip(x, y):
+            assert_same(i, j)
 
 
 def test_a_second_backward_pass_draws_again():
@@ -186,7 +196,8 @@ def test_a_second_backward_pass_draws_again():
     with pytest.raises(RuntimeError, match="another view was drawn since"):
         done.count_flagged(torch.ones(camera.height, camera.width, dtype=torch.bool))
     twice = torch.autograd.grad(loss, list(a.values()))
-    assert all(torch.equal(i, j) for i, j in zip(once, twice))
+    for i, j in zip(once, twice):
+        assert_same(i, j)
 
 
 def test_a_loop_keeps_one_workspace():
