@@ -295,8 +295,8 @@ class RowsOfViews {
     const std::size_t anchors = anchors_of_[known_++ % kMostUnderWay];
     if (known_ <= forgotten_) return;
     largest_ = std::max(largest_, in_view);
-    if (anchors > 0)
-      largest_share_ = std::max(largest_share_, static_cast<double>(in_view) / static_cast<double>(anchors));
+    if (anchors == 0) return;
+    largest_share_ = std::max(largest_share_, static_cast<double>(in_view) / static_cast<double>(anchors));
   }
 
   Readbacks<std::uint32_t, kMostUnderWay> numbers_;

@@ -81,8 +81,9 @@ __global__ void __launch_bounds__(kColumns* kRowLanes)
   lanes.set(at, sum);
   __syncthreads();
   if (threadIdx.y != 0 || column >= columns) return;
-  for (int lane = 1; lane < static_cast<int>(kRowLanes); ++lane)
+  for (int lane = 1; lane < static_cast<int>(kRowLanes); ++lane) {
     sum += lanes.get(lane * static_cast<int>(kColumns) + at);
+  }
   float& to = sums[columns * blockIdx.x + column];
   to = add ? to + sum : sum;
 }

@@ -33,8 +33,7 @@ class CudaMatrices {
   /// c [m,n] += aᵀ · b, a [k,m], b [k,n]
   void add_product_of_transposed(std::span<const float> a, std::span<const float> b, std::span<float> c, std::size_t m,
                                  std::size_t n, std::size_t k);
-  /// sums[c] += Σ over the m rows of a [m,width], column first + c; in a fixed order. Not by cuBLAS: a product with a
-  /// vector of ones would be of few rows and very many columns, which it is not made for.
+  /// sums[c] += Σ over the m rows of a [m,width], column first + c; in a fixed order, by a kernel of its own
   void add_column_sums(std::span<const float> a, std::size_t m, std::size_t width, std::size_t first,
                        std::span<float> sums);
 

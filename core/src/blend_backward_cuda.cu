@@ -138,6 +138,7 @@ struct PixelAhead {
 };
 
 /// Front to back with the transmittance recomputed; a warp adds to a splat once.
+/// Without extra channels nvcc finds the number of blocks by itself, and spills nothing.
 /// @tparam kMostExtra room for that many extra channels
 template <bool kAbsolute, int kMostExtra>
 __global__ void __launch_bounds__(kTileThreads, kMostExtra == 0 ? 0 : kLeastBlocks<kMostExtra>)

@@ -139,8 +139,9 @@ void CudaStream::release_pinned(void* memory) noexcept {
 }
 
 void CudaStream::copy_to_device(void* to, const void* from, std::size_t bytes) {
-  copy_from_pinned(to, from, bytes);
-  if (bytes != 0 && reads_pageable_memory(ordinal_)) synchronize();
+  copy_from_pinned(to, from, bytes);  // the same call: CUDA sees what memory it is
+  if (bytes == 0 || !reads_pageable_memory(ordinal_)) return;
+  check(cudaStreamSynchronize(stream_of(handle_)), "copying to the device");
 }
 
 void CudaStream::copy_from_pinned(void* to, const void* from, std::size_t bytes) {

@@ -164,6 +164,7 @@ SPLATBOOST_HOST_DEVICE GaussianGeometryGradient<T> project_gaussian_backward(con
   return out;
 }
 
+/// s·v, no product of which is fused with a sum that it goes into.
 template <class T>
 SPLATBOOST_HOST_DEVICE Vec3<T> rounded_product(T s, Vec3<T> v) {
   return {product_of(s, v.x), product_of(s, v.y), product_of(s, v.z)};

@@ -106,38 +106,35 @@ void check_written(std::size_t offset, std::size_t bytes) {
   end_with_fault(text);
 }
 
+/// Calls note(byte's offset, its cell, now) for each byte that a thread of a kernel touches; other work is in order.
+template <class Note>
+void for_bytes_of_thread(std::size_t offset, std::size_t bytes, const Note& note) {
+  if (!is_in_kernel()) return;
+  const Moment now = moment();
+  for (std::size_t byte = offset; byte < offset + bytes; ++byte) note(byte, cells[byte], now);
+}
+
 void read(const void* at, std::size_t bytes) {
   const std::size_t offset = offset_of(at);
   if (offset >= watched) return;
   check_written(offset, bytes);
-  if (!is_in_kernel()) return;
-  const Moment now = moment();
-  for (std::size_t at_byte = offset; at_byte < offset + bytes; ++at_byte) {
-    Cell& cell = cells[at_byte];
-    if (!cell.write.is_before(now)) report("reads", at_byte, cell.write, "wrote", now);
-    if (!cell.atomic.is_before(now)) report("reads", at_byte, cell.atomic, "changed", now);
+  for_bytes_of_thread(offset, bytes, [](std::size_t byte, Cell& cell, const Moment& now) {
+    if (!cell.write.is_before(now)) report("reads", byte, cell.write, "wrote", now);
+    if (!cell.atomic.is_before(now)) report("reads", byte, cell.atomic, "changed", now);
     cell.read.join(now);
-  }
+  });
 }
 
-void write(const void* at, std::size_t bytes, bool is_atomic = false) {
+void write(const void* at, std::size_t bytes) {
   const std::size_t offset = offset_of(at);
   if (offset >= watched) return;
-  if (is_atomic) check_written(offset, bytes);
   std::memset(written + offset, 1, bytes);
-  if (!is_in_kernel()) return;
-  const Moment now = moment();
-  for (std::size_t at_byte = offset; at_byte < offset + bytes; ++at_byte) {
-    Cell& cell = cells[at_byte];
-    if (!cell.write.is_before(now)) report("writes", at_byte, cell.write, "wrote", now);
-    if (!cell.read.is_before(now)) report("writes", at_byte, cell.read, "read", now);
-    if (is_atomic) {
-      cell.atomic.join(now);
-      continue;
-    }
-    if (!cell.atomic.is_before(now)) report("writes", at_byte, cell.atomic, "changed", now);
+  for_bytes_of_thread(offset, bytes, [](std::size_t byte, Cell& cell, const Moment& now) {
+    if (!cell.write.is_before(now)) report("writes", byte, cell.write, "wrote", now);
+    if (!cell.atomic.is_before(now)) report("writes", byte, cell.atomic, "changed", now);
+    if (!cell.read.is_before(now)) report("writes", byte, cell.read, "read", now);
     cell.write = Access::of(now);
-  }
+  });
 }
 
 }  // namespace
@@ -155,7 +152,16 @@ void forget(const void* memory, std::size_t bytes) {
   if (const std::size_t offset = offset_of(memory); offset < watched) std::memset(written + offset, 0, bytes);
 }
 
-void note_atomic(const void* at, std::size_t bytes) { write(at, bytes, true); }
+void note_atomic(const void* at, std::size_t bytes) {
+  const std::size_t offset = offset_of(at);
+  if (offset >= watched) return;
+  check_written(offset, bytes);
+  for_bytes_of_thread(offset, bytes, [](std::size_t byte, Cell& cell, const Moment& now) {
+    if (!cell.write.is_before(now)) report("writes", byte, cell.write, "wrote", now);
+    if (!cell.read.is_before(now)) report("writes", byte, cell.read, "read", now);
+    cell.atomic.join(now);
+  });
+}
 void note_read(const void* memory, std::size_t bytes) {
   if (const std::size_t offset = offset_of(memory); offset < watched) check_written(offset, bytes);
 }

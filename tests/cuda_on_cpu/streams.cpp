@@ -222,8 +222,9 @@ cudaError_t cudaEventElapsedTime(float* milliseconds, cudaEvent_t from, cudaEven
 cudaError_t cudaStreamWaitEvent(cudaStream_t handle, cudaEvent_t event, unsigned) {
   if (event->mark == nullptr) return cudaSuccess;
   Stream& stream = streams()[handle];
-  for (const auto& [other, pieces] : event->mark->progress)
+  for (const auto& [other, pieces] : event->mark->progress) {
     stream.progress[other] = std::max(stream.progress[other], pieces);
+  }
   append(stream, [mark = event->mark] { finish(*mark); });
   return cudaSuccess;
 }
