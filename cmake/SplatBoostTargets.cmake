@@ -8,6 +8,13 @@
 include_guard(GLOBAL)
 
 # layer -> the layers it may link to
+set(SPLATBOOST_LAYER_core_device "")
+set(SPLATBOOST_LAYER_core_projection core_device)
+set(SPLATBOOST_LAYER_core_rasterizer core_device core_projection)
+set(SPLATBOOST_LAYER_core_points core_device core_projection)
+set(SPLATBOOST_LAYER_core_loss core_device)
+set(SPLATBOOST_LAYER_core_density core_device core_loss)
+set(SPLATBOOST_LAYER_core_optim core_device)
 set(SPLATBOOST_LAYER_core "")
 set(SPLATBOOST_LAYER_adapter core adapter)  # one may build on another's
 set(SPLATBOOST_LAYER_common core)

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "c_api_edge.h"
+#include "c/c_api_edge.h"
 #include "dropgaussian/dropgaussian_adapter.h"
 #include "mip_splatting/mip_splatting_adapter.h"
 #include "splatboost/hooks.h"

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "anchors/anchor_math.h"
-#include "projection_camera.h"
+#include "projection/projection_camera.h"
 #include "splatboost/constants.h"
 
 namespace splatboost {

@@ -10,10 +10,10 @@
 #include "anchors/cuda_anchors.h"
 #include "anchors/decoder_math.h"
 #include "anchors/two_layer_net_cuda.h"
-#include "device_view.h"
-#include "launch.h"
-#include "readbacks.h"
-#include "run_cub.h"
+#include "device/device_view.h"
+#include "device/launch.h"
+#include "device/readbacks.h"
+#include "device/run_cub.h"
 
 namespace splatboost::cuda {
 namespace {

@@ -7,8 +7,8 @@
 #include <string>
 #include <type_traits>
 
-#include "device_view.h"
-#include "launch.h"
+#include "device/device_view.h"
+#include "device/launch.h"
 #include "splatboost/device_array.h"
 #include "splatboost/errors.h"
 

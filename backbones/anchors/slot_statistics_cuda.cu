@@ -3,8 +3,8 @@
 #include <cmath>
 
 #include "anchors/cuda_anchors.h"
-#include "device_view.h"
-#include "launch.h"
+#include "device/device_view.h"
+#include "device/launch.h"
 
 namespace splatboost::cuda {
 namespace {

@@ -2,8 +2,8 @@
 #include "anchors/two_layer_net_cuda.h"
 
 #include "anchors/smooth_functions.h"
-#include "device_view.h"
-#include "launch.h"
+#include "device/device_view.h"
+#include "device/launch.h"
 
 namespace splatboost::cuda {
 namespace {

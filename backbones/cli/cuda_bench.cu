@@ -8,7 +8,7 @@
 #include <optional>
 #include <span>
 
-#include "cuda_event.h"
+#include "device/cuda_event.h"
 #include "splatboost/activations.h"
 #include "splatboost/adam.h"
 #include "splatboost/cuda_backward.h"

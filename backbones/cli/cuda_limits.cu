@@ -5,9 +5,9 @@
 
 #include <algorithm>
 
-#include "cuda_event.h"
-#include "device_view.h"
-#include "launch.h"
+#include "device/cuda_event.h"
+#include "device/device_view.h"
+#include "device/launch.h"
 #include "splatboost/device_array.h"
 
 namespace splatboost::cli {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "device_view.h"
-#include "launch.h"
+#include "device/device_view.h"
+#include "device/launch.h"
 #include "octree_gs/usable_anchors.h"
 
 namespace splatboost::cuda {

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "../../../core/src/device_view.h"
+#include "../../../core/src/device/device_view.h"
 
 namespace splatboost::test {
 namespace {

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for the .cu files of this folder in a build without CUDA. There is no stream, so none of it is ever called.
+#include "device/cuda_absent.h"
+#include "density/cuda_ops.h"
+
+namespace splatboost::cuda {
+
+void add_screen_gradients(const ScreenGradients&, AbsoluteNorm, float, const ScreenGradientSums&, CudaStream&) {
+  absent();
+}
+void mean_screen_gradients(const ScreenGradientSums&, std::span<float>, std::span<float>, CudaStream&) { absent(); }
+void longest_scales(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void add_view(std::span<const std::int32_t>, double, std::span<std::int64_t>, std::span<double>, CudaStream&) {
+  absent();
+}
+void importance_scores(std::span<const std::int64_t>, int, std::span<std::int64_t>, CudaStream&) { absent(); }
+void pruning_scores(std::span<const double>, std::span<float>, CudaStream&) { absent(); }
+std::size_t keep_important(std::span<const std::int64_t>, double, std::span<std::uint8_t>, CudaStream&) { absent(); }
+void keep_weighted_sample(std::span<const float>, std::size_t, const RandomStream&, std::span<std::uint8_t>,
+                          CudaStream&) {
+  absent();
+}
+void keep_largest(std::span<const float>, std::size_t, std::span<std::uint8_t>, CudaStream&) { absent(); }
+std::size_t spare_one(std::span<const float>, std::span<std::uint8_t>, CudaStream&) { absent(); }
+
+}  // namespace splatboost::cuda

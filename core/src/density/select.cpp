@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "splatboost/select.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "density/cuda_ops.h"
+#include "density/select_math.h"
+#include "splatboost/errors.h"
+
+namespace splatboost {
+namespace {
+
+struct Ranked {
+  double key;
+  std::size_t index;
+  bool operator<(const Ranked& other) const { return key < other.key || (key == other.key && index < other.index); }
+};
+
+/// Keeps the `keep` candidates of the smallest keys, ties to the lower index.
+void keep_smallest(std::vector<Ranked>& ranked, std::size_t keep, std::span<std::uint8_t> candidates) {
+  if (ranked.size() <= keep) return;
+  std::nth_element(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(keep), ranked.end());
+  for (std::size_t i = keep; i < ranked.size(); ++i) candidates[ranked[i].index] = 0;
+}
+
+}  // namespace
+
+std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
+                           std::span<std::uint8_t> candidates) {
+  SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must be of one size");
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    candidates[i] = is_important(candidates[i], importance[i], threshold);
+    kept += candidates[i];
+  }
+  return kept;
+}
+
+void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
+                          std::span<std::uint8_t> candidates) {
+  SPLATBOOST_CHECK(weights.size() == candidates.size(), "weights and candidates must be of one size");
+  std::vector<Ranked> ranked;
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    if (candidates[i] == 0) continue;
+    ranked.push_back({sample_key(weights[i], random.uniform(i)), i});
+  }
+  keep_smallest(ranked, keep, candidates);
+}
+
+void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates) {
+  SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must be of one size");
+  std::vector<Ranked> ranked;
+  for (std::size_t i = 0; i < candidates.size(); ++i) {
+    if (candidates[i] != 0) ranked.push_back({-static_cast<double>(priorities[i]), i});
+  }
+  keep_smallest(ranked, keep, candidates);
+}
+
+std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals) {
+  SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must be of one size");
+  std::size_t removed = 0;
+  for (const std::uint8_t r : removals) removed += r != 0;
+  if (removals.empty() || removed < removals.size()) return removed;
+  const auto best = std::max_element(priorities.begin(), priorities.end());
+  removals[static_cast<std::size_t>(best - priorities.begin())] = 0;
+  return removed - 1;
+}
+
+std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
+                           std::span<std::uint8_t> candidates, CudaStream& stream) {
+  SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must be of one size");
+  return cuda::keep_important(importance, threshold, candidates, stream);
+}
+
+void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
+                          std::span<std::uint8_t> candidates, CudaStream& stream) {
+  SPLATBOOST_CHECK(weights.size() == candidates.size(), "weights and candidates must be of one size");
+  cuda::keep_weighted_sample(weights, keep, random, candidates, stream);
+}
+
+void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates,
+                  CudaStream& stream) {
+  SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must be of one size");
+  cuda::keep_largest(priorities, keep, candidates, stream);
+}
+
+std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, CudaStream& stream) {
+  SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must be of one size");
+  return cuda::spare_one(priorities, removals, stream);
+}
+
+}  // namespace splatboost

@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What a build without CUDA says where CUDA is asked for.
+#pragma once
+
+#include "splatboost/errors.h"
+
+namespace splatboost {
+
+[[noreturn]] inline void absent() {
+  throw NoDeviceError("this build of SplatBoost has no CUDA: build it where nvcc is installed, or use the CPU");
+}
+
+}  // namespace splatboost

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <array>
+
+#include "device/cuda_event.h"
+#include "splatboost/cuda_laps.h"
+
+namespace splatboost {
+namespace {
+constexpr std::size_t kMost = 1024;  // marks that are under way
+}
+
+struct CudaLaps::State {
+  struct Mark {
+    explicit Mark(CudaStream& stream) : event(stream, cudaEventDefault) {}
+    cuda::Event event;
+    const char* stage = nullptr;
+  };
+  explicit State(CudaStream& on) : stream(on) {}
+  std::unique_ptr<Mark>& at(std::size_t number) { return marks[number % kMost]; }
+
+  CudaStream& stream;
+  std::array<std::unique_ptr<Mark>, kMost> marks;  ///< made when first needed
+  std::size_t set = 0;                             ///< marks so far
+  std::size_t taken = 0;                           ///< ... which were looked at; the last of them begins the next lap
+};
+
+CudaLaps::CudaLaps(CudaStream& stream) : state_(std::make_unique<State>(stream)) {}
+CudaLaps::~CudaLaps() = default;
+CudaLaps::CudaLaps(CudaLaps&&) noexcept = default;
+CudaLaps& CudaLaps::operator=(CudaLaps&&) noexcept = default;
+
+void CudaLaps::mark(const char* stage) {
+  State& s = *state_;
+  if (s.set - s.taken >= kMost - 1) {  // nobody takes laps: the oldest go
+    s.at(s.taken)->event.wait();
+    ++s.taken;
+  }
+  std::unique_ptr<State::Mark>& mark = s.at(s.set);
+  if (mark == nullptr) mark = std::make_unique<State::Mark>(s.stream);
+  mark->stage = stage;
+  mark->event.record();
+  ++s.set;
+}
+
+std::optional<CudaLaps::Lap> CudaLaps::take() {
+  State& s = *state_;
+  while (s.taken + 1 < s.set) {
+    const State::Mark &from = *s.at(s.taken), &to = *s.at(s.taken + 1);
+    if (!to.event.is_done()) return std::nullopt;
+    ++s.taken;
+    if (to.stage != nullptr) return Lap{to.stage, seconds_between(from.event, to.event)};
+  }
+  return std::nullopt;
+}
+
+}  // namespace splatboost

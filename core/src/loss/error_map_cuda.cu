@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "device/device_view.h"
+#include "device/host_device.h"
+#include "device/launch.h"
+#include "loss/cuda_ops.h"
+
+namespace splatboost::cuda {
+namespace {
+
+constexpr float kEpsilon = 1e-8f;  // of the CPU's min-max division
+
+/// What the kernels of one view tell each other. Errors are not negative, so their bits are in their order.
+struct ErrorStatistics {
+  unsigned low_bits, high_bits;
+  unsigned flagged, valid, covered;
+};
+
+__global__ void begin_kernel(DeviceView<ErrorStatistics> statistics) { statistics[0] = {0xffffffffu, 0u, 0u, 0u, 0u}; }
+
+/// Counts the lanes that hold, one atomic a warp. All 32 lanes call it.
+__device__ void count(bool holds, unsigned* into) {
+  const unsigned lanes = __ballot_sync(0xffffffffu, holds);
+  if (threadIdx.x % 32 == 0 && lanes != 0) atomicAdd(into, static_cast<unsigned>(__popc(lanes)));
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    errors_kernel(DeviceView<const float> render, DeviceView<const std::uint8_t> truth,
+                  DeviceView<const std::uint8_t> valid, float no_error, DeviceView<float> error,
+                  DeviceView<ErrorStatistics> statistics) {
+  const std::size_t p = element_index(), pixels = error.size();
+  const bool inside = p < pixels;
+  const bool counts = inside && (valid.empty() || valid[p] != 0);
+  float e = 0;
+  if (inside) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      e += fabsf(render[c * pixels + p] - static_cast<float>(truth[c * pixels + p]) / 255.0f);
+    }
+    e /= 3.0f;
+    error[p] = e;
+  }
+  const bool known = counts && e == e;  // NaN is neither smallest nor largest
+  unsigned low = known ? __float_as_uint(e) : 0xffffffffu, high = known ? __float_as_uint(e) : 0u;
+  for (int step = 16; step > 0; step /= 2) {
+    const unsigned other_low = __shfl_xor_sync(0xffffffffu, low, step);
+    const unsigned other_high = __shfl_xor_sync(0xffffffffu, high, step);
+    low = other_low < low ? other_low : low;
+    high = other_high > high ? other_high : high;
+  }
+  ErrorStatistics& s = statistics[0];
+  if (threadIdx.x % 32 == 0) {
+    atomicMin(&s.low_bits, low);
+    atomicMax(&s.high_bits, high);
+  }
+  count(counts, &s.valid);
+  count(counts && e > no_error, &s.covered);
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    flags_kernel(DeviceView<const float> error, DeviceView<const std::uint8_t> valid, float tau,
+                 DeviceView<std::uint8_t> flagged, DeviceView<ErrorStatistics> statistics) {
+  const std::size_t p = element_index();
+  ErrorStatistics& s = statistics[0];
+  const float low = __uint_as_float(s.low_bits), high = __uint_as_float(s.high_bits);
+  bool flag = false;
+  // Bits of "none found" are NaN: no range, and no flag.
+  if (p < flagged.size()) {
+    const bool counts = valid.empty() || valid[p] != 0;
+    flag = high > low && counts && error[p] - low > tau * (high - low + kEpsilon);
+    flagged[p] = flag ? 1 : 0;
+  }
+  count(flag, &s.flagged);
+}
+
+}  // namespace
+
+ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, float tau, float no_error,
+                        std::span<float> error, std::span<std::uint8_t> flagged, CudaStream& stream) {
+  DeviceArray<ErrorStatistics> statistics(stream);
+  statistics.ensure(1);
+  launch(stream, "errors_begin", begin_kernel, dim3(1), dim3(1), statistics.span());
+  launch_each(stream, "errors", errors_kernel, error.size(), render, truth.color, truth.valid, no_error, error,
+              statistics.span());
+  launch_each(stream, "error_flags", flags_kernel, error.size(), std::span<const float>(error), truth.valid, tau,
+              flagged, statistics.span());
+  const ErrorStatistics found = statistics.to_host()[0];
+  return {found.flagged, found.valid, found.covered};
+}
+
+}  // namespace splatboost::cuda

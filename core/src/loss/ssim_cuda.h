@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file SSIM of tiles of pixels, a block a tile and a thread a pixel: what the photometric loss and ssim() share on a
+/// GPU. For .cu files.
+#pragma once
+
+#include "device/device_view.h"
+#include "device/host_device.h"
+#include "device/launch.h"
+#include "loss/photometric_math.h"
+
+namespace splatboost::cuda {
+
+inline constexpr int kSsimTile = 16;  // px
+inline constexpr int kSsimThreads = kSsimTile * kSsimTile;
+inline constexpr int kSsimSide = kSsimTile + 2 * kSsimRadius;  // with the halo
+
+struct ImageSize {
+  int width, height;
+  __device__ bool holds(int x, int y) const { return x >= 0 && y >= 0 && x < width && y < height; }
+  __device__ std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
+  __device__ std::size_t at(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+  }
+};
+
+/// A block a tile of each plane.
+inline dim3 ssim_blocks(int width, int height, std::size_t planes) {
+  const auto tiles = [](int length) { return static_cast<unsigned>((length + kSsimTile - 1) / kSsimTile); };
+  return dim3(tiles(width), tiles(height), static_cast<unsigned>(planes));
+}
+
+/// The pixel of a thread.
+struct TilePixel {
+  int column = static_cast<int>(threadIdx.x) % kSsimTile, row = static_cast<int>(threadIdx.x) / kSsimTile;
+  int x = static_cast<int>(blockIdx.x) * kSsimTile + column, y = static_cast<int>(blockIdx.y) * kSsimTile + row;
+};
+
+/// A tile with its halo, and its rows blurred along x.
+using TilePixels = SharedArray<float, kSsimSide * kSsimSide>;
+using TileRows = SharedArray<float, kSsimSide * kSsimTile>;
+using WarpSums = SharedArray<float, kSsimThreads / 32>;
+
+/// Calls body(k, x, y) for each pixel k of the tile with its halo, at (x, y) of the image; the threads share them.
+template <class Body>
+__device__ void for_tile_pixels(Body body) {
+  for (int k = static_cast<int>(threadIdx.x); k < kSsimSide * kSsimSide; k += kSsimThreads) {
+    body(k, static_cast<int>(blockIdx.x) * kSsimTile + k % kSsimSide - kSsimRadius,
+         static_cast<int>(blockIdx.y) * kSsimTile + k / kSsimSide - kSsimRadius);
+  }
+}
+
+/// Calls body(k, from) for each place k of the rows, whose window begins at pixel `from` of the tile.
+template <class Body>
+__device__ void for_tile_rows(Body body) {
+  for (int k = static_cast<int>(threadIdx.x); k < kSsimSide * kSsimTile; k += kSsimThreads) {
+    body(k, k / kSsimTile * kSsimSide + k % kSsimTile);
+  }
+}
+
+/// Of a row or column of the window, 0 .. 10. In unrolled loops it is a constant.
+__device__ inline float window_weight(int k) {
+  constexpr float kWeights[] = {kSsimWindow[0], kSsimWindow[1], kSsimWindow[2],
+                                kSsimWindow[3], kSsimWindow[4], kSsimWindow[5]};
+  return kWeights[k <= kSsimRadius ? k : 2 * kSsimRadius - k];
+}
+
+/// Σ along y of rows that were blurred along x.
+__device__ inline float blur_down(const TileRows& rows, const TilePixel& pixel) {
+  float sum = 0;
+#pragma unroll
+  for (int k = 0; k <= 2 * kSsimRadius; ++k) {
+    sum += window_weight(k) * rows.get((pixel.row + k) * kSsimTile + pixel.column);
+  }
+  return sum;
+}
+
+/// Blurs a map; at the end no thread reads it any more. The window is its own adjoint.
+__device__ inline float blurred(const TilePixels& map, TileRows& rows, const TilePixel& pixel) {
+  for_tile_rows([&](int k, int from) {
+    float sum = 0;
+#pragma unroll
+    for (int j = 0; j <= 2 * kSsimRadius; ++j) sum += window_weight(j) * map.get(from + j);
+    rows.set(k, sum);
+  });
+  __syncthreads();
+  const float sum = blur_down(rows, pixel);
+  __syncthreads();
+  return sum;
+}
+
+/// SSIM of the thread's pixel. @param rows workspace
+__device__ inline SsimPixel<float> ssim_of_tile(const TilePixels& renders, const TilePixels& truths,
+                                                TileRows (&rows)[4], const TilePixel& pixel) {
+  for_tile_rows([&](int k, int from) {
+    float ra = 0, rb = 0, squares = 0, product = 0;
+#pragma unroll
+    for (int j = 0; j <= 2 * kSsimRadius; ++j) {
+      const float weight = window_weight(j), a = renders.get(from + j), b = truths.get(from + j);
+      ra += weight * a;
+      rb += weight * b;
+      squares += weight * (a * a + b * b);
+      product += weight * (a * b);
+    }
+    rows[0].set(k, ra);
+    rows[1].set(k, rb);
+    rows[2].set(k, squares);
+    rows[3].set(k, product);
+  });
+  __syncthreads();
+  return ssim_pixel(blur_down(rows[0], pixel), blur_down(rows[1], pixel), blur_down(rows[2], pixel),
+                    blur_down(rows[3], pixel));
+}
+
+/// Sum over the block in a fixed order, known to the first thread.
+__device__ inline double block_sum(float value, WarpSums& warps) {
+  const float sum = warp_sum(value);
+  const int thread = static_cast<int>(threadIdx.x);
+  if (thread % 32 == 0) warps.set(thread / 32, sum);
+  __syncthreads();
+  double total = 0;
+  if (thread == 0) {
+    for (int w = 0; w < kSsimThreads / 32; ++w) total += static_cast<double>(warps.get(w));
+  }
+  __syncthreads();
+  return total;
+}
+
+/// The block's number in the grid: where its sums go.
+__device__ inline std::size_t block_number() {
+  return (static_cast<std::size_t>(blockIdx.z) * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x;
+}
+
+/// One block adds up the blocks' sums, `Quantities` of each, in a fixed order.
+template <int Quantities>
+__global__ void __launch_bounds__(kSsimThreads)
+    sum_blocks_kernel(DeviceView<const double> sums, double factor, DeviceView<double> totals) {
+  __shared__ SharedArray<double, kSsimThreads> parts;
+  const int thread = static_cast<int>(threadIdx.x);
+  for (std::size_t q = 0; q < Quantities; ++q) {
+    double sum = 0;
+    for (std::size_t i = threadIdx.x; Quantities * i < sums.size(); i += kSsimThreads) sum += sums[Quantities * i + q];
+    parts.set(thread, sum);
+    __syncthreads();
+    for (int step = kSsimThreads / 2; step > 0; step /= 2) {
+      const double pair = thread < step ? parts.get(thread) + parts.get(thread + step) : 0.0;
+      __syncthreads();
+      if (thread < step) parts.set(thread, pair);
+      __syncthreads();
+    }
+    if (thread == 0) totals[q] = factor * parts.get(0);
+    __syncthreads();
+  }
+}
+
+}  // namespace splatboost::cuda

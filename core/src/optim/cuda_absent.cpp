@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for the .cu files of this folder in a build without CUDA. There is no stream, so none of it is ever called.
+#include "device/cuda_absent.h"
+#include "optim/cuda_ops.h"
+
+namespace splatboost::cuda {
+
+void exponentials(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void sigmoids(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void sigmoid_gradients(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void scale(std::span<float>, float, CudaStream&) { absent(); }
+void multiply(std::span<const float>, std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void add_products(std::span<const float>, std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void dropout_factors(const RandomStream&, double, float, std::span<float>, CudaStream&) { absent(); }
+void adam_step(std::span<float>, std::span<float>, std::span<float>, std::span<float>, std::int64_t, const AdamOptions&,
+               CudaStream&) {
+  absent();
+}
+void remove_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint8_t>) { absent(); }
+void gather_rows(std::span<const float>, std::size_t, std::span<const std::uint32_t>, std::span<float>, CudaStream&) {
+  absent();
+}
+void append_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
+void reorder_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
+
+}  // namespace splatboost::cuda

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The operations of this folder on a CUDA device, as the public functions call them, which have checked the
+/// arguments. Each is defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "splatboost/adam.h"
+#include "splatboost/cuda_stream.h"
+#include "splatboost/device_array.h"
+#include "splatboost/random.h"
+
+namespace splatboost::cuda {
+
+void exponentials(std::span<const float> from, std::span<float> to, CudaStream& stream);
+void sigmoids(std::span<const float> from, std::span<float> to, CudaStream& stream);
+void sigmoid_gradients(std::span<const float> sigmoids, std::span<float> gradients, CudaStream& stream);
+
+/// As in elementwise.h.
+void scale(std::span<float> values, float factor, CudaStream& stream);
+void multiply(std::span<const float> values, std::span<const float> factors, std::span<float> products,
+              CudaStream& stream);
+void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums,
+                  CudaStream& stream);
+
+/// @param kept factor of those that are not dropped
+void dropout_factors(const RandomStream& random, double rate, float kept, std::span<float> factors, CudaStream& stream);
+
+void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
+               std::span<float> second_moments, std::int64_t step, const AdamOptions& options, CudaStream& stream);
+
+/// As in rows.h; remove_rows() waits.
+void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed);
+/// Row i of `to` becomes row rows[i] of `from`.
+void gather_rows(std::span<const float> from, std::size_t width, std::span<const std::uint32_t> rows,
+                 std::span<float> to, CudaStream& stream);
+void append_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
+void reorder_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> order);
+
+}  // namespace splatboost::cuda

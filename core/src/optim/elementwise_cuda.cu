@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "device/device_view.h"
+#include "device/launch.h"
+#include "optim/cuda_ops.h"
+
+namespace splatboost::cuda {
+namespace {
+
+__global__ void __launch_bounds__(kBlockThreads) scale_kernel(DeviceView<float> values, float factor) {
+  const std::size_t i = element_index();
+  if (i >= values.size()) return;
+  values[i] *= factor;
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    multiply_kernel(DeviceView<const float> values, DeviceView<const float> factors, DeviceView<float> products) {
+  const std::size_t i = element_index();
+  if (i >= values.size()) return;
+  products[i] = values[i] * factors[i];
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    add_products_kernel(DeviceView<const float> values, DeviceView<const float> factors, DeviceView<float> sums) {
+  const std::size_t i = element_index();
+  if (i >= values.size()) return;
+  sums[i] += values[i] * factors[i];
+}
+
+}  // namespace
+
+void scale(std::span<float> values, float factor, CudaStream& stream) {
+  launch_each(stream, "scale", scale_kernel, values.size(), values, factor);
+}
+
+void multiply(std::span<const float> values, std::span<const float> factors, std::span<float> products,
+              CudaStream& stream) {
+  launch_each(stream, "multiply", multiply_kernel, values.size(), values, factors, products);
+}
+
+void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums,
+                  CudaStream& stream) {
+  launch_each(stream, "add_products", add_products_kernel, values.size(), values, factors, sums);
+}
+
+}  // namespace splatboost::cuda

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for the .cu files of this folder in a build without CUDA. There is no stream, so none of it is ever called.
+#include "device/cuda_absent.h"
+#include "points/cuda_ops.h"
+
+namespace splatboost::cuda {
+
+void smoothing_filters(std::span<const float>, std::span<const Camera>, float, float, std::span<std::uint32_t>,
+                       std::span<float>, CudaStream&) {
+  absent();
+}
+void smooth_gaussians(std::span<const float>, std::span<const float>, std::span<const float>, const SmoothedGaussians&,
+                      CudaStream&) {
+  absent();
+}
+void smooth_gaussians_backward(std::span<const float>, std::span<const float>, const SmoothedGaussians&,
+                               const SmoothedGradients&, std::span<float>, std::span<float>, CudaStream&) {
+  absent();
+}
+void spatial_order(std::span<const float>, std::span<std::uint32_t>, CudaStream&) { absent(); }
+void mean_squared_neighbor_distances(std::span<const float>, int, std::span<float>, CudaStream&) { absent(); }
+
+}  // namespace splatboost::cuda

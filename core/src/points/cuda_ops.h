@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The operations of this folder on a CUDA device, as the public functions call them, which have checked the
+/// arguments. Each is defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "splatboost/camera.h"
+#include "splatboost/cuda_stream.h"
+#include "splatboost/smoothing.h"
+
+namespace splatboost::cuda {
+
+/// As in smoothing.h. @param largest one number, workspace
+void smoothing_filters(std::span<const float> means, std::span<const Camera> views, float deviation, float margin,
+                       std::span<std::uint32_t> largest, std::span<float> filters, CudaStream& stream);
+void smooth_gaussians(std::span<const float> scales, std::span<const float> opacities, std::span<const float> filters,
+                      const SmoothedGaussians& smoothed, CudaStream& stream);
+void smooth_gaussians_backward(std::span<const float> scales, std::span<const float> filters,
+                               const SmoothedGaussians& smoothed, const SmoothedGradients& of_smoothed,
+                               std::span<float> scale_gradients, std::span<float> opacity_gradients,
+                               CudaStream& stream);
+
+void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, CudaStream& stream);
+
+inline constexpr int kMostNeighbors = 8;  ///< a thread holds as many
+void mean_squared_neighbor_distances(std::span<const float> points, int k, std::span<float> mean_squared_distances,
+                                     CudaStream& stream);
+
+}  // namespace splatboost::cuda

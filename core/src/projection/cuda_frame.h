@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What the stages of the CUDA rasterizer hand to one another for one view: project → tiles → blend → backward.
+/// The counterpart of frame.h.
+#pragma once
+
+#include <cstdint>
+
+#include "projection/projection_camera.h"
+#include "splatboost/device_array.h"
+#include "splatboost/rasterizer.h"
+
+namespace splatboost::cuda {
+
+/// What blending reads of a splat, three loads of 16 bytes. The quadratic form is that of log2 α, as in BlendRecord.
+struct alignas(16) SplatRecord {
+  float mean_x, mean_y;
+  float log2_opacity;
+  float depth;
+  float quadratic_xx, quadratic_xy, quadratic_yy;
+  std::uint32_t gaussian;
+  float red, green, blue;
+  float unused;
+};
+
+/// The ellipse of a splat's compact box, as tile_math.h has it.
+struct alignas(16) SplatEllipse {
+  float mean_x, mean_y;
+  float conic_xx, conic_xy, conic_yy;
+  float t;
+  float half_width, half_height;
+};
+
+/// Tiles of a splat's bounding box, half-open.
+struct alignas(8) TileBox {
+  std::uint16_t x_begin, x_end, y_begin, y_end;
+};
+
+/// Half-open range of a tile's entries.
+struct alignas(8) TileEntries {
+  std::uint32_t begin, end;
+};
+
+/// Numbers that only the device knows when a frame is enqueued.
+struct FrameTotals {
+  std::uint32_t visible;  ///< Gaussians that are listed in a tile
+  std::uint32_t entries;  ///< (tile, Gaussian) pairs; too few where the visible ones outgrew their room
+  std::uint32_t most_visible, most_entries;  ///< of all frames so far
+};
+
+/// Sums over the pixels of a splat, from which its gradients follow, as in EntryMoments; in a row of kMomentColumns.
+enum Moment : int {
+  kMomentS,
+  kMomentSX,
+  kMomentSY,
+  kMomentSXX,
+  kMomentSXY,
+  kMomentSYY,
+  kMomentRed,
+  kMomentGreen,
+  kMomentBlue,
+  kMomentAbsX,
+  kMomentAbsY,
+  kMomentInverseDepth,
+  kMoments
+};
+inline constexpr int kMomentColumns = 16;
+
+inline constexpr std::uint32_t kTilePixels = kTileSize * kTileSize;
+/// Splats of a tile's list that a warp looks at together.
+inline constexpr std::uint32_t kBucketSplats = 32;
+
+/// Workspace of one view.
+struct CudaFrame {
+  explicit CudaFrame(CudaStream& of_arrays) : stream(of_arrays) {}
+
+  CudaStream& stream;
+  Camera camera;
+  RasterOptions options;
+  ProjectionCamera projection{};
+  std::size_t gaussians = 0;
+  int features = 0;            ///< extra channels of the Gaussians that are drawn in this view
+  bool inverse_depth = false;  ///< whether inverse depth is drawn
+  int tiles_x = 0, tiles_y = 0;
+
+  DeviceArray<SplatRecord> records{stream};        ///< [N]
+  DeviceArray<SplatEllipse> ellipses{stream};      ///< [N] where the box is an ellipse
+  DeviceArray<TileBox> boxes{stream};              ///< [N]
+  DeviceArray<std::uint32_t> tile_counts{stream};  ///< [N] tiles that list the Gaussian
+  DeviceArray<std::uint8_t> visible{stream};       ///< [N]
+  DeviceArray<std::int32_t> radii{stream};         ///< [N]
+  DeviceArray<float> channels{stream};             ///< [N, extra_channels()] features, then inverse depth
+
+  DeviceArray<std::uint32_t> places{stream};  ///< [N+1] number of visible Gaussians before each
+
+  // Room for more visible Gaussians and entries than there are: their numbers are known on the device only. What is
+  // left over sorts behind all that counts.
+  std::size_t visible_room = 0, entry_room = 0;
+  DeviceArray<std::uint32_t> listed{stream};      ///< [visible_room] Gaussians that are visible, by index
+  DeviceArray<std::uint32_t> depth_keys{stream};  ///< ... their depths' bits
+  DeviceArray<std::uint32_t> depth_keys_swap{stream};
+  DeviceArray<std::uint32_t> order{stream};          ///< [visible_room] visible Gaussians, near to far, ties by index
+  DeviceArray<std::uint32_t> entry_offsets{stream};  ///< [visible_room + 1] first entry of each, in that order
+  DeviceArray<std::uint32_t> tile_keys{
+      stream};  ///< [entry_room] tiles of the entries, Gaussian by Gaussian, near to far
+  DeviceArray<std::uint32_t> tile_keys_swap{stream};
+  DeviceArray<std::uint32_t> entries_swap{stream};  ///< ... their Gaussians
+  DeviceArray<std::uint32_t> entries{stream};       ///< [entry_room] Gaussians, tile by tile, near to far
+  DeviceArray<TileEntries> tile_entries{stream};    ///< [T]
+  DeviceArray<FrameTotals> totals{stream};          ///< [1]
+  DeviceArray<std::uint8_t> scratch{stream};        ///< CUB's
+
+  DeviceArray<float> pixels{stream};             ///< [4 + extra_channels(), H, W] blended colour, alpha, extra channels
+  DeviceArray<float> moments{stream};            ///< [N, kMomentColumns]
+  DeviceArray<float> feature_gradients{stream};  ///< [N, features]
+
+  // For the backward pass that goes by splats: what every pixel of a tile had blended before each bucket of its list.
+  bool keeps_states = false;
+  std::size_t bucket_room = 0;
+  DeviceArray<std::uint32_t> bucket_offsets{stream};  ///< [T+1] first bucket of a tile
+  DeviceArray<std::uint32_t> bucket_tiles{stream};    ///< [bucket_room]
+  DeviceArray<float> bucket_states{stream};  ///< [bucket_room, 4 + extra_channels(), 256] transmittance, colour, extra
+  DeviceArray<std::uint32_t> pixel_stops{stream};  ///< [T, 256] entries of the tile that the pixel was open for
+  DeviceArray<std::uint32_t> tile_stops{stream};   ///< [T] the most of these
+
+  int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
+  std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
+  std::size_t image_pixels() const {
+    return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  }
+};
+
+/// Fills records, ellipses, boxes, tile_counts, visible, radii and channels. (project_cuda.cu)
+void project(CudaFrame& frame, const Gaussians& gaussians, CudaStream& stream);
+/// Takes moments back to the Gaussians. (project_cuda.cu)
+void project_backward(const CudaFrame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
+                      CudaStream& stream);
+/// Fills places and sets totals.visible. (tiles_cuda.cu)
+void count_visible(CudaFrame& frame, CudaStream& stream);
+/// Sorts the first visible_room visible Gaussians by depth and sets totals.entries. (tiles_cuda.cu)
+void sort_by_depth(CudaFrame& frame, CudaStream& stream);
+/// Fills entries, the first entry_room that there are, and tile_entries. (tiles_cuda.cu)
+void build_tile_lists(CudaFrame& frame, CudaStream& stream);
+/// Numbers the buckets of the tiles' lists. (tiles_cuda.cu)
+void number_buckets(CudaFrame& frame, CudaStream& stream);
+/// Blends all tiles. (blend_cuda.cu)
+void blend(CudaFrame& frame, const RasterImages& images, CudaStream& stream);
+/// Fills moments and feature_gradients. (blend_backward_cuda.cu)
+void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, bool absolute, CudaStream& stream);
+/// Adds flagged pixels to counts. (count_cuda.cu)
+void count_flagged_pixels(const CudaFrame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
+                          CudaStream& stream);
+
+}  // namespace splatboost::cuda

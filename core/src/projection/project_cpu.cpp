@@ -1,0 +1,485 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cstring>
+
+#include "projection/frame.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "projection/project_cpu.cpp"
+#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/highway.h>
+
+#include "device/lanes-inl.h"
+#include "projection/project_math.h"
+#include "projection/sh_math.h"
+#include "projection/tile_math.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatboost {
+namespace HWY_NAMESPACE {
+
+// Gaussians go through in blocks, one a lane. A block may be shorter at the end of a range.
+
+constexpr std::size_t kMostLanes = kTileSize;
+constexpr std::size_t kRestColumns = 3 * (kMaxShCoefficients - 1);
+
+Vec3<Float> vec3_at(std::span<const float> rows, std::size_t i, std::size_t count) {
+  Float v[3];
+  load_rows(rows.data() + 3 * i, count, v);
+  return {v[0], v[1], v[2]};
+}
+
+/// A block's covariances, and the scales and rotations that they were made of where they were.
+struct Shape {
+  Symmetric3<Float> covariance;
+  Vec3<Float> scale;
+  Quaternion<Float> unit;
+  Float inverse_length;  ///< of the quaternion as it is stored
+  Matrix3<Float> rotation;
+};
+
+void shape_at(const Gaussians& gaussians, std::size_t i, std::size_t count, Shape& shape) {
+  if (!gaussians.covariances.empty()) {
+    alignas(64) float c[6 * kMostLanes];
+    rows_to_columns(gaussians.covariances.data() + 6 * i, 6, count, 6, c);
+    const std::size_t n = lanes();
+    shape.covariance = {load(c), load(c + n), load(c + 2 * n), load(c + 3 * n), load(c + 4 * n), load(c + 5 * n)};
+    return;
+  }
+  shape.scale = vec3_at(gaussians.scales, i, count);
+  Float q[4];
+  load_rows(gaussians.rotations.data() + 4 * i, count, q);
+  const Quaternion<Float> quaternion{q[0], q[1], q[2], q[3]};
+  shape.inverse_length = Float(1.0f) / sqrt_of(dot(quaternion, quaternion));
+  shape.unit = shape.inverse_length * quaternion;
+  shape.rotation = rotation_of(shape.unit);
+  shape.covariance = covariance_of(shape.scale, shape.rotation);
+}
+
+/// Where the camera looks at a block from.
+struct Ray {
+  Vec3<Float> direction;
+  Float inverse_length;
+};
+
+Ray ray_to(Vec3<Float> mean, const ProjectionCamera& camera) {
+  const Vec3<Float> ray = mean - widen<Float>(camera.centre);
+  const Float inverse_length = Float(1.0f) / sqrt_of(dot(ray, ray));
+  return {inverse_length * ray, inverse_length};
+}
+
+/// Coefficients of degree 1 and above, [3 · used, lanes].
+void sh_rest_at(const Gaussians& gaussians, std::size_t i, std::size_t count, float* columns) {
+  const std::size_t stride = 3 * static_cast<std::size_t>(gaussians.sh_rest_rows);
+  const auto used = static_cast<std::size_t>(sh_coefficients(gaussians.sh_degree) - 1);
+  rows_to_columns(gaussians.sh_rest.data() + stride * i, stride, count, 3 * used, columns);
+}
+
+Vec3<Float> color_at(const Gaussians& gaussians, std::size_t i, std::size_t count, Vec3<Float> direction) {
+  if (!gaussians.colors.empty()) return vec3_at(gaussians.colors, i, count);
+  Float basis[kMaxShCoefficients];
+  sh_basis(gaussians.sh_degree, direction, basis);
+  Float color[3];
+  load_rows(gaussians.sh_dc.data() + 3 * i, count, color);
+  for (Float& c : color) c = Float(0.5f) + basis[0] * c;
+  alignas(64) float rest[kRestColumns * kMostLanes];
+  sh_rest_at(gaussians, i, count, rest);
+  const int used = sh_coefficients(gaussians.sh_degree) - 1;
+  const float* coefficient = rest;
+  for (int k = 1; k <= used; ++k) {
+    for (Float& c : color) {
+      c += basis[k] * load(coefficient);
+      coefficient += lanes();
+    }
+  }
+  return {max_of(color[0], Float(0.0f)), max_of(color[1], Float(0.0f)), max_of(color[2], Float(0.0f))};
+}
+
+void store_whole(Float a, std::int32_t* to) {
+  const hn::RebindToSigned<Lanes> d;
+  hn::StoreU(hn::ConvertTo(d, a.v), d, to);
+}
+
+/// Numbers of a block's rows of tiles: [rows, lanes] where the tiles of a row begin and end.
+struct RowTilesScratch {
+  Buffer<std::int32_t> begin, end;
+};
+
+RowTilesScratch& row_tiles_of_thread() {
+  thread_local RowTilesScratch scratch;
+  return scratch;
+}
+
+/// Lists the tiles of a block's Gaussians.
+/// @param first_row,row_count [lanes] rows of their bounding boxes
+template <class RowTiles>
+void list_tiles(Frame& frame, std::size_t i, std::size_t count, Float first_row, Float row_count,
+                std::vector<std::uint32_t>& listed, RowTiles&& tiles_in_row) {
+  alignas(64) std::int32_t first[kMostLanes], rows[kMostLanes], totals[kMostLanes];
+  store_whole(first_row, first);
+  store_whole(row_count, rows);
+  const std::int32_t most = *std::max_element(rows, rows + count);
+  RowTilesScratch& scratch = row_tiles_of_thread();
+  scratch.begin.ensure(static_cast<std::size_t>(most) * lanes());
+  scratch.end.ensure(static_cast<std::size_t>(most) * lanes());
+  Float total(0.0f);
+  for (std::int32_t row = 0; row < most; ++row) {
+    const Float at(static_cast<float>(row));
+    TileRange<Float> tiles = tiles_in_row(first_row + at);
+    tiles.begin = select(at < row_count, tiles.begin, Float(0.0f));
+    tiles.end = select(at < row_count, max_of(tiles.end, tiles.begin), Float(0.0f));
+    total += tiles.end - tiles.begin;
+    store_whole(tiles.begin, scratch.begin.data() + static_cast<std::size_t>(row) * lanes());
+    store_whole(tiles.end, scratch.end.data() + static_cast<std::size_t>(row) * lanes());
+  }
+  store_whole(total, totals);
+
+  // Tiles are written eight at a time, whatever their number: rows are short, and so nothing is left to be guessed of
+  // where a loop ends. What is too much, the next row writes over.
+  constexpr std::size_t kAtATime = 8;
+  std::size_t at = listed.size() < kAtATime ? 0 : listed.size() - kAtATime;
+  std::size_t end = at;
+  for (std::size_t lane = 0; lane < count; ++lane) end += static_cast<std::size_t>(totals[lane]);
+  listed.resize(end + kAtATime);
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    TileListing& listing = frame.listings[i + lane];
+    listing.first = static_cast<std::uint32_t>(at);
+    listing.tiles = static_cast<std::uint32_t>(totals[lane]);
+    auto row_start = static_cast<std::uint32_t>(first[lane] * frame.tiles_x);
+    const std::int32_t* begin = scratch.begin.data() + lane;
+    const std::int32_t* row_end = scratch.end.data() + lane;
+    for (std::int32_t row = 0; row < rows[lane]; ++row) {
+      const std::uint32_t tile = row_start + static_cast<std::uint32_t>(*begin);
+      const auto n = static_cast<std::size_t>(*row_end - *begin);
+      for (std::size_t done = 0; done < n; done += kAtATime) {
+        std::uint32_t* to = listed.data() + at + done;
+        for (std::uint32_t k = 0; k < kAtATime; ++k) to[k] = tile + static_cast<std::uint32_t>(done) + k;
+      }
+      at += n;
+      row_start += static_cast<std::uint32_t>(frame.tiles_x);
+      begin += lanes();
+      row_end += lanes();
+    }
+  }
+}
+
+void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std::size_t count,
+                   std::vector<std::uint32_t>& listed) {
+  const RasterOptions& options = frame.options;
+  const Float zero(0.0f);
+  const Vec3<Float> mean = vec3_at(gaussians.means, i, count);
+  Shape shape;
+  shape_at(gaussians, i, count, shape);
+  const Projection<Float> p = project_gaussian(frame.projection, mean, shape.covariance, options.low_pass,
+                                               options.compensate_opacity, options.near_plane);
+  Float opacity[1];
+  load_rows(gaussians.opacities.data() + i, count, opacity);
+  const Float drawn = opacity[0] * p.compensation;
+  Bool visible = p.valid & (drawn >= zero);  // false where the opacity is not a number
+  const Float log2_opacity = log2_of(max_of(drawn, Float(1e-30f)));
+
+  const bool square = options.box == BoxPolicy::square;
+  const Float radius = square_radius(p.covariance);
+  TileRange<Float> x, y;
+  Ellipse<Float> ellipse{};
+  if (square) {
+    x = square_tiles(p.mean.x, radius, frame.tiles_x);
+    y = square_tiles(p.mean.y, radius, frame.tiles_y);
+  } else {
+    const Float t = Float(options.beta) * reach_of(log2_opacity);
+    visible = visible & (t > zero);
+    ellipse = make_ellipse(p.mean, p.covariance, p.conic, t);
+    x = ellipse_tile_columns(ellipse, frame.tiles_x);
+    y = ellipse_tile_rows(ellipse, frame.tiles_y);
+  }
+  visible = visible & (x.begin < x.end) & (y.begin < y.end);
+
+  alignas(64) std::int32_t radii[kMostLanes];
+  store_whole(select(visible, min_of(radius, Float(1e9f)), zero), radii);
+  const Float top = select(visible, y.begin, zero), rows = select(visible, y.end - y.begin, zero);
+  if (square) {
+    list_tiles(frame, i, count, top, rows, listed, [&](Float) HWY_ATTR { return x; });
+  } else {
+    list_tiles(frame, i, count, top, rows, listed,
+               [&](Float row) HWY_ATTR { return ellipse_tiles_in_row(ellipse, row, frame.tiles_x); });
+  }
+  bool any = false;
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    const bool seen = frame.listings[i + lane].tiles > 0;
+    frame.visible[i + lane] = seen ? 1 : 0;
+    frame.radii[i + lane] = seen ? radii[lane] : 0;
+    any |= seen;
+  }
+  if (!any) return;
+
+  const Vec3<Float> color = color_at(gaussians, i, count, ray_to(mean, frame.projection).direction);
+  const Float per_half(-1.0f / kTwoLn2);  // from ½·Mahalanobis² to powers of two
+  const Float fields[] = {p.mean.x,
+                          p.mean.y,
+                          per_half * p.conic.xx,
+                          Float(2.0f) * per_half * p.conic.xy,
+                          per_half * p.conic.yy,
+                          log2_opacity,
+                          -p.conic.xy / p.conic.xx,
+                          color.x,
+                          color.y,
+                          color.z,
+                          p.view.z,
+                          zero};
+  constexpr std::size_t kFields = sizeof fields / sizeof fields[0];
+  alignas(64) float columns[kFields * kMostLanes];
+  for (std::size_t f = 0; f < kFields; ++f) store(fields[f], columns + f * lanes());
+  columns_to_rows(columns, kFields, count, false, &frame.records[i].mean_x, sizeof(BlendRecord) / sizeof(float));
+  for (std::size_t lane = 0; lane < count; ++lane) frame.depths[i + lane] = frame.records[i + lane].depth;
+
+  const auto features = static_cast<std::size_t>(frame.features),
+             extra = static_cast<std::size_t>(frame.extra_channels());
+  for (std::size_t lane = 0; extra > 0 && lane < count; ++lane) {
+    float* channels = frame.channels.data() + (i + lane) * extra;
+    std::copy_n(gaussians.features.data() + (i + lane) * features, features, channels);
+    if (frame.inverse_depth) channels[features] = 1.0f / frame.depths[i + lane];
+  }
+}
+
+void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, std::size_t end) {
+  std::vector<std::uint32_t>& listed = frame.listed_tiles[begin / kProjectGrain];
+  listed.clear();
+  for (std::size_t i = begin; i < end; i += lanes()) {
+    project_block(frame, gaussians, i, std::min(lanes(), end - i), listed);
+  }
+}
+
+/// Sums of a block's moments over the lists' entries, in their order. @param columns [12, lanes]
+void gather(const Frame& frame, std::size_t i, std::size_t count, float* columns) {
+  constexpr std::size_t kWidth = sizeof(EntryMoments) / sizeof(float);
+  const Lanes d;
+  alignas(64) float rows[kMostLanes * kWidth];
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    Float sum[kWidth / lanes()];
+    for (Float& s : sum) s = Float(0.0f);
+    const std::size_t slot = frame.first_slot(i + lane);
+    for (std::uint32_t k = 0; k < frame.listings[i + lane].tiles; ++k) {
+      const auto* entry = reinterpret_cast<const float*>(&frame.entry_moments[slot + k]);
+      for (std::size_t v = 0; v < kWidth / lanes(); ++v) sum[v] += Float(hn::Load(d, entry + v * lanes()));
+    }
+    for (std::size_t k = 0; k < kWidth / lanes(); ++k) hn::Store(sum[k].v, d, rows + lane * kWidth + k * lanes());
+  }
+  rows_to_columns(rows, kWidth, count, 12, columns);
+}
+
+/// Where a block's gradients go: written, or added to what is there; zero where the Gaussian is not visible.
+struct BlockWriter {
+  std::size_t i, count;
+  bool adds;
+  Bool visible;
+
+  template <std::size_t W>
+  HWY_INLINE void write(std::span<float> rows, Float (&&columns)[W], bool add) const {
+    if (rows.empty()) return;
+    for (Float& c : columns) c = select(visible, c, Float(0.0f));
+    store_rows(columns, count, add, rows.data() + W * i);
+  }
+  template <std::size_t W>
+  HWY_INLINE void write(std::span<float> rows, Float (&&columns)[W]) const {
+    write(rows, std::move(columns), adds);
+  }
+};
+
+/// Gradient through spherical harmonics: writes the coefficients', returns the mean's.
+Vec3<Float> sh_backward(const Gaussians& gaussians, const GaussianGradients& out, const BlockWriter& writer,
+                        const Ray& ray, Vec3<Float> g_color) {
+  const int degree = gaussians.sh_degree, used = sh_coefficients(degree) - 1;
+  Float basis[kMaxShCoefficients];
+  sh_basis(degree, ray.direction, basis);
+  writer.write(out.sh_dc, {basis[0] * g_color.x, basis[0] * g_color.y, basis[0] * g_color.z});
+
+  alignas(64) float columns[kRestColumns * kMostLanes];
+  const Float g[3] = {select(writer.visible, g_color.x, Float(0.0f)), select(writer.visible, g_color.y, Float(0.0f)),
+                      select(writer.visible, g_color.z, Float(0.0f))};
+  const std::size_t width = 3 * static_cast<std::size_t>(gaussians.sh_rest_rows);
+  if (!out.sh_rest.empty()) {
+    float* column = columns;
+    for (int k = 1; k <= used; ++k) {
+      for (const Float& c : g) {
+        store(select(writer.visible, basis[k] * c, Float(0.0f)), column);
+        column += lanes();
+      }
+    }
+    float* const rows = out.sh_rest.data() + width * writer.i;
+    const std::size_t written = 3 * static_cast<std::size_t>(used);
+    if (used > 0) columns_to_rows(columns, written, writer.count, writer.adds, rows, width);
+    for (std::size_t lane = 0; !writer.adds && written < width && lane < writer.count; ++lane) {
+      std::memset(rows + width * lane + written, 0, (width - written) * sizeof(float));
+    }
+  }
+  if (degree == 0) return {Float(0.0f), Float(0.0f), Float(0.0f)};
+  sh_rest_at(gaussians, writer.i, writer.count, columns);
+  Float weights[kMaxShCoefficients];
+  weights[0] = Float(0.0f);
+  const float* coefficient = columns;
+  for (int k = 1; k <= used; ++k) {
+    weights[k] = Float(0.0f);
+    for (const Float& c : g) {
+      weights[k] += load(coefficient) * c;
+      coefficient += lanes();
+    }
+  }
+  return through_normalise(ray.direction, ray.inverse_length, sh_basis_gradient(degree, ray.direction, weights));
+}
+
+void clear_rows(std::span<float> rows, std::size_t width, std::size_t i, std::size_t count) {
+  if (!rows.empty()) std::memset(rows.data() + width * i, 0, width * count * sizeof(float));
+}
+
+void clear_block(const GaussianGradients& g, const Gaussians& gaussians, std::size_t i, std::size_t count) {
+  if (g.mode == GradientMode::overwrite) {
+    clear_rows(g.means, 3, i, count);
+    clear_rows(g.scales, 3, i, count);
+    clear_rows(g.rotations, 4, i, count);
+    clear_rows(g.covariances, 6, i, count);
+    clear_rows(g.opacities, 1, i, count);
+    clear_rows(g.sh_dc, 3, i, count);
+    clear_rows(g.sh_rest, 3 * static_cast<std::size_t>(gaussians.sh_rest_rows), i, count);
+    clear_rows(g.colors, 3, i, count);
+    clear_rows(g.features, static_cast<std::size_t>(gaussians.features_per_gaussian), i, count);
+  }
+  clear_rows(g.screen_means, 2, i, count);
+  clear_rows(g.screen_means_abs, 2, i, count);
+}
+
+void feature_gradients(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i) {
+  float sum[kMaxFeatures] = {};
+  const auto drawn = static_cast<std::size_t>(frame.features);  // none, if the view was drawn without them
+  const std::size_t slot = frame.first_slot(i);
+  for (std::size_t k = 0; drawn > 0 && k < frame.listings[i].tiles; ++k) {
+    const float* entry = frame.entry_channel_gradients.data() + drawn * (slot + k);
+    for (std::size_t f = 0; f < drawn; ++f) sum[f] += entry[f];
+  }
+  const auto width = static_cast<std::size_t>(gaussians.features_per_gaussian);
+  float* row = out.features.data() + width * i;
+  for (std::size_t f = 0; f < width; ++f) row[f] = out.mode == GradientMode::overwrite ? sum[f] : row[f] + sum[f];
+}
+
+void backward_block(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i,
+                    std::size_t count) {
+  alignas(64) float seen[kMostLanes] = {};
+  bool any = false;
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    seen[lane] = frame.visible[i + lane] != 0 ? 1.0f : 0.0f;
+    any |= frame.visible[i + lane] != 0;
+  }
+  if (!any) {
+    clear_block(out, gaussians, i, count);
+    return;
+  }
+  const Float zero(0.0f), half(0.5f);
+  const BlockWriter writer{i, count, out.mode == GradientMode::accumulate, load(seen) > zero};
+  const ProjectionCamera& camera = frame.projection;
+  const RasterOptions& options = frame.options;
+
+  alignas(64) float moments[12 * kMostLanes];
+  gather(frame, i, count, moments);
+  const auto moment = [&](std::size_t k) HWY_ATTR { return load(moments + k * lanes()); };
+  const Float s = moment(0), s_x = moment(1), s_y = moment(2), s_xx = moment(3), s_xy = moment(4), s_yy = moment(5);
+  const Vec3<Float> g_color{moment(6), moment(7), moment(8)};
+  const Float abs_x = moment(9), abs_y = moment(10), g_inverse_depth = moment(11);
+
+  const Vec3<Float> mean = vec3_at(gaussians.means, i, count);
+  Shape shape;
+  shape_at(gaussians, i, count, shape);
+  const Projection<Float> p = project_gaussian(camera, mean, shape.covariance, options.low_pass,
+                                               options.compensate_opacity, options.near_plane);
+  Float opacity[1];
+  load_rows(gaussians.opacities.data() + i, count, opacity);
+
+  ProjectionGradient<Float> up;
+  up.mean = {p.conic.xx * s_x + p.conic.xy * s_y, p.conic.xy * s_x + p.conic.yy * s_y};
+  up.conic = {-(half * s_xx), -s_xy, -(half * s_yy)};
+  // dα/dσ = α/σ, and σ = opacity · compensation
+  const Float drawn = opacity[0] * p.compensation;
+  const Float g_drawn = select(drawn > zero, s / drawn, zero);
+  up.compensation = g_drawn * opacity[0];
+  up.view_z = -(g_inverse_depth / (p.view.z * p.view.z));
+  GaussianGeometryGradient<Float> geometry =
+      project_gaussian_backward(camera, p, shape.covariance, options.low_pass, options.compensate_opacity, up);
+
+  if (!gaussians.colors.empty()) {
+    writer.write(out.colors, {g_color.x, g_color.y, g_color.z});
+  } else {
+    // No gradient where the colour was clamped at zero.
+    alignas(64) float drawn_colors[3 * kMostLanes];
+    rows_to_columns(&frame.records[i].red, sizeof(BlendRecord) / sizeof(float), count, 3, drawn_colors);
+    const auto unclamped = [&](std::size_t c, Float g)
+                               HWY_ATTR { return select(load(drawn_colors + c * lanes()) > zero, g, zero); };
+    const Vec3<Float> g{unclamped(0, g_color.x), unclamped(1, g_color.y), unclamped(2, g_color.z)};
+    geometry.mean = geometry.mean + sh_backward(gaussians, out, writer, ray_to(mean, camera), g);
+  }
+  writer.write(out.means, {geometry.mean.x, geometry.mean.y, geometry.mean.z});
+  writer.write(out.opacities, {g_drawn * p.compensation});
+
+  if (!gaussians.covariances.empty()) {
+    const Symmetric3<Float>& c = geometry.covariance;
+    const Float two(2.0f);  // off-diagonals stand in two places
+    const Float entries[6] = {c.xx, two * c.xy, two * c.xz, c.yy, two * c.yz, c.zz};
+    alignas(64) float columns[6 * kMostLanes];
+    for (std::size_t k = 0; k < 6; ++k) store(select(writer.visible, entries[k], zero), columns + k * lanes());
+    if (!out.covariances.empty()) {
+      columns_to_rows(columns, 6, count, writer.adds, out.covariances.data() + 6 * i, 6);
+    }
+  } else {
+    Vec3<Float> g_scale;
+    Quaternion<Float> g_rotation;
+    covariance_backward(shape.scale, shape.unit, shape.inverse_length, shape.rotation, geometry.covariance, g_scale,
+                        g_rotation);
+    writer.write(out.scales, {g_scale.x, g_scale.y, g_scale.z});
+    writer.write(out.rotations, {g_rotation.w, g_rotation.x, g_rotation.y, g_rotation.z});
+  }
+  if (!out.features.empty()) {
+    for (std::size_t lane = 0; lane < count; ++lane) feature_gradients(frame, gaussians, out, i + lane);
+  }
+  const Float from_log2(0.5f * kTwoLn2);  // abs_x, abs_y are of log2 α
+  writer.write(out.screen_means, {up.mean.x, up.mean.y}, false);
+  writer.write(out.screen_means_abs, {from_log2 * abs_x, from_log2 * abs_y}, false);
+}
+
+void backward_range(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
+                    std::size_t begin, std::size_t end) {
+  for (std::size_t i = begin; i < end; i += lanes()) {
+    backward_block(frame, gaussians, gradients, i, std::min(lanes(), end - i));
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace splatboost
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace splatboost {
+namespace {
+HWY_EXPORT(project_range);
+HWY_EXPORT(backward_range);
+}  // namespace
+
+void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
+  const std::size_t n = gaussians.count;
+  frame.records.ensure(n);
+  frame.depths.ensure(n);
+  frame.visible.ensure(n);
+  frame.radii.ensure(n);
+  frame.channels.ensure(n * static_cast<std::size_t>(frame.extra_channels()));
+  frame.listings.ensure(n);
+  if (frame.listed_tiles.size() < frame.pieces()) frame.listed_tiles.resize(frame.pieces());
+  threads.for_range(n, kProjectGrain, [&](std::size_t begin, std::size_t end) {
+    HWY_DYNAMIC_DISPATCH(project_range)(frame, gaussians, begin, end);
+  });
+}
+
+void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
+                      Threads& threads) {
+  threads.for_range(frame.gaussians, kProjectGrain, [&](std::size_t begin, std::size_t end) {
+    HWY_DYNAMIC_DISPATCH(backward_range)(frame, gaussians, gradients, begin, end);
+  });
+}
+
+}  // namespace splatboost
+#endif  // HWY_ONCE

@@ -1,0 +1,308 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "device/launch.h"
+#include "rasterizer/blend_cuda.h"
+
+namespace splatboost::cuda {
+namespace {
+
+/// Adds what lanes 2·kHalf apart hold of 2·kHalf values; each keeps the half that its number says.
+template <int kHalf>
+__device__ inline void fold(float (&values)[kMomentColumns]) {
+  const bool upper = (threadIdx.x & (2u * kHalf)) != 0;
+#pragma unroll
+  for (int i = 0; i < kHalf; ++i) {
+    const float given = upper ? values[i] : values[i + kHalf];
+    const float kept = upper ? values[i + kHalf] : values[i];
+    values[i] = kept + __shfl_xor_sync(kWholeWarp, given, 2 * kHalf);
+  }
+}
+
+/// Sums of 16 values over a whole warp, in 16 shuffles instead of 80: lane l gets the sum of value l / 2.
+__device__ inline float warp_sums(float (&values)[kMomentColumns]) {
+  static_assert(kMomentColumns == 16);
+  fold<8>(values);
+  fold<4>(values);
+  fold<2>(values);
+  fold<1>(values);
+  return values[0] + __shfl_xor_sync(kWholeWarp, values[0], 1);
+}
+
+/// Adds a warp's sums to a row of memory.
+__device__ inline void add_row(DeviceView<float> rows, std::size_t first, int columns,
+                               float (&values)[kMomentColumns]) {
+  const float sum = warp_sums(values);
+  const int column = static_cast<int>(threadIdx.x % 32) / 2;
+  if (threadIdx.x % 2 == 0 && column < columns) atomicAdd(&rows[first + column], sum);
+}
+
+struct BlendGradients {
+  DeviceView<const float> pixels;  ///< [4 + X, H, W] what blending made
+  DeviceView<const float> color, alpha, features, inverse_depth;
+  DeviceView<const float> channels;
+  int extra;  ///< X
+  int features_count;
+  DeviceView<float> moments;            ///< [N, kMomentColumns]
+  DeviceView<float> feature_gradients;  ///< [N, features]
+};
+
+/// Gradients of the images at a pixel.
+template <int kMostExtra>
+struct PixelGradients {
+  float red, green, blue, alpha;
+  float extra[kMostExtra > 0 ? kMostExtra : 1];
+
+  /// @param at the pixel in a plane
+  /// @param counts otherwise all are zero
+  __device__ PixelGradients(const BlendGradients& in, bool counts, std::size_t plane, std::size_t at) {
+    const auto upstream = [&](const DeviceView<const float>& image, int c) {
+      return counts && !image.empty() ? image[c * plane + at] : 0.0f;
+    };
+    red = upstream(in.color, 0);
+    green = upstream(in.color, 1);
+    blue = upstream(in.color, 2);
+    alpha = upstream(in.alpha, 0);
+#pragma unroll
+    for (int c = 0; c < kMostExtra; ++c) {
+      extra[c] = c >= in.extra           ? 0.0f
+                 : c < in.features_count ? upstream(in.features, c)
+                                         : upstream(in.inverse_depth, 0);
+    }
+  }
+};
+
+/// Adds one pixel's part to a splat's sums, or begins them, and takes the pixel behind the splat. A pixel that does not
+/// blend it adds zeros, which is cheaper than to branch.
+/// @param rest gradient · what the splats behind the current one, and the background, add to the image
+template <bool kAbsolute, bool kBegins, int kMostExtra>
+__device__ inline void add_pixel(const BlendGradients& in, const SplatRecord& splat, const PixelStep& step,
+                                 const PixelGradients<kMostExtra>& g, float& transmittance, float& rest,
+                                 float (&moments)[kMomentColumns], float (&features)[kMomentColumns]) {
+  const auto add = [](float& sum, float part) { sum = kBegins ? part : sum + part; };
+  const float weight = step.blended ? transmittance * step.alpha : 0.0f;
+  float along = g.alpha;  // gradient · the splat's own channels; alpha is one that is 1
+  along = fmaf(g.red, splat.red, along);
+  along = fmaf(g.green, splat.green, along);
+  along = fmaf(g.blue, splat.blue, along);
+  float by_inverse_depth = 0.0f;
+#pragma unroll
+  for (int c = 0; c < kMostExtra; ++c) {
+    if (c >= in.extra) continue;
+    along = fmaf(g.extra[c], in.channels[splat.gaussian * static_cast<std::size_t>(in.extra) + c], along);
+    if (c < in.features_count) {
+      add(features[c], weight * g.extra[c]);
+    } else {
+      by_inverse_depth = weight * g.extra[c];
+    }
+  }
+  if (kMostExtra > 0) add(moments[kMomentInverseDepth], by_inverse_depth);
+  const float gain = weight * along;
+  rest -= gain;
+  // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after.
+  const float s = step.alpha < kMaxAlpha ? gain - rest * (weight * reciprocal(step.after)) : 0.0f;
+  transmittance = step.blended ? step.after : transmittance;
+  const float sx = s * step.dx, sy = s * step.dy;
+  add(moments[kMomentS], s);
+  add(moments[kMomentSX], sx);
+  add(moments[kMomentSY], sy);
+  add(moments[kMomentSXX], sx * step.dx);
+  add(moments[kMomentSXY], sx * step.dy);
+  add(moments[kMomentSYY], sy * step.dy);
+  add(moments[kMomentRed], weight * g.red);
+  add(moments[kMomentGreen], weight * g.green);
+  add(moments[kMomentBlue], weight * g.blue);
+  if (kAbsolute) {
+    const float slope_x = fmaf(2.0f * splat.quadratic_xx, step.dx, splat.quadratic_xy * step.dy);
+    const float slope_y = fmaf(2.0f * splat.quadratic_yy, step.dy, splat.quadratic_xy * step.dx);
+    add(moments[kMomentAbsX], fabsf(s * slope_x));
+    add(moments[kMomentAbsY], fabsf(s * slope_y));
+  }
+}
+
+/// A pixel on its way from front to back.
+template <int kMostExtra>
+struct PixelAhead {
+  PixelGradients<kMostExtra> g;
+  float transmittance = 1.0f;
+  float rest;  ///< gradient · what is still to be blended, and the background
+
+  /// @param covered by at least one splat. The gradients of others are not looked at: they may be anything, also NaN.
+  __device__ PixelAhead(const BlendGradients& in, bool covered, std::size_t plane, std::size_t at)
+      : g(in, covered, plane, at) {
+    const auto blended = [&](int c) { return covered ? in.pixels[c * plane + at] : 0.0f; };
+    rest = g.red * blended(0) + g.green * blended(1) + g.blue * blended(2) + g.alpha * blended(3);
+#pragma unroll
+    for (int c = 0; c < kMostExtra; ++c) {
+      if (c < in.extra) rest = fmaf(g.extra[c], blended(4 + c), rest);
+    }
+  }
+};
+
+/// Front to back with the transmittance recomputed; a warp adds to a splat once.
+/// Without extra channels nvcc finds the number of blocks by itself, and spills nothing.
+/// @tparam kMostExtra room for that many extra channels
+template <bool kAbsolute, int kMostExtra>
+__global__ void __launch_bounds__(kTileThreads, kMostExtra == 0 ? 0 : kLeastBlocks<kMostExtra>)
+    pixel_backward_kernel(TileLists lists, BlendGradients in) {
+  ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
+  const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height;
+  const auto at = [&](int p) { return pixels.at[p].index(lists); };
+#pragma unroll
+  for (int p = 0; p < kThreadPixels; ++p) pixels.open[p] = pixels.at[p].inside && in.pixels[3 * plane + at(p)] > 0.0f;
+  PixelAhead<kMostExtra> ahead[kThreadPixels] = {{in, pixels.open[0], plane, at(0)},
+                                                 {in, pixels.open[1], plane, at(1)}};
+  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+    PixelStep steps[kThreadPixels];
+    bool any = false;
+#pragma unroll
+    for (int p = 0; p < kThreadPixels; ++p) {
+      steps[p] = step_pixel(splat, pixels.at[p], ahead[p].transmittance, pixels.open[p]);
+      any = any || steps[p].blended;
+    }
+    if (!__any_sync(kWholeWarp, any)) return;
+    float moments[kMomentColumns] = {};
+    float features[kMomentColumns] = {};
+    add_pixel<kAbsolute, true>(in, splat, steps[0], ahead[0].g, ahead[0].transmittance, ahead[0].rest, moments,
+                               features);
+    add_pixel<kAbsolute, false>(in, splat, steps[1], ahead[1].g, ahead[1].transmittance, ahead[1].rest, moments,
+                                features);
+    add_row(in.moments, splat.gaussian * static_cast<std::size_t>(kMomentColumns), kMoments, moments);
+    if (kMostExtra > 0 && in.features_count > 0) {
+      add_row(in.feature_gradients, splat.gaussian * static_cast<std::size_t>(in.features_count), in.features_count,
+              features);
+    }
+  });
+}
+
+/// States that blending kept.
+struct KeptStates {
+  DeviceView<const std::uint32_t> bucket_offsets, bucket_tiles, pixel_stops, tile_stops;
+  DeviceView<const float> states;
+};
+
+/// A warp a bucket, a lane a splat. The tile's pixels go through the lanes one after another: each lane takes a pixel
+/// behind its splat and hands its state to the next. Sums stay in the lane's registers.
+/// @tparam kMostExtra room for that many extra channels
+template <bool kAbsolute, int kMostExtra>
+__global__ void __launch_bounds__(kTilePixels)
+    splat_backward_kernel(TileLists lists, BlendGradients in, KeptStates kept) {
+  const std::uint32_t bucket = blockIdx.x * (kTilePixels / 32) + threadIdx.x / 32;
+  const int lane = static_cast<int>(threadIdx.x % 32);
+  // Whole warps leave, and no barrier of the block follows.
+  if (bucket >= kept.bucket_offsets[lists.tiles.size()]) return;
+  const std::uint32_t tile = kept.bucket_tiles[bucket];
+  const std::uint32_t first = (bucket - kept.bucket_offsets[tile]) * kBucketSplats;
+  if (first >= kept.tile_stops[tile]) return;
+
+  const TileEntries range = lists.tiles[tile];
+  const std::uint32_t index = first + static_cast<std::uint32_t>(lane);
+  const bool has_splat = range.begin + index < range.end;
+  SplatRecord splat{};
+  if (has_splat) splat = lists.records[lists.entries[range.begin + index]];
+  const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height;
+  const std::size_t state_row = bucket * (4 + static_cast<std::size_t>(in.extra)) * kTilePixels;
+  const std::size_t stops_row = tile * static_cast<std::size_t>(kTilePixels);
+
+  float moments[kMomentColumns] = {};
+  float features[kMomentColumns] = {};
+  float transmittance = 0.0f, rest = 0.0f;              // of the pixel that the lane is at
+  float first_transmittance = 0.0f, first_rest = 0.0f;  // of the pixels that come next, one a lane
+  for (int round = 0; round < static_cast<int>(kTilePixels) + 31; ++round) {
+    if (round % 32 == 0 && round < static_cast<int>(kTilePixels)) {
+      const auto number = static_cast<std::uint32_t>(round + lane);
+      const TilePixel pixel(lists, tile, number);
+      first_transmittance = first_rest = 0.0f;
+      if (pixel.inside && kept.pixel_stops[stops_row + number] > first) {
+        const std::size_t at = pixel.index(lists);
+        const PixelGradients<kMostExtra> g(in, true, plane, at);
+        const auto state = [&](int c) {
+          return kept.states[state_row + c * static_cast<std::size_t>(kTilePixels) + number];
+        };
+        const auto behind = [&](int c, int plane_of_state) {
+          return in.pixels[c * plane + at] - state(plane_of_state);
+        };
+        first_transmittance = state(0);
+        first_rest = g.red * behind(0, 1) + g.green * behind(1, 2) + g.blue * behind(2, 3) +
+                     g.alpha * (in.pixels[3 * plane + at] - (1.0f - first_transmittance));
+#pragma unroll
+        for (int c = 0; c < kMostExtra; ++c) {
+          if (c < in.extra) first_rest = fmaf(g.extra[c], behind(4 + c, 4 + c), first_rest);
+        }
+      }
+    }
+    // Each lane gets what the lane before it left; the first one a new pixel.
+    transmittance = __shfl_up_sync(kWholeWarp, transmittance, 1);
+    rest = __shfl_up_sync(kWholeWarp, rest, 1);
+    const float new_transmittance = __shfl_sync(kWholeWarp, first_transmittance, round % 32);
+    const float new_rest = __shfl_sync(kWholeWarp, first_rest, round % 32);
+    if (lane == 0) {
+      transmittance = new_transmittance;
+      rest = new_rest;
+    }
+    const int number = round - lane;
+    if (!has_splat || number < 0 || number >= static_cast<int>(kTilePixels)) continue;
+    if (index >= kept.pixel_stops[stops_row + static_cast<std::uint32_t>(number)]) continue;
+    const TilePixel pixel(lists, tile, static_cast<std::uint32_t>(number));
+    bool open = true;
+    const PixelStep step = step_pixel(splat, pixel, transmittance, open);
+    if (!step.blended) continue;
+    const PixelGradients<kMostExtra> g(in, true, plane, pixel.index(lists));
+    add_pixel<kAbsolute, false>(in, splat, step, g, transmittance, rest, moments, features);
+  }
+  if (!has_splat) return;
+#pragma unroll
+  for (int k = 0; k < kMoments; ++k) {
+    if (moments[k] != 0.0f)
+      atomicAdd(&in.moments[splat.gaussian * static_cast<std::size_t>(kMomentColumns) + k], moments[k]);
+  }
+#pragma unroll
+  for (int c = 0; c < (kMostExtra > 0 ? kMaxFeatures : 0); ++c) {
+    if (c < in.features_count && features[c] != 0.0f) {
+      atomicAdd(&in.feature_gradients[splat.gaussian * static_cast<std::size_t>(in.features_count) + c], features[c]);
+    }
+  }
+}
+
+}  // namespace
+
+void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, bool absolute, CudaStream& stream) {
+  frame.moments.ensure(frame.gaussians * kMomentColumns);
+  frame.moments.fill_zero();
+  frame.feature_gradients.ensure(frame.gaussians * static_cast<std::size_t>(frame.features));
+  frame.feature_gradients.fill_zero();
+  const bool extra_gradients =
+      (!gradients.features.empty() && frame.features > 0) || (!gradients.inverse_depth.empty() && frame.inverse_depth);
+  const BlendGradients in{std::as_const(frame.pixels).span(),
+                          gradients.color,
+                          gradients.alpha,
+                          gradients.features,
+                          gradients.inverse_depth,
+                          std::as_const(frame.channels).span(),
+                          frame.extra_channels(),
+                          frame.features,
+                          frame.moments.span(),
+                          frame.feature_gradients.span()};
+  const auto run = [&]<int kMostExtra>(std::integral_constant<int, kMostExtra>) {
+    if (frame.keeps_states) {
+      const KeptStates kept{std::as_const(frame.bucket_offsets).span(), std::as_const(frame.bucket_tiles).span(),
+                            std::as_const(frame.pixel_stops).span(), std::as_const(frame.tile_stops).span(),
+                            std::as_const(frame.bucket_states).span()};
+      constexpr std::size_t kBuckets = kTilePixels / 32;
+      const dim3 blocks(static_cast<std::uint32_t>((frame.bucket_room + kBuckets - 1) / kBuckets));
+      const auto kernel = absolute ? splat_backward_kernel<true, kMostExtra> : splat_backward_kernel<false, kMostExtra>;
+      launch(stream, "splat_backward", kernel, blocks, dim3(kTilePixels), TileLists(frame), in, kept);
+    } else {
+      const dim3 blocks(static_cast<std::uint32_t>(frame.tiles()));
+      const auto kernel = absolute ? pixel_backward_kernel<true, kMostExtra> : pixel_backward_kernel<false, kMostExtra>;
+      launch(stream, "pixel_backward", kernel, blocks, dim3(kTileThreads), TileLists(frame), in);
+    }
+  };
+  if (!extra_gradients) {  // extra channels that no gradient comes from change nothing
+    run(std::integral_constant<int, 0>{});
+  } else if (frame.extra_channels() == 1) {
+    run(std::integral_constant<int, 1>{});
+  } else {
+    run(std::integral_constant<int, kMaxFeatures + 1>{});
+  }
+}
+
+}  // namespace splatboost::cuda

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file One tile of pixels on a GPU: the walk through its splats and the arithmetic of one splat at one pixel, which
+/// blending, its gradient and the count replay must share to the last bit. For .cu files.
+///
+/// A block is a tile; a warp is 8 × 8 of its pixels, a thread two of these, one above the other, which share what the
+/// walk costs and the sums that a warp adds to a splat. Splats come in batches through shared memory. Before a warp
+/// looks at 32 of them, each lane asks of one whether it reaches the warp's pixels at all.
+#pragma once
+
+#include <cmath>
+
+#include "device/device_view.h"
+#include "projection/cuda_frame.h"
+#include "splatboost/constants.h"
+
+namespace splatboost::cuda {
+
+inline constexpr unsigned kWholeWarp = 0xffffffffu;
+inline constexpr int kThreadPixels = 2;
+inline constexpr std::uint32_t kTileThreads = kTilePixels / kThreadPixels;
+/// Blocks of a walk that a multiprocessor shall have room for. Told nothing, nvcc spills registers to fit more.
+/// @tparam kMostExtra room for that many extra channels
+template <int kMostExtra>
+inline constexpr unsigned kLeastBlocks = kMostExtra > 1 ? 5 : 8;
+/// Splats of a batch: one a thread.
+inline constexpr std::uint32_t kBatchSplats = kTileThreads;
+/// Pixels of a warp: 32 in rows of 8, then the next 32 below.
+inline constexpr int kWarpWidth = 8, kWarpHeight = 32 / kWarpWidth * kThreadPixels;
+inline constexpr std::uint32_t kWarpsAcross = kTileSize / kWarpWidth;
+
+/// What all of these kernels read.
+struct TileLists {
+  DeviceView<const TileEntries> tiles;
+  DeviceView<const std::uint32_t> entries;
+  DeviceView<const SplatRecord> records;
+  std::uint32_t tiles_x;
+  std::uint32_t width, height;
+
+  explicit TileLists(const CudaFrame& frame)
+      : tiles(frame.tile_entries.span()),
+        entries(frame.entries.span()),
+        records(frame.records.span()),
+        tiles_x(static_cast<std::uint32_t>(frame.tiles_x)),
+        width(static_cast<std::uint32_t>(frame.camera.width)),
+        height(static_cast<std::uint32_t>(frame.camera.height)) {}
+};
+
+/// Centre of a warp's first pixel.
+struct WarpCorner {
+  float x, y;
+
+  __device__ WarpCorner(const TileLists& lists, std::uint32_t tile, std::uint32_t warp) {
+    const std::uint32_t column = tile % lists.tiles_x * kTileSize + warp % kWarpsAcross * kWarpWidth;
+    const std::uint32_t row = tile / lists.tiles_x * kTileSize + warp / kWarpsAcross * kWarpHeight;
+    x = static_cast<float>(column) + 0.5f;
+    y = static_cast<float>(row) + 0.5f;
+  }
+};
+
+/// Where a pixel of a tile lies.
+struct TilePixel {
+  std::uint32_t x, y;
+  bool inside;  ///< of the image
+  float centre_x, centre_y;
+
+  /// @param which of the pixels of the lane of the warp
+  __device__ TilePixel(const TileLists& lists, std::uint32_t tile, std::uint32_t warp, std::uint32_t lane,
+                       std::uint32_t which) {
+    x = tile % lists.tiles_x * kTileSize + warp % kWarpsAcross * kWarpWidth + lane % kWarpWidth;
+    y = tile / lists.tiles_x * kTileSize + warp / kWarpsAcross * kWarpHeight + lane / kWarpWidth +
+        which * (32 / kWarpWidth);
+    inside = x < lists.width && y < lists.height;
+    centre_x = static_cast<float>(x) + 0.5f;
+    centre_y = static_cast<float>(y) + 0.5f;
+  }
+  /// @param number of the pixel in its tile, as number_of() says
+  __device__ TilePixel(const TileLists& lists, std::uint32_t tile, std::uint32_t number)
+      : TilePixel(lists, tile, number / (32 * kThreadPixels), number % 32, number / 32 % kThreadPixels) {}
+
+  /// Neighbouring lanes have neighbouring numbers.
+  __device__ static std::uint32_t number_of(std::uint32_t thread, std::uint32_t which) {
+    return (thread / 32 * kThreadPixels + which) * 32 + thread % 32;
+  }
+  /// In a plane of the image.
+  __device__ std::size_t index(const TileLists& lists) const { return static_cast<std::size_t>(y) * lists.width + x; }
+};
+
+/// The pixels of a thread, and which of them still take part.
+struct ThreadPixels {
+  TilePixel at[kThreadPixels];
+  bool open[kThreadPixels];
+
+  /// @param thread of the tile's block
+  __device__ ThreadPixels(const TileLists& lists, std::uint32_t tile, std::uint32_t thread)
+      : at{{lists, tile, thread / 32, thread % 32, 0}, {lists, tile, thread / 32, thread % 32, 1}},
+        open{at[0].inside, at[1].inside} {}
+  __device__ bool any_open() const { return open[0] || open[1]; }
+};
+static_assert(kThreadPixels == 2, "ThreadPixels and PixelAhead name both");
+
+/// log2 α at an offset from the mean. Every operation is spelled out: what the compiler contracts must not differ from
+/// kernel to kernel.
+__device__ inline float exponent_at(const SplatRecord& splat, float dx, float dy) {
+  const float constant = fmaf(dx * dx, splat.quadratic_xx, splat.log2_opacity);
+  return fmaf(dy, fmaf(dy, splat.quadratic_yy, dx * splat.quadratic_xy), constant);
+}
+
+// One instruction each. They take what is below 2^-126 for 0, which happens only where a splat is not blended; exp2f()
+// and a division spend several more on such numbers.
+__device__ inline float power_of_two(float exponent) {
+#ifdef SPLATBOOST_CUDA_ON_CPU
+  return cuda_on_cpu::approximate(exp2f(exponent));
+#else
+  float power;
+  asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(power) : "f"(exponent));
+  return power;
+#endif
+}
+__device__ inline float reciprocal(float x) {
+#ifdef SPLATBOOST_CUDA_ON_CPU
+  return cuda_on_cpu::approximate(1.0f / x);
+#else
+  float inverse;
+  asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(inverse) : "f"(x));
+  return inverse;
+#endif
+}
+
+/// Whether a splat may reach α = 1/255 at a pixel of the warp. The greatest exponent over a rectangle that does not
+/// hold the mean is on an edge that faces it.
+__device__ inline bool may_reach(const SplatRecord& splat, const WarpCorner& corner) {
+  constexpr float kSlack = 0.02f;  // more than rounding; the exact test is per pixel
+  const float left = corner.x - splat.mean_x, right = left + (kWarpWidth - 1);
+  const float top = corner.y - splat.mean_y, bottom = top + (kWarpHeight - 1);
+  const float edge_x = fminf(fmaxf(0.0f, left), right), edge_y = fminf(fmaxf(0.0f, top), bottom);
+  // Along the edge of x (y): where the slope across it is zero.
+  const float slope = -0.5f * splat.quadratic_xy;
+  const float at_y = fminf(fmaxf(slope * edge_x * reciprocal(splat.quadratic_yy), top), bottom);
+  const float at_x = fminf(fmaxf(slope * edge_y * reciprocal(splat.quadratic_xx), left), right);
+  const float greatest = fmaxf(exponent_at(splat, edge_x, at_y), exponent_at(splat, at_x, edge_y));
+  return greatest >= kMinLog2Alpha - kSlack;
+}
+
+/// What one splat does to one pixel.
+struct PixelStep {
+  float dx, dy;
+  float alpha;
+  float after;  ///< transmittance behind it
+  bool blended;
+};
+
+/// Takes a pixel behind a splat, but for its transmittance. A pixel that the splat would saturate is closed before it.
+__device__ inline PixelStep step_pixel(const SplatRecord& splat, const TilePixel& pixel, float transmittance,
+                                       bool& open) {
+  PixelStep step;
+  step.dx = pixel.centre_x - splat.mean_x;
+  step.dy = pixel.centre_y - splat.mean_y;
+  const float exponent = exponent_at(splat, step.dx, step.dy);
+  step.blended = open && exponent >= kMinLog2Alpha;
+  step.alpha = fminf(power_of_two(exponent), kMaxAlpha);
+  step.after = fmaf(-transmittance, step.alpha, transmittance);
+  if (step.blended && step.after < kMinTransmittance) open = step.blended = false;
+  return step;
+}
+
+/// Walks through a tile's splats, near to far, until all its pixels are closed. All threads of the block call it.
+/// @param visit (index in the tile's list, splat): called by whole warps, for splats that may reach one of their
+///     pixels; closes pixels
+/// @param begin_bucket (number): called by whole warps before each kBucketSplats of the list
+template <class Visit, class BeginBucket>
+__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const ThreadPixels& pixels, Visit&& visit,
+                             BeginBucket&& begin_bucket) {
+  __shared__ SharedArray<SplatRecord, kBatchSplats> batch;
+  const TileEntries range = lists.tiles[tile];
+  const WarpCorner corner(lists, tile, threadIdx.x / 32);
+  const int lane = static_cast<int>(threadIdx.x % 32);
+  for (std::uint32_t base = range.begin; base < range.end; base += kBatchSplats) {
+    if (!__syncthreads_or(pixels.any_open())) break;  // and nobody reads the last batch any more
+    if (base + threadIdx.x < range.end) {
+      batch.set(static_cast<int>(threadIdx.x), lists.records[lists.entries[base + threadIdx.x]]);
+    }
+    __syncthreads();
+    const int count = static_cast<int>(min(kBatchSplats, range.end - base));
+    for (int group = 0; group < count; group += 32) {
+      if (!__any_sync(kWholeWarp, pixels.any_open())) break;
+      const std::uint32_t index = base - range.begin + static_cast<std::uint32_t>(group);
+      begin_bucket(index / kBucketSplats);
+      const int own = group + lane;
+      unsigned reaching = __ballot_sync(kWholeWarp, own < count && may_reach(batch.get(min(own, count - 1)), corner));
+      for (; reaching != 0; reaching &= reaching - 1) {
+        const int next = __ffs(static_cast<int>(reaching)) - 1;
+        visit(index + static_cast<std::uint32_t>(next), batch.get(group + next));
+      }
+    }
+  }
+}
+template <class Visit>
+__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const ThreadPixels& pixels, Visit&& visit) {
+  visit_splats(lists, tile, pixels, visit, [](std::uint32_t) {});
+}
+
+}  // namespace splatboost::cuda

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <atomic>
+#include <bit>
+
+#include "projection/frame.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "rasterizer/count_cpu.cpp"
+#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/highway.h>
+
+#include "rasterizer/splat_rows-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatboost {
+namespace HWY_NAMESPACE {
+
+/// Counts one tile's flagged pixels a splat. Integer sums: any order of tiles gives the same counts.
+/// @param flagged [256] 1 or 0
+void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT flagged, std::int32_t* counts) {
+  const Lanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int blocks = kTileSize / lanes;
+  TileRows<2> pixels(frame, tile);               // transmittance, flags
+  std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
+  for (int pixel = 0; pixel < kPixels; pixel += lanes) {
+    const int row = pixel / kTileSize, x = pixel % kTileSize;
+    const Vec flags = hn::Load(d, flagged + pixel);
+    hn::Store(flags, d, pixels.at(row, x, 1));
+    const bool any = !hn::AllFalse(d, hn::Gt(flags, hn::Zero(d)));
+    flagged_rows[x / lanes] |= static_cast<std::uint32_t>(any) << row;
+  }
+
+  const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
+  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
+  for (std::uint32_t at = begin; at < stop; ++at) {
+    prefetch_record(frame, at, stop);
+    const BlendRecord& splat = frame.records[frame.entries[at].gaussian];
+    const RowOffsets offsets(splat, pixels.first_y);
+    Vec sum = hn::Zero(d);
+    for (int b = 0; b < blocks; ++b) {
+      const std::uint32_t mask = *reached_rows++ & flagged_rows[b];
+      if (mask == 0) continue;
+      const Columns columns(splat, pixels.x0 + b * lanes);
+      const RowRange rows(mask);
+      float* at_pair = pixels.at(rows.first, b * lanes);
+      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+        for (int k = 0; k < 2; ++k) {
+          float* const at_row = at_pair + k * pixels.kStride;
+          const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
+          const Mask blended = hn::And(step.open, hn::Gt(step.alpha, hn::Zero(d)));
+          sum = hn::Add(sum, hn::IfThenElseZero(blended, hn::Load(d, at_row + kTileSize)));
+        }
+      }
+    }
+    const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
+    if (count > 0) std::atomic_ref(counts[frame.entries[at].gaussian]).fetch_add(count, std::memory_order_relaxed);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace splatboost
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace splatboost {
+namespace {
+HWY_EXPORT(count_tile);
+}  // namespace
+
+void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
+                          Threads& threads) {
+  const auto width = static_cast<std::size_t>(frame.camera.width);
+  const auto height = static_cast<std::size_t>(frame.camera.height);
+  const auto columns = static_cast<std::size_t>(frame.tiles_x);
+  threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
+    alignas(64) float tile_flags[kTileSize * kTileSize];
+    for (std::size_t tile = begin; tile < end; ++tile) {
+      const std::size_t x0 = tile % columns * kTileSize, y0 = tile / columns * kTileSize;
+      bool any = false;
+      for (std::size_t y = 0; y < kTileSize; ++y) {
+        for (std::size_t x = 0; x < kTileSize; ++x) {
+          const bool inside = x0 + x < width && y0 + y < height;
+          const bool flag = inside && flagged[(y0 + y) * width + x0 + x] != 0;
+          tile_flags[y * kTileSize + x] = flag ? 1.0f : 0.0f;
+          any |= flag;
+        }
+      }
+      if (any) HWY_DYNAMIC_DISPATCH(count_tile)(frame, tile, tile_flags, counts.data());
+    }
+  });
+}
+
+}  // namespace splatboost
+#endif  // HWY_ONCE

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "device/launch.h"
+#include "rasterizer/blend_cuda.h"
+
+namespace splatboost::cuda {
+namespace {
+
+__global__ void __launch_bounds__(kTileThreads)
+    count_kernel(TileLists lists, DeviceView<const std::uint8_t> flagged, DeviceView<std::int32_t> counts) {
+  ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
+  float transmittance[kThreadPixels];
+#pragma unroll
+  for (int p = 0; p < kThreadPixels; ++p) {  // pixels without a flag need not be followed
+    pixels.open[p] = pixels.at[p].inside && flagged[pixels.at[p].index(lists)] != 0;
+    transmittance[p] = 1.0f;
+  }
+  if (!__syncthreads_or(pixels.any_open())) return;  // the whole block: there is nothing to count
+  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+    int counted = 0;
+#pragma unroll
+    for (int p = 0; p < kThreadPixels; ++p) {
+      const PixelStep step = step_pixel(splat, pixels.at[p], transmittance[p], pixels.open[p]);
+      if (step.blended) transmittance[p] = step.after;
+      counted += __popc(__ballot_sync(kWholeWarp, step.blended));
+    }
+    if (counted != 0 && threadIdx.x % 32 == 0) atomicAdd(&counts[splat.gaussian], counted);
+  });
+}
+
+}  // namespace
+
+void count_flagged_pixels(const CudaFrame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
+                          CudaStream& stream) {
+  launch(stream, "count_flagged", count_kernel, dim3(static_cast<std::uint32_t>(frame.tiles())), dim3(kTileThreads),
+         TileLists(frame), flagged, counts);
+}
+
+}  // namespace splatboost::cuda

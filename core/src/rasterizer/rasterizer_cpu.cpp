@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <chrono>
+
+#include "projection/frame.h"
+#include "rasterizer/rasterizer_backend.h"
+
+namespace splatboost {
+namespace {
+
+/// Runs a stage and notes how long it took.
+template <class Stage>
+void timed(double& seconds, Stage&& stage) {
+  const auto start = std::chrono::steady_clock::now();
+  stage();
+  seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+class CpuRasterizer : public RasterizerBackend {
+ public:
+  explicit CpuRasterizer(Threads& threads) : threads_(threads) {}
+
+  void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
+               const RasterImages& images) override {
+    frame_.camera = camera;
+    frame_.options = options;
+    frame_.projection = make_projection_camera(camera);
+    frame_.gaussians = gaussians.count;
+    frame_.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
+    frame_.inverse_depth = !images.inverse_depth.empty();
+    frame_.tiles_x = camera.tiles_x();
+    frame_.tiles_y = camera.tiles_y();
+    timed(seconds_.project, [&] { project(frame_, gaussians, threads_); });
+    timed(seconds_.tile_lists, [&] { build_tile_lists(frame_, threads_); });
+    timed(seconds_.blend, [&] { blend(frame_, images, threads_); });
+  }
+
+  void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
+                const GaussianGradients& gradients) override {
+    timed(seconds_.blend_backward,
+          [&] { blend_backward(frame_, image_gradients, !gradients.screen_means_abs.empty(), threads_); });
+    timed(seconds_.project_backward, [&] { project_backward(frame_, gaussians, gradients, threads_); });
+  }
+
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    timed(seconds_.count, [&] { count_flagged_pixels(frame_, flagged, counts, threads_); });
+  }
+
+  bool settle() override { return false; }
+  std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }
+  std::span<const std::int32_t> screen_radii() const override { return frame_.radii.span(); }
+  const RasterSeconds& seconds() override { return seconds_; }
+
+  RasterCounts counts() override {
+    RasterCounts counts;
+    for (const std::uint8_t seen : frame_.visible.span()) counts.visible += seen;
+    counts.tile_entries = frame_.entries.size();
+    return counts;
+  }
+
+ private:
+  Threads& threads_;
+  Frame frame_;
+  RasterSeconds seconds_;
+};
+
+}  // namespace
+
+std::unique_ptr<RasterizerBackend> make_cpu_rasterizer(Threads& threads) {
+  return std::make_unique<CpuRasterizer>(threads);
+}
+
+}  // namespace splatboost

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <optional>
+
+#include "device/cuda_event.h"
+#include "projection/cuda_frame.h"
+#include "rasterizer/cuda_ops.h"
+#include "splatboost/cuda_backward.h"
+
+namespace splatboost::cuda {
+namespace {
+
+/// Room is made for this many times the most that any frame took ...
+constexpr double kRoomFactor = 1.5;
+/// ... once it is less than this many times that.
+constexpr double kLeastRoomFactor = 1.25;
+constexpr double kLeastRoom = 1024;
+
+/// A frame's numbers, which the device writes while the host goes on.
+class TotalsOnHost {
+ public:
+  explicit TotalsOnHost(CudaStream& stream)
+      : stream_(stream),
+        totals_(static_cast<FrameTotals*>(stream.allocate_pinned(sizeof(FrameTotals)))),
+        arrived_(stream, cudaEventDisableTiming) {}
+  ~TotalsOnHost() { stream_.release_pinned(totals_); }
+  TotalsOnHost(const TotalsOnHost&) = delete;
+  TotalsOnHost& operator=(const TotalsOnHost&) = delete;
+
+  void fetch(const DeviceArray<FrameTotals>& totals) {
+    stream_.copy_to_pinned(totals_, totals.data(), sizeof(FrameTotals));
+    arrived_.record();
+  }
+  bool is_there() const { return arrived_.is_done(); }
+  void wait() { arrived_.wait(); }
+  FrameTotals get() const { return *totals_; }
+
+ private:
+  CudaStream& stream_;
+  FrameTotals* totals_;
+  Event arrived_;
+};
+
+class CudaRasterizer : public RasterizerBackend {
+ public:
+  explicit CudaRasterizer(CudaStream& stream)
+      : stream_(stream),
+        frame_(stream),
+        totals_(stream),
+        start_(stream, cudaEventDefault),
+        projected_(stream, cudaEventDefault),
+        listed_(stream, cudaEventDefault),
+        blended_(stream, cudaEventDefault),
+        backward_start_(stream, cudaEventDefault),
+        blended_backward_(stream, cudaEventDefault),
+        projected_backward_(stream, cudaEventDefault),
+        count_start_(stream, cudaEventDefault),
+        counted_(stream, cudaEventDefault) {
+    frame_.totals.ensure(1);
+    frame_.totals.fill_zero();
+  }
+
+  void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
+               const RasterImages& images) override {
+    if (on_the_way_ && totals_.is_there()) {
+      on_the_way_ = false;
+      learn();
+    }
+    frame_.camera = camera;
+    frame_.options = options;
+    frame_.projection = make_projection_camera(camera);
+    frame_.gaussians = gaussians.count;
+    frame_.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
+    frame_.inverse_depth = !images.inverse_depth.empty();
+    frame_.tiles_x = camera.tiles_x();
+    frame_.tiles_y = camera.tiles_y();
+    gaussians_ = gaussians;
+    images_ = images;
+    draw(outgrown_ || known_gaussians_ == 0);  // the first frame, and after one that was too large
+  }
+
+  void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
+                const GaussianGradients& gradients) override {
+    backward_start_.record();
+    blend_backward(frame_, image_gradients, !gradients.screen_means_abs.empty(), stream_);
+    blended_backward_.record();
+    project_backward(frame_, gaussians, gradients, stream_);
+    projected_backward_.record();
+  }
+
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    count_start_.record();
+    count_flagged_pixels(frame_, flagged, counts, stream_);
+    counted_.record();
+  }
+
+  bool settle() override {
+    if (settled_) return false;
+    wait_and_learn();
+    settled_ = true;
+    if (known_.visible <= frame_.visible_room && known_.entries <= frame_.entry_room) return false;
+    draw(true);
+    return true;
+  }
+
+  std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }
+  std::span<const std::int32_t> screen_radii() const override { return frame_.radii.span(); }
+
+  RasterCounts counts() override {
+    if (!settle()) wait_and_learn();  // what is known may be of a frame before
+    return {known_.visible, known_.entries};
+  }
+
+  const RasterSeconds& seconds() override {
+    stream_.synchronize();
+    seconds_.project = seconds_between(start_, projected_);
+    seconds_.tile_lists = seconds_between(projected_, listed_);
+    seconds_.blend = seconds_between(listed_, blended_);
+    seconds_.blend_backward = seconds_between(backward_start_, blended_backward_);
+    seconds_.project_backward = seconds_between(blended_backward_, projected_backward_);
+    seconds_.count = seconds_between(count_start_, counted_);
+    return seconds_;
+  }
+
+ private:
+  /// Draws the frame. @param exactly waits for its numbers and makes room for them; otherwise it makes room by those
+  /// of frames before.
+  void draw(bool exactly) {
+    start_.record();
+    project(frame_, gaussians_, stream_);
+    projected_.record();
+    count_visible(frame_, stream_);
+    if (exactly) wait_and_learn();
+    make_room(visible_room_, known_.most_visible);
+    frame_.visible_room = std::min(visible_room_, frame_.gaussians);
+    sort_by_depth(frame_, stream_);
+    settled_ = exactly;
+    if (exactly) {
+      wait_and_learn();
+    } else if (!on_the_way_) {
+      totals_.fetch(frame_.totals);
+      on_the_way_ = true;
+    }
+    make_room(frame_.entry_room, known_.most_entries);
+    if (exactly) outgrown_ = false;
+    build_tile_lists(frame_, stream_);
+    frame_.keeps_states = cuda_backward() == CudaBackward::per_splat;
+    if (frame_.keeps_states) number_buckets(frame_, stream_);
+    listed_.record();
+    blend(frame_, images_, stream_);
+    blended_.record();
+  }
+
+  void make_room(std::size_t& room, std::uint32_t most) const {
+    const double growth = std::max(1.0, static_cast<double>(frame_.gaussians) / static_cast<double>(known_gaussians_));
+    const double needed = growth * static_cast<double>(most);
+    if (kLeastRoomFactor * needed + kLeastRoom <= static_cast<double>(room)) return;
+    room = static_cast<std::size_t>(kRoomFactor * needed + kLeastRoom);
+  }
+
+  /// Looks at numbers that have arrived.
+  void learn() {
+    known_ = totals_.get();
+    known_gaussians_ = std::max({known_gaussians_, frame_.gaussians, std::size_t{1}});
+    outgrown_ = known_.most_visible > visible_room_ || known_.most_entries > frame_.entry_room;
+  }
+
+  void wait_and_learn() {
+    totals_.fetch(frame_.totals);
+    totals_.wait();
+    on_the_way_ = false;
+    learn();
+  }
+
+  CudaStream& stream_;
+  CudaFrame frame_;
+  Gaussians gaussians_;  ///< of the last frame, which may have to be drawn again
+  RasterImages images_;
+  TotalsOnHost totals_;
+  std::size_t visible_room_ = 0;  ///< the frame has this much, or as much as there are Gaussians
+  bool on_the_way_ = false;       ///< numbers are, of some frame
+  bool settled_ = true;           ///< the last frame had room enough
+  bool outgrown_ = false;         ///< a frame was found to have had too little room
+  FrameTotals known_{};
+  std::size_t known_gaussians_ = 0;  ///< the largest N when such were looked at; 0: no frame was drawn
+  RasterSeconds seconds_;
+  Event start_, projected_, listed_, blended_, backward_start_, blended_backward_, projected_backward_, count_start_,
+      counted_;
+};
+
+}  // namespace
+
+std::unique_ptr<RasterizerBackend> make_rasterizer(CudaStream& stream) {
+  return std::make_unique<CudaRasterizer>(stream);
+}
+
+}  // namespace splatboost::cuda

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <bit>
+
+#include "device/device_view.h"
+#include "device/launch.h"
+#include "device/run_cub.h"
+#include "projection/cuda_frame.h"
+#include "projection/tile_math.h"
+#include "splatboost/errors.h"
+
+namespace splatboost::cuda {
+namespace {
+
+/// Sorts behind every depth and every tile.
+constexpr std::uint32_t kNothing = 0xffffffffu;
+
+int items(std::size_t n) {
+  SPLATBOOST_CHECK(n < (std::size_t{1} << 31), "a view has more than 2^31 (tile, Gaussian) pairs");
+  return static_cast<int>(n);
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    flag_kernel(DeviceView<const std::uint8_t> visible, DeviceView<std::uint32_t> places) {
+  const std::size_t i = element_index();
+  if (i < places.size()) places[i] = i < visible.size() ? visible[i] : 0;
+}
+
+/// Writes the visible Gaussians to their places, and fills the room behind them.
+__global__ void __launch_bounds__(kBlockThreads)
+    list_kernel(DeviceView<const std::uint8_t> visible, DeviceView<const std::uint32_t> places,
+                DeviceView<const SplatRecord> records, DeviceView<std::uint32_t> listed,
+                DeviceView<std::uint32_t> keys) {
+  const std::size_t i = element_index();
+  const std::size_t room = listed.size();
+  if (i < visible.size() && visible[i] != 0) {
+    const std::uint32_t place = places[i];
+    if (place < room) {
+      listed[place] = static_cast<std::uint32_t>(i);
+      keys[place] = __float_as_uint(records[i].depth);  // in order as integers, because depths are positive
+    }
+  }
+  if (i < room && i >= places[visible.size()]) {
+    listed[i] = 0;
+    keys[i] = kNothing;
+  }
+}
+
+__global__ void note_visible_kernel(DeviceView<const std::uint32_t> places, DeviceView<FrameTotals> totals) {
+  const std::uint32_t visible = places[places.size() - 1];
+  totals[0].visible = visible;
+  totals[0].most_visible = max(totals[0].most_visible, visible);
+}
+
+__global__ void note_entries_kernel(DeviceView<const std::uint32_t> offsets, DeviceView<FrameTotals> totals) {
+  const std::uint32_t entries = offsets[offsets.size() - 1];
+  totals[0].entries = entries;
+  totals[0].most_entries = max(totals[0].most_entries, entries);
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    entry_counts_kernel(DeviceView<const std::uint32_t> order, DeviceView<const std::uint32_t> tile_counts,
+                        DeviceView<const FrameTotals> totals, DeviceView<std::uint32_t> counts) {
+  const std::size_t k = element_index();
+  if (k >= counts.size()) return;
+  counts[k] = k < order.size() && k < totals[0].visible ? tile_counts[order[k]] : 0;
+}
+
+struct EmitInputs {
+  DeviceView<const std::uint32_t> order, offsets;
+  DeviceView<const TileBox> boxes;
+  DeviceView<const SplatEllipse> ellipses;
+  DeviceView<const FrameTotals> totals;
+  bool square;
+  int tiles_x;
+};
+
+/// Writes a Gaussian's entries, as many as projection counted: the compiler may round here as it did not there, and a
+/// tile more or less of those that the ellipse meets by less than its slack is one too many anyway.
+__global__ void __launch_bounds__(kBlockThreads)
+    emit_kernel(EmitInputs in, DeviceView<std::uint32_t> keys, DeviceView<std::uint32_t> entries) {
+  const std::size_t k = element_index();
+  if (k >= in.order.size() || k >= in.totals[0].visible) return;
+  const std::uint32_t gaussian = in.order[k];
+  std::size_t at = in.offsets[k];
+  const std::size_t last = in.offsets[k + 1];
+  const std::size_t end = last < keys.size() ? last : keys.size();
+  const TileBox box = in.boxes[gaussian];
+  Ellipse<float> ellipse{};
+  if (!in.square) {
+    const SplatEllipse e = in.ellipses[gaussian];
+    ellipse = {{e.mean_x, e.mean_y}, {e.conic_xx, e.conic_xy, e.conic_yy}, e.t, e.half_width, e.half_height};
+  }
+  for (std::uint32_t row = box.y_begin; row < box.y_end && at < end; ++row) {
+    std::uint32_t x = box.x_begin, x_end = box.x_end;
+    if (!in.square) {
+      const TileRange<float> tiles = ellipse_tiles_in_row(ellipse, static_cast<float>(row), in.tiles_x);
+      x = static_cast<std::uint32_t>(tiles.begin);
+      x_end = static_cast<std::uint32_t>(tiles.end);
+    }
+    for (; x < x_end && at < end; ++x, ++at) {
+      keys[at] = row * static_cast<std::uint32_t>(in.tiles_x) + x;
+      entries[at] = gaussian;
+    }
+  }
+  for (; at < end; ++at) {
+    keys[at] = kNothing;
+    entries[at] = gaussian;
+  }
+}
+
+/// Fills the room behind the entries.
+__global__ void __launch_bounds__(kBlockThreads)
+    fill_kernel(DeviceView<const FrameTotals> totals, DeviceView<std::uint32_t> keys,
+                DeviceView<std::uint32_t> entries) {
+  const std::size_t e = element_index();
+  if (e >= keys.size() || e < totals[0].entries) return;
+  keys[e] = kNothing;
+  entries[e] = 0;
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    ranges_kernel(DeviceView<const std::uint32_t> keys, DeviceView<TileEntries> tiles) {
+  const std::size_t e = element_index();
+  if (e >= keys.size()) return;
+  const std::uint32_t own = keys[e];
+  const std::uint32_t before = e > 0 ? keys[e - 1] : kNothing;
+  if (own != before) {
+    if (own < tiles.size()) tiles[own].begin = static_cast<std::uint32_t>(e);
+    if (e > 0 && before < tiles.size()) tiles[before].end = static_cast<std::uint32_t>(e);
+  }
+  if (e + 1 == keys.size() && own < tiles.size()) tiles[own].end = static_cast<std::uint32_t>(e + 1);
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    bucket_counts_kernel(DeviceView<const TileEntries> tiles, DeviceView<std::uint32_t> counts) {
+  const std::size_t t = element_index();
+  if (t >= counts.size()) return;
+  counts[t] = t < tiles.size() ? (tiles[t].end - tiles[t].begin + kBucketSplats - 1) / kBucketSplats : 0;
+}
+
+}  // namespace
+
+void count_visible(CudaFrame& frame, CudaStream& stream) {
+  frame.places.ensure(frame.gaussians + 1);
+  launch_each(stream, "flag_visible", flag_kernel, frame.places.size(), frame.visible.span(), frame.places.span());
+  run_cub(stream, frame.scratch, "cub::ExclusiveSum of visible", [&](void* memory, std::size_t& bytes) {
+    return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.places.data(), frame.places.data(),
+                                         items(frame.places.size()), handle_of(stream));
+  });
+  launch(stream, "note_visible", note_visible_kernel, dim3(1), dim3(1), frame.places.span(), frame.totals.span());
+}
+
+void sort_by_depth(CudaFrame& frame, CudaStream& stream) {
+  const std::size_t room = frame.visible_room;
+  frame.listed.ensure(room);
+  frame.depth_keys.ensure(room);
+  frame.depth_keys_swap.ensure(room);
+  frame.order.ensure(room);
+  launch_each(stream, "list_visible", list_kernel, std::max(frame.gaussians, room), frame.visible.span(),
+              frame.places.span(), frame.records.span(), frame.listed.span(), frame.depth_keys.span());
+  if (room > 0) {
+    run_cub(stream, frame.scratch, "cub::SortPairs by depth", [&](void* memory, std::size_t& bytes) {
+      return cub::DeviceRadixSort::SortPairs(memory, bytes, frame.depth_keys.data(), frame.depth_keys_swap.data(),
+                                             frame.listed.data(), frame.order.data(), items(room), 0, 32,
+                                             handle_of(stream));
+    });
+  }
+  frame.entry_offsets.ensure(room + 1);
+  launch_each(stream, "entry_counts", entry_counts_kernel, room + 1, frame.order.span(), frame.tile_counts.span(),
+              frame.totals.span(), frame.entry_offsets.span());
+  run_cub(stream, frame.scratch, "cub::ExclusiveSum of entries", [&](void* memory, std::size_t& bytes) {
+    return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.entry_offsets.data(), frame.entry_offsets.data(),
+                                         items(room + 1), handle_of(stream));
+  });
+  launch(stream, "note_entries", note_entries_kernel, dim3(1), dim3(1), frame.entry_offsets.span(),
+         frame.totals.span());
+}
+
+void build_tile_lists(CudaFrame& frame, CudaStream& stream) {
+  const std::size_t room = frame.entry_room;
+  frame.tile_keys.ensure(room);
+  frame.tile_keys_swap.ensure(room);
+  frame.entries.ensure(room);
+  frame.entries_swap.ensure(room);
+  frame.tile_entries.ensure(frame.tiles());
+  frame.tile_entries.fill_zero();
+  if (room == 0) return;
+  const EmitInputs in{frame.order.span(),    frame.entry_offsets.span(), frame.boxes.span(),
+                      frame.ellipses.span(), frame.totals.span(),        frame.options.box == BoxPolicy::square,
+                      frame.tiles_x};
+  launch_each(stream, "emit_entries", emit_kernel, frame.visible_room, in, frame.tile_keys.span(),
+              frame.entries_swap.span());
+  launch_each(stream, "fill_entries", fill_kernel, room, frame.totals.span(), frame.tile_keys.span(),
+              frame.entries_swap.span());
+  const int bits = static_cast<int>(std::bit_width(frame.tiles()));  // kNothing's low bits are above every tile
+  run_cub(stream, frame.scratch, "cub::SortPairs by tile", [&](void* memory, std::size_t& bytes) {
+    return cub::DeviceRadixSort::SortPairs(memory, bytes, frame.tile_keys.data(), frame.tile_keys_swap.data(),
+                                           frame.entries_swap.data(), frame.entries.data(), items(room), 0, bits,
+                                           handle_of(stream));
+  });
+  launch_each(stream, "tile_ranges", ranges_kernel, room, frame.tile_keys_swap.span(), frame.tile_entries.span());
+}
+
+void number_buckets(CudaFrame& frame, CudaStream& stream) {
+  frame.bucket_room = frame.entry_room / kBucketSplats + frame.tiles();  // a tile's last bucket may be short
+  frame.bucket_offsets.ensure(frame.tiles() + 1);
+  launch_each(stream, "bucket_counts", bucket_counts_kernel, frame.tiles() + 1, frame.tile_entries.span(),
+              frame.bucket_offsets.span());
+  run_cub(stream, frame.scratch, "cub::ExclusiveSum of buckets", [&](void* memory, std::size_t& bytes) {
+    return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.bucket_offsets.data(), frame.bucket_offsets.data(),
+                                         items(frame.tiles() + 1), handle_of(stream));
+  });
+}
+
+}  // namespace splatboost::cuda
