@@ -5,11 +5,11 @@
 #include <cmath>
 #include <vector>
 
-#include "common/input_error.h"
-#include "common/json_fields.h"
-#include "gaussians/gaussian_backbone.h"
+#include "families/gaussians/gaussian_backbone.h"
 #include "splatboost/array.h"
 #include "splatboost/smoothing.h"
+#include "trainer/support/input_error.h"
+#include "trainer/support/json_fields.h"
 
 namespace splatboost {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "common/json_fields.h"
 #include "octree_gs/octree_gs.h"
 #include "octree_gs/usable_anchors.h"
+#include "trainer/support/json_fields.h"
 
 namespace splatboost {
 namespace {

@@ -5,12 +5,12 @@
 #include <cmath>
 #include <utility>
 
-#include "anchors/anchor_backbone.h"
-#include "anchors/anchor_cells.h"
-#include "common/input_error.h"
+#include "families/anchors/anchor_backbone.h"
+#include "families/anchors/anchor_cells.h"
 #include "octree_gs/octree_levels.h"
 #include "octree_gs/usable_anchors.h"
 #include "splatboost/neighbors.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "common/input_error.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {

@@ -6,9 +6,9 @@
 #include <string_view>
 #include <vector>
 
-#include "common/scene.h"
 #include "octree_gs/octree_levels_math.h"
 #include "splatboost/camera.h"
+#include "trainer/dataset/scene.h"
 
 namespace splatboost {
 

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "anchors/anchor_math.h"
+#include "families/nets/shared_math.h"
 
 namespace splatboost {
 
@@ -13,12 +13,12 @@ namespace splatboost {
 enum class LevelRounding { round, floor, ceil };
 
 /// Level that a distance asks for: log(standard / distance) / log(fork), real.
-SPLATBOOST_ANCHOR_MATH float level_at(float distance, float standard_distance, float fork) {
+SPLATBOOST_SHARED_MATH float level_at(float distance, float standard_distance, float fork) {
   return std::log2(standard_distance / distance) / std::log2(fork);
 }
 
 /// Whole and within [0, highest].
-SPLATBOOST_ANCHOR_MATH int whole_level(float level, LevelRounding rounding, int highest) {
+SPLATBOOST_SHARED_MATH int whole_level(float level, LevelRounding rounding, int highest) {
   const float whole = rounding == LevelRounding::round   ? std::nearbyint(level)
                       : rounding == LevelRounding::floor ? std::floor(level)
                                                          : std::ceil(level);

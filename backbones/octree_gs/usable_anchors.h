@@ -24,7 +24,7 @@ struct LevelsInUse {
 };
 
 /// Formula of one anchor. @param position [3]
-SPLATBOOST_ANCHOR_MATH bool is_usable(const LevelsInUse& rule, const float* position, float level, float extra_level) {
+SPLATBOOST_SHARED_MATH bool is_usable(const LevelsInUse& rule, const float* position, float level, float extra_level) {
   const float shift = rule.shift[static_cast<std::size_t>(level)];
   const float x = position[0] + shift - rule.centre[0], y = position[1] + shift - rule.centre[1],
               z = position[2] + shift - rule.centre[2];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "common/json_fields.h"
 #include "scaffold_gs/scaffold_gs.h"
+#include "trainer/support/json_fields.h"
 
 namespace splatboost {
 namespace {

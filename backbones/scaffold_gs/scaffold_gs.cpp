@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "anchors/anchor_backbone.h"
-#include "anchors/anchor_cells.h"
-#include "common/input_error.h"
+#include "families/anchors/anchor_backbone.h"
+#include "families/anchors/anchor_cells.h"
 #include "splatboost/neighbors.h"
 #include "splatboost/random.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {

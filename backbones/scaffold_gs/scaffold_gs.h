@@ -6,8 +6,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "anchors/anchor_config.h"
-#include "common/backbone.h"
+#include "families/anchors/anchor_config.h"
+#include "trainer/backbone_api/backbone.h"
 
 namespace splatboost {
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "vanilla/vanilla.h"
 
-#include "common/json_fields.h"
-#include "gaussians/gaussian_backbone.h"
+#include "families/gaussians/gaussian_backbone.h"
+#include "trainer/support/json_fields.h"
 
 namespace splatboost {
 namespace {

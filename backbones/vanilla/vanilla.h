@@ -6,8 +6,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "common/backbone.h"
-#include "gaussians/gaussian_config.h"
+#include "families/gaussians/gaussian_config.h"
+#include "trainer/backbone_api/backbone.h"
 
 namespace splatboost {
 

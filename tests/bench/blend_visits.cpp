@@ -3,7 +3,7 @@
 // scripts/cuda_instructions runs it.
 #include <iostream>
 
-#include "cli/blend_work.h"
+#include "program/bench/blend_work.h"
 #include "splatboost/threads.h"
 
 int main() {
@@ -13,8 +13,8 @@ int main() {
   for (const BenchSize& size : bench_sizes()) {
     const BenchScene bench = make_bench_scene(size);
     std::cout << separator << '"' << size.name << "\": ["
-              << cli::count_blend_work(bench, cli::kInstructionPixels, threads).cells << ", "
-              << cli::count_blend_work(bench, cli::kWarpPixels, threads).cells << ']';
+              << program::count_blend_work(bench, program::kInstructionPixels, threads).cells << ", "
+              << program::count_blend_work(bench, program::kWarpPixels, threads).cells << ']';
     separator = ", ";
   }
   std::cout << "}\n";

@@ -7,11 +7,11 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/bench_scene.h"
 #include "splatboost/adam.h"
 #include "splatboost/error_map.h"
 #include "splatboost/photometric.h"
 #include "splatboost/rasterizer.h"
+#include "trainer/synth/bench_scene.h"
 
 namespace splatboost::test {
 

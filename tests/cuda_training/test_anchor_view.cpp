@@ -10,9 +10,9 @@
 #include <tuple>
 #include <vector>
 
-#include "anchors/anchor_view.h"
-#include "anchors/slot_statistics.h"
 #include "cuda/cuda_device.h"
+#include "families/anchors/anchor_view.h"
+#include "families/anchors/slot_statistics.h"
 #include "octree_gs/usable_anchors.h"
 #include "splatboost/array.h"
 #include "support/decoder_models.h"

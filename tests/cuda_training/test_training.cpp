@@ -8,7 +8,6 @@
 #include <string>
 #include <vector>
 
-#include "common/trainer.h"
 #include "cuda_training/training_runs.h"
 #include "dropgaussian/dropgaussian.h"
 #include "dropgaussian/dropgaussian_adapter.h"
@@ -16,6 +15,7 @@
 #include "mip_splatting/mip_splatting_adapter.h"
 #include "splatboost/errors.h"
 #include "support/gaussian_checks.h"
+#include "trainer/training/trainer.h"
 #include "vanilla/vanilla.h"
 #include "vanilla/vanilla_adapter.h"
 

@@ -15,13 +15,13 @@
 #include <type_traits>
 #include <vector>
 
-#include "common/backbone.h"
-#include "common/multi_scale.h"
-#include "common/splat_ply.h"
 #include "cuda/cuda_device.h"
 #include "splatboost/errors.h"
 #include "support/backbone_checks.h"
 #include "support/tiny_scene.h"
+#include "trainer/backbone_api/backbone.h"
+#include "trainer/dataset/splat_ply.h"
+#include "trainer/evaluation/multi_scale.h"
 
 #ifdef SPLATBOOST_CUDA_ON_CPU
 #include "cuda_on_cpu.h"

@@ -10,7 +10,7 @@
 #include "tool/patch_error.h"
 #include "tool/recipe.h"
 
-#include "../backbones/common/temporary_folder.h"
+#include "support/temporary_folder.h"
 
 namespace splatboost::patch::test {
 

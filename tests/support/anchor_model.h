@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "common/metrics.h"
-#include "common/splat_ply.h"
 #include "support/backbone_checks.h"
+#include "trainer/dataset/splat_ply.h"
+#include "trainer/evaluation/metrics.h"
 
 namespace splatboost::testing {
 

@@ -13,9 +13,9 @@
 #include <string>
 #include <vector>
 
-#include "backbones/common/temporary_folder.h"
-#include "common/backbone.h"
-#include "common/input_error.h"
+#include "support/temporary_folder.h"
+#include "trainer/backbone_api/backbone.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost::testing {
 

@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "anchors/anchor_decoder.h"
+#include "families/anchors/anchor_decoder.h"
 #include "splatboost/random.h"
 
 namespace splatboost::testing {

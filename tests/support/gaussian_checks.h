@@ -9,10 +9,11 @@
 #include <span>
 #include <vector>
 
-#include "common/splat_ply.h"
 #include "splatboost/photometric.h"
 #include "splatboost/rasterizer.h"
 #include "support/backbone_checks.h"
+#include "trainer/dataset/splat_ply.h"
+#include "trainer/evaluation/evaluate.h"
 
 namespace splatboost::testing {
 

@@ -6,9 +6,9 @@
 
 #include <glm/geometric.hpp>
 
-#include "common/scene.h"
 #include "splatboost/random.h"
 #include "splatboost/rasterizer.h"
+#include "trainer/dataset/scene.h"
 
 namespace splatboost::testing {
 

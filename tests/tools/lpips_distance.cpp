@@ -11,8 +11,8 @@
 
 #include <opencv2/imgcodecs.hpp>
 
-#include "common/input_error.h"
-#include "common/metrics.h"
+#include "trainer/evaluation/metrics.h"
+#include "trainer/support/input_error.h"
 
 namespace {
 

@@ -5,16 +5,17 @@
 #include <gtest/gtest.h>
 
 #include "splatboost/activations.h"
+#include "trainer/evaluation/evaluate.h"
 
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <set>
 
-#include "common/trainer.h"
 #include "support/density_recorder.h"
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
+#include "trainer/training/trainer.h"
 
 namespace splatboost {
 namespace {

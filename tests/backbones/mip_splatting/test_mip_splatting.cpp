@@ -9,12 +9,13 @@
 #include <cmath>
 #include <set>
 
-#include "common/multi_scale.h"
-#include "common/trainer.h"
 #include "splatboost/smoothing.h"
 #include "support/density_recorder.h"
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
+#include "trainer/evaluation/evaluate.h"
+#include "trainer/evaluation/multi_scale.h"
+#include "trainer/training/trainer.h"
 #include "vanilla/vanilla.h"
 
 namespace splatboost {

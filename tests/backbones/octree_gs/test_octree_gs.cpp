@@ -9,9 +9,9 @@
 
 #include "../../support/anchor_model.h"
 #include "../../support/tiny_scene.h"
-#include "common/input_error.h"
 #include "octree_gs/octree_gs.h"
 #include "octree_gs/octree_levels.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {

@@ -9,9 +9,9 @@
 
 #include "../../support/anchor_model.h"
 #include "../../support/tiny_scene.h"
-#include "common/input_error.h"
 #include "scaffold_gs/scaffold_gs.h"
 #include "splatboost/random.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {

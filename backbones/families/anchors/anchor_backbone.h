@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Training of anchors: what Scaffold-GS and Octree-GS have in common. A backbone of this kind says where anchors
+/// sit at the start, which of them a view may use, and where new ones grow.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "families/anchors/anchor_config.h"
+#include "families/anchors/anchor_view.h"
+#include "families/anchors/slot_statistics.h"
+#include "splatboost/array.h"
+#include "splatboost/rasterizer.h"
+#include "trainer/backbone_api/backbone.h"
+#include "trainer/backbone_api/parameter_group.h"
+#include "trainer/backbone_api/training_truths.h"
+
+namespace splatboost {
+
+/// Positions of anchors never move: their published learning rate is 0. A primitive of the program is an anchor; one of
+/// the hooks is a slot, anchor·k + offset.
+///
+/// Tensors lie in memory of the device. Positions and side rows, which change with growth only, are of the host, and so
+/// is all that growth decides.
+class AnchorBackbone : public Backbone {
+ public:
+  double train_step(int iteration, const View& view) override;
+  void wait() override {
+    if (device_.is_cuda()) device_.stream().synchronize();
+  }
+  void finish() override {
+    step_all();
+    wait();
+  }
+  std::size_t primitives() const override { return positions_.size() / 3; }
+  std::size_t bytes_per_primitive() const override;
+  void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
+  std::uint64_t export_model(const std::filesystem::path& folder) const override;
+  void import_model(const std::filesystem::path& folder) override;
+  void save(ArchiveWriter& archive) const override;
+  void load(ArchiveReader& archive) override;
+  RasterizerHook& rasterizer_hook() override { return slots_hook_; }
+  void set_hooks(DensityHook* density, OptimizerHook* optimizer) override {
+    density_ = density;
+    optimizer_ = optimizer;
+  }
+  const StageClock& stages() const override { return clock_; }
+
+ protected:
+  /// A number that an anchor has besides its parameters: its name in files, and its values [N].
+  struct SideRow {
+    std::string name;
+    std::vector<float>* values;
+  };
+  /// A number of the whole model that files must keep.
+  struct Constant {
+    std::string name;
+    float* value;
+  };
+
+  /// @param published_iterations length of the run that the constants are of
+  AnchorBackbone(const BackboneContext& context, const AnchorConfig& config, const DecoderShape& shape,
+                 int published_iterations);
+
+  /// Derived constructors call it once. Anchors of size exp(log_sizes[i]); a cap keeps an even subset of them.
+  void set_anchors(std::span<const float> positions, std::span<const float> log_sizes);
+  /// Rows that derived classes keep; they follow the anchors. Called before set_anchors().
+  void add_side_row(SideRow row) { side_rows_.push_back(std::move(row)); }
+  void add_constant(Constant constant) { constants_.push_back(std::move(constant)); }
+
+  /// Anchors, side rows or constants changed: what of them the device needs shall go there. Called before the next
+  /// view.
+  virtual void anchors_changed() {}
+  /// [N] zero where this view may not use an anchor, in memory of the device; empty: it may use all.
+  virtual std::span<const std::uint8_t> usable_anchors(const Camera& camera) {
+    (void)camera;
+    return {};
+  }
+  /// To be called before the first view of training that may use other shares of the anchors than those before.
+  void forget_views() { view_.forget_views(); }
+  /// [N] of DecoderShape::level, in memory of the device.
+  virtual std::span<const float> levels() const { return {}; }
+  /// The backbone's own rule: marks [N·k] the slots that grow. @param judged slots seen often enough
+  virtual void choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,
+                              std::span<std::uint8_t> growing) = 0;
+  /// Adds anchors from the slots that grow.
+  virtual void grow(std::span<const float> gradients, std::span<const std::uint8_t> growing) = 0;
+
+  /// Appends anchors, the most important first where the cap does not let all in. Side rows get zeros.
+  /// @param positions [C,3]; @param features [C,F]; @param importance [C]; @return how many: they are the last rows,
+  /// in the given order
+  std::size_t append_anchors(std::span<const float> positions, float log_size, std::span<const float> features,
+                             std::span<const float> importance);
+  std::size_t slots_per_anchor() const { return shape_.offsets; }
+  std::span<const float> positions() const { return positions_; }
+  /// The same in memory of the device.
+  std::span<const float> positions_on_device() const;
+
+  // Within grow(), of what was there when it began:
+  /// World position of what a slot draws.
+  std::array<float, 3> slot_position(std::size_t slot) const;
+  std::span<const float> anchor_feature(std::size_t anchor) const;
+  int at(int published) const;
+  int iteration() const { return iteration_; }
+  const BackboneContext& context() const { return context_; }
+
+ private:
+  /// What the pack may ask of the renderer. Its primitives are slots.
+  class SlotsHook final : public RasterizerHook {
+   public:
+    explicit SlotsHook(AnchorBackbone& owner) : owner_(owner) {}
+    void set_beta(std::optional<float> beta) override { owner_.beta_ = beta; }
+    std::size_t primitives() const override { return owner_.primitives() * owner_.shape_.offsets; }
+    std::size_t scorable_views() const override { return owner_.context_.scene.train.size(); }
+    ScoredView render_for_score(std::size_t view) override;
+    void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override;
+
+   private:
+    AnchorBackbone& owner_;
+    Array<std::int32_t> view_counts_{owner_.device_};
+  };
+
+  std::vector<ParameterGroup*> anchor_groups() { return {&offsets_, &features_, &scaling_}; }
+  std::vector<ParameterGroup*> groups();
+  std::vector<const ParameterGroup*> groups() const;
+  float learning_rate(const ParameterGroup& group) const;
+  void step_group(ParameterGroup& group);
+  void step_all();
+  void activate();
+  DecoderInputs<float> decoder_inputs() const;
+  void use_embedding_of(const View* view);
+  void decode(const Camera& camera, bool ahead);
+  Gaussians gaussians() const;
+  void draw(const Camera& camera, std::optional<float> beta, std::span<float> color);
+  void change_anchors();
+  void remove_anchors(std::span<const std::uint8_t> removed);
+  std::vector<std::string> model_columns() const;
+  Moment moment() const { return {iteration_, context_.iterations}; }
+
+  BackboneContext context_;
+  AnchorConfig config_;
+  DecoderShape shape_;
+  int published_iterations_;
+  Device device_;
+  Rasterizer rasterizer_;
+  Photometric photometric_;
+  AnchorView view_;
+  SlotStatistics statistics_;
+  SlotsHook slots_hook_{*this};
+  std::optional<float> beta_;
+  DensityHook* density_ = nullptr;
+  OptimizerHook* optimizer_ = nullptr;
+  StageClock clock_{device_};
+  int iteration_ = 0;
+
+  std::vector<float> positions_;           ///< [N,3]
+  Array<float> positions_there_{device_};  ///< the same for a GPU, which they are copied to
+  // Names of the groups are Scaffold-GS's.
+  ParameterGroup offsets_, features_, scaling_;
+  ParameterGroup opacity_net_{"mlp_opacity", 1, device_}, cov_net_{"mlp_cov", 1, device_};
+  ParameterGroup color_net_{"mlp_color", 1, device_}, bank_net_{"mlp_featurebank", 1, device_};
+  ParameterGroup embedding_;  ///< a row a training view
+  std::vector<SideRow> side_rows_;
+  std::vector<Constant> constants_;
+
+  bool stale_ = true;                       ///< parameters moved since activate()
+  bool anchors_changed_ = true;             ///< ... or the set of anchors, or what the host keeps of them
+  Array<float> scales_{device_};            ///< [N,6] exp of scaling
+  std::span<const float> view_embedding_;   ///< of the view that is being decoded
+  Array<float> mean_embedding_{device_};    ///< of views that training did not see; empty: not known
+  const ViewGaussians* decoded_ = nullptr;  ///< of the last decode()
+  Array<float> image_{device_}, image_gradient_{device_}, screen_{device_};
+  /// Gradients of the view's Gaussians.
+  struct {
+    Array<float> means, scales, rotations, opacities, colors;
+  } by_{Array<float>(device_), Array<float>(device_), Array<float>(device_), Array<float>(device_),
+        Array<float>(device_)};
+  TrainingTruths truths_{context_.scene, device_};
+
+  // Of growth, which is decided on the host.
+  struct OnHost {
+    std::vector<float> offsets, features, scales;
+  };
+  OnHost on_host_;  ///< copies of a GPU's tensors
+  std::vector<float> mean_gradients_;
+  std::vector<std::uint8_t> judged_, growing_, removed_;
+};
+
+}  // namespace splatboost

@@ -1,0 +1,651 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "families/gaussians/gaussian_backbone.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <string>
+#include <utility>
+
+#include "splatboost/activations.h"
+#include "splatboost/array.h"
+#include "splatboost/density_statistics.h"
+#include "splatboost/elementwise.h"
+#include "splatboost/neighbors.h"
+#include "splatboost/random.h"
+#include "splatboost/rasterizer.h"
+#include "splatboost/rows.h"
+#include "splatboost/select.h"
+#include "splatboost/spatial_order.h"
+#include "trainer/backbone_api/parameter_group.h"
+#include "trainer/backbone_api/training_truths.h"
+#include "trainer/dataset/splat_ply.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
+constexpr float kMinSquaredDistance = 1e-7f;   // of neighbours at initialisation, keeps log-scales finite
+constexpr int kRestRows = 15;
+constexpr int kSplitChildren = 2;
+constexpr float kSplitShrink = 0.8f * kSplitChildren;
+constexpr int kLeastGrowthsAReset = 5;
+
+float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
+
+class GaussianBackbone final : public Backbone, private RasterizerHook {
+ public:
+  GaussianBackbone(const BackboneContext& context, const GaussianConfig& config, std::unique_ptr<GaussianMethod> method)
+      : context_(context),
+        config_(config),
+        method_(std::move(method)),
+        device_(context.device),
+        rasterizer_(device_),
+        photometric_(device_) {
+    initialise();
+  }
+
+  double train_step(int iteration, const View& view) override;
+  void wait() override {
+    if (device_.is_cuda()) device_.stream().synchronize();
+  }
+  void finish() override {
+    step_all(iteration_);
+    wait();
+  }
+  std::size_t primitives() const override { return opacity_.rows(); }
+  void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
+  std::uint64_t export_model(const std::filesystem::path& folder) const override;
+  void import_model(const std::filesystem::path& folder) override;
+  void save(ArchiveWriter& archive) const override;
+  void load(ArchiveReader& archive) override;
+  nlohmann::json config() const override { return method_->config(); }
+  RasterizerHook& rasterizer_hook() override { return *this; }
+  void set_hooks(DensityHook* density, OptimizerHook* optimizer) override {
+    density_ = density;
+    optimizer_ = optimizer;
+  }
+  const StageClock& stages() const override { return clock_; }
+
+ private:
+  // RasterizerHook
+  void set_beta(std::optional<float> beta) override { beta_ = beta; }
+  std::size_t scorable_views() const override { return context_.scene.train.size(); }
+  ScoredView render_for_score(std::size_t view) override;
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    rasterizer_.count_flagged(flagged, counts);
+  }
+
+  void initialise();
+  void activate();
+  Gaussians activated() const;
+  /// What the rasterizer gets. @param training the iteration of a training view
+  Gaussians drawn(std::optional<int> training);
+  RasterOptions raster_options(std::optional<float> beta) const;
+  int at(int published) const { return scaled_iteration(published, context_.iterations, config_.published_iterations); }
+  /// Scaled as all phases are, but in a short run opacities need time to come back.
+  int opacity_reset_interval() const {
+    return std::max(at(config_.opacity_reset_interval), kLeastGrowthsAReset * config_.densify_interval);
+  }
+  int sh_degree(int iteration) const { return std::min(config_.sh_degree, iteration / at(config_.sh_interval)); }
+  Moment moment() const { return {iteration_, context_.iterations}; }
+  bool needs_absolute_gradients() const {
+    return method_->needs_absolute_gradients() || (density_ != nullptr && density_->needs_absolute_gradients());
+  }
+  /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
+  template <class... Stages>
+  void lap_rasterizer(const char* all, const Stages&... stages);
+  std::string entry(const char* what) const { return std::string(method_->name()) + "." + what; }
+
+  std::array<ParameterGroup*, 6> groups() { return {&xyz_, &f_dc_, &f_rest_, &opacity_, &scaling_, &rotation_}; }
+  std::array<const ParameterGroup*, 6> groups() const {
+    return {&xyz_, &f_dc_, &f_rest_, &opacity_, &scaling_, &rotation_};
+  }
+  float learning_rate(const ParameterGroup& group, int iteration) const;
+  void step_group(ParameterGroup& group, int iteration);
+  void step_all(int iteration);
+  void step_scheduled(int iteration);
+
+  void control_density();
+  DensityStatistics statistics();
+  void grow();
+  void hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
+                std::vector<std::uint8_t>& split) const;
+  void prune(bool by_own_rule);
+  void append_children(std::span<const std::uint32_t> parents);
+  void remove(std::span<const std::uint8_t> removed);
+  void select(const Array<std::uint32_t>& rows);
+  void reset_opacities();
+  void reorder();
+  void restart_statistics();
+  ScreenGradientSums gradient_sums() { return {gradient_sum_, gradient_abs_sum_, seen_}; }
+
+  BackboneContext context_;
+  GaussianConfig config_;
+  std::unique_ptr<GaussianMethod> method_;
+  Device device_;
+  Rasterizer rasterizer_;
+  Photometric photometric_;
+  std::optional<float> beta_;
+  DensityHook* density_ = nullptr;
+  OptimizerHook* optimizer_ = nullptr;
+  StageClock clock_{device_};
+  int iteration_ = 0;
+
+  // Names of the groups are 3DGS's.
+  ParameterGroup xyz_{"xyz", 3, device_}, f_dc_{"f_dc", 3, device_}, f_rest_{"f_rest", 3 * kRestRows, device_};
+  ParameterGroup opacity_{"opacity", 1, device_}, scaling_{"scaling", 3, device_}, rotation_{"rotation", 4, device_};
+
+  bool stale_ = true;        ///< parameters moved since activate()
+  bool set_changed_ = true;  ///< Gaussians came or went since activate(), or what the method keeps of them is due
+  Array<float> scales_{device_}, opacities_{device_};
+
+  Array<float> image_{device_}, image_gradient_{device_};
+  TrainingTruths truths_{context_.scene, device_};
+  Array<float> screen_{device_}, screen_abs_{device_};                  ///< [N,2] gradients of this iteration
+  Array<float> gradient_sum_{device_}, gradient_abs_sum_{device_};      ///< [N] norms since the last growth, NDC
+  Array<float> seen_{device_};                                          ///< [N] views that they come from
+  Array<float> mean_gradients_{device_}, mean_gradients_abs_{device_};  ///< [N]
+  Array<float> max_scales_{device_};                                    ///< [N]
+  Array<float> workspace_{device_};                                     ///< of select()
+
+  // Of density control, which is decided on the host.
+  struct OnHost {
+    std::vector<float> mean_gradients, mean_gradients_abs, opacities, max_scales;
+  };
+  OnHost on_host_;                      ///< copies of a GPU's statistics
+  std::vector<std::uint32_t> origins_;  ///< [N] index before the growth of this iteration
+};
+
+void GaussianBackbone::initialise() {
+  const PointCloud& points = context_.scene.points;
+  // A cap below the number of points keeps an even subset of them.
+  std::size_t n = points.size();
+  const std::size_t stride_of = n;
+  if (context_.max_primitives > 0) n = std::min(n, context_.max_primitives);
+  std::vector<float> means, dc;
+  means.reserve(3 * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t from = i * stride_of / n;
+    for (std::size_t c = 0; c < 3; ++c) {
+      means.push_back(points.positions[3 * from + c]);
+      dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShDc);
+    }
+  }
+  std::vector<float> squared(n);
+  mean_squared_neighbor_distances(means, 3, squared, context_.threads);
+  std::vector<float> log_scales, rotations;
+  for (const float d : squared) {
+    log_scales.insert(log_scales.end(), 3, 0.5f * std::log(std::max(d, kMinSquaredDistance)));
+    rotations.insert(rotations.end(), {1, 0, 0, 0});
+  }
+  xyz_.assign(std::move(means));
+  f_dc_.assign(std::move(dc));
+  f_rest_.assign(std::vector<float>(n * 3 * kRestRows, 0.0f));
+  opacity_.assign(std::vector<float>(n, logit(config_.initial_opacity)));
+  scaling_.assign(std::move(log_scales));
+  rotation_.assign(std::move(rotations));
+  reorder();
+  restart_statistics();
+  activate();
+}
+
+void GaussianBackbone::restart_statistics() {
+  const std::size_t n = primitives();
+  gradient_sum_.assign_zeros(n);
+  gradient_abs_sum_.assign_zeros(n);
+  seen_.assign_zeros(n);
+}
+
+void GaussianBackbone::activate() {
+  if (!stale_ && !set_changed_) return;
+  const std::size_t n = primitives();
+  scales_.ensure(3 * n);
+  opacities_.ensure(n);
+  exponentials(scaling_.values, scales_, device_);
+  sigmoids(opacity_.values, opacities_, device_);
+  if (set_changed_) method_->gaussians_changed(xyz_.values);
+  method_->activated(scales_, opacities_);
+  stale_ = set_changed_ = false;
+}
+
+Gaussians GaussianBackbone::activated() const {
+  Gaussians g;
+  g.count = primitives();
+  g.means = xyz_.values;
+  g.scales = scales_;
+  g.rotations = rotation_.values;
+  g.opacities = opacities_;
+  g.sh_dc = f_dc_.values;
+  g.sh_rest = f_rest_.values;
+  g.sh_rest_rows = kRestRows;
+  g.sh_degree = sh_degree(iteration_);
+  return g;
+}
+
+Gaussians GaussianBackbone::drawn(std::optional<int> training) {
+  activate();
+  Gaussians gaussians = activated();
+  method_->draw(gaussians, training);
+  return gaussians;
+}
+
+RasterOptions GaussianBackbone::raster_options(std::optional<float> beta) const {
+  RasterOptions options = method_->raster_options();
+  if (beta) {
+    options.box = BoxPolicy::ellipse;
+    options.beta = *beta;
+  }
+  options.background = glm::vec3(context_.scene.white_background ? 1.0f : 0.0f);
+  return options;
+}
+
+template <class... Stages>
+void GaussianBackbone::lap_rasterizer(const char* all, const Stages&... stages) {
+  if (device_.is_cuda()) return clock_.lap(all);
+  const RasterSeconds& seconds = rasterizer_.seconds();
+  (clock_.add(stages.first, seconds.*stages.second), ...);
+}
+
+double GaussianBackbone::train_step(int iteration, const View& view) {
+  clock_.restart();
+  iteration_ = iteration;
+  const std::size_t n = primitives();
+  const std::size_t pixels = view.color.size();
+  image_.ensure(pixels);
+  image_gradient_.ensure(pixels);
+  const Gaussians gaussians = drawn(iteration);
+  clock_.lap("activate");
+  RasterImages images;
+  images.color = image_;
+  rasterizer_.forward(view.camera, gaussians, raster_options(beta_), images);
+  lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
+                 std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
+
+  const LossForm form = method_->loss();
+  const TruthImage truth = truths_.of(view);
+  // The run ends with the loss of its end.
+  const PhotometricLoss measured = iteration == context_.iterations
+                                       ? photometric_.evaluate(image_, truth, form.lambda_dssim, image_gradient_)
+                                       : photometric_.evaluate_ahead(image_, truth, form.lambda_dssim, image_gradient_);
+  const double loss = form.scale * measured.total;
+  if (form.scale != 1) scale(image_gradient_, form.scale, device_);
+  clock_.lap("loss");
+
+  GaussianGradients gradients;
+  gradients.mode = GradientMode::accumulate;
+  gradients.means = xyz_.gradients;
+  gradients.scales = scaling_.gradients;
+  gradients.rotations = rotation_.gradients;
+  gradients.opacities = opacity_.gradients;
+  gradients.sh_dc = f_dc_.gradients;
+  gradients.sh_rest = f_rest_.gradients;
+  const bool growing = iteration < at(config_.densify_until);
+  if (growing) {
+    screen_.ensure(2 * n);
+    gradients.screen_means = screen_;
+    if (needs_absolute_gradients()) {
+      screen_abs_.ensure(2 * n);
+      gradients.screen_means_abs = screen_abs_;
+    }
+  }
+  RasterImageGradients image_gradients;
+  image_gradients.color = image_gradient_;
+  const GaussianGradients of_activated = gradients;
+  method_->redirect(gradients);
+  rasterizer_.backward(gaussians, image_gradients, gradients);
+  method_->add_gradients(of_activated);
+  for (ParameterGroup* group : groups()) group->pending = true;
+  lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
+                 std::pair("project_backward", &RasterSeconds::project_backward));
+
+  if (growing) {
+    add_screen_gradients({rasterizer_.visible(), gradients.screen_means, gradients.screen_means_abs, view.camera.width,
+                          view.camera.height},
+                         method_->absolute_norm(), method_->views_seen(beta_.has_value()), gradient_sums(), device_);
+  }
+  clock_.lap("statistics");
+  step_scheduled(iteration);
+  clock_.lap("optimizer");
+  control_density();
+  // Now rather than before the next view, so that a checkpoint holds it.
+  if (method_->renews_at(moment())) set_changed_ = true;
+  if (set_changed_) activate();
+  clock_.lap("density");
+  return loss;
+}
+
+float GaussianBackbone::learning_rate(const ParameterGroup& group, int iteration) const {
+  if (&group == &xyz_) {
+    return static_cast<float>(context_.scene.extent * exponential_rate(config_.position_rate_initial,
+                                                                       config_.position_rate_final, iteration,
+                                                                       context_.iterations));
+  }
+  if (&group == &f_dc_) return static_cast<float>(config_.feature_rate);
+  if (&group == &f_rest_) return static_cast<float>(config_.feature_rate / 20.0);
+  if (&group == &opacity_) return static_cast<float>(config_.opacity_rate);
+  if (&group == &scaling_) return static_cast<float>(config_.scaling_rate);
+  return static_cast<float>(config_.rotation_rate);
+}
+
+void GaussianBackbone::step_group(ParameterGroup& group, int iteration) {
+  if (!group.pending) return;
+  // The rasterizer's gradients are of activated values; these have not changed since the last step of the group.
+  if (&group == &scaling_) exponential_gradients(scales_, group.gradients, device_);
+  if (&group == &opacity_) sigmoid_gradients(opacities_, group.gradients, device_);
+  AdamOptions options;
+  options.learning_rate = learning_rate(group, iteration);
+  if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
+  group.step(options, device_);
+  stale_ = true;
+}
+
+void GaussianBackbone::step_all(int iteration) {
+  for (ParameterGroup* group : groups()) step_group(*group, iteration);
+  activate();
+}
+
+void GaussianBackbone::step_scheduled(int iteration) {
+  for (ParameterGroup* group : groups()) {
+    if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group, iteration);
+  }
+}
+
+DensityStatistics GaussianBackbone::statistics() {
+  activate();
+  const std::size_t n = primitives();
+  mean_gradients_.ensure(n);
+  mean_gradients_abs_.ensure(n);
+  max_scales_.ensure(n);
+  mean_screen_gradients(gradient_sums(), mean_gradients_, mean_gradients_abs_, device_);
+  longest_scales(scales_, max_scales_, device_);
+  return {moment(),
+          context_.scene.extent,
+          mean_gradients_.on_host(on_host_.mean_gradients),
+          mean_gradients_abs_.on_host(on_host_.mean_gradients_abs),
+          opacities_.on_host(on_host_.opacities),
+          max_scales_.on_host(on_host_.max_scales)};
+}
+
+void GaussianBackbone::control_density() {
+  const int until = at(config_.densify_until);
+  const bool own =
+      iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
+  if (density_ != nullptr ? density_->grows_at(moment(), own) : own) {
+    step_all(iteration_);
+    grow();
+    prune(true);
+    reorder();
+    restart_statistics();
+  }
+  // A method that grows to the end of the run may have just grown.
+  if (density_ != nullptr && density_->prunes_at(moment(), false)) {
+    step_all(iteration_);
+    prune(false);
+    restart_statistics();
+  }
+  const bool white_start = context_.scene.white_background && iteration_ == at(config_.densify_from);
+  const bool own_reset = iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start);
+  if (density_ != nullptr ? density_->resets_opacities_at(moment(), own_reset) : own_reset) {
+    step_all(iteration_);
+    reset_opacities();
+  }
+}
+
+void GaussianBackbone::grow() {
+  const DensityStatistics known = statistics();
+  const std::size_t n = primitives();
+  std::vector<std::uint8_t> growing(n), clone(n), split(n);
+  for (std::size_t i = 0; i < n; ++i) growing[i] = known.gradients[i] >= static_cast<float>(config_.gradient_threshold);
+  method_->add_growing(known, growing);
+  const auto border = static_cast<float>(config_.percent_dense * static_cast<double>(context_.scene.extent));
+  for (std::size_t i = 0; i < n; ++i) {
+    clone[i] = growing[i] != 0 && known.max_scales[i] <= border;
+    split[i] = growing[i] != 0 && known.max_scales[i] > border;
+  }
+  if (density_ != nullptr) {
+    GrowDecisions decisions{clone, split};
+    density_->grow(known, *this, decisions);
+  }
+  hold_cap(known.gradients, clone, split);
+
+  origins_.resize(n);
+  std::iota(origins_.begin(), origins_.end(), 0u);
+  std::vector<std::uint32_t> clones, parents;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (split[i] != 0) {
+      parents.push_back(static_cast<std::uint32_t>(i));
+    } else if (clone[i] != 0) {
+      clones.push_back(static_cast<std::uint32_t>(i));
+    }
+  }
+  // All or none: where memory is short the model stays whole.
+  for (ParameterGroup* group : groups()) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
+  const Array<std::uint32_t> listed(device_, clones);
+  for (ParameterGroup* group : groups()) group->append_copies(listed);
+  origins_.insert(origins_.end(), clones.begin(), clones.end());
+  append_children(parents);
+  split.resize(primitives(), 0);  // parents go, clones and children stay
+  remove(split);
+}
+
+void GaussianBackbone::hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
+                                std::vector<std::uint8_t>& split) const {
+  if (context_.max_primitives == 0) return;
+  // Clones and splits alike add one each.
+  const std::size_t room = context_.max_primitives - std::min(context_.max_primitives, primitives());
+  std::vector<std::uint8_t> growing(clone.size());
+  for (std::size_t i = 0; i < growing.size(); ++i) growing[i] = clone[i] != 0 || split[i] != 0;
+  keep_largest(gradients, room, growing);
+  for (std::size_t i = 0; i < growing.size(); ++i) {
+    clone[i] = clone[i] != 0 && growing[i] != 0;
+    split[i] = split[i] != 0 && growing[i] != 0;
+  }
+}
+
+void GaussianBackbone::append_children(std::span<const std::uint32_t> parents) {
+  const RandomStream random(context_.seed, static_cast<std::uint64_t>(iteration_), RandomPurpose::split);
+  const Array<std::uint32_t> listed(device_, std::vector<std::uint32_t>(parents.begin(), parents.end()));
+  Array<float> listed_scales(device_), listed_rotations(device_);
+  append_rows_of(scales_, 3, listed, listed_scales);
+  append_rows_of(rotation_.values, 4, listed, listed_rotations);
+  const std::vector<float> scales = listed_scales.to_host(), rotations = listed_rotations.to_host();
+  std::vector<float> offsets(scales.size());
+  for (int child = 0; child < kSplitChildren; ++child) {
+    const std::size_t first = primitives();
+    for (ParameterGroup* group : groups()) group->append_copies(listed);
+    origins_.insert(origins_.end(), parents.begin(), parents.end());
+    for (std::size_t j = 0; j < parents.size(); ++j) {
+      // A point of the parent's own distribution: mean + R·(scale ⊙ normal).
+      const float* q = &rotations[4 * j];
+      const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+      const float w = q[0] / length, x = q[1] / length, y = q[2] / length, z = q[3] / length;
+      const float rotation[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
+                                    {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
+                                    {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
+      float offset[3];
+      for (std::size_t c = 0; c < 3; ++c) {
+        const std::uint64_t number = 3 * (parents.size() * static_cast<std::size_t>(child) + j) + c;
+        offset[c] = static_cast<float>(random.normal(number)) * scales[3 * j + c];
+      }
+      for (std::size_t c = 0; c < 3; ++c) {
+        offsets[3 * j + c] = rotation[c][0] * offset[0] + rotation[c][1] * offset[1] + rotation[c][2] * offset[2];
+      }
+    }
+    xyz_.values.edit(3 * first, [&](std::span<float> means) {
+      for (std::size_t k = 0; k < means.size(); ++k) means[k] += offsets[k];
+    });
+    scaling_.values.edit(3 * first, [&](std::span<float> logarithms) {
+      for (std::size_t k = 0; k < logarithms.size(); ++k) logarithms[k] = std::log(scales[k] / kSplitShrink);
+    });
+  }
+  stale_ = set_changed_ = true;
+}
+
+void GaussianBackbone::prune(bool by_own_rule) {
+  restart_statistics();
+  const DensityStatistics known = statistics();
+  const std::size_t n = primitives();
+  std::vector<std::uint8_t> removed(n, 0);
+  if (by_own_rule) {
+    // The released code also tests sizes on screen, but zeroes them in the growth just before: that test never holds.
+    const bool large_go = config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
+    const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
+    for (std::size_t i = 0; i < n; ++i) {
+      removed[i] =
+          known.opacities[i] < static_cast<float>(config_.min_opacity) || (large_go && known.max_scales[i] > large);
+    }
+  } else {
+    origins_.clear();
+  }
+  if (density_ != nullptr) {
+    PruneDecisions decisions{removed, origins_};
+    density_->prune(known, *this, decisions);
+  }
+  if (spare_one(known.opacities, removed) > 0) remove(removed);
+}
+
+void GaussianBackbone::remove(std::span<const std::uint8_t> removed) {
+  select({device_, kept_rows(removed)});
+  if (origins_.size() == removed.size()) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < removed.size(); ++i) {
+      if (removed[i] == 0) origins_[kept++] = origins_[i];
+    }
+    origins_.resize(kept);
+  }
+}
+
+void GaussianBackbone::select(const Array<std::uint32_t>& rows) {
+  // Room for the widest tensor first: where memory is short the model stays whole. The CPU needs none.
+  if (device_.is_cuda()) workspace_.ensure(rows.size() * f_rest_.width);
+  for (ParameterGroup* group : groups()) group->select(rows, workspace_);
+  stale_ = set_changed_ = true;
+}
+
+/// Growth appends; here neighbours in space become neighbours in memory again, which the rasterizer's caches thank.
+void GaussianBackbone::reorder() {
+  Array<std::uint32_t> order(device_);
+  order.ensure(primitives());
+  if (device_.is_cuda()) {
+    spatial_order(xyz_.values, order, device_.stream());
+  } else {
+    spatial_order(xyz_.values, order);
+  }
+  select(order);
+}
+
+void GaussianBackbone::reset_opacities() {
+  const std::vector<float> factors = copy_to_host(method_->opacity_factors(), device_);
+  const float cap = logit(config_.reset_opacity);
+  opacity_.values.edit(0, [&](std::span<float> values) {
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      float& value = values[i];
+      if (factors.empty()) {
+        value = std::min(value, cap);
+      } else if (config_.reset_opacity < static_cast<double>(factors[i])) {
+        // The reset speaks of what is drawn; where the factor alone keeps that below, nothing is left to do.
+        value = std::min(value, logit(config_.reset_opacity / static_cast<double>(factors[i])));
+      }
+    }
+  });
+  opacity_.forget_moments();
+  stale_ = true;
+}
+
+ScoredView GaussianBackbone::render_for_score(std::size_t view) {
+  const View& truth = context_.scene.train[view];
+  image_.ensure(truth.color.size());
+  RasterImages images;
+  images.color = image_;
+  rasterizer_.forward(truth.camera, drawn(std::nullopt), raster_options(beta_), images);
+  rasterizer_.settle();
+  return {image_, truths_.of(truth)};
+}
+
+void GaussianBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
+  RasterImages images;
+  if (device_.is_cuda()) image_.ensure(color.size());
+  images.color = device_.is_cuda() ? image_.span() : color;
+  rasterizer_.forward(camera, drawn(std::nullopt), raster_options(beta ? beta : beta_), images);
+  rasterizer_.settle();
+  if (device_.is_cuda()) image_.cuda().download(color);
+}
+
+std::uint64_t GaussianBackbone::export_model(const std::filesystem::path& folder) const {
+  SplatCloud cloud;
+  cloud.means = xyz_.values.to_host();
+  cloud.sh_dc = f_dc_.values.to_host();
+  cloud.sh_rest = f_rest_.values.to_host();
+  cloud.sh_rest_rows = kRestRows;
+  cloud.logit_opacities = opacity_.values.to_host();
+  cloud.log_scales = scaling_.values.to_host();
+  cloud.rotations = rotation_.values.to_host();
+  method_->export_to(cloud);
+  const std::filesystem::path path = folder / "point_cloud.ply";
+  write_splat_ply(path, cloud);
+  return std::filesystem::file_size(path);
+}
+
+void GaussianBackbone::import_model(const std::filesystem::path& folder) {
+  SplatCloud cloud = read_splat_ply(folder / "point_cloud.ply");
+  const std::size_t n = cloud.size();
+  set_changed_ = !method_->import_from(cloud);
+  std::vector<float> rest(n * 3 * kRestRows, 0.0f);
+  const auto rows = static_cast<std::size_t>(cloud.sh_rest_rows);
+  for (std::size_t i = 0; i < n; ++i) {
+    std::copy_n(cloud.sh_rest.begin() + static_cast<std::ptrdiff_t>(3 * rows * i), 3 * rows,
+                rest.begin() + static_cast<std::ptrdiff_t>(3 * kRestRows * i));
+  }
+  xyz_.assign(std::move(cloud.means));
+  f_dc_.assign(std::move(cloud.sh_dc));
+  f_rest_.assign(std::move(rest));
+  opacity_.assign(std::move(cloud.logit_opacities));
+  scaling_.assign(std::move(cloud.log_scales));
+  rotation_.assign(std::move(cloud.rotations));
+  restart_statistics();
+  iteration_ = context_.iterations;  // a finished model: all degrees are active
+  stale_ = true;
+  activate();
+}
+
+void GaussianBackbone::save(ArchiveWriter& archive) const {
+  archive.put(entry("iteration"), std::int64_t{iteration_});
+  archive.put(entry("config"), std::string_view(method_->config().dump()));
+  for (const ParameterGroup* group : groups()) group->save(archive);
+  std::vector<float> copy;
+  archive.put(entry("gradient_sum"), gradient_sum_.on_host(copy));
+  archive.put(entry("gradient_abs_sum"), gradient_abs_sum_.on_host(copy));
+  archive.put(entry("seen"), seen_.on_host(copy));
+  method_->save(archive);
+}
+
+void GaussianBackbone::load(ArchiveReader& archive) {
+  if (archive.text(entry("config")) != method_->config().dump()) {
+    throw InputError(archive.path().string() +
+                     ": the checkpoint was made with other backbone constants; continue with the same --config");
+  }
+  for (ParameterGroup* group : groups()) group->load(archive);
+  iteration_ = static_cast<int>(archive.integer(entry("iteration")));
+  gradient_sum_.assign(archive.floats(entry("gradient_sum")));
+  gradient_abs_sum_.assign(archive.floats(entry("gradient_abs_sum")));
+  seen_.assign(archive.floats(entry("seen")));
+  const std::size_t n = primitives();
+  bool fits = gradient_sum_.size() == n && gradient_abs_sum_.size() == n && seen_.size() == n;
+  for (const ParameterGroup* group : groups()) fits = fits && group->rows() == n;
+  if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
+  method_->load(archive, n);
+  stale_ = true;
+  set_changed_ = false;
+}
+
+}  // namespace
+
+std::unique_ptr<Backbone> make_gaussian_backbone(const BackboneContext& context, const GaussianConfig& config,
+                                                 std::unique_ptr<GaussianMethod> method) {
+  return std::make_unique<GaussianBackbone>(context, config, std::move(method));
+}
+
+}  // namespace splatboost

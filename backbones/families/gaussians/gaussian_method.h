@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What one backbone of explicit Gaussians does differently from 3DGS.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string_view>
+
+#include <nlohmann/json.hpp>
+
+#include "splatboost/density_statistics.h"
+#include "splatboost/gaussians.h"
+#include "splatboost/hooks.h"
+#include "splatboost/rasterizer.h"
+#include "trainer/dataset/splat_ply.h"
+#include "trainer/support/archive.h"
+
+namespace splatboost {
+
+/// scale · ((1 − λ)·L1 + λ·(1 − SSIM))
+struct LossForm {
+  float lambda_dssim = 0.2f;
+  float scale = 1;
+};
+
+/// The points where a backbone may vary; the trainer (gaussian_backbone.h) does the rest. Defaults are 3DGS.
+/// Spans have one row a Gaussian, activated, in memory of the backbone's device, and are valid during the call. Those
+/// of add_growing() are of the host.
+class GaussianMethod {
+ public:
+  virtual ~GaussianMethod() = default;
+
+  /// As the program, messages and checkpoints call it.
+  virtual std::string_view name() const = 0;
+  /// All settings in use, as --config takes them.
+  virtual nlohmann::json config() const = 0;
+
+  virtual LossForm loss() const = 0;
+  /// Low-pass, compensation, near plane. Box and background are the trainer's.
+  virtual RasterOptions raster_options() const { return {}; }
+
+  // Drawing. What is drawn may differ from what is activated in scales and opacities; the method owns the difference.
+
+  /// Gaussians were added, removed or numbered anew, or renews_at() asked for it. Called before activated().
+  virtual void gaussians_changed(std::span<const float> means) { (void)means; }
+  /// Whether gaussians_changed() shall be called at the end of this iteration even if they did not.
+  virtual bool renews_at(Moment moment) const {
+    (void)moment;
+    return false;
+  }
+  /// Scales and opacities have new values.
+  virtual void activated(std::span<const float> scales, std::span<const float> opacities) {
+    (void)scales;
+    (void)opacities;
+  }
+  /// May put other scales and opacities, in memory of its own, into what is drawn.
+  /// @param training the iteration, if the view is trained on; none: it is shown or scored
+  virtual void draw(Gaussians& drawn, std::optional<int> training) {
+    (void)drawn;
+    (void)training;
+  }
+  /// Before the backward pass of a training view: may let gradients of scales and opacities go to memory of its own …
+  virtual void redirect(GaussianGradients& gradients) { (void)gradients; }
+  /// … and afterwards adds what came there to the gradients of the activated ones.
+  virtual void add_gradients(const GaussianGradients& activated) { (void)activated; }
+
+  // Density control.
+
+  virtual bool needs_absolute_gradients() const { return false; }
+  virtual AbsoluteNorm absolute_norm() const { return AbsoluteNorm::euclidean; }
+  /// How many views one view stands for in which a Gaussian was listed in a tile.
+  virtual float views_seen(bool compact_box) const {
+    (void)compact_box;
+    return 1;
+  }
+  /// Adds Gaussians to those that grow since their mean gradient reaches the threshold.
+  virtual void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const {
+    (void)statistics;
+    (void)growing;
+  }
+  /// [N] drawn over activated opacity, for the reset of opacities; empty: 1.
+  virtual std::span<const float> opacity_factors() const { return {}; }
+
+  // Files: what the method keeps a Gaussian beyond 3DGS's parameters.
+
+  virtual void save(ArchiveWriter& archive) const { (void)archive; }
+  /// Throws InputError unless the archive holds `count` rows.
+  virtual void load(const ArchiveReader& archive, std::size_t count) {
+    (void)archive;
+    (void)count;
+  }
+  virtual void export_to(SplatCloud& cloud) const { (void)cloud; }
+  /// @return whether the model held it; if not, gaussians_changed() is called
+  virtual bool import_from(const SplatCloud& cloud) {
+    (void)cloud;
+    return false;
+  }
+};
+
+}  // namespace splatboost

@@ -1,0 +1,9 @@
+// SPDX-License-Identifier: Apache-2.0
+#define Eigen eigen_avx2
+#include "families/nets/net_kernels-inl.h"
+
+namespace splatboost {
+
+NetKernels avx2_net_kernels() { return kKernels; }
+
+}  // namespace splatboost

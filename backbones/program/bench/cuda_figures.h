@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What `splatboost bench --device cuda` finds out.
+#pragma once
+
+#include <span>
+
+#include <nlohmann/json.hpp>
+
+#include "program/bench/cuda_limits.h"
+#include "splatboost/cuda_stream.h"
+#include "splatboost/threads.h"
+#include "trainer/synth/bench_scene.h"
+
+namespace splatboost::program {
+
+/// Adds to a document what the device is, its limits, and for each scene times, counted work and shares of the limits.
+/// @param threads for the counting, which the CPU does
+void add_cuda_figures(std::span<const BenchSize> sizes, int repeats, CudaStream& stream, Threads& threads,
+                      nlohmann::json& document, const CudaProbe& probe = {});
+
+}  // namespace splatboost::program

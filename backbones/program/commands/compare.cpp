@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <memory>
+
+#include "program/commands/commands.h"
+#include "program/session/model_folder.h"
+#include "program/session/run.h"
+#include "trainer/support/atomic_file.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Compare {
+  explicit Compare(CLI::App& app) : set(app) {
+    add_source_option(set, options);
+    add_model_option(set, options, "output folder; gets baseline/ and boosted/");
+    add_data_options(set, options);
+    add_training_options(set, options, false);
+    add_boost_options(set, options);
+    add_machine_options(set, options);
+    add_lpips_option(set, options);
+    add_config_option(set, options);
+  }
+
+  int run(const std::string& command_line) {
+    if (!options.config.empty()) {
+      apply_settings(read_settings_file(options.config), options.config.string(), set, options);
+    }
+    require_source(options);
+    if (options.model.empty()) throw UsageError("no output folder given: name it with -m/--model");
+    check_options(options);
+    boost_settings(options);
+    require_ours_or_empty(options.model);
+    Workbench bench = make_workbench(options);
+    take_model_folder(options.model);
+    write_config(options.model, set, options, true, nullptr);
+
+    std::vector<ReportRun> runs;
+    std::vector<ReportView> views;
+    for (const bool boost : {false, true}) {
+      const std::string label = boost ? "boosted" : "baseline";
+      const fs::path folder = options.model / label;
+      take_model_folder(folder);
+      RunOutcome outcome = run_once(bench, set, options, boost, folder, label, command_line);
+      if (outcome.interrupted_by != 0) return exit_code_of_signal(outcome.interrupted_by);
+      views = write_truth(bench.scene, folder);
+      write_report(folder / "report.html", outcome.run.results.source + " — " + options.backbone + ", " + label,
+                   {outcome.run}, views);
+      runs.push_back(std::move(outcome.run));
+    }
+    const Results& baseline = runs[0].results;
+    const Results& boosted = runs[1].results;
+    write_text_atomically(options.model / "compare.json", comparison_to_json(baseline, boosted).dump(2) + "\n");
+    const fs::path report = options.model / "report.html";
+    write_report(report, baseline.source + " — " + options.backbone + ", baseline and boosted", runs, views);
+    const std::string labels[] = {runs[0].label, runs[1].label};
+    const Results both[] = {baseline, boosted};
+    std::printf("%s\n%s\nreport: %s\n", comparison_table(baseline, boosted).c_str(), scales_table(labels, both).c_str(),
+                report.c_str());
+    return 0;
+  }
+
+  RunOptions options;
+  OptionSet set;
+};
+
+}  // namespace
+
+Command add_compare(CLI::App& program) {
+  CLI::App* app =
+      program.add_subcommand("compare", "Train as published and accelerated, same seed and data, side by side");
+  app->footer("Example: splatboost compare -s SCENE -m OUT --eval --iterations 2000");
+  const auto compare = std::make_shared<Compare>(*app);
+  return {app, [compare](const std::string& command_line) { return compare->run(command_line); }};
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <memory>
+
+#include "program/commands/commands.h"
+#include "program/session/model_folder.h"
+#include "program/session/run.h"
+#include "trainer/evaluation/evaluate.h"
+#include "trainer/support/atomic_file.h"
+#include "trainer/training/trainer.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string fixed(double value, int digits) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.*f", digits, value);
+  return text;
+}
+
+struct Eval {
+  explicit Eval(CLI::App& app) : set(app) {
+    add_source_option(set, options);
+    add_model_option(set, options, "model folder of a run");
+    set.add("--iteration", iteration, "model saved at this iteration; 0: the last", false)
+        ->type_name("N")
+        ->capture_default_str();
+    add_machine_options(set, options);
+    add_lpips_option(set, options);
+    set.add("--quiet", options.quiet, "no notes", false);
+    set.files_only();
+    add_data_options(set, options);
+    add_training_options(set, options, true);
+  }
+
+  int run() {
+    if (options.model.empty()) throw UsageError("no model folder given: name it with -m/--model");
+    const nlohmann::json config = read_config(options.model);
+    apply_settings(config, (options.model / "config.json").string(), set, options);
+    check_options(options);
+    const std::optional<float> beta = trained_beta(config);
+    const fs::path saved = saved_model(options.model, iteration);
+    const fs::path results_path = options.model / "results.json";
+    require(fs::exists(results_path), results_path.string() +
+                                          ": missing: the run did not end; let it end with "
+                                          "splatboost train --resume");
+    Results results = results_from_json(read_json_file(results_path));
+
+    Workbench bench = make_workbench(options);
+    const PluggedBackbone plugged = load_model(bench, options, saved, beta);
+    evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, results);
+    Results exact;
+    plugged.backbone->rasterizer_hook().set_beta(1.0f);
+    evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, exact);
+
+    // A model saved on the way is shown, but results.json speaks of the run's end.
+    const bool of_the_end = saved_iteration(saved) == results.iterations;
+    if (of_the_end) write_text_atomically(results_path, to_json(results).dump(2) + "\n");
+    print(results, exact, beta);
+    if (of_the_end) std::printf("\nresults: %s\n", results_path.c_str());
+    return 0;
+  }
+
+ private:
+  static void print(const Results& results, const Results& exact, std::optional<float> beta) {
+    const std::string box = beta ? "as trained (beta " + readable(*beta).dump() + ")" : "as trained (own box)";
+    const auto line = [](const std::string& label, const std::string& trained, const std::string& one) {
+      std::printf("%-26s %12s %12s\n", label.c_str(), trained.c_str(), one.c_str());
+    };
+    std::printf("%zu %s views; first column %s, second with beta 1, as other viewers draw it\n\n", results.views.size(),
+                results.split.c_str(), box.c_str());
+    line("", "as trained", "beta 1");
+    line("PSNR, dB", fixed(results.psnr, 2), fixed(exact.psnr, 2));
+    line("SSIM", fixed(results.ssim, 4), fixed(exact.ssim, 4));
+    if (results.lpips && exact.lpips) line("LPIPS (SqueezeNet)", fixed(*results.lpips, 4), fixed(*exact.lpips, 4));
+    line("frames a second", fixed(results.fps, 1), fixed(exact.fps, 1));
+    const std::string labels[] = {"as trained", "beta 1"};
+    const Results both[] = {results, exact};
+    std::printf("\n%s", scales_table(labels, both).c_str());
+  }
+
+  RunOptions options;
+  OptionSet set;
+  int iteration = 0;
+};
+
+}  // namespace
+
+Command add_eval(CLI::App& program) {
+  CLI::App* app =
+      program.add_subcommand("eval", "Measure a saved model again, as trained and with beta = 1, at several scales");
+  app->footer("Example: splatboost eval -m OUT");
+  const auto eval = std::make_shared<Eval>(*app);
+  return {app, [eval](const std::string&) { return eval->run(); }};
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <memory>
+
+#include "program/commands/commands.h"
+#include "program/session/options.h"
+#include "trainer/dataset/read_scene.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kExtension[] = ".sbscene";
+
+struct PackOptions {
+  SceneOptions scene;
+  fs::path output;
+};
+
+int run_pack(const PackOptions& options) {
+  const SceneOptions& scene = options.scene;
+  if (scene.source.empty()) throw UsageError("no scene given: splatboost pack SCENE OUT.sbscene");
+  if (options.output.empty()) throw UsageError("no file to write given: splatboost pack SCENE OUT.sbscene");
+  // What is there under such a name is a packed scene, which may be replaced.
+  if (options.output.extension() != kExtension) {
+    throw UsageError(options.output.string() + ": the name of a packed scene ends in " + kExtension);
+  }
+  require(!fs::is_directory(options.output), options.output.string() + ": is a folder");
+  for (const std::string& note : pack_scene(scene, options.output)) std::fprintf(stderr, "note: %s\n", note.c_str());
+  std::printf("packed scene: %s (%.1f MB)\n", options.output.c_str(),
+              static_cast<double>(fs::file_size(options.output)) / 1e6);
+  return 0;
+}
+
+}  // namespace
+
+Command add_pack(CLI::App& program) {
+  CLI::App* app = program.add_subcommand("pack", "Put a scene into one file that is read fast, and without OpenCV");
+  app->footer("Example: splatboost pack SCENE scene.sbscene && splatboost train -s scene.sbscene -m OUT --eval");
+  const auto options = std::make_shared<PackOptions>();
+  app->add_option("-s,--source,source", options->scene.source, "scene folder: COLMAP, Blender or nerfstudio")
+      ->type_name("DIR");
+  app->add_option("-o,--output,output", options->output, "file to write")->type_name("FILE.sbscene");
+  app->add_option("-r,--resolution", options->scene.resolution, kResolutionHelp)->type_name("N");
+  app->add_option("-i,--images", options->scene.images, kImagesHelp)->type_name("NAME");
+  return {app, [options](const std::string&) { return run_pack(*options); }};
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "program/commands/commands.h"
+#include "program/session/options.h"
+#include "tool/patch.h"
+#include "tool/patch_error.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kPlaces[] = {"above", "below", "in place of"};
+
+std::string list_of(const std::vector<std::string>& names) {
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  return list;
+}
+
+std::string size_of(const patch::Outcome& outcome) {
+  return std::to_string(outcome.files.size()) + " files, +" + std::to_string(outcome.added) + " -" +
+         std::to_string(outcome.removed) + " lines";
+}
+
+struct Patch {
+  explicit Patch(CLI::App& command_app) : app(command_app) {
+    app.require_subcommand(0, 1);
+    app.add_option("--recipes", recipes, "folder of recipes; default: those of this program")->type_name("DIR");
+    list = subcommand("list", "Recipes there are, and their layouts");
+    show = subcommand("show", "What a recipe changes, and why");
+    apply = subcommand("apply", "Patch a checkout; a second time changes nothing");
+    verify = subcommand("verify", "Check that a patch is in place, whole and once");
+    status = subcommand("status", "Whether a checkout is patched, and which recipe fits it");
+    revert = subcommand("revert", "Take the patch back to the byte; your own changes stay");
+    for (CLI::App* command : {show, apply}) {
+      command->add_option("name", name, "recipe, as splatboost patch list names it")->type_name("NAME")->required();
+    }
+    for (CLI::App* command : {apply, verify, status, revert}) {
+      command->add_option("path", path, "folder of the backbone's checkout")->type_name("PATH")->required();
+    }
+    for (CLI::App* command : {apply, revert}) {
+      command->add_flag("--dry-run", dry_run, "only print the change as a unified diff");
+    }
+    show->footer("Example: splatboost patch show 3dgs");
+    apply->footer("Example: splatboost patch apply mip-splatting ~/mip-splatting");
+    verify->footer("Example: splatboost patch verify ~/mip-splatting");
+    status->footer("Example: splatboost patch status ~/mip-splatting");
+    revert->footer("Example: splatboost patch revert ~/mip-splatting");
+  }
+
+  int run() {
+    try {
+      if (list->parsed()) return run_list();
+      if (show->parsed()) return run_show();
+      if (apply->parsed()) return run_apply();
+      if (verify->parsed()) return run_verify();
+      if (status->parsed()) return run_status();
+      if (revert->parsed()) return run_revert();
+    } catch (const patch::PatchError& error) {
+      throw InputError(error.what());
+    }
+    throw UsageError("no command given; there are: list, show, apply, verify, status, revert");
+  }
+
+ private:
+  CLI::App* subcommand(const std::string& command, const std::string& about) {
+    CLI::App* sub = app.add_subcommand(command, about);
+    sub->allow_extras();
+    sub->group("Commands");
+    return sub;
+  }
+
+  fs::path recipe_folder() const {
+    return recipes.empty() ? patch::find_recipes(fs::read_symlink("/proc/self/exe")) : recipes;
+  }
+
+  patch::Recipe recipe() const { return patch::load_recipe(recipe_folder(), name); }
+
+  int run_list() const {
+    const fs::path folder = recipe_folder();
+    for (const std::string& one : patch::recipe_names(folder)) {
+      const patch::Recipe found = patch::load_recipe(folder, one);
+      std::printf("%-16s %s, %s\n", one.c_str(), found.title.c_str(), found.upstream.c_str());
+      for (const patch::Layout& layout : found.layouts) {
+        std::printf("  %-14s %s\n", layout.name.c_str(), layout.about.c_str());
+      }
+    }
+    return 0;
+  }
+
+  int run_show() const {
+    const patch::Recipe found = recipe();
+    std::printf("%s: %s\n%s\n\nlayouts\n", found.name.c_str(), found.title.c_str(), found.upstream.c_str());
+    for (const patch::Layout& layout : found.layouts) {
+      std::printf("  %-10s %s (%.7s to %.7s)\n", layout.name.c_str(), layout.about.c_str(), layout.first_commit.c_str(),
+                  layout.last_commit.c_str());
+    }
+    std::printf("\noptions added to the host's train.py\n");
+    for (const patch::HostOption& option : found.options) {
+      std::printf("  %-24s %s [%s]\n", option.name.c_str(), option.about.c_str(), option.value.c_str());
+    }
+    std::printf("\nedits\n");
+    for (const patch::Edit& edit : found.edits) {
+      std::printf("  %s, %s '%s'%s%s\n    %s\n", edit.file.c_str(), kPlaces[static_cast<int>(edit.place)],
+                  edit.anchor.c_str(), edit.count > 1 ? (" (" + std::to_string(edit.count) + " times)").c_str() : "",
+                  edit.layouts.empty() ? "" : (" [" + list_of(edit.layouts) + "]").c_str(), edit.why.c_str());
+      for (const std::string& line : edit.snippet) std::printf("      %s\n", line.c_str());
+    }
+    return 0;
+  }
+
+  int run_apply() const {
+    const patch::Recipe found = recipe();
+    const patch::Outcome outcome =
+        patch::apply(found, patch::SourceTree(path), dry_run ? patch::Writing::dry_run : patch::Writing::write);
+    if (dry_run) {
+      std::fputs(outcome.diff.c_str(), stdout);
+    } else if (outcome.nothing_to_do) {
+      std::printf("%s: patched already with %s (layout %s), %s\n", path.c_str(), found.name.c_str(),
+                  outcome.layout.c_str(), size_of(outcome).c_str());
+    } else {
+      std::printf("%s: patched with %s (layout %s), %s\n", path.c_str(), found.name.c_str(), outcome.layout.c_str(),
+                  size_of(outcome).c_str());
+      std::printf("Train as ever; --boost off trains as before the patch. To undo: splatboost patch revert %s\n",
+                  path.c_str());
+    }
+    return 0;
+  }
+
+  int run_verify() const {
+    const patch::Outcome outcome = patch::verify(patch::SourceTree(path));
+    std::printf("%s: the patch of %s (layout %s) is in place, %s\n", path.c_str(), outcome.recipe.c_str(),
+                outcome.layout.c_str(), size_of(outcome).c_str());
+    print_edited(outcome);
+    return 0;
+  }
+
+  int run_status() const {
+    const patch::SourceTree tree(path);
+    if (const std::optional<patch::Manifest> manifest = patch::read_manifest(tree)) {
+      if (manifest->state == patch::State::applied) return run_verify();
+      std::printf("%s: half patched with %s, which was interrupted: splatboost patch revert %s mends it\n",
+                  path.c_str(), manifest->recipe.c_str(), path.c_str());
+      return 0;
+    }
+    const fs::path folder = recipe_folder();
+    for (const std::string& one : patch::recipe_names(folder)) {
+      const patch::Recipe found = patch::load_recipe(folder, one);
+      try {
+        (void)patch::detect_layout(found, [&](const std::string& file) { return tree.read(file); });
+      } catch (const patch::PatchError&) {  // another may fit
+        continue;
+      }
+      try {
+        const patch::Outcome outcome = patch::apply(found, tree, patch::Writing::dry_run);
+        std::printf("%s: not patched; %s fits (layout %s), %s: splatboost patch apply %s %s\n", path.c_str(),
+                    one.c_str(), outcome.layout.c_str(), size_of(outcome).c_str(), one.c_str(), path.c_str());
+      } catch (const patch::PatchError& error) {
+        std::printf("%s: not patched; %s would fit, but %s\n", path.c_str(), one.c_str(), error.what());
+      }
+      return 0;
+    }
+    std::printf("%s: not patched, and no recipe fits it\n", path.c_str());
+    return 0;
+  }
+
+  int run_revert() const {
+    const patch::Outcome outcome =
+        patch::revert(patch::SourceTree(path), dry_run ? patch::Writing::dry_run : patch::Writing::write);
+    if (outcome.nothing_to_do) {
+      if (!dry_run) std::printf("%s: not patched\n", path.c_str());
+    } else if (dry_run) {
+      std::fputs(outcome.diff.c_str(), stdout);
+    } else {
+      std::printf("%s: the patch of %s is gone\n", path.c_str(), outcome.recipe.c_str());
+      print_edited(outcome);
+    }
+    return 0;
+  }
+
+  static void print_edited(const patch::Outcome& outcome) {
+    if (!outcome.edited_by_user.empty()) {
+      std::printf("your own changes stay in %s\n", list_of(outcome.edited_by_user).c_str());
+    }
+  }
+
+  CLI::App& app;
+  CLI::App* list = nullptr;
+  CLI::App* show = nullptr;
+  CLI::App* apply = nullptr;
+  CLI::App* verify = nullptr;
+  CLI::App* status = nullptr;
+  CLI::App* revert = nullptr;
+  fs::path recipes;
+  std::string name;
+  fs::path path;
+  bool dry_run = false;
+};
+
+}  // namespace
+
+Command add_patch(CLI::App& program) {
+  CLI::App* app =
+      program.add_subcommand("patch", "Accelerate the checkout of a backbone's own repository, and undo that");
+  app->footer("splatboost patch COMMAND --help tells more. Example: splatboost patch apply 3dgs ~/gaussian-splatting");
+  const auto patch = std::make_shared<Patch>(*app);
+  return {app, [patch](const std::string&) { return patch->run(); }};
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <memory>
+
+#include "program/commands/commands.h"
+#include "program/commands/orbit.h"
+#include "program/session/model_folder.h"
+#include "program/session/run.h"
+#include "trainer/evaluation/evaluate.h"
+#include "trainer/images/video.h"
+#include "trainer/training/trainer.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kVideoFrames = 120;
+
+struct Render {
+  explicit Render(CLI::App& app) : set(app) {
+    add_source_option(set, options);
+    add_model_option(set, options, "model folder of a run");
+    set.add("--iteration", iteration, "model saved at this iteration; 0: the last", false)
+        ->type_name("N")
+        ->capture_default_str();
+    set.set_group("Output");
+    set.add("-o,--output", output, "folder of the PNG files [the model folder]", false)->type_name("DIR");
+    set.add("--orbit", orbit, "instead of the scene's views, so many on a circle around it", false)->type_name("N");
+    set.add("--video", video, "the circle as a video instead of PNG files", false)->type_name("FILE.mp4");
+    set.add("--fps", frames_per_second, "of the video", false)->type_name("N")->capture_default_str();
+    set.add("--beta", options.beta, "compact box instead of the one in training, in (0, 1]; 1: exact", false)
+        ->type_name("X");
+    add_machine_options(set, options);
+    set.set_group("Output");
+    set.add("--quiet", options.quiet, "no notes", false);
+    set.files_only();
+    add_data_options(set, options);
+    add_training_options(set, options, true);
+    add_lpips_option(set, options);
+  }
+
+  int run() {
+    if (options.model.empty()) throw UsageError("no model folder given: name it with -m/--model");
+    const nlohmann::json config = read_config(options.model);
+    apply_settings(config, (options.model / "config.json").string(), set, options);
+    check_options(options);
+    if (orbit < 0 || (set.given("orbit") && orbit == 0)) throw UsageError("--orbit must be at least 1");
+    if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
+    std::optional<float> beta = trained_beta(config);
+    if (options.beta) beta = static_cast<float>(*options.beta);
+    const fs::path saved = saved_model(options.model, iteration);
+    options.lpips.clear();
+    Workbench bench = make_workbench(options);
+    const PluggedBackbone plugged = load_model(bench, options, saved, beta);
+    if (output.empty()) output = options.model;
+    if (!video.empty() || orbit > 0) {
+      render_orbit(*plugged.backbone, bench.scene);
+    } else {
+      render_views(*plugged.backbone, bench.scene.train, output / "train" / "renders");
+      render_views(*plugged.backbone, bench.scene.test, output / "test" / "renders");
+    }
+    return 0;
+  }
+
+ private:
+  void render_views(Backbone& backbone, const std::vector<View>& views, const fs::path& folder) const {
+    if (views.empty()) return;
+    make_folder(folder);
+    const std::vector<std::string> names = picture_names(views);
+    std::vector<float> color;
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      const Camera& camera = views[i].camera;
+      render(backbone, camera, views[i].time, color);
+      write_png(folder / (names[i] + ".png"), color, camera.width, camera.height);
+    }
+    std::printf("%zu renders: %s\n", views.size(), folder.c_str());
+  }
+
+  void render_orbit(Backbone& backbone, const Scene& scene) const {
+    const int count = orbit > 0 ? orbit : kVideoFrames;
+    const std::vector<Camera> cameras = orbit_cameras(scene, count);
+    std::unique_ptr<VideoFile> file;
+    const fs::path folder = output / "orbit";
+    if (video.empty()) {
+      make_folder(folder);
+    } else {
+      file = std::make_unique<VideoFile>(video, cameras[0].width, cameras[0].height, frames_per_second);
+    }
+    std::vector<float> color;
+    for (std::size_t i = 0; i < cameras.size(); ++i) {
+      const Camera& camera = cameras[i];
+      render(backbone, camera, static_cast<float>(i) / static_cast<float>(cameras.size()), color);
+      if (file) {
+        file->add(color);
+      } else {
+        char name[32];
+        std::snprintf(name, sizeof name, "%05zu.png", i);
+        write_png(folder / name, color, camera.width, camera.height);
+      }
+    }
+    if (file) {
+      file->finish();
+      std::printf("video of %d frames: %s\n", count, video.c_str());
+    } else {
+      std::printf("%d renders: %s\n", count, folder.c_str());
+    }
+  }
+
+  static void render(Backbone& backbone, const Camera& camera, float time, std::vector<float>& color) {
+    color.resize(3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height));
+    backbone.render(camera, time, std::nullopt, color);
+  }
+
+  static void make_folder(const fs::path& folder) {
+    std::error_code error;
+    fs::create_directories(folder, error);
+    require(!error, folder.string() + ": cannot make this folder: " + error.message());
+  }
+
+  RunOptions options;
+  OptionSet set;
+  fs::path output;
+  fs::path video;
+  int iteration = 0;
+  int orbit = 0;
+  double frames_per_second = 30;
+};
+
+}  // namespace
+
+Command add_render(CLI::App& program) {
+  CLI::App* app = program.add_subcommand("render", "Render a model: the scene's views, or a circle around it");
+  app->footer("Example: splatboost render -m OUT --video turn.mp4");
+  const auto render = std::make_shared<Render>(*app);
+  return {app, [render](const std::string&) { return render->run(); }};
+}
+
+}  // namespace splatboost::program

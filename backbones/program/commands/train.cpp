@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <memory>
+
+#include "program/commands/commands.h"
+#include "program/session/model_folder.h"
+#include "program/session/run.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Train {
+  explicit Train(CLI::App& app) : set(app) {
+    add_source_option(set, options);
+    add_model_option(set, options, "output folder");
+    add_data_options(set, options);
+    add_training_options(set, options, true);
+    set.add("--resume", options.resume, "go on from a checkpoint, with its run's settings", false)->type_name("CKPT");
+    add_boost_options(set, options);
+    add_machine_options(set, options);
+    add_lpips_option(set, options);
+    add_config_option(set, options);
+  }
+
+  /// MODEL/checkpoints/iteration_N.ckpt → MODEL
+  fs::path folder_of_checkpoint() const { return fs::absolute(options.resume).parent_path().parent_path(); }
+
+  /// Settings, the weakest first: those of the run that a checkpoint is of, then --config, then the command line.
+  void read_settings() {
+    nlohmann::json settings = nlohmann::json::object();
+    std::string place = options.config.string();
+    if (!options.resume.empty()) {
+      require(fs::is_regular_file(options.resume), options.resume.string() + ": no such checkpoint");
+      const fs::path config = folder_of_checkpoint() / "config.json";
+      if (fs::exists(config)) {
+        settings = read_settings_file(config);
+        place = config.string();
+        if (options.model.empty()) options.model = folder_of_checkpoint();
+      }
+    }
+    if (!options.config.empty()) {
+      settings.merge_patch(read_settings_file(options.config));
+      place = options.config.string();
+    }
+    apply_settings(settings, place, set, options);
+  }
+
+  int run(const std::string& command_line) {
+    read_settings();
+    require_source(options);
+    if (options.model.empty()) throw UsageError("no output folder given: name it with -m/--model");
+    check_options(options);
+    boost_settings(options);
+    require_ours_or_empty(options.model);
+    Workbench bench = make_workbench(options);
+    const bool goes_on_in_place =
+        !options.resume.empty() && fs::exists(options.model) && fs::equivalent(options.model, folder_of_checkpoint());
+    if (!goes_on_in_place) take_model_folder(options.model);
+
+    const std::string label = options.boost ? "boosted" : "baseline";
+    const RunOutcome outcome = run_once(bench, set, options, options.boost, options.model, label, command_line);
+    if (outcome.interrupted_by != 0) return exit_code_of_signal(outcome.interrupted_by);
+    const std::vector<ReportView> views = write_truth(bench.scene, options.model);
+    const fs::path report = options.model / "report.html";
+    write_report(report, outcome.run.results.source + " — " + options.backbone + ", " + label, {outcome.run}, views);
+    std::printf("%s\nreport: %s\n", results_table(outcome.run.results).c_str(), report.c_str());
+    return 0;
+  }
+
+  RunOptions options;
+  OptionSet set;
+};
+
+}  // namespace
+
+Command add_train(CLI::App& program) {
+  CLI::App* app = program.add_subcommand("train", "Train a scene and measure the result");
+  app->footer("Example: splatboost train -s SCENE -m OUT --eval --iterations 7000");
+  const auto train = std::make_shared<Train>(*app);
+  return {app, [train](const std::string& command_line) { return train->run(command_line); }};
+}
+
+}  // namespace splatboost::program

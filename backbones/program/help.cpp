@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/help.h"
+
+namespace splatboost::program {
+namespace {
+
+/// Left to right; what a replacement puts in is not looked at again, except where it ends what comes before.
+void replace_all(std::string& text, const std::string& what, const std::string& by) {
+  const std::size_t skip = by.find(what) == std::string::npos ? 0 : by.size();
+  for (auto at = text.find(what); at != std::string::npos; at = text.find(what, at + skip)) {
+    text.replace(at, what.size(), by);
+  }
+}
+
+}  // namespace
+
+HelpFormatter::HelpFormatter() {
+  column_width(32);
+  label("SUBCOMMAND", "COMMAND");
+}
+
+std::string HelpFormatter::make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const {
+  std::string help = CLI::Formatter::make_help(app, std::move(name), mode);
+  replace_all(help, "\n\n\n", "\n\n");  // groups follow each other with two
+  return help;
+}
+
+std::string HelpFormatter::make_option_name(const CLI::Option* option, bool is_positional) const {
+  std::string name = CLI::Formatter::make_option_name(option, is_positional);
+  replace_all(name, "{false}", "");  // how CLI11 marks the negative of a flag
+  replace_all(name, ",", ", ");
+  return name;
+}
+
+std::string HelpFormatter::make_option_opts(const CLI::Option* option) const {
+  return option->get_type_size() == 0 ? "" : " " + option->get_type_name();
+}
+
+std::string HelpFormatter::make_option_desc(const CLI::Option* option) const {
+  const std::string value = option->get_default_str();
+  return CLI::Formatter::make_option_desc(option) + (value.empty() ? "" : " [" + value + "]");
+}
+
+}  // namespace splatboost::program

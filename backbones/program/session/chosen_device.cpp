@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/session/chosen_device.h"
+
+#include <charconv>
+#include <optional>
+#include <string_view>
+
+#include "program/session/options.h"
+#include "splatboost/errors.h"
+
+namespace splatboost::program {
+namespace {
+
+/// The number of the GPU; none: the CPU.
+std::optional<int> ordinal_of(const std::string& name) {
+  if (name == "cpu") return std::nullopt;
+  if (name == "cuda") return 0;
+  constexpr std::string_view kPrefix = "cuda:";
+  if (name.starts_with(kPrefix)) {
+    int ordinal = -1;
+    const char* const end = name.data() + name.size();
+    const auto parsed = std::from_chars(name.data() + kPrefix.size(), end, ordinal);
+    if (parsed.ec == std::errc{} && parsed.ptr == end && ordinal >= 0) return ordinal;
+  }
+  throw UsageError("--device: '" + name + "' is none of cpu, cuda and cuda:N");
+}
+
+}  // namespace
+
+void check_device_name(const std::string& name) { static_cast<void>(ordinal_of(name)); }
+
+ChosenDevice::ChosenDevice(const std::string& name, int threads) : threads_(threads) {
+  const std::optional<int> ordinal = ordinal_of(name);
+  if (!ordinal) return;
+  try {
+    stream_ = std::make_unique<CudaStream>(*ordinal);
+  } catch (const NoDeviceError& error) {
+    throw InputError("--device " + name + ": " + error.what() + "; --device cpu needs none");
+  }
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/session/model_folder.h"
+
+#include <charconv>
+#include <string_view>
+
+#include "trainer/support/atomic_file.h"
+
+namespace splatboost::program {
+namespace {
+
+using Json = nlohmann::json;
+namespace fs = std::filesystem;
+
+constexpr std::string_view kSavedPrefix = "iteration_";
+
+/// The number of "iteration_N", 0 for any other name.
+int iteration_of(const std::string& name) {
+  const std::string_view text(name);
+  if (text.substr(0, kSavedPrefix.size()) != kSavedPrefix) return 0;
+  int iteration = 0;
+  const char* const end = text.data() + text.size();
+  const auto parsed = std::from_chars(text.data() + kSavedPrefix.size(), end, iteration);
+  return parsed.ec == std::errc{} && parsed.ptr == end ? iteration : 0;
+}
+
+bool is_ours(const fs::path& folder) {
+  try {
+    return read_settings_file(folder / "config.json").contains("splatboost");
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
+}  // namespace
+
+void require_ours_or_empty(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(folder, error)) return;
+  require(fs::is_directory(folder, error), folder.string() + ": is not a folder; give another --model");
+  const bool empty = fs::is_empty(folder, error);
+  require(!error, folder.string() + ": cannot be read: " + error.message());
+  require(empty || is_ours(folder), folder.string() +
+                                        ": holds files that are not of a SplatBoost run, and they would be mixed; "
+                                        "give another --model");
+}
+
+void take_model_folder(const fs::path& folder) {
+  require_ours_or_empty(folder);
+  std::error_code error;
+  fs::create_directories(folder, error);
+  require(!error, folder.string() + ": cannot make this folder: " + error.message());
+  // What is there when a run ends must be of that run. Checkpoints are hours of work and say whose they are: they stay.
+  for (const char* name : {"point_cloud", "test", "train", "results.json", "compare.json", "report.html"}) {
+    fs::remove_all(folder / name, error);
+    require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
+  }
+}
+
+void write_config(const fs::path& folder, const OptionSet& set, const RunOptions& options, bool boost,
+                  const PluggedBackbone* plugged) {
+  Json config = set.record();
+  config["splatboost"] = SPLATBOOST_VERSION;
+  config["backbone"] = plugged ? plugged->backbone->config() : options.backbone_settings;
+  config["backbone"]["name"] = options.backbone;
+  config["boost"] = boost_settings(options);
+  config["boost"]["enabled"] = boost;
+  if (plugged) {
+    Json& trained = config["trained"];
+    trained["beta"] = plugged->beta ? readable(*plugged->beta) : Json(nullptr);
+    trained["background"] = options.scene.white_background ? "white" : "black";
+    if (config["backbone"].contains("sh_degree")) trained["sh_degree"] = config["backbone"]["sh_degree"];
+  }
+  write_text_atomically(folder / "config.json", config.dump(2) + "\n");
+}
+
+Json read_config(const fs::path& folder) {
+  std::error_code error;
+  require(fs::is_directory(folder, error), folder.string() + ": no such model folder");
+  require(fs::exists(folder / "config.json", error),
+          folder.string() + ": no model folder of SplatBoost: it has no config.json");
+  return read_settings_file(folder / "config.json");
+}
+
+std::optional<float> trained_beta(const Json& config) {
+  const std::string place = "config.json: trained: beta";
+  require(config.contains("trained") && config["trained"].is_object() && config["trained"].contains("beta"),
+          "config.json has no trained.beta: it is not of a single run; name one of its runs, such as MODEL/boosted");
+  std::optional<float> beta;
+  read_value(config["trained"]["beta"], place, beta);
+  require(!beta || (*beta > 0 && *beta <= 1), place + " must be in (0, 1]");
+  return beta;
+}
+
+fs::path saved_model(const fs::path& folder, int iteration) {
+  const fs::path saved = folder / "point_cloud";
+  if (iteration > 0) {
+    const fs::path wanted = saved / (std::string(kSavedPrefix) + std::to_string(iteration));
+    require(fs::is_directory(wanted), wanted.string() + ": no model was saved at this iteration");
+    return wanted;
+  }
+  fs::path latest;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(saved, error)) {
+    if (entry.is_directory() && iteration_of(entry.path().filename().string()) > iteration) {
+      iteration = iteration_of(entry.path().filename().string());
+      latest = entry.path();
+    }
+  }
+  require(!latest.empty(), saved.string() + ": no model was saved here; the run may have been interrupted");
+  return latest;
+}
+
+int saved_iteration(const fs::path& saved) { return iteration_of(saved.filename().string()); }
+
+}  // namespace splatboost::program

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The output folder of a run: what is ours, what a run finds there, what it leaves. docs/formats.md has the
+/// layout.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "program/session/options.h"
+#include "program/session/registry.h"
+
+namespace splatboost::program {
+
+/// Makes the folder, or takes one over that a run of ours left: its results go, its checkpoints stay. Throws
+/// InputError on a folder that holds anything else.
+void take_model_folder(const std::filesystem::path& folder);
+
+/// Throws InputError unless the folder is new, empty or ours.
+void require_ours_or_empty(const std::filesystem::path& folder);
+
+/// config.json: the options, the constants in use, and what a viewer must know of the training.
+/// @param plugged the run's backbone; null: of a comparison, which has two
+void write_config(const std::filesystem::path& folder, const OptionSet& set, const RunOptions& options, bool boost,
+                  const PluggedBackbone* plugged);
+
+/// config.json of a run; throws InputError where there is none.
+nlohmann::json read_config(const std::filesystem::path& folder);
+
+/// β the model was trained with; none: the backbone's own box.
+std::optional<float> trained_beta(const nlohmann::json& config);
+
+/// Folder of the model saved at `iteration`, or of the last one if it is 0. Throws InputError where there is none.
+std::filesystem::path saved_model(const std::filesystem::path& folder, int iteration);
+
+/// The iteration in such a folder's name.
+int saved_iteration(const std::filesystem::path& saved);
+
+}  // namespace splatboost::program

@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/session/options.h"
+
+#include <algorithm>
+#include <fstream>
+
+#include "program/session/chosen_device.h"
+#include "program/session/registry.h"
+#include "program/session/suggest.h"
+
+namespace splatboost::program {
+namespace {
+
+using Json = nlohmann::json;
+
+// Keys of a settings file that are not options: what a run says about itself, and the constants.
+const std::set<std::string>& reserved_keys() {
+  static const std::set<std::string> keys = {"splatboost", "trained", "backbone", "boost"};
+  return keys;
+}
+
+std::string backbone_names() {
+  std::string names;
+  for (const BackboneEntry& entry : backbones()) names += (names.empty() ? "" : ", ") + std::string(entry.name);
+  return names;
+}
+
+/// "30000; dropgaussian 10000": that of the first backbone, and those that differ.
+std::string published_lengths() {
+  std::string lengths = std::to_string(backbones()[0].iterations);
+  for (const BackboneEntry& entry : backbones()) {
+    if (entry.iterations == backbones()[0].iterations) continue;
+    lengths += "; " + std::string(entry.name) + " " + std::to_string(entry.iterations);
+  }
+  return lengths;
+}
+
+}  // namespace
+
+CLI::Validator unsigned_number() {
+  return CLI::Validator(
+      [](const std::string& text) { return text.substr(0, 1) == "-" ? "must be at least 0" : std::string(); }, "");
+}
+
+void OptionSet::overlay(const Json& object, const std::string& place, const std::set<std::string>& reserved) {
+  std::vector<std::string> names;
+  for (const Entry& entry : entries_) names.push_back(entry.name);
+  for (const auto& item : object.items()) {
+    if (reserved.count(item.key()) != 0) continue;
+    const auto entry =
+        std::find_if(entries_.begin(), entries_.end(), [&](const Entry& e) { return e.name == item.key(); });
+    if (entry == entries_.end()) {
+      names.insert(names.end(), reserved.begin(), reserved.end());
+      throw InputError(place + ": unknown key '" + item.key() + "'" + did_you_mean(item.key(), names));
+    }
+    if (entry->option->count() == 0) entry->read(item.value(), place + ": " + item.key());
+  }
+}
+
+Json OptionSet::record() const {
+  Json object = Json::object();
+  for (const Entry& entry : entries_) {
+    if (!entry.recorded) continue;
+    Json value = entry.write();
+    if (!value.is_null() && !(value.is_array() && value.empty())) object[entry.name] = std::move(value);
+  }
+  return object;
+}
+
+bool OptionSet::given(const std::string& name) const {
+  return std::any_of(entries_.begin(), entries_.end(),
+                     [&](const Entry& entry) { return entry.name == name && entry.option->count() > 0; });
+}
+
+void add_source_option(OptionSet& set, RunOptions& options) {
+  set.set_group("Data");
+  set.add("-s,--source", options.scene.source, "scene folder: COLMAP, Blender or nerfstudio; or packed scene")
+      ->type_name("DIR");
+}
+
+void add_model_option(OptionSet& set, RunOptions& options, const std::string& help) {
+  set.set_group("Data");
+  set.add("-m,--model", options.model, help, false)->type_name("DIR");
+}
+
+void add_data_options(OptionSet& set, RunOptions& options) {
+  SceneOptions& scene = options.scene;
+  set.set_group("Data");
+  set.add("-r,--resolution", scene.resolution, kResolutionHelp)->type_name("N");
+  set.add("--eval", scene.eval, "hold out test views (every llffhold-th, or the dataset's own)");
+  set.add("--llffhold", scene.llffhold, "every so many views is a test view")->type_name("N")->capture_default_str();
+  set.add("--test-list", scene.test_list, "file naming the test images, one a line")->type_name("FILE");
+  set.add("--n-views", scene.n_views, "train on so many views, evenly spread; 0: all")
+      ->type_name("N")
+      ->capture_default_str();
+  set.add("-i,--images", scene.images, kImagesHelp)->type_name("NAME");
+  set.add("-w,--white-background", scene.white_background, "white instead of black behind the scene");
+}
+
+void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost) {
+  set.set_group("Training");
+  set.add("--backbone", options.backbone, "method to train: " + backbone_names(), false)
+      ->type_name("NAME")
+      ->capture_default_str();
+  if (choose_boost)
+    set.add("--boost,!--no-boost", options.boost, "train accelerated (default), or as published", false);
+  set.add("--iterations", options.iterations,
+          "length of the run; schedules scale with it [" + published_lengths() + "]")
+      ->type_name("N");
+  set.add("--max-primitives", options.max_primitives, "hard cap on primitives; 0: none")
+      ->type_name("N")
+      ->capture_default_str();
+  set.add("--seed", options.seed, "same seed, same bytes")->type_name("N")->capture_default_str();
+  set.add("--save-iterations", options.save_iterations, "save the model at these too")
+      ->type_name("N,N")
+      ->delimiter(',');
+  set.add("--checkpoint-iterations", options.checkpoint_iterations, "write a checkpoint at these")
+      ->type_name("N,N")
+      ->delimiter(',');
+}
+
+void add_boost_options(OptionSet& set, RunOptions& options) {
+  set.set_group("Acceleration");
+  set.add("--beta", options.beta, "compact box, in (0, 1]; smaller: faster, cuts faint rims [0.5; scaffold-gs 0.7]",
+          false)
+      ->type_name("X");
+  set.add("--tau-d", options.tau_d, "importance a primitive needs to grow (docs/method.md); larger: fewer [5]", false)
+      ->type_name("X");
+  set.add("--views", options.views, "K: views that score the primitives [10]", false)->type_name("N");
+  set.add("--no-vcd", options.no_vcd, "without multi-view consistent densification", false);
+  set.add("--no-vcp", options.no_vcp, "without multi-view consistent pruning", false);
+  set.add("--no-cb", options.no_cb, "without the compact box", false);
+  set.add("--no-absgrad", options.no_absgrad, "without absolute gradients", false);
+  set.add("--no-schedule", options.no_schedule, "without the optimizer schedule", false);
+  set.add("--no-coarse", options.no_coarse, "without a start on views of half the size", false);
+}
+
+void add_machine_options(OptionSet& set, RunOptions& options) {
+  set.set_group("Machine");
+  set.add("--device", options.device, "cpu, cuda, or cuda:N of several GPUs")->type_name("NAME")->capture_default_str();
+  set.add("--threads", options.threads, "threads that work at a time; 0: one a hardware thread")
+      ->type_name("N")
+      ->capture_default_str();
+}
+
+void add_lpips_option(OptionSet& set, RunOptions& options) {
+  set.set_group("Output");
+  set.add("--lpips", options.lpips, "measure LPIPS with this network (made by scripts/lpips_to_onnx)")
+      ->type_name("ONNX");
+}
+
+void add_config_option(OptionSet& set, RunOptions& options) {
+  set.set_group("Output");
+  set.add("--config", options.config, "settings from a file, such as config.json of a run", false)->type_name("FILE");
+  set.add("--quiet", options.quiet, "no progress line", false);
+}
+
+Json read_json_file(const std::filesystem::path& path) {
+  std::ifstream stream(path);
+  if (!stream) throw InputError(path.string() + ": no such file, or it cannot be opened");
+  Json settings;
+  try {
+    settings = Json::parse(stream, nullptr, true, true);
+  } catch (const Json::parse_error& error) {
+    // "[json.exception.parse_error.101] parse error at line 1, column 2: …"
+    std::string what = error.what();
+    if (const auto bracket = what.find("] "); bracket != std::string::npos) what.erase(0, bracket + 2);
+    throw InputError(path.string() + ": not JSON: " + what);
+  }
+  if (!settings.is_object()) throw InputError(path.string() + ": must hold a JSON object");
+  return settings;
+}
+
+Json read_settings_file(const std::filesystem::path& path) {
+  Json settings = read_json_file(path);
+  if (settings.contains("backbone") && settings["backbone"].is_string()) {
+    settings["backbone"] = {{"name", settings["backbone"]}};
+  }
+  if (settings.contains("boost") && settings["boost"].is_boolean()) {
+    settings["boost"] = {{"enabled", settings["boost"]}};
+  }
+  return settings;
+}
+
+void apply_settings(const Json& settings, const std::string& place, OptionSet& set, RunOptions& options) {
+  set.overlay(settings, place, reserved_keys());
+  if (settings.contains("backbone")) {
+    Json constants = settings["backbone"];
+    require(constants.is_object(), place + ": backbone must be a name or an object");
+    if (constants.contains("name")) {
+      std::string name;
+      read_value(constants["name"], place + ": backbone: name", name);
+      constants.erase("name");
+      if (!set.given("backbone")) options.backbone = name;
+      require(options.backbone == name || constants.empty(),
+              place + ": its constants are of backbone '" + name + "', but --backbone is '" + options.backbone + "'");
+    }
+    options.backbone_settings = std::move(constants);
+  }
+  if (settings.contains("boost")) {
+    Json boost = settings["boost"];
+    require(boost.is_object(), place + ": boost must be true, false or an object");
+    if (boost.contains("enabled")) {
+      bool enabled = true;
+      read_value(boost["enabled"], place + ": boost: enabled", enabled);
+      boost.erase("enabled");
+      if (!set.given("boost")) options.boost = enabled;
+    }
+    options.boost_settings = std::move(boost);
+  }
+}
+
+Json boost_settings(const RunOptions& options) {
+  Json settings = options.boost_settings;
+  if (options.beta) settings["beta"] = *options.beta;
+  if (options.tau_d) settings["tau_d"] = *options.tau_d;
+  if (options.views) settings["views"] = *options.views;
+  if (options.no_vcd) settings["vcd"] = false;
+  if (options.no_vcp) settings["vcp"] = false;
+  if (options.no_cb) settings["cb"] = false;
+  if (options.no_absgrad) settings["absgrad"] = false;
+  if (options.no_schedule) settings["schedule"] = false;
+  if (options.no_coarse) settings["coarse"] = false;
+  return find_backbone(options.backbone).boost_settings(settings);
+}
+
+void check_options(RunOptions& options) {
+  const auto usage = [](bool holds, const std::string& what) {
+    if (!holds) throw UsageError(what);
+  };
+  check_device_name(options.device);
+  usage(options.threads >= 0, "--threads must be at least 0");
+  usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
+  const int resolution = options.scene.resolution.value_or(-1);
+  usage(resolution == -1 || resolution >= 1, "--resolution must be -1 or at least 1");
+  usage(options.scene.llffhold >= 1, "--llffhold must be at least 1");
+  usage(options.scene.n_views >= 0, "--n-views must be at least 0");
+  usage(!options.beta || (*options.beta > 0 && *options.beta <= 1), "--beta must be in (0, 1]");
+  usage(!options.tau_d || *options.tau_d >= 0, "--tau-d must be at least 0");
+  usage(!options.views || *options.views >= 1, "--views must be at least 1");
+  for (const int iteration : options.save_iterations) {
+    usage(iteration >= 1, "--save-iterations must be at least 1");
+  }
+  for (const int iteration : options.checkpoint_iterations) {
+    usage(iteration >= 1, "--checkpoint-iterations must be at least 1");
+  }
+  if (!options.iterations) options.iterations = find_backbone(options.backbone).iterations;
+}
+
+void require_source(const RunOptions& options) {
+  if (options.scene.source.empty()) {
+    throw UsageError("no scene given: name its folder with -s/--source; 'splatboost synth DIR' makes one to try");
+  }
+}
+
+}  // namespace splatboost::program

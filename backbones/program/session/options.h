@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The options that subcommands share, from the command line and from --config files.
+#pragma once
+
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "splatboost/schedule.h"
+#include "trainer/dataset/read_scene.h"
+#include "trainer/support/input_error.h"
+#include "trainer/support/json_values.h"
+
+namespace splatboost::program {
+
+/// A mistake in how the program was called: the message is followed by where to read more.
+class UsageError : public InputError {
+ public:
+  using InputError::InputError;
+};
+
+/// Refuses a sign: the parser would take -1 for the largest number there is.
+CLI::Validator unsigned_number();
+
+/// Options that a JSON file can give too, by their long names. The command line wins over the file.
+class OptionSet {
+ public:
+  /// Options join the app's help under the current group.
+  explicit OptionSet(CLI::App& app) : app_(&app) {}
+
+  void set_group(std::string group) { group_ = std::move(group); }
+  /// Options from here on can be given by files only: those of another subcommand whose files this one reads.
+  void files_only() { app_ = &unseen_; }
+
+  /// @param recorded whether config.json of a run holds it
+  template <class T>
+  CLI::Option* add(const std::string& names, T& value, const std::string& help, bool recorded = true) {
+    CLI::Option* option = nullptr;
+    if constexpr (std::same_as<T, bool>) {
+      option = app_->add_flag(names, value, help);
+    } else {
+      option = app_->add_option(names, value, help);
+    }
+    option->group(group_);
+    if constexpr (std::unsigned_integral<T> && !std::same_as<T, bool>) option->check(unsigned_number());
+    Entry entry;
+    entry.option = option;
+    entry.name = option->get_lnames().front();
+    entry.recorded = recorded;
+    entry.read = [&value](const nlohmann::json& json, const std::string& place) { read_value(json, place, value); };
+    entry.write = [&value] { return to_record(value); };
+    entries_.push_back(std::move(entry));
+    return option;
+  }
+
+  /// Takes the values of a file's object for options that the command line does not give. Keys in `reserved` are
+  /// somebody else's; any other unknown key throws InputError.
+  void overlay(const nlohmann::json& object, const std::string& place, const std::set<std::string>& reserved);
+
+  /// Values of the recorded options, paths made absolute, empty ones left out.
+  nlohmann::json record() const;
+
+  bool given(const std::string& name) const;
+
+ private:
+  struct Entry {
+    CLI::Option* option = nullptr;
+    std::string name;
+    bool recorded = true;
+    std::function<void(const nlohmann::json&, const std::string&)> read;
+    std::function<nlohmann::json()> write;
+  };
+
+  template <class T>
+  static nlohmann::json to_record(const T& value) {
+    return value;
+  }
+  template <class T>
+  static nlohmann::json to_record(const std::optional<T>& value) {
+    return value ? nlohmann::json(*value) : nlohmann::json(nullptr);
+  }
+  static nlohmann::json to_record(const std::filesystem::path& value) {
+    return value.empty() ? nlohmann::json(nullptr)
+                         : nlohmann::json(std::filesystem::absolute(value).lexically_normal().string());
+  }
+
+  CLI::App* app_;
+  CLI::App unseen_;
+  std::string group_ = "Options";
+  std::vector<Entry> entries_;
+};
+
+inline constexpr char kResolutionHelp[] =
+    "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide [-1]";
+inline constexpr char kImagesHelp[] = "image folder of a COLMAP scene [images]";
+
+/// What a run is told.
+struct RunOptions {
+  SceneOptions scene;
+  std::filesystem::path model;
+  std::string backbone = "vanilla";
+  bool boost = true;
+  std::optional<int> iterations;  ///< of every run after check_options()
+  std::uint64_t seed = 0;
+  std::size_t max_primitives = 0;
+  std::string device = "cpu";
+  int threads = 0;
+  std::optional<double> beta;
+  std::optional<double> tau_d;
+  std::optional<int> views;
+  bool no_vcd = false;
+  bool no_vcp = false;
+  bool no_cb = false;
+  bool no_absgrad = false;
+  bool no_schedule = false;
+  bool no_coarse = false;
+  std::filesystem::path lpips;
+  std::filesystem::path config;
+  std::vector<int> save_iterations;
+  std::vector<int> checkpoint_iterations;
+  std::filesystem::path resume;
+  bool quiet = false;
+
+  /// Constants that files give to the backbone and to its acceleration.
+  nlohmann::json backbone_settings = nlohmann::json::object();
+  nlohmann::json boost_settings = nlohmann::json::object();
+};
+
+void add_source_option(OptionSet& set, RunOptions& options);
+void add_model_option(OptionSet& set, RunOptions& options, const std::string& help);
+void add_data_options(OptionSet& set, RunOptions& options);
+/// @param choose_boost whether the run is either boosted or not; compare does both
+void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost);
+void add_boost_options(OptionSet& set, RunOptions& options);
+void add_machine_options(OptionSet& set, RunOptions& options);
+void add_lpips_option(OptionSet& set, RunOptions& options);
+void add_config_option(OptionSet& set, RunOptions& options);
+
+/// Parses a file that holds a JSON object; throws InputError with its name and the place of a mistake.
+nlohmann::json read_json_file(const std::filesystem::path& path);
+
+/// A settings file as an object: {"backbone": {"name", constants…}, "boost": {"enabled", settings…}, options…}.
+/// "backbone" may be just the name and "boost" just true or false; both come out as objects.
+nlohmann::json read_settings_file(const std::filesystem::path& path);
+
+/// Takes a settings object into the options that the command line does not give.
+void apply_settings(const nlohmann::json& settings, const std::string& place, OptionSet& set, RunOptions& options);
+
+/// Settings of the acceleration: of the files, overlaid with the command line; complete and checked.
+nlohmann::json boost_settings(const RunOptions& options);
+
+/// Throws on values no run can have, and on --device cuda for a backbone that has none. Names the option. Where no
+/// length is given, the run gets that of its backbone as published.
+void check_options(RunOptions& options);
+
+/// Throws UsageError unless a source is given.
+void require_source(const RunOptions& options);
+
+}  // namespace splatboost::program

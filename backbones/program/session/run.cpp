@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/session/run.h"
+#include "trainer/evaluation/evaluate.h"
+#include "trainer/support/process_info.h"
+
+#include <malloc.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+
+#include "program/session/model_folder.h"
+#include "trainer/backbone_api/memory_estimate.h"
+#include "trainer/evaluation/multi_scale.h"
+#include "trainer/support/atomic_file.h"
+#include "trainer/training/trainer.h"
+
+namespace splatboost::program {
+namespace {
+
+using Json = nlohmann::json;
+namespace fs = std::filesystem;
+
+std::string scene_name(const fs::path& source) {
+  // "scene/" and "." have no file name of their own.
+  const fs::path whole = fs::absolute(source).lexically_normal();
+  if (fs::is_regular_file(whole)) return whole.stem().string();  // a packed scene is the scene
+  return whole.has_filename() ? whole.filename().string() : whole.parent_path().filename().string();
+}
+
+/// What a checkpoint must agree on, by the names that settings files use.
+Json identity_of(const RunOptions& options, bool boost, const Json& constants) {
+  Json identity = {{"backbone", options.backbone},
+                   {"boost", boost},
+                   {"scene", scene_name(options.scene.source)},
+                   {"max-primitives", options.max_primitives},
+                   {"white-background", options.scene.white_background}};
+  for (const auto& [key, value] : constants.items()) identity["backbone: " + key] = value;
+  if (boost) {
+    const Json settings = boost_settings(options);
+    for (const auto& [key, value] : settings.items()) identity["boost: " + key] = value;
+  }
+  return identity;
+}
+
+void tell_memory(const MemoryEstimate& memory, std::size_t primitives, const RunOptions& options,
+                 const std::string& label, std::uint64_t resident) {
+  const std::size_t cap = options.max_primitives;
+  if (!options.quiet) std::fprintf(stderr, "%s: %s\n", label.c_str(), memory_text(memory, primitives, cap).c_str());
+  const auto warning = memory_warning(memory, primitives, cap, resident, free_memory_bytes());
+  if (warning) std::fprintf(stderr, "%s: %s\n", label.c_str(), warning->c_str());
+}
+
+/// Most primitives that a run is known to have had.
+std::size_t most_primitives(const std::vector<CurvePoint>& curve, std::size_t at_the_end) {
+  std::size_t most = at_the_end;
+  for (const CurvePoint& point : curve) most = std::max(most, point.primitives);
+  return most;
+}
+
+BackboneContext context_of(Workbench& bench, const RunOptions& options) {
+  return {
+      bench.scene,           bench.device->threads(), options.seed, options.iterations.value(), options.max_primitives,
+      bench.device->device()};
+}
+
+}  // namespace
+
+Workbench make_workbench(const RunOptions& options) {
+  require_source(options);
+  Workbench bench;
+  SceneOptions scene = options.scene;
+  scene.seed = options.seed;
+  // Before the data: what cannot be had should not cost the time to read them.
+  bench.device = std::make_unique<ChosenDevice>(options.device, options.threads);
+  if (!options.lpips.empty()) bench.lpips = std::make_unique<Lpips>(options.lpips);
+  bench.scene = read_scene(scene);
+  if (!options.quiet) {
+    for (const std::string& note : bench.scene.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
+  }
+  return bench;
+}
+
+RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
+                    const fs::path& folder, const std::string& label, const std::string& command) {
+  // Each run's peak is its own: what an earlier run freed goes back to the system first.
+  malloc_trim(0);
+  reset_peak_memory();
+  const std::uint64_t resident = resident_memory_bytes();
+
+  const Json settings = boost_settings(options);
+  const PluggedBackbone plugged =
+      find_backbone(options.backbone)
+          .make(context_of(bench, options), options.backbone_settings, boost ? &settings : nullptr);
+  Backbone& backbone = *plugged.backbone;
+  write_config(folder, set, options, boost, &plugged);
+  bench.scene.train_halves.clear();
+  if (plugged.coarse_until > 0) bench.scene.train_halves = half_views(bench.scene.train, bench.device->threads());
+  const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
+
+  TrainOptions train_options;
+  train_options.iterations = options.iterations.value();
+  train_options.seed = options.seed;
+  train_options.model = folder;
+  train_options.coarse_iterations = static_cast<int>(std::lround(plugged.coarse_until * train_options.iterations));
+  train_options.save_iterations = options.save_iterations;
+  train_options.checkpoint_iterations = options.checkpoint_iterations;
+  train_options.resume = options.resume;
+  train_options.identity = identity_of(options, boost, backbone.config());
+  // On a GPU primitives take none of the host's memory, which is what is estimated.
+  const bool on_host = !bench.device->device().is_cuda();
+  if (on_host) {
+    train_options.on_start = [&](std::size_t primitives) { tell_memory(memory, primitives, options, label, resident); };
+  }
+  train_options.label = label;
+  train_options.quiet = options.quiet;
+  TrainOutcome trained = train(backbone, bench.scene, train_options);
+  if (trained.interrupted_by != 0) {
+    std::fprintf(stderr, "interrupted after iteration %d; go on with: splatboost train --resume %s\n",
+                 trained.iteration, trained.checkpoint.c_str());
+    return {trained.interrupted_by, {}};
+  }
+
+  RunOutcome outcome;
+  outcome.run.label = label;
+  Results& results = outcome.run.results;
+  results.backbone = options.backbone;
+  results.boost = boost;
+  results.iterations = options.iterations.value();
+  results.primitives = backbone.primitives();
+  results.train_seconds = trained.seconds;
+  results.peak_memory_bytes = peak_memory_bytes();
+  if (on_host) results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
+  results.storage_bytes = trained.storage_bytes;
+  results.device = bench.device->name();
+  results.machine = machine_name();
+  results.threads = bench.device->threads().count();
+  results.seed = options.seed;
+  results.version = SPLATBOOST_VERSION;
+  results.command = command;
+  results.date = utc_now();
+  results.source = scene_name(options.scene.source);
+  results.width = bench.scene.train[0].camera.width;
+  results.height = bench.scene.train[0].camera.height;
+  results.stage_seconds = trained.stage_seconds;
+  results.curve = std::move(trained.curve);
+  outcome.run.renders = folder / (bench.scene.test.empty() ? "train" : "test") / "renders";
+  evaluate(backbone, bench.scene, bench.lpips.get(), outcome.run.renders, results);
+  write_text_atomically(folder / "results.json", to_json(results).dump(2) + "\n");
+  return outcome;
+}
+
+std::vector<ReportView> write_truth(const Scene& scene, const fs::path& folder) {
+  const std::vector<View>& views = measured_views(scene);
+  const std::vector<std::string> names = picture_names(views);
+  const fs::path truth = folder / (scene.test.empty() ? "train" : "test") / "truth";
+  fs::create_directories(truth);
+  std::vector<ReportView> report_views;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const fs::path picture = truth / (names[i] + ".png");
+    write_png(picture, views[i].color, views[i].camera.width, views[i].camera.height);
+    report_views.push_back({views[i].name, picture});
+  }
+  return report_views;
+}
+
+std::string results_table(const Results& results) {
+  const std::vector<ResultRow> rows = result_rows(std::span(&results, 1));
+  // Columns are of characters, of which UTF-8's continuation bytes are none.
+  const auto width = [](const std::string& text) {
+    return std::count_if(text.begin(), text.end(),
+                         [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; });
+  };
+  std::ptrdiff_t label_width = 0;
+  std::ptrdiff_t value_width = 0;
+  for (const ResultRow& row : rows) {
+    label_width = std::max(label_width, width(row.label));
+    value_width = std::max(value_width, width(row.values.at(0)));
+  }
+  std::string table;
+  for (const ResultRow& row : rows) {
+    table += row.label + std::string(static_cast<std::size_t>(label_width - width(row.label)), ' ') + "  " +
+             std::string(static_cast<std::size_t>(value_width - width(row.values[0])), ' ') + row.values[0] + "\n";
+  }
+  return table;
+}
+
+PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const fs::path& saved,
+                           std::optional<float> beta) {
+  PluggedBackbone plugged =
+      find_backbone(options.backbone).make(context_of(bench, options), options.backbone_settings, nullptr);
+  plugged.backbone->import_model(saved);
+  plugged.backbone->rasterizer_hook().set_beta(beta);
+  plugged.beta = beta;
+  return plugged;
+}
+
+int exit_code_of_signal(int signal_number) { return 128 + signal_number; }
+
+}  // namespace splatboost::program

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Trainable rows with their gradients and Adam moments; they follow clones, splits and removals together.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "splatboost/adam.h"
+#include "splatboost/array.h"
+#include "splatboost/device.h"
+#include "trainer/support/archive.h"
+
+namespace splatboost {
+
+/// One tensor [rows, width] in the memory of a device; lists of rows lie there too. Invariant: values, gradients and
+/// moments have the same size.
+struct ParameterGroup {
+  std::string name;
+  std::size_t width = 1;
+  Array<float> values;
+  Array<float> gradients;  ///< accumulate until the next step
+  Array<float> first_moments;
+  Array<float> second_moments;
+  std::int64_t steps = 0;  ///< Adam steps so far
+  bool pending = false;    ///< gradients hold something not yet applied
+
+  /// In memory of the host.
+  ParameterGroup(std::string group_name, std::size_t row_width) : name(std::move(group_name)), width(row_width) {}
+  ParameterGroup(std::string group_name, std::size_t row_width, Device device)
+      : name(std::move(group_name)),
+        width(row_width),
+        values(device),
+        gradients(device),
+        first_moments(device),
+        second_moments(device) {}
+
+  std::size_t rows() const { return values.size() / width; }
+  /// Replaces the values; gradients and moments restart at zero.
+  void assign(std::vector<float> new_values);
+  /// One Adam step with what has accumulated; does nothing if nothing has.
+  void step(const AdamOptions& options, Device device);
+  /// Sets moments to zero (3DGS does so for opacities it resets).
+  void forget_moments();
+  /// Leaves the rows that the list names, in its order (rows.h).
+  void select(std::span<const std::uint32_t> rows, Array<float>& workspace);
+  /// Makes room for so many rows in all: where memory is short nothing has changed.
+  void reserve_rows(std::size_t rows);
+  /// Appends copies of rows; their moments and gradients are zero.
+  void append_copies(std::span<const std::uint32_t> source_rows);
+  void save(ArchiveWriter& archive) const;
+  void load(const ArchiveReader& archive);
+};
+
+}  // namespace splatboost

@@ -1,0 +1,501 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/dataset/read_scene.h"
+
+#include <algorithm>
+#include <atomic>
+#include <charconv>
+#include <cmath>
+#include <exception>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <thread>
+#include <utility>
+
+#include <glm/geometric.hpp>
+#include <glm/mat3x3.hpp>
+#include <glm/matrix.hpp>
+
+#include "splatboost/random.h"
+#include "trainer/dataset/colmap.h"
+#include "trainer/dataset/packed_scene.h"
+#include "trainer/dataset/splat_ply.h"
+#include "trainer/dataset/transforms.h"
+#include "trainer/dataset/view_image.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+constexpr float kBlenderBox = 1.3f;  // 3DGS's for NeRF-synthetic, whose objects fit into it
+constexpr char kImages[] = "images";
+constexpr int kResolution = -1;
+
+/// What a dataset lists, before any photo is read.
+struct Dataset {
+  std::filesystem::path listing;   ///< the file to name in messages
+  std::vector<std::string> names;  ///< of all photos; those of a test split of the dataset's own come last
+  std::size_t own_test = 0;        ///< how many these are
+  bool has_test_split = false;
+  bool blender = false;
+  PointCloud points;
+  std::vector<Photo> photos;                  ///< of a folder
+  std::shared_ptr<const PackedScene> packed;  ///< instead
+};
+
+bool is_file(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::is_regular_file(path, ignored);
+}
+
+Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& folder) {
+  ColmapModel model = read_colmap_model(folder);
+  Dataset dataset;
+  dataset.listing = model.images_file;
+  const std::filesystem::path images = options.source / options.images.value_or(kImages);
+  std::error_code ignored;
+  if (!model.images.empty() && !std::filesystem::is_directory(images, ignored)) {
+    throw InputError(images.string() + ": the image folder does not exist; name the right one with --images");
+  }
+  dataset.photos = colmap_photos(model, images);
+  dataset.points = std::move(model.points);
+  return dataset;
+}
+
+Dataset read_blender(const SceneOptions& options, const std::filesystem::path& train) {
+  Dataset dataset;
+  dataset.listing = train;
+  dataset.blender = true;
+  Transforms transforms = read_transforms(train);
+  dataset.photos = std::move(transforms.photos);
+  if (const auto test = options.source / "transforms_test.json"; is_file(test)) {
+    std::vector<Photo> held_out = read_transforms(test).photos;
+    dataset.own_test = held_out.size();
+    dataset.has_test_split = true;
+    std::ranges::move(held_out, std::back_inserter(dataset.photos));
+  }
+  if (!transforms.points_file.empty()) {
+    dataset.points = read_point_ply(transforms.points_file);
+  } else if (const auto points = options.source / "points3d.ply"; is_file(points)) {
+    dataset.points = read_point_ply(points);  // where 3DGS leaves the points that it drew
+  }
+  return dataset;
+}
+
+Dataset read_frames(const std::filesystem::path& file) {
+  Dataset dataset;
+  dataset.listing = file;
+  Transforms transforms = read_transforms(file);
+  dataset.photos = std::move(transforms.photos);
+  std::ranges::stable_sort(dataset.photos, {}, &Photo::name);
+  if (!transforms.points_file.empty()) dataset.points = read_point_ply(transforms.points_file);
+  return dataset;
+}
+
+Dataset read_folder(const SceneOptions& options) {
+  const std::filesystem::path& source = options.source;
+  if (const auto model = find_colmap_model(source)) return read_colmap(options, *model);
+  if (const auto file = source / "transforms_train.json"; is_file(file)) return read_blender(options, file);
+  if (const auto file = source / "transforms.json"; is_file(file)) return read_frames(file);
+  throw InputError(source.string() +
+                   ": holds no dataset (looked for sparse/0/cameras.bin, sparse/0/cameras.txt, "
+                   "sparse/cameras.bin, sparse/cameras.txt, transforms_train.json, transforms.json)");
+}
+
+/// Refuses options that ask for other pictures than the packed ones.
+void check_packed_pictures(const SceneOptions& options, const PackedListing& listing) {
+  const std::string again = "; pack the scene again to get those";
+  if (options.images && *options.images != listing.images) {
+    throw InputError(options.source.string() + ": was packed from the image folder '" + listing.images +
+                     "', --images asks for '" + *options.images + "'" + again);
+  }
+  if (!options.resolution) return;
+  for (const PackedPhoto& photo : listing.photos) {
+    const ImageSize asked = target_size(photo.photo_width, photo.photo_height, *options.resolution);
+    const ImageSize packed{photo.view.camera.width, photo.view.camera.height};
+    if (asked == packed) continue;
+    const auto text = [](ImageSize size) { return std::to_string(size.width) + "x" + std::to_string(size.height); };
+    throw InputError(options.source.string() + ": its pictures were packed at " + text(packed) + ", --resolution " +
+                     std::to_string(*options.resolution) + " asks for " + text(asked) + again);
+  }
+}
+
+Dataset read_packed(const SceneOptions& options) {
+  Dataset dataset;
+  dataset.listing = options.source;
+  dataset.packed = std::make_shared<const PackedScene>(options.source);
+  const PackedListing& listing = dataset.packed->listing();
+  check_packed_pictures(options, listing);
+  for (const PackedPhoto& photo : listing.photos) dataset.names.push_back(photo.view.name);
+  dataset.own_test = listing.own_test;
+  dataset.has_test_split = listing.has_test_split;
+  dataset.blender = listing.blender;
+  dataset.points = listing.points;
+  return dataset;
+}
+
+Dataset read_dataset(const SceneOptions& options) {
+  const std::filesystem::path& source = options.source;
+  std::error_code ignored;
+  if (source.empty()) throw InputError("no scene is given; name its folder with --source");
+  if (!std::filesystem::exists(source, ignored)) throw InputError(source.string() + ": does not exist");
+  Dataset dataset;
+  if (std::filesystem::is_directory(source, ignored)) {
+    dataset = read_folder(options);
+    for (const Photo& photo : dataset.photos) dataset.names.push_back(photo.name);
+  } else if (is_packed_scene(source)) {
+    dataset = read_packed(options);
+  } else {
+    throw InputError(source.string() +
+                     ": is not a folder, and no packed scene of SplatBoost either; --source takes one of them");
+  }
+  if (dataset.names.empty()) throw InputError(dataset.listing.string() + ": lists no images");
+  return dataset;
+}
+
+/// Names of a list file, one a line; empty lines and # comments do not count.
+std::vector<std::string> read_names(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  if (!is_file(file) || !in) throw InputError(file.string() + ": the list of test images cannot be opened");
+  std::vector<std::string> names;
+  for (std::string line; std::getline(in, line);) {
+    const std::size_t begin = line.find_first_not_of(" \t\r");
+    if (begin == std::string::npos || line[begin] == '#') continue;
+    names.push_back(line.substr(begin, line.find_last_not_of(" \t\r") - begin + 1));
+  }
+  if (names.empty()) throw InputError(file.string() + ": the list of test images is empty");
+  return names;
+}
+
+/// A name may be written with or without its folder, and with or without its extension.
+bool names_match(const std::string& listed, const std::string& name) {
+  const std::filesystem::path path(name);
+  return listed == name || listed == path.filename().string() || listed == path.stem().string() ||
+         listed == (path.parent_path() / path.stem()).generic_string();
+}
+
+/// Indices into Dataset::names.
+struct Split {
+  std::vector<std::size_t> train;
+  std::vector<std::size_t> test;
+};
+
+Split split_photos(const SceneOptions& options, const Dataset& dataset) {
+  Split split;
+  const auto put = [&](std::size_t photo, bool is_test) { (is_test ? split.test : split.train).push_back(photo); };
+  const std::size_t count = dataset.names.size();
+  if (!options.test_list.empty()) {
+    const std::vector<std::string> names = read_names(options.test_list);
+    std::vector<bool> used(names.size(), false);
+    for (std::size_t photo = 0; photo < count; ++photo) {
+      bool is_test = false;
+      for (std::size_t i = 0; i < names.size(); ++i) {
+        if (!names_match(names[i], dataset.names[photo])) continue;
+        used[i] = true;
+        is_test = true;
+      }
+      put(photo, is_test);
+    }
+    if (const auto unused = std::ranges::find(used, false); unused != used.end()) {
+      throw InputError(options.test_list.string() + ": the test image '" +
+                       names[static_cast<std::size_t>(unused - used.begin())] + "' matches no image of " +
+                       dataset.listing.string());
+    }
+  } else if (dataset.has_test_split) {
+    // Without --eval nothing is held out, as in 3DGS.
+    for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo >= count - dataset.own_test);
+  } else {
+    const auto every = static_cast<std::size_t>(options.llffhold);
+    for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo % every == 0);
+  }
+  if (split.train.empty()) {
+    throw InputError(
+        dataset.listing.string() + ": all " + std::to_string(split.test.size()) +
+        " images are held out for the test, none is left for training; raise --llffhold or shorten the list");
+  }
+  return split;
+}
+
+/// `count` photos from the first to the last, in even steps; half a step goes to the even neighbour, as numpy's
+/// rounding does in the published few-view splits.
+std::vector<std::size_t> spread(const std::vector<std::size_t>& photos, std::size_t count) {
+  if (count >= photos.size()) return photos;
+  std::vector<std::size_t> kept;
+  for (std::size_t i = 0; i < count; ++i) {
+    std::size_t index = 0;
+    if (count > 1) {
+      const std::size_t steps = count - 1, way = i * (photos.size() - 1);
+      index = way / steps;
+      const std::size_t twice_the_rest = 2 * (way % steps);
+      if (twice_the_rest > steps || (twice_the_rest == steps && index % 2 == 1)) ++index;
+    }
+    kept.push_back(photos[index]);
+  }
+  return kept;
+}
+
+/// Points that somebody triangulated from these few views alone, where the few-view datasets keep them. Those of the
+/// COLMAP model come from all photos, the held-out ones too.
+std::filesystem::path few_view_file(const std::filesystem::path& source, int views) {
+  return source / (std::to_string(views) + "_views") / "dense" / "fused.ply";
+}
+
+std::optional<PointCloud> few_view_points(const SceneOptions& options, const Dataset& dataset) {
+  if (options.n_views == 0) return std::nullopt;
+  if (dataset.packed) {
+    const auto& clouds = dataset.packed->listing().few_view_points;
+    const auto found = clouds.find(options.n_views);
+    return found == clouds.end() ? std::nullopt : std::optional(found->second);
+  }
+  const std::filesystem::path file = few_view_file(options.source, options.n_views);
+  return is_file(file) ? std::optional(read_point_ply(file)) : std::nullopt;
+}
+
+/// Those of every number of views that the folder has points of.
+std::map<int, PointCloud> all_few_view_points(const std::filesystem::path& source) {
+  std::map<int, PointCloud> clouds;
+  for (const auto& entry : std::filesystem::directory_iterator(source)) {
+    const std::string name = entry.path().filename().string();
+    int views = 0;
+    std::from_chars(name.data(), name.data() + name.size(), views);
+    if (views < 1 || name != std::to_string(views) + "_views") continue;
+    const std::filesystem::path file = few_view_file(source, views);
+    if (is_file(file)) clouds[views] = read_point_ply(file);
+  }
+  return clouds;
+}
+
+/// Reads photos on all hardware threads. Results are in order; of several broken photos the first is reported,
+/// because a photo is only begun when all before it are.
+std::vector<LoadedView> load_photos(std::span<const Photo> photos, const ImageOptions& options) {
+  std::vector<LoadedView> views(photos.size());
+  std::vector<std::exception_ptr> errors(photos.size());
+  std::atomic<std::size_t> next{0};
+  std::atomic<bool> failed{false};
+  const auto work = [&] {
+    while (!failed) {
+      const std::size_t i = next++;
+      if (i >= photos.size()) return;
+      try {
+        views[i] = load_view(photos[i], options);
+      } catch (...) {
+        errors[i] = std::current_exception();
+        failed = true;
+      }
+    }
+  };
+  {
+    std::vector<std::jthread> threads;
+    const std::size_t count = std::min<std::size_t>(std::max(1u, std::thread::hardware_concurrency()), photos.size());
+    for (std::size_t i = 1; i < count; ++i) threads.emplace_back(work);
+    work();
+  }
+  for (const std::exception_ptr& error : errors) {
+    if (error) std::rethrow_exception(error);
+  }
+  return views;
+}
+
+struct Box {
+  glm::dvec3 centre{0.0};
+  double half = 0;
+};
+
+/// Where the cameras look: the point nearest to all optical axes, or, where the axes are almost parallel, a point
+/// in front of the cameras; and as far around it as the farthest camera is.
+Box look_at_box(const std::vector<View>& views) {
+  const auto forward = [](const View& view) { return glm::dvec3(glm::transpose(view.camera.rotation())[2]); };
+  glm::dvec3 mean_centre(0.0), mean_forward(0.0);
+  for (const View& view : views) {
+    mean_centre += glm::dvec3(view.camera.centre());
+    mean_forward += forward(view);
+  }
+  const auto n = static_cast<double>(views.size());
+  mean_centre /= n;
+
+  // Least squares: sum (I - d dᵀ)(p - c) = 0.
+  glm::dmat3 normal(0.0);
+  glm::dvec3 right(0.0);
+  for (const View& view : views) {
+    const glm::dvec3 d = forward(view);
+    const glm::dmat3 across = glm::dmat3(1.0) - glm::outerProduct(d, d);
+    normal += across;
+    right += across * glm::dvec3(view.camera.centre());
+  }
+  double spread_of_cameras = 0;
+  for (const View& view : views) {
+    spread_of_cameras = std::max(spread_of_cameras, glm::length(glm::dvec3(view.camera.centre()) - mean_centre));
+  }
+  Box box;
+  const double determinant = glm::determinant(normal / n);
+  if (determinant > 1e-3) {
+    box.centre = glm::inverse(normal) * right;
+  } else {
+    const double length = glm::length(mean_forward);
+    const glm::dvec3 direction = length > 1e-9 ? mean_forward / length : forward(views.front());
+    box.centre = mean_centre + direction * (spread_of_cameras > 0 ? 3 * spread_of_cameras : 1.0);
+  }
+  for (const View& view : views) {
+    box.half = std::max(box.half, glm::length(glm::dvec3(view.camera.centre()) - box.centre));
+  }
+  if (!(box.half > 0)) box.half = 1;
+  return box;
+}
+
+PointCloud random_points(const Box& box, int count, std::uint64_t seed) {
+  const RandomStream random(seed, 0, RandomPurpose::init_points);
+  const auto n = static_cast<std::size_t>(count);
+  PointCloud points;
+  points.positions.resize(3 * n);
+  points.colors.assign(3 * n, 128);
+  for (std::size_t i = 0; i < 3 * n; ++i) {
+    const double middle = box.centre[static_cast<int>(i % 3)];
+    points.positions[i] = static_cast<float>(middle + box.half * (2 * random.uniform(i) - 1));
+  }
+  return points;
+}
+
+void check_options(const SceneOptions& options) {
+  if (options.resolution) check_resolution(*options.resolution);
+  if (options.eval && options.llffhold < 1) {
+    throw InputError("llffhold " + std::to_string(options.llffhold) +
+                     " is not possible: every N-th image is held out, N at least 2");
+  }
+  if (options.n_views < 0)
+    throw InputError("n-views " + std::to_string(options.n_views) + " is not possible: use 0 for all views");
+}
+
+void note_images(const std::vector<LoadedView>& loaded, std::vector<std::string>& notes) {
+  std::size_t limited = 0, undistorted = 0;
+  int widest = 0;
+  for (const LoadedView& view : loaded) {
+    limited += view.limited ? 1 : 0;
+    undistorted += view.undistorted ? 1 : 0;
+    widest = std::max(widest, view.photo_size.width);
+  }
+  if (limited > 0) {
+    notes.push_back("photos are " + std::to_string(widest) +
+                    " px wide and were reduced to 1600 px; --resolution 1 keeps them full");
+  }
+  if (undistorted > 0) notes.push_back(std::to_string(undistorted) + " photos were undistorted");
+}
+
+ImageOptions image_options(const SceneOptions& options) {
+  return {options.resolution.value_or(kResolution), options.white_background};
+}
+
+/// The chosen photos with their pixels, in that order.
+std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset, std::span<const std::size_t> chosen,
+                             std::vector<std::string>& notes) {
+  std::vector<View> views;
+  if (dataset.packed) {
+    for (const std::size_t i : chosen) views.push_back(dataset.packed->load(i, options.white_background));
+    return views;
+  }
+  std::vector<Photo> photos;
+  for (const std::size_t i : chosen) photos.push_back(dataset.photos[i]);
+  std::vector<LoadedView> loaded = load_photos(photos, image_options(options));
+  note_images(loaded, notes);
+  for (LoadedView& view : loaded) views.push_back(std::move(view.view));
+  return views;
+}
+
+}  // namespace
+
+std::vector<std::string> pack_scene(const SceneOptions& options, const std::filesystem::path& file) {
+  check_options(options);
+  const Dataset dataset = read_dataset(options);
+  require(!dataset.packed, options.source.string() + ": is packed already; copy it, or pack the folder it is of");
+  ImageOptions pictures = image_options(options);
+  pictures.white_background = false;
+  std::vector<LoadedView> loaded = load_photos(dataset.photos, pictures);
+  std::vector<std::string> notes;
+  note_images(loaded, notes);
+
+  std::vector<Photo> transparent;
+  for (std::size_t i = 0; i < loaded.size(); ++i) {
+    if (loaded[i].transparent) transparent.push_back(dataset.photos[i]);
+  }
+  pictures.white_background = true;
+  std::vector<LoadedView> over_white = load_photos(transparent, pictures);
+
+  PackedListing listing;
+  auto next_over_white = over_white.begin();
+  for (LoadedView& view : loaded) {
+    PackedPhoto photo;
+    photo.photo_width = view.photo_size.width;
+    photo.photo_height = view.photo_size.height;
+    photo.transparent = view.transparent;
+    photo.masked = !view.view.valid.empty();
+    if (photo.transparent) photo.color_over_white = std::move((next_over_white++)->view.color);
+    photo.view = std::move(view.view);
+    listing.photos.push_back(std::move(photo));
+  }
+  listing.own_test = dataset.own_test;
+  listing.has_test_split = dataset.has_test_split;
+  listing.blender = dataset.blender;
+  listing.images = options.images.value_or(kImages);
+  listing.points = dataset.points;
+  listing.few_view_points = all_few_view_points(options.source);
+  write_packed_scene(file, listing);
+  return notes;
+}
+
+Scene read_scene(const SceneOptions& options) {
+  check_options(options);
+  Dataset dataset = read_dataset(options);
+  Split split = split_photos(options, dataset);
+
+  Scene scene;
+  scene.white_background = options.white_background;
+  if (const auto wanted = static_cast<std::size_t>(options.n_views); wanted > 0) {
+    if (wanted > split.train.size()) {
+      scene.notes.push_back("there are only " + std::to_string(split.train.size()) + " training views, not " +
+                            std::to_string(wanted));
+    }
+    split.train = spread(split.train, wanted);
+  }
+
+  const std::size_t train_count = split.train.size();
+  std::vector<std::size_t> chosen = std::move(split.train);
+  std::ranges::copy(split.test, std::back_inserter(chosen));
+  std::vector<View> views = load_views(options, dataset, chosen, scene.notes);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    (i < train_count ? scene.train : scene.test).push_back(std::move(views[i]));
+  }
+
+  scene.extent = camera_extent(scene.train);
+  scene.points = std::move(dataset.points);
+  if (auto few = few_view_points(options, dataset)) {
+    scene.points = std::move(*few);
+    scene.notes.push_back("training starts from the points of " +
+                          few_view_file(options.source, options.n_views).string());
+  }
+  if (scene.points.size() == 0) {
+    if (options.random_points < 1) {
+      throw InputError(dataset.listing.string() + ": the dataset has no points to start from, and random_points is " +
+                       std::to_string(options.random_points));
+    }
+    const Box box = dataset.blender ? Box{glm::dvec3(0.0), kBlenderBox} : look_at_box(scene.train);
+    scene.points = random_points(box, options.random_points, options.seed);
+    scene.notes.push_back("the dataset has no points; training starts from " + std::to_string(options.random_points) +
+                          " random ones");
+  }
+  if (!(scene.extent > 0)) {
+    // One camera, or all at one place: 3DGS's extent would be 0 and nothing would ever move. Take the scene's size.
+    double farthest = 0;
+    const glm::vec3 centre = scene.train.front().camera.centre();
+    for (std::size_t i = 0; i < scene.points.size(); ++i) {
+      const float* p = scene.points.positions.data() + 3 * i;
+      farthest = std::max(farthest, static_cast<double>(glm::length(glm::vec3(p[0], p[1], p[2]) - centre)));
+    }
+    scene.extent = farthest > 0 ? static_cast<float>(farthest) : 1.0f;
+    scene.notes.push_back("all training cameras are at one place; the points give the size of the scene");
+  }
+  return scene;
+}
+
+}  // namespace splatboost

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file transforms*.json of Blender (NeRF-synthetic, D-NeRF), nerfstudio and instant-ngp.
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include "trainer/dataset/view_image.h"
+
+namespace splatboost {
+
+struct Transforms {
+  std::vector<Photo> photos;          ///< in the order of the file
+  std::filesystem::path points_file;  ///< ply_file_path; empty if there is none
+};
+
+/// Reads one file. Intrinsics of a frame go before those of the file; poses turn from OpenGL's convention (y up, z
+/// backward, camera to world) into ours. Throws InputError on anything missing, not a number, or not supported.
+Transforms read_transforms(const std::filesystem::path& file);
+
+}  // namespace splatboost

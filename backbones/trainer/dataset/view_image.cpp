@@ -1,0 +1,401 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/dataset/view_image.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "splatboost/errors.h"
+#include "trainer/images/image_codec.h"
+#include "trainer/support/atomic_file.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+constexpr int kWidthLimit = 1600;  // 3DGS's, where no resolution is asked for
+constexpr int kLargestDivisor = 8;
+constexpr int kSmallestWidth = 16;  // below, a "width" is more likely a divisor that does not exist
+
+[[noreturn]] void fail(const Photo& photo, const std::string& cause) {
+  throw InputError(photo.file.string() + ": " + cause);
+}
+
+std::vector<std::uint8_t> read_bytes(const Photo& photo) {
+  std::error_code error;
+  if (!std::filesystem::exists(photo.file, error)) {
+    fail(photo,
+         "the image does not exist" + (photo.listed_in.empty() ? "" : "; " + photo.listed_in.string() + " lists it"));
+  }
+  if (!std::filesystem::is_regular_file(photo.file, error)) fail(photo, "is not a file");
+  const auto size = std::filesystem::file_size(photo.file, error);
+  if (error) fail(photo, "cannot be read: " + error.message());
+  if (size == 0) fail(photo, "the image is empty (0 bytes); copy it again");
+  std::vector<std::uint8_t> bytes(size);
+  std::ifstream in(photo.file, std::ios::binary);
+  in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
+  if (!in) fail(photo, "cannot be read; check its permissions");
+  return bytes;
+}
+
+bool starts_with(std::span<const std::uint8_t> bytes, std::string_view magic) {
+  return bytes.size() >= magic.size() &&
+         std::equal(magic.begin(), magic.end(), bytes.begin(),
+                    [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
+}
+
+std::uint32_t big_endian_32(std::span<const std::uint8_t> bytes, std::size_t at) {
+  return std::uint32_t{bytes[at]} << 24 | std::uint32_t{bytes[at + 1]} << 16 | std::uint32_t{bytes[at + 2]} << 8 |
+         std::uint32_t{bytes[at + 3]};
+}
+
+constexpr std::array<std::uint32_t, 256> make_crc_table() {
+  std::array<std::uint32_t, 256> table{};
+  for (std::uint32_t i = 0; i < 256; ++i) {
+    std::uint32_t value = i;
+    for (int bit = 0; bit < 8; ++bit) value = (value & 1) != 0 ? 0xedb88320u ^ (value >> 1) : value >> 1;
+    table[i] = value;
+  }
+  return table;
+}
+
+std::uint32_t crc32(std::span<const std::uint8_t> bytes) {
+  static constexpr std::array<std::uint32_t, 256> kTable = make_crc_table();
+  std::uint32_t crc = 0xffffffffu;
+  for (const std::uint8_t byte : bytes) crc = kTable[(crc ^ byte) & 0xff] ^ (crc >> 8);
+  return ~crc;
+}
+
+/// Walks the chunks of a PNG. libpng would notice as well, but says so on stderr.
+void check_png(const Photo& photo, std::span<const std::uint8_t> bytes) {
+  for (std::size_t at = 8;;) {
+    if (bytes.size() - at < 12) fail(photo, "the PNG is cut short; copy it again");
+    const std::size_t length = big_endian_32(bytes, at);
+    if (length > bytes.size() - at - 12) fail(photo, "the PNG is cut short; copy it again");
+    const auto checked = bytes.subspan(at + 4, length + 4);
+    if (crc32(checked) != big_endian_32(bytes, at + 8 + length)) {
+      fail(photo, "the PNG is damaged (a checksum does not match); copy it again");
+    }
+    if (starts_with(checked, "IEND")) return;
+    at += 12 + length;
+  }
+}
+
+/// Looks for the end marker of a JPEG behind its first scan. libjpeg fills a truncated picture with grey, warns on
+/// stderr and reports success; training on that would be a silent error.
+void check_jpeg(const Photo& photo, std::span<const std::uint8_t> bytes) {
+  std::size_t at = 2;
+  while (at + 4 <= bytes.size()) {
+    if (bytes[at] != 0xff) return;  // not what a JPEG looks like: leave the verdict to the decoder
+    const std::uint8_t marker = bytes[at + 1];
+    if (marker == 0xff) {  // fill byte
+      ++at;
+      continue;
+    }
+    if (marker == 0xda) {  // start of scan: inside it, 0xff is always followed by 0 or a marker
+      for (std::size_t i = at + 2; i + 1 < bytes.size(); ++i) {
+        if (bytes[i] == 0xff && bytes[i + 1] == 0xd9) return;
+      }
+      break;
+    }
+    at += 2 + (std::size_t{bytes[at + 2]} << 8 | bytes[at + 3]);
+  }
+  fail(photo, "the JPEG is cut short; copy it again");
+}
+
+/// A BMP tells its size. OpenCV would notice as well, but says so on stderr.
+void check_bmp(const Photo& photo, std::span<const std::uint8_t> bytes) {
+  constexpr std::size_t kHeader = 54;
+  const bool complete = bytes.size() >= kHeader && (std::size_t{bytes[5]} << 24 | std::size_t{bytes[4]} << 16 |
+                                                    std::size_t{bytes[3]} << 8 | bytes[2]) <= bytes.size();
+  if (!complete) fail(photo, "the BMP is cut short or damaged; copy it again");
+}
+
+Pixels decode(const Photo& photo) {
+  const std::vector<std::uint8_t> bytes = read_bytes(photo);
+  if (starts_with(bytes, "\x89PNG\r\n\x1a\n")) check_png(photo, bytes);
+  if (starts_with(bytes, "\xff\xd8\xff")) check_jpeg(photo, bytes);
+  if (starts_with(bytes, "BM")) check_bmp(photo, bytes);
+  return decode_image(bytes, photo.file.string());
+}
+
+std::size_t count_pixels(const Pixels& pixels) {
+  return static_cast<std::size_t>(pixels.width) * static_cast<std::size_t>(pixels.height);
+}
+
+/// 16 bit to 8, rounded.
+void narrow(Pixels& pixels) {
+  if (pixels.bits == 8) return;
+  std::vector<std::uint8_t> bytes(pixels.bytes.size() / 2);
+  for (std::size_t i = 0; i < bytes.size(); ++i) {
+    std::uint16_t value = 0;
+    std::memcpy(&value, pixels.bytes.data() + 2 * i, sizeof value);
+    bytes[i] = static_cast<std::uint8_t>((value + 128) / 257);
+  }
+  pixels.bytes = std::move(bytes);
+  pixels.bits = 8;
+}
+
+/// To 8-bit RGB, transparent pixels over a background.
+Pixels to_rgb(Pixels pixels, bool white_background) {
+  narrow(pixels);
+  if (pixels.channels == 3) return pixels;
+  Pixels rgb{pixels.width, pixels.height, 3, 8, {}};
+  rgb.bytes.resize(3 * count_pixels(pixels));
+  const int background = white_background ? 255 : 0;
+  for (std::size_t p = 0; p < count_pixels(pixels); ++p) {
+    const std::uint8_t* from = pixels.bytes.data() + p * static_cast<std::size_t>(pixels.channels);
+    for (std::size_t c = 0; c < 3; ++c) {
+      rgb.bytes[3 * p + c] =
+          pixels.channels == 1
+              ? from[0]
+              : static_cast<std::uint8_t>((from[c] * from[3] + background * (255 - from[3]) + 127) / 255);
+    }
+  }
+  return rgb;
+}
+
+bool is_transparent(const Pixels& pixels) {
+  if (pixels.channels != 4) return false;
+  const std::size_t opaque = pixels.bits == 8 ? 0xff : 0xffff, size = static_cast<std::size_t>(pixels.bits) / 8;
+  for (std::size_t p = 0; p < count_pixels(pixels); ++p) {
+    std::uint16_t alpha = 0;
+    std::memcpy(&alpha, pixels.bytes.data() + (4 * p + 3) * size, size);
+    if (alpha != opaque) return true;
+  }
+  return false;
+}
+
+/// The lens in the pixels of the photo on disk, nothing left open.
+Lens lens_of_photo(const Photo& photo, int width, int height) {
+  Lens lens = photo.lens;
+  if (lens.width == 0) lens.width = width;
+  if (lens.height == 0) lens.height = height;
+  if (lens.fx == 0 && lens.angle_x > 0) {
+    lens.fx = 0.5 * lens.width / std::tan(0.5 * lens.angle_x);
+    if (lens.fy == 0 && lens.angle_y > 0) lens.fy = 0.5 * lens.height / std::tan(0.5 * lens.angle_y);
+  }
+  if (lens.fx == 0) lens.fx = lens.fy;
+  if (lens.fy == 0) lens.fy = lens.fx;
+  lens.cx = lens.cx.value_or(0.5 * lens.width);
+  lens.cy = lens.cy.value_or(0.5 * lens.height);
+  if (lens.width == width && lens.height == height) return lens;
+
+  // images_2, images_4, …: one scale for both axes, up to the rounding of the size.
+  const double scale_x = static_cast<double>(width) / lens.width;
+  const double scale_y = static_cast<double>(height) / lens.height;
+  if (std::abs(height - lens.height * scale_x) > 1.0 && std::abs(width - lens.width * scale_y) > 1.0) {
+    fail(photo, "is " + std::to_string(width) + "x" + std::to_string(height) + ", but its camera in " +
+                    photo.listed_in.string() + " is " + std::to_string(lens.width) + "x" + std::to_string(lens.height) +
+                    "; only a uniformly scaled image may differ in size");
+  }
+  lens.width = width;
+  lens.height = height;
+  lens.fx *= scale_x;
+  lens.cx = *lens.cx * scale_x;
+  lens.fy *= scale_y;
+  lens.cy = *lens.cy * scale_y;
+  return lens;
+}
+
+/// The largest radius (on the plane z = 1) up to which the radial polynomial grows. Beyond it, the model folds the
+/// picture back over itself and has no meaning.
+double fold_radius(const Lens& lens, double largest) {
+  constexpr int kSteps = 2048;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double r = largest * i / kSteps;
+    const double r2 = r * r;
+    if (1 + r2 * (3 * lens.k1 + r2 * (5 * lens.k2 + r2 * 7 * lens.k3)) <= 0) return largest * (i - 1) / kSteps;
+  }
+  return largest;
+}
+
+/// Resamples to the pinhole of the same focal lengths and principal point. @return [H,W] 255 where there is data
+Pixels undistort(const Lens& lens, Pixels& rgb, const std::string& where) {
+  const double far_x = std::max(*lens.cx, lens.width - *lens.cx) / lens.fx;
+  const double far_y = std::max(*lens.cy, lens.height - *lens.cy) / lens.fy;
+  const double fold = fold_radius(lens, std::hypot(far_x, far_y));
+
+  std::vector<float> positions;
+  positions.reserve(2 * count_pixels(rgb));
+  Pixels valid{rgb.width, rgb.height, 1, 8, {}};
+  valid.bytes.reserve(count_pixels(rgb));
+  for (int row = 0; row < rgb.height; ++row) {
+    for (int column = 0; column < rgb.width; ++column) {
+      const double x = (column + 0.5 - *lens.cx) / lens.fx;
+      const double y = (row + 0.5 - *lens.cy) / lens.fy;
+      const double r2 = x * x + y * y;
+      const double radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3));
+      const double u = x * radial + 2 * lens.p1 * x * y + lens.p2 * (r2 + 2 * x * x);
+      const double v = y * radial + lens.p1 * (r2 + 2 * y * y) + 2 * lens.p2 * x * y;
+      // Counted from pixel centres; we count from the corner of the image.
+      const double source_x = lens.fx * u + *lens.cx - 0.5;
+      const double source_y = lens.fy * v + *lens.cy - 0.5;
+      const bool inside = source_x >= -0.5 && source_y >= -0.5 && source_x <= rgb.width - 0.5 &&
+                          source_y <= rgb.height - 0.5 && r2 <= fold * fold;
+      valid.bytes.push_back(inside ? 255 : 0);
+      positions.push_back(inside ? static_cast<float>(source_x) : -1e4f);
+      positions.push_back(inside ? static_cast<float>(source_y) : -1e4f);
+    }
+  }
+  rgb = resample_image(rgb, positions, where);
+  for (std::size_t p = 0; p < valid.bytes.size(); ++p) {
+    if (valid.bytes[p] == 0) std::fill_n(rgb.bytes.begin() + static_cast<std::ptrdiff_t>(3 * p), 3, std::uint8_t{0});
+  }
+  return valid;
+}
+
+void scale_lens(Lens& lens, ImageSize size) {
+  const double scale_x = static_cast<double>(size.width) / lens.width;
+  const double scale_y = static_cast<double>(size.height) / lens.height;
+  lens.width = size.width;
+  lens.height = size.height;
+  lens.fx *= scale_x;
+  lens.cx = *lens.cx * scale_x;
+  lens.fy *= scale_y;
+  lens.cy = *lens.cy * scale_y;
+}
+
+std::vector<std::uint8_t> to_planar(const Pixels& rgb) {
+  const std::size_t pixels = count_pixels(rgb);
+  std::vector<std::uint8_t> planar(3 * pixels);
+  for (std::size_t p = 0; p < pixels; ++p) {
+    for (std::size_t c = 0; c < 3; ++c) planar[c * pixels + p] = rgb.bytes[3 * p + c];
+  }
+  return planar;
+}
+
+template <class T>
+void write_png_of(const std::filesystem::path& path, int width, int height, int channels, std::span<const T> values) {
+  SPLATBOOST_CHECK(width > 0 && height > 0 && (channels == 1 || channels == 3 || channels == 4),
+                   "a PNG needs a positive size and 1, 3 or 4 channels");
+  SPLATBOOST_CHECK(values.size() == static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
+                                        static_cast<std::size_t>(channels),
+                   "the pixels of a PNG must fill width x height x channels");
+  Pixels pixels{width, height, channels, 8 * static_cast<int>(sizeof(T)), {}};
+  pixels.bytes.resize(values.size_bytes());
+  std::memcpy(pixels.bytes.data(), values.data(), values.size_bytes());
+  const std::vector<std::uint8_t> file = encode_png(pixels, path.string());
+  write_text_atomically(path, std::string(file.begin(), file.end()));
+}
+
+}  // namespace
+
+void check_lens(const Lens& lens, const std::string& where) {
+  constexpr int kLargestSide = 1 << 20;
+  const auto require = [&](bool good, const std::string& cause) {
+    if (!good) throw InputError(where + ": " + cause);
+  };
+  require(lens.width >= 0 && lens.height >= 0 && lens.width <= kLargestSide && lens.height <= kLargestSide,
+          "the image size " + std::to_string(lens.width) + "x" + std::to_string(lens.height) + " is not possible");
+  const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
+  const auto open_or_positive = [&](double value) { return value == 0 || positive(value); };
+  require(open_or_positive(lens.fx) && open_or_positive(lens.fy),
+          "the focal length must be a finite number above zero");
+  const auto angle = [&](double value) { return value == 0 || (positive(value) && value < 3.14); };
+  require(angle(lens.angle_x) && angle(lens.angle_y), "the field of view must lie between 0 and pi radians");
+  require(lens.fx > 0 || lens.fy > 0 || lens.angle_x > 0, "neither a focal length nor a field of view is given");
+  require(std::isfinite(lens.cx.value_or(0)) && std::isfinite(lens.cy.value_or(0)),
+          "the principal point must be finite");
+  require(std::isfinite(lens.k1) && std::isfinite(lens.k2) && std::isfinite(lens.k3) && std::isfinite(lens.p1) &&
+              std::isfinite(lens.p2),
+          "the distortion must be finite");
+}
+
+ImageSize target_size(int width, int height, int resolution) {
+  if (resolution == -1) resolution = kWidthLimit;
+  if (resolution <= kLargestDivisor) {
+    return {std::max(1, static_cast<int>(std::lround(static_cast<double>(width) / resolution))),
+            std::max(1, static_cast<int>(std::lround(static_cast<double>(height) / resolution)))};
+  }
+  if (resolution >= width) return {width, height};  // enlarging a photo adds work and no information
+  const auto scaled = static_cast<int>(static_cast<std::int64_t>(height) * resolution / width);
+  return {resolution, std::max(1, scaled)};
+}
+
+void check_resolution(int resolution) {
+  if (resolution == -1 || resolution == 1 || resolution == 2 || resolution == 4 || resolution == 8) return;
+  if (resolution >= kSmallestWidth) return;
+  throw InputError("resolution " + std::to_string(resolution) +
+                   " is not possible: use -1 (full, at most 1600 px wide), "
+                   "the divisors 1, 2, 4, 8, or a width of at least " +
+                   std::to_string(kSmallestWidth) + " px");
+}
+
+LoadedView load_view(const Photo& photo, const ImageOptions& options) {
+  LoadedView loaded;
+  const std::string where = photo.file.string();
+  Pixels stored = decode(photo);
+  loaded.photo_size = {stored.width, stored.height};
+  loaded.transparent = is_transparent(stored);
+  Pixels rgb = to_rgb(std::move(stored), options.white_background);
+  Lens lens = lens_of_photo(photo, rgb.width, rgb.height);
+
+  Pixels valid;
+  loaded.undistorted = lens.distorted();
+  if (loaded.undistorted) valid = undistort(lens, rgb, where);
+
+  const ImageSize size = target_size(rgb.width, rgb.height, options.resolution);
+  if (size != loaded.photo_size) {
+    loaded.limited = options.resolution == -1;
+    rgb = shrink_image(rgb, size.width, size.height, where);
+    if (loaded.undistorted) {
+      valid = shrink_image(valid, size.width, size.height, where);
+      for (std::uint8_t& value : valid.bytes) value = value == 255 ? 255 : 0;  // made of valid pixels only
+    }
+    scale_lens(lens, size);
+  }
+
+  View& view = loaded.view;
+  view.name = photo.name;
+  view.time = static_cast<float>(photo.time);
+  view.color = to_planar(rgb);
+  // A mask of ones says nothing; no mask is cheaper.
+  if (std::ranges::any_of(valid.bytes, [](std::uint8_t value) { return value == 0; })) {
+    view.valid = std::move(valid.bytes);
+  }
+  view.camera.width = lens.width;
+  view.camera.height = lens.height;
+  view.camera.fx = static_cast<float>(lens.fx);
+  view.camera.fy = static_cast<float>(lens.fy);
+  view.camera.cx = static_cast<float>(*lens.cx);
+  view.camera.cy = static_cast<float>(*lens.cy);
+  view.camera.camera_from_world = glm::mat4(photo.camera_from_world);
+  try {
+    check_camera(view.camera);
+  } catch (const ArgumentError& error) {
+    fail(photo, std::string("its camera in ") + photo.listed_in.string() + " cannot be used: " + error.what());
+  }
+  return loaded;
+}
+
+RawImage read_raw_image(const std::filesystem::path& file) {
+  Photo photo;
+  photo.file = file;
+  const Pixels pixels = decode(photo);
+  RawImage raw{pixels.width, pixels.height, pixels.channels, pixels.bits, {}};
+  if (pixels.bits == 8) {
+    raw.values.assign(pixels.bytes.begin(), pixels.bytes.end());
+  } else {
+    raw.values.resize(pixels.bytes.size() / 2);
+    std::memcpy(raw.values.data(), pixels.bytes.data(), pixels.bytes.size());
+  }
+  return raw;
+}
+
+void write_png(const std::filesystem::path& path, int width, int height, int channels,
+               std::span<const std::uint8_t> pixels) {
+  write_png_of(path, width, height, channels, pixels);
+}
+
+void write_png(const std::filesystem::path& path, int width, int height, int channels,
+               std::span<const std::uint16_t> pixels) {
+  write_png_of(path, width, height, channels, pixels);
+}
+
+}  // namespace splatboost

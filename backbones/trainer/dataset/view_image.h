@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file From a photo on disk to a view in memory: decoded, composited, undistorted, resized.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <glm/mat4x4.hpp>
+
+#include "trainer/dataset/scene.h"
+
+namespace splatboost {
+
+/// How a photo was taken: a pinhole with a polynomial distortion (Brown-Conrady, as COLMAP and OpenCV define it).
+/// Pixels are those of width × height; the photo on disk may be a uniformly scaled version of it.
+struct Lens {
+  int width = 0;  ///< 0: the photo's own
+  int height = 0;
+  double fx = 0;       ///< 0: from angle_x, or else from fy
+  double fy = 0;       ///< 0: from angle_y if fx comes from angle_x and there is one, else equal to fx
+  double angle_x = 0;  ///< full field of view in radians; 0: not known
+  double angle_y = 0;
+  std::optional<double> cx;  ///< none: the middle
+  std::optional<double> cy;
+  double k1 = 0, k2 = 0, k3 = 0;  ///< radial
+  double p1 = 0, p2 = 0;          ///< tangential
+
+  bool distorted() const { return k1 != 0 || k2 != 0 || k3 != 0 || p1 != 0 || p2 != 0; }
+};
+
+/// A photo that a dataset lists, not yet read.
+struct Photo {
+  std::string name;  ///< View::name
+  std::filesystem::path file;
+  std::filesystem::path listed_in;  ///< the file that lists it, for error messages
+  Lens lens;
+  glm::dmat4 camera_from_world{1.0};
+  double time = 0;
+};
+
+struct ImageOptions {
+  int resolution = -1;  ///< as SceneOptions::resolution
+  bool white_background = false;
+};
+
+/// Throws InputError, beginning with `where`, unless the lens can be used.
+void check_lens(const Lens& lens, const std::string& where);
+
+struct ImageSize {
+  int width = 0;
+  int height = 0;
+  bool operator==(const ImageSize&) const = default;
+};
+
+/// What a photo of this size is shrunk to.
+ImageSize target_size(int width, int height, int resolution);
+
+/// Throws InputError unless the resolution is one that SceneOptions allows.
+void check_resolution(int resolution);
+
+struct LoadedView {
+  View view;
+  ImageSize photo_size;      ///< before the resize
+  bool transparent = false;  ///< the background shows
+  bool limited = false;      ///< shrunk by the limit of 1600 px that resolution = -1 sets
+  bool undistorted = false;
+};
+
+/// Reads one photo. Alpha is straight and composited over white or black; 16 bit becomes 8 bit, grey becomes RGB;
+/// a distorted photo is resampled to the pinhole of the same focal lengths and principal point, and pixels it has no
+/// data for are not valid; shrinking averages areas. Throws InputError in one line.
+LoadedView load_view(const Photo& photo, const ImageOptions& options);
+
+/// An image file as it is stored: interleaved, channels in the order R, G, B, A.
+struct RawImage {
+  int width = 0;
+  int height = 0;
+  int channels = 0;
+  int bits = 8;  ///< 8 or 16
+  std::vector<std::uint16_t> values;
+  std::uint16_t at(int x, int y, int channel = 0) const {
+    return values[static_cast<std::size_t>((y * width + x) * channels + channel)];
+  }
+};
+
+/// Reads depth maps, normals, masks: nothing is converted. Throws InputError in one line.
+RawImage read_raw_image(const std::filesystem::path& file);
+
+/// Writes a PNG of interleaved pixels, 1 (grey), 3 (RGB) or 4 (RGBA) channels, aside and then renamed.
+void write_png(const std::filesystem::path& path, int width, int height, int channels,
+               std::span<const std::uint8_t> pixels);
+void write_png(const std::filesystem::path& path, int width, int height, int channels,
+               std::span<const std::uint16_t> pixels);
+
+}  // namespace splatboost

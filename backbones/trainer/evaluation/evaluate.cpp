@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/evaluation/evaluate.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <stdexcept>
+
+#include "trainer/dataset/view_image.h"
+#include "trainer/evaluation/multi_scale.h"
+
+namespace splatboost {
+namespace {
+
+// Rendering is timed until both are reached: enough for a steady median, little beside a run.
+constexpr double kTimedSeconds = 1.0;
+constexpr std::size_t kTimedRenders = 20;
+// and never longer than this, for large scenes on slow machines
+constexpr double kLongestTiming = 10.0;
+
+constexpr int kSsimWindow = 11;  // pixels
+
+std::size_t image_floats(const Camera& camera) {
+  return 3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+}
+
+void render_clamped(Backbone& backbone, const View& view, std::optional<float> beta, std::vector<float>& color) {
+  color.resize(image_floats(view.camera));
+  backbone.render(view.camera, view.time, beta, color);
+  for (float& value : color) value = std::clamp(value, 0.0f, 1.0f);
+}
+
+/// Frames a second: one over the median time of a render, after one that warms up.
+double measure_fps(Backbone& backbone, const std::vector<View>& views) {
+  using Clock = std::chrono::steady_clock;
+  const auto seconds_since = [](Clock::time_point start) {
+    return std::chrono::duration<double>(Clock::now() - start).count();
+  };
+  std::vector<float> color(image_floats(views[0].camera));
+  backbone.render(views[0].camera, views[0].time, std::nullopt, color);
+  std::vector<double> times;
+  const auto begin = Clock::now();
+  while ((times.size() < kTimedRenders || seconds_since(begin) < kTimedSeconds) &&
+         seconds_since(begin) < kLongestTiming) {
+    const View& view = views[times.size() % views.size()];
+    color.resize(image_floats(view.camera));
+    const auto start = Clock::now();
+    backbone.render(view.camera, view.time, std::nullopt, color);
+    times.push_back(seconds_since(start));
+  }
+  const auto middle = times.begin() + static_cast<std::ptrdiff_t>(times.size() / 2);
+  std::nth_element(times.begin(), middle, times.end());
+  return 1.0 / std::max(*middle, 1e-9);
+}
+
+/// Quality at this and smaller scales, as trained.
+std::vector<ScaleResult> measure_scales(Backbone& backbone, const std::vector<View>& views) {
+  std::vector<ScaleResult> scales;
+  std::vector<float> color;
+  for (const int divisor : kScaleDivisors) {
+    ScaleResult scale;
+    scale.divisor = divisor;
+    for (const View& view : views) {
+      if (std::min(view.camera.width, view.camera.height) / divisor < kSsimWindow) return scales;
+      const View smaller = smaller_view(view, divisor);
+      render_clamped(backbone, smaller, std::nullopt, color);
+      scale.psnr += psnr(color, smaller.truth()) / static_cast<double>(views.size());
+      scale.ssim += ssim(color, smaller.truth()) / static_cast<double>(views.size());
+    }
+    scales.push_back(scale);
+  }
+  return scales;
+}
+
+/// Planar RGB to a PNG's interleaved.
+template <class T, class Convert>
+void write_planar(const std::filesystem::path& path, std::span<const T> color, int width, int height, Convert convert) {
+  const std::size_t plane = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  std::vector<std::uint8_t> pixels(3 * plane);
+  for (std::size_t p = 0; p < plane; ++p) {
+    for (std::size_t c = 0; c < 3; ++c) pixels[3 * p + c] = convert(color[c * plane + p]);
+  }
+  write_png(path, width, height, 3, std::span<const std::uint8_t>(pixels));
+}
+
+}  // namespace
+
+const std::vector<View>& measured_views(const Scene& scene) { return scene.test.empty() ? scene.train : scene.test; }
+
+double quick_psnr(Backbone& backbone, const Scene& scene, int count) {
+  const std::vector<View>& views = measured_views(scene);
+  const std::size_t n = std::min(views.size(), static_cast<std::size_t>(count));
+  std::vector<float> color;
+  double sum = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const View& view = views[i * views.size() / n];
+    render_clamped(backbone, view, std::nullopt, color);
+    sum += psnr(color, view.truth());
+  }
+  return sum / static_cast<double>(n);
+}
+
+void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::filesystem::path& renders,
+              Results& results) {
+  const std::vector<View>& views = measured_views(scene);
+  if (views.empty()) throw std::invalid_argument("evaluate() needs a view");
+  if (!renders.empty()) std::filesystem::create_directories(renders);
+  const std::vector<std::string> names = picture_names(views);
+  results.split = scene.test.empty() ? "train" : "test";
+  results.views.clear();
+  double psnr_sum = 0;
+  double psnr_beta1_sum = 0;
+  double ssim_sum = 0;
+  double lpips_sum = 0;
+  std::vector<float> color;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const View& view = views[i];
+    render_clamped(backbone, view, 1.0f, color);
+    psnr_beta1_sum += psnr(color, view.truth());
+    render_clamped(backbone, view, std::nullopt, color);
+    if (!renders.empty()) write_png(renders / (names[i] + ".png"), color, view.camera.width, view.camera.height);
+    ViewResult result;
+    result.name = view.name;
+    result.psnr = psnr(color, view.truth());
+    result.ssim = ssim(color, view.truth());
+    if (lpips) result.lpips = lpips->distance(color, view.truth());
+    psnr_sum += result.psnr;
+    ssim_sum += result.ssim;
+    lpips_sum += result.lpips.value_or(0);
+    results.views.push_back(std::move(result));
+  }
+  const double n = static_cast<double>(views.size());
+  results.psnr = psnr_sum / n;
+  results.ssim = ssim_sum / n;
+  results.lpips = lpips ? std::optional<double>(lpips_sum / n) : std::nullopt;
+  results.psnr_beta1 = psnr_beta1_sum / n;
+  results.scales = measure_scales(backbone, views);
+  results.fps = measure_fps(backbone, views);
+}
+
+std::vector<std::string> picture_names(const std::vector<View>& views) {
+  const auto stem = [](const View& view) { return std::filesystem::path(view.name).stem().string(); };
+  std::map<std::string, int> uses;
+  for (const View& view : views) ++uses[stem(view)];
+  std::vector<std::string> names;
+  for (const View& view : views) {
+    std::string name = stem(view);
+    if (uses[name] > 1) {
+      // 0001.jpg and 0001.png may lie side by side: only the whole name is sure to differ.
+      name = view.name;
+      std::replace(name.begin(), name.end(), '/', '_');
+    }
+    names.push_back(std::move(name));
+  }
+  return names;
+}
+
+void write_png(const std::filesystem::path& path, std::span<const float> color, int width, int height) {
+  write_planar(path, color, width, height, [](float value) {
+    const float clamped = std::isnan(value) ? 0.0f : std::clamp(value, 0.0f, 1.0f);
+    return static_cast<std::uint8_t>(std::lround(clamped * 255.0f));
+  });
+}
+
+void write_png(const std::filesystem::path& path, std::span<const std::uint8_t> color, int width, int height) {
+  write_planar(path, color, width, height, [](std::uint8_t value) { return value; });
+}
+
+}  // namespace splatboost

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for the file of this name in a build without OpenCV.
+#include "trainer/evaluation/metrics.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+
+struct Lpips::Network {};
+
+Lpips::Lpips(const std::filesystem::path&) {
+  throw InputError("LPIPS needs OpenCV, which this build does not have; leave out --lpips");
+}
+
+Lpips::~Lpips() = default;
+
+double Lpips::distance(std::span<const float>, const TruthImage&) { return 0; }  // there is no object to call it on
+
+}  // namespace splatboost

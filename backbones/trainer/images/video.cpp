@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/images/video.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path unfinished_name(const fs::path& path) {
+  // The suffix stays last: OpenCV chooses the container by it.
+  return path.parent_path() / ("." + path.stem().string() + ".part" + path.extension().string());
+}
+
+}  // namespace
+
+struct VideoFile::State {
+  fs::path path;
+  fs::path unfinished;
+  int width = 0;
+  int height = 0;
+  cv::Mat frame;
+  cv::VideoWriter writer;
+};
+
+VideoFile::VideoFile(const fs::path& path, int width, int height, double frames_per_second)
+    : state_(std::make_unique<State>()) {
+  state_->path = path;
+  state_->unfinished = unfinished_name(path);
+  state_->width = width;
+  state_->height = height;
+  state_->frame = cv::Mat(height / 2 * 2, width / 2 * 2, CV_8UC3);
+  if (state_->frame.empty()) throw InputError(path.string() + ": images are too small for a video");
+  if (!path.parent_path().empty()) {
+    std::error_code error;
+    fs::create_directories(path.parent_path(), error);
+    if (error) throw InputError(path.string() + ": cannot make its folder: " + error.message());
+  }
+  // A codec that is missing is tried and told in one line here, not in OpenCV's many.
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  for (const char* codec : {"avc1", "mp4v"}) {
+    const int fourcc = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
+    try {
+      if (state_->writer.open(state_->unfinished.string(), fourcc, frames_per_second, state_->frame.size())) return;
+    } catch (const cv::Exception&) {
+      // the next one
+    }
+  }
+  std::error_code ignored;
+  fs::remove(state_->unfinished, ignored);
+  throw InputError(
+      path.string() +
+      ": this OpenCV cannot write such a video (no codec, or no permission); leave out --video for PNG files");
+}
+
+VideoFile::~VideoFile() {
+  if (state_->path.empty()) return;
+  state_->writer.release();
+  std::error_code ignored;
+  fs::remove(state_->unfinished, ignored);
+}
+
+void VideoFile::add(std::span<const float> color) {
+  const auto plane = static_cast<std::size_t>(state_->width) * static_cast<std::size_t>(state_->height);
+  for (int y = 0; y < state_->frame.rows; ++y) {
+    unsigned char* row = state_->frame.ptr(y);
+    for (int x = 0; x < state_->frame.cols; ++x) {
+      const std::size_t pixel =
+          static_cast<std::size_t>(y) * static_cast<std::size_t>(state_->width) + static_cast<std::size_t>(x);
+      for (std::size_t c = 0; c < 3; ++c) {
+        row[3 * static_cast<std::size_t>(x) + c] =
+            static_cast<unsigned char>(std::lround(std::clamp(color[(2 - c) * plane + pixel], 0.0f, 1.0f) * 255.0f));
+      }
+    }
+  }
+  state_->writer.write(state_->frame);
+}
+
+void VideoFile::finish() {
+  state_->writer.release();
+  std::error_code error;
+  fs::rename(state_->unfinished, state_->path, error);
+  if (error) throw std::runtime_error(state_->path.string() + ": cannot write the video: " + error.message());
+  state_->path.clear();
+}
+
+}  // namespace splatboost

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for the file of this name in a build without OpenCV.
+#include "trainer/images/video.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+
+struct VideoFile::State {};
+
+VideoFile::VideoFile(const std::filesystem::path& path, int, int, double) {
+  throw InputError(path.string() +
+                   ": a video needs OpenCV, which this build does not have; leave out --video for PNG files");
+}
+
+VideoFile::~VideoFile() = default;
+void VideoFile::add(std::span<const float>) {}
+void VideoFile::finish() {}
+
+}  // namespace splatboost

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for the file of this name in a build without OpenCV.
+#include "trainer/report/report_pictures.h"
+
+namespace splatboost {
+
+ReportPicture report_picture(const std::filesystem::path&) { return {}; }
+ReportPicture report_error_picture(const std::filesystem::path&, const std::filesystem::path&) { return {}; }
+std::string report_error_colors() { return ""; }
+
+}  // namespace splatboost

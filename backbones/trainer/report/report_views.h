@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What a report shows of the measured views: pictures and figures of each.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "trainer/report/report.h"
+
+namespace splatboost::report {
+
+/// Up to `max_views` views as truth | each run's render | each run's error, with their figures.
+std::string pictures(const std::vector<ReportRun>& runs, const std::vector<ReportView>& views, int max_views);
+
+/// The figures of every view, folded away.
+std::string all_views(const std::vector<ReportRun>& runs);
+
+}  // namespace splatboost::report

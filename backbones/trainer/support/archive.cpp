@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/support/archive.h"
+
+#include <bit>
+#include <cstring>
+#include <fstream>
+#include <utility>
+
+#include "trainer/support/atomic_file.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+// File: magic, number of entries (u32), then for each entry its name's length (u32), name, and the length (u64) and
+// bytes of its content. The content's first byte tells the type, so that a wrong get is noticed. Little endian.
+constexpr char kMagic[8] = {'S', 'B', 'C', 'K', 'P', 'T', '0', '1'};
+constexpr std::size_t kVersionDigits = 2;
+constexpr std::uint32_t kLongestName = 4096;
+constexpr char kTypeFloats = 'f';
+constexpr char kTypeIndices = 'u';
+constexpr char kTypeInteger = 'i';
+constexpr char kTypeText = 't';
+
+static_assert(std::endian::native == std::endian::little,
+              "checkpoints hold little-endian numbers as they lie in memory");
+
+std::vector<std::byte> tagged(char type, const void* data, std::size_t bytes) {
+  std::vector<std::byte> content(1 + bytes);
+  content[0] = static_cast<std::byte>(type);
+  if (bytes > 0) std::memcpy(content.data() + 1, data, bytes);
+  return content;
+}
+
+template <class T>
+void write_number(std::ostream& stream, T value) {
+  stream.write(reinterpret_cast<const char*>(&value), sizeof value);
+}
+
+/// Reads from a file whose size is known, and refuses to go past its end before anything is allocated.
+class BoundedInput {
+ public:
+  BoundedInput(const std::filesystem::path& path, std::ifstream& stream, std::uint64_t size)
+      : path_(path), stream_(stream), left_(size) {}
+
+  template <class T>
+  T number() {
+    T value{};
+    read(&value, sizeof value);
+    return value;
+  }
+
+  void read(void* target, std::uint64_t bytes) {
+    require(bytes);
+    stream_.read(static_cast<char*>(target), static_cast<std::streamsize>(bytes));
+    if (!stream_) fail("cannot be read");
+    left_ -= bytes;
+  }
+
+  void require(std::uint64_t bytes) const {
+    if (bytes > left_) fail("is truncated");
+  }
+
+  std::uint64_t left() const { return left_; }
+
+  [[noreturn]] void fail(const std::string& what) const { throw InputError(path_.string() + ": checkpoint " + what); }
+
+ private:
+  const std::filesystem::path& path_;
+  std::ifstream& stream_;
+  std::uint64_t left_;
+};
+
+template <class T>
+std::vector<T> numbers(std::span<const std::byte> bytes, const std::filesystem::path& path, std::string_view name) {
+  if (bytes.size() % sizeof(T) != 0) {
+    throw InputError(path.string() + ": checkpoint entry '" + std::string(name) + "' is not whole");
+  }
+  std::vector<T> values(bytes.size() / sizeof(T));
+  if (!values.empty()) std::memcpy(values.data(), bytes.data(), bytes.size());
+  return values;
+}
+
+void require_type(std::span<const std::byte> content, char type, const std::filesystem::path& path,
+                  std::string_view name) {
+  if (static_cast<char>(content[0]) != type) {
+    throw InputError(path.string() + ": checkpoint entry '" + std::string(name) + "' is of another type");
+  }
+}
+
+}  // namespace
+
+void ArchiveWriter::put(std::string_view name, std::span<const float> values) {
+  entries_.insert_or_assign(std::string(name), tagged(kTypeFloats, values.data(), values.size_bytes()));
+}
+
+void ArchiveWriter::put(std::string_view name, std::span<const std::uint32_t> values) {
+  entries_.insert_or_assign(std::string(name), tagged(kTypeIndices, values.data(), values.size_bytes()));
+}
+
+void ArchiveWriter::put(std::string_view name, std::int64_t value) {
+  entries_.insert_or_assign(std::string(name), tagged(kTypeInteger, &value, sizeof value));
+}
+
+void ArchiveWriter::put(std::string_view name, std::string_view text) {
+  entries_.insert_or_assign(std::string(name), tagged(kTypeText, text.data(), text.size()));
+}
+
+void ArchiveWriter::write(const std::filesystem::path& path) const {
+  write_file_atomically(path, [this](std::ostream& stream) {
+    stream.write(kMagic, sizeof kMagic);
+    write_number(stream, static_cast<std::uint32_t>(entries_.size()));
+    for (const auto& [name, content] : entries_) {
+      write_number(stream, static_cast<std::uint32_t>(name.size()));
+      stream.write(name.data(), static_cast<std::streamsize>(name.size()));
+      write_number(stream, static_cast<std::uint64_t>(content.size()));
+      stream.write(reinterpret_cast<const char*>(content.data()), static_cast<std::streamsize>(content.size()));
+    }
+  });
+}
+
+ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)) {
+  std::error_code error;
+  const std::uint64_t size =
+      std::filesystem::is_regular_file(path_, error) ? std::filesystem::file_size(path_, error) : 0;
+  std::ifstream stream(path_, std::ios::binary);
+  if (error || !stream || !std::filesystem::is_regular_file(path_, error)) {
+    throw InputError(path_.string() + ": no such checkpoint, or it cannot be opened");
+  }
+  BoundedInput input(path_, stream, size);
+  char magic[sizeof kMagic] = {};
+  if (size < sizeof magic) input.fail("is truncated, or not one of SplatBoost");
+  input.read(magic, sizeof magic);
+  if (std::memcmp(magic, kMagic, sizeof magic - kVersionDigits) != 0) {
+    throw InputError(path_.string() + ": not a checkpoint of SplatBoost");
+  }
+  if (std::memcmp(magic, kMagic, sizeof magic) != 0) {
+    input.fail("has format version " + std::string(magic + sizeof magic - kVersionDigits, kVersionDigits) +
+               ", this program reads " + std::string(kMagic + sizeof kMagic - kVersionDigits, kVersionDigits));
+  }
+  const auto count = input.number<std::uint32_t>();
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const auto name_length = input.number<std::uint32_t>();
+    if (name_length == 0 || name_length > kLongestName) input.fail("is damaged: impossible length of a name");
+    input.require(name_length);
+    std::string name(name_length, '\0');
+    input.read(name.data(), name.size());
+    const auto length = input.number<std::uint64_t>();
+    if (length == 0) input.fail("is damaged: entry '" + name + "' is empty");
+    input.require(length);
+    std::vector<std::byte> content(length);
+    input.read(content.data(), length);
+    if (!entries_.emplace(name, std::move(content)).second) input.fail("is damaged: entry '" + name + "' occurs twice");
+  }
+  if (input.left() != 0) input.fail("is damaged: bytes follow the last entry");
+}
+
+std::span<const std::byte> ArchiveReader::entry(std::string_view name) const {
+  const auto found = entries_.find(name);
+  if (found == entries_.end()) {
+    throw InputError(path_.string() + ": checkpoint has no entry '" + std::string(name) + "'");
+  }
+  return found->second;
+}
+
+std::vector<float> ArchiveReader::floats(std::string_view name) const {
+  const auto content = entry(name);
+  require_type(content, kTypeFloats, path_, name);
+  return numbers<float>(content.subspan(1), path_, name);
+}
+
+std::vector<std::uint32_t> ArchiveReader::indices(std::string_view name) const {
+  const auto content = entry(name);
+  require_type(content, kTypeIndices, path_, name);
+  return numbers<std::uint32_t>(content.subspan(1), path_, name);
+}
+
+std::int64_t ArchiveReader::integer(std::string_view name) const {
+  const auto content = entry(name);
+  require_type(content, kTypeInteger, path_, name);
+  const auto values = numbers<std::int64_t>(content.subspan(1), path_, name);
+  if (values.size() != 1)
+    throw InputError(path_.string() + ": checkpoint entry '" + std::string(name) + "' is not whole");
+  return values[0];
+}
+
+std::string ArchiveReader::text(std::string_view name) const {
+  const auto content = entry(name);
+  require_type(content, kTypeText, path_, name);
+  const auto bytes = content.subspan(1);
+  return std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+}
+
+}  // namespace splatboost

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Reads single values from JSON, with errors that name the key.
+#pragma once
+
+#include <concepts>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+
+[[noreturn]] inline void wrong_type(const std::string& place, const char* wanted) {
+  throw InputError(place + " must be " + wanted);
+}
+
+inline void read_value(const nlohmann::json& json, const std::string& place, bool& value) {
+  if (!json.is_boolean()) wrong_type(place, "true or false");
+  value = json.get<bool>();
+}
+
+template <std::integral T>
+requires(!std::same_as<T, bool>) void read_value(const nlohmann::json& json, const std::string& place, T& value) {
+  if (!json.is_number_integer()) wrong_type(place, "a whole number");
+  // Compared before it is narrowed, in the type that the number has.
+  const bool fits = json.is_number_unsigned() ? std::in_range<T>(json.get<std::uint64_t>())
+                                              : std::in_range<T>(json.get<std::int64_t>());
+  if (!fits) wrong_type(place, "a number in range");
+  value = json.get<T>();
+}
+
+template <std::floating_point T>
+void read_value(const nlohmann::json& json, const std::string& place, T& value) {
+  if (!json.is_number()) wrong_type(place, "a number");
+  value = json.get<T>();
+}
+
+inline void read_value(const nlohmann::json& json, const std::string& place, std::string& value) {
+  if (!json.is_string()) wrong_type(place, "a string");
+  value = json.get<std::string>();
+}
+
+inline void read_value(const nlohmann::json& json, const std::string& place, std::filesystem::path& value) {
+  if (!json.is_string()) wrong_type(place, "a path");
+  value = json.get<std::string>();
+}
+
+template <class T>
+void read_value(const nlohmann::json& json, const std::string& place, std::vector<T>& values) {
+  if (!json.is_array()) wrong_type(place, "a list");
+  values.assign(json.size(), T{});
+  for (std::size_t i = 0; i < json.size(); ++i) read_value(json[i], place, values[i]);
+}
+
+template <class T>
+void read_value(const nlohmann::json& json, const std::string& place, std::optional<T>& value) {
+  if (json.is_null()) {
+    value.reset();
+  } else {
+    read_value(json, place, value.emplace());
+  }
+}
+
+/// A float as the shortest decimal that reads back as the same float: 0.1, not 0.10000000149011612.
+nlohmann::json readable(float value);
+
+}  // namespace splatboost

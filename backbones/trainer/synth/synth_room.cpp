@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: Apache-2.0
+// A room holds a podium with objects; cameras stand around it and look inwards.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include <glm/gtc/quaternion.hpp>
+
+#include "trainer/synth/synth_room_surfaces.h"
+#include "trainer/synth/synth_world.h"
+
+namespace splatboost::synthetic {
+namespace {
+
+using namespace room;
+
+constexpr Vec3 kRoomLow{-3.2, -2.8, 0.0};
+constexpr Vec3 kRoomHigh{3.2, 2.8, 2.7};
+
+struct Hit {
+  double distance = 1e30;
+  Vec3 normal{0.0};  // world, towards the ray's origin
+  int solid = -1;    // -1: the room
+  int wall = 0;      // of the room: 0/1 x low/high, 2/3 y, 4 floor, 5 ceiling
+};
+
+/// Most rays miss most solids: does this one come near, before `farthest`?
+inline bool comes_near(const Solid& solid, const Ray& ray, double farthest) {
+  const Vec3 to_centre = solid.bound_centre - ray.origin;
+  const double along = glm::dot(to_centre, ray.direction);
+  const double radius = solid.bound_radius;
+  return glm::dot(to_centre, to_centre) - along * along <= radius * radius && along >= -radius &&
+         along - radius <= farthest;
+}
+
+LocalHit hit_solid(const Solid& solid, const Ray& ray) {
+  const Ray local{solid.local_from_world * (ray.origin - solid.position), solid.local_from_world * ray.direction};
+  switch (solid.shape) {
+    case Shape::sphere:
+      return hit_sphere(local, solid.size.x);
+    case Shape::box:
+      return hit_box(local, solid.size);
+    case Shape::cylinder:
+      return hit_round(local, solid.size.x, solid.size.z, 0);
+    case Shape::cone:
+      return hit_round(local, solid.size.x, solid.size.z, 1);
+    case Shape::torus:
+      return hit_torus(local, solid.size.x, solid.size.y);
+  }
+  return {};
+}
+
+struct Light {
+  Vec3 position;
+  Vec3 power;
+};
+
+struct Shaded {
+  Vec3 color{0.0};  // linear, before exposure
+  Hit hit;
+};
+
+Mat3 turned(double degrees, double tilt_degrees = 0) {
+  const auto about = [](double angle, const Vec3& axis) {
+    return glm::mat3_cast(glm::angleAxis(angle * kPi / 180, axis));
+  };
+  return glm::transpose(about(degrees, {0, 0, 1}) * about(tilt_degrees, {1, 0, 0}));
+}
+
+class Room final : public World {
+ public:
+  Room() {
+    constexpr double kPodium = 0.16;
+    const auto add = [&](Shape shape, Material material, Vec3 size, Vec3 position, Mat3 local_from_world = Mat3(1.0)) {
+      Solid solid{shape, material, size, position, local_from_world};
+      solid.seed = static_cast<double>(solids_.size());
+      Vec3 middle(0.0);
+      switch (shape) {
+        case Shape::sphere:
+          solid.bound_radius = size.x;
+          break;
+        case Shape::box:
+          solid.bound_radius = glm::length(size);
+          break;
+        case Shape::torus:
+          solid.bound_radius = size.x + size.y;
+          break;
+        case Shape::cylinder:
+        case Shape::cone:
+          middle = {0, 0, 0.5 * size.z};
+          solid.bound_radius = std::hypot(size.x, 0.5 * size.z);
+          break;
+      }
+      solid.bound_centre = position + glm::transpose(local_from_world) * middle;
+      solids_.push_back(solid);
+    };
+    add(Shape::cylinder, Material::podium, {1.18, 0, kPodium}, {0, 0, 0});
+    add(Shape::box, Material::stone, Vec3(0.25, 0.25, 0.2), {0.02, 0.05, kPodium + 0.2}, turned(18));
+    add(Shape::sphere, Material::globe, Vec3(0.34), {0.02, 0.05, kPodium + 0.4 + 0.34}, turned(40, 23));
+    add(Shape::box, Material::crate, Vec3(0.22), {-0.66, -0.3, kPodium + 0.22}, turned(28));
+    add(Shape::torus, Material::candy, {0.155, 0.065, 0}, {-0.66, -0.3, kPodium + 0.44 + 0.065}, turned(0));
+    add(Shape::cone, Material::spiral, {0.25, 0, 0.7}, {-0.42, 0.62, kPodium});
+    add(Shape::cylinder, Material::can, {0.17, 0, 0.44}, {0.62, 0.48, kPodium}, turned(60));
+    add(Shape::torus, Material::bronze, {0.27, 0.075, 0}, {0.7, -0.32, kPodium + 0.345}, turned(-35, 90));
+    add(Shape::sphere, Material::beach_ball, Vec3(0.2), {0.05, -0.72, kPodium + 0.2}, turned(15, 50));
+    add(Shape::cylinder, Material::mosaic, {0.13, 0, 0.28}, {0.12, 0.78, kPodium});
+    add(Shape::sphere, Material::marble, Vec3(0.13), {0.12, 0.78, kPodium + 0.28 + 0.13});
+    add(Shape::sphere, Material::marble, Vec3(0.1), {-0.24, -0.52, kPodium + 0.1});
+    add(Shape::sphere, Material::marble, Vec3(0.08), {0.38, -0.66, kPodium + 0.08});
+    add(Shape::box, Material::dice, Vec3(0.085), {-0.78, 0.22, kPodium + 0.085}, turned(52));
+    add(Shape::box, Material::dice, Vec3(0.085), {0.86, 0.1, kPodium + 0.085}, turned(11));
+    for (const double x : {-2.86, 2.86}) {
+      for (const double y : {-2.46, 2.46}) add(Shape::cylinder, Material::column, {0.2, 0, kRoomHigh.z}, {x, y, 0});
+    }
+    lights_ = {{{1.7, -1.3, 2.35}, Vec3(1.0, 0.87, 0.7) * 8.4}, {{-1.9, 1.2, 2.3}, Vec3(0.7, 0.85, 1.0) * 3.6}};
+  }
+
+  Seen probe(const Ray& ray) const override {
+    const Hit hit = trace(ray);
+    return {hit.distance, hit.normal, hit.solid >= 0, false, Vec3(0.0)};
+  }
+
+  Seen look(const Ray& ray, double pixel_angle) const override {
+    const Shaded shaded = shade(ray, pixel_angle);
+    return {shaded.hit.distance, shaded.hit.normal, shaded.hit.solid >= 0, false, exposed(shaded.color)};
+  }
+
+  Pose camera(int index, int count, const RandomStream& random) const override {
+    const auto key = static_cast<std::uint64_t>(index) * 8;
+    const auto jitter = [&](std::uint64_t k) { return 2 * random.uniform(key + k) - 1; };
+    const double turn = (index + 0.35 * jitter(0)) / count;
+    const double level = fract(index * 0.61803398875);  // heights spread evenly, neighbours differ
+    const double angle = 2 * kPi * turn;
+    const double radius = 2.28 - 0.42 * level + 0.1 * jitter(1);
+    return looking({radius * std::cos(angle), radius * std::sin(angle), 0.62 + 1.3 * level + 0.06 * jitter(2)},
+                   {0.14 * jitter(3), 0.14 * jitter(4), 0.52 + 0.1 * jitter(5)});
+  }
+
+ private:
+  Hit trace(const Ray& ray) const {
+    Hit hit;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (ray.direction[axis] == 0) continue;
+      const bool high = ray.direction[axis] > 0;
+      const double distance = ((high ? kRoomHigh : kRoomLow)[axis] - ray.origin[axis]) / ray.direction[axis];
+      if (distance < hit.distance) {
+        hit.distance = distance;
+        hit.wall = 2 * axis + (high ? 1 : 0);
+        hit.normal = Vec3(0.0);
+        hit.normal[axis] = high ? -1 : 1;
+      }
+    }
+    for (std::size_t i = 0; i < solids_.size(); ++i) {
+      if (!comes_near(solids_[i], ray, hit.distance)) continue;
+      const LocalHit local = hit_solid(solids_[i], ray);
+      if (local.distance < hit.distance) {
+        hit.distance = local.distance;
+        hit.solid = static_cast<int>(i);
+        hit.normal = glm::transpose(solids_[i].local_from_world) * local.normal;
+      }
+    }
+    return hit;
+  }
+
+  /// @param pixel_angle size of a sample in radians
+  Shaded shade(const Ray& ray, double pixel_angle) const {
+    Shaded result;
+    const Hit& hit = result.hit = trace(ray);
+    const Vec3 p = ray.origin + hit.distance * ray.direction;
+    const Vec3 view = -ray.direction;
+    const double facing = std::max(0.25, std::abs(glm::dot(hit.normal, view)));
+    const double width = hit.distance * pixel_angle / facing;
+    const Surface surface = surface_at(hit, p, width);
+
+    const double open = openness(hit, p);
+    const Vec3 sky = mix(srgb(150, 124, 104), srgb(214, 220, 230), 0.5 + 0.5 * hit.normal.z);
+    Vec3 color = surface.albedo * sky * (0.36 * open);
+    for (const Light& light : lights_) {
+      const Vec3 to_light = light.position - p;
+      const double distance = glm::length(to_light);
+      const Vec3 direction = to_light / distance;
+      const double cosine = glm::dot(hit.normal, direction);
+      if (cosine <= 0) continue;
+      const double lit = light_seen(p + 1e-5 * hit.normal, light.position);
+      if (lit <= 0) continue;
+      const Vec3 arriving = light.power * (lit / (1.2 + distance * distance));
+      const double gleam =
+          std::pow(std::max(0.0, glm::dot(hit.normal, glm::normalize(direction + view))), surface.shininess);
+      color += arriving * (surface.albedo * cosine + surface.specular * gleam);
+    }
+    result.color = color;
+    return result;
+  }
+
+  static Vec3 exposed(const Vec3& color) {
+    return {1 - std::exp(-1.25 * color.x), 1 - std::exp(-1.25 * color.y), 1 - std::exp(-1.25 * color.z)};
+  }
+
+  Surface surface_at(const Hit& hit, const Vec3& p, double width) const {
+    if (hit.solid >= 0) {
+      const Solid& solid = solids_[static_cast<std::size_t>(hit.solid)];
+      return solid_surface(solid, solid.local_from_world * (p - solid.position), solid.local_from_world * hit.normal,
+                           width);
+    }
+    if (hit.wall < 4) return wall_surface(hit.wall, p, width);
+    return hit.wall == 4 ? floor_surface(p, width) : ceiling_surface(p, width);
+  }
+
+  /// Share of a small spherical lamp that a point sees: a fixed pattern of rays, the same for every view.
+  double light_seen(const Vec3& from, const Vec3& to) const {
+    constexpr double kLampRadius = 0.07;
+    constexpr std::array<Vec3, 3> kPattern{Vec3{0.9, 0.1, -0.4}, Vec3{-0.5, 0.75, 0.4}, Vec3{-0.35, -0.85, 0.0}};
+    // Few solids come near the bundle of rays; most points have none.
+    const Vec3 middle_way = to - from;
+    const double length = glm::length(middle_way);
+    const Vec3 middle = middle_way / length;
+    std::array<const Solid*, kMostSolids> near;
+    std::size_t count = 0;
+    for (const Solid& solid : solids_) {
+      const Vec3 to_centre = solid.bound_centre - from;
+      const double along = glm::dot(to_centre, middle);
+      const double reach = solid.bound_radius + kLampRadius;
+      if (along < -reach || along > length + reach) continue;
+      if (glm::dot(to_centre, to_centre) - along * along < reach * reach) near[count++] = &solid;
+    }
+    if (count == 0) return 1;
+    double seen = 0;
+    for (const Vec3& offset : kPattern) {
+      const Vec3 way = to + kLampRadius * offset - from;
+      const double distance = glm::length(way);
+      const Ray ray{from, way / distance};
+      const bool blocked =
+          std::any_of(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(count), [&](const Solid* solid) {
+            return comes_near(*solid, ray, distance) && hit_solid(*solid, ray).distance < distance;
+          });
+      if (!blocked) seen += 1.0 / static_cast<double>(kPattern.size());
+    }
+    return seen;
+  }
+
+  /// Ambient light that reaches a point: less in the corners of the room and beside solids (as if they were spheres).
+  double openness(const Hit& hit, const Vec3& p) const {
+    double open = 1;
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const double distance : {p[axis] - kRoomLow[axis], kRoomHigh[axis] - p[axis]}) {
+        if (hit.solid < 0 && hit.wall / 2 == axis) continue;  // not its own wall
+        open *= 1 - 0.42 / (1 + distance * distance * 40);
+      }
+    }
+    for (std::size_t i = 1; i < solids_.size(); ++i) {  // 0 is the podium: too flat for a sphere
+      if (static_cast<int>(i) == hit.solid) continue;
+      const Vec3 to = solids_[i].bound_centre - p;
+      const double radius = 0.8 * solids_[i].bound_radius;
+      const double height = glm::dot(hit.normal, to);
+      if (height <= 0) continue;
+      const double square = std::max(glm::dot(to, to), radius * radius);
+      open *= 1 - 0.75 * height * radius * radius / (square * std::sqrt(square));
+    }
+    return open;
+  }
+
+  static constexpr std::size_t kMostSolids = 32;
+  std::vector<Solid> solids_;  // at most kMostSolids
+  std::vector<Light> lights_;
+};
+
+}  // namespace
+
+std::unique_ptr<World> make_room() { return std::make_unique<Room>(); }
+
+}  // namespace splatboost::synthetic

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What the room and the things in it look like from close by.
+#pragma once
+
+#include "trainer/synth/synth_world.h"
+
+namespace splatboost::synthetic::room {
+
+enum class Shape { sphere, box, cylinder, cone, torus };
+
+enum class Material {
+  podium,
+  globe,
+  beach_ball,
+  crate,
+  stone,
+  candy,
+  bronze,
+  spiral,
+  mosaic,
+  can,
+  marble,
+  column,
+  dice
+};
+
+/// A solid in its own frame: spheres and boxes around the origin, cylinders and cones up from z = 0, a torus around z.
+struct Solid {
+  Shape shape;
+  Material material;
+  Vec3 size;  // sphere: radius; box: half sides; cylinder, cone: radius, -, height; torus: large radius, small radius
+  Vec3 position;
+  Mat3 local_from_world{1.0};
+  Vec3 bound_centre{0.0};  // of a sphere around the solid, world
+  double bound_radius = 0;
+  double seed = 0;  // makes textures of one material differ
+};
+
+/// @param wall 0/1 of x low/high, 2/3 of y
+/// @param p point in the world
+/// @param width of a pixel there
+Surface wall_surface(int wall, const Vec3& p, double width);
+Surface floor_surface(const Vec3& p, double width);
+Surface ceiling_surface(const Vec3& p, double width);
+/// @param p point in the solid's own frame
+/// @param n normal there
+Surface solid_surface(const Solid& solid, const Vec3& p, const Vec3& n, double width);
+
+}  // namespace splatboost::synthetic::room

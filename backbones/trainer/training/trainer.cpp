@@ -1,0 +1,301 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/training/trainer.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <numeric>
+#include <stdexcept>
+#include <type_traits>
+#include <utility>
+
+#include "splatboost/errors.h"
+#include "splatboost/random.h"
+#include "trainer/evaluation/evaluate.h"
+#include "trainer/support/input_error.h"
+#include "trainer/training/progress.h"
+
+namespace splatboost {
+namespace {
+
+using Json = nlohmann::json;
+
+// Weight of the newest loss in the shown mean: views differ in difficulty, so about 20 of them are averaged.
+constexpr double kLossWeight = 0.05;
+
+constexpr std::string_view kTrainerEntry = "trainer";
+
+volatile std::sig_atomic_t g_stop_signal = 0;
+
+extern "C" void note_stop_signal(int signal_number) {
+  g_stop_signal = signal_number;
+  // The second one kills at once.
+  std::signal(SIGINT, SIG_DFL);
+  std::signal(SIGTERM, SIG_DFL);
+}
+
+/// Takes SIGINT and SIGTERM while it lives. A signal that was ignored before (nohup, a background job) stays so.
+class StopSignals {
+ public:
+  StopSignals() {
+    g_stop_signal = 0;
+    struct sigaction action {};
+    action.sa_handler = note_stop_signal;
+    sigemptyset(&action.sa_mask);
+    action.sa_flags = SA_RESTART;
+    for (std::size_t i = 0; i < 2; ++i) {
+      sigaction(kSignals[i], nullptr, &previous_[i]);
+      if (previous_[i].sa_handler != SIG_IGN) sigaction(kSignals[i], &action, nullptr);
+    }
+  }
+  ~StopSignals() {
+    for (std::size_t i = 0; i < 2; ++i) sigaction(kSignals[i], &previous_[i], nullptr);
+  }
+  StopSignals(const StopSignals&) = delete;
+  StopSignals& operator=(const StopSignals&) = delete;
+
+  int caught() const { return g_stop_signal; }
+
+ private:
+  static constexpr int kSignals[2] = {SIGINT, SIGTERM};
+  struct sigaction previous_[2] = {};
+};
+
+/// The order in which the views of one epoch are seen.
+void shuffle_epoch(std::uint64_t epoch, std::size_t views, std::uint64_t seed, std::vector<std::size_t>& order) {
+  order.resize(views);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const RandomStream random(seed, epoch, RandomPurpose::view_order);
+  for (std::size_t i = views; i > 1; --i) std::swap(order[i - 1], order[random.below(i, i)]);
+}
+
+std::uint64_t epoch_of(int iteration, std::size_t views) { return static_cast<std::uint64_t>(iteration - 1) / views; }
+
+bool contains(const std::vector<int>& numbers, int number) {
+  return std::find(numbers.begin(), numbers.end(), number) != numbers.end();
+}
+
+/// Iterations at which the curve is sampled: evenly spread, the last included. One before the round numbers, because
+/// at those backbones reset opacities, and a curve of just-reset models would say nothing.
+bool samples_curve_at(int iteration, int total, int points) {
+  if (iteration == total) return true;
+  if (points <= 0) return false;
+  // True where floor(iteration · points / total) is about to step up.
+  const auto passed = [&](int i) { return static_cast<long long>(i) * points / total; };
+  return iteration + 1 < total && passed(iteration + 1) != passed(iteration);
+}
+
+std::string iteration_name(int iteration) { return "iteration_" + std::to_string(iteration); }
+
+void make_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw InputError(folder.string() + ": cannot make this folder: " + error.message());
+}
+
+Json curve_to_json(const std::vector<CurvePoint>& curve) {
+  Json json = Json::array();
+  for (const CurvePoint& point : curve) {
+    json.push_back(
+        {point.iteration, point.seconds, point.loss, point.primitives, point.psnr ? Json(*point.psnr) : Json(nullptr)});
+  }
+  return json;
+}
+
+std::vector<CurvePoint> curve_from_json(const Json& json) {
+  std::vector<CurvePoint> curve;
+  for (const Json& row : json) {
+    CurvePoint point;
+    point.iteration = row.at(0).get<int>();
+    point.seconds = row.at(1).get<double>();
+    point.loss = row.at(2).get<double>();
+    point.primitives = row.at(3).get<std::size_t>();
+    if (!row.at(4).is_null()) point.psnr = row.at(4).get<double>();
+    curve.push_back(point);
+  }
+  return curve;
+}
+
+std::string shown(const Json& value) { return value.is_string() ? value.get<std::string>() : value.dump(); }
+
+/// Refuses a checkpoint of another run: it would go on with other data or other rules and look like a result.
+void require_same_run(const Json& saved, const Json& wanted, const std::filesystem::path& checkpoint) {
+  for (const auto& [key, value] : wanted.items()) {
+    const Json other = saved.contains(key) ? saved.at(key) : Json("none");
+    if (other != value) {
+      throw InputError(checkpoint.string() + ": made by a run with " + key + " = " + shown(other) + ", this run has " +
+                       shown(value) + "; resume with the settings of that run");
+    }
+  }
+}
+
+/// One run of the loop: what it carries from iteration to iteration.
+class Run {
+ public:
+  Run(Backbone& backbone, const Scene& scene, const TrainOptions& options)
+      : backbone_(backbone), scene_(scene), options_(options), identity_(options.identity) {
+    identity_["iterations"] = options.iterations;
+    identity_["seed"] = options.seed;
+    identity_["training views"] = scene.train.size();
+    identity_["image size"] =
+        std::to_string(scene.train[0].camera.width) + "x" + std::to_string(scene.train[0].camera.height);
+  }
+
+  TrainOutcome train() {
+    if (!options_.resume.empty()) restore();
+    const int first = outcome_.iteration + 1;
+    const double seconds_before = outcome_.seconds;
+    make_folder(options_.model / "point_cloud");
+    if (options_.on_start) options_.on_start(backbone_.primitives());
+
+    std::vector<std::size_t> order;
+    std::uint64_t order_epoch = 0;
+    Progress progress(options_.label, options_.iterations, outcome_.iteration, options_.quiet);
+    StopSignals signals;
+    for (int iteration = first; iteration <= options_.iterations; ++iteration) {
+      const auto start = std::chrono::steady_clock::now();
+      const std::size_t views = scene_.train.size();
+      const std::uint64_t epoch = epoch_of(iteration, views);
+      if (order.empty() || epoch != order_epoch) {
+        shuffle_epoch(epoch, views, options_.seed, order);
+        order_epoch = epoch;
+      }
+      const bool coarse = iteration <= options_.coarse_iterations && !scene_.train_halves.empty();
+      const View& view =
+          (coarse ? scene_.train_halves : scene_.train)[order[static_cast<std::size_t>(iteration - 1) % views]];
+      const bool last = iteration == options_.iterations;
+      const bool samples = samples_curve_at(iteration, options_.iterations, options_.curve_points);
+      const bool saves = contains(options_.save_iterations, iteration);
+      const bool checkpoints = contains(options_.checkpoint_iterations, iteration);
+      const double loss = saving_the_model(iteration, [&] { return backbone_.train_step(iteration, view); });
+      if (last) backbone_.finish();
+      // What is not training is not timed, and begins when all of the training before it is done.
+      if (samples || saves || checkpoints) backbone_.wait();
+      outcome_.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+
+      if (!std::isfinite(loss)) {
+        throw std::runtime_error("the loss is not finite at iteration " + std::to_string(iteration) + " (view " +
+                                 view.name +
+                                 "), or on a GPU shortly before; lower the learning rates in --config, or report this");
+      }
+      outcome_.iteration = iteration;
+      loss_ = std::isnan(loss_) ? loss : loss_ + kLossWeight * (loss - loss_);
+      progress.update(iteration, loss_, backbone_.primitives(), outcome_.seconds - seconds_before);
+      if (samples) saving_the_model(iteration, [&] { sample_curve(); });
+      if (last) break;
+      if (saves) export_model();
+      if (checkpoints) save();
+      if (signals.caught() != 0) {
+        outcome_.interrupted_by = signals.caught();
+        outcome_.checkpoint = save();
+        break;
+      }
+    }
+    if (outcome_.interrupted_by == 0) outcome_.storage_bytes = export_model();
+    outcome_.stage_seconds = stage_seconds();
+    return std::move(outcome_);
+  }
+
+ private:
+  /// Where the device's memory does not do for the body, what there is of the model is saved before the error goes on.
+  template <class Body>
+  std::invoke_result_t<const Body&> saving_the_model(int iteration, const Body& body) {
+    try {
+      return body();
+    } catch (const DeviceMemoryError& error) {
+      outcome_.iteration = iteration;
+      std::string saved = "the model so far is in " + model_folder().string();
+      try {
+        export_model();
+      } catch (const std::exception& reason) {
+        saved = "the model could not be saved: " + std::string(reason.what());
+      }
+      throw DeviceMemoryError("iteration " + std::to_string(iteration) + ": " + error.what() + ", with " +
+                              std::to_string(backbone_.primitives()) + " primitives; " + saved +
+                              "; lower --resolution or set --max-primitives");
+    }
+  }
+
+  void sample_curve() {
+    CurvePoint point;
+    point.iteration = outcome_.iteration;
+    point.seconds = outcome_.seconds;
+    point.loss = loss_;
+    point.primitives = backbone_.primitives();
+    if (options_.curve_points > 0 && options_.curve_views > 0) {
+      point.psnr = quick_psnr(backbone_, scene_, options_.curve_views);
+    }
+    outcome_.curve.push_back(point);
+  }
+
+  std::filesystem::path model_folder() const {
+    return options_.model / "point_cloud" / iteration_name(outcome_.iteration);
+  }
+
+  std::uint64_t export_model() {
+    const auto folder = model_folder();
+    make_folder(folder);
+    return backbone_.export_model(folder);
+  }
+
+  std::map<std::string, double> stage_seconds() const {
+    std::map<std::string, double> sums = stages_before_;
+    for (const auto& [stage, seconds] : backbone_.stages().seconds()) sums[stage] += seconds;
+    return sums;
+  }
+
+  std::filesystem::path save() const {
+    const auto folder = options_.model / "checkpoints";
+    make_folder(folder);
+    const Json trainer = {
+        {"iteration", outcome_.iteration}, {"seconds", outcome_.seconds}, {"loss", loss_},
+        {"identity", identity_},           {"stages", stage_seconds()},   {"curve", curve_to_json(outcome_.curve)}};
+    ArchiveWriter archive;
+    archive.put(kTrainerEntry, std::string_view(trainer.dump()));
+    backbone_.save(archive);
+    const auto path = folder / (iteration_name(outcome_.iteration) + ".ckpt");
+    archive.write(path);
+    return path;
+  }
+
+  void restore() {
+    ArchiveReader archive(options_.resume);
+    try {
+      const Json trainer = Json::parse(archive.text(kTrainerEntry));
+      require_same_run(trainer.at("identity"), identity_, options_.resume);
+      outcome_.iteration = trainer.at("iteration").get<int>();
+      outcome_.seconds = trainer.at("seconds").get<double>();
+      loss_ = trainer.at("loss").get<double>();
+      stages_before_ = trainer.at("stages").get<std::map<std::string, double>>();
+      outcome_.curve = curve_from_json(trainer.at("curve"));
+    } catch (const Json::exception&) {
+      throw InputError(options_.resume.string() + ": checkpoint is damaged: its trainer entry cannot be read");
+    }
+    backbone_.load(archive);
+  }
+
+  Backbone& backbone_;
+  const Scene& scene_;
+  const TrainOptions& options_;
+  Json identity_;
+  TrainOutcome outcome_;
+  double loss_ = std::nan("");
+  std::map<std::string, double> stages_before_;
+};
+
+}  // namespace
+
+std::size_t view_of_iteration(int iteration, std::size_t views, std::uint64_t seed) {
+  std::vector<std::size_t> order;
+  shuffle_epoch(epoch_of(iteration, views), views, seed, order);
+  return order[static_cast<std::size_t>(iteration - 1) % views];
+}
+
+TrainOutcome train(Backbone& backbone, const Scene& scene, const TrainOptions& options) {
+  if (scene.train.empty()) throw InputError("the scene has no training view");
+  if (options.iterations < 1) throw InputError("a run needs at least one iteration");
+  return Run(backbone, scene, options).train();
+}
+
+}  // namespace splatboost

@@ -1,0 +1,343 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/dataset/read_scene.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdio>
+
+#include <glm/geometric.hpp>
+#include <glm/vec4.hpp>
+
+#include "support/temporary_folder.h"
+#include "trainer/dataset/colmap.h"
+#include "trainer/images/image_codec.h"
+
+namespace splatboost::test {
+namespace {
+
+constexpr int kWidth = 64, kHeight = 48, kViews = 10;
+
+/// Ten cameras in a row along x that look along z; photo i is of the grey value 10 i, with one dark column.
+struct Row {
+  TemporaryFolder folder;
+
+  explicit Row(bool with_points = true) {
+    ColmapModel model;
+    model.cameras.push_back({1, 0, kWidth, kHeight, {50, 32, 24}});
+    for (int i = kViews - 1; i >= 0; --i) {  // not in order of their names
+      ColmapImage image;
+      image.id = static_cast<std::uint32_t>(i + 1);
+      image.camera_id = 1;
+      image.name = "v0.png";
+      image.name[1] = static_cast<char>('0' + i);
+      image.translation[0] = -i;
+      model.images.push_back(image);
+      std::vector<std::uint8_t> pixels(kWidth * kHeight, static_cast<std::uint8_t>(10 * i));
+      write(image.name, pixels);
+    }
+    if (with_points) {
+      model.points.positions = {1, 2, 3};
+      model.points.colors = {1, 2, 3};
+    }
+    std::filesystem::create_directories(folder / "sparse/0");
+    write_colmap_model(folder / "sparse/0", model);
+  }
+
+  void write(const std::string& name, const std::vector<std::uint8_t>& pixels) const {
+    std::filesystem::create_directories(folder / "images");
+    write_png(folder.path() / "images" / name, kWidth, kHeight, 1, std::span<const std::uint8_t>(pixels));
+  }
+
+  SceneOptions options() const {
+    SceneOptions result;
+    result.source = folder.path();
+    return result;
+  }
+};
+
+std::string names(const std::vector<View>& views) {
+  std::string text;
+  for (const View& view : views) text += view.name.substr(0, view.name.find('.')) + " ";
+  return text;
+}
+
+TEST(ReadScene, KeepsOrderWhateverThreadReads) {
+  const Row row;
+  const Scene scene = read_scene(row.options());
+  EXPECT_EQ(names(scene.train), "v0 v1 v2 v3 v4 v5 v6 v7 v8 v9 ");
+  for (int i = 0; i < kViews; ++i) {
+    EXPECT_EQ(scene.train[static_cast<std::size_t>(i)].color[0], 10 * i);
+    EXPECT_FLOAT_EQ(scene.train[static_cast<std::size_t>(i)].camera.centre().x, static_cast<float>(i));
+  }
+  EXPECT_FLOAT_EQ(scene.extent, 1.1f * 4.5f);
+}
+
+TEST(ReadScene, SplitsAsAsked) {
+  const Row row;
+  SceneOptions options = row.options();
+  options.eval = true;
+  Scene scene = read_scene(options);
+  EXPECT_EQ(names(scene.test), "v0 v8 ");
+  EXPECT_EQ(names(scene.train), "v1 v2 v3 v4 v5 v6 v7 v9 ");
+  EXPECT_FLOAT_EQ(scene.extent, 1.1f * (9 - 37.0f / 8));
+
+  options.llffhold = 3;
+  scene = read_scene(options);
+  EXPECT_EQ(names(scene.test), "v0 v3 v6 v9 ");
+
+  options.n_views = 3;
+  scene = read_scene(options);
+  EXPECT_EQ(names(scene.train), "v1 v4 v8 ") << "of v1 v2 v4 v5 v7 v8: 2.5 rounds to the even 2";
+  EXPECT_EQ(names(scene.test), "v0 v3 v6 v9 ");
+
+  options.n_views = 1;
+  EXPECT_EQ(names(read_scene(options).train), "v1 ");
+  EXPECT_GT(read_scene(options).extent, 0);
+  options.n_views = 50;
+  EXPECT_EQ(read_scene(options).train.size(), 6u);
+
+  options.llffhold = 1;
+  expect_contains(input_error_of([&] { read_scene(options); }), "all 10 images are held out");
+  options.llffhold = 0;
+  expect_contains(input_error_of([&] { read_scene(options); }), "llffhold 0");
+}
+
+TEST(ReadScene, FewViewsStartFromPointsOfTheirOwn) {
+  const Row row;
+  SceneOptions options = row.options();
+  options.n_views = 3;
+  EXPECT_EQ(read_scene(options).points.positions, (std::vector<float>{1, 2, 3}));
+  write_file(row.folder / "3_views/dense/fused.ply",
+             "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+             "end_header\n4 5 6\n7 8 9\n");
+  const Scene scene = read_scene(options);
+  EXPECT_EQ(scene.points.positions, (std::vector<float>{4, 5, 6, 7, 8, 9}));
+  ASSERT_EQ(scene.notes.size(), 1u);
+  expect_contains(scene.notes[0], "3_views/dense/fused.ply");
+  options.n_views = 4;
+  EXPECT_EQ(read_scene(options).points.size(), 1u) << "other views have other points";
+}
+
+TEST(ReadScene, ATestListGoesBeforeTheRule) {
+  const Row row;
+  SceneOptions options = row.options();
+  options.eval = true;
+  options.test_list = row.folder / "test.txt";
+  write_file(options.test_list, "# held out\nv7.png\r\n\n  v2\n");
+  const Scene scene = read_scene(options);
+  EXPECT_EQ(names(scene.test), "v2 v7 ");
+  EXPECT_EQ(scene.train.size(), 8u);
+  write_file(options.test_list, "v7.png\nv77.png\n");
+  std::string message = input_error_of([&] { read_scene(options); });
+  expect_contains(message, "test.txt");
+  expect_contains(message, "'v77.png' matches no image");
+  write_file(options.test_list, "\n# nothing\n");
+  expect_contains(input_error_of([&] { read_scene(options); }), "empty");
+  options.test_list = row.folder / "none.txt";
+  expect_contains(input_error_of([&] { read_scene(options); }), "none.txt");
+}
+
+TEST(ReadScene, ResolutionAveragesAreasAndScalesTheCamera) {
+  if (!have_opencv()) GTEST_SKIP() << "resizing needs OpenCV";
+  const Row row;
+  std::vector<std::uint8_t> pixels(kWidth * kHeight);
+  for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = i % 2 == 0 ? 40 : 80;
+  row.write("v0.png", pixels);
+  SceneOptions options = row.options();
+  options.resolution = 2;
+  Scene scene = read_scene(options);
+  EXPECT_EQ(scene.train[0].camera.width, 32);
+  EXPECT_EQ(scene.train[0].camera.height, 24);
+  EXPECT_FLOAT_EQ(scene.train[0].camera.fx, 25);
+  EXPECT_FLOAT_EQ(scene.train[0].camera.cx, 16);
+  EXPECT_FLOAT_EQ(scene.train[0].camera.cy, 12);
+  for (const std::uint8_t value : scene.train[0].color) ASSERT_EQ(value, 60);
+  options.resolution = 16;
+  scene = read_scene(options);
+  EXPECT_EQ(scene.train[0].camera.width, 16);
+  EXPECT_EQ(scene.train[0].camera.height, 12);
+  EXPECT_FLOAT_EQ(scene.train[0].camera.fy, 12.5);
+  options.resolution = 5000;
+  EXPECT_EQ(read_scene(options).train[0].camera.width, kWidth);
+  for (const int wrong : {0, 3, -2, 9}) {
+    options.resolution = wrong;
+    expect_contains(input_error_of([&] { read_scene(options); }), "resolution " + std::to_string(wrong));
+  }
+}
+
+TEST(ReadScene, WidePhotosAreLimitedWithANote) {
+  if (!have_opencv()) GTEST_SKIP() << "resizing needs OpenCV";
+  const TemporaryFolder folder;
+  ColmapModel model;
+  model.cameras.push_back({1, 1, 3200, 40, {1000, 1000, 1500, 20}});
+  ColmapImage image;
+  image.camera_id = 1;
+  image.name = "wide.png";
+  model.images.push_back(image);
+  model.points.positions = {0, 0, 3};
+  model.points.colors = {1, 2, 3};
+  std::filesystem::create_directories(folder / "sparse/0");
+  std::filesystem::create_directories(folder / "images");
+  write_colmap_model(folder / "sparse/0", model);
+  const std::vector<std::uint8_t> pixels(3200 * 40, 9);
+  write_png(folder / "images/wide.png", 3200, 40, 1, std::span<const std::uint8_t>(pixels));
+  SceneOptions options;
+  options.source = folder.path();
+  Scene scene = read_scene(options);
+  EXPECT_EQ(scene.train[0].camera.width, 1600);
+  EXPECT_EQ(scene.train[0].camera.height, 20);
+  EXPECT_FLOAT_EQ(scene.train[0].camera.cx, 750);
+  ASSERT_FALSE(scene.notes.empty());
+  expect_contains(scene.notes[0], "1600");
+  options.resolution = 1;
+  EXPECT_EQ(read_scene(options).train[0].camera.width, 3200);
+}
+
+TEST(ReadScene, RandomPointsLieWhereTheCamerasLook) {
+  const Row row(false);
+  SceneOptions options = row.options();
+  options.random_points = 2000;
+  const Scene scene = read_scene(options);
+  ASSERT_EQ(scene.points.size(), 2000u);
+  std::size_t in_front = 0;
+  for (std::size_t i = 0; i < 2000; ++i) in_front += scene.points.positions[3 * i + 2] > 0 ? 1 : 0;
+  EXPECT_GT(in_front, 1200u);
+  EXPECT_EQ(read_scene(options).points.positions, scene.points.positions);
+  options.seed = 1;
+  EXPECT_NE(read_scene(options).points.positions, scene.points.positions);
+  options.random_points = 0;
+  expect_contains(input_error_of([&] { read_scene(options); }), "no points");
+}
+
+TEST(ReadScene, TellsWhatItLookedFor) {
+  const TemporaryFolder folder;
+  SceneOptions options;
+  options.source = folder.path();
+  const std::string message = input_error_of([&] { read_scene(options); });
+  for (const char* part : {"sparse/0/cameras.bin", "transforms_train.json", "transforms.json"})
+    expect_contains(message, part);
+  expect_contains(message, folder.path().string());
+  options.source = folder / "nowhere";
+  expect_contains(input_error_of([&] { read_scene(options); }), "nowhere: does not exist");
+  write_file(folder / "file", "x");
+  options.source = folder / "file";
+  expect_contains(input_error_of([&] { read_scene(options); }), "file: is not a folder");
+  options.source.clear();
+  expect_contains(input_error_of([&] { read_scene(options); }), "--source");
+}
+
+TEST(ReadScene, ReportsTheFirstOfSeveralBrokenPhotos) {
+  const Row row;
+  for (const char* name : {"v3.png", "v4.png", "v8.png"}) write_file(row.folder.path() / "images" / name, "broken");
+  for (int i = 0; i < 5; ++i) {
+    expect_contains(input_error_of([&] { read_scene(row.options()); }),
+                    have_opencv() ? "v3.png: the image cannot be decoded" : "v3.png: the image is not a PNG");
+  }
+}
+
+TEST(ReadScene, OpenCvStaysSilent) {
+  const Row row;
+  const std::string whole = read_file(row.folder / "images/v3.png");
+  testing::internal::CaptureStderr();
+  for (const std::string& content :
+       {whole.substr(0, whole.size() - 20), std::string("BM broken bitmap"), std::string("\xff\xd8\xff\xe0 broken")}) {
+    write_file(row.folder / "images/v3.png", content);
+    expect_contains(input_error_of([&] { read_scene(row.options()); }), "v3.png: ");
+  }
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
+// ------------------------------------------------------------------- the data of the development machine, where it is
+
+/// How many of the points fall into the picture, in front of the camera.
+double share_in_view(const Scene& scene, const Camera& camera) {
+  std::size_t inside = 0;
+  for (std::size_t i = 0; i < scene.points.size(); ++i) {
+    const float* p = scene.points.positions.data() + 3 * i;
+    const glm::vec4 q = camera.camera_from_world * glm::vec4(p[0], p[1], p[2], 1);
+    const float x = camera.fx * q.x / q.z + camera.cx, y = camera.fy * q.y / q.z + camera.cy;
+    const bool seen =
+        q.z > 0 && x >= 0 && y >= 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height);
+    inside += seen ? 1 : 0;
+  }
+  return static_cast<double>(inside) / static_cast<double>(scene.points.size());
+}
+
+Scene read_shared(const std::filesystem::path& source, bool eval, int resolution) {
+  SceneOptions options;
+  options.source = source;
+  options.eval = eval;
+  options.resolution = resolution;
+  return read_scene(options);
+}
+
+TEST(SharedData, Fox) {
+  if (!have_opencv()) GTEST_SKIP() << "JPEG and resizing need OpenCV";
+  const auto folder = shared_data("fox");
+  if (folder.empty()) GTEST_SKIP() << "no fox";
+  const Scene scene = read_shared(folder, true, 2);
+  EXPECT_EQ(scene.train.size(), 43u);
+  EXPECT_EQ(scene.test.size(), 7u);
+  EXPECT_EQ(scene.points.size(), 12221u);
+  EXPECT_EQ(scene.train[0].camera.width, 265);
+  EXPECT_EQ(scene.train[0].camera.height, 473);
+  for (const View& view : scene.train) EXPECT_GT(share_in_view(scene, view.camera), 0.2) << view.name;
+
+  // libjpeg would fill what is missing with grey and call it a success.
+  const TemporaryFolder scratch;
+  const std::string whole = read_file(folder / "images/0001.jpg");
+  Photo photo;
+  photo.file = scratch / "cut.jpg";
+  photo.lens.fx = 100;
+  write_file(photo.file, whole);
+  EXPECT_EQ(load_view(photo, {}).view.camera.width, 530);
+  testing::internal::CaptureStderr();
+  write_file(photo.file, whole.substr(0, whole.size() * 3 / 4));
+  expect_contains(input_error_of([&] { load_view(photo, {}); }), "cut.jpg: the JPEG is cut short");
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
+TEST(SharedData, Fern) {
+  if (!have_opencv()) GTEST_SKIP() << "JPEG and resizing need OpenCV";
+  const auto folder = shared_data("fern");
+  if (folder.empty()) GTEST_SKIP() << "no fern";
+  const Scene scene = read_shared(folder, false, 4);
+  EXPECT_EQ(scene.train.size(), 20u);
+  EXPECT_EQ(scene.points.size(), 6410u);
+  for (const View& view : scene.train) EXPECT_GT(share_in_view(scene, view.camera), 0.4) << view.name;
+}
+
+TEST(SharedData, DtuKeepsItsPrincipalPoint) {
+  if (!have_opencv()) GTEST_SKIP() << "JPEG and resizing need OpenCV";
+  const auto folder = shared_data("dtu_scan24");
+  if (folder.empty()) GTEST_SKIP() << "no dtu_scan24";
+  const Scene scene = read_shared(folder, false, 1);
+  EXPECT_EQ(scene.train.size(), 49u);
+  EXPECT_EQ(scene.points.size(), 6885u);
+  EXPECT_NEAR(scene.train[0].camera.cx, 411.86, 0.5);  // not 400
+  for (const View& view : scene.train) EXPECT_GT(share_in_view(scene, view.camera), 0.4) << view.name;
+}
+
+TEST(SharedData, Lego) {
+  if (!have_opencv()) GTEST_SKIP() << "JPEG and resizing need OpenCV";
+  const auto folder = shared_data("lego");
+  if (folder.empty()) GTEST_SKIP() << "no lego";
+  Scene scene = read_shared(folder, true, -1);
+  EXPECT_EQ(scene.train.size(), 100u);
+  EXPECT_EQ(scene.test.size(), 50u);
+  EXPECT_EQ(scene.train[0].camera.width, 400);
+  EXPECT_NEAR(scene.train[0].camera.fx, 555.55, 0.1);
+  EXPECT_NEAR(glm::length(scene.train[0].camera.centre()), 4.031, 0.01);
+  EXPECT_NEAR(scene.extent, 1.1 * 4.4, 0.6);
+  // All cameras look at the middle of the scene: the origin falls near the middle of every picture, in front.
+  for (const View& view : scene.train) {
+    const glm::vec4 origin = view.camera.camera_from_world[3];
+    EXPECT_NEAR(origin.x / origin.z, 0, 0.02);
+    EXPECT_NEAR(origin.z, 4.031, 0.01);
+  }
+  EXPECT_EQ(scene.train[0].color[0], 0);  // black behind the object
+}
+
+}  // namespace
+}  // namespace splatboost::test

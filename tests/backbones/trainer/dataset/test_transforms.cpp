@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/dataset/transforms.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+#include <glm/vec4.hpp>
+#include <nlohmann/json.hpp>
+
+#include "support/temporary_folder.h"
+#include "trainer/dataset/read_scene.h"
+#include "trainer/images/image_codec.h"
+
+namespace splatboost::test {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr int kWidth = 40, kHeight = 24;
+
+/// A camera at (0, 0, 4) that looks down -z in OpenGL's manner: at the origin, with x right and y up.
+Json pose(double x = 0, double y = 0, double z = 4) {
+  return Json::parse("[[1,0,0," + std::to_string(x) + "],[0,1,0," + std::to_string(y) + "],[0,0,1," +
+                     std::to_string(z) + "],[0,0,0,1]]");
+}
+
+Json frame(const std::string& file, double x = 0) { return {{"file_path", file}, {"transform_matrix", pose(x)}}; }
+
+void write_rgba(const std::filesystem::path& path, std::uint8_t r, std::uint8_t g, std::uint8_t b, std::uint8_t a) {
+  std::filesystem::create_directories(path.parent_path());
+  std::vector<std::uint8_t> pixels;
+  for (int i = 0; i < kWidth * kHeight; ++i) pixels.insert(pixels.end(), {r, g, b, a});
+  write_png(path, kWidth, kHeight, 4, std::span<const std::uint8_t>(pixels));
+}
+
+struct BlenderScene {
+  TemporaryFolder folder;
+  BlenderScene() {
+    Json train{{"camera_angle_x", 0.8}, {"frames", Json::array()}}, test = train;
+    for (int i = 0; i < 5; ++i) {
+      Json one = frame("./train/r_" + std::to_string(i), 0.1 * i);
+      one["time"] = 0.25 * i;
+      train["frames"].push_back(one);
+      write_rgba(folder / ("train/r_" + std::to_string(i) + ".png"), 200, 100, 0, 128);
+    }
+    test["frames"].push_back(frame("./test/r_0"));
+    write_rgba(folder / "test/r_0.png", 10, 20, 30, 255);
+    write_file(folder / "transforms_train.json", train.dump());
+    write_file(folder / "transforms_test.json", test.dump());
+  }
+  SceneOptions options() const {
+    SceneOptions result;
+    result.source = folder.path();
+    return result;
+  }
+};
+
+TEST(Transforms, BlenderSceneReadsAsWritten) {
+  const BlenderScene disk;
+  SceneOptions options = disk.options();
+  options.eval = true;
+  const Scene scene = read_scene(options);
+  ASSERT_EQ(scene.train.size(), 5u);
+  ASSERT_EQ(scene.test.size(), 1u);
+  EXPECT_EQ(scene.train[3].name, "train/r_3.png");
+  EXPECT_FLOAT_EQ(scene.train[3].time, 0.75f);
+  const Camera& camera = scene.train[0].camera;
+  const float focal = static_cast<float>(0.5 * kWidth / std::tan(0.4));
+  EXPECT_FLOAT_EQ(camera.fx, focal);
+  EXPECT_FLOAT_EQ(camera.fy, focal);
+  EXPECT_FLOAT_EQ(camera.cx, 20);
+  EXPECT_FLOAT_EQ(camera.cy, 12);
+
+  // OpenGL's y up and z backward: a point up and right lies 4 ahead, above the middle and right of it.
+  const glm::vec4 p = camera.camera_from_world * glm::vec4(0.5, 0.25, 0, 1);
+  EXPECT_NEAR(p.x, 0.5, 1e-6);
+  EXPECT_NEAR(p.y, -0.25, 1e-6);
+  EXPECT_NEAR(p.z, 4, 1e-6);
+  EXPECT_NEAR(scene.train[2].camera.centre().x, 0.2, 1e-6);
+
+  // Straight alpha over black.
+  EXPECT_EQ(scene.train[0].color[0], 100);
+  EXPECT_EQ(scene.train[0].color[kWidth * kHeight], 50);
+  EXPECT_EQ(scene.train[0].color[2 * kWidth * kHeight], 0);
+  // No points: 3DGS's box.
+  EXPECT_EQ(scene.points.size(), 100000u);
+  float low = 9, high = -9;
+  for (const float value : scene.points.positions) {
+    low = std::min(low, value);
+    high = std::max(high, value);
+  }
+  EXPECT_NEAR(low, -1.3f, 1e-3);
+  EXPECT_NEAR(high, 1.3f, 1e-3);
+}
+
+TEST(Transforms, WhiteBackgroundIsUnderTransparentPixels) {
+  const BlenderScene disk;
+  SceneOptions options = disk.options();
+  options.white_background = true;
+  const Scene scene = read_scene(options);
+  EXPECT_EQ(scene.train[0].color[0], 227);  // (200·128 + 255·127) / 255
+  EXPECT_EQ(scene.train[0].color[kWidth * kHeight], 177);
+  EXPECT_EQ(scene.train[0].color[2 * kWidth * kHeight], 127);
+  EXPECT_TRUE(scene.white_background);
+}
+
+TEST(Transforms, WithoutEvalTheTestViewsTrain) {
+  const BlenderScene disk;
+  const Scene scene = read_scene(disk.options());
+  EXPECT_EQ(scene.train.size(), 6u);
+  EXPECT_TRUE(scene.test.empty());
+  EXPECT_EQ(scene.train.back().name, "test/r_0.png");
+  EXPECT_EQ(scene.train.back().color[0], 10);
+}
+
+TEST(Transforms, SixteenBitAndGreyBecomeEightBitRgb) {
+  const BlenderScene disk;
+  std::vector<std::uint16_t> deep(kWidth * kHeight * 3, 257 * 77);
+  write_png(disk.folder / "train/r_0.png", kWidth, kHeight, 3, std::span<const std::uint16_t>(deep));
+  std::vector<std::uint8_t> grey(kWidth * kHeight, 33);
+  write_png(disk.folder / "train/r_1.png", kWidth, kHeight, 1, std::span<const std::uint8_t>(grey));
+  const Scene scene = read_scene(disk.options());
+  for (const std::size_t channel : {0u, 1u, 2u}) {
+    EXPECT_EQ(scene.train[0].color[channel * kWidth * kHeight + 5], 77);
+    EXPECT_EQ(scene.train[1].color[channel * kWidth * kHeight + 5], 33);
+  }
+}
+
+TEST(Transforms, NerfstudioIntrinsicsAreGlobalOrPerFrame) {
+  const TemporaryFolder folder;
+  Json json{{"w", 80},
+            {"h", 48},
+            {"fl_x", 60},
+            {"fl_y", 62},
+            {"cx", 41},
+            {"cy", 23},
+            {"camera_model", "OPENCV"},
+            {"k1", 0.0},
+            {"ply_file_path", "points.ply"},
+            {"frames", {frame("images/b.png"), frame("images/a.png", 1)}}};
+  json["frames"][0]["fl_x"] = 70;
+  json["frames"][0]["cx"] = 40;
+  write_file(folder / "transforms.json", json.dump());
+  write_file(folder / "points.ply",
+             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float "
+             "z\nend_header\n1 2 3\n");
+  write_rgba(folder / "images/a.png", 1, 2, 3, 255);  // half the size that the file tells
+  write_rgba(folder / "images/b.png", 4, 5, 6, 255);
+  SceneOptions options;
+  options.source = folder.path();
+  const Scene scene = read_scene(options);
+  ASSERT_EQ(scene.train.size(), 2u);
+  EXPECT_EQ(scene.train[0].name, "images/a.png");  // sorted by name
+  EXPECT_FLOAT_EQ(scene.train[0].camera.fx, 30);
+  EXPECT_FLOAT_EQ(scene.train[0].camera.fy, 31);
+  EXPECT_FLOAT_EQ(scene.train[0].camera.cx, 20.5);
+  EXPECT_FLOAT_EQ(scene.train[0].camera.cy, 11.5);
+  EXPECT_FLOAT_EQ(scene.train[1].camera.fx, 35);
+  EXPECT_FLOAT_EQ(scene.train[1].camera.cx, 20);
+  EXPECT_EQ(scene.points.positions, (std::vector<float>{1, 2, 3}));
+}
+
+TEST(Transforms, InstantNgpHasDistortionAndAnglesInsteadOfFocalLengths) {
+  if (!have_opencv()) GTEST_SKIP() << "undistortion needs OpenCV";
+  const TemporaryFolder folder;
+  const Json json = {{"camera_angle_x", 1.0},
+                     {"camera_angle_y", 0.7},
+                     {"k1", 0.2},
+                     {"p1", 0.001},
+                     {"frames", {frame("images/a.png")}}};
+  write_file(folder / "transforms.json", json.dump());
+  write_rgba(folder / "images/a.png", 1, 2, 3, 255);
+  SceneOptions options;
+  options.source = folder.path();
+  const Scene ngp = read_scene(options);
+  EXPECT_FLOAT_EQ(ngp.train[0].camera.fx, static_cast<float>(20 / std::tan(0.5)));
+  EXPECT_FLOAT_EQ(ngp.train[0].camera.fy, static_cast<float>(12 / std::tan(0.35)));
+  ASSERT_FALSE(ngp.train[0].valid.empty());
+  EXPECT_EQ(ngp.train[0].valid[0], 0);
+}
+
+TEST(Transforms, AScaleInTheRotationIsTakenOut) {
+  const TemporaryFolder folder;
+  Json one = frame("a");
+  one["transform_matrix"] = Json::parse("[[0,-2,0,1],[2,0,0,2],[0,0,2,3],[0,0,0,1]]");
+  write_file(folder / "transforms.json", Json{{"camera_angle_x", 1.0}, {"frames", {one}}}.dump());
+  const Photo photo = read_transforms(folder / "transforms.json").photos.at(0);
+  // Camera to world turns x to y; a world point one right of the camera along world y is one right in the camera.
+  const glm::dvec4 p = photo.camera_from_world * glm::dvec4(1, 3, 3 - 5, 1);
+  EXPECT_NEAR(p.x, 1, 1e-12);
+  EXPECT_NEAR(p.y, 0, 1e-12);
+  EXPECT_NEAR(p.z, 5, 1e-12);
+}
+
+TEST(Transforms, BrokenInputIsNamed) {
+  const TemporaryFolder folder;
+  const auto message = [&](const std::string& content) {
+    write_file(folder / "transforms.json", content);
+    const std::string text = input_error_of([&] { read_transforms(folder / "transforms.json"); });
+    expect_contains(text, "transforms.json: ");
+    return text;
+  };
+  const Json good{{"camera_angle_x", 1.0}, {"frames", {frame("a"), frame("b")}}};
+  const auto broken = [&](auto&& change) {
+    Json json = good;
+    change(json);
+    return message(json.dump());
+  };
+  EXPECT_EQ(
+      (write_file(folder / "transforms.json", good.dump()), read_transforms(folder / "transforms.json").photos.size()),
+      2u);
+  expect_contains(message("{\n \"frames\": [,]\n}"), "not valid JSON: parse error at line 2");
+  expect_contains(message(good.dump().substr(0, 60)), "not valid JSON");
+  expect_contains(message("[1, 2]"), "not a JSON object");
+  expect_contains(message("{}"), "no list 'frames'");
+  expect_contains(broken([](Json& j) { j["frames"] = Json::array(); }), "lists no frames");
+  expect_contains(broken([](Json& j) { j.erase("camera_angle_x"); }), "frame 0: neither a focal length");
+  expect_contains(broken([](Json& j) { j["fl_x"] = 0; }), "'fl_x'");
+  expect_contains(broken([](Json& j) { j["fl_x"] = "wide"; }), "'fl_x' is not a number");
+  expect_contains(broken([](Json& j) { j["camera_angle_x"] = -1; }), "field of view");
+  expect_contains(broken([](Json& j) { j["cx"] = nullptr; }), "'cx' is not a number");  // what NaN becomes in JSON
+  expect_contains(broken([](Json& j) { j["camera_model"] = "OPENCV_FISHEYE"; }), "OPENCV_FISHEYE is not supported");
+  expect_contains(broken([](Json& j) { j["w"] = 0; }), "'w'");
+  expect_contains(broken([](Json& j) { j["frames"][1].erase("file_path"); }), "frame 1: has no 'file_path'");
+  expect_contains(broken([](Json& j) { j["frames"][1].erase("transform_matrix"); }),
+                  "frame 1: has no 'transform_matrix'");
+  expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][0] = nullptr; }), "4x4");
+  expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][1].erase(3); }), "4x4");
+  expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][0] = -1; }), "determinant");
+  expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][1] = 0.5; }), "orthogonal");
+  expect_contains(broken([](Json& j) { j["frames"][1]["time"] = 3; }), "'time'");
+}
+
+TEST(Transforms, MissingImagesAreNamedWithTheirExtension) {
+  const BlenderScene disk;
+  std::filesystem::remove(disk.folder / "train/r_2.png");
+  const std::string message = input_error_of([&] { read_scene(disk.options()); });
+  expect_contains(message, "train/r_2.png: the image does not exist");
+  expect_contains(message, "transforms_train.json");
+}
+
+}  // namespace
+}  // namespace splatboost::test

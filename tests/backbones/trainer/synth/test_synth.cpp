@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/synth/synth.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <glm/geometric.hpp>
+#include <glm/vec4.hpp>
+
+#include "support/temporary_folder.h"
+#include "trainer/dataset/read_scene.h"
+#include "trainer/dataset/view_image.h"
+
+namespace splatboost::test {
+namespace {
+
+SynthOptions small_scene(const std::filesystem::path& output) {
+  SynthOptions options;
+  options.output = output;
+  options.width = 96;
+  options.height = 72;
+  options.views = 6;
+  options.points = 600;
+  options.point_noise = 0;
+  options.samples = 1;
+  return options;
+}
+
+Scene read(const std::filesystem::path& source) {
+  SceneOptions options;
+  options.source = source;
+  return read_scene(options);
+}
+
+glm::vec3 normal_at(const RawImage& normals, int x, int y) {
+  return glm::vec3(normals.at(x, y, 0), normals.at(x, y, 1), normals.at(x, y, 2)) / 127.5f - 1.0f;
+}
+
+/// World position of what the centre of a pixel sees.
+glm::vec3 world_at(const Camera& camera, const RawImage& depth, int x, int y) {
+  const double z = depth.at(x, y) / 1000.0;
+  const glm::vec3 p((x + 0.5 - camera.cx) / camera.fx * z, (y + 0.5 - camera.cy) / camera.fy * z, z);
+  return glm::transpose(camera.rotation()) * (p - glm::vec3(camera.camera_from_world[3]));
+}
+
+/// Every point of the cloud was seen by some camera. Where it projects, the depth map must hold the surface that the
+/// point lies on: within millimetres of the plane through the pixel, which a pose, focal length, principal point or
+/// pixel centre that is off by half a pixel (13 mm here) breaks.
+TEST(Synth, DepthMapsAgreeWithTheCamerasAndPoints) {
+  const TemporaryFolder folder;
+  const SynthOptions options = small_scene(folder / "scene");
+  write_synthetic_scene(options);
+  const Scene scene = read(options.output);
+  ASSERT_EQ(scene.train.size(), 6u);
+  ASSERT_EQ(scene.points.size(), 600u);
+
+  std::vector<RawImage> depths, normals;
+  for (const View& view : scene.train) {
+    depths.push_back(read_raw_image(options.output / "depth" / view.name));
+    normals.push_back(read_raw_image(options.output / "normals" / view.name));
+    ASSERT_EQ(depths.back().bits, 16);
+  }
+  int seen = 0, close_pairs = 0, on_plane = 0;
+  for (std::size_t i = 0; i < scene.points.size(); ++i) {
+    const glm::vec3 point(scene.points.positions[3 * i], scene.points.positions[3 * i + 1],
+                          scene.points.positions[3 * i + 2]);
+    bool agrees = false;
+    for (std::size_t k = 0; k < scene.train.size(); ++k) {
+      const Camera& camera = scene.train[k].camera;
+      const glm::vec4 p = camera.camera_from_world * glm::vec4(point, 1);
+      if (p.z <= 0) continue;
+      const int x = static_cast<int>(std::floor(camera.fx * p.x / p.z + camera.cx));
+      const int y = static_cast<int>(std::floor(camera.fy * p.y / p.z + camera.cy));
+      if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) continue;
+      if (std::abs(depths[k].at(x, y) / 1000.0 - p.z) > 0.06) continue;  // hidden, or beside a silhouette
+      ++close_pairs;
+      const bool fits =
+          std::abs(glm::dot(normal_at(normals[k], x, y), point - world_at(camera, depths[k], x, y))) < 0.002f;
+      on_plane += fits ? 1 : 0;
+      agrees |= fits;
+    }
+    seen += agrees ? 1 : 0;
+  }
+  EXPECT_GT(close_pairs, 1000);
+  EXPECT_GT(on_plane, 0.9 * close_pairs);
+  EXPECT_GT(seen, 540);
+}
+
+/// The street: every point of the cloud lies on the surface that some view's depth shows, or on the sky, which has
+/// none; and cameras see it at scales of metres and of tens of metres.
+TEST(Synth, StreetIsSeenAtSeveralScalesAndHasExactTruth) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "scene");
+  options.scene = "street";
+  options.views = 10;
+  write_synthetic_scene(options);
+  const Scene scene = read(options.output);
+  ASSERT_EQ(scene.train.size(), 10u);
+  ASSERT_EQ(scene.points.size(), 600u);
+  std::vector<RawImage> depths;
+  std::vector<double> median_depths;
+  int sky = 0;
+  for (const View& view : scene.train) {
+    depths.push_back(read_raw_image(options.output / "depth" / view.name));
+    std::vector<double> all;
+    for (int y = 0; y < options.height; ++y) {
+      for (int x = 0; x < options.width; ++x) {
+        if (depths.back().at(x, y) == 0) ++sky;
+        all.push_back(depths.back().at(x, y) == 0 ? 70 : depths.back().at(x, y) / 1000.0);
+      }
+    }
+    std::nth_element(all.begin(), all.begin() + 3456, all.end());
+    median_depths.push_back(all[3456]);
+  }
+  EXPECT_GT(sky, 2000);
+  EXPECT_LT(*std::min_element(median_depths.begin(), median_depths.end()), 3);
+  EXPECT_GT(*std::max_element(median_depths.begin(), median_depths.end()), 10);
+  int on_surface = 0;
+  for (std::size_t i = 0; i < scene.points.size(); ++i) {
+    const glm::vec4 point(scene.points.positions[3 * i], scene.points.positions[3 * i + 1],
+                          scene.points.positions[3 * i + 2], 1);
+    bool agrees = false;
+    for (std::size_t k = 0; k < scene.train.size(); ++k) {
+      const Camera& camera = scene.train[k].camera;
+      const glm::vec4 p = camera.camera_from_world * point;
+      if (p.z <= 0) continue;
+      const int x = static_cast<int>(std::floor(camera.fx * p.x / p.z + camera.cx));
+      const int y = static_cast<int>(std::floor(camera.fy * p.y / p.z + camera.cy));
+      if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) continue;
+      const int depth = depths[k].at(x, y);
+      agrees |= depth == 0 ? glm::length(glm::vec3(point)) > 60 : std::abs(depth / 1000.0 - p.z) < 0.02 * p.z;
+    }
+    on_surface += agrees ? 1 : 0;
+  }
+  EXPECT_GT(on_surface, 540);
+}
+
+/// Depth of one view, carried into another view, must meet that view's depth where it is not hidden there. Normals must
+/// be those of the depth.
+TEST(Synth, DepthAndNormalsAgreeAcrossViews) {
+  const TemporaryFolder folder;
+  const SynthOptions options = small_scene(folder / "scene");
+  write_synthetic_scene(options);
+  const Scene scene = read(options.output);
+  const auto load = [&](const char* kind, const View& view) {
+    return read_raw_image(options.output / kind / view.name);
+  };
+  const View &first = scene.train[0], &second = scene.train[1];
+  const RawImage depth = load("depth", first), other = load("depth", second), normals = load("normals", first);
+  const RawImage mask = load("masks", first);
+  int flat = 0, normal_agrees = 0, common = 0, depth_agrees = 0, objects = 0;
+  for (int y = 1; y + 1 < options.height; ++y) {
+    for (int x = 1; x + 1 < options.width; ++x) {
+      objects += mask.at(x, y) != 0 ? 1 : 0;
+      const glm::vec3 p = world_at(first.camera, depth, x, y);
+      const auto at = [&](int i, int j) { return world_at(first.camera, depth, x + i, y + j); };
+      const glm::vec3 across = glm::cross(at(0, 1) - at(0, -1), at(1, 0) - at(-1, 0));
+      const glm::vec3 normal = normal_at(normals, x, y);
+      EXPECT_NEAR(glm::length(normal), 1, 0.02);
+      ++flat;
+      normal_agrees += glm::dot(glm::normalize(across), normal) > 0.95f ? 1 : 0;
+
+      const glm::vec4 q = second.camera.camera_from_world * glm::vec4(p, 1);
+      const int u = static_cast<int>(std::floor(second.camera.fx * q.x / q.z + second.camera.cx));
+      const int v = static_cast<int>(std::floor(second.camera.fy * q.y / q.z + second.camera.cy));
+      if (q.z <= 0 || u < 0 || v < 0 || u >= options.width || v >= options.height) continue;
+      ++common;
+      depth_agrees += std::abs(other.at(u, v) / 1000.0 - q.z) < 0.05 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(normal_agrees, 0.75 * flat);
+  EXPECT_GT(common, 500);
+  EXPECT_GT(depth_agrees, 0.5 * common);  // the rest is hidden in the other view
+  EXPECT_GT(objects, 0.1 * flat);
+  EXPECT_LT(objects, 0.9 * flat);
+}
+
+TEST(Synth, SameSeedSameBytesOtherSeedOtherBytes) {
+  const TemporaryFolder folder;
+  for (const char* name : {"a", "b", "c"}) {
+    SynthOptions options = small_scene(folder / name);
+    options.views = 2;
+    options.point_noise = 0.01f;
+    options.seed = *name == 'c' ? 1 : 0;
+    write_synthetic_scene(options);
+  }
+  for (const char* name : {"images/0001.png", "depth/0001.png", "normals/0001.png", "masks/0001.png",
+                           "sparse/0/images.bin", "sparse/0/points3D.bin"}) {
+    EXPECT_TRUE(read_file(folder.path() / "a" / name) == read_file(folder.path() / "b" / name)) << name;
+    EXPECT_FALSE(read_file(folder.path() / "a" / name) == read_file(folder.path() / "c" / name)) << name;
+  }
+}
+
+TEST(Synth, PhotosAreExposedAndTextured) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "scene");
+  options.samples = 2;
+  write_synthetic_scene(options);
+  const Scene scene = read(options.output);
+  for (const View& view : scene.train) {
+    double sum = 0, clipped = 0, steps = 0;
+    for (std::size_t i = 0; i < view.color.size(); ++i) {
+      sum += view.color[i];
+      clipped += view.color[i] == 255 || view.color[i] == 0 ? 1 : 0;
+      if (i % static_cast<std::size_t>(options.width) != 0) steps += std::abs(view.color[i] - view.color[i - 1]);
+    }
+    const auto n = static_cast<double>(view.color.size());
+    EXPECT_GT(sum / n, 60) << view.name;
+    EXPECT_LT(sum / n, 190) << view.name;
+    EXPECT_LT(clipped / n, 0.02) << view.name;
+    EXPECT_GT(steps / n, 6) << view.name;
+  }
+}
+
+TEST(Synth, ImpossibleOptionsAreInputErrors) {
+  const TemporaryFolder folder;
+  const auto error_with = [&](auto&& change) {
+    SynthOptions options = small_scene(folder / "scene");
+    change(options);
+    return input_error_of([&] { write_synthetic_scene(options); });
+  };
+  expect_contains(error_with([](SynthOptions& o) { o.views = 0; }), "0 views");
+  expect_contains(error_with([](SynthOptions& o) { o.width = 3; }), "3x72");
+  expect_contains(error_with([](SynthOptions& o) { o.samples = 0; }), "samples");
+  expect_contains(error_with([](SynthOptions& o) { o.points = -1; }), "points");
+  expect_contains(error_with([](SynthOptions& o) { o.point_noise = std::numeric_limits<float>::quiet_NaN(); }),
+                  "noise");
+  expect_contains(error_with([](SynthOptions& o) { o.output.clear(); }), "output");
+  write_file(folder / "file", "x");
+  expect_contains(error_with([&](SynthOptions& o) { o.output = folder / "file"; }), "not a folder");
+}
+
+}  // namespace
+}  // namespace splatboost::test
