@@ -25,8 +25,8 @@ set(SPLATBOOST_LAYER_trainer_backbone_api core trainer_support trainer_dataset)
 set(SPLATBOOST_LAYER_trainer_evaluation core trainer_support trainer_images trainer_dataset trainer_backbone_api)
 set(SPLATBOOST_LAYER_trainer_training core trainer_support trainer_dataset trainer_backbone_api trainer_evaluation)
 set(SPLATBOOST_LAYER_trainer_report core trainer_support trainer_images trainer_evaluation)
-set(SPLATBOOST_LAYER_family core trainer_backbone_api family)  # what backbones of one kind share
-set(SPLATBOOST_LAYER_backbone core trainer_backbone_api family)
+set(SPLATBOOST_LAYER_family core trainer_support trainer_dataset trainer_backbone_api family)  # what backbones of one kind share
+set(SPLATBOOST_LAYER_backbone core trainer_support trainer_dataset trainer_backbone_api family)
 set(SPLATBOOST_LAYER_patch "")
 set(SPLATBOOST_LAYER_program core adapter trainer family backbone patch)
 set(SPLATBOOST_LAYER_test core adapter trainer family backbone patch program reference test)

@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "density/cuda_ops.h"
+#include "loss/cuda_ops.h"
 #include "splatboost/error_map.h"
 #include "splatboost/errors.h"
 

@@ -2,6 +2,7 @@
 #include "density/cuda_ops.h"
 #include "device/device_view.h"
 #include "device/launch.h"
+#include "splatboost/device_array.h"
 
 namespace splatboost::cuda {
 namespace {

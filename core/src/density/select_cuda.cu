@@ -4,6 +4,7 @@
 #include "device/device_view.h"
 #include "device/launch.h"
 #include "device/run_cub.h"
+#include "splatboost/device_array.h"
 
 namespace splatboost::cuda {
 namespace {

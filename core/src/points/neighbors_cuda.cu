@@ -4,6 +4,7 @@
 #include "device/device_view.h"
 #include "device/launch.h"
 #include "points/cuda_ops.h"
+#include "splatboost/device_array.h"
 
 namespace splatboost::cuda {
 namespace {

@@ -4,6 +4,7 @@
 #include "device/run_cub.h"
 #include "points/cuda_ops.h"
 #include "points/spatial_order_math.h"
+#include "splatboost/device_array.h"
 
 namespace splatboost::cuda {
 namespace {

@@ -2,8 +2,8 @@
 // The adapter on hand-made tensors: which (anchor, offset) slots may grow.
 #include <gtest/gtest.h>
 
-#include "../../support/given_counts.h"
 #include "scaffold_gs/scaffold_adapter.h"
+#include "support/given_counts.h"
 
 namespace splatboost {
 namespace {

@@ -7,10 +7,10 @@
 #include <map>
 #include <set>
 
-#include "../../support/anchor_model.h"
-#include "../../support/tiny_scene.h"
 #include "octree_gs/octree_gs.h"
 #include "octree_gs/octree_levels.h"
+#include "support/anchor_model.h"
+#include "support/tiny_scene.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {

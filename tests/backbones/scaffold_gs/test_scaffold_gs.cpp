@@ -7,10 +7,10 @@
 #include <map>
 #include <set>
 
-#include "../../support/anchor_model.h"
-#include "../../support/tiny_scene.h"
 #include "scaffold_gs/scaffold_gs.h"
 #include "splatboost/random.h"
+#include "support/anchor_model.h"
+#include "support/tiny_scene.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {

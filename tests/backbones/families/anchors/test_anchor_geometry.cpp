@@ -5,10 +5,10 @@
 #include <map>
 #include <set>
 
-#include "../../support/tiny_scene.h"
 #include "families/anchors/anchor_cells.h"
 #include "families/anchors/anchor_prefilter.h"
 #include "families/anchors/slot_statistics.h"
+#include "support/tiny_scene.h"
 
 namespace splatboost {
 namespace {

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tree keeps its layers, and the check would tell where it does not."""
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = ROOT / "scripts/check_tree"
+
+
+def run(root):
+    return subprocess.run([SCRIPT, root], capture_output=True, text=True)
+
+
+def test_the_tree_keeps_its_layers():
+    assert run(ROOT).stderr == ""
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """A small tree with the layer table of this one."""
+    def write(path, text):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(text)
+
+    write("cmake/SplatBoostTargets.cmake", (ROOT / "cmake/SplatBoostTargets.cmake").read_text())
+    for header in ("core/include/splatboost/adam.h", "core/src/device/launch.h", "core/src/loss/ssim_window.h",
+                   "core/src/optim/adam_math.h", "backbones/trainer/support/archive.h",
+                   "backbones/trainer/evaluation/results.h", "backbones/families/nets/net.h",
+                   "backbones/vanilla/vanilla.h", "backbones/program/commands/commands.h", "adapters/vanilla/adapter.h"):
+        write(header, "")
+    write("backbones/other/good.cpp", '#include "splatboost/adam.h"\n#include "families/nets/net.h"\n'
+                                      '#include "trainer/support/archive.h"\n')
+    write("backbones/families/nets/kernel.cu", '#include "device/launch.h"\n')
+    write("README.md", "`core/src/device/launch.h`, [nets](backbones/families/nets), `backbones/NAME/name.cpp`\n")
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    return write
+
+
+def test_what_the_table_allows_passes(tree, tmp_path):
+    result = run(tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("path, include, fault", [
+    ("core/src/device/a.cpp", "optim/adam_math.h", "layer 'core_device' may not use layer 'core_optim'"),
+    ("core/src/optim/a.cpp", "loss/ssim_window.h", "layer 'core_optim' may not use layer 'core_loss'"),
+    ("backbones/families/nets/a.cu", "optim/adam_math.h", "this is a private header of the core"),
+    ("backbones/other/a.cpp", "vanilla/vanilla.h", "layer 'backbone' may not use layer"),
+    ("backbones/trainer/support/a.h", "trainer/evaluation/results.h", "layer 'trainer_support' may not use layer"),
+    ("backbones/program/session/a.cpp", "program/commands/commands.h", "program/session may not use program/commands"),
+    ("patches/tool/a.cpp", "splatboost/adam.h", "layer 'patch' may not use the core"),
+    ("core/src/loss/a.cpp", "loss/nowhere.h", "loss/nowhere.h is no file of the tree"),
+])
+def test_an_include_against_the_order_is_named(tree, tmp_path, path, include, fault):
+    tree(path, f'#pragma once\n#include "{include}"\n')
+    result = run(tmp_path)
+    assert result.returncode == 1
+    assert result.stderr.startswith(f"{path}:2: ") and fault in result.stderr and result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("text", ["see `core/src/device/lunch.h`", "[nets](backbones/families/net)"])
+def test_a_path_in_the_docs_that_is_not_there_is_named(tree, tmp_path, text):
+    tree("docs/page.md", text.replace("](", "](../"))
+    result = run(tmp_path)
+    assert result.returncode == 1 and result.stderr.startswith("docs/page.md:1: ")
