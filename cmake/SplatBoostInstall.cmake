@@ -9,8 +9,9 @@ get_target_property(links splatboost_core INTERFACE_LINK_LIBRARIES)
 list(FILTER links EXCLUDE REGEX "nanoflann")
 set_target_properties(splatboost_core PROPERTIES INTERFACE_LINK_LIBRARIES "${links}")
 
-install(TARGETS splatboost_core splatboost_adapter_vanilla splatboost_adapter_mip_splatting splatboost_adapter_dropgaussian
-  splatboost_adapter_scaffold_gs splatboost_adapter_octree_gs splatboost_shared
+get_property(adapters GLOBAL PROPERTY SPLATBOOST_ADAPTERS)
+list(TRANSFORM adapters PREPEND splatboost_adapter_)
+install(TARGETS splatboost_core ${adapters} splatboost_adapters splatboost_shared
   EXPORT SplatBoostTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/core/include/splatboost DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/adapters/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/splatboost/adapters

@@ -28,8 +28,9 @@ set(SPLATBOOST_LAYER_trainer_report core trainer_support trainer_images trainer_
 set(SPLATBOOST_LAYER_family core trainer_support trainer_dataset trainer_backbone_api family)  # what backbones of one kind share
 set(SPLATBOOST_LAYER_backbone core trainer_support trainer_dataset trainer_backbone_api family)
 set(SPLATBOOST_LAYER_patch "")
-set(SPLATBOOST_LAYER_program core adapter trainer family backbone patch)
-set(SPLATBOOST_LAYER_test core adapter trainer family backbone patch program reference test)
+set(SPLATBOOST_LAYER_backbone_table trainer_backbone_api backbone)
+set(SPLATBOOST_LAYER_program core adapter trainer family backbone backbone_table patch program)
+set(SPLATBOOST_LAYER_test core adapter trainer family backbone backbone_table patch program reference test)
 set(SPLATBOOST_LAYER_reference "")
 
 function(splatboost_target_options target)
@@ -56,12 +57,18 @@ function(splatboost_target_options target)
   endif()
 endfunction()
 
+# The links are checked when all targets exist, so that the order of folders does not matter.
 function(splatboost_check_layer target layer)
   set_property(TARGET ${target} PROPERTY SPLATBOOST_LAYER ${layer})
+  cmake_language(EVAL CODE
+    "cmake_language(DEFER DIRECTORY [[${PROJECT_SOURCE_DIR}]] CALL splatboost_check_links ${target} ${layer} ${ARGN})")
+endfunction()
+
+function(splatboost_check_links target layer)
   foreach(link IN LISTS ARGN)
     if(link MATCHES "^splatboost::(.+)$")
       if(NOT TARGET ${link})
-        message(FATAL_ERROR "${target}: ${link} does not exist (yet): add its folder before this one.")
+        message(FATAL_ERROR "${target}: ${link} does not exist.")
       endif()
       get_target_property(real ${link} ALIASED_TARGET)
       get_target_property(other ${real} SPLATBOOST_LAYER)
@@ -92,4 +99,78 @@ function(splatboost_executable)
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_LINKS})
   splatboost_target_options(${ARG_NAME})
   splatboost_check_layer(${ARG_NAME} ${ARG_LAYER} ${ARG_LINKS})
+endfunction()
+
+# splatboost_adapter(NAME vanilla SOURCES … [USES mip_splatting …]): the library splatboost::adapter_vanilla of the folder
+# adapters/vanilla. One of its sources defines `AdapterEntry vanilla_adapter_entry()` (adapters/registry/boost_settings.h).
+function(splatboost_adapter)
+  cmake_parse_arguments(ARG "" "NAME" "SOURCES;USES" ${ARGN})
+  list(TRANSFORM ARG_USES PREPEND splatboost::adapter_)
+  splatboost_library(NAME adapter_${ARG_NAME} LAYER adapter SOURCES ${ARG_SOURCES}
+    PUBLIC_LINKS splatboost::core ${ARG_USES})
+  target_include_directories(splatboost_adapter_${ARG_NAME} PUBLIC
+    $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/adapters>
+    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/splatboost/adapters>)
+  set_property(GLOBAL APPEND PROPERTY SPLATBOOST_ADAPTERS ${ARG_NAME})
+endfunction()
+
+# splatboost_backbone(NAME vanilla SOURCES … LINKS splatboost::gaussians …): the library splatboost::backbone_vanilla of the
+# folder backbones/vanilla. One of its sources defines `BackboneEntry vanilla_entry()` (trainer/backbone_api/backbone_entry.h).
+function(splatboost_backbone)
+  cmake_parse_arguments(ARG "" "NAME" "SOURCES;LINKS;PRIVATE_LINKS" ${ARGN})
+  splatboost_library(NAME backbone_${ARG_NAME} LAYER backbone SOURCES ${ARG_SOURCES}
+    PUBLIC_LINKS splatboost::core splatboost::trainer_backbone_api ${ARG_LINKS} PRIVATE_LINKS ${ARG_PRIVATE_LINKS})
+  set_property(GLOBAL APPEND PROPERTY SPLATBOOST_BACKBONES ${ARG_NAME})
+endfunction()
+
+# splatboost_table(NAME adapters PART adapter LAYER adapter ENTRY AdapterEntry SUFFIX _adapter_entry HEADER … ENTRIES vanilla …):
+# the library splatboost::adapters, whose function `adapters()` gives the entry of each of these.
+function(splatboost_table)
+  cmake_parse_arguments(ARG "" "NAME;FUNCTION;PART;LAYER;ENTRY;SUFFIX;HEADER" "ENTRIES;SOURCES;LINKS" ${ARGN})
+  set(declarations "")
+  set(calls "")
+  foreach(entry IN LISTS ARG_ENTRIES)
+    string(APPEND declarations "${ARG_ENTRY} ${entry}${ARG_SUFFIX}();\n")
+    string(APPEND calls "${entry}${ARG_SUFFIX}(), ")
+  endforeach()
+  file(CONFIGURE OUTPUT ${ARG_NAME}.cpp @ONLY CONTENT [[
+// Made by cmake/SplatBoostTargets.cmake.
+#include "@ARG_HEADER@"
+
+namespace splatboost {
+
+@declarations@
+const std::vector<@ARG_ENTRY@>& @ARG_FUNCTION@() {
+  static const std::vector<@ARG_ENTRY@> entries = {@calls@};
+  return entries;
+}
+
+}  // namespace splatboost
+]])
+  list(TRANSFORM ARG_ENTRIES PREPEND splatboost::${ARG_PART}_)
+  splatboost_library(NAME ${ARG_NAME} LAYER ${ARG_LAYER}
+    SOURCES ${ARG_SOURCES} ${CMAKE_CURRENT_BINARY_DIR}/${ARG_NAME}.cpp PUBLIC_LINKS ${ARG_ENTRIES} ${ARG_LINKS})
+endfunction()
+
+# Adds the folders of adapters/ and backbones/ in `root` that hold one backbone each; a backbone is found by being there.
+function(splatboost_add_folders kind root)
+  file(GLOB found CONFIGURE_DEPENDS RELATIVE ${root} ${root}/*/CMakeLists.txt)
+  list(TRANSFORM found REPLACE "/CMakeLists.txt$" "")
+  list(REMOVE_ITEM found ${ARGN})
+  foreach(folder IN LISTS found)
+    add_subdirectory(${root}/${folder} ${CMAKE_CURRENT_BINARY_DIR}/${kind}/${folder})
+  endforeach()
+endfunction()
+
+# The tables of the adapters and the backbones added so far: splatboost::adapters<suffix> and splatboost::backbones<suffix>.
+function(splatboost_adapter_table suffix)
+  get_property(names GLOBAL PROPERTY SPLATBOOST_ADAPTERS)
+  splatboost_table(NAME adapters${suffix} FUNCTION adapters PART adapter LAYER adapter ENTRY AdapterEntry
+    SUFFIX _adapter_entry HEADER registry/boost_settings.h ENTRIES ${names}
+    SOURCES ${PROJECT_SOURCE_DIR}/adapters/registry/find_adapter.cpp)
+endfunction()
+function(splatboost_backbone_table suffix)
+  get_property(names GLOBAL PROPERTY SPLATBOOST_BACKBONES)
+  splatboost_table(NAME backbones${suffix} FUNCTION backbones PART backbone LAYER backbone_table ENTRY BackboneEntry
+    SUFFIX _entry HEADER trainer/backbone_api/backbone_entry.h ENTRIES ${names} LINKS splatboost::trainer_backbone_api)
 endfunction()

@@ -2,17 +2,18 @@
 #include "c/adapters_c.h"
 
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <type_traits>
+#include <variant>
 #include <vector>
 
 #include "c/c_api_edge.h"
-#include "dropgaussian/dropgaussian_adapter.h"
-#include "mip_splatting/mip_splatting_adapter.h"
+#include "registry/boost_settings.h"
 #include "splatboost/hooks.h"
-#include "vanilla/vanilla_adapter.h"
 
 namespace edge = splatboost::edge;
 using edge::guarded;
@@ -23,63 +24,6 @@ using edge::size_of;
 using splatboost::ArgumentError;
 
 namespace {
-
-enum class Backbone { vanilla, mip_splatting, dropgaussian };
-
-Backbone backbone_of(const char* name) {
-  const std::string_view wanted = &need(name, "backbone");
-  if (wanted == "vanilla") return Backbone::vanilla;
-  if (wanted == "mip-splatting") return Backbone::mip_splatting;
-  if (wanted == "dropgaussian") return Backbone::dropgaussian;
-  throw ArgumentError("backbone: \"vanilla\", \"mip-splatting\" or \"dropgaussian\" wanted, \"" +
-                      std::string(wanted.substr(0, 100)) + "\" given");
-}
-
-splatboost::VanillaBoost boost_of(const sb_boost& b) {
-  for (const double v : {b.tau_d, b.gradient_threshold, b.gradient_abs_threshold, b.percent_dense, b.late_min_opacity,
-                         b.late_max_score}) {
-    SPLATBOOST_CHECK(std::isfinite(v), "boost: thresholds must be finite");
-  }
-  SPLATBOOST_CHECK(b.tau >= 0.0f && b.tau <= 1.0f, "boost.tau must lie in [0, 1]");
-  SPLATBOOST_CHECK(b.lambda_dssim >= 0.0f && b.lambda_dssim <= 1.0f, "boost.lambda_dssim must lie in [0, 1]");
-  SPLATBOOST_CHECK(b.published_iterations > 0, "boost.published_iterations must be above 0");
-  SPLATBOOST_CHECK(b.late_prune_from >= 0, "boost.late_prune_from must not be negative");
-  splatboost::VanillaBoost boost;
-  boost.vcd = b.vcd != 0;
-  boost.vcp = b.vcp != 0;
-  boost.cb = b.cb != 0;
-  boost.absgrad = b.absgrad != 0;
-  boost.schedule = b.schedule != 0;
-  boost.views = b.views;
-  boost.beta = b.beta;
-  boost.tau = b.tau;
-  boost.lambda_dssim = b.lambda_dssim;
-  boost.tau_d = b.tau_d;
-  boost.gradient_threshold = b.gradient_threshold;
-  boost.gradient_abs_threshold = b.gradient_abs_threshold;
-  boost.percent_dense = b.percent_dense;
-  boost.densify_from = b.densify_from;
-  boost.densify_until = b.densify_until;
-  boost.densify_interval = b.densify_interval;
-  boost.late_prune_from = b.late_prune_from;
-  boost.late_prune_interval = b.late_prune_interval;
-  boost.late_min_opacity = b.late_min_opacity;
-  boost.late_max_score = b.late_max_score;
-  boost.seed = b.seed;
-  boost.published_iterations = b.published_iterations;
-  return boost;
-}
-
-std::unique_ptr<splatboost::VanillaAdapter> make_adapter(Backbone backbone, const splatboost::VanillaBoost& boost,
-                                                         Place& place) {
-  if (backbone == Backbone::mip_splatting) {
-    return std::make_unique<splatboost::MipSplattingAdapter>(boost, place.device());
-  }
-  if (backbone == Backbone::dropgaussian) {
-    return std::make_unique<splatboost::DropGaussianAdapter>(boost, place.device());
-  }
-  return std::make_unique<splatboost::VanillaAdapter>(boost, place.device());
-}
 
 splatboost::Moment moment_of(std::int32_t iteration, std::int32_t total) {
   SPLATBOOST_CHECK(iteration >= 0, "iteration must not be negative");
@@ -170,57 +114,96 @@ class HostRenderer final : public splatboost::RasterizerHook {
 
 }  // namespace
 
+struct sb_boost {
+  explicit sb_boost(const splatboost::AdapterEntry& of)
+      : settings(of.make_settings(false)), fields(settings->settings()) {}
+
+  const splatboost::BoostSettings::Setting& find(const char* name) const {
+    const std::string_view wanted = &need(name, "name");
+    for (const auto& field : fields) {
+      if (wanted == field.name) return field;
+    }
+    throw ArgumentError("name: no setting '" + std::string(wanted.substr(0, 100)) + "' of this backbone");
+  }
+
+  std::unique_ptr<splatboost::BoostSettings> settings;
+  std::vector<splatboost::BoostSettings::Setting> fields;  ///< of settings
+};
+
 struct sb_adapter {
-  sb_adapter(Backbone backbone, const splatboost::VanillaBoost& wanted, const sb_device* device)
-      : place(device), boost(wanted) {
+  sb_adapter(const sb_boost& boost, std::uint64_t seed, const sb_device* device) : place(device) {
+    boost.settings->validate();
     const Place::Call call(place, device != nullptr ? device->stream : nullptr);
-    adapter = make_adapter(backbone, wanted, place);
+    adapter = boost.settings->make_adapter(seed, place.device());
   }
 
   Place place;
-  splatboost::VanillaBoost boost;
-  std::unique_ptr<splatboost::VanillaAdapter> adapter;
+  std::unique_ptr<splatboost::Adapter> adapter;
   std::int64_t grown = 0;      ///< primitives of the last grow
   std::int32_t grown_at = -1;  ///< its iteration
 };
 
-sb_status sb_boost_default(const char* backbone, sb_boost* boost) {
+sb_status sb_boost_create(const char* backbone, sb_boost** boost) {
   return guarded([&] {
-    const splatboost::VanillaBoost from =
-        backbone_of(backbone) == Backbone::dropgaussian ? splatboost::dropgaussian_boost() : splatboost::VanillaBoost{};
-    sb_boost& to = need(boost, "boost");
-    to = {};
-    to.vcd = from.vcd;
-    to.vcp = from.vcp;
-    to.cb = from.cb;
-    to.absgrad = from.absgrad;
-    to.schedule = from.schedule;
-    to.views = from.views;
-    to.beta = from.beta;
-    to.tau = from.tau;
-    to.lambda_dssim = from.lambda_dssim;
-    to.tau_d = from.tau_d;
-    to.gradient_threshold = from.gradient_threshold;
-    to.gradient_abs_threshold = from.gradient_abs_threshold;
-    to.percent_dense = from.percent_dense;
-    to.densify_from = from.densify_from;
-    to.densify_until = from.densify_until;
-    to.densify_interval = from.densify_interval;
-    to.late_prune_from = from.late_prune_from;
-    to.late_prune_interval = from.late_prune_interval;
-    to.late_min_opacity = from.late_min_opacity;
-    to.late_max_score = from.late_max_score;
-    to.seed = from.seed;
-    to.published_iterations = from.published_iterations;
+    need(boost, "boost") = nullptr;
+    *boost = new sb_boost(splatboost::find_adapter(&need(backbone, "backbone")));
   });
 }
 
-sb_status sb_adapter_create(const char* backbone, const sb_boost* boost, const sb_device* device,
-                            sb_adapter** adapter) {
+void sb_boost_destroy(sb_boost* boost) { delete boost; }
+
+sb_status sb_boost_setting(const sb_boost* boost, int32_t index, const char** name, int32_t* kind) {
+  return guarded([&] {
+    const sb_boost& b = need(boost, "boost");
+    need(name, "name") = nullptr;
+    SPLATBOOST_CHECK(index >= 0, "index must not be negative");
+    if (static_cast<std::size_t>(index) >= b.fields.size()) return;
+    const auto& field = b.fields[static_cast<std::size_t>(index)];
+    *name = field.name;
+    if (kind == nullptr) return;
+    *kind = std::visit(
+        [](auto* value) {
+          using T = std::remove_pointer_t<decltype(value)>;
+          return std::is_same_v<T, bool>  ? SB_SETTING_BOOL
+                 : std::is_same_v<T, int> ? SB_SETTING_INTEGER
+                                          : SB_SETTING_REAL;
+        },
+        field.value);
+  });
+}
+
+sb_status sb_boost_get(const sb_boost* boost, const char* name, double* value) {
+  return guarded([&] {
+    const auto& field = need(boost, "boost").find(name);
+    need(value, "value") = std::visit([](auto* v) { return static_cast<double>(*v); }, field.value);
+  });
+}
+
+sb_status sb_boost_set(sb_boost* boost, const char* name, double value) {
+  return guarded([&] {
+    const auto& field = need(boost, "boost").find(name);
+    const std::string setting = field.name;
+    SPLATBOOST_CHECK(std::isfinite(value), setting + " must be finite");
+    std::visit(
+        [&](auto* v) {
+          using T = std::remove_pointer_t<decltype(v)>;
+          if constexpr (std::is_same_v<T, bool>) {
+            SPLATBOOST_CHECK(value == 0 || value == 1, setting + " must be 0 or 1");
+          } else if constexpr (std::is_same_v<T, int>) {
+            SPLATBOOST_CHECK(value == std::floor(value) && value >= std::numeric_limits<int>::min() &&
+                                 value <= std::numeric_limits<int>::max(),
+                             setting + " must be a whole number of 32 bits");
+          }
+          *v = static_cast<T>(value);
+        },
+        field.value);
+  });
+}
+
+sb_status sb_adapter_create(const sb_boost* boost, uint64_t seed, const sb_device* device, sb_adapter** adapter) {
   return guarded([&] {
     need(adapter, "adapter") = nullptr;
-    const Backbone kind = backbone_of(backbone);
-    *adapter = new sb_adapter(kind, boost_of(need(boost, "boost")), device);
+    *adapter = new sb_adapter(need(boost, "boost"), seed, device);
   });
 }
 
@@ -255,6 +238,23 @@ sb_status sb_adapter_steps_at(const sb_adapter* adapter, const char* group, int3
   });
 }
 
+sb_status sb_adapter_rate_factor(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
+                                 float* factor) {
+  return guarded([&] {
+    const sb_adapter& a = need(adapter, "adapter");
+    const std::string_view name = &need(group, "group");
+    need(factor, "factor") = a.adapter->rate_factor(name, moment_of(iteration, total));
+  });
+}
+
+sb_status sb_adapter_resets_opacities_at(const sb_adapter* adapter, int32_t iteration, int32_t total,
+                                         int32_t host_would, int32_t* resets) {
+  return guarded([&] {
+    const sb_adapter& a = need(adapter, "adapter");
+    need(resets, "resets") = a.adapter->resets_opacities_at(moment_of(iteration, total), host_would != 0) ? 1 : 0;
+  });
+}
+
 sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const sb_views* views, const sb_tensor* clone,
                           const sb_tensor* split, void* stream) {
   return guarded([&] {
@@ -275,7 +275,7 @@ sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const 
     OnHost gradients = values(d.gradients, "gradients");
     statistics.gradients = gradients.span();
     std::optional<OnHost<const float>> gradients_abs, max_scales;
-    if (a.boost.absgrad) {
+    if (a.adapter->needs_absolute_gradients()) {
       statistics.gradients_abs = gradients_abs.emplace(values(d.gradients_abs, "gradients_abs")).span();
       statistics.max_scales = max_scales.emplace(values(d.max_scales, "max_scales")).span();
     }
@@ -316,10 +316,12 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
         parents.push_back(static_cast<std::uint32_t>(origin));
       }
       decisions.origins = parents;
-    } else if (a.boost.vcp) {
+    } else {
       SPLATBOOST_CHECK(views->primitives == n, "views.primitives must be the number of rows of remove");
-      opacities.emplace(a.place.view<const float>(d.opacities, "opacities", {{n}, {n, 1}}), device);
-      statistics.opacities = opacities->span();
+      if (d.opacities != nullptr) {
+        opacities.emplace(a.place.view<const float>(d.opacities, "opacities", {{n}, {n, 1}}), device);
+        statistics.opacities = opacities->span();
+      }
     }
     a.adapter->prune(statistics, renderer, decisions);
     removals.write_back();

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /**
  * @file The adapters' decisions through the C ABI: which primitives of a host grow, split and go, and when its
- * parameter groups step. The rules are those of adapters/vanilla, adapters/mip_splatting and adapters/dropgaussian.
+ * parameter groups step. There is an adapter for each folder of adapters/; its rules are those of the in-tree backbone.
  *
  * The host keeps its tensors and its renderer. It shows its views by two functions (sb_views), asks at each iteration,
  * and gets masks. Rules of memory, tensors and errors: splatboost/c_api.h.
@@ -15,28 +15,30 @@
 extern "C" {
 #endif
 
-/** Parts and constants of the method; VanillaBoost (vanilla/vanilla_adapter.h) says what each is. */
-typedef struct sb_boost {
-  int32_t vcd, vcp, cb, absgrad, schedule; /**< parts: 1 on, 0 off */
-  int32_t views;                           /**< K */
-  float beta, tau, lambda_dssim;
-  double tau_d;
-  double gradient_threshold, gradient_abs_threshold, percent_dense;
-  int32_t densify_from, densify_until, densify_interval;
-  int32_t late_prune_from, late_prune_interval;
-  double late_min_opacity, late_max_score;
-  uint64_t seed;
-  int32_t published_iterations; /**< length of the run that iteration numbers above are of */
-} sb_boost;
+/** Settings of an adapter by name: parts and constants of the method. The header of the adapter, such as
+ *  vanilla/vanilla_adapter.h, says what each is. */
+typedef struct sb_boost sb_boost;
 
-/** The settings of a backbone: "vanilla", "mip-splatting" or "dropgaussian". */
-SB_API sb_status sb_boost_default(const char* backbone, sb_boost* boost);
+/** Kinds of settings. All are given and read as a double, which holds each exactly. */
+enum { SB_SETTING_BOOL = 0, /**< 0 or 1 */ SB_SETTING_INTEGER = 1, SB_SETTING_REAL = 2 };
+
+/** The default settings of a backbone's adapter. @param backbone "vanilla", "mip-splatting", "dropgaussian", … as the
+ *  program's --backbone; the message of a refusal names all */
+SB_API sb_status sb_boost_create(const char* backbone, sb_boost** boost);
+/** NULL is allowed. */
+SB_API void sb_boost_destroy(sb_boost* boost);
+/** @param index from 0 @param name receives the setting's name, which lives as long as the library; NULL past the last
+ *  @param kind receives SB_SETTING_…; NULL is allowed */
+SB_API sb_status sb_boost_setting(const sb_boost* boost, int32_t index, const char** name, int32_t* kind);
+SB_API sb_status sb_boost_get(const sb_boost* boost, const char* name, double* value);
+/** Values that no run can have are refused here or by sb_adapter_create(). */
+SB_API sb_status sb_boost_set(sb_boost* boost, const char* name, double value);
 
 typedef struct sb_adapter sb_adapter;
 
-/** @param device where the host's images, masks and counts are; its stream is not kept */
-SB_API sb_status sb_adapter_create(const char* backbone, const sb_boost* boost, const sb_device* device,
-                                   sb_adapter** adapter);
+/** @param boost is copied @param seed of the draws @param device where the host's images, masks and counts are; its
+ * stream is not kept */
+SB_API sb_status sb_adapter_create(const sb_boost* boost, uint64_t seed, const sb_device* device, sb_adapter** adapter);
 /** NULL is allowed. */
 SB_API void sb_adapter_destroy(sb_adapter* adapter);
 
@@ -80,6 +82,14 @@ SB_API sb_status sb_adapter_prunes_at(const sb_adapter* adapter, int32_t iterati
  */
 SB_API sb_status sb_adapter_steps_at(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
                                      int32_t* steps);
+
+/** What the host's own learning rate of a group is multiplied by now. @param factor receives it, 1 for most */
+SB_API sb_status sb_adapter_rate_factor(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
+                                        float* factor);
+/** Whether opacities are reset now. @param host_would whether the host's own rule would @param resets receives 1 or 0
+ */
+SB_API sb_status sb_adapter_resets_opacities_at(const sb_adapter* adapter, int32_t iteration, int32_t total,
+                                                int32_t host_would, int32_t* resets);
 
 /** Scores the views and decides growth; waits for the GPU. @param clone,split uint8 [N], come with the host's own
  *  decisions @param stream of this call, which the functions of `views` must draw on too; NULL on the CPU */

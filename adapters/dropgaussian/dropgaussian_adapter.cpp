@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "registry/boost_settings.h"
+
 namespace splatboost {
 
 VanillaBoost dropgaussian_boost() {
@@ -21,6 +23,10 @@ VanillaBoost dropgaussian_boost() {
 double DropGaussianAdapter::split_threshold(std::size_t views) const {
   return VanillaAdapter::split_threshold(views) *
          (1 + kViewsOfDoubt / static_cast<double>(std::max<std::size_t>(views, 1)));
+}
+
+AdapterEntry dropgaussian_adapter_entry() {
+  return {"dropgaussian", [](bool) { return make_settings<DropGaussianAdapter>(dropgaussian_boost()); }};
 }
 
 }  // namespace splatboost

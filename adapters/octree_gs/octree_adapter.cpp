@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "octree_gs/octree_adapter.h"
 
+#include "registry/boost_settings.h"
+
 namespace splatboost {
 
 ScaffoldBoost octree_boost() {
@@ -8,6 +10,10 @@ ScaffoldBoost octree_boost() {
   boost.beta = 0.5f;              // 0.7 was no better on a street of houses (docs/results/backbones.md)
   boost.rates_fall_from = 0.625;  // growth ends at 25,000 of 40,000 iterations
   return boost;
+}
+
+AdapterEntry octree_gs_adapter_entry() {
+  return {"octree-gs", [](bool) { return make_settings<ScaffoldAdapter>(octree_boost()); }};
 }
 
 }  // namespace splatboost

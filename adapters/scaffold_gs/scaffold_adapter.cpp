@@ -6,6 +6,7 @@
 #include <numeric>
 #include <utility>
 
+#include "registry/boost_settings.h"
 #include "splatboost/array.h"
 #include "splatboost/errors.h"
 #include "splatboost/select.h"
@@ -65,11 +66,18 @@ void keep_dense_errors(std::span<const std::int64_t> flagged, std::span<const do
 
 }  // namespace
 
+void check(const ScaffoldBoost& boost) {
+  check_setting(boost.rates_fall_from >= 0 && boost.rates_fall_from < 1, "rates_fall_from must be in [0, 1)");
+  check_setting(boost.beta > 0 && boost.beta <= 1, "beta must be in (0, 1]");
+  check_setting(boost.tau_d >= 0 && std::isfinite(boost.tau_d), "tau_d must be at least 0");
+  check_setting(boost.views >= 1, "views must be at least 1");
+  check_setting(boost.tau > 0 && boost.tau < 1, "tau must be in (0, 1)");
+  check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
+}
+
 ScaffoldAdapter::ScaffoldAdapter(const ScaffoldBoost& boost, Device device)
     : boost_(boost), device_(device), scorer_(device) {
-  SPLATBOOST_CHECK(boost.beta > 0.0f && boost.beta <= 1.0f, "beta must lie in (0, 1]");
-  SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
-  SPLATBOOST_CHECK(boost.rates_fall_from >= 0 && boost.rates_fall_from < 1, "rates_fall_from must lie in [0, 1)");
+  check(boost);
 }
 
 std::optional<float> ScaffoldAdapter::beta() const {
@@ -104,6 +112,10 @@ void ScaffoldAdapter::grow(const DensityStatistics& statistics, RasterizerHook& 
     keep_dense_errors(found.counts, even.counts(), boost_.tau_d / kImportanceOfEvenErrors, found.views,
                       decisions.clone);
   }
+}
+
+AdapterEntry scaffold_gs_adapter_entry() {
+  return {"scaffold-gs", [](bool) { return make_settings<ScaffoldAdapter>(ScaffoldBoost{}); }};
 }
 
 }  // namespace splatboost

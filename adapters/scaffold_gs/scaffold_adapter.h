@@ -4,11 +4,14 @@
 /// make it anew.
 #pragma once
 
+#include <concepts>
 #include <cstdint>
 #include <optional>
 #include <string_view>
+#include <type_traits>
 #include <vector>
 
+#include "registry/adapter.h"
 #include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/multi_view_scores.h"
@@ -29,8 +32,32 @@ struct ScaffoldBoost {
   double tau_d = 5;  ///< importance that growth must exceed
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
-  std::uint64_t seed = 0;
+  /// An in-tree trainer begins with views of half the size. Not the paper's.
+  bool coarse = true;
+  double coarse_until = 0.3;  ///< share of the run
+
+  std::uint64_t seed = 0;  ///< the run's
 };
+
+/// Calls visit(name, field) for every setting.
+template <class Boost, class Visitor>
+requires std::same_as<std::remove_const_t<Boost>, ScaffoldBoost>
+void for_each_field(Boost& boost, Visitor&& visit) {
+  visit("vcd", boost.vcd);
+  visit("cb", boost.cb);
+  visit("schedule", boost.schedule);
+  visit("rates_fall_from", boost.rates_fall_from);
+  visit("literal", boost.literal);
+  visit("beta", boost.beta);
+  visit("tau_d", boost.tau_d);
+  visit("views", boost.views);
+  visit("tau", boost.tau);
+  visit("coarse", boost.coarse);
+  visit("coarse_until", boost.coarse_until);
+}
+
+/// Throws ArgumentError that names the setting unless all values are possible.
+void check(const ScaffoldBoost& boost);
 
 /// Importance of a slot with as many flagged pixels as it would have if errors lay evenly. By it the paper's τ_d = 5
 /// asks for 1.25 times as many. Ours, not the paper's, found on runs of 5 000 iterations.
@@ -40,14 +67,12 @@ inline constexpr double kImportanceOfEvenErrors = 4;
 /// keep a short run from settling (docs/results/backbones.md).
 inline constexpr double kFinalRateFactor = 0.1;
 
-/// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
-class ScaffoldAdapter final : public DensityHook, public OptimizerHook {
+class ScaffoldAdapter final : public Adapter {
  public:
   /// @param device the backbone's: where views are scored
   ScaffoldAdapter(const ScaffoldBoost& boost, Device device);
 
-  /// β for the rasterizer, nullopt without the compact box.
-  std::optional<float> beta() const;
+  std::optional<float> beta() const override;
 
   /// A slot that the backbone would grow from stays chosen where errors are denser than elsewhere in the same views:
   /// its importance, kImportanceOfEvenErrors · Σ n / Σ (share of the view · valid pixels of the slot), exceeds τ_d.

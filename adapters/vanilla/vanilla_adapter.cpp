@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "registry/boost_settings.h"
 #include "splatboost/errors.h"
 #include "splatboost/select.h"
 
@@ -16,12 +17,30 @@ constexpr StepIntervals kOtherIntervals{1, 32, 64};
 
 }  // namespace
 
+void check(const VanillaBoost& boost) {
+  const auto not_negative = [](double value, const char* reason) {
+    check_setting(value >= 0 && std::isfinite(value), reason);
+  };
+  check_setting(boost.beta > 0 && boost.beta <= 1, "beta must be in (0, 1]");
+  not_negative(boost.tau_d, "tau_d must be at least 0");
+  check_setting(boost.views >= 1, "views must be at least 1");
+  check_setting(boost.tau > 0 && boost.tau < 1, "tau must be in (0, 1)");
+  check_setting(boost.lambda_dssim >= 0 && boost.lambda_dssim <= 1, "lambda_dssim must be in [0, 1]");
+  not_negative(boost.gradient_threshold, "gradient_threshold must be at least 0");
+  not_negative(boost.gradient_abs_threshold, "gradient_abs_threshold must be at least 0");
+  not_negative(boost.percent_dense, "percent_dense must be at least 0");
+  check_setting(boost.densify_from >= 0, "densify_from must be at least 0");
+  check_setting(boost.densify_until >= 0, "densify_until must be at least 0");
+  check_setting(boost.densify_interval >= 1, "densify_interval must be at least 1");
+  check_setting(boost.late_prune_from >= 0, "late_prune_from must be at least 0");
+  check_setting(boost.late_prune_interval >= 1, "late_prune_interval must be at least 1");
+  check_setting(boost.late_min_opacity >= 0 && boost.late_min_opacity <= 1, "late_min_opacity must be in [0, 1]");
+  check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
+  check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
+}
+
 VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Device device) : boost_(boost), scorer_(device) {
-  SPLATBOOST_CHECK(boost.beta > 0.0f && boost.beta <= 1.0f, "beta must lie in (0, 1]");
-  SPLATBOOST_CHECK(boost.views > 0, "views must be above 0");
-  SPLATBOOST_CHECK(boost.densify_from >= 0 && boost.densify_until >= 0,
-                   "densify_from and densify_until must not be negative");
-  SPLATBOOST_CHECK(boost.densify_interval > 0 && boost.late_prune_interval > 0, "intervals must be above 0");
+  check(boost);
 }
 
 std::optional<float> VanillaAdapter::beta() const {
@@ -93,6 +112,7 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
                          decisions.remove);
     return;
   }
+  SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   pruning_.resize(n);
   pruning_scores(scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random), pruning_);
@@ -111,6 +131,10 @@ bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) con
 bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
   if (!boost_.schedule) return true;
   return splatboost::steps_at(group == "f_rest" ? kRestIntervals : kOtherIntervals, moment);
+}
+
+AdapterEntry vanilla_adapter_entry() {
+  return {"vanilla", [](bool) { return make_settings<VanillaAdapter>(VanillaBoost{}); }};
 }
 
 }  // namespace splatboost

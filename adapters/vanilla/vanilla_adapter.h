@@ -2,8 +2,11 @@
 /// @file FastGS for vanilla 3DGS: VCD, VCP, the compact box, absolute gradients and the optimizer schedule.
 #pragma once
 
+#include <concepts>
 #include <cstdint>
+#include <type_traits>
 
+#include "registry/adapter.h"
 #include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/multi_view_scores.h"
@@ -33,9 +36,45 @@ struct VanillaBoost {
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
   double late_max_score = 0.9;
+  /// An in-tree trainer begins with views of half the size. Not the paper's.
+  bool coarse = true;
+  double coarse_until = 0.3;  ///< share of the run
+
+  // No settings of the user's: the run's, and the backbone's.
   std::uint64_t seed = 0;
   int published_iterations = kPublishedIterations;  ///< length of the run that iteration numbers are of
 };
+
+/// Calls visit(name, field) for every setting.
+template <class Boost, class Visitor>
+requires std::same_as<std::remove_const_t<Boost>, VanillaBoost>
+void for_each_field(Boost& boost, Visitor&& visit) {
+  visit("vcd", boost.vcd);
+  visit("vcp", boost.vcp);
+  visit("cb", boost.cb);
+  visit("absgrad", boost.absgrad);
+  visit("schedule", boost.schedule);
+  visit("beta", boost.beta);
+  visit("tau_d", boost.tau_d);
+  visit("views", boost.views);
+  visit("tau", boost.tau);
+  visit("lambda_dssim", boost.lambda_dssim);
+  visit("gradient_threshold", boost.gradient_threshold);
+  visit("gradient_abs_threshold", boost.gradient_abs_threshold);
+  visit("percent_dense", boost.percent_dense);
+  visit("densify_from", boost.densify_from);
+  visit("densify_until", boost.densify_until);
+  visit("densify_interval", boost.densify_interval);
+  visit("late_prune_from", boost.late_prune_from);
+  visit("late_prune_interval", boost.late_prune_interval);
+  visit("late_min_opacity", boost.late_min_opacity);
+  visit("late_max_score", boost.late_max_score);
+  visit("coarse", boost.coarse);
+  visit("coarse_until", boost.coarse_until);
+}
+
+/// Throws ArgumentError that names the setting unless all values are possible.
+void check(const VanillaBoost& boost);
 
 /// Fewest growths of a run, so that short ones grow too, but never more often than 3DGS itself.
 inline constexpr int kMinGrowths = 12;
@@ -44,15 +83,13 @@ inline constexpr int kMinGrowthInterval = 100;
 /// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
 inline constexpr double kTauDPixels = 1e6;
 
-/// Plug it into a backbone by set_hooks(&adapter, &adapter) after rasterizer_hook().set_beta(adapter.beta()).
 /// The device is where views are scored; statistics and decisions lie in memory of the host.
-class VanillaAdapter : public DensityHook, public OptimizerHook {
+class VanillaAdapter : public Adapter {
  public:
   /// @param device the backbone's
   VanillaAdapter(const VanillaBoost& boost, Device device);
 
-  /// β for the rasterizer, nullopt without the compact box.
-  std::optional<float> beta() const;
+  std::optional<float> beta() const override;
 
   bool needs_absolute_gradients() const override;
   bool grows_at(Moment moment, bool backbone_would) const override;

@@ -8,6 +8,7 @@
 #include "splatboost/dropout.h"
 #include "splatboost/elementwise.h"
 #include "splatboost/random.h"
+#include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_fields.h"
 
@@ -99,6 +100,13 @@ DropGaussianConfig dropgaussian_config_from_json(const nlohmann::json& json) {
 
 std::unique_ptr<Backbone> make_dropgaussian(const BackboneContext& context, const DropGaussianConfig& config) {
   return make_gaussian_backbone(context, config, std::make_unique<DropGaussian>(context, config));
+}
+
+BackboneEntry dropgaussian_entry() {
+  return {"dropgaussian", DropGaussianConfig().published_iterations,
+          [](const BackboneContext& context, const nlohmann::json& constants) {
+            return make_dropgaussian(context, dropgaussian_config_from_json(constants));
+          }};
 }
 
 }  // namespace splatboost

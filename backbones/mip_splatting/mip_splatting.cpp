@@ -8,6 +8,7 @@
 #include "families/gaussians/gaussian_backbone.h"
 #include "splatboost/array.h"
 #include "splatboost/smoothing.h"
+#include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_fields.h"
 
@@ -162,6 +163,12 @@ MipSplattingConfig mip_splatting_config_from_json(const nlohmann::json& json) {
 
 std::unique_ptr<Backbone> make_mip_splatting(const BackboneContext& context, const MipSplattingConfig& config) {
   return make_gaussian_backbone(context, config, std::make_unique<MipSplatting>(context, config));
+}
+
+BackboneEntry mip_splatting_entry() {
+  return {"mip-splatting", kPublishedIterations, [](const BackboneContext& context, const nlohmann::json& constants) {
+            return make_mip_splatting(context, mip_splatting_config_from_json(constants));
+          }};
 }
 
 }  // namespace splatboost

@@ -10,6 +10,7 @@
 #include "octree_gs/octree_levels.h"
 #include "octree_gs/usable_anchors.h"
 #include "splatboost/neighbors.h"
+#include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -294,6 +295,12 @@ void Octree::add_level(int level, bool inherit, std::span<const float> gradients
 
 std::unique_ptr<Backbone> make_octree(const BackboneContext& context, const OctreeConfig& config) {
   return std::make_unique<Octree>(context, config);
+}
+
+BackboneEntry octree_gs_entry() {
+  return {"octree-gs", kOctreeIterations, [](const BackboneContext& context, const nlohmann::json& constants) {
+            return make_octree(context, octree_config_from_json(constants));
+          }};
 }
 
 }  // namespace splatboost

@@ -8,6 +8,7 @@
 #include "families/anchors/anchor_cells.h"
 #include "splatboost/neighbors.h"
 #include "splatboost/random.h"
+#include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -139,6 +140,12 @@ std::size_t Scaffold::grow_level(std::span<const float> gradients, std::span<con
 
 std::unique_ptr<Backbone> make_scaffold(const BackboneContext& context, const ScaffoldConfig& config) {
   return std::make_unique<Scaffold>(context, config);
+}
+
+BackboneEntry scaffold_gs_entry() {
+  return {"scaffold-gs", kPublishedIterations, [](const BackboneContext& context, const nlohmann::json& constants) {
+            return make_scaffold(context, scaffold_config_from_json(constants));
+          }};
 }
 
 }  // namespace splatboost

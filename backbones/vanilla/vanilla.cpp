@@ -2,6 +2,7 @@
 #include "vanilla/vanilla.h"
 
 #include "families/gaussians/gaussian_backbone.h"
+#include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/support/json_fields.h"
 
 namespace splatboost {
@@ -33,6 +34,12 @@ VanillaConfig vanilla_config_from_json(const nlohmann::json& json) {
 
 std::unique_ptr<Backbone> make_vanilla(const BackboneContext& context, const VanillaConfig& config) {
   return make_gaussian_backbone(context, config, std::make_unique<Vanilla>(config));
+}
+
+BackboneEntry vanilla_entry() {
+  return {"vanilla", kPublishedIterations, [](const BackboneContext& context, const nlohmann::json& constants) {
+            return make_vanilla(context, vanilla_config_from_json(constants));
+          }};
 }
 
 }  // namespace splatboost

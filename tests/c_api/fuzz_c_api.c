@@ -575,7 +575,7 @@ static void fuzz_tensors(void) {
 static void fuzz_devices(void) {
   sb_rasterizer* r = NULL;
   sb_adapter* a = NULL;
-  sb_boost boost;
+  sb_boost* boost = NULL;
   sb_device d;
   memset(&d, 0, sizeof d);
   REFUSED(sb_rasterizer_create(&d, NULL));
@@ -631,32 +631,59 @@ static void fuzz_devices(void) {
   REFUSED(sb_rasterizer_counts(NULL, NULL, NULL, NULL));
   REFUSED(sb_raster_options_default(NULL));
 
-  CHECK(sb_boost_default("vanilla", &boost) == SB_OK);
-  REFUSED(sb_boost_default(NULL, &boost));
-  REFUSED(sb_boost_default("", &boost));
-  REFUSED(sb_boost_default("vanilla", NULL));
-  REFUSED(sb_adapter_create(NULL, &boost, NULL, &a));
-  REFUSED(sb_adapter_create("x", &boost, NULL, &a));
-  REFUSED(sb_adapter_create("vanilla", NULL, NULL, &a));
-  REFUSED(sb_adapter_create("vanilla", &boost, NULL, NULL));
-#define BROKEN_BOOST(field, value)                             \
-  do {                                                         \
-    sb_boost b = boost;                                        \
-    b.field = value;                                           \
-    REFUSED(sb_adapter_create("mip-splatting", &b, NULL, &a)); \
+  REFUSED(sb_boost_create(NULL, &boost));
+  REFUSED(sb_boost_create("", &boost));
+  REFUSED(sb_boost_create("x", &boost));
+  REFUSED(sb_boost_create("vanilla", NULL));
+  CHECK(boost == NULL);
+  CHECK(sb_boost_create("mip-splatting", &boost) == SB_OK);
+  REFUSED(sb_adapter_create(NULL, 0, NULL, &a));
+  REFUSED(sb_adapter_create(boost, 0, NULL, NULL));
+  {
+    const char* name = NULL;
+    double value = 0;
+    REFUSED(sb_boost_setting(NULL, 0, &name, NULL));
+    REFUSED(sb_boost_setting(boost, 0, NULL, NULL));
+    REFUSED(sb_boost_setting(boost, -1, &name, NULL));
+    CHECK(sb_boost_setting(boost, INT32_MAX, &name, NULL) == SB_OK && name == NULL);
+    REFUSED(sb_boost_get(NULL, "beta", &value));
+    REFUSED(sb_boost_get(boost, NULL, &value));
+    REFUSED(sb_boost_get(boost, "bet", &value));
+    REFUSED(sb_boost_get(boost, "beta", NULL));
+    REFUSED(sb_boost_set(NULL, "beta", 0.5));
+    REFUSED(sb_boost_set(boost, NULL, 0.5));
+    REFUSED(sb_boost_set(boost, "seed", 1));
+    REFUSED(sb_boost_set(boost, "vcd", 2));
+    REFUSED(sb_boost_set(boost, "views", 2.5));
+    REFUSED(sb_boost_set(boost, "views", 1e10));
+    REFUSED(sb_boost_set(boost, "beta", NAN));
+    REFUSED(sb_boost_set(boost, "tau_d", INFINITY));
+  }
+#define BROKEN_BOOST(name, value)                      \
+  do {                                                 \
+    double kept_ = 0;                                  \
+    CHECK(sb_boost_get(boost, name, &kept_) == SB_OK); \
+    CHECK(sb_boost_set(boost, name, value) == SB_OK);  \
+    REFUSED(sb_adapter_create(boost, 0, NULL, &a));    \
+    CHECK(sb_boost_set(boost, name, kept_) == SB_OK);  \
   } while (0)
-  BROKEN_BOOST(beta, 0.0f);
-  BROKEN_BOOST(beta, NAN);
-  BROKEN_BOOST(views, 0);
-  BROKEN_BOOST(tau, -1.0f);
-  BROKEN_BOOST(lambda_dssim, 2.0f);
-  BROKEN_BOOST(tau_d, NAN);
-  BROKEN_BOOST(gradient_threshold, INFINITY);
-  BROKEN_BOOST(densify_from, -1);
-  BROKEN_BOOST(densify_interval, 0);
-  BROKEN_BOOST(late_prune_from, INT32_MIN);
-  BROKEN_BOOST(late_prune_interval, 0);
-  BROKEN_BOOST(published_iterations, 0);
+  BROKEN_BOOST("beta", 0);
+  BROKEN_BOOST("beta", 1.5);
+  BROKEN_BOOST("views", 0);
+  BROKEN_BOOST("tau", -1);
+  BROKEN_BOOST("lambda_dssim", 2);
+  BROKEN_BOOST("tau_d", -1);
+  BROKEN_BOOST("gradient_threshold", -1);
+  BROKEN_BOOST("densify_from", -1);
+  BROKEN_BOOST("densify_interval", 0);
+  BROKEN_BOOST("late_prune_from", INT32_MIN);
+  BROKEN_BOOST("late_prune_interval", 0);
+  BROKEN_BOOST("late_min_opacity", 2);
+  CHECK(sb_adapter_create(boost, 0, NULL, &a) == SB_OK);
+  sb_adapter_destroy(a);
+  a = NULL;
+  sb_boost_destroy(boost);
+  sb_boost_destroy(NULL);
   CHECK(a == NULL);
 }
 
@@ -853,14 +880,15 @@ static void fuzz_numbers(void) {
 
 int main(void) {
   const sb_device one_thread = {TEST_KIND, 0, 1, NULL};
-  sb_boost boost;
+  sb_boost* boost = NULL;
   camera = test_camera();
   camera.width = W;
   camera.height = H;
   CHECK(sb_raster_options_default(&raster_options) == SB_OK);
   CHECK(sb_rasterizer_create(&one_thread, &rasterizer) == SB_OK);
-  CHECK(sb_boost_default("vanilla", &boost) == SB_OK);
-  CHECK(sb_adapter_create("vanilla", &boost, &one_thread, &adapter) == SB_OK);
+  CHECK(sb_boost_create("vanilla", &boost) == SB_OK);
+  CHECK(sb_adapter_create(boost, 0, &one_thread, &adapter) == SB_OK);
+  sb_boost_destroy(boost);
   fuzz_tensors();
   fill_memory();
   fuzz_devices();

@@ -305,7 +305,10 @@ static int32_t host_count(void* context, const sb_tensor* flagged, const sb_tens
 static void decides_as_the_adapter(void) {
   static Host host;
   sb_adapter* adapter = NULL;
-  sb_boost boost;
+  sb_boost* boost = NULL;
+  const char* name = NULL;
+  double value = -1;
+  int32_t kind = -1;
   float beta = 0, gradients[2] = {1, 1}, absolute[2] = {1, 1}, scales[2] = {1e-6f, 1e-6f}, opacities[2] = {0.9f, 0.05f};
   uint8_t clone[2], split[2], remove[2] = {0, 0};
   int32_t answer = -1;
@@ -332,13 +335,25 @@ static void decides_as_the_adapter(void) {
   views.render = host_render;
   views.count_flagged = host_count;
 
-  CHECK(sb_boost_default("vanilla", &boost) == SB_OK && boost.views == 10 && boost.tau_d == 5);
-  CHECK(sb_adapter_create("vanilla", &boost, TEST_DEVICE, &adapter) == SB_OK);
+  CHECK(sb_boost_create("vanilla", &boost) == SB_OK);
+  CHECK(sb_boost_get(boost, "views", &value) == SB_OK && value == 10);
+  CHECK(sb_boost_get(boost, "vcd", &value) == SB_OK && value == 1);
+  CHECK(sb_boost_setting(boost, 0, &name, &kind) == SB_OK && strcmp(name, "vcd") == 0 && kind == SB_SETTING_BOOL);
+  for (i = 0, value = 0; sb_boost_setting(boost, i, &name, &kind) == SB_OK && name != NULL; ++i) {
+    CHECK(sb_boost_get(boost, name, &value) == SB_OK && sb_boost_set(boost, name, value) == SB_OK);
+    CHECK(strcmp(name, "views") != 0 || kind == SB_SETTING_INTEGER);
+    CHECK(strcmp(name, "tau_d") != 0 || kind == SB_SETTING_REAL);
+  }
+  CHECK(i > 10);
+  CHECK(sb_adapter_create(boost, 0, TEST_DEVICE, &adapter) == SB_OK);
   CHECK(sb_adapter_beta(adapter, &beta) == SB_OK && beta == 0.5f);
   CHECK(sb_adapter_grows_at(adapter, 1000, 30000, 0, &answer) == SB_OK && answer == 1);
   CHECK(sb_adapter_steps_at(adapter, "f_rest", 17, 30000, &answer) == SB_OK && answer == 0);
   CHECK(sb_adapter_steps_at(adapter, "xyz", 17, 30000, &answer) == SB_OK && answer == 1);
   CHECK(sb_adapter_prunes_at(adapter, 18000, 30000, 0, &answer) == SB_OK && answer == 1);
+  CHECK(sb_adapter_resets_opacities_at(adapter, 3000, 30000, 1, &answer) == SB_OK && answer == 1);
+  CHECK(sb_adapter_resets_opacities_at(adapter, 18000, 30000, 1, &answer) == SB_OK && answer == 0);
+  CHECK(sb_adapter_rate_factor(adapter, "xyz", 30000, 30000, &beta) == SB_OK && beta == 1);
   CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p, NULL) == SB_OK);
   CHECK(host.rendered == 3);
   CHECK(clone[0] == 1 && clone[1] == 0 && split[0] == 0 && split[1] == 0);
@@ -361,10 +376,18 @@ static void decides_as_the_adapter(void) {
   sb_adapter_destroy(adapter);
   sb_adapter_destroy(NULL);
 
-  CHECK(sb_boost_default("dropgaussian", &boost) == SB_OK && boost.schedule == 0 &&
-        boost.published_iterations == 10000);
-  CHECK(sb_boost_default("mip-splatting", &boost) == SB_OK);
-  CHECK(sb_boost_default("mipsplatting", &boost) == SB_ERROR_ARGUMENT);
+  sb_boost_destroy(boost);
+
+  CHECK(sb_boost_create("dropgaussian", &boost) == SB_OK);
+  CHECK(sb_boost_get(boost, "schedule", &value) == SB_OK && value == 0);
+  sb_boost_destroy(boost);
+  CHECK(sb_boost_create("scaffold-gs", &boost) == SB_OK);
+  CHECK(sb_adapter_create(boost, 0, TEST_DEVICE, &adapter) == SB_OK);
+  CHECK(sb_adapter_rate_factor(adapter, "scaling", 30000, 30000, &beta) == SB_OK && beta < 0.2f);
+  sb_adapter_destroy(adapter);
+  sb_boost_destroy(boost);
+  CHECK(sb_boost_create("mipsplatting", &boost) == SB_ERROR_ARGUMENT && boost == NULL);
+  CHECK(strstr(sb_last_error(), "mip-splatting") != NULL);
 }
 
 int main(void) {

@@ -16,8 +16,11 @@ class Adapter:
 
     beta = 0.5
 
-    def __init__(self, remove=(), prunes=True):
-        self.remove, self.prunes = remove, prunes
+    def __init__(self, remove=(), prunes=True, resets_until=100):
+        self.remove, self.prunes, self.resets_until = remove, prunes, resets_until
+
+    def resets_opacities_at(self, iteration, host_would):
+        return host_would and iteration < self.resets_until
 
     def prunes_at(self, iteration, host_would):
         return self.prunes
@@ -66,7 +69,6 @@ def boost_of(kind=vanilla, adapter=None, **state):
     boost.on, boost.gaussians, boost.adapter = True, Model(), adapter or Adapter()
     boost.options = types.SimpleNamespace(iterations=100, opacity_reset_interval=30)
     boost.iteration, boost._checkpoints, boost._device = 50, frozenset([7]), torch.device("cpu")
-    boost._reset_at, boost._growth_ends = -30, 60
     boost._scene = types.SimpleNamespace(getTrainCameras=lambda: [])
     boost._restart_statistics()
     for name, value in state.items():
@@ -122,20 +124,13 @@ def test_late_pruning_never_removes_all():
     assert boost.gaussians.value.tolist() == [N - 1]  # the most opaque one
 
 
-def test_late_pruning_waits_after_a_reset():
-    for since, removed in ((9, 0), (10, 1)):
-        boost = boost_of(adapter=Adapter(remove=[0]), _reset_at=50 - since)
-        boost.prune_late()
-        assert boost.gaussians.value.shape[0] == N - removed
-
-
-def test_resets_end_with_growth():
-    boost = boost_of(iteration=59)
+def test_resets_are_the_adapters_to_decide():
+    boost = boost_of(adapter=Adapter(resets_until=60))
+    boost.begin(59)
     boost.reset_opacity()
     boost.begin(60)
     boost.reset_opacity()
     assert boost.gaussians.resets == 1
-    assert boost._reset_at == 59
 
 
 def test_mip_splatting_renews_its_filter_after_late_pruning():

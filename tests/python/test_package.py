@@ -55,7 +55,6 @@ def test_structs_are_those_of_the_headers():
         "sb_loss": lib.Loss,
         "sb_adam_options": lib.AdamOptions,
         "sb_step_intervals": lib.StepIntervals,
-        "sb_boost": lib.Boost,
         "sb_density": lib.Density,
         "sb_scored_view": lib.ScoredView,
         "sb_views": lib.Views,

@@ -121,31 +121,8 @@ class StepIntervals(ctypes.Structure):
     ]
 
 
-class Boost(ctypes.Structure):
-    _fields_ = [
-        ("vcd", c_int32),
-        ("vcp", c_int32),
-        ("cb", c_int32),
-        ("absgrad", c_int32),
-        ("schedule", c_int32),
-        ("views", c_int32),
-        ("beta", c_float),
-        ("tau", c_float),
-        ("lambda_dssim", c_float),
-        ("tau_d", c_double),
-        ("gradient_threshold", c_double),
-        ("gradient_abs_threshold", c_double),
-        ("percent_dense", c_double),
-        ("densify_from", c_int32),
-        ("densify_until", c_int32),
-        ("densify_interval", c_int32),
-        ("late_prune_from", c_int32),
-        ("late_prune_interval", c_int32),
-        ("late_min_opacity", c_double),
-        ("late_max_score", c_double),
-        ("seed", c_uint64),
-        ("published_iterations", c_int32),
-    ]
+#: Kinds of settings, as sb_boost_setting() tells them.
+SETTING_KINDS = (bool, int, float)
 
 
 _MOMENT: List[Tuple[str, Any]] = [("iteration", c_int32), ("total", c_int32), ("scene_extent", c_float)]
@@ -214,13 +191,19 @@ _ENTRIES = {
     "sb_steps_at": (_STATUS, [POINTER(StepIntervals), c_int32, c_int32, _I32]),
     "sb_scaled_iteration": (_STATUS, [c_int32, c_int32, c_int32, _I32]),
     "sb_exponential_rate": (_STATUS, [c_double, c_double, c_int32, c_int32, _F64]),
-    "sb_boost_default": (_STATUS, [c_char_p, POINTER(Boost)]),
-    "sb_adapter_create": (_STATUS, [c_char_p, POINTER(Boost), _DEVICE, POINTER(c_void_p)]),
+    "sb_boost_create": (_STATUS, [c_char_p, POINTER(c_void_p)]),
+    "sb_boost_destroy": (None, [c_void_p]),
+    "sb_boost_setting": (_STATUS, [c_void_p, c_int32, POINTER(c_char_p), _I32]),
+    "sb_boost_get": (_STATUS, [c_void_p, c_char_p, _F64]),
+    "sb_boost_set": (_STATUS, [c_void_p, c_char_p, c_double]),
+    "sb_adapter_create": (_STATUS, [c_void_p, c_uint64, _DEVICE, POINTER(c_void_p)]),
     "sb_adapter_destroy": (None, [c_void_p]),
     "sb_adapter_beta": (_STATUS, [c_void_p, POINTER(c_float)]),
     "sb_adapter_grows_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_prunes_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_steps_at": (_STATUS, [c_void_p, c_char_p, c_int32, c_int32, _I32]),
+    "sb_adapter_rate_factor": (_STATUS, [c_void_p, c_char_p, c_int32, c_int32, POINTER(c_float)]),
+    "sb_adapter_resets_opacities_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_grow": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T, c_void_p]),
     "sb_adapter_prune": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T, c_void_p]),
 }

@@ -6,7 +6,7 @@ from __future__ import annotations
 import ctypes
 import weakref
 from dataclasses import dataclass
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 
 import torch
 
@@ -38,49 +38,66 @@ class ScoredView:
 ViewSource = Sequence[Callable[[], ScoredView]]
 
 
+def _setting_kinds(boost: Any) -> Dict[str, Any]:
+    """Each setting's name and its type: bool, int or float."""
+    kinds = {}
+    name, kind = ctypes.c_char_p(), ctypes.c_int32()
+    while True:
+        lib.call("sb_boost_setting", boost, len(kinds), ctypes.byref(name), ctypes.byref(kind))
+        if name.value is None:
+            return kinds
+        kinds[name.value.decode()] = lib.SETTING_KINDS[kind.value]
+
+
 class Adapter:
     """Decisions of one run.
 
-    backbone: "vanilla", "mip-splatting" or "dropgaussian". total_iterations: length of the host's run, to which the
-    published iteration numbers scale. settings: fields of the C struct sb_boost, such as vcd, vcp, cb, absgrad,
-    schedule (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until, seed; see `settings`.
-    device: where the host's renders and masks are.
+    backbone: "vanilla", "mip-splatting", "dropgaussian", … as the program's --backbone. total_iterations: length of the
+    host's run, to which the published iteration numbers scale. device: where the host's renders and masks are. seed: of
+    the draws. settings: those of the backbone's adapter by name, such as vcd, vcp, cb, absgrad, schedule (parts: True or
+    False), views (K), beta, tau_d, gradient_threshold, densify_until; see `settings`.
     """
 
-    def __init__(self, backbone: str, *, total_iterations: int, device: Any = "cpu", **settings: Any):
-        boost = lib.Boost()
-        lib.call("sb_boost_default", str(backbone).encode(), ctypes.byref(boost))
-        known = {name: kind for name, kind in lib.Boost._fields_}  # type: ignore[misc]
-        for name, value in settings.items():
-            if name not in known:
-                raise ValueError("%s: no such setting; there are %s" % (name, ", ".join(sorted(known))))
-            whole = known[name] not in (ctypes.c_float, ctypes.c_double)
-            if whole and not isinstance(value, int):
-                raise ValueError("%s: a whole number wanted, %r given" % (name, value))
-            setattr(boost, name, value)
+    def __init__(self, backbone: str, *, total_iterations: int, device: Any = "cpu", seed: int = 0, **settings: Any):
         if total_iterations <= 0:
             raise ValueError("total_iterations: a number above 0 wanted, %r given" % (total_iterations,))
         self.backbone = backbone
         self.total_iterations = int(total_iterations)
         self.device = torch.device(device)
-        self._boost = boost
-        place = Place(torch.empty(0, device=self.device), "device")
-        handle = ctypes.c_void_p()
-        place.call("sb_adapter_create", backbone.encode(), ctypes.byref(boost), place.c_device(), ctypes.byref(handle))
+        boost = ctypes.c_void_p()
+        lib.call("sb_boost_create", str(backbone).encode(), ctypes.byref(boost))
+        try:
+            self._kinds = _setting_kinds(boost)
+            for name, value in settings.items():
+                self._set(boost, name, value)
+            #: All settings by name, with the values in use.
+            self.settings = {name: self._get(boost, name) for name in self._kinds}
+            place = Place(torch.empty(0, device=self.device), "device")
+            handle = ctypes.c_void_p()
+            place.call("sb_adapter_create", boost, seed, place.c_device(), ctypes.byref(handle))
+        finally:
+            lib.load().sb_boost_destroy(boost)
         self._handle = handle
         self._close = weakref.finalize(self, lib.load().sb_adapter_destroy, handle)
 
-    @property
-    def settings(self) -> Any:
-        """All settings by name, with the values in use."""
-        return {name: getattr(self._boost, name) for name, _ in lib.Boost._fields_}  # type: ignore[misc]
+    def _set(self, boost: Any, name: str, value: Any) -> None:
+        if name not in self._kinds:
+            raise ValueError("%s: no such setting; there are %s" % (name, ", ".join(sorted(self._kinds))))
+        if self._kinds[name] is not float and not isinstance(value, int):
+            raise ValueError("%s: a whole number wanted, %r given" % (name, value))
+        lib.call("sb_boost_set", boost, name.encode(), float(value))
+
+    def _get(self, boost: Any, name: str) -> Any:
+        value = ctypes.c_double()
+        lib.call("sb_boost_get", boost, name.encode(), ctypes.byref(value))
+        return self._kinds[name](value.value)
 
     @property
     def beta(self) -> Optional[float]:
         """β for set_beta; None without the compact box."""
         beta = ctypes.c_float()
         lib.call("sb_adapter_beta", self._handle, ctypes.byref(beta))
-        return float(self._boost.beta) if beta.value > 0 else None
+        return float(self.settings["beta"]) if beta.value > 0 else None
 
     def _asks(self, entry: str, iteration: int, host_would: bool) -> bool:
         answer = ctypes.c_int32()
@@ -102,6 +119,18 @@ class Adapter:
             "sb_adapter_steps_at", self._handle, group.encode(), iteration, self.total_iterations, ctypes.byref(answer)
         )
         return bool(answer.value)
+
+    def rate_factor(self, group: str, iteration: int) -> float:
+        """What the host's own learning rate of a parameter group is multiplied by now."""
+        factor = ctypes.c_float()
+        lib.call(
+            "sb_adapter_rate_factor", self._handle, group.encode(), iteration, self.total_iterations, ctypes.byref(factor)
+        )
+        return float(factor.value)
+
+    def resets_opacities_at(self, iteration: int, host_would: bool) -> bool:
+        """Whether opacities are reset at this iteration, given whether the host's own rule would."""
+        return self._asks("sb_adapter_resets_opacities_at", iteration, host_would)
 
     def grow(
         self,

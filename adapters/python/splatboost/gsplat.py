@@ -138,9 +138,9 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
             ops.reset_opa(params=params, optimizers=optimizers, state=state, value=2 * self.prune_opa)
 
     def _at(self, published: int) -> int:
-        from .schedule import scaled_iteration
+        from .schedule import PUBLISHED_ITERATIONS, scaled_iteration
 
-        return scaled_iteration(published, self.max_steps, self.adapter().settings["published_iterations"])
+        return scaled_iteration(published, self.max_steps, PUBLISHED_ITERATIONS)
 
     def _gather(self, params: Params, state: Dict[str, Any], info: Dict[str, Any], packed: bool) -> None:
         n = params["means"].shape[0]

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "program/session/options.h"
-#include "program/session/registry.h"
+#include "program/session/plugged_backbone.h"
 
 namespace splatboost::program {
 

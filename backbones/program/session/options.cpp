@@ -5,7 +5,7 @@
 #include <fstream>
 
 #include "program/session/chosen_device.h"
-#include "program/session/registry.h"
+#include "program/session/plugged_backbone.h"
 #include "program/session/suggest.h"
 
 namespace splatboost::program {
@@ -25,14 +25,25 @@ std::string backbone_names() {
   return names;
 }
 
-/// "30000; dropgaussian 10000": that of the first backbone, and those that differ.
+/// "30000; dropgaussian 10000": the paper's, and those that differ.
 std::string published_lengths() {
-  std::string lengths = std::to_string(backbones()[0].iterations);
+  std::string lengths = std::to_string(kPublishedIterations);
   for (const BackboneEntry& entry : backbones()) {
-    if (entry.iterations == backbones()[0].iterations) continue;
+    if (entry.iterations == kPublishedIterations) continue;
     lengths += "; " + std::string(entry.name) + " " + std::to_string(entry.iterations);
   }
   return lengths;
+}
+
+/// "0.5; scaffold-gs 0.7": the paper's, and those that differ.
+std::string default_betas() {
+  const std::string paper = to_json(*find_adapter("vanilla").make_settings(false))["beta"].dump();
+  std::string betas = paper;
+  for (const AdapterEntry& entry : adapters()) {
+    const std::string beta = to_json(*entry.make_settings(false))["beta"].dump();
+    if (beta != paper) betas += "; " + std::string(entry.backbone) + " " + beta;
+  }
+  return betas;
 }
 
 }  // namespace
@@ -121,7 +132,7 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
 
 void add_boost_options(OptionSet& set, RunOptions& options) {
   set.set_group("Acceleration");
-  set.add("--beta", options.beta, "compact box, in (0, 1]; smaller: faster, cuts faint rims [0.5; scaffold-gs 0.7]",
+  set.add("--beta", options.beta, "compact box, in (0, 1]; smaller: faster, cuts faint rims [" + default_betas() + "]",
           false)
       ->type_name("X");
   set.add("--tau-d", options.tau_d, "importance a primitive needs to grow (docs/method.md); larger: fewer [5]", false)
@@ -221,7 +232,7 @@ Json boost_settings(const RunOptions& options) {
   if (options.no_absgrad) settings["absgrad"] = false;
   if (options.no_schedule) settings["schedule"] = false;
   if (options.no_coarse) settings["coarse"] = false;
-  return find_backbone(options.backbone).boost_settings(settings);
+  return to_json(*read_boost_settings(options.backbone, settings));
 }
 
 void check_options(RunOptions& options) {

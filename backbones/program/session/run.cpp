@@ -90,9 +90,8 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   const std::uint64_t resident = resident_memory_bytes();
 
   const Json settings = boost_settings(options);
-  const PluggedBackbone plugged =
-      find_backbone(options.backbone)
-          .make(context_of(bench, options), options.backbone_settings, boost ? &settings : nullptr);
+  const PluggedBackbone plugged = make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
+                                                boost ? &settings : nullptr);
   Backbone& backbone = *plugged.backbone;
   write_config(folder, set, options, boost, &plugged);
   bench.scene.train_halves.clear();
@@ -189,7 +188,7 @@ std::string results_table(const Results& results) {
 PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const fs::path& saved,
                            std::optional<float> beta) {
   PluggedBackbone plugged =
-      find_backbone(options.backbone).make(context_of(bench, options), options.backbone_settings, nullptr);
+      make_backbone(options.backbone, context_of(bench, options), options.backbone_settings, nullptr);
   plugged.backbone->import_model(saved);
   plugged.backbone->rasterizer_hook().set_beta(beta);
   plugged.beta = beta;

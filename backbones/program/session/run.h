@@ -9,7 +9,7 @@
 
 #include "program/session/chosen_device.h"
 #include "program/session/options.h"
-#include "program/session/registry.h"
+#include "program/session/plugged_backbone.h"
 #include "trainer/dataset/scene.h"
 #include "trainer/evaluation/metrics.h"
 #include "trainer/evaluation/results.h"

@@ -11,7 +11,7 @@ import torch
 
 from ..adapter import Adapter, ScoredView
 from ..operations import keep_largest, spare_one
-from ..schedule import PUBLISHED_ITERATIONS, scaled_iteration
+from ..schedule import PUBLISHED_ITERATIONS
 from . import _drawing
 
 _SPLIT_CHILDREN = 2
@@ -61,9 +61,6 @@ class Boost:
         self._device = gaussians.get_xyz.device
         settings = self._settings()
         self.adapter = Adapter(self.backbone, total_iterations=options.iterations, device=self._device, **settings)
-        self._growth_ends = scaled_iteration(int(self.adapter.settings["densify_until"]), options.iterations,
-                                             self.published_iterations)
-        self._reset_at = -options.opacity_reset_interval
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
         _drawing.save(model_path, self.backbone, self.adapter.beta)
@@ -204,10 +201,8 @@ class Boost:
         return mask
 
     def prune_late(self) -> None:
-        """Prunes by scores where the schedule says so, unless opacities were reset so lately that all are low."""
+        """Prunes by scores where the schedule says so."""
         if not self.on or not self.adapter.prunes_at(self.iteration, False):
-            return
-        if self.iteration - self._reset_at < self.options.opacity_reset_interval // 3:
             return
         g = self.gaussians
         self._apply_gradients()
@@ -225,12 +220,10 @@ class Boost:
         """For hosts that keep more a Gaussian than prune_points knows of."""
 
     def reset_opacity(self) -> None:
-        """Resets serve growth: after it they would only undo what was learned."""
         if self.on:
-            if self.iteration >= self._growth_ends:
+            if not self.adapter.resets_opacities_at(self.iteration, True):
                 return
             self._apply_gradients()
-            self._reset_at = self.iteration
         self.gaussians.reset_opacity()
 
     # --- the optimizer

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The settings of any adapter by name. Each adapter has one struct of settings with one for_each_field(), which
+/// visits them by name, and one check(). JSON, the command line, the C ABI and Python are derived from these.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string_view>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "registry/adapter.h"
+#include "splatboost/device.h"
+#include "splatboost/errors.h"
+
+namespace splatboost {
+
+/// For check(): throws ArgumentError with this reason.
+inline void check_setting(bool holds, const char* reason) {
+  if (!holds) throw ArgumentError(reason);
+}
+
+/// The settings of an accelerated run, whatever the backbone.
+class BoostSettings {
+ public:
+  struct Setting {
+    const char* name;  ///< lives as long as the program
+    std::variant<bool*, int*, float*, double*> value;
+  };
+
+  virtual ~BoostSettings() = default;
+  /// All settings in the order of their struct. The pointers live as long as this object.
+  virtual std::vector<Setting> settings() = 0;
+  /// Throws ArgumentError that names the setting unless all values are possible.
+  virtual void validate() const = 0;
+  /// Share of the run that an in-tree trainer begins with on views of half the size.
+  virtual double coarse_share() const = 0;
+  /// @param device where the backbone trains
+  virtual std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const = 0;
+};
+
+/// @tparam AdapterType constructed from (Boost, Device) @tparam Boost its struct of settings
+template <class AdapterType, class Boost>
+class SettingsOf final : public BoostSettings {
+ public:
+  explicit SettingsOf(const Boost& boost) : boost_(boost) {}
+
+  std::vector<Setting> settings() override {
+    std::vector<Setting> all;
+    for_each_field(boost_, [&](const char* name, auto& value) { all.push_back({name, &value}); });
+    return all;
+  }
+  void validate() const override { check(boost_); }
+  double coarse_share() const override { return boost_.coarse ? boost_.coarse_until : 0; }
+  std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const override {
+    Boost boost = boost_;
+    boost.seed = seed;
+    return std::make_unique<AdapterType>(boost, device);
+  }
+
+ private:
+  Boost boost_;
+};
+
+template <class AdapterType, class Boost>
+std::unique_ptr<BoostSettings> make_settings(const Boost& boost) {
+  return std::make_unique<SettingsOf<AdapterType, Boost>>(boost);
+}
+
+/// The acceleration of one backbone. Each folder of adapters/ defines one: `AdapterEntry NAME_adapter_entry()`.
+struct AdapterEntry {
+  std::string_view backbone;  ///< as --backbone takes it
+  /// @param literal the paper's text and numbers exactly, in place of the default
+  std::unique_ptr<BoostSettings> (*make_settings)(bool literal);
+};
+
+/// One for each folder of adapters/ that CMake found.
+const std::vector<AdapterEntry>& adapters();
+
+/// Throws ArgumentError that names those there are.
+const AdapterEntry& find_adapter(std::string_view backbone);
+
+}  // namespace splatboost

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/run_program.h"
+
+#include <cstdio>
+#include <exception>
+#include <memory>
+#include <new>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "program/commands/commands.h"
+#include "program/help.h"
+#include "program/session/options.h"
+#include "program/session/suggest.h"
+#include "splatboost/errors.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost::program {
+namespace {
+
+constexpr int kFailure = 1;
+constexpr int kUsage = 2;
+
+/// One line whatever a library put into its message.
+std::string one_line(std::string_view text) {
+  std::string line;
+  for (const char c : text) {
+    const bool blank = c == '\n' || c == '\r' || c == '\t' || c == ' ';
+    if (!blank) {
+      line += c;
+    } else if (!line.empty() && line.back() != ' ') {
+      line += ' ';
+    }
+  }
+  while (!line.empty() && line.back() == ' ') line.pop_back();
+  return line;
+}
+
+int fail(int code, std::string_view where, std::string_view what) {
+  std::fprintf(stderr, "%s: %s\n", std::string(where).c_str(), one_line(what).c_str());
+  return code;
+}
+
+/// Options of Python trainers have underscores; they mean the same here.
+std::string with_dashes(std::string argument) {
+  if (argument.size() < 3 || argument.compare(0, 2, "--") != 0) return argument;
+  for (std::size_t i = 2; i < argument.size() && argument[i] != '='; ++i) {
+    if (argument[i] == '_') argument[i] = '-';
+  }
+  return argument;
+}
+
+std::vector<std::string> option_names(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  return names;
+}
+
+std::string unknown_argument(const std::string& argument, const CLI::App& app) {
+  if (argument.size() > 1 && argument[0] == '-') {
+    const std::string name = argument.substr(0, argument.find('='));
+    return "unknown option " + name + did_you_mean(name, option_names(app));
+  }
+  std::vector<std::string> commands;
+  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) {
+    commands.push_back(command->get_name());
+  }
+  if (!commands.empty()) return "no command '" + argument + "'" + did_you_mean(argument, commands);
+  return "'" + argument + "' is not expected here; options start with --";
+}
+
+}  // namespace
+
+int run_program(int argc, char** argv) {
+  CLI::App program("SplatBoost trains 3D Gaussian Splatting faster, with fewer Gaussians.", "splatboost");
+  program.formatter(std::make_shared<HelpFormatter>());
+  program.set_help_flag("-h,--help", "print this and exit");
+  program.set_version_flag("--version", "splatboost " SPLATBOOST_VERSION, "print the version and exit");
+  program.footer("splatboost COMMAND --help tells more.");
+  const std::vector<Command> commands = {add_train(program), add_compare(program), add_render(program),
+                                         add_eval(program),  add_synth(program),   add_pack(program),
+                                         add_bench(program), add_patch(program)};
+  // Both are told below, with a suggestion.
+  program.allow_extras();
+  for (const Command& command : commands) {
+    command.app->allow_extras();
+    command.app->group("Commands");
+  }
+
+  std::string command_line = "splatboost";
+  std::vector<std::string> arguments;
+  for (int i = 1; i < argc; ++i) {
+    command_line += std::string(" ") + argv[i];
+    arguments.insert(arguments.begin(), with_dashes(argv[i]));  // CLI11 takes them last first
+  }
+  std::string where = "splatboost";
+  const auto help_hint = [&where] { return " (see " + where + " --help)"; };
+  try {
+    try {
+      program.parse(arguments);
+    } catch (const CLI::Success& asked) {  // --help, --version
+      return program.exit(asked);
+    } catch (const CLI::ParseError& error) {
+      if (!program.get_subcommands().empty()) where += " " + program.get_subcommands().front()->get_name();
+      const std::string_view message = error.what();
+      constexpr std::string_view kConversion = "Could not convert: ";
+      if (message.substr(0, kConversion.size()) == kConversion) {
+        throw UsageError("value not understood: " + std::string(message.substr(kConversion.size())));
+      }
+      throw UsageError(error.what());
+    }
+    const std::vector<CLI::App*> chosen = program.get_subcommands();
+    if (chosen.empty()) {
+      std::vector<std::string> names;
+      std::string list;
+      for (const Command& command : commands) {
+        names.push_back(command.app->get_name());
+        list += (list.empty() ? "" : ", ") + names.back();
+      }
+      const std::vector<std::string> rest = program.remaining();
+      if (rest.empty()) throw UsageError("no command given; there are: " + list);
+      if (rest[0][0] == '-') throw UsageError(unknown_argument(rest[0], program));
+      const std::string nearest = did_you_mean(rest[0], names);
+      throw UsageError("no command '" + rest[0] + "'" + (nearest.empty() ? "; there are: " + list : nearest));
+    }
+    where += " " + chosen.front()->get_name();
+    const std::vector<std::string> rest = program.remaining(true);
+    if (!rest.empty()) {
+      const CLI::App* command = chosen.front();
+      const std::vector<CLI::App*> deeper = command->get_subcommands();
+      if (!deeper.empty()) {
+        where += " " + deeper.front()->get_name();
+        command = deeper.front();
+      }
+      throw UsageError(unknown_argument(rest[0], *command));
+    }
+    for (const Command& command : commands) {
+      if (command.app == chosen.front()) return command.run(command_line);
+    }
+    return kFailure;
+  } catch (const UsageError& error) {
+    return fail(kUsage, where, error.what() + help_hint());
+  } catch (const InputError& error) {
+    return fail(kUsage, where, error.what());
+  } catch (const ArgumentError& error) {
+    return fail(kUsage, where, error.what());
+  } catch (const NoDeviceError& error) {
+    return fail(kUsage, where, error.what());
+  } catch (const std::bad_alloc&) {
+    return fail(kFailure, where, "out of memory: lower --resolution or set --max-primitives");
+  } catch (const std::exception& error) {
+    return fail(kFailure, where, error.what());
+  }
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/session/plugged_backbone.h"
+
+#include <string>
+#include <variant>
+
+#include "trainer/support/input_error.h"
+#include "trainer/support/json_fields.h"
+
+namespace splatboost::program {
+namespace {
+
+using Json = nlohmann::json;
+
+/// For fields_to_json() and fields_from_json().
+template <class Visitor>
+void visit_settings(BoostSettings& settings, Visitor&& visitor) {
+  for (const BoostSettings::Setting& setting : settings.settings()) {
+    std::visit([&](auto* value) { visitor(setting.name, *value); }, setting.value);
+  }
+}
+
+}  // namespace
+
+const BackboneEntry& find_backbone(std::string_view name) {
+  std::string names;
+  for (const BackboneEntry& entry : backbones()) {
+    if (entry.name == name) return entry;
+    names += (names.empty() ? "" : ", ") + std::string(entry.name);
+  }
+  throw InputError("--backbone: no '" + std::string(name) + "' here; there are: " + names);
+}
+
+std::unique_ptr<BoostSettings> read_boost_settings(std::string_view backbone, const Json& given) {
+  find_backbone(backbone);
+  std::unique_ptr<BoostSettings> settings = find_adapter(backbone).make_settings(false);
+  fields_from_json(given, "boost", [&](auto&& visitor) { visit_settings(*settings, visitor); });
+  try {
+    settings->validate();
+  } catch (const ArgumentError& error) {
+    throw InputError("boost: " + std::string(error.what()));
+  }
+  return settings;
+}
+
+Json to_json(BoostSettings& settings) {
+  return fields_to_json([&](auto&& visitor) { visit_settings(settings, visitor); });
+}
+
+PluggedBackbone make_backbone(std::string_view name, const BackboneContext& context, const Json& constants,
+                              const Json* boost) {
+  PluggedBackbone plugged;
+  plugged.backbone = find_backbone(name).make(context, constants);
+  if (boost != nullptr) {
+    const std::unique_ptr<BoostSettings> settings = read_boost_settings(name, *boost);
+    plugged.adapter = settings->make_adapter(context.seed, context.device);
+    plugged.beta = plugged.adapter->beta();
+    plugged.coarse_until = settings->coarse_share();
+    plugged.backbone->rasterizer_hook().set_beta(plugged.beta);
+    plugged.backbone->set_hooks(plugged.adapter.get(), plugged.adapter.get());
+  }
+  return plugged;
+}
+
+}  // namespace splatboost::program
