@@ -2,6 +2,7 @@
 """Runs of the program: what they leave, and that the same run gives the same bytes however it is cut or threaded."""
 
 import json
+import os
 import shutil
 import signal
 import struct
@@ -137,6 +138,15 @@ def test_threads_do_not_change_the_bytes(trained, scene, tmp_path):
         model = tmp_path / f"threads{threads}"
         run_well("train", "-s", scene, "-m", model, *SHORT_RUN, "--threads", threads)
         assert ply(model) == ply(trained)
+
+
+def test_threads_are_no_more_than_the_cpus_of_the_process(scene, tmp_path):
+    cpu = min(os.sched_getaffinity(0))
+    command = [str(PROGRAM), "train", "-s", scene, "-m", tmp_path / "model", "--iterations", "5", "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False,
+                          preexec_fn=lambda: os.sched_setaffinity(0, {cpu}))
+    assert done.returncode == 0, done.stderr
+    assert results(tmp_path / "model")["threads"] == 1
 
 
 def test_seed_changes_the_bytes(trained, scene, tmp_path):

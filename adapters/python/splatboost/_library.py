@@ -279,7 +279,8 @@ _threads = 0
 
 
 def set_threads(threads: int) -> None:
-    """CPU threads of the operations from now on. 0: one a hardware thread, or as many as OMP_NUM_THREADS says."""
+    """CPU threads of the operations from now on. 0: as many as OMP_NUM_THREADS says, or one for each CPU
+    that the process may use, by its affinity mask and the quotas of its control groups."""
     global _threads
     if isinstance(threads, bool) or not isinstance(threads, int) or not 0 <= threads <= 4096:
         raise ValueError("threads: a whole number from 0 to 4096 wanted, %r given" % (threads,))
@@ -287,7 +288,7 @@ def set_threads(threads: int) -> None:
 
 
 def get_threads() -> int:
-    """CPU threads of the operations; 0: one a hardware thread."""
+    """CPU threads of the operations; 0: one for each CPU that the process may use."""
     if _threads == 0:
         wanted = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
         return int(wanted) if wanted.isdigit() else 0

@@ -164,7 +164,7 @@ struct Bench {
     app.add_option("--device", device, "cpu, cuda, or cuda:N, the N-th GPU from 0")
         ->type_name("NAME")
         ->capture_default_str();
-    app.add_option("--threads", threads, "threads that work at a time; 0: one a hardware thread")
+    app.add_option("--threads", threads, "threads that work at a time; 0: all CPUs that the process may use")
         ->type_name("N")
         ->capture_default_str();
     app.add_option("--instruction-set", instruction_set, "best, avx512, avx2 or portable")

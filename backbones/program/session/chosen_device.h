@@ -19,7 +19,7 @@ class ChosenDevice {
  public:
   /// @param name cpu; cuda, the first GPU; cuda:N, the N-th from 0. Throws InputError in one line where the machine has
   /// no such GPU or the build no CUDA.
-  /// @param threads for what the CPU does, on a GPU too; 0: one a hardware thread
+  /// @param threads for what the CPU does, on a GPU too; 0: available_cpus()
   ChosenDevice(const std::string& name, int threads);
 
   Device device() { return stream_ ? Device(*stream_) : Device(threads_); }

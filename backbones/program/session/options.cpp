@@ -149,7 +149,7 @@ void add_boost_options(OptionSet& set, RunOptions& options) {
 void add_machine_options(OptionSet& set, RunOptions& options) {
   set.set_group("Machine");
   set.add("--device", options.device, "cpu, cuda, or cuda:N of several GPUs")->type_name("NAME")->capture_default_str();
-  set.add("--threads", options.threads, "threads that work at a time; 0: one a hardware thread")
+  set.add("--threads", options.threads, "threads that work at a time; 0: all CPUs that the process may use")
       ->type_name("N")
       ->capture_default_str();
 }

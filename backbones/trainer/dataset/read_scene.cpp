@@ -2,17 +2,14 @@
 #include "trainer/dataset/read_scene.h"
 
 #include <algorithm>
-#include <atomic>
 #include <charconv>
 #include <cmath>
-#include <exception>
 #include <fstream>
 #include <iterator>
 #include <map>
 #include <memory>
 #include <optional>
 #include <span>
-#include <thread>
 #include <utility>
 
 #include <glm/geometric.hpp>
@@ -20,6 +17,7 @@
 #include <glm/matrix.hpp>
 
 #include "splatboost/random.h"
+#include "splatboost/threads.h"
 #include "trainer/dataset/colmap.h"
 #include "trainer/dataset/packed_scene.h"
 #include "trainer/dataset/splat_ply.h"
@@ -268,34 +266,11 @@ std::map<int, PointCloud> all_few_view_points(const std::filesystem::path& sourc
   return clouds;
 }
 
-/// Reads photos on all hardware threads. Results are in order; of several broken photos the first is reported,
-/// because a photo is only begun when all before it are.
+/// Reads photos on all CPUs that the process may use. Results are in order; of several broken photos the first is
+/// reported.
 std::vector<LoadedView> load_photos(std::span<const Photo> photos, const ImageOptions& options) {
   std::vector<LoadedView> views(photos.size());
-  std::vector<std::exception_ptr> errors(photos.size());
-  std::atomic<std::size_t> next{0};
-  std::atomic<bool> failed{false};
-  const auto work = [&] {
-    while (!failed) {
-      const std::size_t i = next++;
-      if (i >= photos.size()) return;
-      try {
-        views[i] = load_view(photos[i], options);
-      } catch (...) {
-        errors[i] = std::current_exception();
-        failed = true;
-      }
-    }
-  };
-  {
-    std::vector<std::jthread> threads;
-    const std::size_t count = std::min<std::size_t>(std::max(1u, std::thread::hardware_concurrency()), photos.size());
-    for (std::size_t i = 1; i < count; ++i) threads.emplace_back(work);
-    work();
-  }
-  for (const std::exception_ptr& error : errors) {
-    if (error) std::rethrow_exception(error);
-  }
+  Threads().for_range(photos.size(), 1, [&](std::size_t i, std::size_t) { views[i] = load_view(photos[i], options); });
   return views;
 }
 

@@ -61,11 +61,12 @@ SB_API const char* sb_last_error(void);
 
 enum { SB_CPU = 0, SB_CUDA = 1 };
 
-/** Where a call runs. A NULL sb_device* means the CPU with one thread a hardware thread. */
+/** Where a call runs. A NULL sb_device* means the CPU with threads = 0. */
 typedef struct sb_device {
   int32_t kind;    /**< SB_CPU or SB_CUDA */
   int32_t index;   /**< of the GPU; 0 on the CPU */
-  int32_t threads; /**< CPU threads; 0: one a hardware thread. Results do not depend on it */
+  int32_t threads; /**< CPU threads; 0: as many as CPUs that the process may use, by its affinity mask
+                        and the quotas of its control groups. Results do not depend on it */
   void* stream;    /**< cudaStream_t that the call is queued on, NULL for the default one; NULL on the CPU */
 } sb_device;
 
