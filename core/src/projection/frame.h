@@ -3,11 +3,12 @@
 #pragma once
 
 #include <cstdint>
-
+#include <limits>
 #include <vector>
 
 #include "device/buffer.h"
 #include "projection/projection_camera.h"
+#include "splatboost/errors.h"
 #include "splatboost/rasterizer.h"
 
 namespace splatboost {
@@ -97,6 +98,14 @@ void project(Frame& frame, const Gaussians& gaussians, Threads& threads);
 /// Sums entry gradients per splat and takes them back to the Gaussians. (project_cpu.cpp)
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       Threads& threads);
+/// Throws ArgumentError where a view has more (tile, Gaussian) pairs than 32 bits can number.
+inline void check_entries(std::uint64_t entries) {
+  SPLATBOOST_CHECK(entries <= std::numeric_limits<std::uint32_t>::max(),
+                   "a view has more than 2^32 - 1 (tile, Gaussian) pairs: use smaller images or smaller Gaussians");
+}
+
+/// Fills piece_slot from the listings. @return how many entries there are (tiles_cpu.cpp)
+std::uint32_t number_slots(Frame& frame);
 /// Fills the tile lists, near to far. (tiles_cpu.cpp)
 void build_tile_lists(Frame& frame, Threads& threads);
 /// Blends all tiles. (blend_cpu.cpp)

@@ -140,6 +140,7 @@ void list_tiles(Frame& frame, std::size_t i, std::size_t count, Float first_row,
   std::size_t at = listed.size() < kAtATime ? 0 : listed.size() - kAtATime;
   std::size_t end = at;
   for (std::size_t lane = 0; lane < count; ++lane) end += static_cast<std::size_t>(totals[lane]);
+  check_entries(end);
   listed.resize(end + kAtATime);
   for (std::size_t lane = 0; lane < count; ++lane) {
     TileListing& listing = frame.listings[i + lane];

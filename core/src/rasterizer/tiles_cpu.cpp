@@ -22,19 +22,26 @@ std::uint64_t key_of(std::uint32_t depth_bits, std::uint32_t slot) {
 
 }  // namespace
 
+std::uint32_t number_slots(Frame& frame) {
+  const std::size_t pieces = frame.pieces();
+  frame.piece_slot.ensure(pieces + 1);
+  std::uint64_t total = 0;
+  for (std::size_t piece = 0; piece < pieces; ++piece) {
+    frame.piece_slot[piece] = static_cast<std::uint32_t>(total);
+    const TileListing& last = frame.listings[std::min((piece + 1) * kProjectGrain, frame.gaussians) - 1];
+    total += std::uint64_t{last.first} + last.tiles;
+    check_entries(total);
+  }
+  frame.piece_slot[pieces] = static_cast<std::uint32_t>(total);
+  return frame.piece_slot[pieces];
+}
+
 /// Entries are put into their tiles in the order of slots, which follows the Gaussians' own: neighbours in memory are
 /// mostly neighbours in space, so that the tiles in turn are few. Then each tile is sorted by itself, in the cache.
 void build_tile_lists(Frame& frame, Threads& threads) {
   const std::size_t pieces = frame.pieces();
   const std::size_t tiles = frame.tiles();
-  frame.piece_slot.ensure(pieces + 1);
-  std::uint32_t total = 0;
-  for (std::size_t piece = 0; piece < pieces; ++piece) {
-    frame.piece_slot[piece] = total;
-    const TileListing& last = frame.listings[std::min((piece + 1) * kProjectGrain, frame.gaussians) - 1];
-    total += last.first + last.tiles;
-  }
-  frame.piece_slot[pieces] = total;
+  const std::uint32_t total = number_slots(frame);
   const auto listed = [&](std::size_t piece) {
     return std::span<const std::uint32_t>(frame.listed_tiles[piece].data(),
                                           frame.piece_slot[piece + 1] - frame.piece_slot[piece]);

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "projection/frame.h"
+#include "splatboost/errors.h"
+
+namespace splatboost::test {
+namespace {
+
+constexpr std::uint32_t kMost = 0xffffffffu;
+
+/// Three pieces of Gaussians; the last Gaussian of each ends its piece's entries.
+Frame listed_frame(std::uint32_t first, std::uint32_t second, std::uint32_t third) {
+  Frame frame;
+  frame.gaussians = 2 * kProjectGrain + 5;
+  frame.listings.ensure(frame.gaussians);
+  frame.listings[kProjectGrain - 1] = {first - 1, 1};
+  frame.listings[2 * kProjectGrain - 1] = {0, second};
+  frame.listings[frame.gaussians - 1] = {third, 0};
+  return frame;
+}
+
+TEST(TileLists, NumberTheSlotsOfThePieces) {
+  Frame frame = listed_frame(7, 11, 3);
+  EXPECT_EQ(number_slots(frame), 21u);
+  EXPECT_EQ(frame.piece_slot[0], 0u);
+  EXPECT_EQ(frame.piece_slot[1], 7u);
+  EXPECT_EQ(frame.piece_slot[2], 18u);
+  EXPECT_EQ(frame.piece_slot[3], 21u);
+}
+
+TEST(TileLists, HoldAsManyEntriesAs32BitsCanNumber) {
+  Frame frame = listed_frame(kMost / 2, kMost / 2, 1);
+  EXPECT_EQ(number_slots(frame), kMost);
+}
+
+TEST(TileLists, RefuseMoreEntriesThanThat) {
+  for (const std::uint32_t third : {2u, kMost}) {
+    Frame frame = listed_frame(kMost / 2, kMost / 2, third);
+    try {
+      number_slots(frame);
+      ADD_FAILURE() << "nothing was thrown";
+    } catch (const ArgumentError& error) {
+      EXPECT_NE(std::string(error.what()).find("smaller images"), std::string::npos) << error.what();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace splatboost::test
