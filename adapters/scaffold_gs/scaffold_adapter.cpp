@@ -100,6 +100,7 @@ void ScaffoldAdapter::grow(const DensityStatistics& statistics, RasterizerHook& 
   MultiViewOptions options;
   options.views = boost_.views;
   options.tau = boost_.tau;
+  options.losses = false;  // anchors are not pruned by scores
   const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
                             RandomPurpose::scored_views);
   if (boost_.literal) {

@@ -63,9 +63,12 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
   if (boost_.vcd || boost_.vcp) {
     const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
                               RandomPurpose::scored_views);
-    const ScoreSums& sums = scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random);
-    pruning_.resize(n);
-    pruning_scores(sums, pruning_);
+    const ScoreSums& sums =
+        scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim, boost_.vcp}, random);
+    if (boost_.vcp) {
+      pruning_.resize(n);
+      pruning_scores(sums, pruning_);
+    }
     importance_.resize(n);
     importance_scores(sums, importance_);
     scored_at_ = statistics.moment.iteration;

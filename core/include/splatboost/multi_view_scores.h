@@ -18,6 +18,7 @@ struct MultiViewOptions {
   int views = 10;             ///< K; min(K, views there are) are drawn without replacement
   float tau = 0.1f;           ///< error threshold of paper eq. 8
   float lambda_dssim = 0.2f;  ///< of the view loss E_j, paper eq. 10
+  bool losses = true;         ///< whether E_j is wanted: without it weighted_counts stay empty, for importance alone
 };
 
 /// Error of a pixel that nothing but the background was drawn into, with room for rounding; a photo has next to none.
@@ -45,6 +46,8 @@ class MultiViewScorer {
     DeviceArray<std::int64_t> counts;
     DeviceArray<double> weighted_counts;
   };
+  /// E_j, or 0 where it is not wanted.
+  double loss_of(const ScoredView& view, const MultiViewOptions& options);
   void score_view(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options);
   void score_view_on_cuda(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options);
 

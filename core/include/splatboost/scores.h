@@ -14,10 +14,10 @@ namespace splatboost {
 struct ScoreSums {
   int views = 0;                        ///< K, views added so far
   std::vector<std::int64_t> counts;     ///< [N] Σ_j n_ij
-  std::vector<double> weighted_counts;  ///< [N] Σ_j E_j · n_ij
+  std::vector<double> weighted_counts;  ///< [N] Σ_j E_j · n_ij; empty where no losses are wanted
 
-  void reset(std::size_t primitives);
-  /// Adds one view: its counts [N] and its photometric loss E_j.
+  void reset(std::size_t primitives, bool losses = true);
+  /// Adds one view: its counts [N] and its photometric loss E_j, which is not read where weighted_counts is empty.
   void add_view(std::span<const std::int32_t> view_counts, double photometric_loss);
 };
 

@@ -28,15 +28,19 @@ MultiViewScorer::MultiViewScorer(Device device) : device_(device), photometric_(
                        DeviceArray<std::int64_t>(stream), DeviceArray<double>(stream)});
 }
 
+double MultiViewScorer::loss_of(const ScoredView& view, const MultiViewOptions& options) {
+  return options.losses ? photometric_.evaluate(view.color, view.truth, options.lambda_dssim, {}).total : 0;
+}
+
 void MultiViewScorer::score_view(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options) {
   const std::size_t pixels = view.truth.color.size() / 3;
   error_.resize(pixels);
   flagged_.resize(pixels);
   flag_errors(view.color, view.truth, options.tau, error_, flagged_, device_);
-  const PhotometricLoss loss = photometric_.evaluate(view.color, view.truth, options.lambda_dssim, {});
+  const double loss = loss_of(view, options);
   counts_.assign(sums_.counts.size(), 0);
   rasterizer.count_flagged(flagged_, counts_);
-  sums_.add_view(counts_, loss.total);
+  sums_.add_view(counts_, loss);
   for (std::size_t p = 0; p < pixels; ++p) {
     if (!view.truth.valid.empty() && view.truth.valid[p] == 0) continue;
     valid_pixels_ += 1;
@@ -52,11 +56,11 @@ void MultiViewScorer::score_view_on_cuda(RasterizerHook& rasterizer, const Score
   cuda_->flagged.ensure(pixels);
   const cuda::ErrorCounts found = cuda::flag_errors(view.color, view.truth, options.tau, kNoError, cuda_->error.span(),
                                                     cuda_->flagged.span(), stream);
-  const PhotometricLoss loss = photometric_.evaluate(view.color, view.truth, options.lambda_dssim, {});
+  const double loss = loss_of(view, options);
   cuda_->view_counts.ensure(sums_.counts.size());
   cuda_->view_counts.fill_zero();
   rasterizer.count_flagged(cuda_->flagged.span(), cuda_->view_counts.span());
-  cuda::add_view(cuda_->view_counts.span(), loss.total, cuda_->counts.span(), cuda_->weighted_counts.span(), stream);
+  cuda::add_view(cuda_->view_counts.span(), loss, cuda_->counts.span(), cuda_->weighted_counts.span(), stream);
   ++sums_.views;
   valid_pixels_ += static_cast<double>(found.valid);
   covered_pixels_ += static_cast<double>(found.covered);
@@ -64,12 +68,12 @@ void MultiViewScorer::score_view_on_cuda(RasterizerHook& rasterizer, const Score
 
 const ScoreSums& MultiViewScorer::score(RasterizerHook& rasterizer, const MultiViewOptions& options,
                                         const RandomStream& random) {
-  sums_.reset(rasterizer.primitives());
+  sums_.reset(rasterizer.primitives(), options.losses);
   valid_pixels_ = covered_pixels_ = 0;
   if (cuda_) {
     cuda_->counts.ensure(sums_.counts.size());
     cuda_->counts.fill_zero();
-    cuda_->weighted_counts.ensure(sums_.counts.size());
+    cuda_->weighted_counts.ensure(sums_.weighted_counts.size());
     cuda_->weighted_counts.fill_zero();
   }
   double pixels = 0;

@@ -8,17 +8,17 @@
 
 namespace splatboost {
 
-void ScoreSums::reset(std::size_t primitives) {
+void ScoreSums::reset(std::size_t primitives, bool losses) {
   views = 0;
   counts.assign(primitives, 0);
-  weighted_counts.assign(primitives, 0.0);
+  weighted_counts.assign(losses ? primitives : 0, 0.0);
 }
 
 void ScoreSums::add_view(std::span<const std::int32_t> view_counts, double photometric_loss) {
   SPLATBOOST_CHECK(view_counts.size() == counts.size(), "a view's counts must have one number a primitive");
   ++views;
-  for (std::size_t i = 0; i < view_counts.size(); ++i) {
-    counts[i] += view_counts[i];
+  for (std::size_t i = 0; i < view_counts.size(); ++i) counts[i] += view_counts[i];
+  for (std::size_t i = 0; i < weighted_counts.size(); ++i) {
     weighted_counts[i] += photometric_loss * static_cast<double>(view_counts[i]);
   }
 }

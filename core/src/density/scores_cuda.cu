@@ -14,7 +14,9 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (i >= counts.size()) return;
   counts[i] += view_counts[i];
   // Rounded twice, as on the CPU: a fused multiply-add would give other sums, and other decisions.
-  weighted_counts[i] = __dadd_rn(weighted_counts[i], __dmul_rn(loss, static_cast<double>(view_counts[i])));
+  if (i < weighted_counts.size()) {
+    weighted_counts[i] = __dadd_rn(weighted_counts[i], __dmul_rn(loss, static_cast<double>(view_counts[i])));
+  }
 }
 
 __global__ void __launch_bounds__(kBlockThreads)

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "reference/photometric.h"
+#include "splatboost/errors.h"
 #include "splatboost/multi_view_scores.h"
 #include "support/scenes.h"
 
@@ -111,6 +112,22 @@ TEST(MultiViewScorer, TakesWhatThereIs) {
   backbone.expect(again, {0, 1, 2, 3}, 0.1f, 0.2f);
   Cardboard none(0);
   EXPECT_EQ(scorer.score(none, {}, random).views, 0);
+}
+
+TEST(MultiViewScorer, CountsTheSameWithoutLosses) {
+  Threads threads(2);
+  MultiViewScorer scorer(threads);
+  Cardboard backbone(6);
+  const RandomStream random(3, 600, RandomPurpose::scored_views);
+  const ScoreSums with = scorer.score(backbone, {.views = 4}, random);
+  const double share = scorer.covered_share();
+  const ScoreSums& without = scorer.score(backbone, {.views = 4, .losses = false}, random);
+  EXPECT_EQ(without.views, with.views);
+  EXPECT_EQ(without.counts, with.counts);
+  EXPECT_EQ(scorer.covered_share(), share);
+  EXPECT_TRUE(without.weighted_counts.empty());
+  std::vector<float> scores(3);
+  EXPECT_THROW(pruning_scores(without, scores), ArgumentError);  // there is nothing to score by
 }
 
 TEST(DrawViews, DrawsWithoutReplacementAndFairly) {
