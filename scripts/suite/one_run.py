@@ -14,7 +14,9 @@ from plan import last_line, write_atomically
 
 
 def title(run):
-    cap = "" if run["cap"] is None else f", at most {run['cap']}" + ("× published" if isinstance(run["cap"], float) else "'s number")
+    cap = ""
+    if run["cap"] is not None:
+        cap = f", at most {run['cap']}" + ("× published" if isinstance(run["cap"], float) else "'s number")
     return f"{run['scene']}, {run['backbone']}, {run['rules']}{cap}, seed {run['seed']}"
 
 

@@ -2,6 +2,7 @@
 """The suite's results as a page (HTML in one file), as Markdown tables, and as a plot (SVG)."""
 import json
 import math
+import re
 from html import escape
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import png
 import stats
 
 COLORS = ["#6b7585", "#1565d8", "#c2570c", "#087f5b", "#9c36b5", "#b08900"]
-NOTE = ("± is the standard error over seeds. Differences and ratios are of runs of equal seed against “{reference}”; ratios are "
+NOTE = ("± is the standard error over seeds. Differences and ratios (×) are of runs of equal seed against “{reference}”; ratios are "
         "geometric means; the worst scene is the one of the lowest mean ΔPSNR.")
 
 
@@ -50,8 +51,14 @@ def label(suite, row):
 
 # --- tables: [head, row …] of strings ---------------------------------------------------------------------------------
 
+def without_empty(table):
+    """Without the columns that say nothing, such as LPIPS where it was not measured."""
+    keep = [i for i in range(len(table[0])) if any(row[i] not in ("", "–") for row in table[1:])]
+    return [[row[i] for i in keep] for row in table]
+
+
 def overall_table(suite):
-    table = [["", "scenes", "ΔPSNR (dB)", "worst scene", "ΔSSIM", "ΔLPIPS", "primitives", "time", "memory"]]
+    table = [["rules", "scenes", "ΔPSNR (dB)", "worst scene", "ΔSSIM", "ΔLPIPS", "primitives ×", "time ×", "memory ×"]]
     several = len({row["backbone"] for row in suite["overall"]}) > 1
     for row in suite["overall"]:
         name = label(suite, row) + (f", {row['backbone']}" if several else "")
@@ -61,39 +68,50 @@ def overall_table(suite):
                       f"{estimated(worst, 2, True)} ({worst['scene']})" if worst else "–", estimated(d["ssim"], 4, True),
                       estimated(d["lpips"], 4, True), ratio(r["primitives"]), ratio(r["train_seconds"]),
                       ratio(r["peak_memory_bytes"])])
-    return table
+    return without_empty(table)
 
 
 def scene_tables(suite):
-    """[(title, table)]: one a backbone."""
+    """[(backbone, table)] of the runs without a cap."""
     tables = []
     for backbone in dict.fromkeys(row["backbone"] for row in suite["by_scene"]):
         table = [["scene", "rules", "seeds", "PSNR (dB)", "SSIM", "LPIPS", "primitives", "time", "memory", "ΔPSNR (dB)", "ΔSSIM",
-                  "ΔLPIPS", "primitives", "time", "memory"]]
-        rows = [row for row in suite["by_scene"] if row["backbone"] == backbone]
+                  "ΔLPIPS", "primitives ×", "time ×", "memory ×"]]
+        rows = [row for row in suite["by_scene"] if row["backbone"] == backbone and row["cap"] is None]
         for scene in dict.fromkeys(row["scene"] for row in rows):
             for i, row in enumerate(row for row in rows if row["scene"] == scene):
                 m, d, r = row["measures"], row.get("differences"), row.get("ratios")
                 memory = m["peak_memory_bytes"]["mean"]
                 # A scene's name stands once.
-                table.append(["" if i else scene, label(suite, row), str(len(row["seeds"])), estimated(m["psnr"], 2), estimated(m["ssim"], 4),
-                              estimated(m["lpips"], 4), count(m["primitives"]["mean"]), seconds(m["train_seconds"]["mean"]),
-                              "–" if memory is None else f"{memory / 2**20:.0f} MiB"] +
+                table.append(["" if i else scene, label(suite, row), str(len(row["seeds"])), estimated(m["psnr"], 2),
+                              estimated(m["ssim"], 4), estimated(m["lpips"], 4), count(m["primitives"]["mean"]),
+                              seconds(m["train_seconds"]["mean"]), "–" if memory is None else f"{memory / 2**20:.0f} MiB"] +
                              ([estimated(d["psnr"], 2, True), estimated(d["ssim"], 4, True), estimated(d["lpips"], 4, True),
                                ratio(r["primitives"]), ratio(r["train_seconds"]), ratio(r["peak_memory_bytes"])]
                               if d else [""] * 6))
-        tables.append((backbone, table))
+        tables.append((backbone, without_empty(table)))
     return tables
 
 
 def frontier_table(suite):
-    table = [["scene", "rules", f"PSNR above “{suite['rules'][suite['reference']]['label']}” at equal number (dB)"]]
-    several = len({row["backbone"] for row in suite["frontier"]}) > 1
-    for row in suite["frontier"]:
-        if row["above"]["mean"] is not None:
-            table.append([row["scene"], label(suite, row) + (f", {row['backbone']}" if several else ""),
-                          estimated(row["above"], 2, True)])
-    return table
+    """By number: the runs under caps among those without, and how far rule sets lie above the reference at equal number. None
+    where there are no caps."""
+    if not any(row["cap"] is not None for row in suite["by_scene"]):
+        return None
+    table = [["scene", "rules", "primitives", "PSNR (dB)", "SSIM", "LPIPS",
+              f"above “{reference_label(suite)}” at equal number (dB)"]]
+    several = len({row["backbone"] for row in suite["by_scene"]}) > 1
+    above = {(row["scene"], row["backbone"], row["rules"]): row["above"] for row in suite["frontier"]}
+    for scene, backbone in dict.fromkeys((row["scene"], row["backbone"]) for row in suite["by_scene"]):
+        rows = [row for row in suite["by_scene"] if (row["scene"], row["backbone"]) == (scene, backbone)]
+        for i, row in enumerate(sorted(rows, key=lambda row: row["measures"]["primitives"]["mean"])):
+            m = row["measures"]
+            table.append(["" if i else scene + (f", {backbone}" if several else ""), label(suite, row),
+                          count(m["primitives"]["mean"]), estimated(m["psnr"], 2), estimated(m["ssim"], 4),
+                          estimated(m["lpips"], 4),
+                          "" if row["cap"] is not None or row["rules"] == suite["reference"]
+                          else estimated(above.get((scene, backbone, row["rules"])), 2, True)])
+    return without_empty(table)
 
 
 def paper_tables(suite):
@@ -131,7 +149,7 @@ def markdown(suite):
         parts += [markdown_table(overall_table(suite), 2), NOTE.format(reference=reference_label(suite)) + "\n"]
     for backbone, table in scene_tables(suite):
         parts += [f"**{backbone}**\n", markdown_table(table, 2)]
-    if len(frontier_table(suite)) > 1:
+    if frontier_table(suite):
         parts += [markdown_table(frontier_table(suite), 2), "![PSNR against the number of primitives](frontier.svg)\n"]
     for name, table in paper_tables(suite):
         parts += [f"**The paper's {name}** ({suite['paper']['source']})\n", markdown_table(table)]
@@ -217,6 +235,7 @@ def frontier_svg(suite):
     width, height, columns = 290, 220, min(3, max(1, len(panels)))
     total = 30 + height * math.ceil(len(panels) / columns)
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {max(580, width * columns)} {total}" role="img" '
+           f'style="max-width:{400 * max(2, columns)}px" '
            'aria-label="PSNR in dB against the number of primitives" font-family="system-ui, sans-serif">'
            "<style>.t{font-size:12px;font-weight:600;fill:#17202e}.l{font-size:10px;fill:#5b6677}.g{stroke:#e8ecf2}"
            ".a{stroke:#aab3c0}</style>"
@@ -286,14 +305,14 @@ def crop_of_scene(suite, scene, backbone, folders, reference, judged):
 
 STYLE = """
 body{margin:0;background:#f5f7fb;color:#17202e;font:15px/1.5 system-ui,sans-serif}
-main{max-width:1180px;margin:0 auto;padding:28px 20px 60px}
+main{max-width:1320px;margin:0 auto;padding:28px 20px 60px}
 h1{font-size:26px;margin:2px 0 4px}h2{font-size:18px;margin:36px 0 10px}h3{font-size:14px;margin:18px 0 6px}
 .kind{color:#1565d8;font-weight:600;font-size:12px;margin:0}.note,header p:last-child{color:#5b6677;font-size:13px;margin:8px 0}
-.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(180px,1fr));gap:12px;margin:22px 0}
+.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(205px,1fr));gap:12px;margin:22px 0}
 .card,.wide,figure{background:#fff;border:1px solid #e1e6ee;border-radius:10px}
-.card{padding:14px 16px}.card b{display:block;font-size:22px}.card span{color:#5b6677;font-size:12.5px}
+.card{padding:14px 16px}.card b{display:block;font-size:21px;white-space:nowrap}.card span{color:#5b6677;font-size:12.5px}
 .wide{overflow-x:auto}table{border-collapse:collapse;width:100%;font-size:13px;font-variant-numeric:tabular-nums}
-th,td{padding:7px 10px;text-align:right;white-space:nowrap;border-top:1px solid #e8ecf2}
+th,td{padding:6px 8px;text-align:right;white-space:nowrap;border-top:1px solid #e8ecf2}
 thead th{border-top:0;color:#5b6677;font-weight:500}tr.same td,tr.same th{border-top-color:transparent}
 .left{text-align:left}.good{color:#087f3c}.bad{color:#b42318}
 figure{margin:0 0 12px;padding:12px}figcaption{font-weight:600;font-size:13px;margin-bottom:8px}
@@ -304,14 +323,14 @@ svg{width:100%;height:auto;display:block}details{margin-top:10px}code{font-size:
 
 
 def html_table(table, names=1):
-    """Signed numbers are green where they are better, red where they are worse."""
+    """Differences of more than two standard errors are green where they are better, red where they are worse."""
     head, *body = table
-    better = [1 if "PSNR" in name or "SSIM" in name else -1 if "LPIPS" in name else 0 for name in head]
 
     def cell(i, text):
         kind = "left" if i < names else ""
-        if better[i] and text[:1] in "+−" and text[:1] and text.split(" ")[0].strip("+−0.") != "":
-            kind = "good" if (text[0] == "+") == (better[i] > 0) else "bad"
+        difference = re.match(r"([+−])([0-9.]+) ± ([0-9.]+)", text)
+        if difference and float(difference[2]) > 2 * float(difference[3]):
+            kind = "good" if (difference[1] == "+") == ("LPIPS" not in head[i]) else "bad"
         return f"<td{f' class={kind}' if kind else ''}>{escape(text)}</td>"
 
     out = ["<div class=wide><table><thead><tr>"]
@@ -354,13 +373,14 @@ def html(suite, svg, pictures):
     out.append(cards(suite))
     if suite["overall"]:
         out += ["<h2>Over the scenes</h2>", html_table(overall_table(suite), 2),
-                f"<p class=note>{escape(NOTE.format(reference=reference_label(suite)))}</p>"]
+                f"<p class=note>{escape(NOTE.format(reference=reference_label(suite)))} Differences of more than two standard errors "
+                "are coloured.</p>"]
     for backbone, table in scene_tables(suite):
         out += [f"<h2>Scene by scene, {escape(backbone)}</h2>", html_table(table, 2)]
     out += ["<h2>Quality against number</h2>", f"<figure>{svg}</figure>",
             "<p class=note>PSNR in dB against the number of primitives, means over seeds with standard errors. Lines join runs of one "
             "rule set under different caps.</p>"]
-    if len(frontier_table(suite)) > 1:
+    if frontier_table(suite):
         out.append(html_table(frontier_table(suite), 2))
     if suite["paper"]["rows"]:
         out.append("<h2>Beside the paper</h2>")
