@@ -117,18 +117,23 @@ def frontier_table(suite):
 def paper_tables(suite):
     """[(title, table)]: one a table of the paper."""
     tables = []
-    rows = suite["paper"]["rows"]
-    for number in sorted({row["table"] for row in rows}):
+    for each in suite["paper"]["tables"]:
         table = [["", "paper: min", "PSNR", "SSIM", "N", "here: time", "PSNR", "SSIM", "N"]]
-        for row in (row for row in rows if row["table"] == number):
-            ours = row["ours"]
-            known = ours["psnr"] is not None
-            table.append([f"{row['scene'] or row['dataset_title']}: {row['method']}", f"{row['minutes']:.2f}",
-                          f"{row['psnr']:.2f}", f"{row['ssim']:.3f}", f"{row['millions']:.2f} M"] +
-                         ([seconds(ours["train_seconds"]), f"{ours['psnr']:.2f}", f"{ours['ssim']:.3f}",
-                           f"{ours['primitives'] / 1e6:.2f} M"] if known else ["–"] * 4))
-        tables.append((f"Table {number}", table))
+        for row in each["rows"]:
+            theirs, ours = row["paper"], row["ours"]
+            table.append([f"{row['of']}: {row['method']}"] + (
+                [f"{theirs['minutes']:.2f}", f"{theirs['psnr']:.2f}", f"{theirs['ssim']:.3f}", f"{theirs['millions']:.2f} M"]
+                if theirs else ["–"] * 4) + (
+                [seconds(ours["train_seconds"]), f"{ours['psnr']:.2f}", f"{ours['ssim']:.3f}", f"{ours['primitives'] / 1e6:.2f} M"]
+                if ours else ["–"] * 4))
+        tables.append((f"Table {each['table']}", table))
     return tables
+
+
+def paper_note(suite):
+    lengths = sorted({run["iterations"] for run in suite["runs"] if "/" in run["scene"]})
+    return (f"The paper: {suite['paper']['source']}. Here: {', '.join(f'{n:,}' for n in lengths)} iterations, on "
+            f"{'; '.join(suite['machines'])}. LPIPS is left out, since the networks differ.")
 
 
 # --- Markdown ---------------------------------------------------------------------------------------------------------
@@ -152,7 +157,9 @@ def markdown(suite):
     if frontier_table(suite):
         parts += [markdown_table(frontier_table(suite), 2), "![PSNR against the number of primitives](frontier.svg)\n"]
     for name, table in paper_tables(suite):
-        parts += [f"**The paper's {name}** ({suite['paper']['source']})\n", markdown_table(table)]
+        parts += [f"**The paper's {name}**\n", markdown_table(table)]
+    if suite["paper"]["tables"]:
+        parts.append(paper_note(suite) + "\n")
     for name in ("missing", "left_out"):
         if suite[name]:
             parts.append(f"{name.replace('_', ' ').capitalize()}: " + "; ".join(suite[name]) + ".\n")
@@ -382,11 +389,11 @@ def html(suite, svg, pictures):
             "rule set under different caps.</p>"]
     if frontier_table(suite):
         out.append(html_table(frontier_table(suite), 2))
-    if suite["paper"]["rows"]:
+    if suite["paper"]["tables"]:
         out.append("<h2>Beside the paper</h2>")
         for name, table in paper_tables(suite):
             out += [f"<h3>{escape(name)}</h3>", html_table(table)]
-        out.append(f"<p class=note>{escape(suite['paper']['source'])}. LPIPS is left out: the networks differ.</p>")
+        out.append(f"<p class=note>{escape(paper_note(suite))}</p>")
     if pictures:
         out.append("<h2>Worst views</h2><p class=note>Of each scene the view that loses most, a third of it in each direction, where it "
                    "loses most. First seed.</p>")

@@ -101,24 +101,53 @@ def frontier(runs, rows, reference):
 
 
 def beside_the_paper(plan, rows):
-    """The paper's rows of which there is something here: each scene's, and each dataset's where all its scenes are there."""
+    """Tables of the paper of which there is something here: {"table", "rows"}, each row with `paper` and `ours` side by side,
+    one of them None where there is nothing. A row is of a scene, of a whole dataset whose scenes are all here, or, in tables
+    of scenes, of the mean over those that are here."""
     paper, datasets = read_json(HERE / "paper.json"), read_json(HERE / "datasets.json")["datasets"]
     names = {scene["name"]: (scene["group"], scene["paper"]) for scene in plan["scenes"] if scene["paper"]}
-    found = []
-    for entry in paper["rows"]:
-        dataset = next(each for each in datasets if each["name"] == entry["dataset"])
-        wanted = [entry["scene"]] if entry["scene"] else list(dataset["scenes"])
-        here = [row for row in rows if row["cap"] is None and row["backbone"] == entry["backbone"]
-                and names.get(row["scene"], (None, None))[0] == entry["dataset"] and names[row["scene"]][1] in wanted]
-        if not here:
-            continue
-        ours = [row for row in here if row["rules"] == entry["rules"]]
-        whole = len(ours) == len(wanted)
-        found.append({**entry, "dataset_title": dataset["title"], "ours": {
-            key: stats.mean(row["measures"][key]["mean"] for row in ours)
-            if whole and all(row["measures"][key]["mean"] is not None for row in ours) else None
-            for key in ("train_seconds", "psnr", "ssim", "lpips", "primitives")}})
-    return {"source": paper["source"], "rows": found}
+    here = {}  # (dataset, scene, backbone, rules) → measures
+    for row in rows:
+        if row["cap"] is None and row["scene"] in names:
+            here[(*names[row["scene"]], row["backbone"], row["rules"])] = row["measures"]
+
+    def ours(dataset, scenes, backbone, rules):
+        measures = [here.get((dataset, scene, backbone, rules)) for scene in scenes]
+        if not scenes or None in measures:
+            return None
+        return {key: stats.mean(each[key]["mean"] for each in measures) for key in ("train_seconds", "psnr", "ssim", "primitives")}
+
+    tables = []
+    for number in sorted({entry["table"] for entry in paper["rows"]}):
+        entries = [entry for entry in paper["rows"] if entry["table"] == number]
+        found = []
+        for dataset in datasets:
+            of_dataset = [entry for entry in entries if entry["dataset"] == dataset["name"]]
+            trained = [scene for scene in dataset["scenes"] if any(key[:2] == (dataset["name"], scene) for key in here)]
+            for backbone in dict.fromkeys(entry["backbone"] for entry in of_dataset):
+                scenewise = any(entry["scene"] for entry in of_dataset)
+                units = [(scene, [scene]) for scene in trained] if scenewise else [(dataset["title"], list(dataset["scenes"]))]
+                if scenewise and len(trained) > 1:
+                    units.append((f"mean of {len(trained)} scenes", trained))
+                for title, scenes in units:
+                    of_unit = [entry for entry in of_dataset if entry["backbone"] == backbone
+                               and (not entry["scene"] or entry["scene"] in scenes)]
+                    methods = {entry["method"]: entry["rules"] for entry in of_unit}
+                    methods.update({rule["label"]: name for name, rule in plan["rules"].items() if name not in methods.values()})
+                    unit = []
+                    for method, rules in methods.items():
+                        theirs = [entry for entry in of_unit if entry["method"] == method]
+                        unit.append({"of": title, "backbone": backbone, "method": method, "rules": rules,
+                                     "paper": {key: stats.mean(entry[key] for entry in theirs)
+                                               for key in ("minutes", "psnr", "ssim", "millions")} if theirs else None,
+                                     "ours": ours(dataset["name"], scenes, backbone, rules)})
+                    if any(row["ours"] for row in unit):
+                        found += [row for row in unit if row["paper"] or row["ours"]]
+        # Nothing but what every table of this dataset has in common would be a table of dashes.
+        own = {entry["rules"] for entry in entries} - {"published", "literal", None}
+        if any(row["ours"] and row["paper"] and (not own or row["rules"] in own) for row in found):
+            tables.append({"table": number, "rows": found})
+    return {"source": paper["source"], "tables": tables}
 
 
 def summarize(plan, out):
