@@ -126,8 +126,9 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
 }
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {
-  if (boost_.vcd && moment.iteration >= at(boost_.densify_until, moment)) return false;
-  if (boost_.vcp && moment.iteration >= at(boost_.late_prune_from, moment)) return false;
+  const int recovered = moment.iteration + kIterationsAfterReset;
+  if (boost_.vcd && recovered > at(boost_.densify_until, moment)) return false;
+  if (boost_.vcp && recovered > at(boost_.late_prune_from, moment)) return false;
   return backbone_would;
 }
 

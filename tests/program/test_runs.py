@@ -3,6 +3,7 @@
 
 import json
 import os
+import pathlib
 import shutil
 import signal
 import struct
@@ -93,7 +94,11 @@ def test_resume_gives_the_bytes_of_an_uninterrupted_run(trained, tmp_path):
 def test_a_coarse_start_is_taken_up_where_it_was_cut(tmp_path):
     scene = tmp_path / "room"
     run_well("synth", scene, "--width", 160, "--height", 128, "--views", 8, "--points", 300)
-    options = ["-s", scene, *SHORT_RUN]  # the first 18 of 60 iterations
+    settings = json.loads(pathlib.Path(SHORT_RUN[-1]).read_text())
+    settings["boost"]["coarse"] = True
+    config = tmp_path / "coarse.json"
+    config.write_text(json.dumps(settings))
+    options = ["-s", scene, *SHORT_RUN[:-1], config]  # the first 18 of 60 iterations
     whole, other, resumed = (tmp_path / name for name in ("whole", "other", "resumed"))
     run_well("train", *options, "-m", whole, "--checkpoint-iterations", "12")
     assert json.loads((whole / "config.json").read_text())["boost"]["coarse"] is True
@@ -101,6 +106,8 @@ def test_a_coarse_start_is_taken_up_where_it_was_cut(tmp_path):
     assert ply(resumed) == ply(whole)
     run_well("train", *options, "-m", other, "--no-coarse")
     assert ply(other) != ply(whole)
+    run_well("train", "-s", scene, *SHORT_RUN, "-m", plain := tmp_path / "plain")
+    assert ply(plain) == ply(other), "the default has none"
     published = [tmp_path / "published", tmp_path / "published_too"]
     for model, switch in zip(published, ([], ["--no-coarse"])):
         run_well("train", *options, "-m", model, "--no-boost", *switch)

@@ -133,7 +133,7 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         elif iteration >= until and adapter.prunes_at(iteration, False):
             self._apply_pending(params, optimizers)
             self._prune_late(params, optimizers, state, iteration)
-        if iteration < until and iteration % self._at(self.reset_every) == 0:
+        if adapter.resets_opacities_at(iteration, iteration < until and iteration % self._at(self.reset_every) == 0):
             self._apply_pending(params, optimizers)
             ops.reset_opa(params=params, optimizers=optimizers, state=state, value=2 * self.prune_opa)
 

@@ -26,10 +26,10 @@ TEST(MipSplattingAdapter, splits_on_sums_at_the_threshold_that_is_told_as_a_leng
   boost.vcd = boost.vcp = false;
   MipSplattingAdapter adapter(boost, threads);
   EXPECT_TRUE(adapter.needs_absolute_gradients());
-  // A length of 1.2e-3 is a sum between 1.2e-3 (along an axis) and 1.7e-3 (along a diagonal).
+  // A length of 6e-4 is a sum between 6e-4 (along an axis) and 8.5e-4 (along a diagonal).
   EXPECT_GT(kAbsoluteSumOverLength, 1.0);
   EXPECT_LT(kAbsoluteSumOverLength, std::sqrt(2.0));
-  const auto border = static_cast<float>(1.2e-3 * kAbsoluteSumOverLength);
+  const auto border = static_cast<float>(6e-4 * kAbsoluteSumOverLength);
   //                  small+moving  small+still  large above    large below
   const Hand hand{{2e-4f, 1.9e-4f, 0.0f, 1.0f},
                   {0.0f, 1.0f, 1.0001f * border, 0.9999f * border},

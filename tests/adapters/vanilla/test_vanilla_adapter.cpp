@@ -30,10 +30,8 @@ TEST_F(VanillaAdapterTest, clones_on_the_signed_and_splits_on_the_absolute_gradi
   boost.vcd = boost.vcp = false;
   VanillaAdapter adapter(boost, threads_);
   //                  small+moving  small+still  large+abs   large+signed only
-  const Hand hand{{2e-4f, 1.9e-4f, 0.0f, 1.0f},
-                  {0.0f, 1.0f, 1.2e-3f, 1.1e-3f},
-                  {0.5f, 0.5f, 0.5f, 0.5f},
-                  {0.05f, 0.05f, 0.2f, 0.2f}};
+  const Hand hand{
+      {2e-4f, 1.9e-4f, 0.0f, 1.0f}, {0.0f, 1.0f, 6e-4f, 5.9e-4f}, {0.5f, 0.5f, 0.5f, 0.5f}, {0.05f, 0.05f, 0.2f, 0.2f}};
   std::vector<std::uint8_t> clone(4, 9), split(4, 9);
   GrowDecisions decisions{clone, split};
   FakeRasterizer rasterizer({0, 0, 0, 0});
@@ -80,7 +78,7 @@ TEST_F(VanillaAdapterTest, tau_d_is_the_papers_at_the_papers_sizes_and_shrinks_w
 TEST_F(VanillaAdapterTest, gradients_are_judged_by_the_part_of_the_image_that_the_scene_covers) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
   // Half of the views is empty background, rendered exactly: thresholds are those at full cover × √½.
-  const float clone_from = 2e-4f * 0.70711f, split_from = 1.2e-3f * 0.70711f;
+  const float clone_from = 2e-4f * 0.70711f, split_from = 6e-4f * 0.70711f;
   const Hand hand{{1.001f * clone_from, 0.999f * clone_from, 0, 0},
                   {0, 0, 1.001f * split_from, 0.999f * split_from},
                   {0.5f, 0.5f, 0.5f, 0.5f},
@@ -157,6 +155,24 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
   EXPECT_EQ(resets(), (std::vector<int>{3000, 6000, 9000, 12000})) << "to where late pruning begins";
 }
 
+TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
+  // 3DGS would reset at every tenth of the run. 3000 iterations of growth, which ends at half of it, must follow.
+  const auto resets = [&](const VanillaBoost& boost, int total) {
+    const VanillaAdapter adapter(boost, threads_);
+    std::vector<int> at;
+    for (int i = total / 10; i <= total; i += total / 10) {
+      if (adapter.resets_opacities_at({i, total}, true)) at.push_back(i);
+    }
+    return at;
+  };
+  VanillaBoost boost = boost_at_paper_size();
+  EXPECT_EQ(resets(boost, 15000), (std::vector<int>{1500, 3000, 4500}));
+  EXPECT_EQ(resets(boost, 8000), (std::vector<int>{800}));
+  EXPECT_EQ(resets(boost, 7000), (std::vector<int>{})) << "700 + 3000 is above 3500";
+  boost.vcd = boost.vcp = false;
+  EXPECT_EQ(resets(boost, 7000).size(), 10u) << "all is the backbone's";
+}
+
 TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
   EXPECT_FALSE(adapter.prunes_at({15000, 30000}, false));
@@ -186,9 +202,10 @@ TEST_F(VanillaAdapterTest, fewer_views_than_k_score_each_once) {
   EXPECT_EQ(rasterizer.flagged_pixels, 32u);
 }
 
-TEST_F(VanillaAdapterTest, grows_every_500_iterations_and_more_often_in_a_short_run) {
-  VanillaAdapter adapter(boost_at_paper_size(), threads_);
+TEST_F(VanillaAdapterTest, grows_as_often_as_3dgs) {
+  VanillaBoost boost = boost_at_paper_size();
   const auto growths = [&](int total) {
+    const VanillaAdapter adapter(boost, threads_);
     std::vector<int> at;
     for (int i = 1; i <= total; ++i) {
       if (adapter.grows_at({i, total}, false)) at.push_back(i);
@@ -196,14 +213,16 @@ TEST_F(VanillaAdapterTest, grows_every_500_iterations_and_more_often_in_a_short_
     return at;
   };
   const std::vector<int> published = growths(30000);
-  EXPECT_EQ(published.size(), 28u);
-  EXPECT_EQ(published.front(), 1000);
-  EXPECT_EQ(published.back(), 14500);
+  EXPECT_EQ(published.size(), 144u);
+  EXPECT_EQ(published.front(), 600);
+  EXPECT_EQ(published.back(), 14900);
+  EXPECT_EQ(growths(7000).size(), 33u) << "200, 300 … 3400: intervals do not scale";
+  boost.densify_interval = 500;  // the paper's
+  EXPECT_EQ(growths(30000).size(), 28u);
   EXPECT_EQ(growths(1200), (std::vector<int>{100, 200, 300, 400, 500})) << "never more often than 3DGS itself";
   EXPECT_EQ(growths(2400), (std::vector<int>{100, 200, 300, 400, 500, 600, 700, 800, 900, 1000, 1100}));
-  VanillaBoost without = boost_at_paper_size();
-  without.vcd = false;
-  EXPECT_TRUE(VanillaAdapter(without, threads_).grows_at({7, 2000}, true)) << "without VCD the backbone decides";
+  boost.vcd = false;
+  EXPECT_TRUE(VanillaAdapter(boost, threads_).grows_at({7, 2000}, true)) << "without VCD the backbone decides";
 }
 
 TEST_F(VanillaAdapterTest, schedule_follows_the_paper) {
