@@ -115,8 +115,8 @@ class HostRenderer final : public splatboost::RasterizerHook {
 }  // namespace
 
 struct sb_boost {
-  explicit sb_boost(const splatboost::AdapterEntry& of)
-      : settings(of.make_settings(false)), fields(settings->settings()) {}
+  sb_boost(const splatboost::AdapterEntry& of, bool literal)
+      : settings(of.make_settings(literal)), fields(settings->settings()) {}
 
   const splatboost::BoostSettings::Setting& find(const char* name) const {
     const std::string_view wanted = &need(name, "name");
@@ -143,10 +143,11 @@ struct sb_adapter {
   std::int32_t grown_at = -1;  ///< its iteration
 };
 
-sb_status sb_boost_create(const char* backbone, sb_boost** boost) {
+sb_status sb_boost_create(const char* backbone, int32_t literal, sb_boost** boost) {
   return guarded([&] {
     need(boost, "boost") = nullptr;
-    *boost = new sb_boost(splatboost::find_adapter(&need(backbone, "backbone")));
+    SPLATBOOST_CHECK(literal == 0 || literal == 1, "literal must be 0 or 1");
+    *boost = new sb_boost(splatboost::find_adapter(&need(backbone, "backbone")), literal == 1);
   });
 }
 

@@ -22,9 +22,10 @@ typedef struct sb_boost sb_boost;
 /** Kinds of settings. All are given and read as a double, which holds each exactly. */
 enum { SB_SETTING_BOOL = 0, /**< 0 or 1 */ SB_SETTING_INTEGER = 1, SB_SETTING_REAL = 2 };
 
-/** The default settings of a backbone's adapter. @param backbone "vanilla", "mip-splatting", "dropgaussian", … as the
+/** The settings of a backbone's adapter. @param literal 0: the default, 1: the paper's rules and numbers
+ *  @param backbone "vanilla", "mip-splatting", "dropgaussian", … as the
  *  program's --backbone; the message of a refusal names all */
-SB_API sb_status sb_boost_create(const char* backbone, sb_boost** boost);
+SB_API sb_status sb_boost_create(const char* backbone, int32_t literal, sb_boost** boost);
 /** NULL is allowed. */
 SB_API void sb_boost_destroy(sb_boost* boost);
 /** @param index from 0 @param name receives the setting's name, which lives as long as the library; NULL past the last

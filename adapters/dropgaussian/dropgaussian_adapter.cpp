@@ -25,12 +25,22 @@ VanillaBoost dropgaussian_boost() {
 }
 
 double DropGaussianAdapter::split_threshold(std::size_t views) const {
+  if (is_literal()) return VanillaAdapter::split_threshold(views);
   return VanillaAdapter::split_threshold(views) *
          (1 + kViewsOfDoubt / static_cast<double>(std::max<std::size_t>(views, 1)));
 }
 
 AdapterEntry dropgaussian_adapter_entry() {
-  return {"dropgaussian", [](bool) { return make_settings<DropGaussianAdapter>(dropgaussian_boost()); }};
+  return {"dropgaussian", [](bool literal) {
+            VanillaBoost boost = dropgaussian_boost();
+            if (literal) {
+              boost = literal_boost();
+              boost.published_iterations = kDropGaussianIterations;
+              boost.densify_until = kDropGaussianIterations;  // as published; late pruning would begin after it
+              boost.schedule = false;                         // plain Adam (supplement, Sec. 9.2)
+            }
+            return make_settings<DropGaussianAdapter>(boost);
+          }};
 }
 
 }  // namespace splatboost

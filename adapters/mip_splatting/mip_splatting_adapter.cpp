@@ -7,7 +7,7 @@ namespace splatboost {
 namespace {
 
 VanillaBoost on_sums(VanillaBoost boost) {
-  boost.gradient_abs_threshold *= kAbsoluteSumOverLength;
+  if (!boost.literal) boost.gradient_abs_threshold *= kAbsoluteSumOverLength;
   return boost;
 }
 
@@ -17,7 +17,11 @@ MipSplattingAdapter::MipSplattingAdapter(const VanillaBoost& boost, Device devic
     : VanillaAdapter(on_sums(boost), device) {}
 
 AdapterEntry mip_splatting_adapter_entry() {
-  return {"mip-splatting", [](bool) { return make_settings<MipSplattingAdapter>(VanillaBoost{}); }};
+  return {"mip-splatting", [](bool literal) {
+            VanillaBoost boost = literal ? literal_boost() : VanillaBoost{};
+            if (literal) boost.schedule = false;  // plain Adam (supplement, Sec. 9.3)
+            return make_settings<MipSplattingAdapter>(boost);
+          }};
 }
 
 }  // namespace splatboost

@@ -13,7 +13,9 @@ ScaffoldBoost octree_boost() {
 }
 
 AdapterEntry octree_gs_adapter_entry() {
-  return {"octree-gs", [](bool) { return make_settings<ScaffoldAdapter>(octree_boost()); }};
+  return {"octree-gs", [](bool literal) {
+            return make_settings<ScaffoldAdapter>(literal ? literal_scaffold_boost() : octree_boost());
+          }};
 }
 
 }  // namespace splatboost

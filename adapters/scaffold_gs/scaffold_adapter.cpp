@@ -75,6 +75,15 @@ void check(const ScaffoldBoost& boost) {
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
 }
 
+ScaffoldBoost literal_scaffold_boost() {
+  ScaffoldBoost boost;
+  boost.literal = true;
+  boost.schedule = false;
+  boost.beta = 0.5f;
+  boost.coarse = false;
+  return boost;
+}
+
 ScaffoldAdapter::ScaffoldAdapter(const ScaffoldBoost& boost, Device device)
     : boost_(boost), device_(device), scorer_(device) {
   check(boost);
@@ -116,7 +125,9 @@ void ScaffoldAdapter::grow(const DensityStatistics& statistics, RasterizerHook& 
 }
 
 AdapterEntry scaffold_gs_adapter_entry() {
-  return {"scaffold-gs", [](bool) { return make_settings<ScaffoldAdapter>(ScaffoldBoost{}); }};
+  return {"scaffold-gs", [](bool literal) {
+            return make_settings<ScaffoldAdapter>(literal ? literal_scaffold_boost() : ScaffoldBoost{});
+          }};
 }
 
 }  // namespace splatboost

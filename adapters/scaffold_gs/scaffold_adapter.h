@@ -59,6 +59,9 @@ void for_each_field(Boost& boost, Visitor&& visit) {
 /// Throws ArgumentError that names the setting unless all values are possible.
 void check(const ScaffoldBoost& boost);
 
+/// The paper's text and numbers (supplement, Secs. 9.2 and 9.3).
+ScaffoldBoost literal_scaffold_boost();
+
 /// Importance of a slot with as many flagged pixels as it would have if errors lay evenly. By it the paper's τ_d = 5
 /// asks for 1.25 times as many. Ours, not the paper's, found on runs of 5 000 iterations.
 inline constexpr double kImportanceOfEvenErrors = 4;

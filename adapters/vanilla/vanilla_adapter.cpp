@@ -39,6 +39,15 @@ void check(const VanillaBoost& boost) {
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
 }
 
+VanillaBoost literal_boost() {
+  VanillaBoost boost;
+  boost.literal = true;
+  boost.gradient_abs_threshold = 1.2e-3;
+  boost.densify_interval = 500;
+  boost.coarse = false;
+  return boost;
+}
+
 VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Device device) : boost_(boost), scorer_(device) {
   check(boost);
 }
@@ -53,7 +62,8 @@ bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcd) return backbone_would;
   const int from = at(boost_.densify_from, moment);
   const int until = at(boost_.densify_until, moment);
-  const int interval = std::min(boost_.densify_interval, std::max(kMinGrowthInterval, until / kMinGrowths));
+  const int most = boost_.literal ? boost_.densify_interval : std::max(kMinGrowthInterval, until / kMinGrowths);
+  const int interval = std::min(boost_.densify_interval, most);
   return moment.iteration > from && moment.iteration < until && moment.iteration % interval == 0;
 }
 
@@ -72,7 +82,7 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
     importance_.resize(n);
     importance_scores(sums, importance_);
     scored_at_ = statistics.moment.iteration;
-    gradient_scale = std::sqrt(scorer_.covered_share());
+    if (!boost_.literal) gradient_scale = std::sqrt(scorer_.covered_share());
   }
   if (boost_.absgrad) {
     const auto border = static_cast<float>(boost_.percent_dense * static_cast<double>(statistics.scene_extent));
@@ -91,7 +101,9 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
   }
 }
 
-double VanillaAdapter::tau_d_at(double pixels) const { return boost_.tau_d * std::min(1.0, pixels / kTauDPixels); }
+double VanillaAdapter::tau_d_at(double pixels) const {
+  return boost_.literal ? boost_.tau_d : boost_.tau_d * std::min(1.0, pixels / kTauDPixels);
+}
 
 bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcp) return backbone_would;
@@ -126,6 +138,7 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
 }
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {
+  if (boost_.literal) return backbone_would;
   const int recovered = moment.iteration + kIterationsAfterReset;
   if (boost_.vcd && recovered > at(boost_.densify_until, moment)) return false;
   if (boost_.vcp && recovered > at(boost_.late_prune_from, moment)) return false;
@@ -134,11 +147,13 @@ bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) con
 
 bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
   if (!boost_.schedule) return true;
-  return splatboost::steps_at(group == "f_rest" ? kRestIntervals : kOtherIntervals, moment);
+  const StepIntervals& intervals = group == "f_rest" ? kRestIntervals : kOtherIntervals;
+  return boost_.literal ? steps_literally_at(intervals, moment) : splatboost::steps_at(intervals, moment);
 }
 
 AdapterEntry vanilla_adapter_entry() {
-  return {"vanilla", [](bool) { return make_settings<VanillaAdapter>(VanillaBoost{}); }};
+  return {"vanilla",
+          [](bool literal) { return make_settings<VanillaAdapter>(literal ? literal_boost() : VanillaBoost{}); }};
 }
 
 }  // namespace splatboost

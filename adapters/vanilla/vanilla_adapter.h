@@ -15,6 +15,9 @@ namespace splatboost {
 
 /// The parts and constants of the method. Iteration numbers are of the published run (30 000) and scale with length.
 struct VanillaBoost {
+  /// The paper's rules alone: τ_d counts whole pixels of images of any size, growth and optimizer steps come at the
+  /// paper's intervals in a run of any length, thresholds of gradients and resets of opacities are the backbone's.
+  bool literal = false;
   bool vcd = true;       ///< multi-view consistent densification
   bool vcp = true;       ///< multi-view consistent pruning
   bool cb = true;        ///< compact box
@@ -50,6 +53,7 @@ struct VanillaBoost {
 template <class Boost, class Visitor>
 requires std::same_as<std::remove_const_t<Boost>, VanillaBoost>
 void for_each_field(Boost& boost, Visitor&& visit) {
+  visit("literal", boost.literal);
   visit("vcd", boost.vcd);
   visit("vcp", boost.vcp);
   visit("cb", boost.cb);
@@ -76,6 +80,9 @@ void for_each_field(Boost& boost, Visitor&& visit) {
 
 /// Throws ArgumentError that names the setting unless all values are possible.
 void check(const VanillaBoost& boost);
+
+/// The paper's text and numbers (supplement, Sec. 9.1). Where phases of the run begin and end scales with its length.
+VanillaBoost literal_boost();
 
 /// Fewest growths of a run, so that short ones grow too, but never more often than 3DGS itself.
 inline constexpr int kMinGrowths = 12;
@@ -107,6 +114,7 @@ class VanillaAdapter : public Adapter {
   bool steps_at(std::string_view group, Moment moment) const override;
 
  protected:
+  bool is_literal() const { return boost_.literal; }
   /// Mean absolute gradient, in NDC as DensityStatistics::gradients_abs, from which a large Gaussian is split.
   /// @param views the backbone's training views
   virtual double split_threshold(std::size_t views) const {

@@ -631,12 +631,13 @@ static void fuzz_devices(void) {
   REFUSED(sb_rasterizer_counts(NULL, NULL, NULL, NULL));
   REFUSED(sb_raster_options_default(NULL));
 
-  REFUSED(sb_boost_create(NULL, &boost));
-  REFUSED(sb_boost_create("", &boost));
-  REFUSED(sb_boost_create("x", &boost));
-  REFUSED(sb_boost_create("vanilla", NULL));
+  REFUSED(sb_boost_create(NULL, 0, &boost));
+  REFUSED(sb_boost_create("", 0, &boost));
+  REFUSED(sb_boost_create("vanilla", 2, &boost));
+  REFUSED(sb_boost_create("x", 0, &boost));
+  REFUSED(sb_boost_create("vanilla", 0, NULL));
   CHECK(boost == NULL);
-  CHECK(sb_boost_create("mip-splatting", &boost) == SB_OK);
+  CHECK(sb_boost_create("mip-splatting", 0, &boost) == SB_OK);
   REFUSED(sb_adapter_create(NULL, 0, NULL, &a));
   REFUSED(sb_adapter_create(boost, 0, NULL, NULL));
   {
@@ -889,7 +890,7 @@ int main(void) {
   camera.height = H;
   CHECK(sb_raster_options_default(&raster_options) == SB_OK);
   CHECK(sb_rasterizer_create(&one_thread, &rasterizer) == SB_OK);
-  CHECK(sb_boost_create("vanilla", &boost) == SB_OK);
+  CHECK(sb_boost_create("vanilla", 0, &boost) == SB_OK);
   CHECK(sb_adapter_create(boost, 0, &one_thread, &adapter) == SB_OK);
   sb_boost_destroy(boost);
   fuzz_tensors();

@@ -335,10 +335,10 @@ static void decides_as_the_adapter(void) {
   views.render = host_render;
   views.count_flagged = host_count;
 
-  CHECK(sb_boost_create("vanilla", &boost) == SB_OK);
+  CHECK(sb_boost_create("vanilla", 0, &boost) == SB_OK);
   CHECK(sb_boost_get(boost, "views", &value) == SB_OK && value == 10);
   CHECK(sb_boost_get(boost, "vcd", &value) == SB_OK && value == 1);
-  CHECK(sb_boost_setting(boost, 0, &name, &kind) == SB_OK && strcmp(name, "vcd") == 0 && kind == SB_SETTING_BOOL);
+  CHECK(sb_boost_setting(boost, 0, &name, &kind) == SB_OK && strcmp(name, "literal") == 0 && kind == SB_SETTING_BOOL);
   for (i = 0, value = 0; sb_boost_setting(boost, i, &name, &kind) == SB_OK && name != NULL; ++i) {
     CHECK(sb_boost_get(boost, name, &value) == SB_OK && sb_boost_set(boost, name, value) == SB_OK);
     CHECK(strcmp(name, "views") != 0 || kind == SB_SETTING_INTEGER);
@@ -381,15 +381,19 @@ static void decides_as_the_adapter(void) {
 
   sb_boost_destroy(boost);
 
-  CHECK(sb_boost_create("dropgaussian", &boost) == SB_OK);
+  CHECK(sb_boost_create("vanilla", 1, &boost) == SB_OK);
+  CHECK(sb_boost_get(boost, "gradient_abs_threshold", &value) == SB_OK && value == 0.0012);
+  CHECK(sb_boost_get(boost, "densify_interval", &value) == SB_OK && value == 500);
+  sb_boost_destroy(boost);
+  CHECK(sb_boost_create("dropgaussian", 0, &boost) == SB_OK);
   CHECK(sb_boost_get(boost, "schedule", &value) == SB_OK && value == 0);
   sb_boost_destroy(boost);
-  CHECK(sb_boost_create("scaffold-gs", &boost) == SB_OK);
+  CHECK(sb_boost_create("scaffold-gs", 0, &boost) == SB_OK);
   CHECK(sb_adapter_create(boost, 0, TEST_DEVICE, &adapter) == SB_OK);
   CHECK(sb_adapter_rate_factor(adapter, "scaling", 30000, 30000, &beta) == SB_OK && beta < 0.2f);
   sb_adapter_destroy(adapter);
   sb_boost_destroy(boost);
-  CHECK(sb_boost_create("mipsplatting", &boost) == SB_ERROR_ARGUMENT && boost == NULL);
+  CHECK(sb_boost_create("mipsplatting", 0, &boost) == SB_ERROR_ARGUMENT && boost == NULL);
   CHECK(strstr(sb_last_error(), "mip-splatting") != NULL);
 }
 

@@ -191,7 +191,7 @@ _ENTRIES = {
     "sb_steps_at": (_STATUS, [POINTER(StepIntervals), c_int32, c_int32, _I32]),
     "sb_scaled_iteration": (_STATUS, [c_int32, c_int32, c_int32, _I32]),
     "sb_exponential_rate": (_STATUS, [c_double, c_double, c_int32, c_int32, _F64]),
-    "sb_boost_create": (_STATUS, [c_char_p, POINTER(c_void_p)]),
+    "sb_boost_create": (_STATUS, [c_char_p, c_int32, POINTER(c_void_p)]),
     "sb_boost_destroy": (None, [c_void_p]),
     "sb_boost_setting": (_STATUS, [c_void_p, c_int32, POINTER(c_char_p), _I32]),
     "sb_boost_get": (_STATUS, [c_void_p, c_char_p, _F64]),

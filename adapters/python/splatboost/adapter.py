@@ -65,7 +65,8 @@ class Adapter:
         self.total_iterations = int(total_iterations)
         self.device = torch.device(device)
         boost = ctypes.c_void_p()
-        lib.call("sb_boost_create", str(backbone).encode(), ctypes.byref(boost))
+        literal = int(bool(settings.get("literal")))
+        lib.call("sb_boost_create", str(backbone).encode(), literal, ctypes.byref(boost))
         try:
             self._kinds = _setting_kinds(boost)
             for name, value in settings.items():

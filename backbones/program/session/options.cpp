@@ -138,6 +138,8 @@ void add_boost_options(OptionSet& set, RunOptions& options) {
   set.add("--tau-d", options.tau_d, "importance a primitive needs to grow (docs/method.md); larger: fewer [5]", false)
       ->type_name("X");
   set.add("--views", options.views, "K: views that score the primitives [10]", false)->type_name("N");
+  set.add("--literal", options.literal, "the paper's rules and numbers exactly, nothing of ours (docs/method.md)",
+          false);
   set.add("--no-vcd", options.no_vcd, "without multi-view consistent densification", false);
   set.add("--no-vcp", options.no_vcp, "without multi-view consistent pruning", false);
   set.add("--no-cb", options.no_cb, "without the compact box", false);
@@ -226,6 +228,7 @@ Json boost_settings(const RunOptions& options) {
   if (options.beta) settings["beta"] = *options.beta;
   if (options.tau_d) settings["tau_d"] = *options.tau_d;
   if (options.views) settings["views"] = *options.views;
+  if (options.literal) settings["literal"] = true;
   if (options.no_vcd) settings["vcd"] = false;
   if (options.no_vcp) settings["vcp"] = false;
   if (options.no_cb) settings["cb"] = false;

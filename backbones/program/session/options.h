@@ -118,6 +118,7 @@ struct RunOptions {
   std::optional<double> beta;
   std::optional<double> tau_d;
   std::optional<int> views;
+  bool literal = false;
   bool no_vcd = false;
   bool no_vcp = false;
   bool no_cb = false;

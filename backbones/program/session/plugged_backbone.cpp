@@ -33,7 +33,9 @@ const BackboneEntry& find_backbone(std::string_view name) {
 
 std::unique_ptr<BoostSettings> read_boost_settings(std::string_view backbone, const Json& given) {
   find_backbone(backbone);
-  std::unique_ptr<BoostSettings> settings = find_adapter(backbone).make_settings(false);
+  bool literal = false;
+  if (given.is_object() && given.contains("literal")) read_value(given["literal"], "boost: literal", literal);
+  std::unique_ptr<BoostSettings> settings = find_adapter(backbone).make_settings(literal);
   fields_from_json(given, "boost", [&](auto&& visitor) { visit_settings(*settings, visitor); });
   try {
     settings->validate();

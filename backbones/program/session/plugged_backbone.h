@@ -16,8 +16,8 @@ namespace splatboost::program {
 /// Throws InputError naming those there are.
 const BackboneEntry& find_backbone(std::string_view name);
 
-/// The settings of a backbone's acceleration: its defaults overlaid with the given ones, by field name. Throws
-/// InputError on an unknown key, a wrong type or an impossible value.
+/// The settings of a backbone's acceleration: its defaults, or the paper's where "literal" is given and true, overlaid
+/// with the given ones, by field name. Throws InputError on an unknown key, a wrong type or an impossible value.
 std::unique_ptr<BoostSettings> read_boost_settings(std::string_view backbone, const nlohmann::json& given);
 nlohmann::json to_json(BoostSettings& settings);
 

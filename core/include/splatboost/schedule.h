@@ -30,6 +30,9 @@ struct StepIntervals {
 /// Whether a group of these intervals steps at this moment. The last iteration of a run always steps.
 bool steps_at(const StepIntervals& intervals, Moment moment);
 
+/// The same with the intervals as they are, in a run of any length; only the ends of the phases scale.
+bool steps_literally_at(const StepIntervals& intervals, Moment moment);
+
 /// Log-linear interpolation from `initial` at iteration 0 to `final_value` at `steps` and after.
 double exponential_rate(double initial, double final_value, int iteration, int steps);
 

@@ -15,17 +15,27 @@ int scaled_iteration(int published, int total, int published_total) {
   return std::max(1, static_cast<int>(std::lround(scaled)));
 }
 
+namespace {
+
+/// The interval of the phase that the moment lies in.
+int interval_at(const StepIntervals& intervals, Moment moment) {
+  if (moment.iteration <= scaled_iteration(intervals.early_end, moment.total)) return intervals.early;
+  if (moment.iteration <= scaled_iteration(intervals.middle_end, moment.total)) return intervals.middle;
+  return intervals.late;
+}
+
+}  // namespace
+
 bool steps_at(const StepIntervals& intervals, Moment moment) {
   if (moment.iteration >= moment.total) return true;
-  int interval = intervals.late;
-  if (moment.iteration <= scaled_iteration(intervals.early_end, moment.total)) {
-    interval = intervals.early;
-  } else if (moment.iteration <= scaled_iteration(intervals.middle_end, moment.total)) {
-    interval = intervals.middle;
-  }
   // With the cube of the length: a short run has had few steps when it comes to a phase and can spare none.
   const double length = std::min(1.0, static_cast<double>(moment.total) / kPublishedIterations);
-  return moment.iteration % std::max(1L, std::lround(interval * length * length * length)) == 0;
+  const long interval = std::lround(interval_at(intervals, moment) * length * length * length);
+  return moment.iteration % std::max(1L, interval) == 0;
+}
+
+bool steps_literally_at(const StepIntervals& intervals, Moment moment) {
+  return moment.iteration >= moment.total || moment.iteration % interval_at(intervals, moment) == 0;
 }
 
 double exponential_rate(double initial, double final_value, int iteration, int steps) {

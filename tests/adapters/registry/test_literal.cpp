@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+// The paper's rules, restated plainly from its supplement (Secs. 9.1 to 9.3), against each adapter's literal settings.
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "registry/boost_settings.h"
+#include "support/fake_rasterizer.h"
+
+namespace splatboost {
+namespace {
+
+using testing::FakeRasterizer;
+using testing::Hand;
+
+const char* const kOfGaussians[] = {"vanilla", "mip-splatting", "dropgaussian"};
+const char* const kOfAnchors[] = {"scaffold-gs", "octree-gs"};
+
+std::unique_ptr<Adapter> literal(const char* backbone, Threads& threads) {
+  const std::unique_ptr<BoostSettings> settings = find_adapter(backbone).make_settings(true);
+  EXPECT_EQ(settings->coarse_share(), 0) << "views have their full size all along";
+  return settings->make_adapter(0, threads);
+}
+
+/// Where the paper has 15 000, 20 000 and 3 000 of 30 000 iterations: a run of another length has the same share of its
+/// own.
+int share(int total, double of_thirty_thousand) { return static_cast<int>(total * of_thirty_thousand / 30000 + 0.5); }
+
+TEST(Literal, gaussians_grow_every_500_iterations_in_the_first_half) {
+  Threads threads(1);
+  for (const int total : {3000, 7000, 30000, 40000}) {
+    for (const char* backbone : {"vanilla", "mip-splatting"}) {
+      const auto adapter = literal(backbone, threads);
+      for (int i = 1; i <= total; ++i) {
+        const bool grows = i > share(total, 500) && i < share(total, 15000) && i % 500 == 0;
+        ASSERT_EQ(adapter->grows_at({i, total}, i % 100 == 0), grows) << backbone << " " << total << " " << i;
+      }
+    }
+  }
+  // DropGaussian densifies to the end of its run of 10 000.
+  const auto adapter = literal("dropgaussian", threads);
+  for (int i = 1; i <= 10000; ++i) {
+    ASSERT_EQ(adapter->grows_at({i, 10000}, i % 100 == 0), i > 500 && i < 10000 && i % 500 == 0) << i;
+  }
+}
+
+TEST(Literal, late_pruning_comes_every_tenth_of_the_run_after_its_half) {
+  Threads threads(1);
+  for (const int total : {7000, 30000}) {
+    for (const char* backbone : {"vanilla", "mip-splatting"}) {
+      const auto adapter = literal(backbone, threads);
+      for (int i = 1; i <= total; ++i) {
+        const bool late = i > share(total, 15000) && i < total && i % share(total, 3000) == 0;
+        ASSERT_EQ(adapter->prunes_at({i, total}, false), late) << backbone << " " << total << " " << i;
+        ASSERT_TRUE(adapter->prunes_at({i, total}, true));
+      }
+    }
+  }
+  // 15 000 iterations are more than DropGaussian has.
+  const auto adapter = literal("dropgaussian", threads);
+  for (int i = 1; i <= 10000; ++i) ASSERT_FALSE(adapter->prunes_at({i, 10000}, false)) << i;
+}
+
+TEST(Literal, resets_are_the_backbones) {
+  Threads threads(1);
+  for (const char* backbone : kOfGaussians) {
+    const auto adapter = literal(backbone, threads);
+    for (int i = 100; i <= 7000; i += 100) {
+      ASSERT_TRUE(adapter->resets_opacities_at({i, 7000}, true));
+      ASSERT_FALSE(adapter->resets_opacities_at({i, 7000}, false));
+    }
+  }
+}
+
+TEST(Literal, only_3dgs_has_the_optimizer_schedule_and_its_intervals_do_not_shrink) {
+  Threads threads(1);
+  for (const int total : {7000, 30000}) {
+    for (const AdapterEntry& entry : adapters()) {
+      const auto adapter = literal(std::string(entry.backbone).c_str(), threads);
+      for (int i = 1; i <= total; ++i) {
+        for (const char* group : {"f_rest", "xyz", "scaling", "anchor_feat"}) {
+          const int interval = i <= share(total, 15000)   ? (std::string(group) == "f_rest" ? 16 : 1)
+                               : i <= share(total, 20000) ? 32
+                                                          : 64;
+          // The last iteration of a run applies what is accumulated.
+          const bool steps = entry.backbone != "vanilla" || i == total || i % interval == 0;
+          ASSERT_EQ(adapter->steps_at(group, {i, total}), steps) << entry.backbone << " " << group << " " << i;
+          ASSERT_EQ(adapter->rate_factor(group, {i, total}), 1.0f);
+        }
+      }
+    }
+  }
+}
+
+TEST(Literal, beta_is_a_half) {
+  Threads threads(1);
+  for (const AdapterEntry& entry : adapters()) {
+    EXPECT_EQ(literal(std::string(entry.backbone).c_str(), threads)->beta(), 0.5f) << entry.backbone;
+  }
+}
+
+TEST(Literal, gaussians_grow_above_the_thresholds_and_five_whole_flagged_pixels) {
+  Threads threads(1);
+  // Flagged pixels in each of two views of 8×8, half of whose pixels are matched exactly. The border between small and
+  // large is 0.001 of the extent, 0.01. Columns: at the threshold of cloning, below it; at that of splitting, below it;
+  // five pixels are not more than five.
+  const Hand hand{{2e-4f, 1.99e-4f, 0, 1, 1},
+                  {0, 1, 1.2e-3f, 1.19e-3f, 1},
+                  {0.5f, 0.5f, 0.5f, 0.5f, 0.5f},
+                  {0.005f, 0.005f, 0.02f, 0.02f, 0.02f}};
+  for (const char* backbone : kOfGaussians) {
+    const auto adapter = literal(backbone, threads);
+    FakeRasterizer rasterizer({6, 6, 6, 6, 5}, 2);
+    std::vector<std::uint8_t> clone(5, 1), split(5, 1);
+    GrowDecisions decisions{clone, split};
+    adapter->grow(hand.at(1000), rasterizer, decisions);
+    EXPECT_EQ(clone, (std::vector<std::uint8_t>{1, 0, 0, 0, 0})) << backbone;
+    EXPECT_EQ(split, (std::vector<std::uint8_t>{0, 0, 1, 0, 0})) << backbone;
+  }
+}
+
+TEST(Literal, slots_of_anchors_grow_above_five_whole_flagged_pixels) {
+  Threads threads(1);
+  for (const char* backbone : kOfAnchors) {
+    const auto adapter = literal(backbone, threads);
+    FakeRasterizer rasterizer({6, 5, 60}, 2);
+    std::vector<std::uint8_t> clone{1, 1, 0}, split;
+    GrowDecisions decisions{clone, split};
+    adapter->grow(Hand{{1, 1, 1}, {}, {}, {}}.at(1000), rasterizer, decisions);
+    EXPECT_EQ(clone, (std::vector<std::uint8_t>{1, 0, 0})) << backbone << ": only candidates of its own rule";
+  }
+}
+
+}  // namespace
+}  // namespace splatboost
