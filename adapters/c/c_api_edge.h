@@ -136,7 +136,7 @@ class Place {
                     std::initializer_list<Shape> wanted) const;
   std::int32_t kind_ = SB_CPU, index_ = 0;
   Threads threads_;
-  std::optional<CudaStream> stream_;  ///< goes along with the callers'
+  std::optional<CudaStream> stream_;  ///< borrows the callers'
   std::optional<Photometric> photometric_;
   std::optional<CudaSsimWorkspace> ssim_;
 };

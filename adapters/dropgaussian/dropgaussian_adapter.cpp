@@ -27,7 +27,7 @@ VanillaBoost dropgaussian_boost() {
 double DropGaussianAdapter::split_threshold(std::size_t views) const {
   if (is_literal()) return VanillaAdapter::split_threshold(views);
   return VanillaAdapter::split_threshold(views) *
-         (1 + kViewsOfDoubt / static_cast<double>(std::max<std::size_t>(views, 1)));
+         (1 + kFewViewThresholdScale / static_cast<double>(std::max<std::size_t>(views, 1)));
 }
 
 AdapterEntry dropgaussian_adapter_entry() {

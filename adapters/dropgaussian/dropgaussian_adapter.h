@@ -13,9 +13,9 @@ inline constexpr int kDropGaussianIterations = 10000;
 VanillaBoost dropgaussian_boost();
 
 /// Few views leave gradients that no other view contradicts: splitting needs a clearer sign of detail. Its threshold is
-/// the setting times 1 + kViewsOfDoubt / views: 0.0024 for three views, 0.0018 for six, the paper's for many. Ours, not
-/// the paper's, found on fern (docs/results/backbones.md).
-inline constexpr double kViewsOfDoubt = 3;
+/// the setting times 1 + kFewViewThresholdScale / views: 0.0024 for three views, 0.0018 for six, the paper's for many.
+/// Ours, not the paper's, found on fern (docs/results/backbones.md).
+inline constexpr double kFewViewThresholdScale = 3;
 
 /// @param boost as for vanilla: its gradient_abs_threshold is of many views, and so is told in settings
 class DropGaussianAdapter final : public VanillaAdapter {

@@ -94,7 +94,7 @@ std::vector<const ParameterGroup*> AnchorBackbone::groups() const {
 
 void AnchorBackbone::activate() {
   if (anchors_changed_) {
-    if (device_.is_cuda()) positions_there_.assign(positions_);
+    if (device_.is_cuda()) device_positions_.assign(positions_);
     anchors_changed();
     anchors_changed_ = false;
   }
@@ -113,7 +113,7 @@ void AnchorBackbone::activate() {
 }
 
 std::span<const float> AnchorBackbone::positions_on_device() const {
-  return device_.is_cuda() ? positions_there_.span() : std::span<const float>(positions_);
+  return device_.is_cuda() ? device_positions_.span() : std::span<const float>(positions_);
 }
 
 DecoderInputs<float> AnchorBackbone::decoder_inputs() const {
@@ -204,17 +204,17 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
 
   const bool gathering = iteration > at(config_.statistics_from) && iteration < at(config_.grow_until);
   const std::size_t m = decoded_->count;
-  by_.means.ensure(3 * m);
-  by_.scales.ensure(3 * m);
-  by_.rotations.ensure(4 * m);
-  by_.opacities.ensure(m);
-  by_.colors.ensure(3 * m);
+  gaussian_gradients_.means.ensure(3 * m);
+  gaussian_gradients_.scales.ensure(3 * m);
+  gaussian_gradients_.rotations.ensure(4 * m);
+  gaussian_gradients_.opacities.ensure(m);
+  gaussian_gradients_.colors.ensure(3 * m);
   GaussianGradients gradients;
-  gradients.means = by_.means;
-  gradients.scales = by_.scales;
-  gradients.rotations = by_.rotations;
-  gradients.opacities = by_.opacities;
-  gradients.colors = by_.colors;
+  gradients.means = gaussian_gradients_.means;
+  gradients.scales = gaussian_gradients_.scales;
+  gradients.rotations = gaussian_gradients_.rotations;
+  gradients.opacities = gaussian_gradients_.opacities;
+  gradients.colors = gaussian_gradients_.colors;
   if (gathering) {
     screen_.ensure(2 * m);
     gradients.screen_means = screen_;
@@ -229,12 +229,14 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
     clock_.add("project_backward", rasterizer_.seconds().project_backward);
   }
 
-  const double volume = view_.add_volume_loss(config_.volume_weight, by_.scales, !last);
+  const double volume = view_.add_volume_loss(config_.volume_weight, gaussian_gradients_.scales, !last);
   std::span<float> embedding_gradient;
   if (const std::optional<std::size_t> row = training_index(context_.scene, view); row && shape_.appearance > 0) {
     embedding_gradient = embedding_.gradients.span().subspan(*row * shape_.appearance, shape_.appearance);
   }
-  view_.backward(decoder_inputs(), {by_.means, by_.scales, by_.rotations, by_.opacities, by_.colors},
+  view_.backward(decoder_inputs(),
+                 {gaussian_gradients_.means, gaussian_gradients_.scales, gaussian_gradients_.rotations,
+                  gaussian_gradients_.opacities, gaussian_gradients_.colors},
                  {offsets_.gradients, features_.gradients, scaling_.gradients, opacity_net_.gradients,
                   cov_net_.gradients, color_net_.gradients, bank_net_.gradients, embedding_gradient});
   for (ParameterGroup* group : groups()) group->pending = true;

@@ -156,8 +156,8 @@ class AnchorBackbone : public Backbone {
   StageClock clock_{device_};
   int iteration_ = 0;
 
-  std::vector<float> positions_;           ///< [N,3]
-  Array<float> positions_there_{device_};  ///< the same for a GPU, which they are copied to
+  std::vector<float> positions_;            ///< [N,3]
+  Array<float> device_positions_{device_};  ///< the same for a GPU, which they are copied to
   // Names of the groups are Scaffold-GS's.
   ParameterGroup offsets_, features_, scaling_;
   ParameterGroup opacity_net_{"mlp_opacity", 1, device_}, cov_net_{"mlp_cov", 1, device_};
@@ -176,8 +176,8 @@ class AnchorBackbone : public Backbone {
   /// Gradients of the view's Gaussians.
   struct {
     Array<float> means, scales, rotations, opacities, colors;
-  } by_{Array<float>(device_), Array<float>(device_), Array<float>(device_), Array<float>(device_),
-        Array<float>(device_)};
+  } gaussian_gradients_{Array<float>(device_), Array<float>(device_), Array<float>(device_), Array<float>(device_),
+                        Array<float>(device_)};
   TrainingTruths truths_{context_.scene, device_};
 
   // Of growth, which is decided on the host.

@@ -17,7 +17,7 @@ namespace splatboost::cuda {
 /// the time and the memory that loading it takes.
 class CudaMatrices {
  public:
-  /// @param stream one of its own: a stream that goes along with a caller's may not become another
+  /// @param stream one of its own, not one that borrows a caller's
   /// Throws NoDeviceError where the machine has no cuBLAS of the CUDA release that this was built with.
   explicit CudaMatrices(CudaStream& stream);
   ~CudaMatrices();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Errors that a user can mend, kept apart from failures.
+/// @file Errors caused by user input, as opposed to failures.
 #pragma once
 
 #include <stdexcept>

@@ -73,7 +73,7 @@ class Array {
     }
   }
 
-  // To the host. On a GPU these wait, and belong into no steady loop.
+  // To the host. On a GPU these wait: do not call them in the training loop.
 
   /// A copy.
   std::vector<T> to_host() const { return cuda_ ? cuda_->to_host() : host_; }

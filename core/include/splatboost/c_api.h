@@ -74,8 +74,8 @@ typedef struct sb_device {
 SB_API int32_t sb_has_device(int32_t kind);
 /** Compute capabilities that the library was built for, such as "7.5, 9.0"; "" if it was built without CUDA. */
 SB_API const char* sb_cuda_architectures(void);
-/** What a steady loop must not do, counted over the process; each pointer is optional. @param allocations of device
- *  memory and of host memory that the device reaches @param waits of the host for a device */
+/** What must not happen in the training loop, counted over the process; each pointer is optional. @param allocations of
+ * device memory and of host memory that the device reaches @param waits of the host for a device */
 SB_API sb_status sb_cuda_activity(int64_t* allocations, int64_t* waits);
 
 enum { SB_FLOAT32 = 0, SB_FLOAT64 = 1, SB_INT32 = 2, SB_INT64 = 3, SB_UINT8 = 4 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A stream of a CUDA device: what every CUDA operation takes, and the one door to the device's memory.
+/// @file A stream of a CUDA device: what every CUDA operation takes, and the only way to allocate device memory.
 #pragma once
 
 #include <array>
@@ -9,7 +9,7 @@
 
 namespace splatboost {
 
-/// What a steady loop must not do: tests hold these still.
+/// What must not happen in the training loop: tests check that these stay 0.
 struct CudaActivity {
   std::uint64_t allocations = 0;       ///< of memory of the device, and of memory of the host that it can reach
   std::uint64_t synchronizations = 0;  ///< times that the host waited for the device
@@ -21,7 +21,7 @@ int cuda_device_count() noexcept;
 /// What the .cu files were compiled for, such as "7.5, 9.0"; empty in a build without CUDA.
 const char* cuda_architectures() noexcept;
 
-/// Owns a stream, or goes along with streams of a caller's (CudaCall). Work that is given to it runs in order, while
+/// Owns a stream, or borrows the caller's stream (CudaCall). Work that is given to it runs in order, while
 /// the host goes on. Not thread safe.
 ///
 /// A build without CUDA has this class too; its constructor throws NoDeviceError. A kernel that fails is reported by
@@ -40,7 +40,7 @@ class CudaStream {
 
   int ordinal() const { return ordinal_; }
   std::string device_name() const;
-  /// Bytes of the device's memory that nobody has.
+  /// Bytes of free device memory.
   std::size_t free_memory() const;
   /// Its cudaStream_t.
   void* handle() const { return handle_; }
@@ -58,7 +58,7 @@ class CudaStream {
   void* allocate_pinned(std::size_t bytes);
   void release_pinned(void* memory) noexcept;
   /// `from` may change as soon as this returns. It is not pinned: the driver may wait for work given before, which is
-  /// not counted. Nothing for a steady loop.
+  /// not counted. Do not call it in the training loop.
   void copy_to_device(void* to, const void* from, std::size_t bytes);
   /// Does not wait; `from` is pinned.
   void copy_from_pinned(void* to, const void* from, std::size_t bytes);
@@ -100,7 +100,7 @@ class CudaStream {
 /// then; the host does not wait. The device is current until the call ends, then the one that was before.
 class CudaCall {
  public:
-  /// @param stream one that goes along with a caller's
+  /// @param stream one that borrows a caller's
   /// Throws NoDeviceError where the machine has no such device.
   CudaCall(CudaStream& stream, void* handle);
   ~CudaCall();

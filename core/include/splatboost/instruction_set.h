@@ -14,7 +14,7 @@ enum class InstructionSet {
 };
 
 /// Holds every operation to these instructions from now on, in the whole process; not while one runs. Throws
-/// ArgumentError if this machine has them not. Results differ in the last bits from set to set; within one they are
+/// ArgumentError if the CPU does not support them. Results differ in the last bits from set to set; within one they are
 /// the same bytes for any number of threads.
 void use_instruction_set(InstructionSet set);
 

@@ -103,7 +103,7 @@ class Rasterizer {
   /// [N] 3σ radius on screen in pixels, rounded up; 0 where not visible. Valid until the next forward().
   std::span<const std::int32_t> screen_radii() const;
 
-  /// On a GPU this settles and seconds() waits, so neither belongs into a steady loop.
+  /// On a GPU this settles and seconds() waits, so call neither in the training loop.
   RasterCounts counts() const;
   const RasterSeconds& seconds() const;
 

@@ -24,7 +24,7 @@ constexpr std::int64_t k128 = HWY_SSE4 | HWY_SSSE3 | HWY_NEON | HWY_WASM;
 /// Compiled and supported; the lowest bit is the best.
 std::int64_t usable() { return static_cast<std::int64_t>(hwy::SupportedTargets()) & HWY_TARGETS; }
 
-/// The best of those in use, 0 until somebody asks. Kept, because asking the processor takes microseconds, and in a
+/// The best of those in use, 0 until first asked for. Kept, because asking the processor takes microseconds, and in a
 /// virtual machine tens of them.
 std::atomic<std::int64_t> best_target{0};
 

@@ -35,7 +35,7 @@ void pause() {
 #endif
 }
 
-/// Waits until ready(value): awake for a short time, then blocked until somebody notifies. @return the value
+/// Waits until ready(value): awake for a short time, then blocked until notified. @return the value
 template <class Ready>
 std::uint32_t wait_until(const std::atomic<std::uint32_t>& value, const Ready& ready) {
   using Clock = std::chrono::steady_clock;

@@ -364,7 +364,7 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
     s.device.stream().synchronize();
     PhotometricLoss loss;
     while (const std::optional<cuda::LossTotals> totals = losses.take()) {
-      // Of calls of evaluate_ahead() before this one none that was not finite shall be missed.
+      // Do not skip a non-finite loss of an earlier evaluate_ahead().
       if (std::isfinite(loss.total)) loss = loss_of(*totals);
     }
     return loss;

@@ -129,7 +129,7 @@ HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
 #endif
 }
 
-/// Slots lie scattered as records do; the lines they are in are asked for before they are written.
+/// Slots are not contiguous: prefetch their cache lines before they are written.
 HWY_INLINE void prefetch_moments(Frame& frame, std::uint32_t at, std::uint32_t end) {
   constexpr std::uint32_t kAhead = 8;
   if (at + kAhead < end) __builtin_prefetch(&frame.entry_moments[frame.entries[at + kAhead].slot], 1);
