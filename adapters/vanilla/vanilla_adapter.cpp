@@ -32,6 +32,7 @@ void check(const VanillaBoost& boost) {
   check_setting(boost.densify_from >= 0, "densify_from must be at least 0");
   check_setting(boost.densify_until >= 0, "densify_until must be at least 0");
   check_setting(boost.densify_interval >= 1, "densify_interval must be at least 1");
+  check_setting(boost.growth_after_reset >= 0, "growth_after_reset must be at least 0");
   check_setting(boost.late_prune_from >= 0, "late_prune_from must be at least 0");
   check_setting(boost.late_prune_interval >= 1, "late_prune_interval must be at least 1");
   check_setting(boost.late_min_opacity >= 0 && boost.late_min_opacity <= 1, "late_min_opacity must be in [0, 1]");
@@ -139,7 +140,7 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {
   if (boost_.literal) return backbone_would;
-  const int recovered = moment.iteration + kIterationsAfterReset;
+  const std::int64_t recovered = std::int64_t{moment.iteration} + boost_.growth_after_reset;
   if (boost_.vcd && recovered > at(boost_.densify_until, moment)) return false;
   if (boost_.vcp && recovered > at(boost_.late_prune_from, moment)) return false;
   return backbone_would;

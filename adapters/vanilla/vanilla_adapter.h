@@ -36,6 +36,9 @@ struct VanillaBoost {
   /// VCD grows every so many iterations, as often as 3DGS; the paper's is 500. Not scaled, because statistics need that
   /// many views, but a longer one shrinks to kMinGrowthInterval where a run would not grow kMinGrowths times.
   int densify_interval = 100;
+  /// Opacities are reset only where at least so many iterations of growth follow, as in the published run. Not scaled,
+  /// because opacities recover at a rate that does not depend on a run's length.
+  int growth_after_reset = 3000;
   int late_prune_from = 15000;
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
@@ -70,6 +73,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("densify_from", boost.densify_from);
   visit("densify_until", boost.densify_until);
   visit("densify_interval", boost.densify_interval);
+  visit("growth_after_reset", boost.growth_after_reset);
   visit("late_prune_from", boost.late_prune_from);
   visit("late_prune_interval", boost.late_prune_interval);
   visit("late_min_opacity", boost.late_min_opacity);
@@ -88,10 +92,6 @@ VanillaBoost literal_boost();
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
 
-/// Iterations of growth that an opacity reset needs after it, as in the published run: opacities recover at a rate that
-/// does not depend on a run's length, and what was only just reset would be taken for faint.
-inline constexpr int kIterationsAfterReset = 3000;
-
 /// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
 inline constexpr double kTauDPixels = 1e6;
 
@@ -108,8 +108,8 @@ class VanillaAdapter : public Adapter {
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
-  /// As the backbone would, while kIterationsAfterReset are left to the end of growth and to late pruning: a reset is
-  /// for the pruning that belongs to growth.
+  /// As the backbone would, while growth_after_reset iterations are left to the end of growth and to late pruning: a
+  /// reset is for the pruning that belongs to growth, and what was only just reset would be taken for faint.
   bool resets_opacities_at(Moment moment, bool backbone_would) const override;
   bool steps_at(std::string_view group, Moment moment) const override;
 

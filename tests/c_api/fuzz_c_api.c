@@ -677,6 +677,7 @@ static void fuzz_devices(void) {
   BROKEN_BOOST("gradient_threshold", -1);
   BROKEN_BOOST("densify_from", -1);
   BROKEN_BOOST("densify_interval", 0);
+  BROKEN_BOOST("growth_after_reset", -1);
   BROKEN_BOOST("late_prune_from", INT32_MIN);
   BROKEN_BOOST("late_prune_interval", 0);
   BROKEN_BOOST("late_min_opacity", 2);

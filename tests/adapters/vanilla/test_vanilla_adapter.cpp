@@ -169,6 +169,8 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
   EXPECT_EQ(resets(boost, 15000), (std::vector<int>{1500, 3000, 4500}));
   EXPECT_EQ(resets(boost, 8000), (std::vector<int>{800}));
   EXPECT_EQ(resets(boost, 7000), (std::vector<int>{})) << "700 + 3000 is above 3500";
+  boost.growth_after_reset = 1;
+  EXPECT_EQ(resets(boost, 7000), (std::vector<int>{700, 1400, 2100, 2800})) << "not at 3500, where growth ends";
   boost.vcd = boost.vcp = false;
   EXPECT_EQ(resets(boost, 7000).size(), 10u) << "all is the backbone's";
 }
