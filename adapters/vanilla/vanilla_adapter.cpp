@@ -132,10 +132,17 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   pruning_.resize(n);
   pruning_scores(scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random), pruning_);
+  const auto min_opacity = static_cast<float>(late_min_opacity_at(statistics.moment, rasterizer.scorable_views()));
   for (std::size_t i = 0; i < n; ++i) {
-    decisions.remove[i] = statistics.opacities[i] < static_cast<float>(boost_.late_min_opacity) ||
-                          pruning_[i] > static_cast<float>(boost_.late_max_score);
+    decisions.remove[i] =
+        statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score);
   }
+}
+
+double VanillaAdapter::late_min_opacity_at(Moment moment, std::size_t views) const {
+  if (boost_.literal) return boost_.late_min_opacity;
+  const double visits = static_cast<double>(moment.total) / static_cast<double>(std::max<std::size_t>(views, 1));
+  return boost_.late_min_opacity * std::min(1.0, visits / kSettledVisits);
 }
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {

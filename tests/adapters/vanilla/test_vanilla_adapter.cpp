@@ -191,6 +191,26 @@ TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 1, 1}));
 }
 
+TEST_F(VanillaAdapterTest, late_pruning_is_milder_where_views_are_seen_few_times) {
+  // 30 000 iterations: 100 for each of 300 views, 10 for each of 3 000, where the threshold is a tenth.
+  const Hand hand{{0, 0, 0, 0}, {}, {0.099f, 0.101f, 0.0099f, 0.0101f}, {}};
+  const auto removed = [&](std::size_t views, bool literal) {
+    VanillaBoost boost = boost_at_paper_size();
+    boost.literal = literal;
+    VanillaAdapter adapter(boost, threads_);
+    FakeRasterizer rasterizer({1, 1, 1, 1}, views);
+    std::vector<std::uint8_t> remove(4, 0);
+    PruneDecisions prune{remove, {}};
+    adapter.prune(hand.at(18000), rasterizer, prune);
+    return remove;
+  };
+  using Mask = std::vector<std::uint8_t>;
+  EXPECT_EQ(removed(10, false), (Mask{1, 0, 1, 1}));
+  EXPECT_EQ(removed(300, false), (Mask{1, 0, 1, 1}));
+  EXPECT_EQ(removed(3000, false), (Mask{0, 0, 1, 0}));
+  EXPECT_EQ(removed(3000, true), (Mask{1, 0, 1, 1})) << "the paper's threshold is the same everywhere";
+}
+
 TEST_F(VanillaAdapterTest, fewer_views_than_k_score_each_once) {
   VanillaBoost boost = boost_at_paper_size();
   VanillaAdapter adapter(boost, threads_);
