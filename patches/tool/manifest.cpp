@@ -54,7 +54,7 @@ std::optional<Manifest> read_manifest(const SourceTree& tree) {
   }
 }
 
-void write_manifest(const SourceTree& tree, const Manifest& manifest) {
+std::string text_of(const Manifest& manifest) {
   ordered_json json;
   json["format"] = kFormat;
   json["recipe"] = manifest.recipe;
@@ -74,9 +74,7 @@ void write_manifest(const SourceTree& tree, const Manifest& manifest) {
     }
     json["files"].push_back(std::move(entry));
   }
-  tree.commit_record({kManifestFile, json.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n"});
+  return json.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n";
 }
-
-void remove_manifest(const SourceTree& tree) { tree.commit_record({kManifestFile, std::nullopt}); }
 
 }  // namespace splatboost::patch

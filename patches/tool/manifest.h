@@ -39,7 +39,7 @@ struct Manifest {
 /// nullopt: the tree is not patched. PatchError on a manifest that cannot be one.
 std::optional<Manifest> read_manifest(const SourceTree& tree);
 
-void write_manifest(const SourceTree& tree, const Manifest& manifest);
-void remove_manifest(const SourceTree& tree);
+/// As the file holds it.
+std::string text_of(const Manifest& manifest);
 
 }  // namespace splatboost::patch

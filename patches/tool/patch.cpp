@@ -21,7 +21,7 @@ void add_diff(Outcome& outcome, const std::string& before, const std::string& af
   outcome.files.push_back(file);
 }
 
-std::string text_of(const SourceTree& tree, const std::string& file) {
+std::string content_of(const SourceTree& tree, const std::string& file) {
   std::optional<std::string> text = tree.read(file);
   require(text.has_value(), file + ": is missing: restore it (git checkout " + file + ")");
   return std::move(*text);
@@ -34,15 +34,6 @@ std::string without_changes(std::string text, const PatchedFile& file) {
   return text;
 }
 
-/// Whether every file to be written still is as it was found.
-bool untouched(const SourceTree& tree, const std::vector<FileChange>& writes,
-               const std::map<std::string, std::string>& found) {
-  for (const FileChange& write : writes) {
-    if (tree.read(write.file) != found.at(write.file)) return false;
-  }
-  return true;
-}
-
 std::vector<std::string> names_of(const Manifest& manifest) {
   std::vector<std::string> names;
   for (const PatchedFile& file : manifest.files) names.push_back(file.file);
@@ -51,7 +42,11 @@ std::vector<std::string> names_of(const Manifest& manifest) {
 
 }  // namespace
 
-Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing, const CommitObserver& observer) {
+std::vector<std::string> leftovers(const SourceTree& tree, const std::optional<Manifest>& manifest) {
+  return tree.leftovers(manifest ? names_of(*manifest) : std::vector<std::string>(), kManifestFile);
+}
+
+Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
   if (const std::optional<Manifest> manifest = read_manifest(tree)) {
     require(manifest->state == State::applied, kInterrupted);
     require(manifest->recipe == recipe.name && manifest->recipe_sha256 == recipe.sha256,
@@ -61,6 +56,7 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing, con
     Outcome outcome = verify(tree);
     outcome.nothing_to_do = true;
     outcome.diff.clear();
+    if (writing == Writing::write) tree.remove_leftovers(outcome.leftovers);
     return outcome;
   }
 
@@ -72,7 +68,7 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing, con
   std::map<std::string, std::vector<Change>> changes;
   for (const Edit& edit : recipe.edits_of(layout.name)) {
     if (!texts.contains(edit.file)) {
-      const std::string text = text_of(tree, edit.file);
+      const std::string text = content_of(tree, edit.file);
       texts[edit.file] = {text, text};
       files.push_back(edit.file);
     }
@@ -82,7 +78,6 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing, con
   outcome.recipe = recipe.name;
   outcome.layout = layout.name;
   std::vector<FileChange> writes;
-  std::map<std::string, std::string> found;
   for (const std::string& file : files) {
     const auto& [before, after] = texts[file];
     PatchedFile patched{file, sha256(before), sha256(after), sha256(before), changes[file]};
@@ -93,35 +88,29 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing, con
     tree.require_writable(file);
     add_diff(outcome, before, after, file);
     writes.push_back({file, after});
-    found[file] = before;
   }
   if (writing == Writing::dry_run) return outcome;
 
-  write_manifest(tree, manifest);
-  try {
-    tree.commit(writes, observer);
-  } catch (...) {
-    if (untouched(tree, writes, found)) remove_manifest(tree);
-    throw;
-  }
+  const std::string under_way = text_of(manifest);
   manifest.state = State::applied;
-  write_manifest(tree, manifest);
+  tree.commit({std::move(writes), kManifestFile, under_way, text_of(manifest)});
   return outcome;
 }
 
-Outcome revert(const SourceTree& tree, Writing writing, const CommitObserver& observer) {
+Outcome revert(const SourceTree& tree, Writing writing) {
   std::optional<Manifest> manifest = read_manifest(tree);
   Outcome outcome;
+  outcome.leftovers = leftovers(tree, manifest);
   if (!manifest) {
+    if (writing == Writing::write) tree.remove_leftovers(outcome.leftovers);
     outcome.nothing_to_do = true;
     return outcome;
   }
   outcome.recipe = manifest->recipe;
   outcome.layout = manifest->layout;
   std::vector<FileChange> writes;
-  std::map<std::string, std::string> found;
   for (PatchedFile& file : manifest->files) {
-    const std::string text = text_of(tree, file.file);
+    const std::string text = content_of(tree, file.file);
     const std::string hash = sha256(text);
     if (hash == file.before || (manifest->state == State::reverting && hash == file.reverted)) continue;
     const std::string reverted = without_changes(text, file);
@@ -130,23 +119,16 @@ Outcome revert(const SourceTree& tree, Writing writing, const CommitObserver& ob
     file.reverted = sha256(reverted);
     add_diff(outcome, text, reverted, file.file);
     writes.push_back({file.file, reverted});
-    found[file.file] = text;
   }
   if (writing == Writing::dry_run) return outcome;
 
-  const State old_state = std::exchange(manifest->state, State::reverting);
-  write_manifest(tree, *manifest);
-  tree.remove_leftovers(names_of(*manifest));
-  try {
-    tree.commit(writes, observer);
-  } catch (...) {
-    if (untouched(tree, writes, found)) {
-      manifest->state = old_state;
-      write_manifest(tree, *manifest);
-    }
-    throw;
+  tree.remove_leftovers(outcome.leftovers);
+  if (writes.empty()) {
+    tree.remove_record(kManifestFile);  // this needs no space
+  } else {
+    manifest->state = State::reverting;
+    tree.commit({std::move(writes), kManifestFile, text_of(*manifest), std::nullopt});
   }
-  remove_manifest(tree);
   return outcome;
 }
 
@@ -157,8 +139,9 @@ Outcome verify(const SourceTree& tree) {
   Outcome outcome;
   outcome.recipe = manifest->recipe;
   outcome.layout = manifest->layout;
+  outcome.leftovers = leftovers(tree, manifest);
   for (const PatchedFile& file : manifest->files) {
-    const std::string text = text_of(tree, file.file);
+    const std::string text = content_of(tree, file.file);
     const std::string hash = sha256(text);
     require(hash != file.before,
             file.file + ": is as it was before the patch: splatboost patch revert PATH, then apply anew");

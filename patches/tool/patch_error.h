@@ -13,6 +13,12 @@ class PatchError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// The disk refused to be written. Whether anything was is told; else nothing was.
+class WriteError : public PatchError {
+ public:
+  using PatchError::PatchError;
+};
+
 inline void require(bool holds, const std::string& what) {
   if (!holds) throw PatchError(what);
 }

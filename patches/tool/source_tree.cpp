@@ -19,14 +19,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kNew = ".splatboost-new";
+constexpr const char* kNew = ".splatboost-new";  // what shall be in place
+constexpr const char* kOld = ".splatboost-old";  // what was in place, until all else is
 constexpr mode_t kOwnerWrite = 0200;
 
 [[noreturn]] void fail(const fs::path& path, int error) {
-  throw PatchError(path.string() + ": cannot be written: " + std::strerror(error));
+  throw WriteError(path.string() + ": cannot be written: " + std::strerror(error));
 }
 
-fs::path beside(const fs::path& path) { return fs::path(path) += kNew; }
+fs::path beside(const fs::path& path, const char* ending) { return fs::path(path) += ending; }
+
+mode_t mode_of(const fs::path& path) {
+  struct stat status {};
+  return ::stat(path.c_str(), &status) == 0 ? status.st_mode & 07777 : 0644;
+}
 
 /// Names are on disk only once their folder is.
 void sync_folder(const fs::path& folder) {
@@ -34,37 +40,6 @@ void sync_folder(const fs::path& folder) {
   if (descriptor < 0) return;
   (void)::fsync(descriptor);
   ::close(descriptor);
-}
-
-/// Writes `content` beside `path`, with the permissions of the file there. What was begun goes on failure.
-void stage(const fs::path& path, const std::string& content) {
-  const fs::path staged = beside(path);
-  struct stat old_status {};
-  const mode_t mode = ::stat(path.c_str(), &old_status) == 0 ? old_status.st_mode & 07777 : 0644;
-  const int descriptor = ::open(staged.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (descriptor < 0) fail(path, errno);
-  int error = 0;
-  for (std::size_t at = 0; at < content.size() && error == 0;) {
-    const ssize_t written = ::write(descriptor, content.data() + at, content.size() - at);
-    if (written >= 0) {
-      at += static_cast<std::size_t>(written);
-    } else if (errno != EINTR) {
-      error = errno;
-    }
-  }
-  if (error == 0 && ::fchmod(descriptor, mode) != 0) error = errno;
-  if (error == 0 && ::fsync(descriptor) != 0 && errno != EINVAL && errno != ENOTSUP) error = errno;
-  if (::close(descriptor) != 0 && error == 0) error = errno;
-  if (error != 0) {
-    ::unlink(staged.c_str());
-    fail(path, error);
-  }
-}
-
-void unstage(const fs::path& path) { ::unlink(beside(path).c_str()); }
-
-void put_in_place(const fs::path& path) {
-  if (::rename(beside(path).c_str(), path.c_str()) != 0) fail(path, errno);
 }
 
 std::string content_of(const fs::path& path) {
@@ -77,7 +52,7 @@ std::string content_of(const fs::path& path) {
 
 }  // namespace
 
-SourceTree::SourceTree(const fs::path& root) {
+SourceTree::SourceTree(const fs::path& root, FileHook hook) : hook_(std::move(hook)) {
   std::error_code error;
   require(fs::is_directory(root, error), root.string() + ": is not a folder; give that of the backbone's checkout");
   root_ = fs::canonical(root);
@@ -112,62 +87,166 @@ void SourceTree::require_writable(const std::string& file) const {
           file + ": its folder is read-only: allow writing with chmod u+w " + path.parent_path().string());
 }
 
-void SourceTree::commit(const std::vector<FileChange>& changes, const CommitObserver& observer) const {
+int SourceTree::begin(FileOperation operation, const fs::path& path) const {
+  return hook_ ? hook_(operation, path) : 0;
+}
+
+int SourceTree::make_folder(const fs::path& folder) const {
+  if (const int error = begin(FileOperation::make_folder, folder)) return error;
+  return ::mkdir(folder.c_str(), 0777) == 0 ? 0 : errno;
+}
+
+int SourceTree::write(const fs::path& path, const std::string& content, unsigned mode) const {
+  if (const int error = begin(FileOperation::create, path)) return error;
+  const int descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
+  if (descriptor < 0) return errno;
+  int error = begin(FileOperation::write, path);
+  for (std::size_t at = 0; at < content.size() && error == 0;) {
+    const ssize_t written = ::write(descriptor, content.data() + at, content.size() - at);
+    if (written >= 0) {
+      at += static_cast<std::size_t>(written);
+    } else if (errno != EINTR) {
+      error = errno;
+    }
+  }
+  if (error == 0 && ::fchmod(descriptor, mode) != 0) error = errno;
+  if (error == 0 && ::fsync(descriptor) != 0 && errno != EINVAL && errno != ENOTSUP) error = errno;
+  if (::close(descriptor) != 0 && error == 0) error = errno;
+  return error;
+}
+
+int SourceTree::rename(const fs::path& from, const fs::path& to) const {
+  if (const int error = begin(FileOperation::rename, to)) return error;
+  return ::rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
+}
+
+int SourceTree::remove(const fs::path& path) const {
+  struct stat status {};
+  if (::lstat(path.c_str(), &status) != 0) return 0;
+  if (const int error = begin(FileOperation::remove, path)) return error;
+  return ::unlink(path.c_str()) == 0 || errno == ENOENT ? 0 : errno;
+}
+
+int SourceTree::remove_folder_if_empty(const fs::path& folder) const {
+  std::error_code error;
+  if (!fs::is_empty(folder, error) || error) return 0;  // somebody keeps something there, or it is gone
+  if (const int refused = begin(FileOperation::remove_folder, folder)) return refused;
+  return ::rmdir(folder.c_str()) == 0 || errno == ENOTEMPTY || errno == EEXIST || errno == ENOENT ? 0 : errno;
+}
+
+void SourceTree::commit(const Transaction& transaction) const {
   struct Step {
     fs::path path;
     std::string old_content;
   };
   std::vector<Step> steps;
-  for (const FileChange& change : changes) {
+  for (const FileChange& change : transaction.changes) {
     require_writable(change.file);
     const fs::path path = resolve(change.file);
     for (const Step& step : steps) require(step.path != path, change.file + ": two names of one file");
     steps.push_back({path, content_of(path)});
   }
-  std::size_t staged = 0, renamed = 0;
+  const fs::path record = resolve(transaction.record);
+  const fs::path folder = record.parent_path();
+  const std::optional<std::string> old_record = read(transaction.record);
+
+  std::vector<fs::path> staged;  // also those that were begun only
+  const auto stage = [&](const fs::path& path, const char* ending, const std::string& content) {
+    staged.push_back(beside(path, ending));
+    if (const int error = write(staged.back(), content, mode_of(path))) fail(path, error);
+  };
+  const auto put = [&](const fs::path& path, const char* ending) {
+    if (const int error = rename(beside(path, ending), path)) fail(path, error);
+  };
+  bool recorded = false;
+  std::size_t renamed = 0;
+  /// @return whether the tree is as it was
+  const auto go_back = [&] {
+    bool whole = true;
+    for (std::size_t i = 0; i < renamed; ++i) whole = rename(beside(steps[i].path, kOld), steps[i].path) == 0 && whole;
+    if (!whole) return false;  // the record stays, for revert
+    // The record goes last, so that whatever is left beside a file has one.
+    const fs::path old_record_file = beside(record, kOld);
+    for (const fs::path& path : staged) {
+      if (path != old_record_file || !recorded) whole = remove(path) == 0 && whole;
+    }
+    if (!whole) return false;
+    if (recorded) whole = old_record ? rename(old_record_file, record) == 0 : remove(record) == 0;
+    return whole && remove_folder_if_empty(folder) == 0;
+  };
   try {
-    for (; staged < steps.size(); ++staged) stage(steps[staged].path, changes[staged].content.value());
-    for (; renamed < steps.size(); ++renamed) {
-      if (observer) observer(changes[renamed].file);
-      put_in_place(steps[renamed].path);
-    }
-  } catch (...) {
-    for (std::size_t i = renamed; i < staged; ++i) unstage(steps[i].path);
-    for (std::size_t i = 0; i < renamed; ++i) {
-      stage(steps[i].path, steps[i].old_content);
-      put_in_place(steps[i].path);
-    }
-    throw;
-  }
-  for (const Step& step : steps) sync_folder(step.path.parent_path());
-}
-
-void SourceTree::commit_record(const FileChange& change) const {
-  const fs::path path = resolve(change.file);
-  const fs::path folder = path.parent_path();
-  std::error_code error;
-  if (change.content) {
-    const bool made = fs::create_directory(folder, error);
-    if (error) fail(folder, error.value());
-    try {
-      stage(path, *change.content);
-      put_in_place(path);
-    } catch (...) {
-      unstage(path);
-      if (made) fs::remove(folder, error);
-      throw;
-    }
+    if (const int error = make_folder(folder); error != 0 && error != EEXIST) fail(folder, error);
+    if (old_record) stage(record, kOld, *old_record);
+    stage(record, kNew, transaction.under_way);
+    put(record, kNew);
+    recorded = true;
     sync_folder(folder);
-  } else {
-    unstage(path);
-    if (::unlink(path.c_str()) != 0 && errno != ENOENT) fail(path, errno);
-    fs::remove(folder, error);  // fails where somebody keeps something there
+    sync_folder(folder.parent_path());
+    for (std::size_t i = 0; i < steps.size(); ++i) {
+      stage(steps[i].path, kOld, steps[i].old_content);
+      stage(steps[i].path, kNew, transaction.changes[i].content);
+    }
+    if (transaction.afterwards) stage(record, kNew, *transaction.afterwards);
+    for (; renamed < steps.size(); ++renamed) put(steps[renamed].path, kNew);
+    for (const Step& step : steps) sync_folder(step.path.parent_path());
+    if (transaction.afterwards) put(record, kNew);
+  } catch (const std::exception& error) {
+    if (go_back()) throw;
+    throw WriteError(std::string(error.what()) +
+                     "; nor could what was begun be undone: splatboost patch revert PATH mends it");
   }
-  sync_folder(folder.parent_path());
+  // All is in place; the rest is clearing up.
+  for (const fs::path& path : staged) {
+    if (const int error = remove(path)) {
+      throw WriteError(path.string() + ": cannot be removed: " + std::strerror(error) +
+                       "; all else is done, the same command again removes it");
+    }
+  }
+  if (!transaction.afterwards) remove_record(transaction.record);
+  sync_folder(folder);
 }
 
-void SourceTree::remove_leftovers(const std::vector<std::string>& files) const {
-  for (const std::string& file : files) unstage(resolve(file));
+void SourceTree::remove_record(const std::string& record) const {
+  const fs::path path = resolve(record);
+  int error = remove(path);
+  if (error == 0) error = remove_folder_if_empty(path.parent_path());
+  if (error != 0) {
+    throw WriteError(record + ": cannot be removed: " + std::strerror(error) +
+                     "; all else is done, the same command again removes it");
+  }
+  sync_folder(path.parent_path().parent_path());
+}
+
+std::vector<std::string> SourceTree::leftovers(const std::vector<std::string>& files, const std::string& record) const {
+  std::vector<std::string> names;
+  const auto look_beside = [&](const std::string& file) {
+    for (const char* ending : {kNew, kOld}) {
+      std::error_code error;
+      const fs::path path = beside(resolve(file), ending);
+      if (fs::exists(fs::symlink_status(path, error))) names.push_back(path.lexically_relative(root_).string());
+    }
+  };
+  for (const std::string& file : files) look_beside(file);
+  look_beside(record);
+  std::error_code error;
+  const fs::path folder = resolve(record).parent_path();
+  const auto inside = std::distance(fs::directory_iterator(folder, error), fs::directory_iterator());
+  if (!error && inside == std::count_if(names.begin(), names.end(), [&](const std::string& name) {
+                  return (root_ / name).parent_path() == folder;
+                })) {
+    names.push_back(folder.lexically_relative(root_).string());
+  }
+  return names;
+}
+
+void SourceTree::remove_leftovers(const std::vector<std::string>& leftovers) const {
+  for (const std::string& name : leftovers) {
+    const fs::path path = root_ / name;
+    if (const int error = fs::is_directory(path) ? remove_folder_if_empty(path) : remove(path)) {
+      throw WriteError(name + ": cannot be removed: " + std::strerror(error) +
+                       "; an interrupted command left it, splatboost patch revert PATH removes it");
+    }
+  }
 }
 
 }  // namespace splatboost::patch

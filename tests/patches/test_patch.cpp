@@ -3,11 +3,8 @@
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <csignal>
-#include <stdexcept>
 
 #include "miniature.h"
 
@@ -207,19 +204,6 @@ TEST(Patch, MissingTreesAreTold) {
   expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "not patched");
 }
 
-TEST(Patch, AFailureBetweenTwoFilesLeavesNothing) {
-  const Miniature mini;
-  const CommitObserver fail_at_second = [](const std::string& file) {
-    if (file == "scene/model.py") throw std::runtime_error("pulled out");
-  };
-  EXPECT_THROW(apply(mini.recipe(), SourceTree(mini.tree()), Writing::write, fail_at_second), std::runtime_error);
-  mini.expect_pristine();
-  apply_to(mini);
-  EXPECT_THROW(revert(SourceTree(mini.tree()), Writing::write, fail_at_second), std::runtime_error);
-  expect_patched(mini);
-  (void)verify(SourceTree(mini.tree()));
-}
-
 TEST(Patch, AFullDiskLeavesNothing) {
   const Miniature mini;
   const std::string large = kTrain + "# " + std::string(200'000, 'x') + "\n";
@@ -235,56 +219,6 @@ TEST(Patch, AFullDiskLeavesNothing) {
   expect_contains(line, "train.py: cannot be written: File too large");
   write_file(mini.tree() / "train.py", replaced(mini.train(), large, kTrain));
   mini.expect_pristine();
-}
-
-/// Runs `action` in a process that ends, as by a power cut, before the rename of the n-th file.
-template <class Action>
-void cut_before(int n, Action&& action) {
-  const pid_t child = fork();
-  if (child == 0) {
-    int renames = 0;
-    action([&](const std::string&) {
-      if (renames++ == n) _exit(9);
-    });
-    _exit(0);
-  }
-  int status = 0;
-  ASSERT_EQ(waitpid(child, &status, 0), child);
-  ASSERT_EQ(WEXITSTATUS(status), 9);
-}
-
-TEST(Patch, APowerCutDuringApplyIsToldAndMended) {
-  for (const int renamed : {0, 1}) {
-    const Miniature mini;
-    cut_before(renamed, [&](const CommitObserver& observer) {
-      apply(mini.recipe(), SourceTree(mini.tree()), Writing::write, observer);
-    });
-    EXPECT_EQ(mini.train(), renamed == 1 ? kPatchedTrain : kTrain);
-    EXPECT_EQ(mini.model(), kModel);
-    expect_contains(error_of([&] { apply_to(mini); }), "interrupted");
-    expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "splatboost patch revert");
-    revert_of(mini);
-    mini.expect_pristine();
-    apply_to(mini);
-    expect_patched(mini);
-  }
-}
-
-TEST(Patch, APowerCutDuringRevertIsToldAndMended) {
-  for (const int renamed : {0, 1}) {
-    const Miniature mini;
-    apply_to(mini);
-    // Edited besides, so that neither hash of the manifest is that of the file.
-    write_file(mini.tree() / "train.py", "# mine\n" + kPatchedTrain);
-    cut_before(renamed,
-               [&](const CommitObserver& observer) { revert(SourceTree(mini.tree()), Writing::write, observer); });
-    EXPECT_EQ(mini.train(), "# mine\n" + (renamed == 1 ? kTrain : kPatchedTrain));
-    expect_contains(error_of([&] { apply_to(mini); }), "interrupted");
-    revert_of(mini);
-    EXPECT_EQ(mini.train(), "# mine\n" + kTrain);
-    write_file(mini.tree() / "train.py", kTrain);
-    mini.expect_pristine();
-  }
 }
 
 }  // namespace

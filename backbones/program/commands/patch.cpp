@@ -62,6 +62,8 @@ struct Patch {
       if (verify->parsed()) return run_verify();
       if (status->parsed()) return run_status();
       if (revert->parsed()) return run_revert();
+    } catch (const patch::WriteError&) {
+      throw;  // a failure, no mistake of the user's
     } catch (const patch::PatchError& error) {
       throw InputError(error.what());
     }
@@ -138,6 +140,10 @@ struct Patch {
     std::printf("%s: the patch of %s (layout %s) is in place, %s\n", path.c_str(), outcome.recipe.c_str(),
                 outcome.layout.c_str(), size_of(outcome).c_str());
     print_edited(outcome);
+    if (!outcome.leftovers.empty()) {
+      std::printf("an interrupted command left %s: splatboost patch apply %s %s removes it\n",
+                  list_of(outcome.leftovers).c_str(), outcome.recipe.c_str(), path.c_str());
+    }
     return 0;
   }
 
@@ -147,6 +153,12 @@ struct Patch {
       if (manifest->state == patch::State::applied) return run_verify();
       std::printf("%s: half patched with %s, which was interrupted: splatboost patch revert %s mends it\n",
                   path.c_str(), manifest->recipe.c_str(), path.c_str());
+      return 0;
+    }
+    const std::vector<std::string> left = patch::leftovers(tree, std::nullopt);
+    if (!left.empty()) {
+      std::printf("%s: not patched, but an interrupted command left %s: splatboost patch revert %s removes it\n",
+                  path.c_str(), list_of(left).c_str(), path.c_str());
       return 0;
     }
     const fs::path folder = recipe_folder();
@@ -174,7 +186,11 @@ struct Patch {
     const patch::Outcome outcome =
         patch::revert(patch::SourceTree(path), dry_run ? patch::Writing::dry_run : patch::Writing::write);
     if (outcome.nothing_to_do) {
-      if (!dry_run) std::printf("%s: not patched\n", path.c_str());
+      if (!dry_run && outcome.leftovers.empty()) std::printf("%s: not patched\n", path.c_str());
+      if (!dry_run && !outcome.leftovers.empty()) {
+        std::printf("%s: not patched; removed %s, which an interrupted command left\n", path.c_str(),
+                    list_of(outcome.leftovers).c_str());
+      }
     } else if (dry_run) {
       std::fputs(outcome.diff.c_str(), stdout);
     } else {

@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Errors of the disk and power cuts at each operation of apply and revert in turn.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+
+#include "miniature.h"
+#include "tool/patch.h"
+
+namespace splatboost::patch::test {
+namespace {
+
+constexpr int kMost = 200;  // more operations than any command here makes
+constexpr int kCut = 9;
+
+enum class Fault {
+  once,       ///< one operation fails
+  full_disk,  ///< from one on, all that need space fail
+  dead_disk,  ///< from one on, all fail
+  power_cut   ///< the process ends before one
+};
+constexpr Fault kFaults[] = {Fault::once, Fault::full_disk, Fault::dead_disk, Fault::power_cut};
+constexpr const char* kNames[] = {"once", "full disk", "dead disk", "power cut"};
+
+/// Hundreds of trees that are synced to disk again and again: in memory where there is such a folder.
+class Faults : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    if (::access("/dev/shm", W_OK) == 0) ::setenv("TMPDIR", "/dev/shm", 0);
+  }
+};
+
+bool needs_space(FileOperation operation) {
+  return operation == FileOperation::make_folder || operation == FileOperation::create ||
+         operation == FileOperation::write;
+}
+
+/// Lets the n-th operation fail. @param hit is set where there were so many
+FileHook hook_of(Fault fault, int n, bool& hit) {
+  return [fault, n, &hit, i = 0](FileOperation operation, const std::filesystem::path&) mutable {
+    const int now = i++;
+    if (now < n || (fault == Fault::once && now > n)) return 0;
+    if (fault == Fault::full_disk) {
+      hit = hit || needs_space(operation);
+      return needs_space(operation) ? ENOSPC : 0;
+    }
+    hit = true;
+    if (fault == Fault::power_cut) _exit(kCut);
+    return EIO;
+  };
+}
+
+Outcome apply_to(const Miniature& mini, FileHook hook = {}) {
+  return apply(mini.recipe(), SourceTree(mini.tree(), std::move(hook)), Writing::write);
+}
+Outcome revert_of(const Miniature& mini, FileHook hook = {}) {
+  return revert(SourceTree(mini.tree(), std::move(hook)), Writing::write);
+}
+
+/// What command(hook) said, empty where it succeeded. @return whether the fault happened
+template <class Command>
+bool strike(Fault fault, int n, std::string& said, Command&& command) {
+  bool hit = false;
+  const auto run = [&] {
+    try {
+      command(hook_of(fault, n, hit));
+    } catch (const WriteError& error) {
+      said = error.what();
+      EXPECT_EQ(said.find('\n'), std::string::npos) << said;
+      EXPECT_NE(said.find(": "), std::string::npos) << said;
+    }
+  };
+  if (fault != Fault::power_cut) {
+    run();
+    return hit;
+  }
+  const pid_t child = fork();
+  if (child == 0) {
+    run();
+    _exit(0);
+  }
+  int status = 0;
+  EXPECT_EQ(waitpid(child, &status, 0), child);
+  return WEXITSTATUS(status) == kCut;
+}
+
+std::size_t files_in(const std::filesystem::path& folder) {
+  std::size_t files = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) files += entry.is_regular_file();
+  return files;
+}
+
+bool is_pristine(const Miniature& mini) {
+  return mini.train() == kTrain && mini.model() == kModel && files_in(mini.tree()) == 2 && !mini.has_manifest();
+}
+
+/// Patched, with nothing else in the tree.
+bool is_patched(const Miniature& mini) {
+  const std::optional<Manifest> manifest = read_manifest(SourceTree(mini.tree()));
+  return manifest && manifest->state == State::applied && mini.train() == kPatchedTrain &&
+         mini.model() == kPatchedModel && files_in(mini.tree()) == 3;
+}
+
+/// Each file as before or as after, and what is under way or left is found.
+void expect_whole_and_told(const Miniature& mini) {
+  EXPECT_TRUE(mini.train() == kTrain || mini.train() == kPatchedTrain);
+  EXPECT_TRUE(mini.model() == kModel || mini.model() == kPatchedModel);
+  if (is_pristine(mini) || is_patched(mini)) return;
+  const SourceTree tree(mini.tree());
+  const std::optional<Manifest> manifest = read_manifest(tree);
+  EXPECT_TRUE((manifest && manifest->state != State::applied) || !leftovers(tree, manifest).empty());
+}
+
+TEST_F(Faults, OfApplyLeaveFilesWholeAreToldAndMended) {
+  for (const Fault fault : kFaults) {
+    int n = 0;
+    for (; n < kMost; ++n) {
+      SCOPED_TRACE(std::string(kNames[static_cast<int>(fault)]) + " at " + std::to_string(n));
+      const Miniature mini;
+      std::string said;
+      if (!strike(fault, n, said, [&](FileHook hook) { apply_to(mini, std::move(hook)); })) {
+        EXPECT_EQ(said, "");
+        break;
+      }
+      expect_whole_and_told(mini);
+      if (fault != Fault::power_cut) {
+        ASSERT_NE(said, "");
+        expect_contains(said, std::strerror(fault == Fault::full_disk ? ENOSPC : EIO));
+      }
+      // Going back needs no space.
+      EXPECT_TRUE(fault != Fault::full_disk || is_pristine(mini));
+      // One error is taken back, unless it hits what is cleared up when all is done.
+      if (fault == Fault::once && !is_pristine(mini)) {
+        const std::optional<Manifest> manifest = read_manifest(SourceTree(mini.tree()));
+        ASSERT_TRUE(manifest.has_value());
+        EXPECT_TRUE(manifest->state == State::applied) << said;
+        expect_contains(said, "the same command again removes it");
+        apply_to(mini);
+        EXPECT_TRUE(is_patched(mini));
+      }
+      revert_of(mini);
+      EXPECT_TRUE(is_pristine(mini));
+      apply_to(mini);
+      EXPECT_TRUE(is_patched(mini));
+    }
+    EXPECT_GT(n, 10);
+    EXPECT_LT(n, kMost);
+  }
+}
+
+TEST_F(Faults, OfRevertLeaveFilesWholeAreToldAndMended) {
+  for (const Fault fault : kFaults) {
+    int n = 0;
+    for (; n < kMost; ++n) {
+      SCOPED_TRACE(std::string(kNames[static_cast<int>(fault)]) + " at " + std::to_string(n));
+      const Miniature mini;
+      apply_to(mini);
+      std::string said;
+      if (!strike(fault, n, said, [&](FileHook hook) { revert_of(mini, std::move(hook)); })) {
+        EXPECT_EQ(said, "");
+        EXPECT_TRUE(is_pristine(mini) || fault == Fault::power_cut);
+        break;
+      }
+      expect_whole_and_told(mini);
+      EXPECT_TRUE(fault != Fault::full_disk || is_patched(mini));
+      if (fault == Fault::once && !is_patched(mini)) expect_contains(said, "the same command again removes it");
+      revert_of(mini);
+      EXPECT_TRUE(is_pristine(mini));
+    }
+    EXPECT_GT(n, 10);
+    EXPECT_LT(n, kMost);
+  }
+}
+
+TEST_F(Faults, ARevertOfAnInterruptedApplyMayBeInterruptedToo) {
+  for (int first = 0; first < kMost; ++first) {
+    for (int second = 0; second < kMost; ++second) {
+      SCOPED_TRACE(std::to_string(first) + ", " + std::to_string(second));
+      const Miniature mini;
+      std::string said;
+      if (!strike(Fault::power_cut, first, said, [&](FileHook hook) { apply_to(mini, std::move(hook)); })) return;
+      const bool cut = strike(Fault::power_cut, second, said, [&](FileHook hook) { revert_of(mini, std::move(hook)); });
+      expect_whole_and_told(mini);
+      revert_of(mini);
+      ASSERT_TRUE(is_pristine(mini));
+      if (!cut) break;
+    }
+  }
+}
+
+TEST_F(Faults, InterruptedCommandsAreNotGoneOnWith) {
+  const Miniature mini;
+  std::string said;
+  int renames = 0;
+  const pid_t child = fork();
+  if (child == 0) {
+    apply_to(mini, [&](FileOperation operation, const std::filesystem::path&) {
+      if (operation == FileOperation::rename && renames++ == 2) _exit(kCut);  // after the record and train.py
+      return 0;
+    });
+    _exit(0);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  EXPECT_EQ(mini.train(), kPatchedTrain);
+  EXPECT_EQ(mini.model(), kModel);
+  expect_contains(error_of([&] { apply_to(mini); }), "interrupted");
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "splatboost patch revert");
+  // The user goes on editing meanwhile; that stays.
+  write_file(mini.tree() / "train.py", "# mine\n" + kPatchedTrain);
+  revert_of(mini);
+  EXPECT_EQ(mini.train(), "# mine\n" + kTrain);
+  EXPECT_EQ(files_in(mini.tree()), 2u);
+}
+
+}  // namespace
+}  // namespace splatboost::patch::test
