@@ -4,6 +4,7 @@
 #include <map>
 #include <utility>
 
+#include "tool/fit.h"
 #include "tool/patch_error.h"
 #include "tool/sha256.h"
 
@@ -66,13 +67,32 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
   std::vector<std::string> files;                                    // in the order of their first edit
   std::map<std::string, std::pair<std::string, std::string>> texts;  // before, after
   std::map<std::string, std::vector<Change>> changes;
-  for (const Edit& edit : recipe.edits_of(layout.name)) {
+  const std::vector<Edit> edits = recipe.edits_of(layout.name);
+  for (const Edit& edit : edits) {
     if (!texts.contains(edit.file)) {
       const std::string text = content_of(tree, edit.file);
       texts[edit.file] = {text, text};
       files.push_back(edit.file);
     }
-    changes[edit.file].push_back(apply_edit(texts[edit.file].second, edit));
+    auto& [before, after] = texts[edit.file];
+    try {
+      changes[edit.file].push_back(apply_edit(after, edit));
+    } catch (const PatchError&) {
+      std::string found = before;
+      apply_edit(found, edit);  // to tell lines of the user's file, not of the half edited one
+      throw;
+    }
+  }
+  for (const Need& need : recipe.needs_of(layout.name)) {
+    const auto edited = texts.find(need.file);
+    const std::string wrong = unmet(need, edited != texts.end() ? edited->second.first : content_of(tree, need.file));
+    require(wrong.empty(), need.file + ": " + wrong + " (" + need.why + "); " + kForkAdvice);
+  }
+  std::map<std::string, std::size_t> made;  // of each file's changes, those looked at
+  for (const Edit& edit : edits) {
+    const auto& [before, after] = texts[edit.file];
+    const std::string wrong = unknown_name(edit, changes[edit.file][made[edit.file]++], before, after);
+    require(wrong.empty(), edit.file + ": " + wrong + "; " + kForkAdvice);
   }
   Outcome outcome;
   outcome.recipe = recipe.name;

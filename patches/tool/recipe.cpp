@@ -69,6 +69,15 @@ class Fields {
     require(inside, name(key) + ": '" + path + "' must be a plain path within the tree");
     return path;
   }
+  /// Names of layouts under "layouts".
+  std::vector<std::string> layouts(const std::vector<Layout>& known) {
+    const std::vector<std::string> names = texts("layouts");
+    for (const std::string& one : names) {
+      require(std::any_of(known.begin(), known.end(), [&](const Layout& layout) { return layout.name == one; }),
+              name("layouts") + ": there is no layout '" + one + "'");
+    }
+    return names;
+  }
   std::string name(const std::string& key) const { return place_ + ": " + key; }
 
  private:
@@ -111,7 +120,7 @@ Edit read_edit(Fields fields, const std::vector<Layout>& layouts) {
   edit.indent = fields.whole("indent", 0, 0);
   edit.count = fields.whole("count", 1, 1);
   edit.why = fields.text("why");
-  if (fields.has("layouts")) edit.layouts = fields.texts("layouts");
+  if (fields.has("layouts")) edit.layouts = fields.layouts(layouts);
   fields.close();
 
   require(one_line(edit.anchor), fields.name("anchor") + " must be of one line");
@@ -122,21 +131,34 @@ Edit read_edit(Fields fields, const std::vector<Layout>& layouts) {
           fields.name("snippet") + " must be one piece of a line where the place is 'replace', without indent");
   require(edit.place == Place::replace || edit.count == 1,
           fields.name("count") + " may exceed 1 only where the place is 'replace'");
-  for (const std::string& name : edit.layouts) {
-    require(std::any_of(layouts.begin(), layouts.end(), [&](const Layout& layout) { return layout.name == name; }),
-            fields.name("layouts") + ": there is no layout '" + name + "'");
-  }
   return edit;
+}
+
+Need read_need(Fields fields, const std::vector<Layout>& layouts) {
+  Need need;
+  need.file = fields.file("file");
+  need.kind = fields.has("call") ? Need::Kind::call : Need::Kind::function;
+  need.name = fields.text(need.kind == Need::Kind::call ? "call" : "def");
+  if (fields.has("keywords")) need.keywords = fields.texts("keywords");
+  if (need.kind == Need::Kind::function) {
+    need.parameters = fields.texts("parameters");
+  } else {
+    need.arguments = fields.whole("arguments", -1, 0);
+    need.results = fields.whole("results", -1, 1);
+    require(need.arguments >= 0 || need.results >= 0 || !need.keywords.empty(),
+            fields.name("call") + " needs arguments, keywords or results");
+  }
+  need.why = fields.text("why");
+  if (fields.has("layouts")) need.layouts = fields.layouts(layouts);
+  fields.close();
+  return need;
 }
 
 /// Why a tree is not of this layout; empty if it is.
 std::string misses(const Layout& layout, const FileReader& read) {
   for (const Sign& sign : layout.signs) {
-    const std::optional<std::string> text = read(sign.file);
-    if (!text) return "there is no " + sign.file;
-    if ((text->find(sign.text) != std::string::npos) != sign.present) {
-      return sign.file + (sign.present ? " lacks '" : " has '") + sign.text + "'";
-    }
+    const std::string missed = misses(sign, read(sign.file));
+    if (!missed.empty()) return missed;
   }
   return "";
 }
@@ -147,16 +169,26 @@ std::string list_of(const std::vector<std::string>& names) {
   return list;
 }
 
-}  // namespace
-
-std::vector<Edit> Recipe::edits_of(const std::string& layout) const {
-  std::vector<Edit> found;
-  for (const Edit& edit : edits) {
-    if (edit.layouts.empty() || std::find(edit.layouts.begin(), edit.layouts.end(), layout) != edit.layouts.end()) {
-      found.push_back(edit);
+template <class T>
+std::vector<T> of_layout(const std::vector<T>& all, const std::string& layout) {
+  std::vector<T> found;
+  for (const T& one : all) {
+    if (one.layouts.empty() || std::find(one.layouts.begin(), one.layouts.end(), layout) != one.layouts.end()) {
+      found.push_back(one);
     }
   }
   return found;
+}
+
+}  // namespace
+
+std::vector<Edit> Recipe::edits_of(const std::string& layout) const { return of_layout(edits, layout); }
+std::vector<Need> Recipe::needs_of(const std::string& layout) const { return of_layout(needs, layout); }
+
+std::string misses(const Sign& sign, const std::optional<std::string>& text) {
+  if (!text) return "there is no " + sign.file;
+  const bool found = !anchor_places(*text, sign.text, 1).empty();
+  return found == sign.present ? "" : sign.file + (sign.present ? " lacks '" : " has '") + sign.text + "'";
 }
 
 Recipe load_recipe(const fs::path& folder, const std::string& name) {
@@ -186,6 +218,9 @@ Recipe load_recipe(const fs::path& folder, const std::string& name) {
     option.close();
   });
   fields.each("edits", [&](Fields edit) { recipe.edits.push_back(read_edit(std::move(edit), recipe.layouts)); });
+  if (fields.has("needs")) {
+    fields.each("needs", [&](Fields need) { recipe.needs.push_back(read_need(std::move(need), recipe.layouts)); });
+  }
   fields.close();
   for (const Layout& layout : recipe.layouts) {
     require(!recipe.edits_of(layout.name).empty(), path.string() + ": layout '" + layout.name + "' has no edits");
@@ -213,7 +248,7 @@ const Layout& detect_layout(const Recipe& recipe, const FileReader& read) {
     nearest += (nearest.empty() ? "" : "; ") + ("not " + layout.name + ", since " + missed);
   }
   require(!found.empty(), "unknown layout of " + recipe.name + " (" + nearest + "): give the folder of a checkout of " +
-                              recipe.upstream);
+                              recipe.upstream + "; for a fork, splatboost patch doctor PATH shows what fits nearest");
   require(found.size() == 1, "the tree looks like two layouts of " + recipe.name + ", " + found[0]->name + " and " +
                                  found.back()->name + ": patch a fresh checkout");
   return *found[0];

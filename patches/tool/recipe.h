@@ -34,6 +34,20 @@ struct HostOption {
   std::string about;
 };
 
+/// What the snippets and their hooks rely on, besides the names that snippets use.
+struct Need {
+  enum class Kind { function, call };
+  std::string file;
+  Kind kind = Kind::function;
+  std::string name;                     ///< of the function, or what is called as it is written
+  std::vector<std::string> parameters;  ///< a function's first ones in order, "*" for any name; more must be optional
+  std::vector<std::string> keywords;    ///< a function: must know them; a call: takes these by name and nothing else
+  int arguments = -1;                   ///< of each call; -1: any number
+  int results = -1;                     ///< names that each call is assigned to; -1: any number
+  std::string why;
+  std::vector<std::string> layouts;  ///< names of the layouts it belongs to; empty: all
+};
+
 struct Recipe {
   std::string name;
   std::string title;
@@ -41,9 +55,11 @@ struct Recipe {
   std::vector<Layout> layouts;
   std::vector<HostOption> options;
   std::vector<Edit> edits;  ///< in the order they are made
-  std::string sha256;       ///< of the recipe file
+  std::vector<Need> needs;
+  std::string sha256;  ///< of the recipe file
 
   std::vector<Edit> edits_of(const std::string& layout) const;
+  std::vector<Need> needs_of(const std::string& layout) const;
 };
 
 /// Text of a file of a tree, by its path there; nullopt where there is none.
@@ -51,6 +67,9 @@ using FileReader = std::function<std::optional<std::string>(const std::string& f
 
 /// Reads and checks FOLDER/NAME/recipe.json. PatchError names the file and the key.
 Recipe load_recipe(const std::filesystem::path& folder, const std::string& name);
+
+/// Why a text misses a sign; empty if it does not. @param text nullopt: there is no such file
+std::string misses(const Sign& sign, const std::optional<std::string>& text);
 
 /// Names of the recipes in a folder, sorted.
 std::vector<std::string> recipe_names(const std::filesystem::path& folder);

@@ -2,6 +2,7 @@
 #include "tool/text_edit.h"
 
 #include <algorithm>
+#include <optional>
 #include <string_view>
 
 #include "tool/patch_error.h"
@@ -38,6 +39,12 @@ std::string line_numbers(const std::string& text, const std::vector<std::size_t>
   return numbers;
 }
 
+std::string line_numbers(const std::string& text, const std::vector<Match>& matches) {
+  std::vector<std::size_t> places;
+  for (const Match& match : matches) places.push_back(match.begin);
+  return line_numbers(text, places);
+}
+
 std::string times(int count) { return count == 1 ? "once" : std::to_string(count) + " times"; }
 
 std::string first_line(const std::string& text) {
@@ -54,26 +61,45 @@ std::string line_end(const std::string& text, std::size_t near) {
 
 }  // namespace
 
+std::string nearest_place(const std::string& text, const std::string& code) {
+  const PythonSource source(text);
+  const std::optional<std::size_t> nearest = nearest_statement(source, code);
+  if (!nearest) return "";
+  return "; nearest is line " + std::to_string(source.statements()[*nearest].line) + ": '" + source.show(*nearest) +
+         "'";
+}
+
+std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count) {
+  std::vector<Match> exact;
+  for (const std::size_t at : places_of(text, anchor)) exact.push_back({at, at + anchor.size()});
+  if (static_cast<int>(exact.size()) == count) return exact;
+  const std::vector<Match> matches = find_words(PythonSource(text), anchor);
+  return exact.empty() || static_cast<int>(matches.size()) == count ? matches : exact;
+}
+
 Change apply_edit(std::string& text, const Edit& edit) {
-  const std::vector<std::size_t> places = places_of(text, edit.anchor);
-  const std::string anchor = "'" + edit.anchor + "'";
-  require(!places.empty(), edit.file + ": " + anchor +
-                               " is missing: the file was changed where the patch edits it; put that back, or patch "
-                               "a fresh checkout");
-  require(static_cast<int>(places.size()) == edit.count,
-          edit.file + ": " + anchor + " stands on lines " + line_numbers(text, places) + ", expected " +
-              times(edit.count) + ": leave as many, or patch a fresh checkout");
+  const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count);
+  const std::string anchor = edit.file + ": '" + edit.anchor + "'";
+  require(!places.empty(), anchor + " is missing" + nearest_place(text, edit.anchor) + "; " + kForkAdvice);
+  require(static_cast<int>(places.size()) == edit.count, anchor + " stands on lines " + line_numbers(text, places) +
+                                                             ", expected " + times(edit.count) + "; " + kForkAdvice);
+  const PythonSource source(text);
+  const Statement statement = source.statements()[source.statement_at(places.front().begin)];
+  const std::size_t end = text.find('\n', std::max(statement.end, places.front().end));
 
   Change change;
   change.count = edit.count;
   if (edit.place == Place::replace) {
-    change.removed = edit.anchor;
+    change.removed = text.substr(places.front().begin, places.front().end - places.front().begin);
     change.added = edit.snippet.front();
+    for (const Match& place : places) {
+      require(text.compare(place.begin, place.end - place.begin, change.removed) == 0,
+              anchor + " is broken into lines in two ways on lines " + line_numbers(text, places) +
+                  ": write them alike, then patch");
+    }
   } else {
-    const std::size_t last = text.rfind('\n', places.front());
-    const std::size_t start = last == std::string::npos ? 0 : last + 1;
-    const std::size_t end = text.find('\n', places.front());
-    const std::string eol = line_end(text, places.front());
+    const std::size_t start = statement.begin;
+    const std::string eol = line_end(text, places.front().begin);
     std::string indent = text.substr(start, text.find_first_not_of(" \t", start) - start);
     const std::string_view level = indent.find('\t') != std::string::npos ? "\t" : kSpaces;
     for (int i = 0; i < edit.indent; ++i) indent += level;
@@ -87,12 +113,11 @@ Change apply_edit(std::string& text, const Edit& edit) {
               "' already: the tree is patched, but .splatboost/patch.json is gone; patch a fresh checkout");
 
   if (edit.place == Place::replace) {
-    for (auto at = places.rbegin(); at != places.rend(); ++at) text.replace(*at, edit.anchor.size(), change.added);
+    for (auto at = places.rbegin(); at != places.rend(); ++at)
+      text.replace(at->begin, at->end - at->begin, change.added);
   } else if (edit.place == Place::before) {
-    const std::size_t last = text.rfind('\n', places.front());
-    text.insert(last == std::string::npos ? 0 : last + 1, change.added);
+    text.insert(statement.begin, change.added);
   } else {
-    const std::size_t end = text.find('\n', places.front());
     text.insert(end == std::string::npos ? text.size() : end + 1, change.added);
   }
   return change;

@@ -5,15 +5,18 @@
 #include <string>
 #include <vector>
 
+#include "tool/python_source.h"
+
 namespace splatboost::patch {
 
 enum class Place {
-  before,  ///< lines above the line of the anchor
+  before,  ///< lines above the statement of the anchor
   after,   ///< lines below it
-  replace  ///< the anchor itself, within its line
+  replace  ///< the anchor itself, within its statement
 };
 
-/// An edit as a recipe tells it. The anchor is a piece of one line of the host's file.
+/// An edit as a recipe tells it. The anchor is a piece of one statement of the host's file; how its lines are broken
+/// does not count.
 struct Edit {
   std::string file;  ///< relative to the tree, '/' between folders
   std::string anchor;
@@ -33,6 +36,18 @@ struct Change {
 
   bool operator==(const Change&) const = default;
 };
+
+/// What a message about code that a recipe does not know ends with.
+inline constexpr const char* kForkAdvice =
+    "a fork needs a recipe of its own: splatboost patch doctor PATH shows what "
+    "else differs, docs/patching.md how to write one";
+
+/// The statement of a Python file that is most like a piece of code, as "; nearest is line 7: '…'"; else empty.
+std::string nearest_place(const std::string& text, const std::string& code);
+
+/// Where an anchor stands in a text: as it is written, else with other line breaks. @return places as often as wanted
+/// or, where it stands more or less often, those there are
+std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count);
 
 /// Makes an edit. Line ends, indentation and a missing last line end are as the file has them.
 /// @param text is changed; unless the anchor stands there as often as told, PatchError names file and anchor

@@ -21,6 +21,7 @@ using splatboost::test::write_file;
 
 inline const std::string kTrain =
     "from model import Model\n"
+    "import boost\n"
     "\n"
     "def training(options):\n"
     "    model = Model(options)\n"
@@ -32,6 +33,7 @@ inline const std::string kTrain =
     "        model.optimizer.zero_grad()\n";
 // No line end at the end, as upstream files have it.
 inline const std::string kModel =
+    "import hooks\n"
     "class Model:\n"
     "    def __init__(self, options):\n"
     "        self.options = options\n"
@@ -67,6 +69,7 @@ inline const std::string kRecipe = R"json({
 inline const std::string kPatchedTrain =
     "from model import Model\n"
     "import hooks\n"
+    "import boost\n"
     "\n"
     "def training(options):\n"
     "    model = Model(options)\n"

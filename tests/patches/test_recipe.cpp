@@ -37,6 +37,15 @@ TEST(Recipe, MistakesAreNamedWithTheirPlace) {
   expect_contains(error("[\"import hooks\"]", "[\"import\\nhooks\"]"), "edits[0]: snippet");
   expect_contains(error("[\"import hooks\"]", "[]"), "edits[0]: snippet");
   expect_contains(error("[\"import hooks\"]", "[\"import hooks\"], \"layouts\": [\"three\"]"), "no layout 'three'");
+  const auto need = [&](const std::string& keys) {
+    return error("\"edits\": [", "\"needs\": [{\"file\": \"train.py\", \"why\": \"x\", " + keys + "}], \"edits\": [");
+  };
+  expect_contains(need("\"def\": \"f\""), "needs[0]: 'parameters' is missing");
+  expect_contains(need("\"call\": \"f\""), "needs[0]: call needs arguments, keywords or results");
+  expect_contains(need("\"call\": \"f\", \"results\": 0"), "needs[0]: results must be a whole number from 1");
+  expect_contains(need("\"call\": \"f\", \"results\": 1, \"parameters\": []"), "needs[0]: unknown key 'parameters'");
+  expect_contains(need("\"call\": \"f\", \"results\": 1, \"layouts\": [\"three\"]"),
+                  "needs[0]: layouts: there is no layout");
   expect_contains(error("{", "["), "is not JSON");
 }
 

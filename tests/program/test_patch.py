@@ -105,6 +105,85 @@ def test_a_doubled_anchor_is_told_with_its_lines(host):
     assert "train.py: '# Optimizer step' stands on lines" in fails("apply", recipe, tree)
 
 
+#: fork → what is told of each of its changes
+FORK_MESSAGES = {
+    "pixel-gs": ["scene/gaussian_model.py: line 101: 'def add_densification_stats(self, on_screen, seen, covered):'",
+                 "train.py: line 35: 'gaussians.add_densification_stats("],
+    "deformable-3dgs": ["train.py: 'checkpoint_iterations', which the patch uses, is not defined in training(), line 12: "
+                        "'def training(dataset, opt, pipe):'",
+                        "gaussian_renderer/__init__.py: line 6: 'def render(cam, pc, pipe, bg_color, moved, turned, stretched):'",
+                        "no argument means2D_densify wanted", "2 results wanted"],
+    "absgs": ["gaussian_renderer/__init__.py: line 17: 'rendered_image, radii, weights = rasterizer(",
+              "(self, max_grad, min_opacity, extent, max_screen_size) wanted", "4 arguments wanted"],
+}
+
+
+@pytest.mark.parametrize("fork, only", [(fork, only) for fork, all_of_it in FORK_MESSAGES.items()
+                                        for only in [None, *range(len(all_of_it))]])
+def test_forks_that_only_look_like_3dgs_are_refused(tmp_path, fork, only):
+    tree = miniature_host.write_fork(tmp_path / "fork", fork, only)
+    before = files_of(tree)
+    line = fails("apply", "3dgs", tree)
+    if only is None:
+        assert any(message in line for message in FORK_MESSAGES[fork])
+    else:
+        assert FORK_MESSAGES[fork][only] in line
+    # What to do is never to undo the fork.
+    assert "a fork needs a recipe of its own: splatboost patch doctor PATH" in line
+    assert "put" not in line.split("; ")[-1] and "fresh checkout" not in line
+    assert files_of(tree) == before
+    assert "3dgs would fit, but" in run_well("patch", "status", tree).stdout
+
+
+def test_a_formatters_line_breaks_do_not_matter(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "host", "3dgs-2023")
+    changes = [
+        ("train.py", "if iteration > opt.densify_from_iter and iteration % opt.densification_interval == 0:",
+         """if (
+                    iteration > opt.densify_from_iter
+                    and iteration % opt.densification_interval == 0
+                ):"""),
+        ("gaussian_renderer/__init__.py", "rasterizer = GaussianRasterizer(view)", """rasterizer = GaussianRasterizer(
+        view,  # (made above
+    )"""),
+        ("render.py", "scene = Scene(dataset, gaussians, load_iteration=1, shuffle=False)", """scene = Scene(
+            dataset,
+            gaussians,
+            load_iteration=1,
+            shuffle=False,
+        )"""),
+        ("train.py", "from arguments import ModelParams, OptimizationParams", """from arguments import ModelParams, \\
+    OptimizationParams"""),
+    ]
+    for file, what, by in changes:
+        text = (tree / file).read_text()
+        assert what in text
+        (tree / file).write_text(text.replace(what, by))
+    before = files_of(tree)
+    run_well("patch", "apply", "3dgs", tree)
+    for path in tree.rglob("*.py"):
+        compile(path.read_text(), str(path), "exec")
+    assert "if (\n                    boost.grows()\n                ):" in (tree / "train.py").read_text()
+    run_well("patch", "verify", tree)
+    run_well("patch", "revert", tree)
+    assert files_of(tree) == before
+
+
+def test_what_an_interrupted_command_left_is_told_and_removed(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "host", "3dgs-2023")
+    before = files_of(tree)
+    (tree / ".splatboost").mkdir()
+    (tree / ".splatboost/patch.json.splatboost-new").write_text("{")
+    assert "patch revert" in run_well("patch", "status", tree).stdout
+    assert "removed .splatboost/patch.json.splatboost-new" in run_well("patch", "revert", tree).stdout
+    assert files_of(tree) == before and not (tree / ".splatboost").exists()
+    run_well("patch", "apply", "3dgs", tree)
+    (tree / "train.py.splatboost-old").write_text("")
+    assert "left train.py.splatboost-old" in run_well("patch", "status", tree).stdout
+    run_well("patch", "apply", "3dgs", tree)
+    assert not (tree / "train.py.splatboost-old").exists()
+
+
 def test_mistakes(tmp_path):
     assert "there are: list, show" in fails()
     assert "did you mean apply?" in fails("aply")

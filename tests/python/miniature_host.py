@@ -45,13 +45,13 @@ class OptimizationParams(Options):
 RENDERER = '''
 import math
 import torch
-from diff_gaussian_rasterization import GaussianRasterizer, GaussianRasterizationSettings as Settings
+from diff_gaussian_rasterization import GaussianRasterizer, GaussianRasterizationSettings
 
 def render(cam, pc, pipe, bg_color@SIGNATURE@):
     on_screen = torch.zeros_like(pc.get_xyz, requires_grad=True, device="cuda") * 1.0  # no leaf, as in the hosts
     if torch.is_grad_enabled():
         on_screen.retain_grad()
-    view = Settings(
+    view = GaussianRasterizationSettings(
         image_height=cam.height, image_width=cam.width, tanfovx=cam.tanfovx, tanfovy=cam.tanfovy, bg=bg_color,
         scale_modifier=1.0, viewmatrix=cam.view, projmatrix=cam.full, sh_degree=pc.active_sh_degree, campos=cam.centre,
         prefiltered=False, debug=False@SETTINGS@)
@@ -356,6 +356,44 @@ def parts(layout):
                      DROPOUT=lines(4, "if is_train:", "    drop_rate = 0.2 * (iteration / 10000)",
                                    '    opacity = opacity * torch.nn.Dropout(drop_rate)(torch.ones_like(opacity))'))
     return found
+
+
+#: What forks of 3DGS changed where the recipe for it edits, in the shape of each: name → [(file, what, by)]. Every change
+#: alone makes the recipe unfit.
+FORKS = {
+    "pixel-gs": [
+        # Its statistics are weighted by the pixels that a Gaussian covers.
+        ("scene/gaussian_model.py", "def add_densification_stats(self, on_screen, seen):",
+         "def add_densification_stats(self, on_screen, seen, covered):"),
+        ("train.py", 'drawn["visibility_filter"])', 'drawn["visibility_filter"], drawn["covered"])'),
+    ],
+    "deformable-3dgs": [
+        # It writes no checkpoints, moves Gaussians by a net, and draws a depth beside the image.
+        ("train.py", "def training(dataset, opt, pipe, checkpoint_iterations):", "def training(dataset, opt, pipe):"),
+        ("gaussian_renderer/__init__.py", "def render(cam, pc, pipe, bg_color):",
+         "def render(cam, pc, pipe, bg_color, moved, turned, stretched):"),
+        ("gaussian_renderer/__init__.py", "means2D=on_screen,", "means2D=on_screen, means2D_densify=on_screen_too,"),
+        ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, depth = rasterizer("),
+    ],
+    "absgs": [
+        # A third result of the rasterizer, and a second threshold in the middle of the arguments.
+        ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, weights = rasterizer("),
+        ("scene/gaussian_model.py", "def densify_and_prune(self, max_grad, min_opacity, extent, max_screen_size):",
+         "def densify_and_prune(self, max_grad, max_grad_abs, min_opacity, extent, max_screen_size):"),
+        ("train.py", "gaussians.densify_and_prune(opt.densify_grad_threshold, 0.005,",
+         "gaussians.densify_and_prune(opt.densify_grad_threshold, opt.densify_abs_threshold, 0.005,"),
+    ],
+}
+
+
+def write_fork(folder, name, only=None):
+    """A fork of 3DGS as of 2023, with all its changes or one of them."""
+    folder = write_host(folder, "3dgs-2023")
+    for file, what, by in FORKS[name] if only is None else [FORKS[name][only]]:
+        text = (folder / file).read_text(encoding="utf-8")
+        assert text.count(what) == 1, (file, what)
+        (folder / file).write_text(text.replace(what, by), encoding="utf-8")
+    return folder
 
 
 def write_host(folder, layout):

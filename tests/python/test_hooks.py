@@ -161,6 +161,21 @@ def test_changed_densify_functions_are_noticed():
         boost._check_count(torch.arange(N + 1), "cloned")
 
 
+def test_off_passes_whatever_the_host_passes():
+    boost, calls = boost_of(on=False), []
+
+    def host(name):
+        def called(*given, **named):
+            calls.append((name, given, named))
+            return name
+        return called
+
+    for name in ("add_densification_stats", "densify_and_prune", "reset_opacity"):
+        setattr(boost.gaussians, name, host(name))
+        assert getattr(boost, name)(1, 2, 3, 4, 5, 6, seventh=7) == name
+        assert calls.pop() == (name, (1, 2, 3, 4, 5, 6), {"seventh": 7})
+
+
 def test_beta_stays_with_the_model_folder(tmp_path):
     model = types.SimpleNamespace()
     _drawing.load(model, str(tmp_path))

@@ -114,6 +114,12 @@ struct Patch {
                   edit.layouts.empty() ? "" : (" [" + list_of(edit.layouts) + "]").c_str(), edit.why.c_str());
       for (const std::string& line : edit.snippet) std::printf("      %s\n", line.c_str());
     }
+    if (!found.needs.empty()) std::printf("\nneeds\n");
+    for (const patch::Need& need : found.needs) {
+      std::printf("  %s, %s %s%s\n    %s\n", need.file.c_str(),
+                  need.kind == patch::Need::Kind::call ? "calls of" : "def", need.name.c_str(),
+                  need.layouts.empty() ? "" : (" [" + list_of(need.layouts) + "]").c_str(), need.why.c_str());
+    }
     return 0;
   }
 

@@ -82,11 +82,15 @@ class Boost:
 
     # --- what the host knows of its Gaussians
 
-    def add_densification_stats(self, viewspace_points: torch.Tensor, seen: torch.Tensor) -> None:
+    def add_densification_stats(self, *given: Any, **named: Any) -> Any:
+        """The arguments are the host's."""
+        result = self.gaussians.add_densification_stats(*given, **named)
+        if self.on:
+            self._gather(*given, **named)
+        return result
+
+    def _gather(self, viewspace_points: torch.Tensor, seen: torch.Tensor) -> None:
         """seen: bool [N], or indices of any shape, as the host has it."""
-        self.gaussians.add_densification_stats(viewspace_points, seen)
-        if not self.on:
-            return
         # By masks: picking rows by one would wait for a GPU to learn how many there are.
         if seen.dtype != torch.bool:
             none = torch.zeros((self._seen.shape[0],), dtype=torch.bool, device=seen.device)
@@ -127,12 +131,16 @@ class Boost:
         own = self.iteration > options.densify_from_iter and self.iteration % options.densification_interval == 0
         return self.adapter.grows_at(self.iteration, own) if self.on else own
 
-    def densify_and_prune(self, max_grad: float, min_opacity: float, extent: float, max_screen_size: Any,
-                          *radii: torch.Tensor) -> Any:
-        """The arguments are the host's; radii where it keeps them through growth."""
-        g = self.gaussians
+    def densify_and_prune(self, *given: Any, **named: Any) -> Any:
+        """The arguments are the host's."""
         if not self.on:
-            return g.densify_and_prune(max_grad, min_opacity, extent, max_screen_size, *radii)
+            return self.gaussians.densify_and_prune(*given, **named)
+        return self._densify_and_prune(*given, **named)
+
+    def _densify_and_prune(self, max_grad: float, min_opacity: float, extent: float, max_screen_size: Any,
+                           *radii: torch.Tensor) -> None:
+        """radii: where the host keeps them through growth."""
+        g = self.gaussians
         self._apply_gradients()
         n = g.get_xyz.shape[0]
         views = self._views()
@@ -158,7 +166,6 @@ class Boost:
         if radii:
             g.tmp_radii = None
         self._restart_statistics()
-        return None
 
     def _grow(self, clone: torch.Tensor, split: torch.Tensor, extent: float) -> torch.Tensor:
         """Lets the host clone and split these; returns which of the Gaussians before each is made from."""
@@ -219,12 +226,13 @@ class Boost:
     def _pruned(self) -> None:
         """For hosts that keep more a Gaussian than prune_points knows of."""
 
-    def reset_opacity(self) -> None:
+    def reset_opacity(self, *given: Any, **named: Any) -> Any:
+        """The arguments are the host's."""
         if self.on:
             if not self.adapter.resets_opacities_at(self.iteration, True):
-                return
+                return None
             self._apply_gradients()
-        self.gaussians.reset_opacity()
+        return self.gaussians.reset_opacity(*given, **named)
 
     # --- the optimizer
 

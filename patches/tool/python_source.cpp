@@ -1,0 +1,530 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tool/python_source.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <utility>
+
+namespace splatboost::patch {
+namespace {
+
+constexpr std::size_t kShown = 100;  // characters of a statement in a message
+constexpr double kLeastLikeness = 0.3;
+
+bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == '\f'; }
+bool is_word(char c) {
+  return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || (c & 0x80) != 0;
+}
+bool opens(char c) { return c == '(' || c == '[' || c == '{'; }
+bool closes(char c) { return c == ')' || c == ']' || c == '}'; }
+
+struct Token {
+  std::string_view text;
+  std::size_t at = 0;
+  bool word() const { return is_word(text.front()); }
+  bool name() const { return word() && (text.front() < '0' || text.front() > '9'); }
+};
+
+/// Words, and single characters of all else.
+std::vector<Token> tokens_of(std::string_view code) {
+  std::vector<Token> tokens;
+  for (std::size_t at = 0; at < code.size();) {
+    if (is_space(code[at]) || code[at] == '\\') {
+      ++at;
+      continue;
+    }
+    std::size_t end = at + 1;
+    if (is_word(code[at])) {
+      while (end < code.size() && is_word(code[end])) ++end;
+    }
+    tokens.push_back({code.substr(at, end - at), at});
+    at = end;
+  }
+  return tokens;
+}
+
+const std::set<std::string, std::less<>>& keywords() {
+  static const std::set<std::string, std::less<>> words{
+      "False", "None",     "True",  "and",    "as",   "assert", "async",  "await",    "break",
+      "class", "continue", "def",   "del",    "elif", "else",   "except", "finally",  "for",
+      "from",  "global",   "if",    "import", "in",   "is",     "lambda", "nonlocal", "not",
+      "or",    "pass",     "raise", "return", "try",  "while",  "with",   "yield"};
+  return words;
+}
+
+const std::set<std::string, std::less<>>& builtins() {
+  static const std::set<std::string, std::less<>> words{
+      "abs",   "all",        "any",   "bool",     "dict",  "enumerate", "float",    "getattr", "hasattr",
+      "int",   "isinstance", "len",   "list",     "map",   "max",       "min",      "next",    "object",
+      "print", "range",      "repr",  "reversed", "round", "self",      "set",      "setattr", "sorted",
+      "str",   "sum",        "super", "tuple",    "type",  "zip",       "__name__", "__file__"};
+  return words;
+}
+
+/// Pieces of `code` between commas outside brackets.
+std::vector<std::string_view> split(std::string_view code) {
+  std::vector<std::string_view> pieces;
+  int depth = 0;
+  std::size_t begin = 0;
+  bool lambda = false;
+  for (std::size_t at = 0; at <= code.size(); ++at) {
+    if (at == code.size() || (code[at] == ',' && depth == 0 && !lambda)) {
+      pieces.push_back(code.substr(begin, at - begin));
+      begin = at + 1;
+    } else if (opens(code[at])) {
+      ++depth;
+    } else if (closes(code[at])) {
+      --depth;
+    } else if (depth == 0 && code.substr(at, 6) == "lambda" && (at == 0 || !is_word(code[at - 1]))) {
+      lambda = true;  // its parameters are separated by commas too
+    } else if (depth == 0 && code[at] == ':') {
+      lambda = false;
+    }
+  }
+  std::erase_if(pieces, [](std::string_view piece) { return std::all_of(piece.begin(), piece.end(), is_space); });
+  return pieces;
+}
+
+std::string_view trimmed(std::string_view text) {
+  while (!text.empty() && is_space(text.front())) text.remove_prefix(1);
+  while (!text.empty() && is_space(text.back())) text.remove_suffix(1);
+  return text;
+}
+
+/// Where the bracket that opens at `open` closes; the end where it does not.
+std::size_t closing(std::string_view code, std::size_t open) {
+  int depth = 0;
+  for (std::size_t at = open; at < code.size(); ++at) {
+    if (opens(code[at])) ++depth;
+    if (closes(code[at]) && --depth == 0) return at;
+  }
+  return code.size();
+}
+
+/// Where a single '=' stands outside brackets, from `from`; npos where none does.
+std::size_t assignment(std::string_view code, std::size_t from = 0) {
+  int depth = 0;
+  for (std::size_t at = from; at < code.size(); ++at) {
+    if (opens(code[at])) ++depth;
+    if (closes(code[at])) --depth;
+    if (depth != 0 || code[at] != '=') continue;
+    if (at + 1 < code.size() && code[at + 1] == '=') {
+      ++at;
+      continue;
+    }
+    if (at > 0 && std::string_view("=!<>+-*/%&|^@:").find(code[at - 1]) != std::string_view::npos) continue;
+    return at;
+  }
+  return std::string_view::npos;
+}
+
+/// Names that assigning to this would set.
+void targets(std::string_view code, std::set<std::string, std::less<>>& names) {
+  const std::vector<Token> tokens = tokens_of(code);
+  int depth = 0;
+  for (std::size_t i = 0; i < tokens.size(); ++i) {
+    const bool attribute = i > 0 && tokens[i - 1].text == ".";
+    const bool part =
+        i + 1 < tokens.size() && (tokens[i + 1].text == "." || tokens[i + 1].text == "[" || tokens[i + 1].text == "(");
+    if (tokens[i].text == "[" && i > 0 && (tokens[i - 1].word() || closes(tokens[i - 1].text.front()))) ++depth;
+    if (tokens[i].text == "]" && depth > 0) --depth;
+    if (depth == 0 && tokens[i].text == ":") return;  // an annotation
+    if (depth == 0 && tokens[i].name() && !attribute && !part) names.insert(std::string(tokens[i].text));
+  }
+}
+
+/// Names that a statement sets.
+std::set<std::string, std::less<>> bound_names(std::string_view code) {
+  std::set<std::string, std::less<>> names;
+  const std::vector<Token> tokens = tokens_of(code);
+  if (tokens.empty()) return names;
+  const std::size_t first = tokens.front().text == "async" && tokens.size() > 1 ? 1 : 0;
+  const std::string_view word = tokens[first].text;
+  if (word == "def" || word == "class") {
+    if (tokens.size() > first + 1) names.insert(std::string(tokens[first + 1].text));
+    return names;
+  }
+  if (word == "import" || word == "from") {
+    std::size_t begin = tokens[first].at + tokens[first].text.size();
+    if (word == "from") {
+      const auto listing =
+          std::find_if(tokens.begin(), tokens.end(), [](const Token& one) { return one.text == "import"; });
+      if (listing == tokens.end()) return names;
+      begin = listing->at + listing->text.size();
+    }
+    std::string_view list = trimmed(code.substr(begin));
+    if (!list.empty() && list.front() == '(') list = list.substr(1, closing(list, 0) - 1);
+    for (const std::string_view item : split(list)) {  // a, a.b, a.b as c, *
+      const std::vector<Token> words = tokens_of(item);
+      if (words.empty()) continue;
+      const bool renamed = words.size() > 2 && words[words.size() - 2].text == "as";
+      names.insert(std::string(renamed ? words.back().text : words.front().text));
+    }
+    return names;
+  }
+  // for … in, with … as, except … as, :=
+  for (std::size_t i = 0; i < tokens.size(); ++i) {
+    if (tokens[i].text == "as" && i + 1 < tokens.size()) names.insert(std::string(tokens[i + 1].text));
+    if (tokens[i].text == ":" && i > 0 && i + 1 < tokens.size() && tokens[i + 1].text == "=" && tokens[i - 1].name()) {
+      names.insert(std::string(tokens[i - 1].text));
+    }
+    if (tokens[i].text != "for") continue;
+    const std::size_t begin = tokens[i].at + tokens[i].text.size();
+    for (std::size_t j = i + 1; j < tokens.size(); ++j) {
+      if (tokens[j].text != "in") continue;
+      targets(code.substr(begin, tokens[j].at - begin), names);
+      break;
+    }
+  }
+  std::size_t begin = 0;
+  for (std::size_t at = assignment(code); at != std::string_view::npos; at = assignment(code, begin)) {
+    targets(code.substr(begin, at - begin), names);
+    begin = at + 1;
+  }
+  return names;
+}
+
+}  // namespace
+
+PythonSource::PythonSource(std::string text) : text_(std::move(text)), code_(text_) {
+  // Statements, and code without comments and strings, in one pass.
+  Statement now;
+  int depth = 0, line = 1;
+  bool at_indent = true;
+  const auto blank = [&](std::size_t from, std::size_t to) {
+    for (std::size_t i = from; i < to && i < code_.size(); ++i) {
+      if (code_[i] != '\n' && code_[i] != '\r') code_[i] = ' ';
+    }
+  };
+  const std::size_t size = text_.size();
+  std::size_t at = 0;
+  const auto finish = [&](std::size_t end) {
+    now.end = end > now.begin && text_[end - 1] == '\r' ? end - 1 : end;
+    statements_.push_back(now);
+  };
+  while (at < size) {
+    const char c = text_[at];
+    if (c == '\n') {
+      const bool goes_on =
+          depth > 0 || (at > 0 && code_[at - 1] == '\\') || (at > 1 && code_[at - 1] == '\r' && code_[at - 2] == '\\');
+      ++line;
+      ++at;
+      if (goes_on) continue;
+      finish(at - 1);
+      now = {};
+      now.begin = at;
+      now.line = line;
+      at_indent = true;
+      continue;
+    }
+    if (c == '#') {
+      const std::size_t end = std::min(text_.find('\n', at), size);
+      blank(at, end);
+      at = end;
+      continue;
+    }
+    if (at_indent && (c == ' ' || c == '\t')) {
+      ++now.indent;
+      ++at;
+      continue;
+    }
+    if (!is_space(c)) {
+      at_indent = false;
+      now.empty = false;
+    }
+    if (c == '"' || c == '\'') {
+      const bool triple = text_.compare(at, 3, std::string(3, c)) == 0;
+      const std::size_t mark = triple ? 3 : 1;
+      std::size_t end = at + mark;
+      while (end < size) {
+        if (text_[end] == '\\') {
+          end += 2;
+        } else if (triple ? text_.compare(end, 3, std::string(3, c)) == 0 : text_[end] == c) {
+          break;
+        } else if (!triple && text_[end] == '\n') {
+          break;
+        } else {
+          ++end;
+        }
+      }
+      end = std::min(end, size);
+      blank(at + mark, end);
+      line += static_cast<int>(std::count(text_.begin() + static_cast<std::ptrdiff_t>(at),
+                                          text_.begin() + static_cast<std::ptrdiff_t>(end), '\n'));
+      at = end < size && text_[end] == c ? std::min(end + mark, size) : end;
+      continue;
+    }
+    if (opens(c)) ++depth;
+    if (closes(c)) depth = std::max(0, depth - 1);
+    ++at;
+  }
+  if (now.begin < size || statements_.empty()) finish(size);
+}
+
+std::size_t PythonSource::statement_at(std::size_t place) const {
+  const auto above = std::upper_bound(statements_.begin(), statements_.end(), place,
+                                      [](std::size_t at, const Statement& one) { return at < one.begin; });
+  return static_cast<std::size_t>(above - statements_.begin()) - 1;
+}
+
+std::string PythonSource::code_of(std::size_t statement) const {
+  const Statement& one = statements_[statement];
+  return code_.substr(one.begin, one.end - one.begin);
+}
+
+std::string PythonSource::show(std::size_t statement) const {
+  const Statement& one = statements_[statement];
+  std::string shown;
+  for (std::size_t at = one.begin; at < one.end; ++at) {
+    const bool comment = text_[at] == '#' && code_[at] == ' ' && !one.empty;
+    if (comment) {
+      at = std::min(text_.find('\n', at), one.end);
+      if (at >= one.end) break;
+    }
+    const bool space = is_space(text_[at]) || static_cast<unsigned char>(text_[at]) < 0x20;
+    if (!space) {
+      shown += text_[at];
+    } else if (!shown.empty() && shown.back() != ' ' && !opens(shown.back())) {
+      shown += ' ';
+    }
+  }
+  while (!shown.empty() && shown.back() == ' ') shown.pop_back();
+  if (shown.size() > kShown) {
+    std::size_t end = kShown;
+    while (end > 0 && (shown[end] & 0xC0) == 0x80) --end;  // whole characters only
+    shown = shown.substr(0, end) + "…";
+  }
+  return shown;
+}
+
+Function PythonSource::read_function(std::size_t statement) const {
+  Function function;
+  function.statement = statement;
+  const std::string code = code_of(statement);
+  const std::size_t open = code.find('(');
+  const std::vector<Token> tokens = tokens_of(code);
+  for (std::size_t i = 0; i + 1 < tokens.size(); ++i) {
+    if (tokens[i].text == "def") {
+      function.name = tokens[i + 1].text;
+      break;
+    }
+  }
+  if (open != std::string::npos) {
+    const std::size_t close = closing(code, open);
+    for (const std::string_view piece : split(std::string_view(code).substr(open + 1, close - open - 1))) {
+      Parameter parameter;
+      std::string_view text = trimmed(piece);
+      while (!text.empty() && text.front() == '*') {
+        parameter.star = true;
+        text.remove_prefix(1);
+      }
+      if (text == "/") continue;
+      const std::vector<Token> words = tokens_of(text);
+      if (!words.empty()) parameter.name = words.front().text;
+      parameter.optional = assignment(text) != std::string_view::npos;
+      function.parameters.push_back(parameter);
+    }
+  }
+  function.last = statement;
+  for (std::size_t i = statement + 1; i < statements_.size(); ++i) {
+    if (statements_[i].empty) continue;
+    if (statements_[i].indent <= statements_[statement].indent) break;
+    function.last = i;
+  }
+  return function;
+}
+
+std::vector<Function> PythonSource::functions(const std::string& name) const {
+  std::vector<Function> found;
+  for (std::size_t i = 0; i < statements_.size(); ++i) {
+    const std::string code = code_of(i);
+    const std::vector<Token> tokens = tokens_of(code);
+    const std::size_t first = !tokens.empty() && tokens.front().text == "async" ? 1 : 0;
+    if (tokens.size() > first + 1 && tokens[first].text == "def" && tokens[first + 1].text == name) {
+      found.push_back(read_function(i));
+    }
+  }
+  return found;
+}
+
+std::vector<Call> PythonSource::calls(const std::string& name) const {
+  std::vector<Call> found;
+  for (std::size_t i = 0; i < statements_.size(); ++i) {
+    const std::string code = code_of(i);
+    for (std::size_t at = code.find(name); at != std::string::npos; at = code.find(name, at + 1)) {
+      if (at > 0 && (is_word(code[at - 1]) || code[at - 1] == '.')) continue;
+      std::size_t open = at + name.size();
+      while (open < code.size() && (code[open] == ' ' || code[open] == '\t')) ++open;
+      if (open >= code.size() || code[open] != '(') continue;
+      const std::string_view before = trimmed(std::string_view(code).substr(0, at));
+      if (before == "def" || before == "class" || before == "async def") continue;
+      Call call;
+      call.statement = i;
+      const std::size_t close = closing(code, open);
+      for (const std::string_view piece : split(std::string_view(code).substr(open + 1, close - open - 1))) {
+        const std::string_view text = trimmed(piece);
+        const std::size_t equals = assignment(text);
+        if (text.front() == '*') {
+          call.unpacked = true;
+        } else if (equals != std::string_view::npos && text.substr(0, 6) != "lambda") {
+          call.keywords.emplace_back(trimmed(text.substr(0, equals)));
+        } else {
+          call.positional.emplace_back(text);
+        }
+      }
+      // Names, '=', the call, and nothing else.
+      const bool ends = close >= code.size() || trimmed(std::string_view(code).substr(close + 1)).empty();
+      if (ends && !before.empty() && before.back() == '=' && assignment(before) == before.size() - 1) {
+        std::string_view names = trimmed(before.substr(0, before.size() - 1));
+        if (!names.empty() && names.front() == '(' && closing(names, 0) == names.size() - 1) {
+          names = names.substr(1, names.size() - 2);
+        }
+        call.results = static_cast<int>(split(names).size());
+      }
+      found.push_back(std::move(call));
+    }
+  }
+  return found;
+}
+
+std::vector<std::string> PythonSource::names_used(std::size_t first_statement, std::size_t last_statement) const {
+  std::vector<std::string> used;
+  std::set<std::string, std::less<>> set;
+  for (std::size_t i = first_statement; i <= last_statement && i < statements_.size(); ++i) {
+    const std::string code = code_of(i);
+    const std::vector<Token> tokens = tokens_of(code);
+    if (tokens.empty() || tokens.front().text == "import" || tokens.front().text == "from") {
+      set.merge(bound_names(code));
+      continue;
+    }
+    std::set<std::string, std::less<>> own = bound_names(code);
+    for (std::size_t j = 0; j < tokens.size(); ++j) {  // parameters of lambdas
+      if (tokens[j].text != "lambda") continue;
+      for (std::size_t k = j + 1; k < tokens.size() && tokens[k].text != ":"; ++k)
+        own.insert(std::string(tokens[k].text));
+    }
+    int depth = 0;
+    for (std::size_t j = 0; j < tokens.size(); ++j) {
+      const Token& token = tokens[j];
+      if (opens(token.text.front())) ++depth;
+      if (closes(token.text.front())) --depth;
+      if (!token.name() || keywords().contains(token.text) || (j > 0 && tokens[j - 1].text == ".")) continue;
+      const bool string_prefix =
+          code.size() > token.at + token.text.size() &&
+          (code[token.at + token.text.size()] == '"' || code[token.at + token.text.size()] == '\'');
+      const bool keyword = depth > 0 && j + 1 < tokens.size() && tokens[j + 1].text == "=" &&
+                           !(j + 2 < tokens.size() && tokens[j + 2].text == "=");
+      const bool written = own.contains(token.text) && !set.contains(token.text);
+      const std::string name(token.text);
+      if (string_prefix || keyword || written || set.contains(name)) continue;
+      if (std::find(used.begin(), used.end(), name) == used.end()) used.push_back(name);
+    }
+    set.merge(own);
+  }
+  return used;
+}
+
+bool PythonSource::binds(std::size_t statement, const std::string& name) const {
+  const std::set<std::string, std::less<>> names = bound_names(code_of(statement));
+  return names.contains(name) || names.contains("*");
+}
+
+std::optional<Function> PythonSource::function_around(std::size_t statement) const {
+  int indent = statements_[statement].indent;
+  for (std::size_t i = statement; i-- > 0;) {
+    if (statements_[i].empty || statements_[i].indent >= indent) continue;
+    indent = statements_[i].indent;
+    const std::string code = code_of(i);
+    const std::vector<Token> tokens = tokens_of(code);
+    if (!tokens.empty() && (tokens.front().text == "def" || tokens.front().text == "async")) return read_function(i);
+  }
+  return std::nullopt;
+}
+
+bool PythonSource::knows(const std::string& name, std::size_t statement) const {
+  if (builtins().contains(name)) return true;
+  // In the functions around it: as a parameter, or set above.
+  std::size_t inner = statement;
+  while (const std::optional<Function> function = function_around(inner)) {
+    for (const Parameter& parameter : function->parameters) {
+      if (parameter.name == name) return true;
+    }
+    for (std::size_t i = function->statement + 1; i < statement; ++i) {
+      if (!statements_[i].empty && binds(i, name)) return true;
+    }
+    inner = function->statement;
+  }
+  // At the top, also in its ifs and tries. What is called later may be set below.
+  const bool in_function = inner != statement;
+  for (std::size_t i = 0; i < (in_function ? statements_.size() : statement); ++i) {
+    if (statements_[i].empty || !binds(i, name)) continue;
+    if (statements_[i].indent == 0 || !function_around(i)) return true;
+  }
+  return false;
+}
+
+std::vector<Match> find_words(const PythonSource& source, const std::string& anchor) {
+  const std::string& text = source.text();
+  std::vector<Match> matches;
+  if (anchor.empty()) return matches;
+  for (std::size_t begin = text.find(anchor.front()); begin != std::string::npos;
+       begin = text.find(anchor.front(), begin + 1)) {
+    std::size_t at = begin, i = 0;
+    bool same = true;
+    while (i < anchor.size() && same) {
+      if (at < text.size() && text[at] == anchor[i] && !is_space(anchor[i])) {
+        ++at;
+        ++i;
+        continue;
+      }
+      // Space between two words must be there; elsewhere it may be there or not.
+      const std::size_t old_at = at, old_i = i;
+      while (i < anchor.size() && is_space(anchor[i])) ++i;
+      while (at < text.size() && (is_space(text[at]) || text[at] == '\\')) ++at;
+      same = (at != old_at || i != old_i) && at < text.size() && i < anchor.size() && text[at] == anchor[i];
+      const bool between_words = at > 0 && i > 0 && is_word(anchor[i]) && old_i > 0 && is_word(anchor[old_i - 1]);
+      if (same && between_words) same = at != old_at && i != old_i;
+    }
+    if (!same || i < anchor.size()) continue;
+    const bool part_of_word = begin > 0 && is_word(text[begin - 1]) && is_word(anchor.front());
+    if (part_of_word || source.statement_at(begin) != source.statement_at(at - 1)) continue;
+    matches.push_back({begin, at});
+  }
+  return matches;
+}
+
+std::optional<std::size_t> nearest_statement(const PythonSource& source, const std::string& anchor) {
+  const auto words_of = [](std::string_view code) {
+    std::map<std::string, int> words;
+    for (const Token& token : tokens_of(code)) {
+      if (token.name()) ++words[std::string(token.text)];
+    }
+    return words;
+  };
+  const std::map<std::string, int> wanted = words_of(anchor);
+  std::optional<std::size_t> nearest;
+  double best = kLeastLikeness;
+  const std::string& text = source.text();
+  for (std::size_t i = 0; i < source.statements().size(); ++i) {
+    const Statement& one = source.statements()[i];
+    const std::map<std::string, int> words = words_of(std::string_view(text).substr(one.begin, one.end - one.begin));
+    int common = 0, all = 0, sought = 0;
+    for (const auto& [word, count] : words) all += count;
+    for (const auto& [word, count] : wanted) {
+      sought += count;
+      const auto same = words.find(word);
+      if (same != words.end()) common += std::min(count, same->second);
+    }
+    if (sought == 0 || all == 0) continue;
+    // Most of what is sought must be there; of statements that have as much the shortest is the nearest.
+    const double likeness = static_cast<double>(common) / sought - 0.001 * std::min(all, 200);
+    if (likeness > best) {
+      best = likeness;
+      nearest = i;
+    }
+  }
+  return nearest;
+}
+
+}  // namespace splatboost::patch
