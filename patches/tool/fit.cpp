@@ -38,23 +38,25 @@ std::string misfit(const Function& function, const Need& need) {
   return "";
 }
 
+/// All that is not as needed.
 std::string misfit(const Call& call, const Need& need) {
+  std::vector<std::string> wrong;
   const int arguments = static_cast<int>(call.positional.size() + call.keywords.size());
   if (need.arguments >= 0 && (arguments != need.arguments || call.unpacked)) {
-    return std::to_string(need.arguments) + " arguments wanted";
+    wrong.push_back(std::to_string(need.arguments) + " arguments wanted");
   }
   if (!need.keywords.empty()) {
-    if (!call.positional.empty() || call.unpacked) return "arguments by name wanted";
+    if (!call.positional.empty() || call.unpacked) wrong.emplace_back("arguments by name wanted");
     for (const std::string& keyword : call.keywords) {
       if (std::find(need.keywords.begin(), need.keywords.end(), keyword) == need.keywords.end()) {
-        return "no argument " + keyword + " wanted";
+        wrong.push_back("no argument " + keyword + " wanted");
       }
     }
   }
   if (need.results >= 0 && call.results != need.results) {
-    return (need.results == 1 ? "one result" : std::to_string(need.results) + " results") + " wanted";
+    wrong.push_back((need.results == 1 ? "one result" : std::to_string(need.results) + " results") + " wanted");
   }
-  return "";
+  return list_of(wrong);
 }
 
 }  // namespace

@@ -498,7 +498,13 @@ std::optional<std::size_t> nearest_statement(const PythonSource& source, const s
   const auto words_of = [](std::string_view code) {
     std::map<std::string, int> words;
     for (const Token& token : tokens_of(code)) {
-      if (token.name()) ++words[std::string(token.text)];
+      if (!token.name()) continue;
+      // By the parts of a word: grow_and_prune is like densify_and_prune.
+      for (std::size_t begin = 0; begin <= token.text.size();) {
+        const std::size_t end = std::min(token.text.find('_', begin), token.text.size());
+        if (end > begin) ++words[std::string(token.text.substr(begin, end - begin))];
+        begin = end + 1;
+      }
     }
     return words;
   };

@@ -77,12 +77,19 @@ std::vector<Match> anchor_places(const std::string& text, const std::string& anc
   return exact.empty() || static_cast<int>(matches.size()) == count ? matches : exact;
 }
 
-Change apply_edit(std::string& text, const Edit& edit) {
+std::string anchor_problem(const std::string& text, const Edit& edit) {
   const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count);
-  const std::string anchor = edit.file + ": '" + edit.anchor + "'";
-  require(!places.empty(), anchor + " is missing" + nearest_place(text, edit.anchor) + "; " + kForkAdvice);
-  require(static_cast<int>(places.size()) == edit.count, anchor + " stands on lines " + line_numbers(text, places) +
-                                                             ", expected " + times(edit.count) + "; " + kForkAdvice);
+  const std::string anchor = "'" + edit.anchor + "'";
+  if (places.empty()) return anchor + " is missing" + nearest_place(text, edit.anchor);
+  if (static_cast<int>(places.size()) == edit.count) return "";
+  return anchor + " stands on " + (places.size() == 1 ? "line " : "lines ") + line_numbers(text, places) +
+         ", expected " + times(edit.count);
+}
+
+Change apply_edit(std::string& text, const Edit& edit) {
+  const std::string problem = anchor_problem(text, edit);
+  require(problem.empty(), edit.file + ": " + problem + "; " + kForkAdvice);
+  const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count);
   const PythonSource source(text);
   const Statement statement = source.statements()[source.statement_at(places.front().begin)];
   const std::size_t end = text.find('\n', std::max(statement.end, places.front().end));
@@ -94,8 +101,8 @@ Change apply_edit(std::string& text, const Edit& edit) {
     change.added = edit.snippet.front();
     for (const Match& place : places) {
       require(text.compare(place.begin, place.end - place.begin, change.removed) == 0,
-              anchor + " is broken into lines in two ways on lines " + line_numbers(text, places) +
-                  ": write them alike, then patch");
+              edit.file + ": '" + edit.anchor + "' is broken into lines in two ways on lines " +
+                  line_numbers(text, places) + ": write them alike, then patch");
     }
   } else {
     const std::size_t start = statement.begin;

@@ -49,6 +49,10 @@ std::string nearest_place(const std::string& text, const std::string& code);
 /// or, where it stands more or less often, those there are
 std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count);
 
+/// Why an edit cannot be made: its anchor is missing, with the nearest place, or stands there too often; empty if it
+/// can.
+std::string anchor_problem(const std::string& text, const Edit& edit);
+
 /// Makes an edit. Line ends, indentation and a missing last line end are as the file has them.
 /// @param text is changed; unless the anchor stands there as often as told, PatchError names file and anchor
 Change apply_edit(std::string& text, const Edit& edit);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "miniature.h"
+#include "tool/doctor.h"
 #include "tool/patch.h"
 #include "tool/python_source.h"
 
@@ -162,11 +163,44 @@ TEST(Fit, NamesThatSnippetsUseMustBeKnown) {
   EXPECT_FALSE(mini.has_manifest());
 }
 
+TEST(Doctor, TellsWhatHoldsAndWhatStandsWhereItDoesNot) {
+  const Miniature mini;
+  write_file(mini.tree() / "train.py", replaced(kTrain, "model.grow(loss)", "model.scene.grow(loss)"));
+  const SourceTree tree(mini.tree());
+  const std::vector<Diagnosis> found =
+      diagnose(mini.recipe(), [&](const std::string& file) { return tree.read(file); });
+  ASSERT_EQ(found.size(), 2u);
+  const Diagnosis& one = found[0];
+  EXPECT_EQ(one.layout, "one");
+  EXPECT_EQ(one.all(Sought::sign), 2);
+  EXPECT_EQ(one.held(Sought::sign), 1);
+  EXPECT_EQ(one.all(Sought::anchor), 6);
+  EXPECT_EQ(one.held(Sought::anchor), 5);
+  EXPECT_GT(one.likeness(), found[1].likeness());  // it lacks radii too
+  for (const Finding& finding : one.findings) {
+    if (finding.what == "'model.grow('") {
+      EXPECT_EQ(finding.wrong, "'model.grow(' is missing; nearest is line 8: 'model.scene.grow(loss)'");
+    } else if (finding.what == "'model.optimizer.'") {
+      EXPECT_EQ(finding.line, 10);
+      EXPECT_EQ(finding.wrong, "");
+    }
+  }
+  EXPECT_FALSE(mini.has_manifest());
+}
+
+TEST(Doctor, WhatFitsHoldsInAll) {
+  const Miniature mini;
+  const SourceTree tree(mini.tree());
+  const FileReader read = [&](const std::string& file) { return tree.read(file); };
+  EXPECT_EQ(diagnose(mini.recipe(), read)[0].likeness(), 1);
+  EXPECT_EQ(diagnose(mini.recipe(), [](const std::string&) { return std::nullopt; })[0].likeness(), 0);
+}
+
 TEST(Fit, MissingAnchorsAreToldWithTheNearestPlace) {
   const Miniature mini;
   write_file(mini.tree() / "train.py", replaced(kTrain, "model.optimizer.step()", "model.net.step()"));
   const std::string line = error_of([&] { apply(mini.recipe(), SourceTree(mini.tree()), Writing::write); });
-  expect_contains(line, "train.py: 'model.optimizer.' stands on lines 11, expected 2 times; a fork needs a recipe");
+  expect_contains(line, "train.py: 'model.optimizer.' stands on line 11, expected 2 times; a fork needs a recipe");
   write_file(mini.tree() / "train.py", replaced(kTrain, "model.grow(loss)", "grow(model, loss)"));
   const std::string other = error_of([&] { apply(mini.recipe(), SourceTree(mini.tree()), Writing::write); });
   expect_contains(other, "splatboost patch doctor");

@@ -14,7 +14,7 @@ sys.path.append(str(ROOT / "tests/python"))
 import miniature_host  # noqa: E402
 
 RECIPES = ["3dgs", "dropgaussian", "mip-splatting"]
-COMMANDS = ["list", "show", "apply", "verify", "status", "revert"]
+COMMANDS = ["list", "show", "apply", "verify", "status", "doctor", "revert"]
 
 
 def fails(*arguments):
@@ -133,6 +133,44 @@ def test_forks_that_only_look_like_3dgs_are_refused(tmp_path, fork, only):
     assert "put" not in line.split("; ")[-1] and "fresh checkout" not in line
     assert files_of(tree) == before
     assert "3dgs would fit, but" in run_well("patch", "status", tree).stdout
+
+
+def test_doctor_tells_the_nearest_recipe_and_what_does_not_hold(host, tmp_path):
+    tree, recipe = host
+    text = run_well("patch", "doctor", tree).stdout
+    assert f"nearest is {recipe}, " in text and f"All holds: splatboost patch apply {recipe} {tree}" in text
+    assert "\n  no " not in text
+    fork = miniature_host.write_fork(tmp_path / "fork", "deformable-3dgs")
+    before = files_of(fork)
+    text = run_well("patch", "doctor", fork).stdout
+    assert "nearest is 3dgs, layout 2023" in text and "A recipe for a fork" in text
+    for told in ("def render", "no argument means2D_densify wanted, 2 results wanted", "'checkpoint_iterations'",
+                 "ok train.py:35  'gaussians.add_densification_stats('"):
+        assert told in text
+    assert text.count("\n  no ") == 3
+    assert files_of(fork) == before
+    run_well("patch", "apply", recipe, tree)
+    assert "is in place" in run_well("patch", "doctor", tree).stdout
+    (tmp_path / "empty").mkdir()
+    assert "no recipe knows anything of it" in run_well("patch", "doctor", tmp_path / "empty").stdout
+
+
+def test_a_recipe_for_a_fork_lives_in_a_folder_of_the_users(tmp_path):
+    """The steps of docs/patching.md, A recipe for a fork."""
+    fork = miniature_host.write_host(tmp_path / "fork", "3dgs-2023")
+    train = fork / "train.py"
+    train.write_text(train.read_text().replace("gaussians.densify_and_prune(", "gaussians.grow_and_prune(")
+                     .replace("def training(dataset, opt, pipe, checkpoint_iterations):", "def training(dataset, opt, pipe, *rest):"))
+    shutil.copytree(ROOT / "patches/3dgs", tmp_path / "recipes/my-fork")
+    recipe = tmp_path / "recipes/my-fork/recipe.json"
+    mine = ["patch", "--recipes", tmp_path / "recipes"]
+    assert "nearest is line 37: 'gaussians.grow_and_prune(" in run_well(*mine, "doctor", fork).stdout
+    recipe.write_text(recipe.read_text().replace("gaussians.densify_and_prune", "gaussians.grow_and_prune")
+                      .replace("dataset.model_path, checkpoint_iterations)", "dataset.model_path)"))
+    assert "All holds" in run_well(*mine, "doctor", fork).stdout
+    run_well(*mine, "apply", "my-fork", fork)
+    assert "boost.densify_and_prune(" in train.read_text()
+    run_well("patch", "verify", fork)
 
 
 def test_a_formatters_line_breaks_do_not_matter(tmp_path):

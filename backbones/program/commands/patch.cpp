@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "program/commands/commands.h"
 #include "program/session/options.h"
+#include "tool/doctor.h"
 #include "tool/patch.h"
 #include "tool/patch_error.h"
 #include "trainer/support/input_error.h"
@@ -37,11 +41,12 @@ struct Patch {
     apply = subcommand("apply", "Patch a checkout; a second time changes nothing");
     verify = subcommand("verify", "Check that a patch is in place, whole and once");
     status = subcommand("status", "Whether a checkout is patched, and which recipe fits it");
+    doctor = subcommand("doctor", "Which recipe comes nearest to a checkout, what of it holds there and what does not");
     revert = subcommand("revert", "Take the patch back to the byte; your own changes stay");
     for (CLI::App* command : {show, apply}) {
       command->add_option("name", name, "recipe, as splatboost patch list names it")->type_name("NAME")->required();
     }
-    for (CLI::App* command : {apply, verify, status, revert}) {
+    for (CLI::App* command : {apply, verify, status, doctor, revert}) {
       command->add_option("path", path, "folder of the backbone's checkout")->type_name("PATH")->required();
     }
     for (CLI::App* command : {apply, revert}) {
@@ -51,6 +56,7 @@ struct Patch {
     apply->footer("Example: splatboost patch apply mip-splatting ~/mip-splatting");
     verify->footer("Example: splatboost patch verify ~/mip-splatting");
     status->footer("Example: splatboost patch status ~/mip-splatting");
+    doctor->footer("Example: splatboost patch doctor ~/my-fork-of-3dgs");
     revert->footer("Example: splatboost patch revert ~/mip-splatting");
   }
 
@@ -61,13 +67,14 @@ struct Patch {
       if (apply->parsed()) return run_apply();
       if (verify->parsed()) return run_verify();
       if (status->parsed()) return run_status();
+      if (doctor->parsed()) return run_doctor();
       if (revert->parsed()) return run_revert();
     } catch (const patch::WriteError&) {
       throw;  // a failure, no mistake of the user's
     } catch (const patch::PatchError& error) {
       throw InputError(error.what());
     }
-    throw UsageError("no command given; there are: list, show, apply, verify, status, revert");
+    throw UsageError("no command given; there are: list, show, apply, verify, status, doctor, revert");
   }
 
  private:
@@ -188,6 +195,55 @@ struct Patch {
     return 0;
   }
 
+  int run_doctor() const {
+    const patch::SourceTree tree(path);
+    if (patch::read_manifest(tree)) return run_status();  // what is patched says nothing about the host
+    const fs::path folder = recipe_folder();
+    std::vector<patch::Diagnosis> found;
+    for (const std::string& one : patch::recipe_names(folder)) {
+      const patch::Recipe looked_at = patch::load_recipe(folder, one);
+      for (patch::Diagnosis& diagnosis :
+           patch::diagnose(looked_at, [&](const std::string& file) { return tree.read(file); })) {
+        found.push_back(std::move(diagnosis));
+      }
+    }
+    std::stable_sort(found.begin(), found.end(),
+                     [](const patch::Diagnosis& a, const patch::Diagnosis& b) { return a.likeness() > b.likeness(); });
+    if (found.empty() || found.front().held(patch::Sought::anchor) == 0) {
+      std::printf("%s: no recipe knows anything of it; give the folder of a checkout, where its train.py is\n",
+                  path.c_str());
+      return 0;
+    }
+    const patch::Diagnosis& nearest = found.front();
+    std::printf("%s: nearest is %s, layout %s\n", path.c_str(), nearest.recipe.c_str(), nearest.layout.c_str());
+    constexpr std::pair<patch::Sought, const char*> kSections[] = {{patch::Sought::sign, "signs of the layout"},
+                                                                   {patch::Sought::anchor, "anchors of edits"},
+                                                                   {patch::Sought::need, "what the edits rely on"}};
+    for (const auto& [sought, title] : kSections) {
+      std::printf("\n%s: %d of %d hold\n", title, nearest.held(sought), nearest.all(sought));
+      for (const patch::Finding& finding : nearest.findings) {
+        if (finding.sought != sought) continue;
+        const std::string place = finding.file + (finding.line > 0 ? ":" + std::to_string(finding.line) : "");
+        std::printf("  %-2s %s  %s\n", finding.wrong.empty() ? "ok" : "no", place.c_str(), finding.what.c_str());
+        if (!finding.wrong.empty()) std::printf("       %s\n", finding.wrong.c_str());
+      }
+    }
+    std::printf("\nothers:");
+    for (std::size_t i = 1; i < found.size(); ++i) {
+      std::printf("%s %s %s (%.0f %%)", i > 1 ? "," : "", found[i].recipe.c_str(), found[i].layout.c_str(),
+                  100 * found[i].likeness());
+    }
+    if (nearest.likeness() == 1) {
+      std::printf("\nAll holds: splatboost patch apply %s %s\n", nearest.recipe.c_str(), path.c_str());
+    } else {
+      std::printf(
+          "\nTo patch it, copy the recipe %s and change what does not hold: docs/patching.md, A recipe for a "
+          "fork\n",
+          (folder / nearest.recipe).c_str());
+    }
+    return 0;
+  }
+
   int run_revert() const {
     const patch::Outcome outcome =
         patch::revert(patch::SourceTree(path), dry_run ? patch::Writing::dry_run : patch::Writing::write);
@@ -218,6 +274,7 @@ struct Patch {
   CLI::App* apply = nullptr;
   CLI::App* verify = nullptr;
   CLI::App* status = nullptr;
+  CLI::App* doctor = nullptr;
   CLI::App* revert = nullptr;
   fs::path recipes;
   std::string name;
