@@ -169,6 +169,17 @@ std::string list_of(const std::vector<std::string>& names) {
   return list;
 }
 
+/// Brackets that code opens and does not close, less those that it closes and does not open.
+int open_brackets(const std::string& code) {
+  const PythonSource source(code);
+  int depth = 0;
+  for (const char c : source.code()) {
+    depth += c == '(' || c == '[' || c == '{';
+    depth -= c == ')' || c == ']' || c == '}';
+  }
+  return depth;
+}
+
 template <class T>
 std::vector<T> of_layout(const std::vector<T>& all, const std::string& layout) {
   std::vector<T> found;
@@ -184,6 +195,43 @@ std::vector<T> of_layout(const std::vector<T>& all, const std::string& layout) {
 
 std::vector<Edit> Recipe::edits_of(const std::string& layout) const { return of_layout(edits, layout); }
 std::vector<Need> Recipe::needs_of(const std::string& layout) const { return of_layout(needs, layout); }
+
+std::vector<std::string> mistakes(const Recipe& recipe) {
+  std::vector<std::string> found;
+  for (std::size_t i = 0; i < recipe.edits.size(); ++i) {
+    const Edit& edit = recipe.edits[i];
+    const std::string place = "edits[" + std::to_string(i) + "]: ";
+    // What replaces a piece must open and close the brackets that the piece does.
+    const std::string removed = edit.place == Place::replace ? edit.anchor : "";
+    std::string added;
+    for (const std::string& line : edit.snippet) added += line + "\n";
+    if (open_brackets(added) != open_brackets(removed)) {
+      found.push_back(place + "the snippet leaves a bracket open or closes one too many");
+    }
+    if (edit.place == Place::replace && edit.snippet.front() == edit.anchor)
+      found.push_back(place + "replaces nothing");
+  }
+  for (const Layout& layout : recipe.layouts) {
+    const std::vector<Edit> edits = recipe.edits_of(layout.name);
+    for (const HostOption& option : recipe.options) {
+      const std::string name = option.name.substr(std::min(option.name.find_first_not_of('-'), option.name.size()));
+      const bool added = std::any_of(edits.begin(), edits.end(), [&](const Edit& edit) {
+        return std::any_of(edit.snippet.begin(), edit.snippet.end(),
+                           [&](const std::string& line) { return line.find(name) != std::string::npos; });
+      });
+      if (!added) found.push_back("options: no edit of layout '" + layout.name + "' adds " + option.name);
+    }
+    for (const Layout& other : recipe.layouts) {
+      const bool within = std::all_of(layout.signs.begin(), layout.signs.end(), [&](const Sign& sign) {
+        return std::find(other.signs.begin(), other.signs.end(), sign) != other.signs.end();
+      });
+      if (&other != &layout && within) {
+        found.push_back("layouts: a checkout of '" + other.name + "' has all signs of '" + layout.name + "' too");
+      }
+    }
+  }
+  return found;
+}
 
 std::string misses(const Sign& sign, const std::optional<std::string>& text) {
   if (!text) return "there is no " + sign.file;

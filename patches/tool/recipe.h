@@ -17,6 +17,8 @@ struct Sign {
   std::string file;
   std::string text;
   bool present = true;  ///< the file contains the text; false: it exists and lacks it
+
+  bool operator==(const Sign&) const = default;
 };
 
 struct Layout {
@@ -67,6 +69,10 @@ using FileReader = std::function<std::optional<std::string>(const std::string& f
 
 /// Reads and checks FOLDER/NAME/recipe.json. PatchError names the file and the key.
 Recipe load_recipe(const std::filesystem::path& folder, const std::string& name);
+
+/// Mistakes of a recipe that show without a checkout, each in one line: snippets that are no whole Python, options that
+/// no edit adds, layouts that have all signs of another.
+std::vector<std::string> mistakes(const Recipe& recipe);
 
 /// Why a text misses a sign; empty if it does not. @param text nullopt: there is no such file
 std::string misses(const Sign& sign, const std::optional<std::string>& text);

@@ -49,6 +49,26 @@ TEST(Recipe, MistakesAreNamedWithTheirPlace) {
   expect_contains(error("{", "["), "is not JSON");
 }
 
+TEST(Recipe, MistakesShowWithoutACheckout) {
+  const Miniature mini;
+  const auto told = [&](const std::string& what, const std::string& by) {
+    mini.write_recipe(replaced(kRecipe, what, by));
+    const std::vector<std::string> found = mistakes(mini.recipe());
+    return found.size() == 1 ? found.front() : std::to_string(found.size()) + " mistakes";
+  };
+  EXPECT_EQ(told("Miniature", "Small"), "0 mistakes");
+  expect_contains(told("[\"import hooks\"]", "[\"import hooks\", \"f(1, [2)\"]"),
+                  "edits[0]: the snippet leaves a bracket open");
+  expect_contains(told("[\"boost.grow(\"]", "[\"boost.grow()\"]"), "edits[2]: the snippet leaves a bracket open");
+  expect_contains(told("[\"boost.grow(\"]", "[\"model.grow(\"]"), "edits[2]: replaces nothing");
+  // Both layouts lack it.
+  mini.write_recipe(replaced(kRecipe, "\"--boost\"", "\"--haste\""));
+  EXPECT_EQ(mistakes(mini.recipe()).size(), 2u);
+  expect_contains(mistakes(mini.recipe()).front(), "options: no edit of layout 'one' adds --haste");
+  expect_contains(told(", {\"file\": \"scene/model.py\", \"lacks\": \"radii\"}", ""),
+                  "layouts: a checkout of 'two' has all signs of 'one' too");
+}
+
 TEST(Recipe, UnknownNamesListThoseThereAre) {
   const Miniature mini;
   expect_contains(error_of([&] { (void)load_recipe(mini.folder / "recipes", "maxi"); }), "there are: mini");
@@ -87,6 +107,7 @@ TEST(Recipe, OurOwnAreWellFormed) {
   const std::filesystem::path folder = SPLATBOOST_SOURCE_DIR "/patches";
   for (const std::string& name : recipe_names(folder)) {
     const Recipe recipe = load_recipe(folder, name);
+    EXPECT_EQ(mistakes(recipe), std::vector<std::string>()) << name;
     for (const Layout& layout : recipe.layouts) {
       int lines = 0;
       for (const Edit& edit : recipe.edits_of(layout.name)) {

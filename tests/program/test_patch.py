@@ -14,7 +14,7 @@ sys.path.append(str(ROOT / "tests/python"))
 import miniature_host  # noqa: E402
 
 RECIPES = ["3dgs", "dropgaussian", "mip-splatting"]
-COMMANDS = ["list", "show", "apply", "verify", "status", "doctor", "revert"]
+COMMANDS = ["list", "show", "apply", "verify", "status", "doctor", "revert", "validate"]
 
 
 def fails(*arguments):
@@ -167,6 +167,7 @@ def test_a_recipe_for_a_fork_lives_in_a_folder_of_the_users(tmp_path):
     assert "nearest is line 37: 'gaussians.grow_and_prune(" in run_well(*mine, "doctor", fork).stdout
     recipe.write_text(recipe.read_text().replace("gaussians.densify_and_prune", "gaussians.grow_and_prune")
                       .replace("dataset.model_path, checkpoint_iterations)", "dataset.model_path)"))
+    assert "my-fork: well formed" in run_well(*mine, "validate", "my-fork").stdout
     assert "All holds" in run_well(*mine, "doctor", fork).stdout
     run_well(*mine, "apply", "my-fork", fork)
     assert "boost.densify_and_prune(" in train.read_text()
@@ -231,6 +232,10 @@ def test_mistakes(tmp_path):
     assert "not patched" in fails("verify", tmp_path)
     assert "did you mean --dry-run?" in fails("apply", "3dgs", tmp_path, "--dry-rum")
     assert "path" in fails("apply", "3dgs")
+    shutil.copytree(ROOT / "patches/3dgs", tmp_path / "recipes/mine")
+    recipe = tmp_path / "recipes/mine/recipe.json"
+    recipe.write_text(recipe.read_text().replace('"boost.grows()"', '"boost.grows("'))
+    assert "recipe.json: edits[" in fails("--recipes", tmp_path / "recipes", "validate", "mine")
     assert "no folder of recipes" in fails("--recipes", tmp_path / "none", "list")
 
 

@@ -43,7 +43,9 @@ struct Patch {
     status = subcommand("status", "Whether a checkout is patched, and which recipe fits it");
     doctor = subcommand("doctor", "Which recipe comes nearest to a checkout, what of it holds there and what does not");
     revert = subcommand("revert", "Take the patch back to the byte; your own changes stay");
-    for (CLI::App* command : {show, apply}) {
+    validate =
+        subcommand("validate", "Check a recipe of your own: its form, and mistakes that show without a checkout");
+    for (CLI::App* command : {show, apply, validate}) {
       command->add_option("name", name, "recipe, as splatboost patch list names it")->type_name("NAME")->required();
     }
     for (CLI::App* command : {apply, verify, status, doctor, revert}) {
@@ -56,6 +58,7 @@ struct Patch {
     apply->footer("Example: splatboost patch apply mip-splatting ~/mip-splatting");
     verify->footer("Example: splatboost patch verify ~/mip-splatting");
     status->footer("Example: splatboost patch status ~/mip-splatting");
+    validate->footer("Example: splatboost patch --recipes ~/recipes validate my-fork");
     doctor->footer("Example: splatboost patch doctor ~/my-fork-of-3dgs");
     revert->footer("Example: splatboost patch revert ~/mip-splatting");
   }
@@ -68,13 +71,14 @@ struct Patch {
       if (verify->parsed()) return run_verify();
       if (status->parsed()) return run_status();
       if (doctor->parsed()) return run_doctor();
+      if (validate->parsed()) return run_validate();
       if (revert->parsed()) return run_revert();
     } catch (const patch::WriteError&) {
       throw;  // a failure, no mistake of the user's
     } catch (const patch::PatchError& error) {
       throw InputError(error.what());
     }
-    throw UsageError("no command given; there are: list, show, apply, verify, status, doctor, revert");
+    throw UsageError("no command given; there are: list, show, apply, verify, status, doctor, revert, validate");
   }
 
  private:
@@ -195,6 +199,20 @@ struct Patch {
     return 0;
   }
 
+  int run_validate() const {
+    const patch::Recipe found = recipe();
+    const std::vector<std::string> wrong = patch::mistakes(found);
+    if (!wrong.empty()) {
+      std::string line = (recipe_folder() / name / "recipe.json").string() + ": " + wrong.front();
+      if (wrong.size() > 1) line += "; and " + std::to_string(wrong.size() - 1) + " more mistakes";
+      throw InputError(line);
+    }
+    std::printf(
+        "%s: well formed, %zu layouts, %zu edits, %zu needs; splatboost patch doctor PATH tries it on a checkout\n",
+        name.c_str(), found.layouts.size(), found.edits.size(), found.needs.size());
+    return 0;
+  }
+
   int run_doctor() const {
     const patch::SourceTree tree(path);
     if (patch::read_manifest(tree)) return run_status();  // what is patched says nothing about the host
@@ -275,6 +293,7 @@ struct Patch {
   CLI::App* verify = nullptr;
   CLI::App* status = nullptr;
   CLI::App* doctor = nullptr;
+  CLI::App* validate = nullptr;
   CLI::App* revert = nullptr;
   fs::path recipes;
   std::string name;
