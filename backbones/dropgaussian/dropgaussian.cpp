@@ -43,7 +43,7 @@ class DropGaussian final : public GaussianMethod {
     return {static_cast<float>(config_.lambda_dssim / whole), static_cast<float>(whole)};
   }
 
-  void draw(Gaussians& drawn, std::optional<int> training) override;
+  void draw(Gaussians& drawn, const DrawContext& context) override;
   void redirect(GaussianGradients& gradients) override {
     opacity_gradients_.assign_zeros(factors_.size());
     gradients.opacities = opacity_gradients_;
@@ -68,12 +68,12 @@ class DropGaussian final : public GaussianMethod {
   Array<float> factors_, opacities_, opacity_gradients_;
 };
 
-void DropGaussian::draw(Gaussians& drawn, std::optional<int> training) {
-  if (!training) return;
-  rate_ = config_.drop_rate * *training / iterations_;
+void DropGaussian::draw(Gaussians& drawn, const DrawContext& context) {
+  if (context.purpose != DrawPurpose::train) return;
+  rate_ = config_.drop_rate * context.iteration / iterations_;
   factors_.ensure(drawn.count);
   opacities_.ensure(drawn.count);
-  draw_dropout(seed_, *training, rate_, factors_, device_);
+  draw_dropout(seed_, context.iteration, rate_, factors_, device_);
   multiply(drawn.opacities, factors_, opacities_, device_);
   drawn.opacities = opacities_;
 }

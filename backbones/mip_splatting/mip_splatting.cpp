@@ -72,7 +72,7 @@ class MipSplatting final : public GaussianMethod {
     factors_.ensure(opacities.size());
     smooth_gaussians(scales, opacities, filters_, smoothed(), device_);
   }
-  void draw(Gaussians& drawn, std::optional<int> /*training*/) override {
+  void draw(Gaussians& drawn, const DrawContext& /*context*/) override {
     scales_ = drawn.scales;
     drawn.scales = smooth_scales_;
     drawn.opacities = smooth_opacities_;

@@ -42,7 +42,7 @@ class StepsEveryThird : public OptimizerHook {
 /// Gradients with respect to activated Gaussians.
 struct CloudGradients {
   double loss = 0;
-  std::vector<float> means, scales, opacities;
+  std::vector<float> means, scales, rotations, opacities;
 };
 
 /// Those that a training iteration of the backbone gathers at these parameters.
@@ -57,6 +57,7 @@ inline CloudGradients gathered_gradients(Backbone& backbone, const SplatCloud& c
   const ArchiveReader state(folder / "state");
   gradients.means = state.floats("xyz.gradients");
   gradients.scales = state.floats("scaling.gradients");
+  gradients.rotations = state.floats("rotation.gradients");
   gradients.opacities = state.floats("opacity.gradients");
   return gradients;
 }
@@ -86,12 +87,14 @@ inline CloudGradients gradients_of_view(const SplatCloud& cloud, std::span<const
   for (std::size_t p = 0; p < image.size(); ++p) of_l1[p] = l1_weight * of_l1[p] + ssim_weight * of_ssim[p];
   out.means.resize(cloud.means.size());
   out.scales.resize(scales.size());
+  out.rotations.resize(cloud.rotations.size());
   out.opacities.resize(opacities.size());
   RasterImageGradients image_gradients;
   image_gradients.color = of_l1;
   GaussianGradients gradients;
   gradients.means = out.means;
   gradients.scales = out.scales;
+  gradients.rotations = out.rotations;
   gradients.opacities = out.opacities;
   rasterizer.backward(gaussians, image_gradients, gradients);
   return out;

@@ -81,8 +81,8 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void initialise();
   void activate();
   Gaussians activated() const;
-  /// What the rasterizer gets. @param training the iteration of a training view
-  Gaussians drawn(std::optional<int> training);
+  /// What the rasterizer gets.
+  Gaussians drawn(const DrawContext& context);
   RasterOptions raster_options(std::optional<float> beta) const;
   int at(int published) const { return scaled_iteration(published, context_.iterations, config_.published_iterations); }
   /// Scaled as all phases are, but in a short run opacities need time to come back.
@@ -225,10 +225,10 @@ Gaussians GaussianBackbone::activated() const {
   return g;
 }
 
-Gaussians GaussianBackbone::drawn(std::optional<int> training) {
+Gaussians GaussianBackbone::drawn(const DrawContext& context) {
   activate();
   Gaussians gaussians = activated();
-  method_->draw(gaussians, training);
+  method_->draw(gaussians, context);
   return gaussians;
 }
 
@@ -256,7 +256,7 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   const std::size_t pixels = view.color.size();
   image_.ensure(pixels);
   image_gradient_.ensure(pixels);
-  const Gaussians gaussians = drawn(iteration);
+  const Gaussians gaussians = drawn({view.camera, view.time, iteration, DrawPurpose::train, &view});
   clock_.lap("activate");
   RasterImages images;
   images.color = image_;
@@ -560,16 +560,18 @@ ScoredView GaussianBackbone::render_for_score(std::size_t view) {
   image_.ensure(truth.color.size());
   RasterImages images;
   images.color = image_;
-  rasterizer_.forward(truth.camera, drawn(std::nullopt), raster_options(beta_), images);
+  rasterizer_.forward(truth.camera, drawn({truth.camera, truth.time, iteration_, DrawPurpose::score, &truth}),
+                      raster_options(beta_), images);
   rasterizer_.settle();
   return {image_, truths_.of(truth)};
 }
 
-void GaussianBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
+void GaussianBackbone::render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) {
   RasterImages images;
   if (device_.is_cuda()) image_.ensure(color.size());
   images.color = device_.is_cuda() ? image_.span() : color;
-  rasterizer_.forward(camera, drawn(std::nullopt), raster_options(beta ? beta : beta_), images);
+  rasterizer_.forward(camera, drawn({camera, time, iteration_, DrawPurpose::evaluate}),
+                      raster_options(beta ? beta : beta_), images);
   rasterizer_.settle();
   if (device_.is_cuda()) image_.cuda().download(color);
 }

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cstddef>
-#include <optional>
 #include <span>
 #include <string_view>
 
@@ -13,6 +12,7 @@
 #include "splatboost/gaussians.h"
 #include "splatboost/hooks.h"
 #include "splatboost/rasterizer.h"
+#include "trainer/backbone_api/draw_context.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/support/archive.h"
 
@@ -40,7 +40,8 @@ class GaussianMethod {
   /// Low-pass, compensation, near plane. Box and background are the trainer's.
   virtual RasterOptions raster_options() const { return {}; }
 
-  // Drawing. What is drawn may differ from what is activated in scales and opacities; the method owns the difference.
+  // Drawing. What is drawn may differ from what is activated (by a filter, dropout, motion); the method owns the
+  // difference. Density control reads what is activated.
 
   /// Gaussians were added, removed or numbered anew, or renews_at() asked for it. Called before activated().
   virtual void gaussians_changed(std::span<const float> means) { (void)means; }
@@ -54,13 +55,14 @@ class GaussianMethod {
     (void)scales;
     (void)opacities;
   }
-  /// May put other scales and opacities, in memory of its own, into what is drawn.
-  /// @param training the iteration, if the view is trained on; none: it is shown or scored
-  virtual void draw(Gaussians& drawn, std::optional<int> training) {
+  /// May put other means, scales, rotations, opacities and colours, in memory of its own, into what is drawn. That
+  /// memory keeps its values until the next draw(). `drawn` comes with the activated ones.
+  virtual void draw(Gaussians& drawn, const DrawContext& context) {
     (void)drawn;
-    (void)training;
+    (void)context;
   }
-  /// Before the backward pass of a training view: may let gradients of scales and opacities go to memory of its own …
+  /// Before the backward pass of the training view drawn last: lets gradients of whatever draw() replaced go to memory
+  /// of its own, zeroed (they are added) …
   virtual void redirect(GaussianGradients& gradients) { (void)gradients; }
   /// … and afterwards adds what came there to the gradients of the activated ones.
   virtual void add_gradients(const GaussianGradients& activated) { (void)activated; }

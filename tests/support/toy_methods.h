@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Methods of explicit Gaussians that use what the families' interface offers, each as small as can be.
+#pragma once
+
+#include <memory>
+#include <string_view>
+#include <vector>
+
+#include "families/gaussians/gaussian_backbone.h"
+#include "splatboost/array.h"
+#include "splatboost/elementwise.h"
+
+namespace splatboost::testing {
+
+/// A config under which runs of some 60 iterations grow every four.
+inline GaussianConfig eager_toy_config() {
+  GaussianConfig config;
+  config.densify_interval = 4;
+  return config;
+}
+
+class ToyMethod : public GaussianMethod {
+ public:
+  std::string_view name() const override { return "toy"; }
+  nlohmann::json config() const override { return nlohmann::json::object(); }
+  LossForm loss() const override { return {0.2f, 1}; }
+};
+
+/// With time, Gaussians of the half space x > 0 move away from the origin and turn.
+class MovingMethod : public ToyMethod {
+ public:
+  static constexpr float kMotion = 0.4f;
+  static constexpr float kTurn = 0.8f;  ///< of the quaternion's w
+
+  explicit MovingMethod(Device device)
+      : device_(device),
+        mean_factors_(device),
+        rotation_factors_(device),
+        means_(device),
+        rotations_(device),
+        mean_gradients_(device),
+        rotation_gradients_(device) {}
+
+  void gaussians_changed(std::span<const float> means) override {
+    const std::vector<float> at = copy_to_host(means, device_);
+    moves_.clear();
+    for (std::size_t i = 0; i < at.size(); i += 3) moves_.push_back(at[i] > 0 ? 1.0f : 0.0f);
+  }
+  void draw(Gaussians& drawn, const DrawContext& context) override {
+    contexts.push_back(context);
+    std::vector<float> of_means, of_rotations;
+    for (const float moves : moves_) {
+      of_means.insert(of_means.end(), 3, 1 + kMotion * context.time * moves);
+      of_rotations.insert(of_rotations.end(), {1 + kTurn * context.time * moves, 1, 1, 1});
+    }
+    mean_factors_.assign(std::move(of_means));
+    rotation_factors_.assign(std::move(of_rotations));
+    means_.ensure(drawn.means.size());
+    rotations_.ensure(drawn.rotations.size());
+    multiply(drawn.means, mean_factors_, means_, device_);
+    multiply(drawn.rotations, rotation_factors_, rotations_, device_);
+    drawn.means = means_;
+    drawn.rotations = rotations_;
+  }
+  void redirect(GaussianGradients& gradients) override {
+    mean_gradients_.assign_zeros(means_.size());
+    rotation_gradients_.assign_zeros(rotations_.size());
+    gradients.means = mean_gradients_;
+    gradients.rotations = rotation_gradients_;
+  }
+  void add_gradients(const GaussianGradients& activated) override {
+    add_products(mean_gradients_, mean_factors_, activated.means, device_);
+    add_products(rotation_gradients_, rotation_factors_, activated.rotations, device_);
+  }
+  void save(ArchiveWriter& archive) const override { archive.put("toy.moves", std::span<const float>(moves_)); }
+  void load(const ArchiveReader& archive, std::size_t) override { moves_ = archive.floats("toy.moves"); }
+
+  std::vector<DrawContext> contexts;  ///< of all drawings
+
+ private:
+  Device device_;
+  std::vector<float> moves_;  ///< [N] 1 or 0
+  Array<float> mean_factors_, rotation_factors_, means_, rotations_, mean_gradients_, rotation_gradients_;
+};
+
+/// The training and test views get times from 0 to 1.
+inline void spread_times(Scene& scene) {
+  for (auto* views : {&scene.train, &scene.test}) {
+    for (std::size_t v = 0; v < views->size(); ++v) {
+      (*views)[v].time = static_cast<float>(v) / static_cast<float>(views->size());
+    }
+  }
+}
+
+}  // namespace splatboost::testing
