@@ -83,6 +83,65 @@ class MovingMethod : public ToyMethod {
   Array<float> mean_factors_, rotation_factors_, means_, rotations_, mean_gradients_, rotation_gradients_;
 };
 
+/// Has groups of its own: a factor of each opacity, a label of each Gaussian, which never changes, and, dense, a shift
+/// of all means.
+class OwnGroupsMethod : public ToyMethod {
+ public:
+  explicit OwnGroupsMethod(Device device)
+      : device_(device),
+        factors_{"factors", 1, device, [](int) { return 0.05; }, Activation::sigmoid},
+        labels_{"labels", 1, device, [](int) { return 0.0; }},
+        shift_{"shift", 1, device, [](int iteration) { return 1e-3 / iteration; }, Activation::none, GroupShape::dense},
+        opacities_(device),
+        means_(device),
+        mean_gradients_(device),
+        opacity_gradients_(device) {}
+
+  std::vector<TrainedGroup*> groups() override { return {&factors_, &labels_, &shift_}; }
+  void start(std::span<const float> means) override {
+    const std::vector<float> at = copy_to_host(means, device_);
+    std::vector<float> labels;
+    for (std::size_t i = 0; i < at.size(); i += 3) labels.push_back(at[i]);
+    factors_.assign(std::vector<float>(labels.size(), 2.0f));
+    labels_.assign(std::move(labels));
+    shift_.assign({0.01f, -0.02f, 0.03f});
+  }
+  void draw(Gaussians& drawn, const DrawContext&) override {
+    activated_opacities_ = drawn.opacities;
+    opacities_.ensure(drawn.count);
+    multiply(drawn.opacities, factors_.drawn(), opacities_, device_);
+    drawn.opacities = opacities_;
+    std::vector<float> means = copy_to_host(drawn.means, device_);
+    const std::vector<float> shift = shift_.values.to_host();
+    for (std::size_t k = 0; k < means.size(); ++k) means[k] += shift[k % 3];
+    means_.assign(std::move(means));
+    drawn.means = means_;
+  }
+  void redirect(GaussianGradients& gradients) override {
+    mean_gradients_.assign_zeros(means_.size());
+    opacity_gradients_.assign_zeros(opacities_.size());
+    gradients.means = mean_gradients_;
+    gradients.opacities = opacity_gradients_;
+  }
+  void add_gradients(const GaussianGradients& activated) override {
+    add_products(opacity_gradients_, factors_.drawn(), activated.opacities, device_);
+    add_products(opacity_gradients_, activated_opacities_, factors_.gradients, device_);
+    const Array<float> ones(device_, std::vector<float>(means_.size(), 1.0f));
+    add_products(mean_gradients_, ones, activated.means, device_);
+    const std::vector<float> gradients = mean_gradients_.to_host();
+    shift_.gradients.edit(0, [&](std::span<float> sums) {
+      for (std::size_t k = 0; k < gradients.size(); ++k) sums[k % 3] += gradients[k];
+    });
+    factors_.pending = labels_.pending = shift_.pending = true;
+  }
+
+ private:
+  Device device_;
+  TrainedGroup factors_, labels_, shift_;
+  std::span<const float> activated_opacities_;
+  Array<float> opacities_, means_, mean_gradients_, opacity_gradients_;
+};
+
 /// The training and test views get times from 0 to 1.
 inline void spread_times(Scene& scene) {
   for (auto* views : {&scene.train, &scene.test}) {

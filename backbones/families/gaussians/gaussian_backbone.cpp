@@ -2,10 +2,11 @@
 #include "families/gaussians/gaussian_backbone.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
+#include <set>
 #include <string>
+#include <string_view>
 #include <utility>
 
 #include "splatboost/activations.h"
@@ -18,7 +19,6 @@
 #include "splatboost/rows.h"
 #include "splatboost/select.h"
 #include "splatboost/spatial_order.h"
-#include "trainer/backbone_api/parameter_group.h"
 #include "trainer/backbone_api/training_truths.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/support/input_error.h"
@@ -32,6 +32,7 @@ constexpr int kRestRows = 15;
 constexpr int kSplitChildren = 2;
 constexpr float kSplitShrink = 0.8f * kSplitChildren;
 constexpr int kLeastGrowthsAReset = 5;
+constexpr const char* kGroupsFile = "parameters.bin";  ///< of a model: the method's groups
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
 
@@ -56,6 +57,7 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
     wait();
   }
   std::size_t primitives() const override { return opacity_.rows(); }
+  std::size_t bytes_per_primitive() const override;
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
   std::uint64_t export_model(const std::filesystem::path& folder) const override;
   void import_model(const std::filesystem::path& folder) override;
@@ -99,12 +101,7 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void lap_rasterizer(const char* all, const Stages&... stages);
   std::string entry(const char* what) const { return std::string(method_->name()) + "." + what; }
 
-  std::array<ParameterGroup*, 6> groups() { return {&xyz_, &f_dc_, &f_rest_, &opacity_, &scaling_, &rotation_}; }
-  std::array<const ParameterGroup*, 6> groups() const {
-    return {&xyz_, &f_dc_, &f_rest_, &opacity_, &scaling_, &rotation_};
-  }
-  float learning_rate(const ParameterGroup& group, int iteration) const;
-  void step_group(ParameterGroup& group, int iteration);
+  void step_group(TrainedGroup& group, int iteration);
   void step_all(int iteration);
   void step_scheduled(int iteration);
 
@@ -135,12 +132,22 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   int iteration_ = 0;
 
   // Names of the groups are 3DGS's.
-  ParameterGroup xyz_{"xyz", 3, device_}, f_dc_{"f_dc", 3, device_}, f_rest_{"f_rest", 3 * kRestRows, device_};
-  ParameterGroup opacity_{"opacity", 1, device_}, scaling_{"scaling", 3, device_}, rotation_{"rotation", 4, device_};
+  TrainedGroup xyz_{"xyz", 3, device_, [this](int iteration) {
+                      return static_cast<double>(context_.scene.extent) *
+                             exponential_rate(config_.position_rate_initial, config_.position_rate_final, iteration,
+                                              context_.iterations);
+                    }};
+  TrainedGroup f_dc_{"f_dc", 3, device_, [this](int) { return config_.feature_rate; }};
+  TrainedGroup f_rest_{"f_rest", 3 * kRestRows, device_, [this](int) { return config_.feature_rate / 20.0; }};
+  TrainedGroup opacity_{"opacity", 1, device_, [this](int) { return config_.opacity_rate; }, Activation::sigmoid};
+  TrainedGroup scaling_{"scaling", 3, device_, [this](int) { return config_.scaling_rate; }, Activation::exponential};
+  TrainedGroup rotation_{"rotation", 4, device_, [this](int) { return config_.rotation_rate; }};
+  std::vector<TrainedGroup*> own_groups_;  ///< these
+  std::vector<TrainedGroup*> groups_;      ///< and the method's
+  std::vector<TrainedGroup*> row_groups_;  ///< of all
 
   bool stale_ = true;        ///< parameters moved since activate()
   bool set_changed_ = true;  ///< Gaussians came or went since activate(), or what the method keeps of them is due
-  Array<float> scales_{device_}, opacities_{device_};
 
   Array<float> image_{device_}, image_gradient_{device_};
   TrainingTruths truths_{context_.scene, device_};
@@ -160,6 +167,14 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
 };
 
 void GaussianBackbone::initialise() {
+  own_groups_ = {&xyz_, &f_dc_, &f_rest_, &opacity_, &scaling_, &rotation_};
+  groups_ = own_groups_;
+  for (TrainedGroup* group : method_->groups()) groups_.push_back(group);
+  std::set<std::string_view> names;
+  for (TrainedGroup* group : groups_) {
+    SPLATBOOST_CHECK(names.insert(group->name).second, "two groups of parameters are called " + group->name);
+    if (group->shape == GroupShape::rows) row_groups_.push_back(group);
+  }
   const PointCloud& points = context_.scene.points;
   // A cap below the number of points keeps an even subset of them.
   std::size_t n = points.size();
@@ -187,9 +202,19 @@ void GaussianBackbone::initialise() {
   opacity_.assign(std::vector<float>(n, logit(config_.initial_opacity)));
   scaling_.assign(std::move(log_scales));
   rotation_.assign(std::move(rotations));
+  method_->start(xyz_.values);
   reorder();
   restart_statistics();
   activate();
+}
+
+std::size_t GaussianBackbone::bytes_per_primitive() const {
+  std::size_t bytes = gaussian_memory_bytes();
+  for (const TrainedGroup* group : row_groups_) {
+    const bool known = std::ranges::find(own_groups_, group) != own_groups_.end();
+    if (!known) bytes += 4 * sizeof(float) * group->width;  // with gradients and moments
+  }
+  return bytes;
 }
 
 void GaussianBackbone::restart_statistics() {
@@ -201,13 +226,14 @@ void GaussianBackbone::restart_statistics() {
 
 void GaussianBackbone::activate() {
   if (!stale_ && !set_changed_) return;
-  const std::size_t n = primitives();
-  scales_.ensure(3 * n);
-  opacities_.ensure(n);
-  exponentials(scaling_.values, scales_, device_);
-  sigmoids(opacity_.values, opacities_, device_);
+  for (TrainedGroup* group : groups_) {
+    if (group->activation == Activation::none) continue;
+    group->activated.ensure(group->values.size());
+    const auto activate_values = group->activation == Activation::exponential ? exponentials : sigmoids;
+    activate_values(group->values, group->activated, device_);
+  }
   if (set_changed_) method_->gaussians_changed(xyz_.values);
-  method_->activated(scales_, opacities_);
+  method_->activated(scaling_.activated, opacity_.activated);
   stale_ = set_changed_ = false;
 }
 
@@ -215,9 +241,9 @@ Gaussians GaussianBackbone::activated() const {
   Gaussians g;
   g.count = primitives();
   g.means = xyz_.values;
-  g.scales = scales_;
+  g.scales = scaling_.activated;
   g.rotations = rotation_.values;
-  g.opacities = opacities_;
+  g.opacities = opacity_.activated;
   g.sh_dc = f_dc_.values;
   g.sh_rest = f_rest_.values;
   g.sh_rest_rows = kRestRows;
@@ -297,7 +323,7 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   method_->redirect(gradients);
   rasterizer_.backward(gaussians, image_gradients, gradients);
   method_->add_gradients(of_activated);
-  for (ParameterGroup* group : groups()) group->pending = true;
+  for (TrainedGroup* group : own_groups_) group->pending = true;
   lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
                  std::pair("project_backward", &RasterSeconds::project_backward));
 
@@ -317,38 +343,25 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   return loss;
 }
 
-float GaussianBackbone::learning_rate(const ParameterGroup& group, int iteration) const {
-  if (&group == &xyz_) {
-    return static_cast<float>(context_.scene.extent * exponential_rate(config_.position_rate_initial,
-                                                                       config_.position_rate_final, iteration,
-                                                                       context_.iterations));
-  }
-  if (&group == &f_dc_) return static_cast<float>(config_.feature_rate);
-  if (&group == &f_rest_) return static_cast<float>(config_.feature_rate / 20.0);
-  if (&group == &opacity_) return static_cast<float>(config_.opacity_rate);
-  if (&group == &scaling_) return static_cast<float>(config_.scaling_rate);
-  return static_cast<float>(config_.rotation_rate);
-}
-
-void GaussianBackbone::step_group(ParameterGroup& group, int iteration) {
+void GaussianBackbone::step_group(TrainedGroup& group, int iteration) {
   if (!group.pending) return;
   // The rasterizer's gradients are of activated values; these have not changed since the last step of the group.
-  if (&group == &scaling_) exponential_gradients(scales_, group.gradients, device_);
-  if (&group == &opacity_) sigmoid_gradients(opacities_, group.gradients, device_);
+  if (group.activation == Activation::exponential) exponential_gradients(group.activated, group.gradients, device_);
+  if (group.activation == Activation::sigmoid) sigmoid_gradients(group.activated, group.gradients, device_);
   AdamOptions options;
-  options.learning_rate = learning_rate(group, iteration);
+  options.learning_rate = static_cast<float>(group.rate(iteration));
   if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
   group.step(options, device_);
   stale_ = true;
 }
 
 void GaussianBackbone::step_all(int iteration) {
-  for (ParameterGroup* group : groups()) step_group(*group, iteration);
+  for (TrainedGroup* group : groups_) step_group(*group, iteration);
   activate();
 }
 
 void GaussianBackbone::step_scheduled(int iteration) {
-  for (ParameterGroup* group : groups()) {
+  for (TrainedGroup* group : groups_) {
     if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group, iteration);
   }
 }
@@ -360,12 +373,12 @@ DensityStatistics GaussianBackbone::statistics() {
   mean_gradients_abs_.ensure(n);
   max_scales_.ensure(n);
   mean_screen_gradients(gradient_sums(), mean_gradients_, mean_gradients_abs_, device_);
-  longest_scales(scales_, max_scales_, device_);
+  longest_scales(scaling_.activated, max_scales_, device_);
   return {moment(),
           context_.scene.extent,
           mean_gradients_.on_host(on_host_.mean_gradients),
           mean_gradients_abs_.on_host(on_host_.mean_gradients_abs),
-          opacities_.on_host(on_host_.opacities),
+          opacity_.activated.on_host(on_host_.opacities),
           max_scales_.on_host(on_host_.max_scales)};
 }
 
@@ -422,9 +435,9 @@ void GaussianBackbone::grow() {
     }
   }
   // All or none: where memory is short the model stays whole.
-  for (ParameterGroup* group : groups()) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
+  for (TrainedGroup* group : row_groups_) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
   const Array<std::uint32_t> listed(device_, clones);
-  for (ParameterGroup* group : groups()) group->append_copies(listed);
+  for (TrainedGroup* group : row_groups_) group->append_copies(listed);
   origins_.insert(origins_.end(), clones.begin(), clones.end());
   append_children(parents);
   split.resize(primitives(), 0);  // parents go, clones and children stay
@@ -449,13 +462,13 @@ void GaussianBackbone::append_children(std::span<const std::uint32_t> parents) {
   const RandomStream random(context_.seed, static_cast<std::uint64_t>(iteration_), RandomPurpose::split);
   const Array<std::uint32_t> listed(device_, std::vector<std::uint32_t>(parents.begin(), parents.end()));
   Array<float> listed_scales(device_), listed_rotations(device_);
-  append_rows_of(scales_, 3, listed, listed_scales);
+  append_rows_of(scaling_.activated, 3, listed, listed_scales);
   append_rows_of(rotation_.values, 4, listed, listed_rotations);
   const std::vector<float> scales = listed_scales.to_host(), rotations = listed_rotations.to_host();
   std::vector<float> offsets(scales.size());
   for (int child = 0; child < kSplitChildren; ++child) {
     const std::size_t first = primitives();
-    for (ParameterGroup* group : groups()) group->append_copies(listed);
+    for (TrainedGroup* group : row_groups_) group->append_copies(listed);
     origins_.insert(origins_.end(), parents.begin(), parents.end());
     for (std::size_t j = 0; j < parents.size(); ++j) {
       // A point of the parent's own distribution: mean + R·(scale ⊙ normal).
@@ -520,8 +533,10 @@ void GaussianBackbone::remove(std::span<const std::uint8_t> removed) {
 
 void GaussianBackbone::select(const Array<std::uint32_t>& rows) {
   // Room for the widest tensor first: where memory is short the model stays whole. The CPU needs none.
-  if (device_.is_cuda()) workspace_.ensure(rows.size() * f_rest_.width);
-  for (ParameterGroup* group : groups()) group->select(rows, workspace_);
+  std::size_t widest = 0;
+  for (const TrainedGroup* group : row_groups_) widest = std::max(widest, group->width);
+  if (device_.is_cuda()) workspace_.ensure(rows.size() * widest);
+  for (TrainedGroup* group : row_groups_) group->select(rows, workspace_);
   stale_ = set_changed_ = true;
 }
 
@@ -588,12 +603,29 @@ std::uint64_t GaussianBackbone::export_model(const std::filesystem::path& folder
   method_->export_to(cloud);
   const std::filesystem::path path = folder / "point_cloud.ply";
   write_splat_ply(path, cloud);
-  return std::filesystem::file_size(path);
+  if (groups_.size() == own_groups_.size()) return std::filesystem::file_size(path);
+  ArchiveWriter archive;
+  std::vector<float> copy;
+  for (std::size_t i = own_groups_.size(); i < groups_.size(); ++i) {
+    archive.put(groups_[i]->name, groups_[i]->values.on_host(copy));
+  }
+  archive.write(folder / kGroupsFile);
+  return std::filesystem::file_size(path) + std::filesystem::file_size(folder / kGroupsFile);
 }
 
 void GaussianBackbone::import_model(const std::filesystem::path& folder) {
   SplatCloud cloud = read_splat_ply(folder / "point_cloud.ply");
   const std::size_t n = cloud.size();
+  if (groups_.size() > own_groups_.size()) {
+    const ArchiveReader archive(folder / kGroupsFile);
+    for (std::size_t i = own_groups_.size(); i < groups_.size(); ++i) {
+      TrainedGroup& group = *groups_[i];
+      std::vector<float> values = archive.floats(group.name);
+      require(values.size() == (group.shape == GroupShape::rows ? n * group.width : group.values.size()),
+              archive.path().string() + ": '" + group.name + "' does not fit to point_cloud.ply or to this backbone");
+      group.assign(std::move(values));
+    }
+  }
   set_changed_ = !method_->import_from(cloud);
   std::vector<float> rest(n * 3 * kRestRows, 0.0f);
   const auto rows = static_cast<std::size_t>(cloud.sh_rest_rows);
@@ -616,7 +648,7 @@ void GaussianBackbone::import_model(const std::filesystem::path& folder) {
 void GaussianBackbone::save(ArchiveWriter& archive) const {
   archive.put(entry("iteration"), std::int64_t{iteration_});
   archive.put(entry("config"), std::string_view(method_->config().dump()));
-  for (const ParameterGroup* group : groups()) group->save(archive);
+  for (const TrainedGroup* group : groups_) group->save(archive);
   std::vector<float> copy;
   archive.put(entry("gradient_sum"), gradient_sum_.on_host(copy));
   archive.put(entry("gradient_abs_sum"), gradient_abs_sum_.on_host(copy));
@@ -629,14 +661,22 @@ void GaussianBackbone::load(ArchiveReader& archive) {
     throw InputError(archive.path().string() +
                      ": the checkpoint was made with other backbone constants; continue with the same --config");
   }
-  for (ParameterGroup* group : groups()) group->load(archive);
+  std::vector<std::size_t> dense_sizes;
+  for (TrainedGroup* group : groups_) {
+    if (group->shape == GroupShape::dense) dense_sizes.push_back(group->values.size());
+    group->load(archive);
+  }
   iteration_ = static_cast<int>(archive.integer(entry("iteration")));
   gradient_sum_.assign(archive.floats(entry("gradient_sum")));
   gradient_abs_sum_.assign(archive.floats(entry("gradient_abs_sum")));
   seen_.assign(archive.floats(entry("seen")));
   const std::size_t n = primitives();
   bool fits = gradient_sum_.size() == n && gradient_abs_sum_.size() == n && seen_.size() == n;
-  for (const ParameterGroup* group : groups()) fits = fits && group->rows() == n;
+  for (const TrainedGroup* group : row_groups_) fits = fits && group->rows() == n;
+  auto dense_size = dense_sizes.begin();
+  for (const TrainedGroup* group : groups_) {
+    if (group->shape == GroupShape::dense) fits = fits && group->values.size() == *dense_size++;
+  }
   if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
   method_->load(archive, n);
   stale_ = true;

@@ -5,9 +5,11 @@
 #include <cstddef>
 #include <span>
 #include <string_view>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
+#include "families/gaussians/trained_group.h"
 #include "splatboost/density_statistics.h"
 #include "splatboost/gaussians.h"
 #include "splatboost/hooks.h"
@@ -39,6 +41,15 @@ class GaussianMethod {
   virtual LossForm loss() const = 0;
   /// Low-pass, compensation, near plane. Box and background are the trainer's.
   virtual RasterOptions raster_options() const { return {}; }
+
+  // Parameters of its own, besides 3DGS's six groups.
+
+  /// The same at every call, which live as long as the method. add_gradients() adds to their gradients and sets
+  /// `pending`; a group that is not pending does not step.
+  virtual std::vector<TrainedGroup*> groups() { return {}; }
+  /// The Gaussians that a run starts from: gives its groups of rows a row each and its dense ones their values. Comes
+  /// once, also before a checkpoint or a model is read into them.
+  virtual void start(std::span<const float> means) { (void)means; }
 
   // Drawing. What is drawn may differ from what is activated (by a filter, dropout, motion); the method owns the
   // difference. Density control reads what is activated.
@@ -84,7 +95,8 @@ class GaussianMethod {
   /// [N] drawn over activated opacity, for the reset of opacities; empty: 1.
   virtual std::span<const float> opacity_factors() const { return {}; }
 
-  // Files: what the method keeps a Gaussian beyond 3DGS's parameters.
+  // Files: what the method keeps a Gaussian beyond parameters. Its groups are saved by the trainer, in models as
+  // parameters.bin.
 
   virtual void save(ArchiveWriter& archive) const { (void)archive; }
   /// Throws InputError unless the archive holds `count` rows.

@@ -3,12 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "splatboost/activations.h"
+#include "support/density_recorder.h"
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
 #include "support/toy_methods.h"
@@ -16,8 +17,11 @@
 namespace splatboost {
 namespace {
 
+using testing::DensityEvent;
+using testing::DensityRecorder;
 using testing::exported;
 using testing::MovingMethod;
+using testing::OwnGroupsMethod;
 
 class GaussianMethodRun : public ::testing::Test {
  protected:
@@ -106,6 +110,95 @@ TEST_F(GaussianMethodRun, a_motion_resumes_exactly) {
         return make_gaussian_backbone(context(), testing::eager_toy_config(), std::make_unique<MovingMethod>(threads_));
       },
       scene_, 40, {7, 20});
+}
+
+class OwnGroupsRun : public GaussianMethodRun {
+ protected:
+  std::unique_ptr<Backbone> make(Threads& threads, const GaussianConfig& config = testing::eager_toy_config()) {
+    return make_gaussian_backbone({scene_, threads, 3, 60, 200}, config, std::make_unique<OwnGroupsMethod>(threads));
+  }
+  std::unique_ptr<Backbone> make() { return make(threads_); }
+
+  std::vector<float> state_of(const Backbone& backbone, const std::string& entry) {
+    const test::TemporaryFolder folder;
+    testing::save_state(backbone, folder / "state");
+    return ArchiveReader(folder / "state").floats(entry);
+  }
+};
+
+TEST_F(OwnGroupsRun, rows_follow_growth_removal_and_order) {
+  GaussianConfig config = testing::eager_toy_config();
+  config.position_rate_initial = config.position_rate_final = 1e-30;  // means tell who is who
+  config.percent_dense = 0.06;
+  config.min_opacity = 0.1;
+  DensityRecorder recorder;
+  const auto backbone = make(threads_, config);
+  backbone->set_hooks(&recorder, nullptr);
+  const std::vector<float> before = state_of(*backbone, "labels.values");
+  testing::train(*backbone, scene_, 1, 4);
+  ASSERT_EQ(recorder.events.size(), 2u);
+  const DensityEvent &growth = recorder.events[0], &prune = recorder.events[1];
+  const auto count = [](const std::vector<std::uint8_t>& mask) { return std::ranges::count(mask, std::uint8_t{1}); };
+  EXPECT_GT(count(growth.clone), 0);
+  EXPECT_GT(count(growth.split), 0);
+  EXPECT_GT(count(prune.remove), 0) << "the scene must exercise removal";
+
+  std::vector<float> expected;
+  for (std::size_t i = 0; i < prune.remove.size(); ++i) {
+    if (prune.remove[i] == 0) expected.push_back(before[prune.origins[i]]);
+  }
+  std::vector<float> labels = state_of(*backbone, "labels.values");
+  const std::vector<float> means = state_of(*backbone, "xyz.values");
+  ASSERT_EQ(labels.size(), backbone->primitives());
+  std::size_t elsewhere = 0;
+  for (std::size_t i = 0; i < labels.size(); ++i) elsewhere += labels[i] != means[3 * i] ? 1 : 0;
+  EXPECT_GT(elsewhere, 0u) << "children of splits keep their parent's label";
+  EXPECT_LE(elsewhere, 2 * static_cast<std::size_t>(count(growth.split)));
+  std::ranges::sort(labels);
+  std::ranges::sort(expected);
+  EXPECT_EQ(labels, expected);
+  EXPECT_EQ(state_of(*backbone, "factors.values").size(), backbone->primitives());
+  EXPECT_EQ(state_of(*backbone, "shift.values").size(), 3u);
+}
+
+TEST_F(OwnGroupsRun, resume_is_exact) {
+  testing::StepsEveryThird third;
+  testing::expect_exact_resume([&] { return make(); }, scene_, 40, {7, 20}, &third);
+}
+
+TEST_F(OwnGroupsRun, threads_do_not_change_the_bytes) {
+  testing::expect_same_bytes_for_any_threads([&](Threads& threads) { return make(threads); }, scene_, 40);
+}
+
+TEST_F(OwnGroupsRun, the_optimizer_hook_sees_them_by_name) {
+  testing::expect_rates_times_factor(*make(), scene_, "shift", "factors");
+  testing::expect_rates_times_factor(*make(), scene_, "factors", "shift");
+}
+
+TEST_F(OwnGroupsRun, models_hold_them) {
+  const test::TemporaryFolder folder;
+  const auto backbone = make();
+  testing::train(*backbone, scene_, 1, 30);
+  backbone->finish();
+  backbone->export_model(folder.path());
+  const auto again = make();
+  again->import_model(folder.path());
+  EXPECT_EQ(testing::model_bytes(*again), testing::model_bytes(*backbone));
+  std::filesystem::remove(folder / "parameters.bin");
+  test::expect_contains(test::input_error_of([&] { make()->import_model(folder.path()); }), "parameters.bin");
+  make()->export_model(folder.path());
+  backbone->export_model(folder.path());
+  std::filesystem::rename(folder / "parameters.bin", folder / "kept");
+  make()->export_model(folder.path());  // Gaussians of another count
+  std::filesystem::rename(folder / "kept", folder / "parameters.bin");
+  test::expect_contains(test::input_error_of([&] { make()->import_model(folder.path()); }),
+                        "'factors' does not fit to point_cloud.ply");
+}
+
+TEST_F(OwnGroupsRun, memory_counts_them) {
+  const auto without =
+      make_gaussian_backbone(context(), testing::eager_toy_config(), std::make_unique<testing::ToyMethod>());
+  EXPECT_EQ(make()->bytes_per_primitive(), without->bytes_per_primitive() + 2 * 4 * sizeof(float));
 }
 
 }  // namespace
