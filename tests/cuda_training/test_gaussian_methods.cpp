@@ -20,6 +20,16 @@ Method toy(const char* name) {
           nullptr};
 }
 
+/// Its loss reads two views.
+Method own_loss() {
+  return {"own_loss",
+          [](const BackboneContext& c) {
+            return make_gaussian_backbone(c, testing::eager_toy_config(),
+                                          std::make_unique<testing::OwnLossMethod>(c.device, c.scene, true));
+          },
+          nullptr};
+}
+
 class CudaMethods : public TrainingOnCuda {
  protected:
   CudaMethods() : TrainingOnCuda(60) { testing::spread_times(scene_); }
@@ -37,7 +47,7 @@ TEST_P(CudaMethods, ModelsAndPicturesAreThoseOfTheCpu) { expect_models_and_pictu
 
 INSTANTIATE_TEST_SUITE_P(Toys, CudaMethods,
                          ::testing::Values(toy<testing::MovingMethod>("moving"),
-                                           toy<testing::OwnGroupsMethod>("own_groups")),
+                                           toy<testing::OwnGroupsMethod>("own_groups"), own_loss()),
                          [](const auto& method) { return method.param.name; });
 
 }  // namespace

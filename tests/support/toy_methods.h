@@ -2,6 +2,7 @@
 /// @file Methods of explicit Gaussians that use what the families' interface offers, each as small as can be.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <string_view>
 #include <vector>
@@ -81,6 +82,64 @@ class MovingMethod : public ToyMethod {
   Device device_;
   std::vector<float> moves_;  ///< [N] 1 or 0
   Array<float> mean_factors_, rotation_factors_, means_, rotations_, mean_gradients_, rotation_gradients_;
+};
+
+/// A moving method with a loss of its own, the sum over its views of that of one: mean squared colours and inverse
+/// depths, and mean alpha. The second view is that after the first, or none.
+class OwnLossMethod : public MovingMethod {
+ public:
+  OwnLossMethod(Device device, const Scene& scene, bool two_views, float weight = 1, LossForm form = {0.2f, 0})
+      : MovingMethod(device), device_(device), scene_(scene), two_views_(two_views), weight_(weight), form_(form) {}
+
+  LossForm loss() const override { return form_; }
+  LossInputs loss_inputs(const DrawContext& first) override {
+    LossInputs inputs;
+    inputs.inverse_depth = inputs.alpha = true;
+    if (two_views_)
+      inputs.second =
+          &scene_.train[static_cast<std::size_t>(first.view - scene_.train.data() + 1) % scene_.train.size()];
+    return inputs;
+  }
+  double add_loss(std::span<const StepView> views) override {
+    double sum = 0;
+    for (const StepView& view : views) {
+      const std::vector<std::uint8_t> truth = copy_to_host(view.truth.color, device_);
+      sum += add(
+          view.images.color, view.gradients.color, [&](std::size_t p) { return truth[p] / 255.0f; }, 1);
+      sum += add(
+          view.images.inverse_depth, view.gradients.inverse_depth, [](std::size_t) { return 0.0f; }, 1);
+      sum += add(
+          view.images.alpha, view.gradients.alpha, [](std::size_t) { return 0.0f; }, 0);
+    }
+    return sum;
+  }
+
+ private:
+  /// weight · mean of (image − target)², or without squares of the difference.
+  template <class Target>
+  double add(std::span<const float> image, std::span<float> gradient, const Target& target, int squares) {
+    const std::vector<float> values = copy_to_host(image, device_);
+    std::vector<float> sums = copy_to_host(std::span<const float>(gradient), device_);
+    const float share = weight_ / static_cast<float>(values.size());
+    double loss = 0;
+    for (std::size_t p = 0; p < values.size(); ++p) {
+      const float difference = values[p] - target(p);
+      loss += static_cast<double>(share * (squares == 1 ? difference * difference : difference));
+      sums[p] += share * (squares == 1 ? 2 * difference : 1);
+    }
+    if (device_.is_cuda()) {
+      device_.stream().copy_to_device(gradient.data(), sums.data(), gradient.size_bytes());
+    } else {
+      std::ranges::copy(sums, gradient.begin());
+    }
+    return loss;
+  }
+
+  Device device_;
+  const Scene& scene_;
+  bool two_views_;
+  float weight_;
+  LossForm form_;
 };
 
 /// Has groups of its own: a factor of each opacity, a label of each Gaussian, which never changes, and, dense, a shift

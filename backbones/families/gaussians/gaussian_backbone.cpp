@@ -101,6 +101,12 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void lap_rasterizer(const char* all, const Stages&... stages);
   std::string entry(const char* what) const { return std::string(method_->name()) + "." + what; }
 
+  StepView draw_second(const View& view, int iteration, const LossInputs& inputs);
+  /// @return the loss; leaves its gradients in those of the views
+  double evaluate_loss(std::span<const StepView> views);
+  /// Adds a view's gradients to those of the parameters. @param gradients where those of density control go
+  void backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
+                GaussianGradients gradients);
   void step_group(TrainedGroup& group, int iteration);
   void step_all(int iteration);
   void step_scheduled(int iteration);
@@ -149,7 +155,22 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   bool stale_ = true;        ///< parameters moved since activate()
   bool set_changed_ = true;  ///< Gaussians came or went since activate(), or what the method keeps of them is due
 
-  Array<float> image_{device_}, image_gradient_{device_};
+  /// Images of the rasterizer's shapes, or gradients with respect to them.
+  struct ImageSet {
+    explicit ImageSet(Device device) : color(device), features(device), inverse_depth(device), alpha(device) {}
+    /// Makes room for those that the loss reads.
+    RasterImages of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs);
+    void clear(bool color_too);
+    Array<float> color, features, inverse_depth, alpha;
+  };
+  struct SecondView {
+    explicit SecondView(Device device) : rasterizer(device), images(device), gradients(device), truth(device) {}
+    Rasterizer rasterizer;  ///< of its own, because a backward pass needs the forward pass before it
+    ImageSet images, gradients;
+    Array<std::uint8_t> truth;  ///< of a GPU: a copy
+  };
+  ImageSet images_{device_}, gradients_{device_};
+  std::unique_ptr<SecondView> second_;  ///< from the first step on that has one
   TrainingTruths truths_{context_.scene, device_};
   Array<float> screen_{device_}, screen_abs_{device_};                  ///< [N,2] gradients of this iteration
   Array<float> gradient_sum_{device_}, gradient_abs_sum_{device_};      ///< [N] norms since the last growth, NDC
@@ -275,32 +296,62 @@ void GaussianBackbone::lap_rasterizer(const char* all, const Stages&... stages) 
   (clock_.add(stages.first, seconds.*stages.second), ...);
 }
 
-double GaussianBackbone::train_step(int iteration, const View& view) {
-  clock_.restart();
-  iteration_ = iteration;
-  const std::size_t n = primitives();
-  const std::size_t pixels = view.color.size();
-  image_.ensure(pixels);
-  image_gradient_.ensure(pixels);
-  const Gaussians gaussians = drawn({view.camera, view.time, iteration, DrawPurpose::train, &view});
-  clock_.lap("activate");
-  RasterImages images;
-  images.color = image_;
-  rasterizer_.forward(view.camera, gaussians, raster_options(beta_), images);
-  lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
-                 std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
+RasterImages GaussianBackbone::ImageSet::of(const Camera& camera, const Gaussians& gaussians,
+                                            const LossInputs& inputs) {
+  const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  color.ensure(3 * pixels);
+  features.ensure(inputs.features ? static_cast<std::size_t>(gaussians.features_per_gaussian) * pixels : 0);
+  inverse_depth.ensure(inputs.inverse_depth ? pixels : 0);
+  alpha.ensure(inputs.alpha ? pixels : 0);
+  return {color, features, inverse_depth, alpha};
+}
 
+void GaussianBackbone::ImageSet::clear(bool color_too) {
+  if (color_too) color.assign_zeros(color.size());
+  for (Array<float>* channel : {&features, &inverse_depth, &alpha}) channel->assign_zeros(channel->size());
+}
+
+StepView GaussianBackbone::draw_second(const View& view, int iteration, const LossInputs& inputs) {
+  if (!second_) second_ = std::make_unique<SecondView>(device_);
+  SecondView& second = *second_;
+  StepView step{{view.camera, view.time, iteration, DrawPurpose::train, &view}, truths_.of(view), {}, {}};
+  if (device_.is_cuda()) {
+    // The truth of the first view may take the place of this one.
+    const std::size_t color = step.truth.color.size(), valid = step.truth.valid.size();
+    second.truth.ensure(color + valid);
+    std::uint8_t* at = second.truth.cuda().data();
+    device_.stream().copy_on_device(at, step.truth.color.data(), color);
+    if (valid > 0) device_.stream().copy_on_device(at + color, step.truth.valid.data(), valid);
+    step.truth.color = {at, color};
+    step.truth.valid = {at + color, valid};
+  }
+  const Gaussians gaussians = drawn(step.context);
+  step.images = second.images.of(view.camera, gaussians, inputs);
+  step.gradients = second.gradients.of(view.camera, gaussians, inputs);
+  second.gradients.clear(true);
+  second.rasterizer.forward(view.camera, gaussians, raster_options(beta_), step.images);
+  return step;
+}
+
+double GaussianBackbone::evaluate_loss(std::span<const StepView> views) {
   const LossForm form = method_->loss();
-  const TruthImage truth = truths_.of(view);
-  // The run ends with the loss of its end.
-  const PhotometricLoss measured = iteration == context_.iterations
-                                       ? photometric_.evaluate(image_, truth, form.lambda_dssim, image_gradient_)
-                                       : photometric_.evaluate_ahead(image_, truth, form.lambda_dssim, image_gradient_);
-  const double loss = form.scale * measured.total;
-  if (form.scale != 1) scale(image_gradient_, form.scale, device_);
-  clock_.lap("loss");
+  const StepView& first = views.front();
+  gradients_.clear(form.scale == 0);
+  double loss = 0;
+  if (form.scale != 0) {
+    // The run ends with the loss of its end.
+    const bool ahead = first.context.iteration != context_.iterations;
+    const PhotometricLoss measured =
+        ahead ? photometric_.evaluate_ahead(images_.color, first.truth, form.lambda_dssim, gradients_.color)
+              : photometric_.evaluate(images_.color, first.truth, form.lambda_dssim, gradients_.color);
+    loss = form.scale * measured.total;
+    if (form.scale != 1) scale(gradients_.color, form.scale, device_);
+  }
+  return loss + method_->add_loss(views);
+}
 
-  GaussianGradients gradients;
+void GaussianBackbone::backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
+                                GaussianGradients gradients) {
   gradients.mode = GradientMode::accumulate;
   gradients.means = xyz_.gradients;
   gradients.scales = scaling_.gradients;
@@ -308,31 +359,63 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   gradients.opacities = opacity_.gradients;
   gradients.sh_dc = f_dc_.gradients;
   gradients.sh_rest = f_rest_.gradients;
+  const GaussianGradients of_activated = gradients;
+  method_->redirect(gradients);
+  rasterizer.backward(
+      gaussians,
+      {image_gradients.color, image_gradients.features, image_gradients.inverse_depth, image_gradients.alpha},
+      gradients);
+  method_->add_gradients(of_activated);
+}
+
+double GaussianBackbone::train_step(int iteration, const View& view) {
+  clock_.restart();
+  iteration_ = iteration;
+  const std::size_t n = primitives();
+  const DrawContext context{view.camera, view.time, iteration, DrawPurpose::train, &view};
+  const LossInputs inputs = method_->loss_inputs(context);
+  const bool two_views = inputs.second != nullptr;
+  const StepView none{context, {}, {}, {}};
+  StepView views[2] = {none, two_views ? draw_second(*inputs.second, iteration, inputs) : none};
+  if (two_views) clock_.lap("second_view");
+  StepView& first = views[0];
+  const Gaussians gaussians = drawn(context);
+  first.images = images_.of(view.camera, gaussians, inputs);
+  first.gradients = gradients_.of(view.camera, gaussians, inputs);
+  clock_.lap("activate");
+  rasterizer_.forward(view.camera, gaussians, raster_options(beta_), first.images);
+  lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
+                 std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
+
+  first.truth = truths_.of(view);
+  const double loss = evaluate_loss({views, two_views ? 2u : 1u});
+  clock_.lap("loss");
+
+  GaussianGradients statistics;
   const bool growing = iteration < at(config_.densify_until);
   if (growing) {
     screen_.ensure(2 * n);
-    gradients.screen_means = screen_;
+    statistics.screen_means = screen_;
     if (needs_absolute_gradients()) {
       screen_abs_.ensure(2 * n);
-      gradients.screen_means_abs = screen_abs_;
+      statistics.screen_means_abs = screen_abs_;
     }
   }
-  RasterImageGradients image_gradients;
-  image_gradients.color = image_gradient_;
-  const GaussianGradients of_activated = gradients;
-  method_->redirect(gradients);
-  rasterizer_.backward(gaussians, image_gradients, gradients);
-  method_->add_gradients(of_activated);
+  backward(rasterizer_, gaussians, first.gradients, statistics);
   for (TrainedGroup* group : own_groups_) group->pending = true;
   lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
                  std::pair("project_backward", &RasterSeconds::project_backward));
 
   if (growing) {
-    add_screen_gradients({rasterizer_.visible(), gradients.screen_means, gradients.screen_means_abs, view.camera.width,
-                          view.camera.height},
+    add_screen_gradients({rasterizer_.visible(), statistics.screen_means, statistics.screen_means_abs,
+                          view.camera.width, view.camera.height},
                          method_->absolute_norm(), method_->views_seen(beta_.has_value()), gradient_sums(), device_);
   }
   clock_.lap("statistics");
+  if (two_views) {
+    backward(second_->rasterizer, drawn(views[1].context), views[1].gradients, {});
+    clock_.lap("second_view");
+  }
   step_scheduled(iteration);
   clock_.lap("optimizer");
   control_density();
@@ -572,23 +655,23 @@ void GaussianBackbone::reset_opacities() {
 
 ScoredView GaussianBackbone::render_for_score(std::size_t view) {
   const View& truth = context_.scene.train[view];
-  image_.ensure(truth.color.size());
+  images_.color.ensure(truth.color.size());
   RasterImages images;
-  images.color = image_;
+  images.color = images_.color;
   rasterizer_.forward(truth.camera, drawn({truth.camera, truth.time, iteration_, DrawPurpose::score, &truth}),
                       raster_options(beta_), images);
   rasterizer_.settle();
-  return {image_, truths_.of(truth)};
+  return {images_.color, truths_.of(truth)};
 }
 
 void GaussianBackbone::render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) {
   RasterImages images;
-  if (device_.is_cuda()) image_.ensure(color.size());
-  images.color = device_.is_cuda() ? image_.span() : color;
+  if (device_.is_cuda()) images_.color.ensure(color.size());
+  images.color = device_.is_cuda() ? images_.color.span() : color;
   rasterizer_.forward(camera, drawn({camera, time, iteration_, DrawPurpose::evaluate}),
                       raster_options(beta ? beta : beta_), images);
   rasterizer_.settle();
-  if (device_.is_cuda()) image_.cuda().download(color);
+  if (device_.is_cuda()) images_.color.cuda().download(color);
 }
 
 std::uint64_t GaussianBackbone::export_model(const std::filesystem::path& folder) const {

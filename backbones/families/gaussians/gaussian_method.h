@@ -26,6 +26,22 @@ struct LossForm {
   float scale = 1;
 };
 
+/// What the loss of a training step reads besides the colour of its view.
+struct LossInputs {
+  bool inverse_depth = false;
+  bool alpha = false;
+  bool features = false;         ///< those that draw() gives the Gaussians
+  const View* second = nullptr;  ///< another training view (or half) that is drawn in this step too; null: none
+};
+
+/// A view of a training step as it was drawn, in memory of the device.
+struct StepView {
+  DrawContext context;
+  TruthImage truth;
+  RasterImages images;     ///< colour and what LossInputs names, to be read
+  RasterImages gradients;  ///< of the loss, with respect to these, to be added to
+};
+
 /// The points where a backbone may vary; the trainer (gaussian_backbone.h) does the rest. Defaults are 3DGS.
 /// Spans have one row a Gaussian, activated, in memory of the backbone's device, and are valid during the call. Those
 /// of add_growing() are of the host.
@@ -38,7 +54,21 @@ class GaussianMethod {
   /// All settings in use, as --config takes them.
   virtual nlohmann::json config() const = 0;
 
+  /// Of the view that a step is given. A scale of 0: not at all, add_loss() is the whole loss.
   virtual LossForm loss() const = 0;
+  /// @param first the view that the step is given
+  virtual LossInputs loss_inputs(const DrawContext& first) {
+    (void)first;
+    return {};
+  }
+  /// Adds the gradients of its own terms. Those of a second view go to the parameters too, but not to the statistics of
+  /// density control.
+  /// @param views the first, and the second if there is one
+  /// @return the sum of its terms; on a GPU the newest that is known, and one that is not finite stays
+  virtual double add_loss(std::span<const StepView> views) {
+    (void)views;
+    return 0;
+  }
   /// Low-pass, compensation, near plane. Box and background are the trainer's.
   virtual RasterOptions raster_options() const { return {}; }
 
@@ -66,8 +96,9 @@ class GaussianMethod {
     (void)scales;
     (void)opacities;
   }
-  /// May put other means, scales, rotations, opacities and colours, in memory of its own, into what is drawn. That
-  /// memory keeps its values until the next draw(). `drawn` comes with the activated ones.
+  /// May put other means, scales, rotations, opacities and colours, and features, in memory of its own, into what is
+  /// drawn. That memory keeps its values until the next draw(). `drawn` comes with the activated ones. A view may be
+  /// drawn twice in a step (a second one is, for its backward pass): both are the same.
   virtual void draw(Gaussians& drawn, const DrawContext& context) {
     (void)drawn;
     (void)context;

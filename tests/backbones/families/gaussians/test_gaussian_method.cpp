@@ -22,6 +22,7 @@ using testing::DensityRecorder;
 using testing::exported;
 using testing::MovingMethod;
 using testing::OwnGroupsMethod;
+using testing::OwnLossMethod;
 
 class GaussianMethodRun : public ::testing::Test {
  protected:
@@ -199,6 +200,119 @@ TEST_F(OwnGroupsRun, memory_counts_them) {
   const auto without =
       make_gaussian_backbone(context(), testing::eager_toy_config(), std::make_unique<testing::ToyMethod>());
   EXPECT_EQ(make()->bytes_per_primitive(), without->bytes_per_primitive() + 2 * 4 * sizeof(float));
+}
+
+class OwnLossRun : public GaussianMethodRun {
+ protected:
+  std::unique_ptr<Backbone> make(bool two_views, float weight = 1, LossForm form = {0.2f, 0}, int iterations = 60) {
+    return make_gaussian_backbone(context(iterations), testing::eager_toy_config(),
+                                  std::make_unique<OwnLossMethod>(threads_, scene_, two_views, weight, form));
+  }
+  /// Gaussians that a short run leaves, of no directional colour.
+  SplatCloud some_cloud() {
+    const auto backbone = make(false);
+    testing::train(*backbone, scene_, 1, 20);
+    SplatCloud cloud = exported(*backbone);
+    std::ranges::fill(cloud.sh_rest, 0.0f);
+    return cloud;
+  }
+};
+
+TEST_F(OwnLossRun, gradients_are_those_of_the_images_that_it_read) {
+  const SplatCloud cloud = some_cloud();
+  const View& view = scene_.train[0];  // its time is 0: nothing has moved
+  ASSERT_EQ(view.time, 0.0f);
+  const auto found = testing::gathered_gradients(*make(false), cloud, 1, view);
+
+  std::vector<float> scales(cloud.log_scales.size()), opacities(cloud.size());
+  exponentials(cloud.log_scales, scales, threads_);
+  sigmoids(cloud.logit_opacities, opacities, threads_);
+  Gaussians gaussians;
+  gaussians.count = cloud.size();
+  gaussians.means = cloud.means;
+  gaussians.scales = scales;
+  gaussians.rotations = cloud.rotations;
+  gaussians.opacities = opacities;
+  gaussians.sh_dc = cloud.sh_dc;
+  const std::size_t pixels = view.color.size() / 3;
+  std::vector<float> color(3 * pixels), inverse_depth(pixels), alpha(pixels, 0);
+  RasterImages images;
+  images.color = color;
+  images.inverse_depth = inverse_depth;
+  images.alpha = alpha;
+  Rasterizer rasterizer(threads_);
+  rasterizer.forward(view.camera, gaussians, {}, images);
+  double loss = 0;
+  for (std::size_t p = 0; p < 3 * pixels; ++p) {
+    const float difference = color[p] - view.color[p] / 255.0f;
+    loss += static_cast<double>(difference * difference) / static_cast<double>(3 * pixels);
+    color[p] = 2 * difference / static_cast<float>(3 * pixels);
+  }
+  for (std::size_t p = 0; p < pixels; ++p) {
+    loss += static_cast<double>(inverse_depth[p] * inverse_depth[p] + alpha[p]) / static_cast<double>(pixels);
+    inverse_depth[p] *= 2 / static_cast<float>(pixels);
+    alpha[p] = 1 / static_cast<float>(pixels);
+  }
+  std::vector<float> means(cloud.means.size()), of_scales(scales.size()), of_opacities(cloud.size());
+  GaussianGradients gradients;
+  gradients.means = means;
+  gradients.scales = of_scales;
+  gradients.opacities = of_opacities;
+  RasterImageGradients of_images;
+  of_images.color = color;
+  of_images.inverse_depth = inverse_depth;
+  of_images.alpha = alpha;
+  rasterizer.backward(gaussians, of_images, gradients);
+  EXPECT_NEAR(found.loss, loss, 1e-6);
+  testing::expect_close(found.means, {means.begin(), means.end()}, 1e-4);
+  testing::expect_close(found.scales, {of_scales.begin(), of_scales.end()}, 1e-4);
+  testing::expect_close(found.opacities, {of_opacities.begin(), of_opacities.end()}, 1e-4);
+}
+
+TEST_F(OwnLossRun, gradients_of_a_second_view_are_added_at_its_own_time) {
+  const SplatCloud cloud = some_cloud();
+  const View &one = scene_.train[1], &other = scene_.train[2];
+  const auto both = testing::gathered_gradients(*make(true), cloud, 1, one);
+  const auto of_one = testing::gathered_gradients(*make(false), cloud, 1, one);
+  const auto of_other = testing::gathered_gradients(*make(false), cloud, 1, other);
+  EXPECT_NEAR(both.loss, of_one.loss + of_other.loss, 1e-9);
+  const auto sum = [](const std::vector<float>& a, const std::vector<float>& b) {
+    std::vector<double> sums;
+    for (std::size_t i = 0; i < a.size(); ++i) sums.push_back(static_cast<double>(a[i]) + static_cast<double>(b[i]));
+    return sums;
+  };
+  testing::expect_close(both.means, sum(of_one.means, of_other.means), 1e-5);
+  testing::expect_close(both.rotations, sum(of_one.rotations, of_other.rotations), 1e-5);
+  testing::expect_close(both.scales, sum(of_one.scales, of_other.scales), 1e-5);
+  testing::expect_close(both.opacities, sum(of_one.opacities, of_other.opacities), 1e-5);
+}
+
+TEST_F(OwnLossRun, adds_to_the_usual_loss) {
+  const SplatCloud cloud = some_cloud();
+  const View& view = scene_.train[1];
+  const auto both = testing::gathered_gradients(*make(false, 1, {0.2f, 1}), cloud, 1, view);
+  const auto usual = testing::gathered_gradients(*make(false, 0, {0.2f, 1}), cloud, 1, view);
+  const auto own = testing::gathered_gradients(*make(false), cloud, 1, view);
+  EXPECT_NEAR(both.loss, usual.loss + own.loss, 1e-9);
+  std::vector<double> sums;
+  for (std::size_t i = 0; i < own.means.size(); ++i) {
+    sums.push_back(static_cast<double>(usual.means[i]) + static_cast<double>(own.means[i]));
+  }
+  testing::expect_close(both.means, sums, 1e-5);
+}
+
+TEST_F(OwnLossRun, a_second_view_without_weight_changes_nothing) {
+  const auto bytes = [&](bool two_views) {
+    const auto backbone = make(two_views, 0, {0.2f, 1});
+    testing::train(*backbone, scene_, 1, 30);
+    EXPECT_GT(backbone->primitives(), scene_.points.size()) << "this run shall grow";
+    return testing::model_bytes(*backbone);
+  };
+  EXPECT_EQ(bytes(true), bytes(false));
+}
+
+TEST_F(OwnLossRun, resume_is_exact) {
+  testing::expect_exact_resume([&] { return make(true); }, scene_, 40, {7, 20});
 }
 
 }  // namespace
