@@ -316,6 +316,7 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
         SPLATBOOST_CHECK(origin >= 0 && origin < a.grown, "origins must be indices of the primitives of the last grow");
         parents.push_back(static_cast<std::uint32_t>(origin));
       }
+      decisions.rule = splatboost::PruneRule::growth;
       decisions.origins = parents;
     } else {
       SPLATBOOST_CHECK(views->primitives == n, "views.primitives must be the number of rows of remove");

@@ -98,7 +98,9 @@ SB_API sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density,
                                  const sb_tensor* clone, const sb_tensor* split, void* stream);
 /** Decides removal; waits for the GPU. @param remove uint8 [M], comes with the host's own candidates
  *  @param origins int32 [M] index that each primitive, or the one it was made from, had in the grow of this iteration;
- *  NULL: not within growth (late pruning, which scores the views) @param stream as for growth */
+ *  NULL: not within growth. Then the late rule adds to the candidates, from scores of the views and the opacities, at
+ *  its own iterations (sb_adapter_prunes_at with host_would 0); at all others nothing changes
+ *  @param stream as for growth */
 SB_API sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const sb_views* views,
                                   const sb_tensor* remove, const sb_tensor* origins, void* stream);
 

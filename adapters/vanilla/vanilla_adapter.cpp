@@ -106,20 +106,24 @@ double VanillaAdapter::tau_d_at(double pixels) const {
   return boost_.literal ? boost_.tau_d : boost_.tau_d * std::min(1.0, pixels / kTauDPixels);
 }
 
-bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
-  if (!boost_.vcp) return backbone_would;
+bool VanillaAdapter::prunes_late_at(Moment moment) const {
+  if (!boost_.vcp) return false;
   const int from = at(boost_.late_prune_from, moment);
   const int interval = at(boost_.late_prune_interval, moment);
-  const bool late = moment.iteration > from && moment.iteration < moment.total && moment.iteration % interval == 0;
-  return backbone_would || late;
+  return moment.iteration > from && moment.iteration < moment.total && moment.iteration % interval == 0;
+}
+
+bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
+  return backbone_would || prunes_late_at(moment);
 }
 
 void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) {
   if (!boost_.vcp) return;
   const std::size_t n = decisions.remove.size();
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
-  if (scored_at_ == statistics.moment.iteration && !decisions.origins.empty()) {
-    // Within growth: of the backbone's candidates half go, drawn by the scores of what they were made from.
+  if (decisions.rule == PruneRule::growth) {
+    SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
+    // Of the backbone's candidates half go, drawn by the scores of what they were made from.
     std::vector<float> weights(n);
     for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
     const auto candidates = static_cast<std::size_t>(
@@ -128,14 +132,16 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
                          decisions.remove);
     return;
   }
+  if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   pruning_.resize(n);
   pruning_scores(scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random), pruning_);
   const auto min_opacity = static_cast<float>(late_min_opacity_at(statistics.moment, rasterizer.scorable_views()));
   for (std::size_t i = 0; i < n; ++i) {
-    decisions.remove[i] =
-        statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score);
+    if (statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score)) {
+      decisions.remove[i] = 1;
+    }
   }
 }
 

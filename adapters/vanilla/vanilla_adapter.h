@@ -92,10 +92,10 @@ VanillaBoost literal_boost();
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
 
-/// Iterations for each training view after which opacities have settled, about those of the paper's runs. Below that
-/// late_min_opacity shrinks in proportion: a run that sees its views fewer times leaves more Gaussians near the opacity
-/// of 0.1 that all begin with, and needs them.
-inline constexpr double kSettledVisits = 100;
+/// Iterations for each training view after which opacities have settled; the paper's runs have at least twice as many.
+/// Below that late_min_opacity shrinks in proportion: a run that sees its views fewer times leaves more Gaussians near
+/// the opacity of 0.1 that all begin with, and needs them.
+inline constexpr double kSettledVisits = 50;
 
 /// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
 inline constexpr double kTauDPixels = 1e6;
@@ -131,6 +131,7 @@ class VanillaAdapter : public Adapter {
   double tau_d_at(double pixels) const;
   /// @param views the backbone's training views
   double late_min_opacity_at(Moment moment, std::size_t views) const;
+  bool prunes_late_at(Moment moment) const;
   int at(int published, Moment moment) const {
     return scaled_iteration(published, moment.total, boost_.published_iterations);
   }

@@ -233,6 +233,7 @@ static sb_status call_prune(const Entry* e) {
   host.p[5] = e->p[2];
   host.p[6] = e->p[3];
   host_entry = &host;
+  d.iteration = 18000; /* of late pruning; at others it looks at nothing */
   d.opacities = e->p[1];
   return sb_adapter_prune(adapter, &d, &v, e->p[0], NULL, NULL);
 }
@@ -413,7 +414,7 @@ static int make_entries(Entry* e) {
   add(&e[n], SB_UINT8, 1, N, 0, 0, 0, 0);
   add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
   e[n].t[1].data = memory[9].i32 + 4096; /* zeros: valid origins */
-  e[n].optional[1] = 0;
+  e[n].optional[1] = 1;                  /* without: as not within growth, where nothing changes now */
   ++n;
   for (i = 0; i < n; ++i) repoint(&e[i]);
   return n;

@@ -369,8 +369,16 @@ static void decides_as_the_adapter(void) {
     origins[1] = 2;
     CHECK(sb_adapter_prune(adapter, &density, &views, &r, &from, NULL) == SB_ERROR_ARGUMENT);
   }
-  density.iteration = 18000;
   density.opacities = &o;
+  { /* neither within growth nor late: the host's candidates as they are */
+    const int rendered = host.rendered;
+    remove[0] = 0, remove[1] = 1;
+    density.iteration = 17000;
+    CHECK(sb_adapter_prune(adapter, &density, &views, &r, NULL, NULL) == SB_OK && remove[0] == 0 && remove[1] == 1);
+    CHECK(host.rendered == rendered);
+    remove[1] = 0;
+  }
+  density.iteration = 18000;
   CHECK(sb_adapter_prune(adapter, &density, &views, &r, NULL, NULL) == SB_OK && remove[0] == 1 && remove[1] == 1);
 
   host.fails = 1;

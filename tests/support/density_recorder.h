@@ -16,6 +16,7 @@ struct DensityEvent {
   std::vector<float> gradients, gradients_abs, opacities, max_scales;
   std::vector<std::uint8_t> clone, split, remove;
   std::vector<std::uint32_t> origins;
+  PruneRule rule = PruneRule::growth;  ///< of a removal
 };
 
 /// Changes nothing, writes everything down.
@@ -36,6 +37,7 @@ class DensityRecorder : public DensityHook {
     e.max_scales.assign(s.max_scales.begin(), s.max_scales.end());
     e.opacities.assign(s.opacities.begin(), s.opacities.end());
     e.remove.assign(d.remove.begin(), d.remove.end());
+    e.rule = d.rule;
     e.origins.assign(d.origins.begin(), d.origins.end());
     events.push_back(e);
   }

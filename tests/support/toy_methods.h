@@ -142,6 +142,16 @@ class OwnLossMethod : public MovingMethod {
   LossForm form_;
 };
 
+/// Every ten iterations all Gaussians fainter than 0.11 go, besides what growth removes.
+class TrimmingMethod : public ToyMethod {
+ public:
+  static constexpr float kFaint = 0.11f;
+  bool trims_at(Moment moment) const override { return moment.iteration % 10 == 0; }
+  void trim(const DensityStatistics& statistics, RasterizerHook&, std::span<std::uint8_t> remove) override {
+    for (std::size_t i = 0; i < remove.size(); ++i) remove[i] = statistics.opacities[i] < kFaint;
+  }
+};
+
 /// Has groups of its own: a factor of each opacity, a label of each Gaussian, which never changes, and, dense, a shift
 /// of all means.
 class OwnGroupsMethod : public ToyMethod {

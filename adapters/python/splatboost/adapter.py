@@ -196,7 +196,8 @@ class Adapter:
 
         candidates  bool [M] what the host's own rule would remove
         origins     integers [M]: index that each primitive, or the one it was made from, had in the grow of this
-                    iteration. None: late pruning, which scores the views and needs the opacities
+                    iteration. None: not within growth. Then late pruning, which scores the views and needs the
+                    opacities, adds to the candidates at its own iterations (prunes_at); at others nothing changes
         opacities   float32 [M] or [M,1], activated
         """
         m = self._rows(candidates, "candidates")

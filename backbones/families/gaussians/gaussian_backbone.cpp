@@ -116,7 +116,7 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void grow();
   void hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
                 std::vector<std::uint8_t>& split) const;
-  void prune(bool by_own_rule);
+  void prune(PruneRule rule);
   void append_children(std::span<const std::uint32_t> parents);
   void remove(std::span<const std::uint8_t> removed);
   void select(const Array<std::uint32_t>& rows);
@@ -472,14 +472,19 @@ void GaussianBackbone::control_density() {
   if (density_ != nullptr ? density_->grows_at(moment(), own) : own) {
     step_all(iteration_);
     grow();
-    prune(true);
+    prune(PruneRule::growth);
     reorder();
+    restart_statistics();
+  }
+  if (method_->trims_at(moment())) {
+    step_all(iteration_);
+    prune(PruneRule::trim);
     restart_statistics();
   }
   // A method that grows to the end of the run may have just grown.
   if (density_ != nullptr && density_->prunes_at(moment(), false)) {
     step_all(iteration_);
-    prune(false);
+    prune(PruneRule::late);
     restart_statistics();
   }
   const bool white_start = context_.scene.white_background && iteration_ == at(config_.densify_from);
@@ -580,12 +585,16 @@ void GaussianBackbone::append_children(std::span<const std::uint32_t> parents) {
   stale_ = set_changed_ = true;
 }
 
-void GaussianBackbone::prune(bool by_own_rule) {
-  restart_statistics();
+void GaussianBackbone::prune(PruneRule rule) {
+  if (rule == PruneRule::growth) {
+    restart_statistics();
+  } else {
+    origins_.clear();
+  }
   const DensityStatistics known = statistics();
   const std::size_t n = primitives();
   std::vector<std::uint8_t> removed(n, 0);
-  if (by_own_rule) {
+  if (rule == PruneRule::growth) {
     // The released code also tests sizes on screen, but zeroes them in the growth just before: that test never holds.
     const bool large_go = config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
     const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
@@ -593,11 +602,11 @@ void GaussianBackbone::prune(bool by_own_rule) {
       removed[i] =
           known.opacities[i] < static_cast<float>(config_.min_opacity) || (large_go && known.max_scales[i] > large);
     }
-  } else {
-    origins_.clear();
+  } else if (rule == PruneRule::trim) {
+    method_->trim(known, *this, removed);
   }
   if (density_ != nullptr) {
-    PruneDecisions decisions{removed, origins_};
+    PruneDecisions decisions{removed, rule, origins_};
     density_->prune(known, *this, decisions);
   }
   if (spare_one(known.opacities, removed) > 0) remove(removed);

@@ -44,7 +44,7 @@ struct StepView {
 
 /// The points where a backbone may vary; the trainer (gaussian_backbone.h) does the rest. Defaults are 3DGS.
 /// Spans have one row a Gaussian, activated, in memory of the backbone's device, and are valid during the call. Those
-/// of add_growing() are of the host.
+/// of add_growing() and trim() are of the host.
 class GaussianMethod {
  public:
   virtual ~GaussianMethod() = default;
@@ -122,6 +122,17 @@ class GaussianMethod {
   virtual void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const {
     (void)statistics;
     (void)growing;
+  }
+  /// Whether Gaussians go at this moment by a rule of the method's apart from that of growth.
+  virtual bool trims_at(Moment moment) const {
+    (void)moment;
+    return false;
+  }
+  /// Says which. Views may be drawn for it. @param remove [N] of the host, zero
+  virtual void trim(const DensityStatistics& statistics, RasterizerHook& rasterizer, std::span<std::uint8_t> remove) {
+    (void)statistics;
+    (void)rasterizer;
+    (void)remove;
   }
   /// [N] drawn over activated opacity, for the reset of opacities; empty: 1.
   virtual std::span<const float> opacity_factors() const { return {}; }

@@ -64,10 +64,18 @@ struct GrowDecisions {
   std::span<std::uint8_t> split;  ///< [N] replace by smaller ones; empty where the backbone cannot
 };
 
-/// Decisions about removal, after growth. They arrive holding the backbone's own rule.
+/// Whose candidates for removal these are.
+enum class PruneRule {
+  growth,  ///< the backbone's own, of the pruning that belongs to the growth just made
+  trim,    ///< the backbone's own for another reason (seen by too few views); a hook lets them go unless it protects
+  late,    ///< none: prunes_at() asked
+};
+
+/// Decisions about removal. They arrive holding the backbone's candidates.
 struct PruneDecisions {
   std::span<std::uint8_t> remove;  ///< [N]
-  /// [N] index that the primitive (or the one it was made from) had in the last grow(); empty: unchanged since.
+  PruneRule rule = PruneRule::late;
+  /// [N] index that the primitive (or the one it was made from) had in that growth's grow(); empty otherwise
   std::span<const std::uint32_t> origins;
 };
 

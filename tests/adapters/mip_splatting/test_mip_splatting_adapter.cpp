@@ -62,7 +62,7 @@ TEST(MipSplattingAdapter, gates_growth_and_pruning_as_vanilla_does) {
   EXPECT_EQ(clone, (std::vector<std::uint8_t>{0, 1, 0, 0}));
   EXPECT_EQ(split, (std::vector<std::uint8_t>{0, 0, 0, 1}));
   std::vector<std::uint8_t> remove(4);
-  PruneDecisions prune{remove, {}};
+  PruneDecisions prune{remove, PruneRule::late, {}};
   FakeRasterizer late({0, 10, 95, 100});
   mip.prune(hand.at(18000), late, prune);
   EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 1, 1})) << "faint, and scores above 0.9";

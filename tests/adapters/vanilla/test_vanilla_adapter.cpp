@@ -105,7 +105,7 @@ TEST_F(VanillaAdapterTest, an_appended_primitive_is_judged_by_what_it_was_made_f
   for (int iteration = 500; iteration < 15000; iteration += 500) {
     remove = {1, 1};
     adapter.grow(hand.at(iteration), rasterizer, grow);
-    PruneDecisions prune{remove, origins};
+    PruneDecisions prune{remove, PruneRule::growth, origins};
     adapter.prune(hand.at(iteration), rasterizer, prune);
     EXPECT_EQ(remove, (std::vector<std::uint8_t>{0, 1}));
   }
@@ -130,7 +130,7 @@ TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
   std::vector<std::uint32_t> origins(n);
   std::iota(origins.begin(), origins.end(), 0u);
   GrowDecisions grow{clone, split};
-  PruneDecisions prune{remove, origins};
+  PruneDecisions prune{remove, PruneRule::growth, origins};
   adapter.grow(hand.at(1000), rasterizer, grow);
   adapter.prune(hand.at(1000), rasterizer, prune);
   EXPECT_EQ(std::count(remove.begin(), remove.end(), 1), 20);
@@ -186,13 +186,13 @@ TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   const Hand hand{{0, 0, 0, 0}, {}, {0.09f, 0.11f, 0.5f, 0.5f}, {1, 1, 1, 1}};
   FakeRasterizer rasterizer({0, 10, 95, 100});
   std::vector<std::uint8_t> remove(4);
-  PruneDecisions prune{remove, {}};
+  PruneDecisions prune{remove, PruneRule::late, {}};
   adapter.prune(hand.at(18000), rasterizer, prune);
   EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 1, 1}));
 }
 
 TEST_F(VanillaAdapterTest, late_pruning_is_milder_where_views_are_seen_few_times) {
-  // 30 000 iterations: 100 for each of 300 views, 10 for each of 3 000, where the threshold is a tenth.
+  // 30 000 iterations: 50 for each of 600 views, 5 for each of 6 000, where the threshold is a tenth.
   const Hand hand{{0, 0, 0, 0}, {}, {0.099f, 0.101f, 0.0099f, 0.0101f}, {}};
   const auto removed = [&](std::size_t views, bool literal) {
     VanillaBoost boost = boost_at_paper_size();
@@ -200,15 +200,39 @@ TEST_F(VanillaAdapterTest, late_pruning_is_milder_where_views_are_seen_few_times
     VanillaAdapter adapter(boost, threads_);
     FakeRasterizer rasterizer({1, 1, 1, 1}, views);
     std::vector<std::uint8_t> remove(4, 0);
-    PruneDecisions prune{remove, {}};
+    PruneDecisions prune{remove, PruneRule::late, {}};
     adapter.prune(hand.at(18000), rasterizer, prune);
     return remove;
   };
   using Mask = std::vector<std::uint8_t>;
   EXPECT_EQ(removed(10, false), (Mask{1, 0, 1, 1}));
-  EXPECT_EQ(removed(300, false), (Mask{1, 0, 1, 1}));
-  EXPECT_EQ(removed(3000, false), (Mask{0, 0, 1, 0}));
-  EXPECT_EQ(removed(3000, true), (Mask{1, 0, 1, 1})) << "the paper's threshold is the same everywhere";
+  EXPECT_EQ(removed(600, false), (Mask{1, 0, 1, 1}));
+  EXPECT_EQ(removed(6000, false), (Mask{0, 0, 1, 0}));
+  EXPECT_EQ(removed(6000, true), (Mask{1, 0, 1, 1})) << "the paper's threshold is the same everywhere";
+}
+
+TEST_F(VanillaAdapterTest, removal_that_is_not_the_papers_passes_untouched) {
+  const Hand hand{{0, 0, 0, 0}, {0, 0, 0, 0}, {0.09f, 0.11f, 0.5f, 0.5f}, {1, 1, 1, 1}};
+  const std::vector<std::uint8_t> candidates{0, 1, 0, 0};
+  const auto pruned = [&](PruneRule rule, int iteration, bool after_growth) {
+    VanillaAdapter adapter(boost_at_paper_size(), threads_);
+    FakeRasterizer rasterizer({0, 10, 95, 100});
+    std::vector<std::uint8_t> clone(4), split(4), remove = candidates;
+    GrowDecisions grow{clone, split};
+    if (after_growth) adapter.grow(hand.at(iteration), rasterizer, grow);
+    rasterizer.rendered.clear();
+    PruneDecisions prune{remove, rule, {}};
+    adapter.prune(hand.at(iteration), rasterizer, prune);
+    EXPECT_EQ(rasterizer.rendered.empty(), remove == candidates) << "views are scored where scores decide";
+    return remove;
+  };
+  for (const bool after_growth : {false, true}) {
+    EXPECT_EQ(pruned(PruneRule::trim, 1000, after_growth), candidates);
+    EXPECT_EQ(pruned(PruneRule::trim, 18000, after_growth), candidates) << "not even at a moment of late pruning";
+    EXPECT_EQ(pruned(PruneRule::late, 17000, after_growth), candidates) << "late is said by the moment";
+    EXPECT_EQ(pruned(PruneRule::late, 18000, after_growth), (std::vector<std::uint8_t>{1, 1, 1, 1}))
+        << "the late rule adds to the backbone's candidates";
+  }
 }
 
 TEST_F(VanillaAdapterTest, fewer_views_than_k_score_each_once) {
@@ -217,7 +241,7 @@ TEST_F(VanillaAdapterTest, fewer_views_than_k_score_each_once) {
   const Hand hand{{0}, {0}, {0.5f}, {1}};
   FakeRasterizer rasterizer({1}, 3);
   std::vector<std::uint8_t> remove(1);
-  PruneDecisions prune{remove, {}};
+  PruneDecisions prune{remove, PruneRule::late, {}};
   adapter.prune(hand.at(18000), rasterizer, prune);
   std::sort(rasterizer.rendered.begin(), rasterizer.rendered.end());
   EXPECT_EQ(rasterizer.rendered, (std::vector<std::size_t>{0, 1, 2}));

@@ -13,6 +13,7 @@
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
 #include "support/toy_methods.h"
+#include "vanilla/vanilla_adapter.h"
 
 namespace splatboost {
 namespace {
@@ -313,6 +314,43 @@ TEST_F(OwnLossRun, a_second_view_without_weight_changes_nothing) {
 
 TEST_F(OwnLossRun, resume_is_exact) {
   testing::expect_exact_resume([&] { return make(true); }, scene_, 40, {7, 20});
+}
+
+TEST_F(GaussianMethodRun, what_a_method_trims_goes_whatever_the_adapter_prunes) {
+  VanillaBoost boost;
+  boost.views = 2;
+  VanillaAdapter adapter(boost, threads_);
+  const auto backbone =
+      make_gaussian_backbone(context(), testing::eager_toy_config(), std::make_unique<testing::TrimmingMethod>());
+  backbone->set_hooks(&adapter, nullptr);
+  testing::train(*backbone, scene_, 1, 9);
+  const auto fainter = [&] {
+    std::vector<float> opacities = exported(*backbone).logit_opacities;
+    sigmoids(opacities, opacities, threads_);
+    return std::ranges::count_if(opacities, [](float o) { return o < testing::TrimmingMethod::kFaint; });
+  };
+  EXPECT_GT(fainter(), 0) << "the scene must exercise the rule";
+  testing::train(*backbone, scene_, 10, 10);
+  EXPECT_EQ(fainter(), 0);
+}
+
+TEST_F(GaussianMethodRun, a_hook_is_told_whose_rule_removes) {
+  class Recorder : public DensityRecorder {
+    bool prunes_at(Moment moment, bool) const override { return moment.iteration == 20; }
+  } recorder;
+  const auto backbone =
+      make_gaussian_backbone(context(), testing::eager_toy_config(), std::make_unique<testing::TrimmingMethod>());
+  backbone->set_hooks(&recorder, nullptr);
+  testing::train(*backbone, scene_, 1, 20);
+  std::vector<PruneRule> at_10, at_20;
+  for (const DensityEvent& e : recorder.events) {
+    if (e.growth) continue;
+    EXPECT_EQ(e.origins.empty(), e.rule != PruneRule::growth);
+    if (e.iteration == 10) at_10.push_back(e.rule);
+    if (e.iteration == 20) at_20.push_back(e.rule);
+  }
+  EXPECT_EQ(at_10, (std::vector<PruneRule>{PruneRule::trim}));
+  EXPECT_EQ(at_20, (std::vector<PruneRule>{PruneRule::growth, PruneRule::trim, PruneRule::late}));
 }
 
 }  // namespace
