@@ -2,7 +2,6 @@
 #include "program/session/options.h"
 
 #include <algorithm>
-#include <fstream>
 
 #include "program/session/chosen_device.h"
 #include "program/session/plugged_backbone.h"
@@ -166,22 +165,6 @@ void add_config_option(OptionSet& set, RunOptions& options) {
   set.set_group("Output");
   set.add("--config", options.config, "settings from a file, such as config.json of a run", false)->type_name("FILE");
   set.add("--quiet", options.quiet, "no progress line", false);
-}
-
-Json read_json_file(const std::filesystem::path& path) {
-  std::ifstream stream(path);
-  if (!stream) throw InputError(path.string() + ": no such file, or it cannot be opened");
-  Json settings;
-  try {
-    settings = Json::parse(stream, nullptr, true, true);
-  } catch (const Json::parse_error& error) {
-    // "[json.exception.parse_error.101] parse error at line 1, column 2: …"
-    std::string what = error.what();
-    if (const auto bracket = what.find("] "); bracket != std::string::npos) what.erase(0, bracket + 2);
-    throw InputError(path.string() + ": not JSON: " + what);
-  }
-  if (!settings.is_object()) throw InputError(path.string() + ": must hold a JSON object");
-  return settings;
 }
 
 Json read_settings_file(const std::filesystem::path& path) {

@@ -147,9 +147,6 @@ void add_machine_options(OptionSet& set, RunOptions& options);
 void add_lpips_option(OptionSet& set, RunOptions& options);
 void add_config_option(OptionSet& set, RunOptions& options);
 
-/// Parses a file that holds a JSON object; throws InputError with its name and the place of a mistake.
-nlohmann::json read_json_file(const std::filesystem::path& path);
-
 /// A settings file as an object: {"backbone": {"name", constants…}, "boost": {"enabled", settings…}, options…}.
 /// "backbone" may be just the name and "boost" just true or false; both come out as objects.
 nlohmann::json read_settings_file(const std::filesystem::path& path);

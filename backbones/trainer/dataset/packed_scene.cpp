@@ -16,6 +16,7 @@
 
 #include "splatboost/errors.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/checksum.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
 
@@ -38,18 +39,6 @@ static_assert(std::endian::native == std::endian::little, "packed scenes hold nu
 template <class T>
 std::span<const std::byte> bytes_of(const std::vector<T>& values) {
   return std::as_bytes(std::span(values));
-}
-
-/// A change of any one word changes it.
-std::uint64_t checksum(std::span<const std::byte> bytes) {
-  constexpr std::uint64_t kFactor = 0x9e3779b97f4a7c15u;  // odd, so that no information is lost
-  std::uint64_t sum = bytes.size();
-  for (std::size_t at = 0; at < bytes.size(); at += sizeof sum) {
-    std::uint64_t word = 0;
-    std::memcpy(&word, bytes.data() + at, std::min(sizeof word, bytes.size() - at));
-    sum = std::rotl((sum ^ word) * kFactor, 29);
-  }
-  return sum;
 }
 
 void write_block(std::ostream& stream, std::span<const std::byte> bytes) {
@@ -219,7 +208,7 @@ PackedScene::PackedScene(fs::path path) : path_(std::move(path)) {
   std::uint64_t points = 0;
   std::vector<std::pair<int, std::uint64_t>> few;
   try {
-    const Json json = Json::parse(listing.begin(), listing.end());
+    const Json json = parse_json({listing.data(), listing.size()}, "the text");
     require(json.contains("photos") && json["photos"].is_array(), "'photos' must be a list");
     for (const Json& photo : json["photos"]) listing_.photos.push_back(photo_from_json(photo));
     listing_.own_test = take<std::size_t>(json, "own_test");
@@ -232,8 +221,6 @@ PackedScene::PackedScene(fs::path path) : path_(std::move(path)) {
     for (const Json& cloud : json["few_view_points"]) {
       few.emplace_back(take<int>(cloud, "views"), take<std::uint64_t>(cloud, "points"));
     }
-  } catch (const Json::exception& wrong) {
-    fail(std::string("has a listing that is not JSON: ") + wrong.what());
   } catch (const InputError& wrong) {
     fail(std::string("has a wrong listing: ") + wrong.what());
   }

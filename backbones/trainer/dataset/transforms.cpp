@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
 #include <optional>
 #include <string>
 
@@ -14,6 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "trainer/support/input_error.h"
+#include "trainer/support/json_values.h"
 
 namespace splatboost {
 namespace {
@@ -43,22 +43,6 @@ struct Place {
     return found->get<std::string>();
   }
 };
-
-Json parse(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  if (!in) throw InputError(file.string() + ": cannot be opened; check that it exists and may be read");
-  try {
-    Json json = Json::parse(in);
-    if (!json.is_object()) throw InputError(file.string() + ": is not a JSON object with 'frames'");
-    return json;
-  } catch (const Json::exception& error) {
-    // The library's text begins with "[json.exception.parse_error.101] ", which helps no user.
-    std::string cause = error.what();
-    if (const std::size_t bracket = cause.find("] "); bracket != std::string::npos) cause.erase(0, bracket + 2);
-    std::ranges::replace(cause, '\n', ' ');
-    throw InputError(file.string() + ": is not valid JSON: " + cause);
-  }
-}
 
 /// Writes the intrinsics that `place` gives over those at hand.
 void read_lens(const Place& place, Lens& lens) {
@@ -168,7 +152,7 @@ std::filesystem::path image_file(const std::filesystem::path& folder, const std:
 }  // namespace
 
 Transforms read_transforms(const std::filesystem::path& file) {
-  const Json json = parse(file);
+  const Json json = read_json_file(file);
   const Place top{json, file.string()};
   const auto frames = json.find("frames");
   if (frames == json.end() || !frames->is_array()) top.fail("has no list 'frames'");

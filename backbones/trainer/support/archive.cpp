@@ -7,14 +7,16 @@
 #include <utility>
 
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/checksum.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {
 
 // File: magic, number of entries (u32), then for each entry its name's length (u32), name, and the length (u64) and
-// bytes of its content. The content's first byte tells the type, so that a wrong get is noticed. Little endian.
-constexpr char kMagic[8] = {'S', 'B', 'C', 'K', 'P', 'T', '0', '1'};
+// bytes of its content; at the end the checksum (u64) of all of that, each of these parts a block that the next is
+// chained to. The content's first byte tells the type, so that a wrong get is noticed. Little endian.
+constexpr char kMagic[8] = {'S', 'B', 'C', 'K', 'P', 'T', '0', '2'};
 constexpr std::size_t kVersionDigits = 2;
 constexpr std::uint32_t kLongestName = 4096;
 constexpr char kTypeFloats = 'f';
@@ -32,10 +34,28 @@ std::vector<std::byte> tagged(char type, const void* data, std::size_t bytes) {
   return content;
 }
 
-template <class T>
-void write_number(std::ostream& stream, T value) {
-  stream.write(reinterpret_cast<const char*>(&value), sizeof value);
-}
+/// Writes blocks, and at the end their checksum.
+class CheckedOutput {
+ public:
+  explicit CheckedOutput(std::ostream& stream) : stream_(stream) {}
+
+  void write(std::span<const std::byte> bytes) {
+    stream_.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    sum_ = checksum(bytes, sum_);
+  }
+  void write(std::string_view text) { write(std::as_bytes(std::span(text))); }
+
+  template <class T>
+  void number(T value) {
+    write(std::as_bytes(std::span(&value, 1)));
+  }
+
+  void end() { number(sum_); }
+
+ private:
+  std::ostream& stream_;
+  std::uint64_t sum_ = 0;
+};
 
 /// Reads from a file whose size is known, and refuses to go past its end before anything is allocated.
 class BoundedInput {
@@ -55,13 +75,19 @@ class BoundedInput {
     stream_.read(static_cast<char*>(target), static_cast<std::streamsize>(bytes));
     if (!stream_) fail("cannot be read");
     left_ -= bytes;
+    sum_ = checksum({static_cast<const std::byte*>(target), bytes}, sum_);
+  }
+
+  /// Reads the checksum of all before it, which must be the end of the file.
+  void end() {
+    const std::uint64_t sum = sum_;
+    if (number<std::uint64_t>() != sum) fail("is damaged: its checksum does not match; copy it again");
+    if (left_ != 0) fail("is damaged: bytes follow its end");
   }
 
   void require(std::uint64_t bytes) const {
     if (bytes > left_) fail("is truncated");
   }
-
-  std::uint64_t left() const { return left_; }
 
   [[noreturn]] void fail(const std::string& what) const { throw InputError(path_.string() + ": checkpoint " + what); }
 
@@ -69,6 +95,7 @@ class BoundedInput {
   const std::filesystem::path& path_;
   std::ifstream& stream_;
   std::uint64_t left_;
+  std::uint64_t sum_ = 0;
 };
 
 template <class T>
@@ -108,14 +135,16 @@ void ArchiveWriter::put(std::string_view name, std::string_view text) {
 
 void ArchiveWriter::write(const std::filesystem::path& path) const {
   write_file_atomically(path, [this](std::ostream& stream) {
-    stream.write(kMagic, sizeof kMagic);
-    write_number(stream, static_cast<std::uint32_t>(entries_.size()));
+    CheckedOutput output(stream);
+    output.write(std::string_view(kMagic, sizeof kMagic));
+    output.number(static_cast<std::uint32_t>(entries_.size()));
     for (const auto& [name, content] : entries_) {
-      write_number(stream, static_cast<std::uint32_t>(name.size()));
-      stream.write(name.data(), static_cast<std::streamsize>(name.size()));
-      write_number(stream, static_cast<std::uint64_t>(content.size()));
-      stream.write(reinterpret_cast<const char*>(content.data()), static_cast<std::streamsize>(content.size()));
+      output.number(static_cast<std::uint32_t>(name.size()));
+      output.write(name);
+      output.number(static_cast<std::uint64_t>(content.size()));
+      output.write(content);
     }
+    output.end();
   });
 }
 
@@ -136,7 +165,8 @@ ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)
   }
   if (std::memcmp(magic, kMagic, sizeof magic) != 0) {
     input.fail("has format version " + std::string(magic + sizeof magic - kVersionDigits, kVersionDigits) +
-               ", this program reads " + std::string(kMagic + sizeof kMagic - kVersionDigits, kVersionDigits));
+               ", this program reads " + std::string(kMagic + sizeof kMagic - kVersionDigits, kVersionDigits) +
+               "; use the version of SplatBoost that wrote it, or train again");
   }
   const auto count = input.number<std::uint32_t>();
   for (std::uint32_t i = 0; i < count; ++i) {
@@ -152,7 +182,7 @@ ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)
     input.read(content.data(), length);
     if (!entries_.emplace(name, std::move(content)).second) input.fail("is damaged: entry '" + name + "' occurs twice");
   }
-  if (input.left() != 0) input.fail("is damaged: bytes follow the last entry");
+  input.end();
 }
 
 std::span<const std::byte> ArchiveReader::entry(std::string_view name) const {

@@ -26,7 +26,8 @@ class ArchiveWriter {
   std::map<std::string, std::vector<std::byte>, std::less<>> entries_;
 };
 
-/// Reads such a file into memory. Every get throws InputError naming file and entry if it is missing or not whole.
+/// Reads such a file into memory, and throws InputError if its checksum does not match. Every get throws InputError
+/// naming file and entry if it is missing or not whole.
 class ArchiveReader {
  public:
   explicit ArchiveReader(std::filesystem::path path);

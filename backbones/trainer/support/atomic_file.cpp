@@ -2,6 +2,7 @@
 #include "trainer/support/atomic_file.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -11,13 +12,30 @@
 #include <ostream>
 #include <stdexcept>
 #include <streambuf>
+#include <string_view>
+#include <utility>
 #include <vector>
+
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::string& cause) {
   throw std::runtime_error(path.string() + ": cannot be written: " + cause);
+}
+
+// The name does not contain the target's, which may be as long as a file system allows.
+constexpr std::string_view kTemporaryPrefix = ".splatboost-";
+constexpr std::string_view kTemporarySuffix = ".tmp";
+constexpr char kLockName[] = ".splatboost.lock";
+
+/// Whether the name still leads to the open file.
+bool is_at(int descriptor, const std::filesystem::path& path) {
+  struct stat opened {};
+  struct stat named {};
+  return ::fstat(descriptor, &opened) == 0 && ::stat(path.c_str(), &named) == 0 && opened.st_ino == named.st_ino &&
+         opened.st_dev == named.st_dev;
 }
 
 /// A stream onto a file descriptor. std::ofstream would lose errno, hence the cause ("No space left on device"),
@@ -68,6 +86,21 @@ struct TemporaryFile {
   int descriptor = -1;
   bool renamed = false;
 
+  explicit TemporaryFile(const std::filesystem::path& target) {
+    static std::atomic<unsigned> counter{0};
+    const std::string prefix = std::string(kTemporaryPrefix) + std::to_string(::getpid()) + "-";
+    for (;;) {
+      path = target.parent_path() / (prefix + std::to_string(counter++) + std::string(kTemporarySuffix));
+      descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+      if (descriptor < 0 && errno == EEXIST) continue;  // left by a killed process that had the same number
+      if (descriptor < 0) fail(target, std::strerror(errno));
+      // Says that somebody writes it. remove_stale_files() may have come in between.
+      if (::flock(descriptor, LOCK_EX | LOCK_NB) != 0 || is_at(descriptor, path)) return;
+      ::close(descriptor);
+    }
+  }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
   ~TemporaryFile() {
     if (descriptor >= 0) ::close(descriptor);
     if (!renamed) ::unlink(path.c_str());
@@ -84,15 +117,8 @@ void write_file_atomically(const std::filesystem::path& path, const std::functio
   if (target.empty()) fail(path, "the name is empty or a link that leads nowhere");
   if (std::filesystem::is_directory(target, ignored)) fail(path, "it is a folder");
 
-  // Unique among the processes and threads that may write the same file at once.
-  static std::atomic<unsigned> counter{0};
-  TemporaryFile temporary;
-  std::filesystem::path beside = target;
-  beside += ".tmp-" + std::to_string(::getpid()) + "-" + std::to_string(counter++);
-  const int descriptor = ::open(beside.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-  if (descriptor < 0) fail(path, std::strerror(errno));
-  temporary.path = beside;
-  temporary.descriptor = descriptor;
+  TemporaryFile temporary(target);
+  const int descriptor = temporary.descriptor;
 
   // A file that is replaced keeps its permissions.
   struct stat old_status {};
@@ -120,6 +146,64 @@ void write_file_atomically(const std::filesystem::path& path, const std::functio
 void write_text_atomically(const std::filesystem::path& path, const std::string& text) {
   write_file_atomically(path,
                         [&](std::ostream& out) { out.write(text.data(), static_cast<std::streamsize>(text.size())); });
+}
+
+bool is_working_file(const std::filesystem::path& name) {
+  const std::string text = name.filename().string();
+  return text == kLockName || (text.starts_with(kTemporaryPrefix) && text.ends_with(kTemporarySuffix));
+}
+
+void remove_stale_files(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> found;
+  std::error_code ignored;
+  for (std::filesystem::directory_iterator entry(folder, ignored), end; !ignored && entry != end;
+       entry.increment(ignored)) {
+    if (is_working_file(entry->path()) && entry->path().filename() != kLockName) found.push_back(entry->path());
+  }
+  for (const std::filesystem::path& path : found) {
+    const int descriptor = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    if (descriptor < 0) continue;
+    if (::flock(descriptor, LOCK_EX | LOCK_NB) == 0) ::unlink(path.c_str());
+    ::close(descriptor);
+  }
+}
+
+void make_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw std::runtime_error(folder.string() + ": cannot make this folder: " + error.message());
+}
+
+FolderLock::FolderLock(const std::filesystem::path& folder) : file_(folder / kLockName) {
+  for (;;) {
+    descriptor_ = ::open(file_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (descriptor_ < 0) {
+      throw InputError(folder.string() + ": cannot be written to: " + std::strerror(errno));
+    }
+    if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+      ::close(descriptor_);
+      throw InputError(folder.string() +
+                       ": another splatboost works in this folder; wait until it has ended, or give another --model");
+    }
+    // The one that had the lock may have removed the file since it was opened.
+    if (is_at(descriptor_, file_)) return;
+    ::close(descriptor_);
+  }
+}
+
+FolderLock::~FolderLock() {
+  if (descriptor_ < 0) return;
+  ::unlink(file_.c_str());  // before the lock ends: later it may be another's
+  ::close(descriptor_);
+}
+
+FolderLock::FolderLock(FolderLock&& other) noexcept
+    : file_(std::move(other.file_)), descriptor_(std::exchange(other.descriptor_, -1)) {}
+
+FolderLock& FolderLock::operator=(FolderLock&& other) noexcept {
+  std::swap(file_, other.file_);
+  std::swap(descriptor_, other.descriptor_);
+  return *this;
 }
 
 }  // namespace splatboost

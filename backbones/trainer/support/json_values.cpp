@@ -3,8 +3,47 @@
 
 #include <array>
 #include <charconv>
+#include <fstream>
+#include <iterator>
+#include <utility>
 
 namespace splatboost {
+
+using Json = nlohmann::json;
+
+Json parse_json(std::string_view text, const std::string& place) {
+  // Copies and writers of JSON call themselves once a level, so that a deeper document could overflow the stack. None
+  // of ours has more than five levels.
+  constexpr int kDeepest = 64;
+  const auto check_depth = [&](int depth, Json::parse_event_t, Json&) {
+    if (depth > kDeepest) {
+      throw InputError(place + ": is nested deeper than " + std::to_string(kDeepest) + " levels");
+    }
+    return true;
+  };
+  try {
+    return Json::parse(text, check_depth, true, true);
+  } catch (const Json::exception& error) {
+    // "[json.exception.parse_error.101] parse error at line 1, column 2: …"
+    std::string what = error.what();
+    if (const auto bracket = what.find("] "); bracket != std::string::npos) what.erase(0, bracket + 2);
+    constexpr int kNumberOverflow = 406;
+    throw InputError(place + (error.id == kNumberOverflow ? ": a number is out of range: " : ": not JSON: ") + what);
+  }
+}
+
+Json read_json_file(const std::filesystem::path& path) {
+  std::error_code ignored;
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream || std::filesystem::is_directory(path, ignored)) {
+    throw InputError(path.string() + ": no such file, or it cannot be opened");
+  }
+  const std::string text(std::istreambuf_iterator<char>(stream), {});
+  if (stream.bad()) throw InputError(path.string() + ": cannot be read to its end");
+  Json document = parse_json(text, path.string());
+  if (!document.is_object()) throw InputError(path.string() + ": must hold a JSON object");
+  return document;
+}
 
 nlohmann::json readable(float value) {
   std::array<char, 32> text{};

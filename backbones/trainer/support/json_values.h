@@ -2,11 +2,14 @@
 /// @file Reads single values from JSON, with errors that name the key.
 #pragma once
 
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -38,7 +41,10 @@ requires(!std::same_as<T, bool>) void read_value(const nlohmann::json& json, con
 template <std::floating_point T>
 void read_value(const nlohmann::json& json, const std::string& place, T& value) {
   if (!json.is_number()) wrong_type(place, "a number");
-  value = json.get<T>();
+  // Compared before it is narrowed: the cast of a double that no float holds is undefined.
+  const auto given = json.get<double>();
+  if (!(std::abs(given) <= static_cast<double>(std::numeric_limits<T>::max()))) wrong_type(place, "a number in range");
+  value = static_cast<T>(given);
 }
 
 inline void read_value(const nlohmann::json& json, const std::string& place, std::string& value) {
@@ -66,6 +72,13 @@ void read_value(const nlohmann::json& json, const std::string& place, std::optio
     read_value(json, place, value.emplace());
   }
 }
+
+/// Parses a document; // comments are allowed. Throws InputError, beginning with `place`, on text that is not JSON,
+/// that is nested too deep, or with a number that no double holds.
+nlohmann::json parse_json(std::string_view text, const std::string& place);
+
+/// Parses a file that holds an object; throws InputError with its name likewise.
+nlohmann::json read_json_file(const std::filesystem::path& path);
 
 /// A float as the shortest decimal that reads back as the same float: 0.1, not 0.10000000149011612.
 nlohmann::json readable(float value);

@@ -211,9 +211,9 @@ TEST(Transforms, BrokenInputIsNamed) {
   EXPECT_EQ(
       (write_file(folder / "transforms.json", good.dump()), read_transforms(folder / "transforms.json").photos.size()),
       2u);
-  expect_contains(message("{\n \"frames\": [,]\n}"), "not valid JSON: parse error at line 2");
-  expect_contains(message(good.dump().substr(0, 60)), "not valid JSON");
-  expect_contains(message("[1, 2]"), "not a JSON object");
+  expect_contains(message("{\n \"frames\": [,]\n}"), "not JSON: parse error at line 2");
+  expect_contains(message(good.dump().substr(0, 60)), "not JSON");
+  expect_contains(message("[1, 2]"), "must hold a JSON object");
   expect_contains(message("{}"), "no list 'frames'");
   expect_contains(broken([](Json& j) { j["frames"] = Json::array(); }), "lists no frames");
   expect_contains(broken([](Json& j) { j.erase("camera_angle_x"); }), "frame 0: neither a focal length");

@@ -4,12 +4,15 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <filesystem>
 #include <ostream>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "support/temporary_folder.h"
 
@@ -113,6 +116,81 @@ TEST(AtomicFile, KeepsPermissionsAndLinks) {
   EXPECT_TRUE(std::filesystem::is_symlink(folder / "link"));
   EXPECT_EQ(read_file(folder / "target"), "new");
   EXPECT_EQ(std::filesystem::status(folder / "target").permissions(), std::filesystem::perms(0640));
+}
+
+TEST(AtomicFile, TakesAsLongANameAsTheFileSystem) {
+  const TemporaryFolder folder;
+  write_text_atomically(folder / std::string(255, 'n'), "new");
+  EXPECT_EQ(read_file(folder / std::string(255, 'n')), "new");
+}
+
+TEST(AtomicFile, RemovesWhatAKilledProcessLeft) {
+  const TemporaryFolder folder;
+  write_text_atomically(folder / "kept.json", "kept");
+  const pid_t child = fork();
+  if (child == 0) {
+    try {
+      write_file_atomically(folder / "model.ply", [](std::ostream& out) {
+        out << "half" << std::flush;
+        std::raise(SIGKILL);
+      });
+    } catch (...) {
+    }
+    _exit(1);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  ASSERT_TRUE(WIFSIGNALED(status));
+  ASSERT_EQ(files_in(folder.path()), 2u);
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path())) {
+    EXPECT_EQ(is_working_file(entry.path()), entry.path().filename() != "kept.json");
+  }
+  // What somebody still writes stays.
+  write_file_atomically(folder / "other.ply", [&](std::ostream& out) {
+    out << "other";
+    EXPECT_EQ(files_in(folder.path()), 3u);
+    remove_stale_files(folder.path());
+    EXPECT_EQ(files_in(folder.path()), 2u);
+  });
+  EXPECT_EQ(read_file(folder / "other.ply"), "other");
+  EXPECT_EQ(read_file(folder / "kept.json"), "kept");
+  EXPECT_EQ(files_in(folder.path()), 2u);
+}
+
+TEST(AtomicFile, AFileLeftByAProcessOfTheSameNumberIsNotInTheWay) {
+  const TemporaryFolder folder;
+  for (int i = 0; i < 200; ++i) {
+    write_file(folder / (".splatboost-" + std::to_string(getpid()) + "-" + std::to_string(i) + ".tmp"), "left");
+  }
+  write_text_atomically(folder / "a", "new");
+  EXPECT_EQ(read_file(folder / "a"), "new");
+}
+
+TEST(FolderLock, HasOneHolder) {
+  const TemporaryFolder folder;
+  {
+    const FolderLock lock(folder.path());
+    expect_contains(input_error_of([&] { FolderLock second(folder.path()); }),
+                    "another splatboost works in this folder");
+    EXPECT_TRUE(is_working_file(folder / ".splatboost.lock"));
+  }
+  EXPECT_EQ(files_in(folder.path()), 0u);
+  FolderLock first(folder.path());
+  FolderLock moved = std::move(first);
+  input_error_of([&] { FolderLock second(folder.path()); });
+}
+
+TEST(FolderLock, EndsWithTheProcess) {
+  const TemporaryFolder folder;
+  const pid_t child = fork();
+  if (child == 0) {
+    const FolderLock lock(folder.path());
+    std::raise(SIGKILL);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  EXPECT_EQ(files_in(folder.path()), 1u);
+  const FolderLock lock(folder.path());
 }
 
 }  // namespace

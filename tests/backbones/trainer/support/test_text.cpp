@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/support/text.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+namespace splatboost::test {
+namespace {
+
+TEST(Text, KnowsUtf8) {
+  for (const char* good : {"", "plain", "Grüße", "\u20ac", "\U0001f600", "\xf4\x8f\xbf\xbf", "\xed\x9f\xbf"}) {
+    EXPECT_TRUE(is_utf8(good)) << good;
+  }
+  for (const char* bad : {"\xe9", "caf\xe9.jpg", "\xc3", "\xc0\xaf", "\xe0\x80\xaf", "\xf0\x80\x80\xaf", "\xed\xa0\x80",
+                          "\xf4\x90\x80\x80", "\xff", "\x80", "\xe2\x82", "\xe2\x82 "}) {
+    EXPECT_FALSE(is_utf8(bad)) << printable(bad);
+  }
+}
+
+TEST(Text, ShowsWhatNoTerminalShould) {
+  EXPECT_EQ(printable("Grüße \u20ac"), "Grüße \u20ac");
+  EXPECT_EQ(printable("caf\xe9.jpg"), "caf\\xe9.jpg");
+  EXPECT_EQ(printable(std::string("a\0\x1b[2J\n\x7f", 8)), "a\\x00\\x1b[2J\\x0a\\x7f");
+  EXPECT_EQ(printable("\xe2\x82"), "\\xe2\\x82");
+  EXPECT_TRUE(is_utf8(printable("\xff\xfe\xe2\x82\xc3\xa4")));
+}
+
+}  // namespace
+}  // namespace splatboost::test
