@@ -32,22 +32,26 @@ struct Compare {
     if (options.model.empty()) throw UsageError("no output folder given: name it with -m/--model");
     check_options(options);
     boost_settings(options);
-    require_ours_or_empty(options.model);
+    const auto folder_of = [&](bool boost) { return options.model / run_label(boost); };
+    for (const fs::path& folder : {options.model, folder_of(false), folder_of(true)}) require_ours_or_empty(folder);
     Workbench bench = make_workbench(options);
-    take_model_folder(options.model);
-    write_config(options.model, set, options, true, nullptr);
+    const std::string config = config_text(set, options, true, nullptr);
+    check_backbone(bench, options, true);  // what the second run would be refused for is told before the first
 
+    std::vector<FolderLock> locks;
     std::vector<ReportRun> runs;
     std::vector<ReportView> views;
     for (const bool boost : {false, true}) {
-      const std::string label = boost ? "boosted" : "baseline";
-      const fs::path folder = options.model / label;
-      take_model_folder(folder);
-      RunOutcome outcome = run_once(bench, set, options, boost, folder, label, command_line);
+      const auto take_folder = [&] {
+        if (!boost) {
+          locks.push_back(take_model_folder(options.model, false));
+          write_config(options.model, config);
+        }
+        locks.push_back(take_model_folder(folder_of(boost), false));
+      };
+      RunOutcome outcome = run_once(bench, set, options, boost, folder_of(boost), command_line, take_folder);
       if (outcome.interrupted_by != 0) return exit_code_of_signal(outcome.interrupted_by);
-      views = write_truth(bench.scene, folder);
-      write_report(folder / "report.html", outcome.run.results.source + " — " + options.backbone + ", " + label,
-                   {outcome.run}, views);
+      views = std::move(outcome.views);
       runs.push_back(std::move(outcome.run));
     }
     const Results& baseline = runs[0].results;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
 #include <memory>
+#include <optional>
 
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
@@ -43,27 +44,48 @@ struct Eval {
     const std::optional<float> beta = trained_beta(config);
     const fs::path saved = saved_model(options.model, iteration);
     const fs::path results_path = options.model / "results.json";
-    require(fs::exists(results_path), results_path.string() +
-                                          ": missing: the run did not end; let it end with "
-                                          "splatboost train --resume");
-    Results results = results_from_json(read_json_file(results_path));
+    const fs::path training_path = options.model / kTrainingFile;
+    const bool measured = fs::exists(results_path);
+    require(measured || fs::exists(training_path), results_path.string() +
+                                                       ": missing: the run did not end; let it end with "
+                                                       "splatboost train --resume");
+    Results results = results_of(measured ? results_path : training_path);
+    // A model saved on the way is shown, but results.json speaks of the run's end.
+    const bool of_the_end = saved_iteration(saved) == results.iterations;
+    require(measured || of_the_end, results_path.string() +
+                                        ": missing: the run was stopped while it measured; measure "
+                                        "the model at its end first, without --iteration");
 
     Workbench bench = make_workbench(options);
     const PluggedBackbone plugged = load_model(bench, options, saved, beta);
-    evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, results);
+    std::optional<FolderLock> lock;
+    if (of_the_end) lock.emplace(options.model);
+    if (measured) {
+      evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, results);
+    } else {
+      // The run was killed after its last iteration: what it would have left is made now.
+      results = measure_run(bench, *plugged.backbone, options.model, std::move(results)).run.results;
+    }
     Results exact;
     plugged.backbone->rasterizer_hook().set_beta(1.0f);
     evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, exact);
 
-    // A model saved on the way is shown, but results.json speaks of the run's end.
-    const bool of_the_end = saved_iteration(saved) == results.iterations;
-    if (of_the_end) write_text_atomically(results_path, to_json(results).dump(2) + "\n");
+    if (of_the_end && measured) write_results(results_path, results);
     print(results, exact, beta);
     if (of_the_end) std::printf("\nresults: %s\n", results_path.c_str());
     return 0;
   }
 
  private:
+  static Results results_of(const fs::path& path) {
+    const nlohmann::json document = read_json_file(path);
+    try {
+      return results_from_json(document);
+    } catch (const InputError& error) {
+      throw InputError(path.string() + ": " + error.what());
+    }
+  }
+
   static void print(const Results& results, const Results& exact, std::optional<float> beta) {
     const std::string box = beta ? "as trained (beta " + readable(*beta).dump() + ")" : "as trained (own box)";
     const auto line = [](const std::string& label, const std::string& trained, const std::string& one) {

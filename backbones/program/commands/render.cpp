@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
 #include <memory>
+#include <optional>
 
 #include "program/commands/commands.h"
 #include "program/commands/orbit.h"
@@ -53,7 +54,11 @@ struct Render {
     options.lpips.clear();
     Workbench bench = make_workbench(options);
     const PluggedBackbone plugged = load_model(bench, options, saved, beta);
-    if (output.empty()) output = options.model;
+    std::optional<FolderLock> lock;
+    if (output.empty()) {
+      output = options.model;
+      lock.emplace(options.model);  // a run that measures writes pictures of the same names
+    }
     if (!video.empty() || orbit > 0) {
       render_orbit(*plugged.backbone, bench.scene);
     } else {
@@ -110,12 +115,6 @@ struct Render {
   static void render(Backbone& backbone, const Camera& camera, float time, std::vector<float>& color) {
     color.resize(3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height));
     backbone.render(camera, time, std::nullopt, color);
-  }
-
-  static void make_folder(const fs::path& folder) {
-    std::error_code error;
-    fs::create_directories(folder, error);
-    require(!error, folder.string() + ": cannot make this folder: " + error.message());
   }
 
   RunOptions options;

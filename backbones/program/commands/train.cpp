@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
 #include <memory>
+#include <optional>
 
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
@@ -57,15 +58,12 @@ struct Train {
     Workbench bench = make_workbench(options);
     const bool goes_on_in_place =
         !options.resume.empty() && fs::exists(options.model) && fs::equivalent(options.model, folder_of_checkpoint());
-    if (!goes_on_in_place) take_model_folder(options.model);
-
-    const std::string label = options.boost ? "boosted" : "baseline";
-    const RunOutcome outcome = run_once(bench, set, options, options.boost, options.model, label, command_line);
+    std::optional<FolderLock> lock;
+    const auto take_folder = [&] { lock = take_model_folder(options.model, goes_on_in_place); };
+    const RunOutcome outcome = run_once(bench, set, options, options.boost, options.model, command_line, take_folder);
     if (outcome.interrupted_by != 0) return exit_code_of_signal(outcome.interrupted_by);
-    const std::vector<ReportView> views = write_truth(bench.scene, options.model);
-    const fs::path report = options.model / "report.html";
-    write_report(report, outcome.run.results.source + " — " + options.backbone + ", " + label, {outcome.run}, views);
-    std::printf("%s\nreport: %s\n", results_table(outcome.run.results).c_str(), report.c_str());
+    std::printf("%s\nreport: %s\n", results_table(outcome.run.results).c_str(),
+                (options.model / "report.html").c_str());
     return 0;
   }
 

@@ -38,27 +38,35 @@ void require_ours_or_empty(const fs::path& folder) {
   std::error_code error;
   if (!fs::exists(folder, error)) return;
   require(fs::is_directory(folder, error), folder.string() + ": is not a folder; give another --model");
-  const bool empty = fs::is_empty(folder, error);
+  bool empty = true;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    empty = empty && is_working_file(entry->path());
+  }
   require(!error, folder.string() + ": cannot be read: " + error.message());
   require(empty || is_ours(folder), folder.string() +
                                         ": holds files that are not of a SplatBoost run, and they would be mixed; "
                                         "give another --model");
 }
 
-void take_model_folder(const fs::path& folder) {
-  require_ours_or_empty(folder);
+FolderLock take_model_folder(const fs::path& folder, bool keep_results) {
   std::error_code error;
   fs::create_directories(folder, error);
   require(!error, folder.string() + ": cannot make this folder: " + error.message());
+  FolderLock lock(folder);
+  require_ours_or_empty(folder);
+  remove_stale_files(folder);
+  remove_stale_files(folder / "checkpoints");
+  if (keep_results) return lock;
   // What is there when a run ends must be of that run. Checkpoints are hours of work and say whose they are: they stay.
-  for (const char* name : {"point_cloud", "test", "train", "results.json", "compare.json", "report.html"}) {
+  for (const char* name :
+       {"point_cloud", "test", "train", kTrainingFile, "results.json", "compare.json", "report.html"}) {
     fs::remove_all(folder / name, error);
     require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
   }
+  return lock;
 }
 
-void write_config(const fs::path& folder, const OptionSet& set, const RunOptions& options, bool boost,
-                  const PluggedBackbone* plugged) {
+std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged) {
   Json config = set.record();
   config["splatboost"] = SPLATBOOST_VERSION;
   config["backbone"] = plugged ? plugged->backbone->config() : options.backbone_settings;
@@ -71,7 +79,11 @@ void write_config(const fs::path& folder, const OptionSet& set, const RunOptions
     trained["background"] = options.scene.white_background ? "white" : "black";
     if (config["backbone"].contains("sh_degree")) trained["sh_degree"] = config["backbone"]["sh_degree"];
   }
-  write_text_atomically(folder / "config.json", config.dump(2) + "\n");
+  return config.dump(2) + "\n";
+}
+
+void write_config(const fs::path& folder, const std::string& text) {
+  write_text_atomically(folder / "config.json", text);
 }
 
 Json read_config(const fs::path& folder) {

@@ -11,20 +11,30 @@
 
 #include "program/session/options.h"
 #include "program/session/plugged_backbone.h"
+#include "trainer/support/atomic_file.h"
 
 namespace splatboost::program {
 
-/// Makes the folder, or takes one over that a run of ours left: its results go, its checkpoints stay. Throws
-/// InputError on a folder that holds anything else.
-void take_model_folder(const std::filesystem::path& folder);
+/// What training leaves beside the model until it is measured: results.json without its quality part.
+inline constexpr char kTrainingFile[] = "training.json";
 
-/// Throws InputError unless the folder is new, empty or ours.
+/// Throws InputError unless the folder is new, empty or ours. What a killed command left in a new folder does not
+/// count.
 void require_ours_or_empty(const std::filesystem::path& folder);
 
-/// config.json: the options, the constants in use, and what a viewer must know of the training.
+/// Makes the folder, or takes one over that a run of ours left: its results go, its checkpoints stay. This is the first
+/// step of a run that changes anything: whatever can refuse the run comes before. Throws InputError on a folder that
+/// holds anything else, or in which another process works.
+/// @param keep_results the run goes on with that of the folder
+/// @return to be held while the run writes into the folder
+FolderLock take_model_folder(const std::filesystem::path& folder, bool keep_results);
+
+/// The text of config.json: the options, the constants in use, and what a viewer must know of the training. Throws
+/// InputError on a path that cannot be written down.
 /// @param plugged the run's backbone; null: of a comparison, which has two
-void write_config(const std::filesystem::path& folder, const OptionSet& set, const RunOptions& options, bool boost,
-                  const PluggedBackbone* plugged);
+std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged);
+
+void write_config(const std::filesystem::path& folder, const std::string& text);
 
 /// config.json of a run; throws InputError where there is none.
 nlohmann::json read_config(const std::filesystem::path& folder);

@@ -59,6 +59,21 @@ std::size_t most_primitives(const std::vector<CurvePoint>& curve, std::size_t at
   return most;
 }
 
+/// Saves the photos that measured renders are compared with; the views of a report.
+std::vector<ReportView> write_truth(const Scene& scene, const fs::path& folder) {
+  const std::vector<View>& views = measured_views(scene);
+  const std::vector<std::string> names = picture_names(views);
+  const fs::path truth = folder / (scene.test.empty() ? "train" : "test") / "truth";
+  make_folder(truth);
+  std::vector<ReportView> report_views;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const fs::path picture = truth / (names[i] + ".png");
+    write_png(picture, views[i].color, views[i].camera.width, views[i].camera.height);
+    report_views.push_back({views[i].name, picture});
+  }
+  return report_views;
+}
+
 BackboneContext context_of(Workbench& bench, const RunOptions& options) {
   return {
       bench.scene,           bench.device->threads(), options.seed, options.iterations.value(), options.max_primitives,
@@ -82,8 +97,16 @@ Workbench make_workbench(const RunOptions& options) {
   return bench;
 }
 
+std::string run_label(bool boost) { return boost ? "boosted" : "baseline"; }
+
+void check_backbone(Workbench& bench, const RunOptions& options, bool boost) {
+  const Json settings = boost_settings(options);
+  static_cast<void>(make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
+                                  boost ? &settings : nullptr));
+}
+
 RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
-                    const fs::path& folder, const std::string& label, const std::string& command) {
+                    const fs::path& folder, const std::string& command, const std::function<void()>& take_folder) {
   // Each run's peak is its own: what an earlier run freed goes back to the system first.
   malloc_trim(0);
   reset_peak_memory();
@@ -93,10 +116,12 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   const PluggedBackbone plugged = make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
                                                 boost ? &settings : nullptr);
   Backbone& backbone = *plugged.backbone;
-  write_config(folder, set, options, boost, &plugged);
+  const std::string config = config_text(set, options, boost, &plugged);
   bench.scene.train_halves.clear();
   if (plugged.coarse_until > 0) bench.scene.train_halves = half_views(bench.scene.train, bench.device->threads());
   const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
+  // On a GPU primitives take none of the host's memory, which is what is estimated.
+  const bool on_host = !bench.device->device().is_cuda();
 
   TrainOptions train_options;
   train_options.iterations = options.iterations.value();
@@ -107,23 +132,22 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   train_options.checkpoint_iterations = options.checkpoint_iterations;
   train_options.resume = options.resume;
   train_options.identity = identity_of(options, boost, backbone.config());
-  // On a GPU primitives take none of the host's memory, which is what is estimated.
-  const bool on_host = !bench.device->device().is_cuda();
-  if (on_host) {
-    train_options.on_start = [&](std::size_t primitives) { tell_memory(memory, primitives, options, label, resident); };
-  }
-  train_options.label = label;
+  train_options.label = run_label(boost);
+  train_options.on_start = [&](std::size_t primitives) {
+    take_folder();
+    write_config(folder, config);
+    if (on_host) tell_memory(memory, primitives, options, train_options.label, resident);
+  };
   train_options.quiet = options.quiet;
   TrainOutcome trained = train(backbone, bench.scene, train_options);
   if (trained.interrupted_by != 0) {
     std::fprintf(stderr, "interrupted after iteration %d; go on with: splatboost train --resume %s\n",
                  trained.iteration, trained.checkpoint.c_str());
-    return {trained.interrupted_by, {}};
+    return {trained.interrupted_by, {}, {}};
   }
 
-  RunOutcome outcome;
-  outcome.run.label = label;
-  Results& results = outcome.run.results;
+  Results results;
+  results.psnr = results.ssim = results.psnr_beta1 = results.fps = std::nan("");  // not measured yet
   results.backbone = options.backbone;
   results.boost = boost;
   results.iterations = options.iterations.value();
@@ -144,24 +168,32 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   results.height = bench.scene.train[0].camera.height;
   results.stage_seconds = trained.stage_seconds;
   results.curve = std::move(trained.curve);
+  write_results(folder / kTrainingFile, results);
+  return measure_run(bench, backbone, folder, std::move(results));
+}
+
+RunOutcome measure_run(Workbench& bench, Backbone& backbone, const fs::path& folder, Results trained) {
+  RunOutcome outcome;
+  outcome.run.label = run_label(trained.boost);
+  outcome.run.results = std::move(trained);
+  Results& results = outcome.run.results;
   outcome.run.renders = folder / (bench.scene.test.empty() ? "train" : "test") / "renders";
+  // A run that was killed here is measured again.
+  for (const fs::path& used : {folder, outcome.run.renders, outcome.run.renders.parent_path() / "truth"}) {
+    remove_stale_files(used);
+  }
   evaluate(backbone, bench.scene, bench.lpips.get(), outcome.run.renders, results);
-  write_text_atomically(folder / "results.json", to_json(results).dump(2) + "\n");
+  outcome.views = write_truth(bench.scene, folder);
+  write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + outcome.run.label,
+               {outcome.run}, outcome.views);
+  write_results(folder / "results.json", results);
+  std::error_code ignored;
+  fs::remove(folder / kTrainingFile, ignored);
   return outcome;
 }
 
-std::vector<ReportView> write_truth(const Scene& scene, const fs::path& folder) {
-  const std::vector<View>& views = measured_views(scene);
-  const std::vector<std::string> names = picture_names(views);
-  const fs::path truth = folder / (scene.test.empty() ? "train" : "test") / "truth";
-  fs::create_directories(truth);
-  std::vector<ReportView> report_views;
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    const fs::path picture = truth / (names[i] + ".png");
-    write_png(picture, views[i].color, views[i].camera.width, views[i].camera.height);
-    report_views.push_back({views[i].name, picture});
-  }
-  return report_views;
+void write_results(const fs::path& path, const Results& results) {
+  write_text_atomically(path, to_json(results).dump(2) + "\n");
 }
 
 std::string results_table(const Results& results) {

@@ -2,6 +2,7 @@
 /// @file One run from scene to full output folder: what train does once and compare twice.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -30,15 +31,28 @@ Workbench make_workbench(const RunOptions& options);
 struct RunOutcome {
   int interrupted_by = 0;  ///< signal; the rest is then empty
   ReportRun run;
+  std::vector<ReportView> views;
 };
 
-/// Trains, evaluates and fills `folder`, which was taken before, except for its report.
-/// @param label of the report and, in a comparison, of the progress line
-RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
-                    const std::filesystem::path& folder, const std::string& label, const std::string& command);
+/// "boosted" or "baseline": the name of a run in reports and, in a comparison, of its folder.
+std::string run_label(bool boost);
 
-/// Saves the photos that measured renders are compared with; the views of a report.
-std::vector<ReportView> write_truth(const Scene& scene, const std::filesystem::path& folder);
+/// Builds the backbone of a run and lets it go again: throws InputError on constants that it refuses.
+void check_backbone(Workbench& bench, const RunOptions& options, bool boost);
+
+/// Trains, evaluates and fills `folder`.
+/// @param take_folder called once nothing can refuse the run any more, before anything is written; leaves the folder to
+/// the run
+RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
+                    const std::filesystem::path& folder, const std::string& command,
+                    const std::function<void()>& take_folder);
+
+/// Measures the model at the end of a run and writes the pictures, the report and, last, results.json.
+/// @param trained what kTrainingFile holds
+RunOutcome measure_run(Workbench& bench, Backbone& backbone, const std::filesystem::path& folder, Results trained);
+
+/// Writes results.json, or kTrainingFile.
+void write_results(const std::filesystem::path& path, const Results& results);
 
 /// The rows of one or two runs as text columns.
 std::string results_table(const Results& results);

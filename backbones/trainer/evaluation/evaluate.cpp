@@ -5,10 +5,12 @@
 #include <chrono>
 #include <cmath>
 #include <map>
+#include <set>
 #include <stdexcept>
 
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/multi_scale.h"
+#include "trainer/support/atomic_file.h"
 
 namespace splatboost {
 namespace {
@@ -20,6 +22,16 @@ constexpr std::size_t kTimedRenders = 20;
 constexpr double kLongestTiming = 10.0;
 
 constexpr int kSsimWindow = 11;  // pixels
+
+// File systems take 255 bytes; an extension and a number follow.
+constexpr std::size_t kLongestPictureName = 230;
+
+/// At most `bytes` of the text, which is UTF-8, and no half character.
+std::string cut(const std::string& text, std::size_t bytes) {
+  if (text.size() <= bytes) return text;
+  while (bytes > 0 && (static_cast<unsigned char>(text[bytes]) & 0xc0) == 0x80) --bytes;
+  return text.substr(0, bytes);
+}
 
 std::size_t image_floats(const Camera& camera) {
   return 3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
@@ -105,7 +117,7 @@ void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::f
               Results& results) {
   const std::vector<View>& views = measured_views(scene);
   if (views.empty()) throw std::invalid_argument("evaluate() needs a view");
-  if (!renders.empty()) std::filesystem::create_directories(renders);
+  if (!renders.empty()) make_folder(renders);
   const std::vector<std::string> names = picture_names(views);
   results.split = scene.test.empty() ? "train" : "test";
   results.views.clear();
@@ -144,14 +156,18 @@ std::vector<std::string> picture_names(const std::vector<View>& views) {
   std::map<std::string, int> uses;
   for (const View& view : views) ++uses[stem(view)];
   std::vector<std::string> names;
+  std::set<std::string> taken;
   for (const View& view : views) {
     std::string name = stem(view);
     if (uses[name] > 1) {
-      // 0001.jpg and 0001.png may lie side by side: only the whole name is sure to differ.
+      // 0001.jpg and 0001.png may lie side by side: the whole name differs more often.
       name = view.name;
       std::replace(name.begin(), name.end(), '/', '_');
     }
-    names.push_back(std::move(name));
+    name = cut(name, kLongestPictureName);
+    std::string unused = name;
+    for (int number = 2; !taken.insert(unused).second; ++number) unused = name + "_" + std::to_string(number);
+    names.push_back(std::move(unused));
   }
   return names;
 }

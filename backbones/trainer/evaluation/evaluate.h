@@ -28,7 +28,8 @@ void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::f
 double quick_psnr(Backbone& backbone, const Scene& scene, int count);
 
 /// File name stem of each view's pictures: the stem of its name, or, where views in several folders share one,
-/// of the whole name with '_' for '/'.
+/// of the whole name with '_' for '/'. Names are cut where a file system would refuse them, and where two are the same
+/// then, later ones get "_2", "_3", …
 std::vector<std::string> picture_names(const std::vector<View>& views);
 
 /// Saves a planar [3,H,W] image as PNG; floats are clamped to [0,1]. Atomic.

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <csignal>
+#include <iterator>
 #include <numeric>
 #include <stdexcept>
 #include <type_traits>
@@ -13,7 +14,10 @@
 #include "splatboost/errors.h"
 #include "splatboost/random.h"
 #include "trainer/evaluation/evaluate.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/json_values.h"
+#include "trainer/training/data_identity.h"
 #include "trainer/training/progress.h"
 
 namespace splatboost {
@@ -25,17 +29,20 @@ using Json = nlohmann::json;
 constexpr double kLossWeight = 0.05;
 
 constexpr std::string_view kTrainerEntry = "trainer";
+constexpr char kDataKey[] = "data";  // of the identity
+
+// SIGHUP: the terminal was closed. SIGPIPE: nobody reads the progress any more.
+constexpr int kStopSignals[] = {SIGINT, SIGTERM, SIGHUP, SIGPIPE};
 
 volatile std::sig_atomic_t g_stop_signal = 0;
 
 extern "C" void note_stop_signal(int signal_number) {
   g_stop_signal = signal_number;
-  // The second one kills at once.
-  std::signal(SIGINT, SIG_DFL);
-  std::signal(SIGTERM, SIG_DFL);
+  // The second one kills at once. More lines for the closed pipe are no reason to.
+  for (const int stop : kStopSignals) std::signal(stop, stop == SIGPIPE ? SIG_IGN : SIG_DFL);
 }
 
-/// Takes SIGINT and SIGTERM while it lives. A signal that was ignored before (nohup, a background job) stays so.
+/// Takes these signals while it lives. One that was ignored before (nohup, a background job) stays so.
 class StopSignals {
  public:
   StopSignals() {
@@ -44,13 +51,17 @@ class StopSignals {
     action.sa_handler = note_stop_signal;
     sigemptyset(&action.sa_mask);
     action.sa_flags = SA_RESTART;
-    for (std::size_t i = 0; i < 2; ++i) {
-      sigaction(kSignals[i], nullptr, &previous_[i]);
-      if (previous_[i].sa_handler != SIG_IGN) sigaction(kSignals[i], &action, nullptr);
+    for (std::size_t i = 0; i < kCount; ++i) {
+      sigaction(kStopSignals[i], nullptr, &previous_[i]);
+      if (previous_[i].sa_handler != SIG_IGN) sigaction(kStopSignals[i], &action, nullptr);
     }
   }
   ~StopSignals() {
-    for (std::size_t i = 0; i < 2; ++i) sigaction(kSignals[i], &previous_[i], nullptr);
+    for (std::size_t i = 0; i < kCount; ++i) {
+      // The caller still has to say what happened, and may do so into the closed pipe.
+      if (kStopSignals[i] == SIGPIPE && g_stop_signal == SIGPIPE) continue;
+      sigaction(kStopSignals[i], &previous_[i], nullptr);
+    }
   }
   StopSignals(const StopSignals&) = delete;
   StopSignals& operator=(const StopSignals&) = delete;
@@ -58,8 +69,8 @@ class StopSignals {
   int caught() const { return g_stop_signal; }
 
  private:
-  static constexpr int kSignals[2] = {SIGINT, SIGTERM};
-  struct sigaction previous_[2] = {};
+  static constexpr std::size_t kCount = std::size(kStopSignals);
+  struct sigaction previous_[kCount] = {};
 };
 
 /// The order in which the views of one epoch are seen.
@@ -87,12 +98,6 @@ bool samples_curve_at(int iteration, int total, int points) {
 }
 
 std::string iteration_name(int iteration) { return "iteration_" + std::to_string(iteration); }
-
-void make_folder(const std::filesystem::path& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw InputError(folder.string() + ": cannot make this folder: " + error.message());
-}
 
 Json curve_to_json(const std::vector<CurvePoint>& curve) {
   Json json = Json::array();
@@ -122,11 +127,17 @@ std::string shown(const Json& value) { return value.is_string() ? value.get<std:
 /// Refuses a checkpoint of another run: it would go on with other data or other rules and look like a result.
 void require_same_run(const Json& saved, const Json& wanted, const std::filesystem::path& checkpoint) {
   for (const auto& [key, value] : wanted.items()) {
+    if (key == kDataKey) continue;
     const Json other = saved.contains(key) ? saved.at(key) : Json("none");
     if (other != value) {
       throw InputError(checkpoint.string() + ": made by a run with " + key + " = " + shown(other) + ", this run has " +
                        shown(value) + "; resume with the settings of that run");
     }
+  }
+  const std::string difference = data_difference(saved.at(kDataKey), wanted.at(kDataKey));
+  if (!difference.empty()) {
+    throw InputError(checkpoint.string() + ": made by a run with " + difference +
+                     "; resume with the data and the options of that run");
   }
 }
 
@@ -140,14 +151,15 @@ class Run {
     identity_["training views"] = scene.train.size();
     identity_["image size"] =
         std::to_string(scene.train[0].camera.width) + "x" + std::to_string(scene.train[0].camera.height);
+    identity_[kDataKey] = data_identity(scene);
   }
 
   TrainOutcome train() {
     if (!options_.resume.empty()) restore();
     const int first = outcome_.iteration + 1;
     const double seconds_before = outcome_.seconds;
-    make_folder(options_.model / "point_cloud");
     if (options_.on_start) options_.on_start(backbone_.primitives());
+    make_folder(options_.model / "point_cloud");
 
     std::vector<std::size_t> order;
     std::uint64_t order_epoch = 0;
@@ -262,7 +274,7 @@ class Run {
   void restore() {
     ArchiveReader archive(options_.resume);
     try {
-      const Json trainer = Json::parse(archive.text(kTrainerEntry));
+      const Json trainer = parse_json(archive.text(kTrainerEntry), options_.resume.string());
       require_same_run(trainer.at("identity"), identity_, options_.resume);
       outcome_.iteration = trainer.at("iteration").get<int>();
       outcome_.seconds = trainer.at("seconds").get<double>();

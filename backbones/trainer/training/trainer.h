@@ -31,16 +31,17 @@ struct TrainOptions {
   int curve_views = 4;
   std::filesystem::path resume;  ///< checkpoint to continue from
   /// Settings that make the run what it is, by the names a user knows them by; flat. A checkpoint of a run that
-  /// differs in one of them is refused. Iterations, seed and the views' number and size are added by train().
+  /// differs in one of them is refused. Iterations, seed, the views' number and size and the data are added by train().
   nlohmann::json identity = nlohmann::json::object();
-  /// Called before the first iteration, once a checkpoint, if any, has proved to be good; may be empty.
+  /// Called once a checkpoint, if any, has proved to be good, before anything is written and before the first
+  /// iteration; may be empty. What it throws ends train().
   std::function<void(std::size_t primitives)> on_start;
   std::string label;  ///< shown in the progress line
   bool quiet = false;
 };
 
 struct TrainOutcome {
-  int interrupted_by = 0;            ///< the signal (SIGINT, SIGTERM), 0: ran to its end; a checkpoint was written
+  int interrupted_by = 0;            ///< the signal that stopped it, 0: ran to its end; a checkpoint was written
   std::filesystem::path checkpoint;  ///< the one written on interruption
   int iteration = 0;                 ///< last iteration done
   double seconds = 0;                ///< wall time of training, evaluation and saving excluded
@@ -52,9 +53,9 @@ struct TrainOutcome {
 /// Which training view an iteration sees: a fresh random permutation every epoch, a pure function of the arguments.
 std::size_t view_of_iteration(int iteration, std::size_t views, std::uint64_t seed);
 
-/// Trains until done or interrupted. The first SIGINT or SIGTERM lets the iteration end and writes
-/// checkpoints/iteration_N.ckpt; the second ends the process at once. While training runs, those two signals are its
-/// own.
+/// Trains until done or interrupted. The first SIGINT, SIGTERM, SIGHUP (the terminal was closed) or SIGPIPE (nobody
+/// reads the progress any more) lets the iteration end and writes checkpoints/iteration_N.ckpt; the second ends the
+/// process at once, except that a second SIGPIPE is ignored. While training runs, those signals are its own.
 ///
 /// Exports to point_cloud/iteration_N. Backbone::finish() is called after the last iteration only, so that models saved
 /// on the way do not change the run. Throws std::runtime_error naming the iteration if the loss is not finite, and

@@ -18,6 +18,7 @@
 #include "trainer/evaluation/multi_scale.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/text.h"
 
 namespace splatboost::test {
 namespace {
@@ -222,11 +223,41 @@ TEST_F(Trainer, RefusesACheckpointOfAnotherRun) {
   refused(options, other, "training views = 3");
 }
 
+TEST_F(Trainer, RefusesACheckpointOfOtherData) {
+  scene.points.positions = {1, 2, 3};
+  scene.points.colors = {4, 5, 6};
+  options.checkpoint_iterations = {7};
+  FakeBackbone first(scene);
+  train(first, scene, options);
+  options.resume = options.model / "checkpoints/iteration_7.ckpt";
+  options.model = folder / "other";
+  options.on_start = [](std::size_t) { ADD_FAILURE() << "started"; };
+  const auto refused = [&](const std::string& what, auto&& change) {
+    Scene other = scene;
+    change(other);
+    FakeBackbone backbone(other);
+    const std::string message = input_error_of([&] { train(backbone, other, options); });
+    expect_contains(message, "iteration_7.ckpt");
+    expect_contains(message, what);
+    EXPECT_FALSE(std::filesystem::exists(options.model)) << "nothing is written before the run is accepted";
+  };
+  refused("other photos", [](Scene& s) { s.train[1].color[700] ^= 1; });
+  refused("other photos", [](Scene& s) { s.train[2].valid.assign(20 * 15, 1); });
+  refused("other cameras", [](Scene& s) { s.train[0].camera.camera_from_world[3][2] += 0.5f; });
+  refused("other cameras", [](Scene& s) { s.train[2].camera.cx += 1; });
+  refused("other cameras", [](Scene& s) { s.train[2].time = 0.5f; });
+  refused("training and test views", [](Scene& s) { std::swap(s.train[0], s.test[0]); });
+  refused("training and test views", [](Scene& s) { s.test.clear(); });
+  refused("training and test views", [](Scene& s) { s.train[0].name = "z.png"; });
+  refused("other points", [](Scene& s) { s.points.positions[1] += 1; });
+  refused("other points", [](Scene& s) { s.points.colors[1] += 1; });
+}
+
 TEST_F(Trainer, SignalEndsTheIterationAndLeavesACheckpointToGoOnFrom) {
   FakeBackbone whole(scene);
   train(whole, scene, options);
   const std::string expected = model(20);
-  for (const int stop : {SIGINT, SIGTERM}) {
+  for (const int stop : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) {
     options.model = folder / ("stopped" + std::to_string(stop));
     options.resume.clear();
     FakeBackbone backbone(scene);
@@ -302,6 +333,34 @@ TEST(PictureNames, AreStemsUnlessTheseClash) {
   EXPECT_EQ(picture_names({make_view("x/1.png"), make_view("2.jpg")}), (std::vector<std::string>{"1", "2"}));
   EXPECT_EQ(picture_names({make_view("x/1.png"), make_view("y/1.png"), make_view("2.png")}),
             (std::vector<std::string>{"x_1.png", "y_1.png", "2"}));
+}
+
+TEST(PictureNames, AreNeverTheSame) {
+  for (const std::vector<std::string>& names :
+       {std::vector<std::string>{"x/a_b.png", "x_a/b.png", "y/a_b.png", "y/b.png"},
+        {"x/b.png", "y/b.png", "x_b.png.jpg"},
+        {"x_b.png.jpg", "x/b.png", "y/b.png"},
+        {"a_2.png", "x/a.png", "x_a.png.png", "y/a.png", "a_2/a_2.png"}}) {
+    std::vector<View> views;
+    for (const std::string& name : names) views.push_back(make_view(name));
+    const std::vector<std::string> pictures = picture_names(views);
+    EXPECT_EQ(std::set<std::string>(pictures.begin(), pictures.end()).size(), names.size()) << names[0];
+  }
+}
+
+TEST(PictureNames, FitIntoAFileSystem) {
+  std::vector<View> views;
+  for (const char last : {'a', 'b', 'c'}) views.push_back(make_view(std::string(300, 'n') + last + ".png"));
+  std::string umlauts;
+  for (int i = 0; i < 150; ++i) umlauts += "\u00e4";
+  views.push_back(make_view(umlauts + ".png"));
+  views.push_back(make_view("x" + umlauts + ".png"));
+  const std::vector<std::string> pictures = picture_names(views);
+  EXPECT_EQ(std::set<std::string>(pictures.begin(), pictures.end()).size(), views.size());
+  for (const std::string& picture : pictures) {
+    EXPECT_LE(picture.size(), 250u);
+    EXPECT_TRUE(is_utf8(picture)) << picture;
+  }
 }
 
 }  // namespace

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/training/data_identity.h"
+
+#include <cstdint>
+#include <cstdio>
+#include <span>
+#include <utility>
+
+#include <glm/gtc/type_ptr.hpp>
+
+#include "trainer/support/checksum.h"
+
+namespace splatboost {
+namespace {
+
+/// The parts in the order in which a difference is told: another split has other photos too.
+constexpr std::pair<const char*, const char*> kParts[] = {
+    {"split", "another choice of training and test views, or other names of them"},
+    {"cameras", "other cameras of the training views"},
+    {"photos", "other photos: pixels of the training views differ"},
+    {"points", "other points to start from"}};
+
+template <class T>
+std::uint64_t add(std::span<const T> values, std::uint64_t sum) {
+  return checksum(std::as_bytes(values), sum);
+}
+
+std::uint64_t names_of(const std::vector<View>& views, std::uint64_t sum) {
+  const std::uint64_t count = views.size();
+  sum = add(std::span(&count, 1), sum);
+  for (const View& view : views) sum = add(std::span<const char>(view.name), sum);
+  return sum;
+}
+
+std::string hexadecimal(std::uint64_t sum) {
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(sum));
+  return text;
+}
+
+}  // namespace
+
+nlohmann::json data_identity(const Scene& scene) {
+  std::uint64_t cameras = 0;
+  std::uint64_t photos = 0;
+  for (const View& view : scene.train) {
+    const Camera& camera = view.camera;
+    const int size[] = {camera.width, camera.height};
+    const float lens[] = {camera.fx, camera.fy, camera.cx, camera.cy, view.time};
+    cameras = add(std::span<const int>(size), cameras);
+    cameras = add(std::span<const float>(lens), cameras);
+    cameras = add(std::span<const float>(glm::value_ptr(camera.camera_from_world), 16), cameras);
+    photos = add(std::span<const std::uint8_t>(view.color), photos);
+    photos = add(std::span<const std::uint8_t>(view.valid), photos);
+  }
+  std::uint64_t points = add(std::span<const float>(scene.points.positions), 0);
+  points = add(std::span<const std::uint8_t>(scene.points.colors), points);
+  return {{"split", hexadecimal(names_of(scene.test, names_of(scene.train, 0)))},
+          {"cameras", hexadecimal(cameras)},
+          {"photos", hexadecimal(photos)},
+          {"points", hexadecimal(points)}};
+}
+
+std::string data_difference(const nlohmann::json& one, const nlohmann::json& other) {
+  for (const auto& [part, words] : kParts) {
+    if (one.value(part, "") != other.value(part, "")) return words;
+  }
+  return "";
+}
+
+}  // namespace splatboost

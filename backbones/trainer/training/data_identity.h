@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What data a run was given, so that a checkpoint goes on with the same.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include <nlohmann/json.hpp>
+
+#include "trainer/dataset/scene.h"
+
+namespace splatboost {
+
+/// Checksums of the scene by part, as hexadecimal text: "split" (names of the training and of the test views),
+/// "cameras" (of the training views), "photos" (pixels and masks of these), "points" (to start from). Reads all
+/// pixels once: about a second for 1.5 GB, that is 300 photos of 1600x1066, on one core.
+nlohmann::json data_identity(const Scene& scene);
+
+/// What differs first between two of them, in words; empty: nothing.
+std::string data_difference(const nlohmann::json& one, const nlohmann::json& other);
+
+}  // namespace splatboost

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A refused command changes nothing, and a killed one leaves what the next can go on with."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+
+from conftest import PROGRAM, SHORT_RUN, run_program, run_well
+
+
+def content(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def refused(*arguments):
+    """@return the one line on the error stream"""
+    done = run_program(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    return done.stderr
+
+
+def start(*arguments):
+    # Where the tests are a background job, signals may be ignored, and what they start would go on ignoring them.
+    def default_signals():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
+            signal.signal(number, signal.SIG_DFL)
+    return subprocess.Popen([str(PROGRAM), *map(str, arguments)], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
+                            text=True, preexec_fn=default_signals)
+
+
+def wait_for(path, process):
+    deadline = time.monotonic() + 60
+    while not path.exists():
+        assert time.monotonic() < deadline and process.poll() is None, path
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def finished(trained, tmp_path):
+    folder = tmp_path / "finished"
+    shutil.copytree(trained, folder)
+    return folder
+
+
+@pytest.mark.parametrize("settings, name", [({"backbone": {"sh_degree": 99}}, "sh_degree"),
+                                            ({"boost": {"beta": 7}}, "beta"), ({"backbone": {"unknown": 1}}, "unknown"),
+                                            ({"source": "/nowhere"}, "/nowhere")])
+def test_refused_settings_leave_the_folder(scene, finished, tmp_path, settings, name):
+    config = tmp_path / "bad.json"
+    config.write_text(json.dumps(settings))
+    before = content(finished)
+    source = [] if "source" in settings else ["-s", scene]
+    assert name in refused("train", *source, "-m", finished, "--config", config)
+    assert content(finished) == before
+
+
+@pytest.mark.parametrize("settings", [{"backbone": {"sh_degree": 99}}, {"boost": {"tau_d": -1}}])
+def test_a_refused_comparison_leaves_the_folder(scene, tmp_path, settings):
+    model = tmp_path / "both"
+    run_well("compare", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
+    config = tmp_path / "bad.json"
+    config.write_text(json.dumps(settings))
+    before = content(model)
+    refused("compare", "-s", scene, "-m", model, "--config", config)
+    assert content(model) == before
+    # A file of somebody's in the folder of the second run is found before the first.
+    shutil.rmtree(model / "boosted")
+    (model / "boosted").mkdir()
+    (model / "boosted/thesis.tex").write_text("precious")
+    before = content(model)
+    assert "boosted" in refused("compare", "-s", scene, "-m", model, *SHORT_RUN)
+    assert content(model) == before
+
+
+def test_a_refused_checkpoint_leaves_both_folders(scene, finished, tmp_path):
+    target = tmp_path / "target"
+    shutil.copytree(finished, target)
+    checkpoint = finished / "checkpoints/iteration_25.ckpt"
+    whole = checkpoint.read_bytes()
+    before = content(target)
+    for damaged in (whole[:-5], whole[: len(whole) // 2] + bytes([whole[len(whole) // 2] ^ 4]) +
+                    whole[len(whole) // 2 + 1:]):
+        checkpoint.write_bytes(damaged)
+        assert "iteration_25.ckpt" in refused("train", "--resume", checkpoint, "-m", target)
+        assert content(target) == before
+        refused("train", "--resume", checkpoint)
+    checkpoint.write_bytes(whole)
+    assert content(finished) == before
+
+
+def test_no_damaged_checkpoint_is_taken(trained, tmp_path):
+    whole = (trained / "checkpoints/iteration_25.ckpt").read_bytes()
+    bad = tmp_path / "run/checkpoints/iteration_25.ckpt"
+    bad.parent.mkdir(parents=True)
+    (tmp_path / "run/config.json").write_bytes((trained / "config.json").read_bytes())
+    for i in range(24):
+        at = (2 * i + 1) * len(whole) // 48
+        bad.write_bytes(whole[:at] + bytes([whole[at] ^ (1 << i % 8)]) + whole[at + 1:])
+        assert "iteration_25.ckpt" in refused("train", "--resume", bad)
+
+
+def test_a_refused_resume_leaves_the_settings(finished):
+    before = content(finished)
+    checkpoint = finished / "checkpoints/iteration_25.ckpt"
+    for options in (["--iterations", "80"], ["--beta", "0.9"], ["--white-background"], ["--seed", "3"]):
+        refused("train", "--resume", checkpoint, *options)
+        assert content(finished) == before
+    run_well("train", "--resume", checkpoint)
+    after = content(finished)
+    ply = "point_cloud/iteration_60/point_cloud.ply"
+    assert after[ply] == before[ply]
+    assert after["config.json"] == before["config.json"]
+
+
+def test_resume_knows_its_data(scene, finished, tmp_path):
+    checkpoint = finished / "checkpoints/iteration_25.ckpt"
+    before = content(finished)
+    copy = tmp_path / scene.name
+    shutil.copytree(scene, copy)
+    for options, what in [(["--llffhold", "5"], "training"), (["--llffhold", "3"], "training views")]:
+        assert what in refused("train", "--resume", checkpoint, *options)
+    names = tmp_path / "test.txt"
+    names.write_text("0001\n0005\n0009\n")  # as many as before, others
+    assert "test views" in refused("train", "--resume", checkpoint, "--test-list", names)
+    run_well("train", "--resume", checkpoint, "-s", copy, "-m", tmp_path / "same")  # a copy is the same
+    shutil.copyfile(copy / "images/0003.png", copy / "images/0002.png")
+    assert "photos" in refused("train", "--resume", checkpoint, "-s", copy)
+    shutil.copyfile(scene / "images/0002.png", copy / "images/0002.png")
+    images = bytearray((copy / "sparse/0/images.bin").read_bytes())
+    images[8 + 4 + 3] ^= 0x10  # a middle byte of the first quaternion number, of view 0000: a test view
+    record = 4 + 7 * 8 + 4 + len("0000.png") + 1 + 8
+    images[8 + record + 4 + 32 + 5] ^= 0x10  # a translation of view 0001
+    (copy / "sparse/0/images.bin").write_bytes(images)
+    assert "cameras" in refused("train", "--resume", checkpoint, "-s", copy)
+    assert content(finished) == before
+
+
+@pytest.mark.parametrize("first, second", [("train", "train"), ("train", "eval"), ("compare", "train")])
+def test_one_at_a_time_in_a_folder(scene, trained, tmp_path, first, second):
+    model = tmp_path / "model"
+    long_run = ["-s", scene, "--eval", "--iterations", "200000", "--threads", "1", "--max-primitives", "300"]
+    running = start(first, "-m", model, *long_run)
+    wait_for(model / ".splatboost.lock", running)
+    used = model / "baseline" if first == "compare" else model
+    wait_for(used / "point_cloud", running)
+    if second == "eval":
+        shutil.copytree(trained, model, dirs_exist_ok=True)
+    before = content(used)
+    options = ["-s", scene, "--iterations", "5"] if second == "train" else []
+    assert "another splatboost works in this folder" in refused(second, "-m", used, *options)
+    assert content(used) == before
+    running.send_signal(signal.SIGKILL)
+    running.communicate(timeout=60)
+    # The lock ends with the process.
+    if second == "train":
+        run_well("train", "-s", scene, "-m", used, "--iterations", "5", "--quiet")
+        assert not (used / ".splatboost.lock").exists()
+
+
+def test_eval_measures_what_was_killed_while_it_measured(trained, scene, tmp_path):
+    model = tmp_path / "model"
+    running = start("train", "-s", scene, "-m", model, *SHORT_RUN)
+    wait_for(model / "training.json", running)
+    running.send_signal(signal.SIGKILL)  # timing the renders takes a second
+    running.communicate(timeout=60)
+    assert not (model / "results.json").exists()
+    run_well("eval", "-m", model)
+    expected = {name for name in content(trained) if not name.startswith("checkpoints/")}
+    assert set(content(model)) == expected
+    found, whole = (json.loads((folder / "results.json").read_text()) for folder in (model, trained))
+    assert set(found) == set(whole)
+    for key in ("psnr", "ssim", "psnr_beta1", "views", "scales", "primitives", "iterations", "storage_bytes"):
+        assert found[key] == whole[key], key
+    assert [point["loss"] for point in found["curve"]] == [point["loss"] for point in whole["curve"]]
+    assert found["train_seconds"] > 0
+
+
+def test_a_run_that_did_not_end_is_not_measured(finished):
+    (finished / "results.json").unlink()
+    assert "did not end" in refused("eval", "-m", finished)
+
+
+def test_hanging_up_leaves_a_checkpoint(scene, tmp_path):
+    model = tmp_path / "model"
+    running = start("train", "-s", scene, "-m", model, "--iterations", "200000", "--max-primitives", "300")
+    wait_for(model / "point_cloud", running)
+    time.sleep(0.2)
+    running.send_signal(signal.SIGHUP)
+    running.communicate(timeout=60)
+    assert running.returncode == 128 + signal.SIGHUP
+    assert len(list((model / "checkpoints").iterdir())) == 1
+
+
+def test_nobody_reading_the_progress_leaves_a_checkpoint(scene, tmp_path):
+    model = tmp_path / "model"
+    running = start("train", "-s", scene, "-m", model, "--iterations", "200000", "--max-primitives", "300")
+    wait_for(model / "point_cloud", running)
+    running.stderr.close()  # a line comes every five seconds
+    assert running.wait(timeout=60) == 128 + signal.SIGPIPE
+    assert len(list((model / "checkpoints").glob("*.ckpt"))) == 1
+
+
+def test_the_same_command_after_a_kill_while_it_wrote_its_first_file(scene, tmp_path):
+    model = tmp_path / "model"
+    model.mkdir()
+    (model / ".splatboost-99999-0.tmp").write_text("{")
+    (model / ".splatboost.lock").write_text("")
+    run_well("train", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
+    assert not [path for path in model.iterdir() if path.name.startswith(".")]
+
+
+def test_a_run_removes_what_a_killed_one_left(finished, scene):
+    left = [finished / ".splatboost-99999-0.tmp", finished / "checkpoints/.splatboost-99999-3.tmp"]
+    for path in left:
+        path.write_bytes(b"x" * 1000)
+    run_well("train", "-s", scene, "-m", finished, "--iterations", "5", "--quiet")
+    assert not any(path.exists() for path in left)
+
+
+def test_pictures_of_views_do_not_overwrite_each_other(scene, tmp_path):
+    copy = tmp_path / "room"
+    run_well("synth", copy, "--width", 40, "--height", 30, "--views", 4, "--points", 50)
+    names = ["x/a_b.png", "x_a/b.png", "y/a_b.png", "y/b.png"]
+    record = (copy / "sparse/0/images.bin").read_bytes()
+    for old, new in zip(["0000.png", "0001.png", "0002.png", "0003.png"], names):
+        (copy / "images" / new).parent.mkdir(exist_ok=True)
+        os.rename(copy / "images" / old, copy / "images" / new)
+        record = record.replace(old.encode(), new.encode())
+    (copy / "sparse/0/images.bin").write_bytes(record)
+    model = tmp_path / "model"
+    run_well("train", "-s", copy, "-m", model, "--iterations", "2", "--quiet")
+    assert len(list((model / "train/truth").iterdir())) == 4
+    assert len({path.read_bytes() for path in (model / "train/truth").iterdir()}) == 4
