@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/run_program.h"
 
+#include <csignal>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
+#include <iostream>
 #include <memory>
 #include <new>
 #include <string>
@@ -17,6 +20,7 @@
 #include "program/session/suggest.h"
 #include "splatboost/errors.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/text.h"
 
 namespace splatboost::program {
 namespace {
@@ -36,11 +40,24 @@ std::string one_line(std::string_view text) {
     }
   }
   while (!line.empty() && line.back() == ' ') line.pop_back();
-  return line;
+  return printable(line);
+}
+
+/// No more of it than somebody reads: a damaged file may hold a name of a megabyte. The end says what to do.
+std::string shortened(const std::string& line) {
+  constexpr std::size_t kBegin = 700;
+  constexpr std::size_t kEnd = 300;
+  if (line.size() <= kBegin + kEnd) return line;
+  const auto starts_character = [&](std::size_t at) { return (static_cast<unsigned char>(line[at]) & 0xc0) != 0x80; };
+  std::size_t end = kBegin;
+  while (!starts_character(end)) --end;
+  std::size_t begin = line.size() - kEnd;
+  while (!starts_character(begin)) ++begin;
+  return line.substr(0, end) + " … " + line.substr(begin);
 }
 
 int fail(int code, std::string_view where, std::string_view what) {
-  std::fprintf(stderr, "%s: %s\n", std::string(where).c_str(), one_line(what).c_str());
+  std::fprintf(stderr, "%s: %s\n", std::string(where).c_str(), shortened(one_line(what)).c_str());
   return code;
 }
 
@@ -74,9 +91,7 @@ std::string unknown_argument(const std::string& argument, const CLI::App& app) {
   return "'" + argument + "' is not expected here; options start with --";
 }
 
-}  // namespace
-
-int run_program(int argc, char** argv) {
+int run_commands(int argc, char** argv) {
   CLI::App program("SplatBoost trains 3D Gaussian Splatting faster, with fewer Gaussians.", "splatboost");
   program.formatter(std::make_shared<HelpFormatter>());
   program.set_help_flag("-h,--help", "print this and exit");
@@ -101,6 +116,9 @@ int run_program(int argc, char** argv) {
   std::string where = "splatboost";
   const auto help_hint = [&where] { return " (see " + where + " --help)"; };
   try {
+    for (const std::string& argument : arguments) {
+      if (!is_utf8(argument)) throw UsageError("'" + argument + "' is not UTF-8; rename the file or the folder");
+    }
     try {
       program.parse(arguments);
     } catch (const CLI::Success& asked) {  // --help, --version
@@ -153,9 +171,27 @@ int run_program(int argc, char** argv) {
     return fail(kUsage, where, error.what());
   } catch (const std::bad_alloc&) {
     return fail(kFailure, where, "out of memory: lower --resolution or set --max-primitives");
+  } catch (const std::filesystem::filesystem_error& error) {
+    return fail(kFailure, where, error.path1().string() + ": " + error.code().message());
   } catch (const std::exception& error) {
     return fail(kFailure, where, error.what());
   }
+}
+
+/// Output is buffered: whether it arrived is known at the end only.
+int finish_output(int code) {
+  std::cout.flush();
+  if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0 && std::cout.good()) return code;
+  // The cause is gone: the write that failed may be long ago.
+  return code != 0 ? code : fail(kFailure, "splatboost", "standard output could not be written; its disk may be full");
+}
+
+}  // namespace
+
+int run_program(int argc, char** argv) {
+  // A write beyond a limit of file sizes then fails as one on a full disk does, and is told.
+  std::signal(SIGXFSZ, SIG_IGN);
+  return finish_output(run_commands(argc, argv));
 }
 
 }  // namespace splatboost::program

@@ -2,12 +2,18 @@
 """What goes wrong is told in one line that says what to do, with exit code 2 for what a user can mend."""
 
 import json
+import os
+import pathlib
+import resource
 import shutil
+import struct
 import subprocess
+import tempfile
+import zlib
 
 import pytest
 
-from conftest import PROGRAM, run_program
+from conftest import PROGRAM, run_program, run_well
 
 
 def fails(*arguments, code=2):
@@ -63,11 +69,17 @@ def test_missing_output_folder(scene):
     (["--iterations", "many"], "--iterations"), (["--iterations", "0"], "--iterations"), (["--beta", "0"], "--beta"),
     (["--beta", "1.5"], "--beta"), (["--threads", "-1"], "--threads"), (["--views", "0"], "--views"),
     (["--tau-d", "-1"], "--tau-d"), (["--max-primitives", "-3"], "--max-primitives"), (["--seed", "-1"], "--seed"),
+    (["--threads", "100000"], "--threads"), (["--iterations", ""], "--iterations"), (["--beta", ""], "--beta"),
+    (["--seed", "99999999999999999999999"], "--seed"), (["--iterations", "99999999999"], "--iterations"),
+    (["--max-primitives", "18446744073709551616"], "--max-primitives"), (["--beta", "nan"], "--beta"),
+    (["--save-iterations", ""], "--save-iterations"),
+    (["--config", ""], "--config"), (["--resume", ""], "--resume"), (["--test-list", ""], "--test-list"),
+    (["--lpips", ""], "--lpips"), (["--iterations", "1e3"], "--iterations"), (["--n-views", "3x"], "--n-views"),
     (["--resolution", "0"], "--resolution"), (["--save-iterations", "0"], "--save-iterations"),
     (["--backbone", "none"], "--backbone"), (["--device", "tpu"], "--device"),
     (["--device", "cuda:x"], "--device"), (["--device", "cuda:-1"], "--device"), (["--device", "cuda:1x"], "--device")])
 def test_impossible_values(scene, tmp_path, arguments, name):
-    length = [] if name == "--iterations" else ["--iterations", "2"]
+    length = [] if "--iterations" in arguments else ["--iterations", "2"]
     assert name in fails("train", "-s", scene, "-m", tmp_path / "model", *length, *arguments)
     assert not (tmp_path / "model").exists()
 
@@ -215,3 +227,134 @@ def test_unwritable_output(scene):
     line = fails("train", "-s", scene, "-m", "/proc/splatboost-out", "--iterations", "1")
     assert "/proc/splatboost-out" in line
     assert PROGRAM.exists()
+
+
+@pytest.mark.parametrize("content, what", [('{"iterations": 1e400}', "out of range"), ('{"seed": 1' + "0" * 400 + "}", "range"),
+                                           ("[" * 1000000, "nested deeper"), ('{"a":' * 1000000, "nested deeper"),
+                                           ('{"a": "caf\udce9"}', "not JSON")],
+                         ids=["exponent", "digits", "lists", "objects", "bytes"])
+def test_config_that_no_number_or_stack_holds(scene, tmp_path, content, what):
+    config = tmp_path / "bad.json"
+    config.write_bytes(content.encode(errors="surrogateescape"))
+    line = fails("train", "-s", scene, "-m", tmp_path / "model", "--config", config)
+    assert what in line
+    assert "bad.json" in line
+    assert "json.exception" not in line
+
+
+def test_a_pipe_as_scene(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    assert "neither a folder nor a file" in fails("train", "-s", tmp_path / "pipe", "-m", tmp_path / "model")
+    assert "neither a folder nor a file" in fails("pack", tmp_path / "pipe", tmp_path / "out.sbscene")
+
+
+@pytest.mark.parametrize("hidden", [".", "sparse"])
+def test_a_folder_that_may_not_be_read(scene, hidden):
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:  # pytest's own are hidden from other users
+        os.chmod(folder, 0o755)
+        copy = pathlib.Path(folder) / "room"
+        shutil.copytree(scene, copy)
+        (copy / hidden).chmod(0)
+        command = [str(PROGRAM), "train", "-s", str(copy), "-m", str(copy.parent / "model")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd="/",
+                              preexec_fn=lambda: os.setuid(65534) if os.geteuid() == 0 else None)
+        (copy / hidden).chmod(0o755)
+        assert done.returncode == 2
+        assert "Permission denied" in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_standard_output_that_is_full(trained, tmp_path):
+    with open("/dev/full", "w") as full:
+        for arguments in (["--version"], ["--help"], ["train", "--help"], ["render", "-m", str(trained), "-o", str(tmp_path)]):
+            done = subprocess.run([str(PROGRAM), *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+            assert done.returncode == 1, arguments
+            assert "standard output could not be written" in done.stderr
+
+
+def test_a_limit_of_file_sizes_is_told(scene, tmp_path):
+    limit = 4096
+    done = subprocess.run([str(PROGRAM), "train", "-s", str(scene), "-m", str(tmp_path / "model"), "--iterations", "2",
+                           "--quiet"], capture_output=True, text=True, check=False,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
+    assert done.returncode == 1
+    assert "point_cloud.ply: cannot be written: File too large" in done.stderr.splitlines()[-1]
+
+
+def test_arguments_that_are_not_utf8(scene, tmp_path):
+    for arguments in ([b"-m", b"caf\xe9"], [b"-s", b"/tmp/caf\xe9"], [b"--caf\xe9"]):
+        done = subprocess.run([str(PROGRAM).encode(), b"train", *arguments], capture_output=True, check=False, cwd=tmp_path)
+        assert done.returncode == 2
+        assert "caf\\xe9' is not UTF-8" in done.stderr.decode()
+        assert len(done.stderr.splitlines()) == 1
+    folder = os.path.join(os.fsencode(tmp_path), b"caf\xe9")
+    shutil.copytree(os.fsencode(scene), os.path.join(folder, b"room"))
+    model = tmp_path / "model"
+    done = subprocess.run([str(PROGRAM), "train", "-s", "room", "-m", str(model)], capture_output=True, check=False,
+                          cwd=folder)
+    assert done.returncode == 2
+    assert "not UTF-8" in done.stderr.decode()
+    assert not model.exists()
+
+
+def test_names_of_images_that_are_not_utf8(scene, tmp_path):
+    copy = tmp_path / "room"
+    shutil.copytree(scene, copy)
+    images = copy / "sparse/0/images.bin"
+    images.write_bytes(images.read_bytes().replace(b"0003.png", b"00\xe93.png"))
+    os.rename(copy / "images/0003.png", os.path.join(os.fsencode(copy / "images"), b"00\xe93.png"))
+    line = fails("train", "-s", copy, "-m", tmp_path / "model")
+    assert "00\\xe93.png" in line
+    assert "not UTF-8" in line
+    assert not (tmp_path / "model").exists()
+
+
+def test_long_names_of_images(scene, tmp_path):
+    copy = tmp_path / "room"
+    shutil.copytree(scene, copy)
+    images = copy / "sparse/0/images.bin"
+    long_name = "n" * 251 + ".png"
+    images.write_bytes(images.read_bytes().replace(b"0003.png", long_name.encode()))
+    os.rename(copy / "images/0003.png", copy / "images" / long_name)
+    run_well("train", "-s", copy, "-m", tmp_path / "model", "--iterations", "2", "--quiet")
+    assert len(list((tmp_path / "model/train/truth").iterdir())) == 10
+
+
+def test_raw_bytes_of_a_damaged_file_are_not_printed(scene, tmp_path):
+    copy = tmp_path / "room"
+    shutil.copytree(scene, copy)
+    images = copy / "sparse/0/images.bin"
+    images.write_bytes(images.read_bytes().replace(b"0003.png", b"\x1b[2J\x07\x01."))
+    line = fails("train", "-s", copy, "-m", tmp_path / "model")
+    assert "\\x1b[2J\\x07\\x01" in line
+    assert line.isprintable()
+    images.write_bytes(images.read_bytes()[:100] + b"x" * 100000)
+    assert len(fails("train", "-s", copy, "-m", tmp_path / "model")) < 1200
+
+
+def png_chunk(kind, content):
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+
+def test_a_damaged_picture_is_one_line(scene, tmp_path):
+    copy = tmp_path / "room"
+    shutil.copytree(scene, copy)
+    photo = copy / "images/0003.png"
+    # Sound checksums around pixels that do not unpack: only the decoder notices.
+    photo.write_bytes(b"\x89PNG\r\n\x1a\n" + png_chunk(b"IHDR", struct.pack(">IIBBBBB", 80, 60, 8, 2, 0, 0, 0)) +
+                      png_chunk(b"IDAT", b"\x78\x9c" + b"damaged" * 20) + png_chunk(b"IEND", b""))
+    line = fails("train", "-s", copy, "-m", tmp_path / "model")
+    assert "0003.png" in line
+    assert "cannot be decoded" in line
+
+
+def test_a_pose_far_away(scene, tmp_path):
+    copy = tmp_path / "room"
+    shutil.copytree(scene, copy)
+    images = copy / "sparse/0/images.bin"
+    whole = images.read_bytes()
+    images.write_bytes(whole[:8 + 4 + 32] + struct.pack("<d", 3e38) + whole[8 + 4 + 32 + 8:])
+    line = fails("train", "-s", copy, "-m", tmp_path / "model", "--iterations", "1")
+    assert "'0000.png'" in line
+    assert "units away from the origin" in line
+    assert "units away" in fails("pack", copy, tmp_path / "room.sbscene")

@@ -156,18 +156,20 @@ struct Bench {
   bool scaling = false;
 
   explicit Bench(CLI::App& app) {
-    app.add_option("-o,--output", output, "write the figures as JSON")->type_name("FILE");
-    app.add_option("--compare", compare, "an earlier JSON; prints ratios")->type_name("FILE");
-    app.add_option("--scenes", scenes, "some of 20k, 60k, 200k [all]")->delimiter(',')->type_name("NAME,NAME");
-    app.add_option("--repeats", repeats, "iterations to take the median of")->type_name("N")->capture_default_str();
-    app.add_flag("--scaling", scaling, "also an iteration against splats, pixels and threads");
-    app.add_option("--device", device, "cpu, cuda, or cuda:N, the N-th GPU from 0")
-        ->type_name("NAME")
-        ->capture_default_str();
-    app.add_option("--threads", threads, "threads that work at a time; 0: all CPUs that the process may use")
+    add_checked_option(app, "-o,--output", output, "write the figures as JSON")->type_name("FILE");
+    add_checked_option(app, "--compare", compare, "an earlier JSON; prints ratios")->type_name("FILE");
+    add_checked_option(app, "--scenes", scenes, "some of 20k, 60k, 200k [all]")->delimiter(',')->type_name("NAME,NAME");
+    add_checked_option(app, "--repeats", repeats, "iterations to take the median of")
         ->type_name("N")
         ->capture_default_str();
-    app.add_option("--instruction-set", instruction_set, "best, avx512, avx2 or portable")
+    app.add_flag("--scaling", scaling, "also an iteration against splats, pixels and threads");
+    add_checked_option(app, "--device", device, "cpu, cuda, or cuda:N, the N-th GPU from 0")
+        ->type_name("NAME")
+        ->capture_default_str();
+    add_checked_option(app, "--threads", threads, "threads that work at a time; 0: all CPUs that the process may use")
+        ->type_name("N")
+        ->capture_default_str();
+    add_checked_option(app, "--instruction-set", instruction_set, "best, avx512, avx2 or portable")
         ->type_name("NAME")
         ->capture_default_str();
   }
@@ -176,7 +178,9 @@ struct Bench {
     if (repeats < 1 || repeats > kMostRepeats) {
       throw UsageError("--repeats must be 1 to " + std::to_string(kMostRepeats));
     }
-    if (threads < 0) throw UsageError("--threads must be at least 0");
+    if (threads < 0 || threads > kMostThreads) {
+      throw UsageError("--threads must be 0 to " + std::to_string(kMostThreads));
+    }
     check_device_name(device);
     if (scaling && device != "cpu") throw UsageError("--scaling is of the CPU: leave out --device");
     std::vector<BenchSize> chosen;

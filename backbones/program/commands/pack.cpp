@@ -5,6 +5,7 @@
 #include "program/commands/commands.h"
 #include "program/session/options.h"
 #include "trainer/dataset/read_scene.h"
+#include "trainer/support/text.h"
 
 namespace splatboost::program {
 namespace {
@@ -27,7 +28,8 @@ int run_pack(const PackOptions& options) {
     throw UsageError(options.output.string() + ": the name of a packed scene ends in " + kExtension);
   }
   require(!fs::is_directory(options.output), options.output.string() + ": is a folder");
-  for (const std::string& note : pack_scene(scene, options.output)) std::fprintf(stderr, "note: %s\n", note.c_str());
+  for (const std::string& note : pack_scene(scene, options.output))
+    std::fprintf(stderr, "note: %s\n", printable(note).c_str());
   std::printf("packed scene: %s (%.1f MB)\n", options.output.c_str(),
               static_cast<double>(fs::file_size(options.output)) / 1e6);
   return 0;
@@ -39,11 +41,11 @@ Command add_pack(CLI::App& program) {
   CLI::App* app = program.add_subcommand("pack", "Put a scene into one file that is read fast, and without OpenCV");
   app->footer("Example: splatboost pack SCENE scene.sbscene && splatboost train -s scene.sbscene -m OUT --eval");
   const auto options = std::make_shared<PackOptions>();
-  app->add_option("-s,--source,source", options->scene.source, "scene folder: COLMAP, Blender or nerfstudio")
+  add_checked_option(*app, "-s,--source,source", options->scene.source, "scene folder: COLMAP, Blender or nerfstudio")
       ->type_name("DIR");
-  app->add_option("-o,--output,output", options->output, "file to write")->type_name("FILE.sbscene");
-  app->add_option("-r,--resolution", options->scene.resolution, kResolutionHelp)->type_name("N");
-  app->add_option("-i,--images", options->scene.images, kImagesHelp)->type_name("NAME");
+  add_checked_option(*app, "-o,--output,output", options->output, "file to write")->type_name("FILE.sbscene");
+  add_checked_option(*app, "-r,--resolution", options->scene.resolution, kResolutionHelp)->type_name("N");
+  add_checked_option(*app, "-i,--images", options->scene.images, kImagesHelp)->type_name("NAME");
   return {app, [options](const std::string&) { return run_pack(*options); }};
 }
 

@@ -35,7 +35,8 @@ std::string size_of(const patch::Outcome& outcome) {
 struct Patch {
   explicit Patch(CLI::App& command_app) : app(command_app) {
     app.require_subcommand(0, 1);
-    app.add_option("--recipes", recipes, "folder of recipes; default: those of this program")->type_name("DIR");
+    add_checked_option(app, "--recipes", recipes, "folder of recipes; default: those of this program")
+        ->type_name("DIR");
     list = subcommand("list", "Recipes there are, and their layouts");
     show = subcommand("show", "What a recipe changes, and why");
     apply = subcommand("apply", "Patch a checkout; a second time changes nothing");
@@ -46,10 +47,12 @@ struct Patch {
     validate =
         subcommand("validate", "Check a recipe of your own: its form, and mistakes that show without a checkout");
     for (CLI::App* command : {show, apply, validate}) {
-      command->add_option("name", name, "recipe, as splatboost patch list names it")->type_name("NAME")->required();
+      add_checked_option(*command, "name", name, "recipe, as splatboost patch list names it")
+          ->type_name("NAME")
+          ->required();
     }
     for (CLI::App* command : {apply, verify, status, doctor, revert}) {
-      command->add_option("path", path, "folder of the backbone's checkout")->type_name("PATH")->required();
+      add_checked_option(*command, "path", path, "folder of the backbone's checkout")->type_name("PATH")->required();
     }
     for (CLI::App* command : {apply, revert}) {
       command->add_flag("--dry-run", dry_run, "only print the change as a unified diff");

@@ -14,24 +14,23 @@ Command add_synth(CLI::App& program) {
       program.add_subcommand("synth", "Make a ray-traced scene with exact cameras, depth, normals and masks");
   app->footer("Example: splatboost synth room && splatboost compare -s room -m out --eval --iterations 1000");
   const auto options = std::make_shared<SynthOptions>();
-  app->add_option("-o,--output,output", options->output, "folder to make")->type_name("DIR");
-  app->add_option("--scene", options->scene, "room, or street: large, seen at several scales")
+  add_checked_option(*app, "-o,--output,output", options->output, "folder to make")->type_name("DIR");
+  add_checked_option(*app, "--scene", options->scene, "room, or street: large, seen at several scales")
       ->type_name("NAME")
       ->capture_default_str();
-  app->add_option("--width", options->width, "px")->type_name("N")->capture_default_str();
-  app->add_option("--height", options->height, "px")->type_name("N")->capture_default_str();
-  app->add_option("--views", options->views, "cameras")->type_name("N")->capture_default_str();
-  app->add_option("--points", options->points, "points of the sparse cloud")->type_name("N")->capture_default_str();
-  app->add_option("--point-noise", options->point_noise, "standard deviation of the points, world units")
+  add_checked_option(*app, "--width", options->width, "px")->type_name("N")->capture_default_str();
+  add_checked_option(*app, "--height", options->height, "px")->type_name("N")->capture_default_str();
+  add_checked_option(*app, "--views", options->views, "cameras")->type_name("N")->capture_default_str();
+  add_checked_option(*app, "--points", options->points, "points of the sparse cloud")
+      ->type_name("N")
+      ->capture_default_str();
+  add_checked_option(*app, "--point-noise", options->point_noise, "standard deviation of the points, world units")
       ->type_name("X")
       ->capture_default_str();
-  app->add_option("--samples", options->samples, "per pixel and axis, against aliasing")
+  add_checked_option(*app, "--samples", options->samples, "per pixel and axis, against aliasing")
       ->type_name("N")
       ->capture_default_str();
-  app->add_option("--seed", options->seed, "same seed, same bytes")
-      ->type_name("N")
-      ->check(unsigned_number())
-      ->capture_default_str();
+  add_checked_option(*app, "--seed", options->seed, "same seed, same bytes")->type_name("N")->capture_default_str();
   return {app, [options](const std::string&) {
             if (options->output.empty()) throw UsageError("no output folder given: splatboost synth DIR");
             write_synthetic_scene(*options);

@@ -33,9 +33,9 @@ struct Train {
     nlohmann::json settings = nlohmann::json::object();
     std::string place = options.config.string();
     if (!options.resume.empty()) {
-      require(fs::is_regular_file(options.resume), options.resume.string() + ": no such checkpoint");
+      require(is_file(options.resume), options.resume.string() + ": no such checkpoint");
       const fs::path config = folder_of_checkpoint() / "config.json";
-      if (fs::exists(config)) {
+      if (is_file(config)) {
         settings = read_settings_file(config);
         place = config.string();
         if (options.model.empty()) options.model = folder_of_checkpoint();
@@ -56,8 +56,9 @@ struct Train {
     boost_settings(options);
     require_ours_or_empty(options.model);
     Workbench bench = make_workbench(options);
+    std::error_code ignored;
     const bool goes_on_in_place =
-        !options.resume.empty() && fs::exists(options.model) && fs::equivalent(options.model, folder_of_checkpoint());
+        !options.resume.empty() && fs::equivalent(options.model, folder_of_checkpoint(), ignored);
     std::optional<FolderLock> lock;
     const auto take_folder = [&] { lock = take_model_folder(options.model, goes_on_in_place); };
     const RunOutcome outcome = run_once(bench, set, options, options.boost, options.model, command_line, take_folder);

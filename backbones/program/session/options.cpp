@@ -6,6 +6,7 @@
 #include "program/session/chosen_device.h"
 #include "program/session/plugged_backbone.h"
 #include "program/session/suggest.h"
+#include "trainer/support/text.h"
 
 namespace splatboost::program {
 namespace {
@@ -47,9 +48,11 @@ std::string default_betas() {
 
 }  // namespace
 
-CLI::Validator unsigned_number() {
-  return CLI::Validator(
-      [](const std::string& text) { return text.substr(0, 1) == "-" ? "must be at least 0" : std::string(); }, "");
+Json OptionSet::to_record(const std::filesystem::path& value) {
+  if (value.empty()) return nullptr;
+  const std::string path = std::filesystem::absolute(value).lexically_normal().string();
+  require(is_utf8(path), path + ": this path is not UTF-8 and cannot be written into config.json; rename it");
+  return path;
 }
 
 void OptionSet::overlay(const Json& object, const std::string& place, const std::set<std::string>& reserved) {
@@ -226,7 +229,8 @@ void check_options(RunOptions& options) {
     if (!holds) throw UsageError(what);
   };
   check_device_name(options.device);
-  usage(options.threads >= 0, "--threads must be at least 0");
+  usage(options.threads >= 0 && options.threads <= kMostThreads,
+        "--threads must be 0 to " + std::to_string(kMostThreads));
   usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
   const int resolution = options.scene.resolution.value_or(-1);
   usage(resolution == -1 || resolution >= 1, "--resolution must be -1 or at least 1");

@@ -2,6 +2,8 @@
 /// @file The options that subcommands share, from the command line and from --config files.
 #pragma once
 
+#include <charconv>
+#include <cmath>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
@@ -10,6 +12,8 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <system_error>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -29,8 +33,39 @@ class UsageError : public InputError {
   using InputError::InputError;
 };
 
-/// Refuses a sign: the parser would take -1 for the largest number there is.
-CLI::Validator unsigned_number();
+template <class T>
+struct OptionValue {
+  using type = T;
+};
+template <class T>
+struct OptionValue<std::optional<T>> : OptionValue<T> {};
+template <class T>
+struct OptionValue<std::vector<T>> : OptionValue<T> {};
+
+/// What is wrong with an option's text, or nothing. The parser would take an empty text, an unset variable of a shell,
+/// for no option at all, -1 for the largest number there is, and what no number holds for the largest.
+/// @tparam T of a single value
+template <class T>
+std::string wrong_text(const std::string& text) {
+  if (text.empty()) return "is empty; leave the option out, or give it a value";
+  if constexpr (std::is_arithmetic_v<T>) {
+    if (std::unsigned_integral<T> && text[0] == '-') return "must be at least 0";
+    T value{};
+    const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
+    const bool whole = parsed.ptr == text.data() + text.size();
+    if (parsed.ec == std::errc::result_out_of_range) return "'" + text + "' is out of range";
+    bool good = parsed.ec == std::errc{} && whole;
+    if constexpr (std::floating_point<T>) good = good && std::isfinite(value);
+    if (!good) return "'" + text + "' is not a " + (std::floating_point<T> ? "number" : "whole number");
+  }
+  return {};
+}
+
+/// Adds an option whose text is checked so before it is parsed.
+template <class T>
+CLI::Option* add_checked_option(CLI::App& app, const std::string& names, T& value, const std::string& help) {
+  return app.add_option(names, value, help)->check(CLI::Validator(wrong_text<typename OptionValue<T>::type>, ""));
+}
 
 /// Options that a JSON file can give too, by their long names. The command line wins over the file.
 class OptionSet {
@@ -49,10 +84,9 @@ class OptionSet {
     if constexpr (std::same_as<T, bool>) {
       option = app_->add_flag(names, value, help);
     } else {
-      option = app_->add_option(names, value, help);
+      option = add_checked_option(*app_, names, value, help);
     }
     option->group(group_);
-    if constexpr (std::unsigned_integral<T> && !std::same_as<T, bool>) option->check(unsigned_number());
     Entry entry;
     entry.option = option;
     entry.name = option->get_lnames().front();
@@ -67,7 +101,8 @@ class OptionSet {
   /// somebody else's; any other unknown key throws InputError.
   void overlay(const nlohmann::json& object, const std::string& place, const std::set<std::string>& reserved);
 
-  /// Values of the recorded options, paths made absolute, empty ones left out.
+  /// Values of the recorded options, paths made absolute, empty ones left out. Throws InputError on a path that is not
+  /// UTF-8, which JSON cannot hold.
   nlohmann::json record() const;
 
   bool given(const std::string& name) const;
@@ -89,16 +124,16 @@ class OptionSet {
   static nlohmann::json to_record(const std::optional<T>& value) {
     return value ? nlohmann::json(*value) : nlohmann::json(nullptr);
   }
-  static nlohmann::json to_record(const std::filesystem::path& value) {
-    return value.empty() ? nlohmann::json(nullptr)
-                         : nlohmann::json(std::filesystem::absolute(value).lexically_normal().string());
-  }
+  static nlohmann::json to_record(const std::filesystem::path& value);
 
   CLI::App* app_;
   CLI::App unseen_;
   std::string group_ = "Options";
   std::vector<Entry> entries_;
 };
+
+/// Of --threads, as in the C ABI: far above any machine, far below where starting them fails.
+inline constexpr int kMostThreads = 4096;
 
 inline constexpr char kResolutionHelp[] =
     "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide [-1]";

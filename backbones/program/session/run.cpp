@@ -14,6 +14,7 @@
 #include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/evaluation/multi_scale.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/text.h"
 #include "trainer/training/trainer.h"
 
 namespace splatboost::program {
@@ -92,7 +93,7 @@ Workbench make_workbench(const RunOptions& options) {
   if (!options.lpips.empty()) bench.lpips = std::make_unique<Lpips>(options.lpips);
   bench.scene = read_scene(scene);
   if (!options.quiet) {
-    for (const std::string& note : bench.scene.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
+    for (const std::string& note : bench.scene.notes) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
   }
   return bench;
 }

@@ -253,6 +253,22 @@ std::vector<ColmapImage> read_images_binary(const std::filesystem::path& file) {
   return images;
 }
 
+/// Whether it can be POINTS2D[] as (X, Y, POINT3D_ID): three numbers a point.
+bool is_points_line(std::string_view line) {
+  std::size_t words = 0;
+  while (true) {
+    line.remove_prefix(std::min(line.find_first_not_of(" \t"), line.size()));
+    if (line.empty()) return words % 3 == 0;
+    double value = 0;
+    const auto parsed = std::from_chars(line.data(), line.data() + line.size(), value);
+    const auto length = static_cast<std::size_t>(parsed.ptr - line.data());
+    const bool whole = length == line.size() || line[length] == ' ' || line[length] == '\t';
+    if (parsed.ec != std::errc{} || !whole) return false;
+    line.remove_prefix(length);
+    ++words;
+  }
+}
+
 std::vector<ColmapImage> read_images_text(const std::filesystem::path& file) {
   TextReader in(file);
   std::vector<ColmapImage> images;
@@ -265,7 +281,11 @@ std::vector<ColmapImage> read_images_text(const std::filesystem::path& file) {
     image.camera_id = words.number<std::uint32_t>("camera id");
     image.name = words.remainder("image name");
     images.push_back(std::move(image));
-    in.next_raw(line);  // its 2D points, often an empty line
+    // Its 2D points, often an empty line. Where it is left out, the next image would be taken for it.
+    if (in.next_raw(line) && !is_points_line(line)) {
+      in.parse(line).fail_line("is not the list of 2D points of image '" + images.back().name +
+                               "': every image takes two lines, of which the second may be empty");
+    }
   }
   return images;
 }
@@ -314,11 +334,6 @@ PointCloud read_points_text(const std::filesystem::path& file) {
     append_point(file, points, position, color);
   }
   return points;
-}
-
-bool is_file(const std::filesystem::path& path) {
-  std::error_code ignored;
-  return std::filesystem::is_regular_file(path, ignored);
 }
 
 std::optional<std::filesystem::path> model_file(const std::filesystem::path& folder, const std::string& stem) {
@@ -378,8 +393,9 @@ glm::dmat4 pose_of(const ColmapImage& image, const std::string& where) {
   }
   const glm::dquat rotation(image.rotation[0], image.rotation[1], image.rotation[2], image.rotation[3]);
   const double norm = glm::length(rotation);
-  if (!(norm > 1e-6) || !std::isfinite(norm)) {
-    throw InputError(where + ": the rotation quaternion is zero; remove the image from the model");
+  if (!(norm > 1e-6 && norm < 1e6)) {
+    throw InputError(where + ": the rotation quaternion is " + (norm < 1 ? "zero" : "far longer than 1") +
+                     "; remove the image from the model");
   }
   glm::dmat4 pose = glm::mat4_cast(rotation / norm);
   pose[3] = {image.translation[0], image.translation[1], image.translation[2], 1.0};

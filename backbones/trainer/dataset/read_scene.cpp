@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <iterator>
 #include <map>
@@ -23,12 +24,17 @@
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/dataset/transforms.h"
 #include "trainer/dataset/view_image.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/text.h"
 
 namespace splatboost {
 namespace {
 
 constexpr float kBlenderBox = 1.3f;  // 3DGS's for NeRF-synthetic, whose objects fit into it
+// Products of two squared lengths, as in determinants of projected covariances, must be finite floats, with room for
+// what a training adds. No survey is that large, even one of the earth in millimetres.
+constexpr float kFarthest = 1e12f;
 constexpr char kImages[] = "images";
 constexpr int kResolution = -1;
 
@@ -43,11 +49,6 @@ struct Dataset {
   std::vector<Photo> photos;                  ///< of a folder
   std::shared_ptr<const PackedScene> packed;  ///< instead
 };
-
-bool is_file(const std::filesystem::path& path) {
-  std::error_code ignored;
-  return std::filesystem::is_regular_file(path, ignored);
-}
 
 Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& folder) {
   ColmapModel model = read_colmap_model(folder);
@@ -98,6 +99,9 @@ Dataset read_folder(const SceneOptions& options) {
   if (const auto model = find_colmap_model(source)) return read_colmap(options, *model);
   if (const auto file = source / "transforms_train.json"; is_file(file)) return read_blender(options, file);
   if (const auto file = source / "transforms.json"; is_file(file)) return read_frames(file);
+  std::error_code error;
+  static_cast<void>(std::filesystem::directory_iterator(source, error));
+  require(!error, source.string() + ": cannot be read: " + error.message());
   throw InputError(source.string() +
                    ": holds no dataset (looked for sparse/0/cameras.bin, sparse/0/cameras.txt, "
                    "sparse/cameras.bin, sparse/cameras.txt, transforms_train.json, transforms.json)");
@@ -135,6 +139,35 @@ Dataset read_packed(const SceneOptions& options) {
   return dataset;
 }
 
+std::string number_text(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%g", value);
+  return text;
+}
+
+/// Throws InputError unless a place, given by three coordinates, is near enough to the origin to train with.
+/// @param name says what lies there
+template <class Name>
+void check_position(const float* place, const std::filesystem::path& listing, const Name& name) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (std::abs(place[axis]) <= kFarthest) continue;
+    throw InputError(listing.string() + ": " + name() + " is " + number_text(std::abs(place[axis])) +
+                     " units away from the origin, farther than " + number_text(kFarthest) +
+                     "; scale the scene down, or remove it from the dataset");
+  }
+}
+
+void check_points(const PointCloud& points, const std::filesystem::path& listing) {
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    check_position(points.positions.data() + 3 * i, listing, [&] { return "point " + std::to_string(i); });
+  }
+}
+
+void check_camera_position(const View& view, const std::filesystem::path& listing) {
+  const glm::vec3 centre = view.camera.centre();
+  check_position(&centre[0], listing, [&] { return "the camera of image '" + view.name + "'"; });
+}
+
 Dataset read_dataset(const SceneOptions& options) {
   const std::filesystem::path& source = options.source;
   std::error_code ignored;
@@ -144,6 +177,8 @@ Dataset read_dataset(const SceneOptions& options) {
   if (std::filesystem::is_directory(source, ignored)) {
     dataset = read_folder(options);
     for (const Photo& photo : dataset.photos) dataset.names.push_back(photo.name);
+  } else if (!is_file(source)) {
+    throw InputError(source.string() + ": is neither a folder nor a file; --source takes a scene or a packed scene");
   } else if (is_packed_scene(source)) {
     dataset = read_packed(options);
   } else {
@@ -151,6 +186,13 @@ Dataset read_dataset(const SceneOptions& options) {
                      ": is not a folder, and no packed scene of SplatBoost either; --source takes one of them");
   }
   if (dataset.names.empty()) throw InputError(dataset.listing.string() + ": lists no images");
+  for (const std::string& name : dataset.names) {
+    // Results are JSON, which holds UTF-8 only; a file's name ends at a zero byte.
+    if (is_utf8(name) && name.find('\0') == std::string::npos) continue;
+    throw InputError(dataset.listing.string() + ": the name of the image '" + name +
+                     "' is not UTF-8; rename the image, there too");
+  }
+  check_points(dataset.points, dataset.listing);
   return dataset;
 }
 
@@ -368,6 +410,7 @@ std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset
   std::vector<View> views;
   if (dataset.packed) {
     for (const std::size_t i : chosen) views.push_back(dataset.packed->load(i, options.white_background));
+    for (const View& view : views) check_camera_position(view, dataset.listing);
     return views;
   }
   std::vector<Photo> photos;
@@ -375,6 +418,7 @@ std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset
   std::vector<LoadedView> loaded = load_photos(photos, image_options(options));
   note_images(loaded, notes);
   for (LoadedView& view : loaded) views.push_back(std::move(view.view));
+  for (const View& view : views) check_camera_position(view, dataset.listing);
   return views;
 }
 
@@ -407,6 +451,7 @@ std::vector<std::string> pack_scene(const SceneOptions& options, const std::file
     photo.masked = !view.view.valid.empty();
     if (photo.transparent) photo.color_over_white = std::move((next_over_white++)->view.color);
     photo.view = std::move(view.view);
+    check_camera_position(photo.view, dataset.listing);
     listing.photos.push_back(std::move(photo));
   }
   listing.own_test = dataset.own_test;
@@ -445,6 +490,7 @@ Scene read_scene(const SceneOptions& options) {
   scene.extent = camera_extent(scene.train);
   scene.points = std::move(dataset.points);
   if (auto few = few_view_points(options, dataset)) {
+    check_points(*few, dataset.packed ? dataset.listing : few_view_file(options.source, options.n_views));
     scene.points = std::move(*few);
     scene.notes.push_back("training starts from the points of " +
                           few_view_file(options.source, options.n_views).string());

@@ -13,6 +13,7 @@
 #include <optional>
 #include <span>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 
@@ -324,6 +325,15 @@ void write_header(std::ostream& out, std::size_t rows, const std::vector<std::st
   out << "end_header\n";
 }
 
+/// A model with a number that is not finite would be refused by every reader, ours too.
+void require_finite(const std::filesystem::path& path, const std::vector<float>& values, std::size_t rows) {
+  const auto wrong = std::ranges::find_if(values, [](float value) { return !std::isfinite(value); });
+  if (wrong == values.end()) return;
+  const std::size_t row = static_cast<std::size_t>(wrong - values.begin()) / (values.size() / rows);
+  throw std::runtime_error(path.string() + ": not written: row " + std::to_string(row) +
+                           " holds a number that is not finite; lower the learning rates in --config, or report this");
+}
+
 }  // namespace
 
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud) {
@@ -336,6 +346,10 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
                        cloud.rotations.size() == 4 * n && cloud.sh_rest.size() == 3 * n * rest_rows &&
                        (cloud.filters.empty() || cloud.filters.size() == n),
                    "all arrays of a splat cloud must have one row a splat");
+  for (const std::vector<float>* values : {&cloud.means, &cloud.sh_dc, &cloud.sh_rest, &cloud.logit_opacities,
+                                           &cloud.log_scales, &cloud.rotations, &cloud.filters}) {
+    require_finite(path, *values, n);
+  }
 
   write_file_atomically(path, [&](std::ostream& out) {
     std::vector<std::string> names{"x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"};
@@ -449,6 +463,7 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
 
 void write_float_ply(const std::filesystem::path& path, const FloatTable& table) {
   SPLATBOOST_CHECK(table.values.size() == table.rows() * table.names.size(), "a table must have whole rows");
+  require_finite(path, table.values, table.rows());
   write_file_atomically(path, [&](std::ostream& out) {
     write_header(out, table.rows(), table.names);
     out.write(reinterpret_cast<const char*>(table.values.data()),

@@ -24,7 +24,7 @@ struct SplatCloud {
 };
 
 /// Binary little endian, properties x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*, and filter_3D where there are
-/// filters. Written aside, then renamed.
+/// filters. Written aside, then renamed. Throws std::runtime_error, and writes nothing, if a number is not finite.
 void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud);
 
 /// Reads what write_splat_ply and other 3DGS programs write (binary or ascii, properties in any order). Throws

@@ -4,6 +4,12 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <mutex>
+
 #include "trainer/images/image_codec.h"
 #include "trainer/support/input_error.h"
 
@@ -20,6 +26,36 @@ void silence_opencv() {
   }();
   (void)done;
 }
+
+/// While one lives, what libpng, libjpeg and others print onto the error stream is dropped: they write lines of their
+/// own beside our one, past OpenCV's logger. Several threads may decode at once; nothing else of the program prints
+/// then.
+class QuietDecoders {
+ public:
+  QuietDecoders() {
+    const std::lock_guard guard(mutex_);
+    if (users_++ > 0) return;
+    std::fflush(stderr);
+    kept_ = ::dup(STDERR_FILENO);
+    const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+    if (kept_ >= 0 && nowhere >= 0) ::dup2(nowhere, STDERR_FILENO);
+    if (nowhere >= 0) ::close(nowhere);
+  }
+  ~QuietDecoders() {
+    const std::lock_guard guard(mutex_);
+    if (--users_ > 0 || kept_ < 0) return;
+    std::fflush(stderr);
+    ::dup2(kept_, STDERR_FILENO);
+    ::close(kept_);
+  }
+  QuietDecoders(const QuietDecoders&) = delete;
+  QuietDecoders& operator=(const QuietDecoders&) = delete;
+
+ private:
+  static inline std::mutex mutex_;
+  static inline int users_ = 0;
+  static inline int kept_ = -1;
+};
 
 /// The pixels in place; OpenCV only reads them.
 cv::Mat wrap(const Pixels& pixels) {
@@ -46,6 +82,7 @@ Pixels decode_image(std::span<const std::uint8_t> file, const std::string& where
   silence_opencv();
   cv::Mat image;
   try {
+    const QuietDecoders quiet;
     image = cv::imdecode(cv::Mat(1, static_cast<int>(file.size()), CV_8U, const_cast<std::uint8_t*>(file.data())),
                          cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& error) {

@@ -168,6 +168,13 @@ void remove_stale_files(const std::filesystem::path& folder) {
   }
 }
 
+bool is_file(const std::filesystem::path& path) {
+  std::error_code error;
+  const bool regular = std::filesystem::is_regular_file(path, error);
+  require(error != std::errc::permission_denied, path.string() + ": cannot be read: " + error.message());
+  return regular;
+}
+
 void make_folder(const std::filesystem::path& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);

@@ -23,6 +23,9 @@ bool is_working_file(const std::filesystem::path& name);
 /// that still write stay: each holds a lock on its own, which the kernel releases when the process ends.
 void remove_stale_files(const std::filesystem::path& folder);
 
+/// Whether it is a regular file. Throws InputError where the permissions of a folder keep that from being known.
+bool is_file(const std::filesystem::path& path);
+
 /// Makes the folder and those above it. Throws std::runtime_error naming it and the cause.
 void make_folder(const std::filesystem::path& folder);
 

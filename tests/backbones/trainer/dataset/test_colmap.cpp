@@ -273,6 +273,13 @@ TEST(Colmap, CamerasAndPosesThatCannotBeAreNamed) {
   }
   expect_contains(error_after([&](ColmapModel& m) { m.images[0].rotation[2] = INFINITY; }), "rotation is not finite");
   expect_contains(error_after([&](ColmapModel& m) { m.images[0].rotation[0] = 0; }), "quaternion is zero");
+  expect_contains(error_after([&](ColmapModel& m) { m.images[0].rotation[0] = 1e200; }),
+                  "quaternion is far longer than 1");
+  for (const double far : {3e38, -2e12}) {
+    expect_contains(error_after([&](ColmapModel& m) { m.images[0].translation[2] = far; }),
+                    "units away from the origin, farther than 1e+12");
+  }
+  expect_contains(error_after([&](ColmapModel& m) { m.points.positions[4] = 1e20f; }), "point 1 is 1e+20 units away");
   expect_contains(error_after([&](ColmapModel& m) { m.images[0].camera_id = 3; }), "refers to camera 3");
   expect_contains(error_after([&](ColmapModel& m) { m.cameras[0].params[1] = 0; }), "focal length");
   expect_contains(error_after([&](ColmapModel& m) { m.cameras[0].params[1] = -5; }), "focal length");
@@ -293,6 +300,30 @@ TEST(Colmap, BrokenTextIsNamedByLine) {
   expect_contains(disk.error(), "cameras.txt: line 1 has no camera parameter");
   write_file(disk.model_folder / "cameras.txt", "7 PINHOLE 96 64 80 82 45 33 9\n");
   expect_contains(disk.error(), "too many");
+}
+
+TEST(Colmap, AListOfPointsThatIsLeftOutIsNoticed) {
+  // Every second image would be taken for the points of the one before.
+  const SceneOnDisk disk(make_model(), ColmapFormat::text);
+  const std::filesystem::path file = disk.model_folder / "images.txt";
+  const std::string whole = read_file(file);
+  std::string without;
+  for (std::size_t at = 0; at < whole.size(); ++at) {
+    if (whole[at] == '\n' && at + 1 < whole.size() && whole[at + 1] == '\n') continue;
+    without += whole[at];
+  }
+  ASSERT_LT(without.size(), whole.size());
+  write_file(file, without);
+  const std::string message = disk.error();
+  expect_contains(message, "images.txt: line 4 is not the list of 2D points of image");
+  expect_contains(message, "every image takes two lines");
+  // Lists as COLMAP writes them.
+  std::string with_points = whole;
+  for (std::size_t at = 0; (at = with_points.find("\n\n", at)) != std::string::npos;) {
+    with_points.insert(at + 1, "1.5 2 -1 30.25 1e1 7 ");
+  }
+  write_file(file, with_points);
+  EXPECT_EQ(disk.read().train.size(), make_model().images.size());
 }
 
 TEST(Colmap, BrokenImagesAreNamed) {

@@ -3,9 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 
 #include "splatboost/errors.h"
@@ -161,6 +163,26 @@ TEST(SplatPly, RefusesArraysThatDoNotMatch) {
   cloud.means.pop_back();
   EXPECT_THROW(write_splat_ply(folder / "a.ply", cloud), ArgumentError);
   EXPECT_EQ(files_in(folder.path()), 0u);
+}
+
+TEST(SplatPly, WritesNoNumberThatIsNotFinite) {
+  const TemporaryFolder folder;
+  write_splat_ply(folder / "a.ply", make_cloud(3, 3));
+  const std::string before = read_file(folder / "a.ply");
+  for (const float value : {std::nanf(""), INFINITY, -INFINITY}) {
+    SplatCloud cloud = make_cloud(3, 3);
+    cloud.log_scales[7] = value;
+    try {
+      write_splat_ply(folder / "a.ply", cloud);
+      ADD_FAILURE() << value;
+    } catch (const std::runtime_error& error) {
+      expect_contains(error.what(), "a.ply: not written: row 2 holds a number that is not finite");
+    }
+  }
+  const FloatTable table{{"x", "y"}, {1, 2, 3, std::nanf("")}};
+  EXPECT_THROW(write_float_ply(folder / "b.ply", table), std::runtime_error);
+  EXPECT_EQ(read_file(folder / "a.ply"), before);
+  EXPECT_EQ(files_in(folder.path()), 1u);
 }
 
 TEST(PointPly, ReadsPositionsAndColours) {
