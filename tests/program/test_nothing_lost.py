@@ -166,7 +166,7 @@ def test_one_at_a_time_in_a_folder(scene, trained, tmp_path, first, second):
 def test_eval_measures_what_was_killed_while_it_measured(trained, scene, tmp_path):
     model = tmp_path / "model"
     running = start("train", "-s", scene, "-m", model, *SHORT_RUN)
-    wait_for(model / "training.json", running)
+    wait_for(model / "point_cloud/iteration_60/point_cloud.ply", running)
     running.send_signal(signal.SIGKILL)  # timing the renders takes a second
     running.communicate(timeout=60)
     assert not (model / "results.json").exists()
@@ -221,6 +221,22 @@ def test_a_run_removes_what_a_killed_one_left(finished, scene):
         path.write_bytes(b"x" * 1000)
     run_well("train", "-s", scene, "-m", finished, "--iterations", "5", "--quiet")
     assert not any(path.exists() for path in left)
+
+
+@pytest.mark.parametrize("command", ["eval", "render", "pack", "synth"])
+def test_every_command_removes_what_a_killed_one_left(finished, scene, tmp_path, command):
+    other = tmp_path / "other"
+    other.mkdir()
+    folder, arguments = {
+        "eval": (finished, ["-m", finished]),
+        "render": (finished / "test/renders", ["-m", finished]),
+        "pack": (other, [scene, other / "room.sbscene"]),
+        "synth": (other / "masks", [other, "--width", 32, "--height", 24, "--views", 2, "--points", 20])}[command]
+    folder.mkdir(exist_ok=True)
+    left = folder / ".splatboost-99999-0.tmp"
+    left.write_bytes(b"x" * 1000)
+    run_well(command, *arguments)
+    assert not left.exists()
 
 
 def test_pictures_of_views_do_not_overwrite_each_other(scene, tmp_path):

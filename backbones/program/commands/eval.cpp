@@ -15,6 +15,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr char kDidNotEnd[] = ": missing: the run did not end; let it end with splatboost train --resume";
+
 std::string fixed(double value, int digits) {
   char text[40];
   std::snprintf(text, sizeof text, "%.*f", digits, value);
@@ -46,12 +48,11 @@ struct Eval {
     const fs::path results_path = options.model / "results.json";
     const fs::path training_path = options.model / kTrainingFile;
     const bool measured = fs::exists(results_path);
-    require(measured || fs::exists(training_path), results_path.string() +
-                                                       ": missing: the run did not end; let it end with "
-                                                       "splatboost train --resume");
+    require(measured || fs::exists(training_path), results_path.string() + kDidNotEnd);
     Results results = results_of(measured ? results_path : training_path);
     // A model saved on the way is shown, but results.json speaks of the run's end.
     const bool of_the_end = saved_iteration(saved) == results.iterations;
+    require(measured || of_the_end || iteration == 0, results_path.string() + kDidNotEnd);
     require(measured || of_the_end, results_path.string() +
                                         ": missing: the run was stopped while it measured; measure "
                                         "the model at its end first, without --iteration");
@@ -59,11 +60,18 @@ struct Eval {
     Workbench bench = make_workbench(options);
     const PluggedBackbone plugged = load_model(bench, options, saved, beta);
     std::optional<FolderLock> lock;
-    if (of_the_end) lock.emplace(options.model);
+    if (of_the_end) {
+      lock.emplace(options.model);
+      remove_stale_files(options.model);
+    }
     if (measured) {
       evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, results);
     } else {
       // The run was killed after its last iteration: what it would have left is made now.
+      results.storage_bytes = 0;
+      for (const auto& file : fs::directory_iterator(saved)) {
+        if (!is_working_file(file.path())) results.storage_bytes += file.file_size();
+      }
       results = measure_run(bench, *plugged.backbone, options.model, std::move(results)).run.results;
     }
     Results exact;

@@ -5,6 +5,7 @@
 #include "program/commands/commands.h"
 #include "program/session/options.h"
 #include "trainer/dataset/read_scene.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"
 
 namespace splatboost::program {
@@ -28,6 +29,7 @@ int run_pack(const PackOptions& options) {
     throw UsageError(options.output.string() + ": the name of a packed scene ends in " + kExtension);
   }
   require(!fs::is_directory(options.output), options.output.string() + ": is a folder");
+  remove_stale_files(fs::absolute(options.output).parent_path());
   for (const std::string& note : pack_scene(scene, options.output))
     std::fprintf(stderr, "note: %s\n", printable(note).c_str());
   std::printf("packed scene: %s (%.1f MB)\n", options.output.c_str(),

@@ -15,7 +15,8 @@
 
 namespace splatboost::program {
 
-/// What training leaves beside the model until it is measured: results.json without its quality part.
+/// What training leaves beside the model until it is measured: results.json without its quality part and the model's
+/// size. It is written before the model, so that no model at its end is without it.
 inline constexpr char kTrainingFile[] = "training.json";
 
 /// Throws InputError unless the folder is new, empty or ours. What a killed command left in a new folder does not

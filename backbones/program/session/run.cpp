@@ -140,36 +140,48 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
     if (on_host) tell_memory(memory, primitives, options, train_options.label, resident);
   };
   train_options.quiet = options.quiet;
-  TrainOutcome trained = train(backbone, bench.scene, train_options);
+  const auto results_of = [&](const TrainOutcome& trained) {
+    Results results;
+    results.psnr = results.ssim = results.psnr_beta1 = results.fps = std::nan("");  // not measured yet
+    results.backbone = options.backbone;
+    results.boost = boost;
+    results.iterations = options.iterations.value();
+    results.primitives = backbone.primitives();
+    results.train_seconds = trained.seconds;
+    results.peak_memory_bytes = peak_memory_bytes();
+    if (on_host) results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
+    results.storage_bytes = trained.storage_bytes;
+    results.device = bench.device->name();
+    results.machine = machine_name();
+    results.threads = bench.device->threads().count();
+    results.seed = options.seed;
+    results.version = SPLATBOOST_VERSION;
+    results.command = command;
+    results.date = utc_now();
+    results.source = scene_name(options.scene.source);
+    results.width = bench.scene.train[0].camera.width;
+    results.height = bench.scene.train[0].camera.height;
+    results.stage_seconds = trained.stage_seconds;
+    results.curve = trained.curve;
+    return results;
+  };
+  bool noted = false;
+  train_options.on_end = [&](const TrainOutcome& trained) {
+    try {
+      write_results(folder / kTrainingFile, results_of(trained));
+      noted = true;
+    } catch (const std::runtime_error&) {
+      // The model matters more: it is exported first, then this is tried again.
+    }
+  };
+  const TrainOutcome trained = train(backbone, bench.scene, train_options);
   if (trained.interrupted_by != 0) {
     std::fprintf(stderr, "interrupted after iteration %d; go on with: splatboost train --resume %s\n",
                  trained.iteration, trained.checkpoint.c_str());
     return {trained.interrupted_by, {}, {}};
   }
-
-  Results results;
-  results.psnr = results.ssim = results.psnr_beta1 = results.fps = std::nan("");  // not measured yet
-  results.backbone = options.backbone;
-  results.boost = boost;
-  results.iterations = options.iterations.value();
-  results.primitives = backbone.primitives();
-  results.train_seconds = trained.seconds;
-  results.peak_memory_bytes = peak_memory_bytes();
-  if (on_host) results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
-  results.storage_bytes = trained.storage_bytes;
-  results.device = bench.device->name();
-  results.machine = machine_name();
-  results.threads = bench.device->threads().count();
-  results.seed = options.seed;
-  results.version = SPLATBOOST_VERSION;
-  results.command = command;
-  results.date = utc_now();
-  results.source = scene_name(options.scene.source);
-  results.width = bench.scene.train[0].camera.width;
-  results.height = bench.scene.train[0].camera.height;
-  results.stage_seconds = trained.stage_seconds;
-  results.curve = std::move(trained.curve);
-  write_results(folder / kTrainingFile, results);
+  Results results = results_of(trained);
+  if (!noted) write_results(folder / kTrainingFile, results);
   return measure_run(bench, backbone, folder, std::move(results));
 }
 
@@ -179,10 +191,6 @@ RunOutcome measure_run(Workbench& bench, Backbone& backbone, const fs::path& fol
   outcome.run.results = std::move(trained);
   Results& results = outcome.run.results;
   outcome.run.renders = folder / (bench.scene.test.empty() ? "train" : "test") / "renders";
-  // A run that was killed here is measured again.
-  for (const fs::path& used : {folder, outcome.run.renders, outcome.run.renders.parent_path() / "truth"}) {
-    remove_stale_files(used);
-  }
   evaluate(backbone, bench.scene, bench.lpips.get(), outcome.run.renders, results);
   outcome.views = write_truth(bench.scene, folder);
   write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + outcome.run.label,

@@ -179,6 +179,7 @@ void make_folder(const std::filesystem::path& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw std::runtime_error(folder.string() + ": cannot make this folder: " + error.message());
+  remove_stale_files(folder);
 }
 
 FolderLock::FolderLock(const std::filesystem::path& folder) : file_(folder / kLockName) {

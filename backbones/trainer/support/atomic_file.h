@@ -26,7 +26,8 @@ void remove_stale_files(const std::filesystem::path& folder);
 /// Whether it is a regular file. Throws InputError where the permissions of a folder keep that from being known.
 bool is_file(const std::filesystem::path& path);
 
-/// Makes the folder and those above it. Throws std::runtime_error naming it and the cause.
+/// Makes the folder and those above it, and calls remove_stale_files() on it. Throws std::runtime_error naming it and
+/// the cause.
 void make_folder(const std::filesystem::path& folder);
 
 /// Keeps other processes that ask for the same lock out of a folder, while it lives. Its file `.splatboost.lock` stays

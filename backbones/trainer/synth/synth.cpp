@@ -17,6 +17,7 @@
 #include "splatboost/threads.h"
 #include "trainer/dataset/colmap.h"
 #include "trainer/dataset/view_image.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/synth/synth_world.h"
 
@@ -104,6 +105,7 @@ void write_synthetic_scene(const SynthOptions& options) {
     std::error_code error;
     std::filesystem::create_directories(options.output / folder, error);
     if (error) throw InputError((options.output / folder).string() + ": the folder cannot be made: " + error.message());
+    remove_stale_files(options.output / folder);
   }
 
   const std::unique_ptr<const World> world = options.scene == "street" ? make_street() : make_room();

@@ -204,8 +204,11 @@ class Run {
         break;
       }
     }
-    if (outcome_.interrupted_by == 0) outcome_.storage_bytes = export_model();
     outcome_.stage_seconds = stage_seconds();
+    if (outcome_.interrupted_by == 0) {
+      if (options_.on_end) options_.on_end(outcome_);
+      outcome_.storage_bytes = export_model();
+    }
     return std::move(outcome_);
   }
 

@@ -19,6 +19,16 @@
 
 namespace splatboost {
 
+struct TrainOutcome {
+  int interrupted_by = 0;            ///< the signal that stopped it, 0: ran to its end; a checkpoint was written
+  std::filesystem::path checkpoint;  ///< the one written on interruption
+  int iteration = 0;                 ///< last iteration done
+  double seconds = 0;                ///< wall time of training, evaluation and saving excluded
+  std::vector<CurvePoint> curve;
+  std::map<std::string, double> stage_seconds;
+  std::uint64_t storage_bytes = 0;  ///< of the final model; 0 if interrupted
+};
+
 struct TrainOptions {
   int iterations = kPublishedIterations;
   std::uint64_t seed = 0;
@@ -36,18 +46,11 @@ struct TrainOptions {
   /// Called once a checkpoint, if any, has proved to be good, before anything is written and before the first
   /// iteration; may be empty. What it throws ends train().
   std::function<void(std::size_t primitives)> on_start;
+  /// Called after the last iteration, before the model is exported, with all but its size; may be empty. What it writes
+  /// down is there whenever the model is, also after a kill.
+  std::function<void(const TrainOutcome&)> on_end;
   std::string label;  ///< shown in the progress line
   bool quiet = false;
-};
-
-struct TrainOutcome {
-  int interrupted_by = 0;            ///< the signal that stopped it, 0: ran to its end; a checkpoint was written
-  std::filesystem::path checkpoint;  ///< the one written on interruption
-  int iteration = 0;                 ///< last iteration done
-  double seconds = 0;                ///< wall time of training, evaluation and saving excluded
-  std::vector<CurvePoint> curve;
-  std::map<std::string, double> stage_seconds;
-  std::uint64_t storage_bytes = 0;  ///< of the final model; 0 if interrupted
 };
 
 /// Which training view an iteration sees: a fresh random permutation every epoch, a pure function of the arguments.
