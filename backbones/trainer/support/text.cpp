@@ -41,7 +41,9 @@ std::string printable(std::string_view text) {
   while (!text.empty()) {
     const auto first = static_cast<unsigned char>(text[0]);
     std::size_t length = character_length(text);
-    if (length == 0 || first < 0x20 || first == 0x7f) {
+    // U+0080 to U+009F are control characters too, of two bytes: the second is told alone in the next round.
+    const bool second_set = length == 2 && first == 0xc2 && static_cast<unsigned char>(text[1]) < 0xa0;
+    if (length == 0 || first < 0x20 || first == 0x7f || second_set) {
       shown += {'\\', 'x', kDigits[first >> 4], kDigits[first & 0xf]};
       length = 1;
     } else {

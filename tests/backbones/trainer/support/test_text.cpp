@@ -22,6 +22,7 @@ TEST(Text, ShowsWhatNoTerminalShould) {
   EXPECT_EQ(printable("Grüße \u20ac"), "Grüße \u20ac");
   EXPECT_EQ(printable("caf\xe9.jpg"), "caf\\xe9.jpg");
   EXPECT_EQ(printable(std::string("a\0\x1b[2J\n\x7f", 8)), "a\\x00\\x1b[2J\\x0a\\x7f");
+  EXPECT_EQ(printable("\xc2\x80 \xc2\x9b\xc2\xa0"), "\\xc2\\x80 \\xc2\\x9b\xc2\xa0");
   EXPECT_EQ(printable("\xe2\x82"), "\\xe2\\x82");
   EXPECT_TRUE(is_utf8(printable("\xff\xfe\xe2\x82\xc3\xa4")));
 }
