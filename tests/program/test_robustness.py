@@ -4,6 +4,7 @@
 import concurrent.futures
 import os
 import pathlib
+import subprocess
 import sys
 
 import pytest
@@ -29,6 +30,28 @@ def found(tmp_path_factory):
         found = {name: pool.submit(fuzz_readers.attack, name, whole, 0, DAMAGED_OF_A_KIND, 0) for name in fuzz_readers.TARGETS}
         found |= {name: pool.submit(inject_faults.attack, name, FAULTS_OF_A_COMMAND) for name in inject_faults.SCENARIOS}
         yield found
+
+
+def ended(code, stderr):
+    return attacks.broken_rule(subprocess.CompletedProcess([], code, b"", stderr))
+
+
+def test_the_rule_can_be_broken():
+    line = b"splatboost train: cannot be read\n"
+    assert not ended(2, line) and not ended(0, b"") and not ended(0, b"note: a\nnote: b\n" + line)
+    for code, stderr in [(-11, b""), (134, line), (None, b""), (2, b""), (1, line + line), (2, b"terminate called\n"),
+                         (2, line[:-1] + b"\xff\n"), (2, line[:-1] + b"\x1b[31m\n"), (2, line[:-1] * 100 + b"\n")]:
+        assert ended(code, stderr), (code, stderr)
+    assert ended(-9, b"") and not attacks.broken_rule(subprocess.CompletedProcess([], -9, b"", b""), may_be_killed=True)
+
+
+def test_faults_come_where_they_are_asked_for(tmp_path):
+    folder = tmp_path.resolve() / "scene"
+    command = ["synth", folder, *attacks.TINY_SCENE]
+    under = {"FILE_FAULTS_UNDER": str(folder), "FILE_FAULTS_AT": "9"}
+    failed = {kind: attacks.run(*command, faults=under | {"FILE_FAULTS_KIND": kind}) for kind in inject_faults.KINDS}
+    assert [done.returncode for done in failed.values()] == [1, 1, -9]
+    assert b"Input/output error" in failed["error"].stderr and b"No space left" in failed["full"].stderr
 
 
 def test_eval_takes_a_run_killed_right_after_its_model(tmp_path):

@@ -62,7 +62,8 @@ def broken_rule(done, may_be_killed=False):
         return "raw bytes in the message"
     if any(unicodedata.category(c) == "Cc" for c in text.replace("\n", "")):
         return "control characters in the message"
-    lines = [line for line in text.splitlines() if not line.startswith("note: ")]
+    lines = text.removesuffix("\n").split("\n") if text else []
+    lines = [line for line in lines if not line.startswith("note: ")]
     if done.returncode == 0:
         return "" if len(lines) <= 1 else f"{len(lines)} lines on success"
     if len(lines) != 1 or not lines[0].startswith("splatboost"):
@@ -103,7 +104,7 @@ class Totals:
     def finish(self, arguments, key):
         """Prints the totals, and with --json puts them into that file.
         @return the exit status"""
-        record = self.record(shlex.join(["python3", *sys.argv]))
+        record = self.record(command_of(sys.argv))
         print(f"{self.cases} cases; exits: " + ", ".join(f"{code}: {n}" for code, n in record["exits"].items()))
         for attack, count in record["attacks"].items():
             print(f"  {attack}: {count}")
@@ -114,6 +115,16 @@ class Totals:
             document[key] = record
             path.write_text(json.dumps(document, indent=1) + "\n")
         return 1 if self.broken else 0
+
+
+def command_of(argv):
+    """Without what says only where the output goes."""
+    words = ["tests/robustness/" + pathlib.Path(argv[0]).name]
+    left_out = ("--json", "--keep", "--jobs")
+    for before, word in zip(argv, argv[1:]):
+        if word not in left_out and before not in left_out:
+            words.append(word)
+    return shlex.join(words)
 
 
 def machine():
