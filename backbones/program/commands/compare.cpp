@@ -5,6 +5,7 @@
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
 #include "program/session/run.h"
+#include "trainer/evaluation/result_tables.h"
 #include "trainer/support/atomic_file.h"
 
 namespace splatboost::program {

@@ -7,6 +7,7 @@
 #include "program/session/model_folder.h"
 #include "program/session/run.h"
 #include "trainer/evaluation/evaluate.h"
+#include "trainer/evaluation/result_tables.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/training/trainer.h"
 

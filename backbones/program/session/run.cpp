@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/session/run.h"
 #include "trainer/evaluation/evaluate.h"
+#include "trainer/evaluation/result_tables.h"
 #include "trainer/support/process_info.h"
 
 #include <malloc.h>

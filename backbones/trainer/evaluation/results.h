@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What a run measured: results.json, and the page that shows it.
+/// @file What a run measured: results.json.
 #pragma once
 
+#include <concepts>
 #include <cstdint>
-#include <filesystem>
 #include <map>
 #include <optional>
-#include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include <nlohmann/json_fwd.hpp>
@@ -67,6 +67,73 @@ struct Results {
   std::vector<CurvePoint> curve;
 };
 
+/// Whether results.json must have a field: earlier versions did not write all.
+enum class Presence { required, may_lack };
+
+/// Calls visit(name, field, presence) for every field.
+template <class R, class Visit>
+requires std::same_as<std::remove_const_t<R>, ViewResult>
+void for_each_field(R& r, Visit&& visit) {
+  visit("name", r.name, Presence::required);
+  visit("psnr", r.psnr, Presence::required);
+  visit("ssim", r.ssim, Presence::required);
+  visit("lpips", r.lpips, Presence::required);
+}
+
+/// Calls visit(name, field, presence) for every field.
+template <class R, class Visit>
+requires std::same_as<std::remove_const_t<R>, ScaleResult>
+void for_each_field(R& r, Visit&& visit) {
+  visit("divisor", r.divisor, Presence::required);
+  visit("psnr", r.psnr, Presence::required);
+  visit("ssim", r.ssim, Presence::required);
+}
+
+/// Calls visit(name, field, presence) for every field.
+template <class R, class Visit>
+requires std::same_as<std::remove_const_t<R>, CurvePoint>
+void for_each_field(R& r, Visit&& visit) {
+  visit("iteration", r.iteration, Presence::required);
+  visit("seconds", r.seconds, Presence::required);
+  visit("loss", r.loss, Presence::required);
+  visit("primitives", r.primitives, Presence::required);
+  visit("psnr", r.psnr, Presence::required);
+}
+
+/// Calls visit(name, field, presence) for every field.
+template <class R, class Visit>
+requires std::same_as<std::remove_const_t<R>, Results>
+void for_each_field(R& r, Visit&& visit) {
+  visit("backbone", r.backbone, Presence::required);
+  visit("boost", r.boost, Presence::required);
+  visit("iterations", r.iterations, Presence::required);
+  visit("psnr", r.psnr, Presence::required);
+  visit("ssim", r.ssim, Presence::required);
+  visit("lpips", r.lpips, Presence::required);
+  visit("psnr_beta1", r.psnr_beta1, Presence::required);
+  visit("split", r.split, Presence::may_lack);
+  visit("primitives", r.primitives, Presence::required);
+  visit("train_seconds", r.train_seconds, Presence::required);
+  visit("fps", r.fps, Presence::required);
+  visit("peak_memory_bytes", r.peak_memory_bytes, Presence::required);
+  visit("estimated_memory_bytes", r.estimated_memory_bytes, Presence::may_lack);
+  visit("storage_bytes", r.storage_bytes, Presence::required);
+  visit("device", r.device, Presence::required);
+  visit("machine", r.machine, Presence::may_lack);
+  visit("threads", r.threads, Presence::required);
+  visit("seed", r.seed, Presence::required);
+  visit("version", r.version, Presence::required);
+  visit("command", r.command, Presence::may_lack);
+  visit("date", r.date, Presence::may_lack);
+  visit("source", r.source, Presence::may_lack);
+  visit("width", r.width, Presence::may_lack);
+  visit("height", r.height, Presence::may_lack);
+  visit("views", r.views, Presence::required);
+  visit("scales", r.scales, Presence::may_lack);
+  visit("stage_seconds", r.stage_seconds, Presence::required);
+  visit("curve", r.curve, Presence::may_lack);
+}
+
 nlohmann::json to_json(const Results& results);
 /// Throws InputError if a required key is missing.
 Results results_from_json(const nlohmann::json& json);
@@ -75,29 +142,5 @@ Results results_from_json(const nlohmann::json& json);
 /// storage, memory and fps, "differences": boosted − baseline of PSNR, SSIM, LPIPS}. Null where a value is missing or
 /// the baseline is 0.
 nlohmann::json comparison_to_json(const Results& baseline, const Results& boosted);
-
-/// One line of the table of one or more runs, in words and units for people.
-struct ResultRow {
-  enum class Verdict { kNone, kBetter, kWorse, kSame };
-  std::string label;
-  std::vector<std::string> values;   ///< one a run
-  std::string change;                ///< of two runs: "4.1× faster", "0.28×", "−0.05 dB"; else empty
-  Verdict verdict = Verdict::kNone;  ///< what that change means
-};
-
-/// The most important first. With two runs, the second is compared with the first.
-std::vector<ResultRow> result_rows(std::span<const Results> runs);
-
-/// 42.3 s, 12 min 05 s, 3 h 07 min.
-std::string human_seconds(double seconds);
-
-/// 1 234 567 with no-break thin spaces between the thousands.
-std::string human_count(std::uint64_t count);
-
-/// The table of a comparison for a terminal.
-std::string comparison_table(const Results& baseline, const Results& boosted);
-
-/// Quality at the trained and at smaller scales, a column of PSNR and one of SSIM a run, under its label.
-std::string scales_table(std::span<const std::string> labels, std::span<const Results> runs);
 
 }  // namespace splatboost

@@ -8,6 +8,7 @@
 #include <set>
 #include <stdexcept>
 
+#include "trainer/evaluation/result_tables.h"
 #include "trainer/report/report_curves.h"
 #include "trainer/report/report_markup.h"
 #include "trainer/report/report_style.h"

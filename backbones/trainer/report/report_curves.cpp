@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "trainer/evaluation/result_tables.h"
 #include "trainer/report/report_markup.h"
 
 namespace splatboost::report {

@@ -14,6 +14,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "trainer/evaluation/result_tables.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
