@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include <nlohmann/json.hpp>
 
@@ -11,7 +12,11 @@
 
 namespace splatboost {
 
-using VanillaConfig = GaussianConfig;
+struct VanillaConfig : GaussianConfig {
+  /// Of which release the constants are. "2023": the paper's own. "2024": its main branch since then, which halves the
+  /// rate of opacities and cuts images at 1 before the loss; tables of later papers, FastGS's too, are of it.
+  std::string release = "2023";
+};
 
 nlohmann::json to_json(const VanillaConfig& config);
 /// Reads the keys that are there over the defaults. Throws InputError on an unknown key or a wrong type.

@@ -50,6 +50,8 @@ TEST_F(CudaTrainingOperations, Arithmetic) {
         multiply(values, factors, products, device);
         add_products(values, factors, products, device);
         multiply(products, factors, products, device);
+        clamp_above(values, 1, device);
+        clear_from(values, 1, products, device);
         return products.to_host();
       },
       1e-6f);

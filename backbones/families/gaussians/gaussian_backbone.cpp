@@ -339,12 +339,14 @@ double GaussianBackbone::evaluate_loss(std::span<const StepView> views) {
   gradients_.clear(form.scale == 0);
   double loss = 0;
   if (form.scale != 0) {
+    if (form.clamped) clamp_above(images_.color, 1, device_);
     // The run ends with the loss of its end.
     const bool ahead = first.context.iteration != context_.iterations;
     const PhotometricLoss measured =
         ahead ? photometric_.evaluate_ahead(images_.color, first.truth, form.lambda_dssim, gradients_.color)
               : photometric_.evaluate(images_.color, first.truth, form.lambda_dssim, gradients_.color);
     loss = form.scale * measured.total;
+    if (form.clamped) clear_from(images_.color, 1, gradients_.color, device_);
     if (form.scale != 1) scale(gradients_.color, form.scale, device_);
   }
   return loss + method_->add_loss(views);
@@ -469,7 +471,8 @@ void GaussianBackbone::control_density() {
   const int until = at(config_.densify_until);
   const bool own =
       iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
-  if (density_ != nullptr ? density_->grows_at(moment(), own) : own) {
+  // No statistics are gathered after the end of growth, whatever a hook says.
+  if (density_ != nullptr ? iteration_ < until && density_->grows_at(moment(), own) : own) {
     step_all(iteration_);
     grow();
     prune(PruneRule::growth);
@@ -670,6 +673,7 @@ ScoredView GaussianBackbone::render_for_score(std::size_t view) {
   rasterizer_.forward(truth.camera, drawn({truth.camera, truth.time, iteration_, DrawPurpose::score, &truth}),
                       raster_options(beta_), images);
   rasterizer_.settle();
+  if (method_->loss().clamped) clamp_above(images_.color, 1, device_);
   return {images_.color, truths_.of(truth)};
 }
 

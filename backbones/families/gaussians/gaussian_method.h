@@ -24,6 +24,7 @@ namespace splatboost {
 struct LossForm {
   float lambda_dssim = 0.2f;
   float scale = 1;
+  bool clamped = false;  ///< of the image cut at 1, where no gradient passes; scores are of that image too
 };
 
 /// What the loss of a training step reads besides the colour of its view.

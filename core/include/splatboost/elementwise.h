@@ -17,4 +17,11 @@ void multiply(std::span<const float> values, std::span<const float> factors, std
 /// sums[i] += values[i] · factors[i]
 void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums, Device device);
 
+/// values[i] = min(values[i], bound)
+void clamp_above(std::span<float> values, float bound, Device device);
+
+/// gradients[i] = 0 where values[i] >= bound: the backward pass of clamp_above().
+/// @param values as clamped
+void clear_from(std::span<const float> values, float bound, std::span<float> gradients, Device device);
+
 }  // namespace splatboost

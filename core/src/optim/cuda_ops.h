@@ -24,6 +24,8 @@ void multiply(std::span<const float> values, std::span<const float> factors, std
               CudaStream& stream);
 void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums,
                   CudaStream& stream);
+void clamp_above(std::span<float> values, float bound, CudaStream& stream);
+void clear_from(std::span<const float> values, float bound, std::span<float> gradients, CudaStream& stream);
 
 /// @param kept factor of those that are not dropped
 void dropout_factors(const RandomStream& random, double rate, float kept, std::span<float> factors, CudaStream& stream);

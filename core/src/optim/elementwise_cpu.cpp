@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/elementwise.h"
 
+#include <algorithm>
+
 #include "optim/cuda_ops.h"
 #include "splatboost/errors.h"
 
@@ -35,6 +37,19 @@ void add_products(std::span<const float> values, std::span<const float> factors,
   SPLATBOOST_CHECK(factors.size() == n && sums.size() == n, "values, factors and sums must be of one size");
   if (device.is_cuda()) return cuda::add_products(values, factors, sums, device.stream());
   for_each(n, device.threads(), [&](std::size_t i) { sums[i] += values[i] * factors[i]; });
+}
+
+void clamp_above(std::span<float> values, float bound, Device device) {
+  if (device.is_cuda()) return cuda::clamp_above(values, bound, device.stream());
+  for_each(values.size(), device.threads(), [&](std::size_t i) { values[i] = std::min(values[i], bound); });
+}
+
+void clear_from(std::span<const float> values, float bound, std::span<float> gradients, Device device) {
+  SPLATBOOST_CHECK(gradients.size() == values.size(), "values and gradients must be of one size");
+  if (device.is_cuda()) return cuda::clear_from(values, bound, gradients, device.stream());
+  for_each(values.size(), device.threads(), [&](std::size_t i) {
+    if (values[i] >= bound) gradients[i] = 0;
+  });
 }
 
 }  // namespace splatboost

@@ -26,6 +26,19 @@ __global__ void __launch_bounds__(kBlockThreads)
   sums[i] += values[i] * factors[i];
 }
 
+__global__ void __launch_bounds__(kBlockThreads) clamp_above_kernel(DeviceView<float> values, float bound) {
+  const std::size_t i = element_index();
+  if (i >= values.size()) return;
+  values[i] = fminf(values[i], bound);
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    clear_from_kernel(DeviceView<const float> values, float bound, DeviceView<float> gradients) {
+  const std::size_t i = element_index();
+  if (i >= values.size()) return;
+  if (values[i] >= bound) gradients[i] = 0;
+}
+
 }  // namespace
 
 void scale(std::span<float> values, float factor, CudaStream& stream) {
@@ -40,6 +53,14 @@ void multiply(std::span<const float> values, std::span<const float> factors, std
 void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums,
                   CudaStream& stream) {
   launch_each(stream, "add_products", add_products_kernel, values.size(), values, factors, sums);
+}
+
+void clamp_above(std::span<float> values, float bound, CudaStream& stream) {
+  launch_each(stream, "clamp_above", clamp_above_kernel, values.size(), values, bound);
+}
+
+void clear_from(std::span<const float> values, float bound, std::span<float> gradients, CudaStream& stream) {
+  launch_each(stream, "clear_from", clear_from_kernel, values.size(), values, bound, gradients);
 }
 
 }  // namespace splatboost::cuda

@@ -8,6 +8,7 @@
 
 #include "support/density_recorder.h"
 #include "support/tiny_scene.h"
+#include "trainer/support/input_error.h"
 #include "vanilla/vanilla.h"
 
 namespace splatboost {
@@ -153,6 +154,29 @@ TEST(VanillaTraining, reaches_a_stated_quality_on_a_tiny_scene) {
     if (i > 390) last += loss / 10;
   }
   EXPECT_LT(last, 0.35 * first);
+}
+
+TEST(VanillaTraining, the_release_of_2024_scores_and_trains_on_clamped_images) {
+  Threads threads(2);
+  Scene scene = testing::tiny_scene(threads);
+  std::ranges::fill(scene.train[0].color, std::uint8_t{255});  // what is drawn can only become brighter
+  const auto brightest = [&](const char* release) {
+    VanillaConfig config =
+        vanilla_config_from_json({{"release", release}, {"feature_rate", 20}, {"initial_opacity", 0.9}});
+    const auto backbone = make_vanilla({scene, threads, 0, 10000, 0}, config);
+    backbone->train_step(1, scene.train[0]);
+    const ScoredView scored = backbone->rasterizer_hook().render_for_score(0);
+    return *std::max_element(scored.color.begin(), scored.color.end());
+  };
+  EXPECT_GT(brightest("2023"), 1) << "the step must be large enough to overshoot";
+  EXPECT_EQ(brightest("2024"), 1);
+}
+
+TEST(VanillaConfig, a_release_sets_defaults_that_single_values_override) {
+  EXPECT_EQ(vanilla_config_from_json(nlohmann::json::object()).opacity_rate, 0.05);
+  EXPECT_EQ(vanilla_config_from_json({{"release", "2024"}}).opacity_rate, 0.025);
+  EXPECT_EQ(vanilla_config_from_json({{"release", "2024"}, {"opacity_rate", 0.1}}).opacity_rate, 0.1);
+  EXPECT_THROW(vanilla_config_from_json({{"release", "2022"}}), InputError);
 }
 
 /// Steps a group only now and then.
