@@ -71,17 +71,15 @@ bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
 void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
   const std::size_t n = statistics.gradients.size();
   double gradient_scale = 1;
+  const ScoreSums* sums = nullptr;
   if (boost_.vcd || boost_.vcp) {
     const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
                               RandomPurpose::scored_views);
-    const ScoreSums& sums =
-        scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim, boost_.vcp}, random);
+    sums = &scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim, boost_.vcp}, random);
     if (boost_.vcp) {
       pruning_.resize(n);
-      pruning_scores(sums, pruning_);
+      pruning_scores(*sums, pruning_);
     }
-    importance_.resize(n);
-    importance_scores(sums, importance_);
     scored_at_ = statistics.moment.iteration;
     if (!boost_.literal) gradient_scale = std::sqrt(scorer_.covered_share());
   }
@@ -96,14 +94,16 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
     }
   }
   if (boost_.vcd) {
-    const double tau_d = tau_d_at(scorer_.mean_pixels());
-    keep_important(importance_, tau_d, decisions.clone);
-    keep_important(importance_, tau_d, decisions.split);
+    const double below = std::ceil(least_importance(scorer_.mean_pixels()) * std::max(1, sums->views)) - 1;
+    keep_important(sums->counts, below, decisions.clone);
+    keep_important(sums->counts, below, decisions.split);
   }
 }
 
-double VanillaAdapter::tau_d_at(double pixels) const {
-  return boost_.literal ? boost_.tau_d : boost_.tau_d * std::min(1.0, pixels / kTauDPixels);
+double VanillaAdapter::least_importance(double pixels) const {
+  // ⌊Σ_j n_ij / K⌋ > τ_d asks for a mean of at least one pixel more.
+  if (boost_.literal) return std::floor(boost_.tau_d) + 1;
+  return std::max(1.0, (boost_.tau_d + 1) * std::min(1.0, pixels / kTauDPixels));
 }
 
 bool VanillaAdapter::prunes_late_at(Moment moment) const {
@@ -162,7 +162,8 @@ bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) con
 bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
   if (!boost_.schedule) return true;
   const StepIntervals& intervals = group == "f_rest" ? kRestIntervals : kOtherIntervals;
-  return boost_.literal ? steps_literally_at(intervals, moment) : splatboost::steps_at(intervals, moment);
+  const auto steps = boost_.literal ? steps_literally_at : splatboost::steps_at;
+  return steps(intervals, moment, boost_.published_iterations);
 }
 
 AdapterEntry vanilla_adapter_entry() {

@@ -24,7 +24,7 @@ struct VanillaBoost {
   bool absgrad = true;   ///< split on absolute gradients
   bool schedule = true;  ///< optimizer schedule
   float beta = 0.5f;
-  double tau_d = 5;  ///< importance that growth must exceed; less where images are below kTauDPixels
+  double tau_d = 5;  ///< importance that growth must exceed by a pixel; less where images are below kTauDPixels
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   float lambda_dssim = 0.2f;
@@ -97,7 +97,8 @@ inline constexpr int kMinGrowthInterval = 100;
 /// the opacity of 0.1 that all begin with, and needs them.
 inline constexpr double kSettledVisits = 50;
 
-/// Images of the paper have about a megapixel. Importance counts pixels, so tau_d shrinks with the area below that.
+/// Images of the paper have about a megapixel. Importance counts pixels: below that, what growth asks for shrinks with
+/// the area, down to one pixel a view, and the mean over views is compared without being cut to a whole number.
 inline constexpr double kTauDPixels = 1e6;
 
 /// The device is where views are scored; statistics and decisions lie in memory of the host.
@@ -128,7 +129,9 @@ class VanillaAdapter : public Adapter {
   }
 
  private:
-  double tau_d_at(double pixels) const;
+  /// Flagged pixels a view, Σ_j n_ij / K, that growth asks for.
+  /// @param pixels of a view
+  double least_importance(double pixels) const;
   /// @param views the backbone's training views
   double late_min_opacity_at(Moment moment, std::size_t views) const;
   bool prunes_late_at(Moment moment) const;
@@ -138,7 +141,6 @@ class VanillaAdapter : public Adapter {
 
   VanillaBoost boost_;
   MultiViewScorer scorer_;
-  std::vector<std::int64_t> importance_;
   std::vector<float> pruning_;  ///< of the primitives as they were at the last scoring
   int scored_at_ = -1;          ///< iteration of that scoring
 };

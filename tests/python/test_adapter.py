@@ -53,10 +53,9 @@ class Host:
 def test_growth_is_the_paper_s():
     host = Host([3, 4])
     counts, weighted, covered = host.sums()
-    importance = splatboost.importance_scores(counts, 3)
-    # Importance counts pixels, and its threshold shrinks with images below a megapixel.
-    threshold = float(importance.median())
-    tau_d = threshold * 1e6 / (30 * 22) + 0.5
+    # Growth asks for tau_d + 1 flagged pixels a view, less for images below a megapixel.
+    threshold = float(counts.double().median()) / 3 + 0.1
+    tau_d = threshold * 1e6 / (30 * 22) - 1
     adapter = Adapter("vanilla", total_iterations=30000, tau_d=tau_d)
     g = torch.Generator().manual_seed(0)
     gradients = torch.rand(N, generator=g) * 4e-4
@@ -67,7 +66,7 @@ def test_growth_is_the_paper_s():
         1000, host.views(), scene_extent=1.0, gradients=gradients, gradients_abs=absolute, max_scales=scales
     )
     assert sorted(host.rendered) == [0, 1, 2]  # one render a view
-    important, scale = importance > threshold, covered**0.5
+    important, scale = counts / 3 >= threshold, covered**0.5
     assert 0 < important.sum() < N
     assert torch.equal(clone, important & (scales <= 0.001) & (gradients >= 2e-4 * scale))
     assert torch.equal(split, important & (scales > 0.001) & (absolute[:, 0] >= 6e-4 * scale))

@@ -49,12 +49,26 @@ Json to_json(BoostSettings& settings) {
   return fields_to_json([&](auto&& visitor) { visit_settings(settings, visitor); });
 }
 
+namespace {
+
+/// A backbone gathers statistics until its own end of growth: a later one of the user's could not be kept.
+void check_end_of_growth(std::string_view name, const Json& constants, const Json& settings) {
+  const auto until = [](const Json& values) { return values.value("densify_until", 0); };
+  const int wanted = until(settings), own = until(constants);
+  if (wanted <= own || wanted == until(to_json(*read_boost_settings(name, {{"literal", settings["literal"]}})))) return;
+  throw InputError("boost: densify_until " + std::to_string(wanted) + " is after the backbone's, " +
+                   std::to_string(own) + ": set densify_until of the backbone too");
+}
+
+}  // namespace
+
 PluggedBackbone make_backbone(std::string_view name, const BackboneContext& context, const Json& constants,
                               const Json* boost) {
   PluggedBackbone plugged;
   plugged.backbone = find_backbone(name).make(context, constants);
   if (boost != nullptr) {
     const std::unique_ptr<BoostSettings> settings = read_boost_settings(name, *boost);
+    check_end_of_growth(name, plugged.backbone->config(), to_json(*settings));
     plugged.adapter = settings->make_adapter(context.seed, context.device);
     plugged.beta = plugged.adapter->beta();
     plugged.coarse_until = settings->coarse_share();

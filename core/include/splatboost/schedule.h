@@ -28,10 +28,11 @@ struct StepIntervals {
 };
 
 /// Whether a group of these intervals steps at this moment. The last iteration of a run always steps.
-bool steps_at(const StepIntervals& intervals, Moment moment);
+/// @param published_total length of the published run that the ends of the phases are of
+bool steps_at(const StepIntervals& intervals, Moment moment, int published_total = kPublishedIterations);
 
 /// The same with the intervals as they are, in a run of any length; only the ends of the phases scale.
-bool steps_literally_at(const StepIntervals& intervals, Moment moment);
+bool steps_literally_at(const StepIntervals& intervals, Moment moment, int published_total = kPublishedIterations);
 
 /// Log-linear interpolation from `initial` at iteration 0 to `final_value` at `steps` and after.
 double exponential_rate(double initial, double final_value, int iteration, int steps);

@@ -18,24 +18,26 @@ int scaled_iteration(int published, int total, int published_total) {
 namespace {
 
 /// The interval of the phase that the moment lies in.
-int interval_at(const StepIntervals& intervals, Moment moment) {
-  if (moment.iteration <= scaled_iteration(intervals.early_end, moment.total)) return intervals.early;
-  if (moment.iteration <= scaled_iteration(intervals.middle_end, moment.total)) return intervals.middle;
+int interval_at(const StepIntervals& intervals, Moment moment, int published_total) {
+  const auto ended = [&](int end) { return moment.iteration > scaled_iteration(end, moment.total, published_total); };
+  if (!ended(intervals.early_end)) return intervals.early;
+  if (!ended(intervals.middle_end)) return intervals.middle;
   return intervals.late;
 }
 
 }  // namespace
 
-bool steps_at(const StepIntervals& intervals, Moment moment) {
+bool steps_at(const StepIntervals& intervals, Moment moment, int published_total) {
   if (moment.iteration >= moment.total) return true;
   // With the cube of the length: a short run has had few steps when it comes to a phase and can spare none.
   const double length = std::min(1.0, static_cast<double>(moment.total) / kPublishedIterations);
-  const long interval = std::lround(interval_at(intervals, moment) * length * length * length);
+  const int published = interval_at(intervals, moment, published_total);
+  const long interval = std::lround(published * length * length * length);
   return moment.iteration % std::max(1L, interval) == 0;
 }
 
-bool steps_literally_at(const StepIntervals& intervals, Moment moment) {
-  return moment.iteration >= moment.total || moment.iteration % interval_at(intervals, moment) == 0;
+bool steps_literally_at(const StepIntervals& intervals, Moment moment, int published_total) {
+  return moment.iteration >= moment.total || moment.iteration % interval_at(intervals, moment, published_total) == 0;
 }
 
 double exponential_rate(double initial, double final_value, int iteration, int steps) {

@@ -61,18 +61,19 @@ TEST_F(VanillaAdapterTest, tau_d_is_the_papers_at_the_papers_sizes_and_shrinks_w
     VanillaBoost boost = boost_at_paper_size();
     boost.absgrad = false;  // all are candidates of the backbone
     VanillaAdapter adapter(boost, threads_);
-    FakeRasterizer rasterizer({1, 2, 3, 5, 6}, 2, width, height);
+    FakeRasterizer rasterizer({0, 2, 3, 5, 6}, 2, width, height);  // flagged pixels in each of two views
     std::vector<std::uint8_t> clone(5, 1), split(5, 0);
     GrowDecisions decisions{clone, split};
     adapter.grow(hand.at(1000), rasterizer, decisions);
     return clone;
   };
   using Mask = std::vector<std::uint8_t>;
-  EXPECT_EQ(grown(1000, 1000), (Mask{0, 0, 0, 0, 1}));  // 5
-  EXPECT_EQ(grown(1600, 1066), (Mask{0, 0, 0, 0, 1}));  // 5, the paper's larger photos
-  EXPECT_EQ(grown(1000, 500), (Mask{0, 0, 1, 1, 1}));   // 2.5
-  EXPECT_EQ(grown(500, 500), (Mask{0, 1, 1, 1, 1}));    // 1.25
-  EXPECT_EQ(grown(8, 8), (Mask{1, 1, 1, 1, 1}));
+  EXPECT_EQ(grown(1000, 1000), (Mask{0, 0, 0, 0, 1}));  // at least 6
+  EXPECT_EQ(grown(1600, 1066), (Mask{0, 0, 0, 0, 1}));  // 6, the paper's larger photos
+  EXPECT_EQ(grown(1000, 500), (Mask{0, 0, 1, 1, 1}));   // 3
+  EXPECT_EQ(grown(1000, 510), (Mask{0, 0, 0, 1, 1}));   // 3.06: no whole number is skipped to
+  EXPECT_EQ(grown(500, 500), (Mask{0, 1, 1, 1, 1}));    // 1.5
+  EXPECT_EQ(grown(8, 8), (Mask{0, 1, 1, 1, 1}));        // 1, the least
 }
 
 TEST_F(VanillaAdapterTest, gradients_are_judged_by_the_part_of_the_image_that_the_scene_covers) {

@@ -68,6 +68,15 @@ TEST(StepsAt, PhasesScaleWithTheRun) {
   EXPECT_EQ(steps_between(intervals, 3000, 2001, 3000), 1000);
 }
 
+TEST(StepsAt, PhasesAreOfThePublishedRunOfTheMethod) {
+  const StepIntervals intervals{1, 1000000000, 1, 15000, 20000};
+  for (int iteration = 1; iteration <= 40000; ++iteration) {
+    const bool expected = iteration <= 15000 || iteration > 20000;
+    ASSERT_EQ(steps_at(intervals, {iteration, 40000}, 40000), expected) << iteration;
+    ASSERT_EQ(steps_literally_at(intervals, {iteration, 40000}, 40000), expected) << iteration;
+  }
+}
+
 TEST(StepsAt, IntervalsOfAShortRunScaleWithItsCube) {
   const StepIntervals rest{16, 32, 64, 15000, 20000};
   EXPECT_NEAR(steps_between(rest, 15000, 1, 7500), 7500 / 2, 1);
