@@ -34,6 +34,12 @@ struct LossInputs {
   const View* second = nullptr;  ///< another training view (or half) that is drawn in this step too; null: none
 };
 
+/// Stages that draw() and add_gradients() are timed as, literals; null: of what is around them.
+struct MethodStages {
+  const char* draw = nullptr;
+  const char* add_gradients = nullptr;
+};
+
 /// A view of a training step as it was drawn, in memory of the device.
 struct StepView {
   DrawContext context;
@@ -69,6 +75,9 @@ class GaussianMethod {
     (void)views;
     return 0;
   }
+  virtual MethodStages stages() const { return {}; }
+  /// Memory of its own that a Gaussian takes while it trains, groups excluded.
+  virtual std::size_t bytes_per_gaussian() const { return 0; }
   /// Low-pass, compensation, near plane. Box and background are the trainer's.
   virtual RasterOptions raster_options() const { return {}; }
 
@@ -112,6 +121,8 @@ class GaussianMethod {
   // Density control.
 
   virtual bool needs_absolute_gradients() const { return false; }
+  /// Whether the threshold is of the mean absolute gradient in place of the signed one.
+  virtual bool grows_by_absolute_gradients() const { return false; }
   virtual AbsoluteNorm absolute_norm() const { return AbsoluteNorm::euclidean; }
   /// How many views one view stands for in which a Gaussian was listed in a tile.
   virtual float views_seen(bool compact_box) const {
