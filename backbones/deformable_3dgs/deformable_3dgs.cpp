@@ -52,11 +52,12 @@ class Deformable final : public GaussianMethod {
         shape_(shape_of(config)),
         time_interval_(mean_time_interval(context.scene.train)),
         field_(shape_, device_),
-        net_("deformation", 1, device_,
-             [this](int iteration) {
-               return exponential_rate(config_.deform_rate_initial, config_.deform_rate_final, iteration, iterations_);
-             },
-             Activation::none, GroupShape::dense),
+        net_(
+            "deformation", 1, device_,
+            [this](int iteration) {
+              return exponential_rate(config_.deform_rate_initial, config_.deform_rate_final, iteration, iterations_);
+            },
+            Activation::none, GroupShape::dense),
         means_(device_),
         scales_(device_),
         rotations_(device_),
@@ -75,6 +76,7 @@ class Deformable final : public GaussianMethod {
     net_.assign(initial_deformation(shape_, RandomStream(seed_, 0, RandomPurpose::net_parameters)));
   }
 
+  bool uses_time() const override { return true; }
   void gaussians_changed(std::span<const float>) override { drawn_at_.reset(); }
   void activated(std::span<const float>, std::span<const float>) override { drawn_at_.reset(); }
   void draw(Gaussians& drawn, const DrawContext& context) override;
@@ -111,7 +113,9 @@ void Deformable::draw(Gaussians& drawn, const DrawContext& context) {
     time += static_cast<float>(
         smoothing_noise(config_, time_interval_, context.iteration, at(config_.time_noise_until), seed_));
   }
-  if (trains || drawn_at_ != time) {
+  // A scored view of the time of the one before it has its Gaussians. Others are drawn anew: what an evaluation times
+  // is the net too.
+  if (context.purpose != DrawPurpose::score || drawn_at_ != time) {
     canonical_ = {drawn.means, drawn.scales, drawn.rotations};
     means_.ensure(drawn.means.size());
     scales_.ensure(drawn.scales.size());

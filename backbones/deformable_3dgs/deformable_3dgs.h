@@ -16,13 +16,14 @@ namespace splatboost {
 struct DeformableConfig : GaussianConfig {
   DeformableConfig() {
     published_iterations = 40000;
-    gradient_threshold = 7e-4;   // of absolute gradients
-    position_rate_scale = 5;     // whatever the scene's size
+    gradient_threshold = 7e-4;  // of absolute gradients
+    position_rate_scale = 5;    // whatever the scene's size
     position_rate_until = 30000;
   }
-  bool is_blender = false;  ///< a time net, coarser encoded times, and no noise; unless told: where pictures were computed
-  bool is_6dof = false;     ///< means move by rigid motions, SE(3), in place of shifts
-  int warm_up = 3000;       ///< from here on Gaussians move
+  bool is_blender =
+      false;             ///< a time net, coarser encoded times, and no noise; unless told: where pictures were computed
+  bool is_6dof = false;  ///< means move by rigid motions, SE(3), in place of shifts
+  int warm_up = 3000;    ///< from here on Gaussians move
   double deform_rate_initial = 8e-4;
   double deform_rate_final = 1.6e-6;  ///< at the end of the run
   double time_noise = 0.1;            ///< at the start, × the mean interval of times; real scenes only

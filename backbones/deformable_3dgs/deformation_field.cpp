@@ -40,9 +40,7 @@ DeepNetShape DeformationShape::net() const {
   return net;
 }
 
-NetShape DeformationShape::time_shape() const {
-  return {encoded_width(1, time_frequencies), kTimeWidth, kTimeOutputs};
-}
+NetShape DeformationShape::time_shape() const { return {encoded_width(1, time_frequencies), kTimeWidth, kTimeOutputs}; }
 
 std::vector<float> initial_deformation(const DeformationShape& shape, const RandomStream& random) {
   std::vector<float> parameters = initial_deep_net_parameters(shape.net(), random, 0);

@@ -96,7 +96,7 @@ SPLATBOOST_SHARED_MATH void move_rigidly_backward(const Real* x, const Real* mot
   Real first[3], second[3];
   for (int c = 0; c < 3; ++c) {
     first[c] = f.value[0] * x[c] + f.value[1] * (v[c] + wx[c]) + f.value[2] * wv[c];  // stands in ω×·
-    second[c] = f.value[1] * x[c] + f.value[2] * v[c];                                  // stands in ω×(ω×·)
+    second[c] = f.value[1] * x[c] + f.value[2] * v[c];                                // stands in ω×(ω×·)
     of_x[c] += g[c] + f.value[0] * gw[c] + f.value[1] * gww[c];
     of_motion[3 + c] = g[c] + f.value[1] * gw[c] + f.value[2] * gww[c];
   }

@@ -59,6 +59,8 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   std::size_t primitives() const override { return opacity_.rows(); }
   std::size_t bytes_per_primitive() const override;
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
+  bool uses_time() const override { return method_->uses_time(); }
+  void export_moment(float time, const std::filesystem::path& file) override;
   std::uint64_t export_model(const std::filesystem::path& folder) const override;
   void import_model(const std::filesystem::path& folder) override;
   void save(ArchiveWriter& archive) const override;
@@ -100,7 +102,8 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   }
   Moment moment() const { return {iteration_, context_.iterations}; }
   bool needs_absolute_gradients() const {
-    return method_->needs_absolute_gradients() || method_->grows_by_absolute_gradients() || (density_ != nullptr && density_->needs_absolute_gradients());
+    return method_->needs_absolute_gradients() || method_->grows_by_absolute_gradients() ||
+           (density_ != nullptr && density_->needs_absolute_gradients());
   }
   /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
   template <class... Stages>
@@ -694,6 +697,26 @@ void GaussianBackbone::render(const Camera& camera, float time, std::optional<fl
                       raster_options(beta ? beta : beta_), images);
   rasterizer_.settle();
   if (device_.is_cuda()) images_.color.cuda().download(color);
+}
+
+void GaussianBackbone::export_moment(float time, const std::filesystem::path& file) {
+  if (!uses_time()) return Backbone::export_moment(time, file);
+  const Gaussians moment = drawn({context_.scene.train.front().camera, time, iteration_, DrawPurpose::evaluate});
+  SplatCloud cloud;
+  cloud.means = copy_to_host(moment.means, device_);
+  cloud.sh_dc = f_dc_.values.to_host();
+  cloud.sh_rest = f_rest_.values.to_host();
+  cloud.sh_rest_rows = kRestRows;
+  for (const float opacity : copy_to_host(moment.opacities, device_)) {
+    // Opacities of 0 and 1 have no logit.
+    cloud.logit_opacities.push_back(logit(std::clamp(static_cast<double>(opacity), 1e-6, 1 - 1e-6)));
+  }
+  for (const float scale : copy_to_host(moment.scales, device_)) {
+    // A Gaussian is the same with either sign of a scale, and a file holds its logarithm.
+    cloud.log_scales.push_back(std::log(std::max(std::abs(scale), 1e-10f)));
+  }
+  cloud.rotations = copy_to_host(moment.rotations, device_);
+  write_splat_ply(file, cloud);
 }
 
 std::uint64_t GaussianBackbone::export_model(const std::filesystem::path& folder) const {

@@ -90,6 +90,9 @@ class GaussianMethod {
   /// once, also before a checkpoint or a model is read into them.
   virtual void start(std::span<const float> means) { (void)means; }
 
+  /// Whether what is drawn depends on the view's time.
+  virtual bool uses_time() const { return false; }
+
   // Drawing. What is drawn may differ from what is activated (by a filter, dropout, motion); the method owns the
   // difference. Density control reads what is activated.
 

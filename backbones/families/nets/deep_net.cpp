@@ -87,9 +87,9 @@ Real* DeepNet<Real>::part(std::size_t index) {
 template <class Real>
 void DeepNet<Real>::forward(std::span<const Real> parameters, std::span<const Real> shared, std::size_t rows,
                             const WriteInputs& write_inputs, std::span<Real> y, bool keep) {
-  SPLATBOOST_CHECK(parameters.size() == shape_.parameters() && shared.size() == shape_.shared &&
-                       y.size() == rows * shape_.outputs,
-                   "arrays of a net do not fit to its shape");
+  SPLATBOOST_CHECK(
+      parameters.size() == shape_.parameters() && shared.size() == shape_.shared && y.size() == rows * shape_.outputs,
+      "arrays of a net do not fit to its shape");
   rows_ = rows;
   biases_.resize(shape_.layers * shape_.hidden);
   for (std::size_t l = 0; l < shape_.layers; ++l) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file A net of many layers of one width on many rows: hₗ = relu(Wₗ·hₗ₋₁ + bₗ), y = W·h + b. The inputs go into the
-/// first layer and, joined to what comes from below, into one further up. Some inputs are the same for all rows (the time
-/// of a view): their products are made once, not once a row.
+/// first layer and, joined to what comes from below, into one further up. Some inputs are the same for all rows (the
+/// time of a view): their products are made once, not once a row.
 #pragma once
 
 #include <cstddef>
@@ -71,10 +71,10 @@ class DeepNet {
   DeepNetShape shape_;
   Threads& threads_;
   std::size_t rows_ = 0;
-  std::vector<Real> biases_;         ///< [layers,hidden] with what the shared inputs add
-  std::vector<Real> kept_;           ///< of each piece: inputs, layers
-  std::vector<Real> scratch_;        ///< of each share
-  std::vector<Real> sums_;           ///< [shares, parameters]
+  std::vector<Real> biases_;   ///< [layers,hidden] with what the shared inputs add
+  std::vector<Real> kept_;     ///< of each piece: inputs, layers
+  std::vector<Real> scratch_;  ///< of each share
+  std::vector<Real> sums_;     ///< [shares, parameters]
 };
 
 }  // namespace splatboost

@@ -16,7 +16,12 @@ class CudaDeepNet {
  public:
   /// @param matrices of the same stream; must outlive it
   CudaDeepNet(const DeepNetShape& shape, CudaStream& stream, CudaMatrices& matrices)
-      : shape_(shape), stream_(stream), matrices_(matrices), biases_(stream), values_(stream), gradients_(stream),
+      : shape_(shape),
+        stream_(stream),
+        matrices_(matrices),
+        biases_(stream),
+        values_(stream),
+        gradients_(stream),
         bias_gradients_(stream) {}
 
   /// @param x [rows,inputs] @param keep whether backward() follows

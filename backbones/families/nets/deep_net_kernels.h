@@ -15,7 +15,8 @@ struct DeepNetSizes {
 template <class Real>
 struct DeepNetKernels {
   /// @param biases [layers,hidden], complete @param x [rows,inputs] @param values of all layers @param y [rows,outputs]
-  void (*forward)(const DeepNetSizes&, const Real* parameters, const Real* biases, const Real* x, Real* values, Real* y);
+  void (*forward)(const DeepNetSizes&, const Real* parameters, const Real* biases, const Real* x, Real* values,
+                  Real* y);
   /// @param scratch [2,rows,hidden]
   /// @param gradients of the parameters, are added to; those of shared inputs' weights are left alone
   void (*backward)(const DeepNetSizes&, const Real* parameters, const Real* x, const Real* values,

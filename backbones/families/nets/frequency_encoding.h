@@ -8,7 +8,9 @@
 namespace splatboost {
 
 /// Columns of `width` encoded coordinates: they, then for k = 0 … frequencies − 1 their sines, then cosines.
-constexpr std::size_t encoded_width(std::size_t width, std::size_t frequencies) { return width * (1 + 2 * frequencies); }
+constexpr std::size_t encoded_width(std::size_t width, std::size_t frequencies) {
+  return width * (1 + 2 * frequencies);
+}
 
 /// Of rows of three coordinates. Real is float or double.
 /// @param x [rows,3] @param encoded [rows,3·(1 + 2·frequencies)]

@@ -66,7 +66,8 @@ SPLATBOOST_SHARED_MATH void smooth_sine_cosine(Real x, Real& sine, Real& cosine)
     const float square = r * r;
     const float odd =
         r + r * square * (-1.0f / 6 + square * (1.0f / 120 + square * (-1.0f / 5040 + square * (1.0f / 362880))));
-    const float even = 1.0f + square * (-0.5f + square * (1.0f / 24 + square * (-1.0f / 720 + square * (1.0f / 40320))));
+    const float even =
+        1.0f + square * (-0.5f + square * (1.0f / 24 + square * (-1.0f / 720 + square * (1.0f / 40320))));
     const bool turned = (quadrant & 1) != 0;
     const float s = turned ? even : odd, c = turned ? odd : even;
     sine = (quadrant & 2) != 0 ? -s : s;

@@ -31,8 +31,8 @@ void set_frame_times(std::vector<Photo>& photos, const std::string& where) {
   std::vector<std::int64_t> frames;
   for (const Photo& photo : photos) {
     frames.push_back(frame_of(photo.name));
-    require(frames.back() >= 0, where + ": the name of image '" + photo.name +
-                                    "' has no number of a frame, which --frame-times asks for");
+    require(frames.back() >= 0,
+            where + ": the name of image '" + photo.name + "' has no number of a frame, which --frame-times asks for");
   }
   const auto [first, last] = std::ranges::minmax(frames);
   require(last > first, where + ": all images are of frame " + std::to_string(first) + ", so they have no times");

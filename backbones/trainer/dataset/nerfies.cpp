@@ -127,7 +127,8 @@ NerfiesCapture read_nerfies(const fs::path& folder, const std::string& images) {
   const fs::path listing = folder / "dataset.json", metadata_file = folder / "metadata.json";
   const Json dataset = read_json_file(listing), metadata = read_json_file(metadata_file);
   using Names = std::vector<std::string>;
-  auto train = take_or<Names>(dataset, listing, "train_ids", {}), test = take_or<Names>(dataset, listing, "val_ids", {});
+  auto train = take_or<Names>(dataset, listing, "train_ids", {}),
+       test = take_or<Names>(dataset, listing, "val_ids", {});
   if (test.empty()) {
     const auto all = take<Names>(dataset, listing, "ids");
     train.clear();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Captures of Nerfies, HyperNeRF and NeRF-DS: dataset.json, metadata.json, scene.json, camera/*.json, points.npy.
+/// @file Captures of Nerfies, HyperNeRF and NeRF-DS: dataset.json, metadata.json, scene.json, camera/*.json,
+/// points.npy.
 #pragma once
 
 #include <cstddef>

@@ -89,12 +89,11 @@ bool is_neural_video(const fs::path& folder) {
 NeuralVideo read_neural_video(const fs::path& folder, int frames) {
   const fs::path poses_file = folder / "poses_bounds.npy";
   const NpyArray poses = read_npy(poses_file);
-  require(poses.shape.size() == 2 && poses.shape[1] == kRow,
-          poses_file.string() + ": is not a list of cameras [N,17]");
+  require(poses.shape.size() == 2 && poses.shape[1] == kRow, poses_file.string() + ": is not a list of cameras [N,17]");
   const std::vector<fs::path> cameras = cameras_of(folder);
-  require(cameras.size() == poses.shape[0],
-          poses_file.string() + ": holds " + std::to_string(poses.shape[0]) + " cameras, but there are " +
-              std::to_string(cameras.size()) + " videos or folders cam* beside it");
+  require(cameras.size() == poses.shape[0], poses_file.string() + ": holds " + std::to_string(poses.shape[0]) +
+                                                " cameras, but there are " + std::to_string(cameras.size()) +
+                                                " videos or folders cam* beside it");
 
   NeuralVideo rig;
   std::vector<std::vector<Photo>> of_cameras;

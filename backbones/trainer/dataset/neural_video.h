@@ -17,8 +17,8 @@ struct NeuralVideo {
   std::vector<std::string> notes;
 };
 
-/// Whether the folder holds one: poses_bounds.npy, and at least two videos cam*.mp4 or folders cam* of pictures. (A still
-/// LLFF scene has the former too.)
+/// Whether the folder holds one: poses_bounds.npy, and at least two videos cam*.mp4 or folders cam* of pictures. (A
+/// still LLFF scene has the former too.)
 bool is_neural_video(const std::filesystem::path& folder);
 
 /// Lists the first frames of each camera. The first camera is the test split.

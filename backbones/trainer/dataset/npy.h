@@ -13,8 +13,8 @@ struct NpyArray {
   std::vector<double> values;  ///< the last index fastest
 };
 
-/// Reads an array of 32- or 64-bit floats, of at most `most_dimensions`. Throws InputError in one line on anything else,
-/// and on a file that is cut short.
+/// Reads an array of 32- or 64-bit floats, of at most `most_dimensions`. Throws InputError in one line on anything
+/// else, and on a file that is cut short.
 NpyArray read_npy(const std::filesystem::path& file, std::size_t most_dimensions = 2);
 
 }  // namespace splatboost

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -102,6 +103,7 @@ struct VideoFrames::State {
 
 VideoFrames::VideoFrames(const fs::path& path) : state_(std::make_unique<State>()) {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // FFmpeg has lines of its own
   state_->path = path;
   bool opened = false;
   try {

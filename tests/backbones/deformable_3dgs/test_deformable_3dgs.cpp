@@ -62,12 +62,14 @@ TEST_F(DeformableRun, nothing_moves_until_the_warm_up_ends) {
   testing::save_state(*backbone, folder / "after");
   const std::vector<float> before = ArchiveReader(folder / "before").floats("deformation.values"),
                            after = ArchiveReader(folder / "after").floats("deformation.values");
-  EXPECT_EQ(before, initial_deformation([] {
-              DeformationShape shape;
-              shape.layers = 3;
-              shape.width = 16;
-              return shape;
-            }(), RandomStream(3, 0, RandomPurpose::net_parameters)));
+  EXPECT_EQ(before, initial_deformation(
+                        [] {
+                          DeformationShape shape;
+                          shape.layers = 3;
+                          shape.width = 16;
+                          return shape;
+                        }(),
+                        RandomStream(3, 0, RandomPurpose::net_parameters)));
   // The first step of Adam is one of the whole rate, whatever the gradient: by the clock of the run, not of the net.
   double largest = 0;
   for (std::size_t i = 0; i < before.size(); ++i) {
@@ -152,8 +154,7 @@ TEST_F(DeformableRun, decides_by_the_published_rules_on_what_is_canonical) {
     if (i == 60) {
       // Nearly the canonical scales before this iteration's step, not those that are drawn.
       for (std::size_t k = 0; k < cloud.size(); ++k, ++compared) {
-        const float scale = std::exp(
-            *std::max_element(&cloud.log_scales[3 * k], &cloud.log_scales[3 * k] + 3));
+        const float scale = std::exp(*std::max_element(&cloud.log_scales[3 * k], &cloud.log_scales[3 * k] + 3));
         ASSERT_NEAR(recorder.events.at(before).max_scales[k], scale, 0.02f * scale);
       }
     }
@@ -170,7 +171,7 @@ TEST_F(DeformableRun, decides_by_the_published_rules_on_what_is_canonical) {
     }
     for (std::size_t i = 0; i < e.remove.size(); ++i) {
       // In short runs opacities are reset every fifth growth at most.
-      const bool is_faint = e.opacities[i] < 0.005f, is_large = e.max_scales[i] > 0.1f && e.iteration > 50;
+      const bool is_faint = e.opacities[i]<0.005f, is_large = e.max_scales[i]> 0.1f && e.iteration > 50;
       EXPECT_EQ(e.remove[i] != 0, is_faint || is_large);
       faint += is_faint;
       large += is_large;

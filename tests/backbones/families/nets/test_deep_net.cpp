@@ -57,7 +57,8 @@ std::vector<double> plain_row(const DeepNetShape& shape, const std::vector<doubl
 /// Runs a net on rows [rows,inputs].
 template <class Real>
 struct NetRun {
-  NetRun(const DeepNetShape& of, Threads& threads, std::vector<Real> with, std::vector<Real> in, std::vector<Real> common)
+  NetRun(const DeepNetShape& of, Threads& threads, std::vector<Real> with, std::vector<Real> in,
+         std::vector<Real> common)
       : shape(of), net(of, threads), p(std::move(with)), x(std::move(in)), shared(std::move(common)) {}
   std::vector<Real> forward(bool keep = true) {
     const std::size_t rows = x.size() / shape.inputs;
