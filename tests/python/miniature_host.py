@@ -52,8 +52,7 @@ from diff_gaussian_rasterization import GaussianRasterizer, GaussianRasterizatio
 def render(cam, pc, pipe, bg_color@SIGNATURE@):
     on_screen = torch.zeros_like(pc.get_xyz, requires_grad=True, device="cuda") * 1.0  # no leaf, as in the hosts
     if torch.is_grad_enabled():
-        on_screen.retain_grad()
-@DENSIFY_POINTS@
+        on_screen.retain_grad()@DENSIFY_POINTS@
     view = GaussianRasterizationSettings(
         image_height=cam.height, image_width=cam.width, tanfovx=cam.tanfovx, tanfovy=cam.tanfovy, bg=bg_color,
         scale_modifier=1.0, viewmatrix=cam.view, projmatrix=cam.full, sh_degree=pc.active_sh_degree, campos=cam.centre,
@@ -183,7 +182,6 @@ import os
 import numpy as np
 import torch
 from scene.gaussian_model import GaussianModel, NAMES
-
 @DEFORM_MODEL@
 
 class Camera:
@@ -239,8 +237,7 @@ from arguments import ModelParams, OptimizationParams
 @SPARSE@
 def training(dataset, opt, pipe, checkpoint_iterations):
     os.makedirs(dataset.model_path, exist_ok=True)
-    gaussians = GaussianModel(dataset.sh_degree)
-@DEFORM_MADE@
+    gaussians = GaussianModel(dataset.sh_degree)@DEFORM_MADE@
     scene = Scene(dataset, gaussians)
     gaussians.training_setup(opt)
     background = torch.zeros(3, device="cuda")
@@ -251,8 +248,7 @@ def training(dataset, opt, pipe, checkpoint_iterations):
         iter_start.record()
 @EARLY_RATE@
         viewpoint_cam = random.choice(scene.getTrainCameras())
-@DELTAS@
-        drawn = render(viewpoint_cam, gaussians, pipe, background@ARGUMENTS@)
+        @DELTAS@drawn = render(viewpoint_cam, gaussians, pipe, background@ARGUMENTS@)
         radii = drawn["radii"]
         loss = (drawn["render"] - viewpoint_cam.original_image.cuda()).abs().mean()
         loss.backward()
@@ -302,13 +298,13 @@ if __name__ == "__main__":
     with torch.no_grad():
         gaussians = GaussianModel(dataset.sh_degree)
         scene = Scene(dataset, gaussians, load_iteration=1, shuffle=False)
-@FILTER_LOADED@
-@DEFORM_LOADED@
+@FILTER_LOADED@@DEFORM_LOADED@
         image = render(scene.getTrainCameras()[0], gaussians, None, torch.zeros(3, device="cuda")@ARGUMENTS@)["render"]
         torch.save(image.cpu(), os.path.join(dataset.model_path, "render.pt"))
 '''
 
 DEFORM_MODEL = '''
+
 class DeformModel:
     """All Gaussians slide by one vector times the time."""
 
@@ -378,15 +374,16 @@ def parts(layout):
         found.update(
             SIGNATURE=", d_xyz, d_rotation, d_scaling, is_6dof=False", RESULT="rendered_image, radii, depth",
             MOVED=" + d_xyz", TURNED=" + d_rotation", STRETCHED=" + d_scaling", DENSIFY=" means2D_densify=on_screen_too,",
-            DENSIFY_POINTS=lines(4, 'on_screen_too = torch.zeros_like(on_screen, requires_grad=True, device="cuda") * 1.0',
+            DENSIFY_POINTS="\n" + lines(4, 'on_screen_too = torch.zeros_like(on_screen, requires_grad=True, device="cuda") * 1.0',
                                  "if torch.is_grad_enabled():", "    on_screen_too.retain_grad()"),
             DENSIFY_RESULT=' "viewspace_points_densify": on_screen_too,', POINTS="viewspace_points_densify",
             THRESHOLD="0.0007", DEFORM_MODEL=DEFORM_MODEL, DEFORM_IMPORT=", DeformModel",
-            DEFORM_MADE=lines(4, "deform = DeformModel()"),
-            DEFORM_LOADED=lines(8, "deform = DeformModel()",
+            DEFORM_MADE="\n" + lines(4, "deform = DeformModel()"),
+            DEFORM_LOADED="\n" + lines(8, "deform = DeformModel()",
                                 "d_xyz, d_rotation, d_scaling = deform.step(gaussians.get_xyz, scene.getTrainCameras()[0].fid)"),
             DELTAS=lines(8, "d_xyz, d_rotation, d_scaling = 0.0, 0.0, 0.0", "if iteration >= opt.warm_up:",
-                         "    d_xyz, d_rotation, d_scaling = deform.step(gaussians.get_xyz.detach(), viewpoint_cam.fid)"),
+                         "    d_xyz, d_rotation, d_scaling = deform.step(gaussians.get_xyz.detach(), viewpoint_cam.fid)",
+                         "").lstrip(" "),
             ARGUMENTS=", d_xyz, d_rotation, d_scaling, dataset.is_6dof", EARLY_RATE="",
             STEP=lines(16, STEP[0], "gaussians.update_learning_rate(iteration)", "deform.optimizer.step()", STEP[1],
                        "deform.optimizer.zero_grad()"))
