@@ -13,7 +13,7 @@ from conftest import PROGRAM, ROOT, run_program, run_well
 sys.path.append(str(ROOT / "tests/python"))
 import miniature_host  # noqa: E402
 
-RECIPES = ["3dgs", "dropgaussian", "mip-splatting"]
+RECIPES = ["3dgs", "deformable-3dgs", "dropgaussian", "mip-splatting"]
 COMMANDS = ["list", "show", "apply", "verify", "status", "doctor", "revert", "validate"]
 
 

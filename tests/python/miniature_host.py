@@ -8,7 +8,7 @@ import pathlib
 
 #: layout → recipe that fits it
 RECIPES = {"3dgs-2023": "3dgs", "3dgs-2024-08": "3dgs", "3dgs-2024-10": "3dgs", "mip": "mip-splatting",
-           "drop": "dropgaussian"}
+           "drop": "dropgaussian", "deform": "deformable-3dgs"}
 
 ARGUMENTS = '''
 class Options:
@@ -31,6 +31,7 @@ class ModelParams(Options):
         self.sh_degree = 1
         self.kernel_size = 0.1
         self.train_test_exp = 0
+        self.is_6dof = 0
         self.offer(parser, "model")
 
 
@@ -39,6 +40,7 @@ class OptimizationParams(Options):
         self.iterations, self.densification_interval, self.opacity_reset_interval = 30_000, 100, 3000
         self.densify_from_iter, self.densify_until_iter = 500, @UNTIL@
         self.densify_grad_threshold = @THRESHOLD@
+        self.warm_up = 20
         self.offer(parser, "Optimization Parameters")
 '''
 
@@ -50,7 +52,7 @@ from diff_gaussian_rasterization import GaussianRasterizer, GaussianRasterizatio
 def render(cam, pc, pipe, bg_color@SIGNATURE@):
     on_screen = torch.zeros_like(pc.get_xyz, requires_grad=True, device="cuda") * 1.0  # no leaf, as in the hosts
     if torch.is_grad_enabled():
-        on_screen.retain_grad()
+        on_screen.retain_grad()@DENSIFY_POINTS@
     view = GaussianRasterizationSettings(
         image_height=cam.height, image_width=cam.width, tanfovx=cam.tanfovx, tanfovy=cam.tanfovy, bg=bg_color,
         scale_modifier=1.0, viewmatrix=cam.view, projmatrix=cam.full, sh_degree=pc.active_sh_degree, campos=cam.centre,
@@ -58,9 +60,9 @@ def render(cam, pc, pipe, bg_color@SIGNATURE@):
     rasterizer = GaussianRasterizer(view)
     opacity = pc.get_opacity@FILTERED@
 @DROPOUT@
-    @RESULT@ = rasterizer(means3D=pc.get_xyz, means2D=on_screen, opacities=opacity, shs=pc.get_features,
-                          scales=pc.get_scaling@FILTERED@, rotations=pc.get_rotation)
-    return {"render": rendered_image, "viewspace_points": on_screen,
+    @RESULT@ = rasterizer(means3D=pc.get_xyz@MOVED@, means2D=on_screen,@DENSIFY@ opacities=opacity, shs=pc.get_features,
+                          scales=pc.get_scaling@FILTERED@@STRETCHED@, rotations=pc.get_rotation@TURNED@)
+    return {"render": rendered_image, "viewspace_points": on_screen,@DENSIFY_RESULT@
             "visibility_filter": @SEEN@, "radii": radii}
 '''
 
@@ -180,7 +182,7 @@ import os
 import numpy as np
 import torch
 from scene.gaussian_model import GaussianModel, NAMES
-
+@DEFORM_MODEL@
 
 class Camera:
     def __init__(self, angle):
@@ -201,6 +203,7 @@ class Camera:
         stripes = 0.5 + 0.5 * torch.sin(x / 2 + angle) * torch.cos(y / 3)
         self.original_image = torch.stack([stripes, 1 - stripes, x / 40]).to("cuda")
         self.alpha_mask = torch.ones(1, 32, 40)
+        self.fid = torch.tensor([angle + 0.2]).cuda()
 
 
 class Scene:
@@ -229,23 +232,23 @@ import types
 import argparse
 import torch
 from gaussian_renderer import render
-from scene import GaussianModel, Scene
+from scene import GaussianModel, Scene@DEFORM_IMPORT@
 from arguments import ModelParams, OptimizationParams
 @SPARSE@
 def training(dataset, opt, pipe, checkpoint_iterations):
     os.makedirs(dataset.model_path, exist_ok=True)
-    gaussians = GaussianModel(dataset.sh_degree)
+    gaussians = GaussianModel(dataset.sh_degree)@DEFORM_MADE@
     scene = Scene(dataset, gaussians)
     gaussians.training_setup(opt)
     background = torch.zeros(3, device="cuda")
-    begun, iter_end = torch.cuda.Event(True), torch.cuda.Event(True)
+    iter_start, iter_end = torch.cuda.Event(True), torch.cuda.Event(True)
 @FILTER_LINE@
     losses, counts = [], []
     for iteration in range(1, opt.iterations + 1):
-        begun.record()
-        gaussians.update_learning_rate(iteration)
+        iter_start.record()
+@EARLY_RATE@
         viewpoint_cam = random.choice(scene.getTrainCameras())
-        drawn = render(viewpoint_cam, gaussians, pipe, background@ARGUMENTS@)
+        @DELTAS@drawn = render(viewpoint_cam, gaussians, pipe, background@ARGUMENTS@)
         radii = drawn["radii"]
         loss = (drawn["render"] - viewpoint_cam.original_image.cuda()).abs().mean()
         loss.backward()
@@ -255,7 +258,7 @@ def training(dataset, opt, pipe, checkpoint_iterations):
         with torch.no_grad():
             # Densification
             if opt.densify_until_iter > iteration:
-                gaussians.add_densification_stats(drawn["viewspace_points"], drawn["visibility_filter"])
+                gaussians.add_densification_stats(drawn["@POINTS@"], drawn["visibility_filter"])
                 if iteration > opt.densify_from_iter and iteration % opt.densification_interval == 0:
                     gaussians.densify_and_prune(opt.densify_grad_threshold, 0.005, scene.cameras_extent, None@RADII_VALUE@)
 @REFILTER@
@@ -267,7 +270,7 @@ def training(dataset, opt, pipe, checkpoint_iterations):
 @STEP@
     scene.save(opt.iterations)
     with open(os.path.join(dataset.model_path, "losses.json"), "w") as file:
-        json.dump({"losses": losses, "counts": counts, "seconds": begun.elapsed_time(iter_end)}, file)
+        json.dump({"losses": losses, "counts": counts, "seconds": iter_start.elapsed_time(iter_end)}, file)
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
@@ -295,9 +298,22 @@ if __name__ == "__main__":
     with torch.no_grad():
         gaussians = GaussianModel(dataset.sh_degree)
         scene = Scene(dataset, gaussians, load_iteration=1, shuffle=False)
-@FILTER_LOADED@
+@FILTER_LOADED@@DEFORM_LOADED@
         image = render(scene.getTrainCameras()[0], gaussians, None, torch.zeros(3, device="cuda")@ARGUMENTS@)["render"]
         torch.save(image.cpu(), os.path.join(dataset.model_path, "render.pt"))
+'''
+
+DEFORM_MODEL = '''
+
+class DeformModel:
+    """All Gaussians slide by one vector times the time."""
+
+    def __init__(self):
+        self.shift = torch.nn.Parameter(torch.full((3,), 0.01).cuda())
+        self.optimizer = torch.optim.Adam([self.shift], lr=1e-3)
+
+    def step(self, xyz, time):
+        return self.shift * time.reshape(-1, 1).expand(xyz.shape[0], 1), 0.0, 0.0
 '''
 
 STEP = ["gaussians.optimizer.step()", "gaussians.optimizer.zero_grad(set_to_none = True)"]
@@ -310,12 +326,15 @@ def lines(depth, *texts):
 def parts(layout):
     """What stands where a layout differs."""
     mip, drop, late = layout == "mip", layout == "drop", layout == "3dgs-2024-10"
+    deform = layout == "deform"
     images = "rendered_image, radii, depth_image" if layout.startswith("3dgs-2024") else "rendered_image, radii"
     found = dict.fromkeys(
         "SIGNATURE SETTINGS FILTERED DROPOUT MIP_PROPERTIES MIP_START MIP_PRUNE MIP_STATS RADII_PRUNE RADII_CLONE "
         "RADII_SPLIT RADII_SET RADII_UNSET RADII RADII_VALUE ABSOLUTE ABSOLUTE_VALUES SPARSE FILTER_LINE FILTER_LOADED "
-        "ARGUMENTS REFILTER".split(), "")
-    found.update(RESULT=images, SEEN="radii > 0" if layout in ("3dgs-2023", "mip") else "(radii > 0).nonzero()",
+        "ARGUMENTS REFILTER MOVED TURNED STRETCHED DENSIFY DENSIFY_POINTS DENSIFY_RESULT DEFORM_MODEL DEFORM_IMPORT "
+        "DEFORM_MADE DEFORM_LOADED DELTAS".split(), "")
+    found.update(RESULT=images, POINTS="viewspace_points", EARLY_RATE=lines(8, "gaussians.update_learning_rate(iteration)"))
+    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform") else "(radii > 0).nonzero()",
                  UNTIL="10_000" if drop else "15_000", THRESHOLD="0.0005" if drop else "0.0002",
                  STEP=lines(16, *STEP))
     if layout.startswith("3dgs-2024"):
@@ -351,6 +370,23 @@ def parts(layout):
             FILTER_LINE=lines(4, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"),
             FILTER_LOADED=lines(8, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"),
             REFILTER=lines(20, "gaussians.compute_3D_filter(cameras=scene.getTrainCameras())"))
+    if deform:
+        found.update(
+            SIGNATURE=", d_xyz, d_rotation, d_scaling, is_6dof=False", RESULT="rendered_image, radii, depth",
+            MOVED=" + d_xyz", TURNED=" + d_rotation", STRETCHED=" + d_scaling", DENSIFY=" means2D_densify=on_screen_too,",
+            DENSIFY_POINTS="\n" + lines(4, 'on_screen_too = torch.zeros_like(on_screen, requires_grad=True, device="cuda") * 1.0',
+                                 "if torch.is_grad_enabled():", "    on_screen_too.retain_grad()"),
+            DENSIFY_RESULT=' "viewspace_points_densify": on_screen_too,', POINTS="viewspace_points_densify",
+            THRESHOLD="0.0007", DEFORM_MODEL=DEFORM_MODEL, DEFORM_IMPORT=", DeformModel",
+            DEFORM_MADE="\n" + lines(4, "deform = DeformModel()"),
+            DEFORM_LOADED="\n" + lines(8, "deform = DeformModel()",
+                                "d_xyz, d_rotation, d_scaling = deform.step(gaussians.get_xyz, scene.getTrainCameras()[0].fid)"),
+            DELTAS=lines(8, "d_xyz, d_rotation, d_scaling = 0.0, 0.0, 0.0", "if iteration >= opt.warm_up:",
+                         "    d_xyz, d_rotation, d_scaling = deform.step(gaussians.get_xyz.detach(), viewpoint_cam.fid)",
+                         "").lstrip(" "),
+            ARGUMENTS=", d_xyz, d_rotation, d_scaling, dataset.is_6dof", EARLY_RATE="",
+            STEP=lines(16, STEP[0], "gaussians.update_learning_rate(iteration)", "deform.optimizer.step()", STEP[1],
+                       "deform.optimizer.zero_grad()"))
     if drop:
         found.update(SIGNATURE=", is_train=False, iteration=None", ARGUMENTS=", is_train=True, iteration=iteration",
                      DROPOUT=lines(4, "if is_train:", "    drop_rate = 0.2 * (iteration / 10000)",

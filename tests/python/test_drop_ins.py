@@ -311,3 +311,24 @@ else:
     raise AssertionError("an unknown layout was taken")
 """
     subprocess.run([sys.executable, "-c", script], check=True, cwd=conftest.PACKAGE, timeout=120)
+
+
+def test_deformable_gives_absolute_gradients_and_depth():
+    rasterizer = module("deformable-3dgs").GaussianRasterizer(settings("deformable-3dgs", reference.turned_camera()))
+    given = inputs()
+    densify = torch.zeros(N, 3, requires_grad=True)
+    color, radii, depth = rasterizer(means2D_densify=densify, **given)
+    assert depth.shape == (1,) + color.shape[1:] and not depth.requires_grad
+    color.square().sum().backward()
+    plain = inputs()
+    plain["means2D"] = torch.zeros(N, 4, requires_grad=True)
+    again = module("3dgs-2023").GaussianRasterizer(settings("3dgs-2023", reference.turned_camera()))(**plain)
+    assert torch.equal(again[0], color) and torch.equal(again[1], radii)
+    again[0].square().sum().backward()
+    assert torch.equal(given["means2D"].grad[:, :2], plain["means2D"].grad[:, :2])
+    assert torch.equal(densify.grad[:, :2], plain["means2D"].grad[:, 2:])
+    assert (densify.grad[:, :2] >= given["means2D"].grad[:, :2].abs() - 1e-6).all()
+    # Where all is opaque, depth is that of what is seen; here it lies between nothing and the farthest Gaussian.
+    view = settings("deformable-3dgs", reference.turned_camera()).viewmatrix
+    z = given["means3D"].detach() @ view[:3, 2] + view[3, 2]
+    assert 0 < depth.max() <= z.max()

@@ -6,7 +6,7 @@ import types
 import pytest
 import torch
 
-from splatboost.hooks import _boost, _drawing, dropgaussian, mip_splatting, vanilla
+from splatboost.hooks import _boost, _drawing, deformable_3dgs, dropgaussian, mip_splatting, vanilla
 
 N = 6
 
@@ -153,6 +153,40 @@ def test_statistics_take_masks_and_indices_and_weigh_views(seen, kind, views):
     assert torch.allclose(boost.gaussians.denom, expected)
     assert torch.allclose(boost._seen, expected)
     assert torch.allclose(boost._absolute, 5 * (expected > 0).float())
+
+
+def test_signed_gradients_are_gathered_beside_the_hosts_absolute_ones():
+    boost = boost_of(deformable_3dgs, Adapter(remove=[1]), iteration=5000)
+    points = torch.zeros(N, 4, requires_grad=True)
+    points.grad = torch.tensor([[5.0, 12, 3, 4]]).repeat(N, 1)
+    boost.gaussians.splatboost = _drawing.Drawing(0.5, absolute=True)
+    boost.gaussians.splatboost.screen_points = points
+    seen = torch.tensor([True, True, False, True, False, False])
+    for _ in range(2):
+        boost.add_densification_stats(torch.zeros(N, 3), seen)
+    assert torch.allclose(boost._signed_gradients(), 13 * seen.float().reshape(-1, 1))
+    assert torch.allclose(boost._absolute_gradients(), 5 * seen.float().reshape(-1, 1))
+    boost.prune_late()
+    assert boost._signed.shape == (N - 1, 1)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_view_is_drawn_at_its_own_time(moves):
+    class Camera:
+        fid, loaded = torch.tensor([0.25]), 0
+
+    class Deform:
+        def step(self, xyz, time):
+            return 4 * time, 1.0, 2.0
+
+    gaussians = types.SimpleNamespace(get_xyz=torch.zeros(N, 3))
+
+    def render(camera, pc, pipe, background, d_xyz, d_rotation, d_scaling, is_6dof):
+        assert (d_rotation, d_scaling, is_6dof) == ((1.0, 2.0, True) if moves else (0.0, 0.0, True))
+        return {"render": pc.get_xyz + d_xyz}
+
+    drawn = deformable_3dgs.at_its_time(render, Camera(), gaussians, None, torch.zeros(3), Deform(), moves, True)
+    assert torch.equal(drawn, torch.full((N, 3), 1.0 if moves else 0.0))
 
 
 def test_changed_densify_functions_are_noticed():

@@ -150,6 +150,8 @@ def detect_layout(folder: str) -> Optional[str]:
         text = file.read()
     if "kernel_size" in text and "subpixel_offset" in text:
         return "mip-splatting"
+    if "means2D_densify" in text:
+        return "deformable-3dgs"
     return "3dgs-2024" if "depth_image" in text or "antialiasing" in text else "3dgs-2023"
 
 

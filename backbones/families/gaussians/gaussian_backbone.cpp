@@ -59,6 +59,8 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   std::size_t primitives() const override { return opacity_.rows(); }
   std::size_t bytes_per_primitive() const override;
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
+  bool uses_time() const override { return method_->uses_time(); }
+  void export_moment(float time, const std::filesystem::path& file) override;
   std::uint64_t export_model(const std::filesystem::path& folder) const override;
   void import_model(const std::filesystem::path& folder) override;
   void save(ArchiveWriter& archive) const override;
@@ -92,9 +94,16 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
     return std::max(at(config_.opacity_reset_interval), kLeastGrowthsAReset * config_.densify_interval);
   }
   int sh_degree(int iteration) const { return std::min(config_.sh_degree, iteration / at(config_.sh_interval)); }
+  double position_rate(int iteration) const {
+    const double scale =
+        config_.position_rate_scale > 0 ? config_.position_rate_scale : static_cast<double>(context_.scene.extent);
+    const int until = config_.position_rate_until > 0 ? at(config_.position_rate_until) : context_.iterations;
+    return scale * exponential_rate(config_.position_rate_initial, config_.position_rate_final, iteration, until);
+  }
   Moment moment() const { return {iteration_, context_.iterations}; }
   bool needs_absolute_gradients() const {
-    return method_->needs_absolute_gradients() || (density_ != nullptr && density_->needs_absolute_gradients());
+    return method_->needs_absolute_gradients() || method_->grows_by_absolute_gradients() ||
+           (density_ != nullptr && density_->needs_absolute_gradients());
   }
   /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
   template <class... Stages>
@@ -138,11 +147,7 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   int iteration_ = 0;
 
   // Names of the groups are 3DGS's.
-  TrainedGroup xyz_{"xyz", 3, device_, [this](int iteration) {
-                      return static_cast<double>(context_.scene.extent) *
-                             exponential_rate(config_.position_rate_initial, config_.position_rate_final, iteration,
-                                              context_.iterations);
-                    }};
+  TrainedGroup xyz_{"xyz", 3, device_, [this](int iteration) { return position_rate(iteration); }};
   TrainedGroup f_dc_{"f_dc", 3, device_, [this](int) { return config_.feature_rate; }};
   TrainedGroup f_rest_{"f_rest", 3 * kRestRows, device_, [this](int) { return config_.feature_rate / 20.0; }};
   TrainedGroup opacity_{"opacity", 1, device_, [this](int) { return config_.opacity_rate; }, Activation::sigmoid};
@@ -235,7 +240,7 @@ std::size_t GaussianBackbone::bytes_per_primitive() const {
     const bool known = std::ranges::find(own_groups_, group) != own_groups_.end();
     if (!known) bytes += 4 * sizeof(float) * group->width;  // with gradients and moments
   }
-  return bytes;
+  return bytes + method_->bytes_per_gaussian();
 }
 
 void GaussianBackbone::restart_statistics() {
@@ -367,7 +372,13 @@ void GaussianBackbone::backward(Rasterizer& rasterizer, const Gaussians& gaussia
       gaussians,
       {image_gradients.color, image_gradients.features, image_gradients.inverse_depth, image_gradients.alpha},
       gradients);
+  const bool of_first = &rasterizer == &rasterizer_;
+  if (of_first) {
+    lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
+                   std::pair("project_backward", &RasterSeconds::project_backward));
+  }
   method_->add_gradients(of_activated);
+  if (const char* const stage = method_->stages().add_gradients; of_first && stage != nullptr) clock_.lap(stage);
 }
 
 double GaussianBackbone::train_step(int iteration, const View& view) {
@@ -381,10 +392,16 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   StepView views[2] = {none, two_views ? draw_second(*inputs.second, iteration, inputs) : none};
   if (two_views) clock_.lap("second_view");
   StepView& first = views[0];
+  const MethodStages stages = method_->stages();
+  if (stages.draw != nullptr) {
+    activate();
+    clock_.lap("activate");
+  }
   const Gaussians gaussians = drawn(context);
+  if (stages.draw != nullptr) clock_.lap(stages.draw);
   first.images = images_.of(view.camera, gaussians, inputs);
   first.gradients = gradients_.of(view.camera, gaussians, inputs);
-  clock_.lap("activate");
+  if (stages.draw == nullptr) clock_.lap("activate");
   rasterizer_.forward(view.camera, gaussians, raster_options(beta_), first.images);
   lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
                  std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
@@ -405,9 +422,6 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   }
   backward(rasterizer_, gaussians, first.gradients, statistics);
   for (TrainedGroup* group : own_groups_) group->pending = true;
-  lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
-                 std::pair("project_backward", &RasterSeconds::project_backward));
-
   if (growing) {
     add_screen_gradients({rasterizer_.visible(), statistics.screen_means, statistics.screen_means_abs,
                           view.camera.width, view.camera.height},
@@ -502,7 +516,9 @@ void GaussianBackbone::grow() {
   const DensityStatistics known = statistics();
   const std::size_t n = primitives();
   std::vector<std::uint8_t> growing(n), clone(n), split(n);
-  for (std::size_t i = 0; i < n; ++i) growing[i] = known.gradients[i] >= static_cast<float>(config_.gradient_threshold);
+  const std::span<const float> gradients =
+      method_->grows_by_absolute_gradients() ? known.gradients_abs : known.gradients;
+  for (std::size_t i = 0; i < n; ++i) growing[i] = gradients[i] >= static_cast<float>(config_.gradient_threshold);
   method_->add_growing(known, growing);
   const auto border = static_cast<float>(config_.percent_dense * static_cast<double>(context_.scene.extent));
   for (std::size_t i = 0; i < n; ++i) {
@@ -513,7 +529,7 @@ void GaussianBackbone::grow() {
     GrowDecisions decisions{clone, split};
     density_->grow(known, *this, decisions);
   }
-  hold_cap(known.gradients, clone, split);
+  hold_cap(gradients, clone, split);
 
   origins_.resize(n);
   std::iota(origins_.begin(), origins_.end(), 0u);
@@ -685,6 +701,26 @@ void GaussianBackbone::render(const Camera& camera, float time, std::optional<fl
                       raster_options(beta ? beta : beta_), images);
   rasterizer_.settle();
   if (device_.is_cuda()) images_.color.cuda().download(color);
+}
+
+void GaussianBackbone::export_moment(float time, const std::filesystem::path& file) {
+  if (!uses_time()) return Backbone::export_moment(time, file);
+  const Gaussians moment = drawn({context_.scene.train.front().camera, time, iteration_, DrawPurpose::evaluate});
+  SplatCloud cloud;
+  cloud.means = copy_to_host(moment.means, device_);
+  cloud.sh_dc = f_dc_.values.to_host();
+  cloud.sh_rest = f_rest_.values.to_host();
+  cloud.sh_rest_rows = kRestRows;
+  for (const float opacity : copy_to_host(moment.opacities, device_)) {
+    // Opacities of 0 and 1 have no logit.
+    cloud.logit_opacities.push_back(logit(std::clamp(static_cast<double>(opacity), 1e-6, 1 - 1e-6)));
+  }
+  for (const float scale : copy_to_host(moment.scales, device_)) {
+    // A Gaussian is the same with either sign of a scale, and a file holds its logarithm.
+    cloud.log_scales.push_back(std::log(std::max(std::abs(scale), 1e-10f)));
+  }
+  cloud.rotations = copy_to_host(moment.rotations, device_);
+  write_splat_ply(file, cloud);
 }
 
 std::uint64_t GaussianBackbone::export_model(const std::filesystem::path& folder) const {

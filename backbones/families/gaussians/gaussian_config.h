@@ -13,8 +13,8 @@ namespace splatboost {
 /// Defaults are 3DGS's (Kerbl et al. 2023). Iteration numbers are of the published run and scale with the run's length.
 struct GaussianConfig {
   int sh_degree = 3;
-  double position_rate_initial = 1.6e-4;  ///< × scene extent
-  double position_rate_final = 1.6e-6;    ///< × scene extent, at the end of the run
+  double position_rate_initial = 1.6e-4;  ///< × position_rate_scale
+  double position_rate_final = 1.6e-6;    ///< × position_rate_scale, at position_rate_until
   double feature_rate = 2.5e-3;           ///< degree-0 spherical harmonics; higher degrees: / 20
   double opacity_rate = 0.05;
   double scaling_rate = 5e-3;
@@ -34,6 +34,9 @@ struct GaussianConfig {
 
   /// Length of the published run. It belongs to the method and is no setting.
   int published_iterations = kPublishedIterations;
+  // Likewise.
+  double position_rate_scale = 0;  ///< 0: the scene's extent
+  int position_rate_until = 0;     ///< 0: the end of the run
 };
 
 /// Calls visit(name, field) for every setting.

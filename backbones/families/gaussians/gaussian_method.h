@@ -35,6 +35,12 @@ struct LossInputs {
   const View* second = nullptr;  ///< another training view (or half) that is drawn in this step too; null: none
 };
 
+/// Stages that draw() and add_gradients() are timed as, literals; null: of what is around them.
+struct MethodStages {
+  const char* draw = nullptr;
+  const char* add_gradients = nullptr;
+};
+
 /// A view of a training step as it was drawn, in memory of the device.
 struct StepView {
   DrawContext context;
@@ -70,6 +76,9 @@ class GaussianMethod {
     (void)views;
     return 0;
   }
+  virtual MethodStages stages() const { return {}; }
+  /// Memory of its own that a Gaussian takes while it trains, groups excluded.
+  virtual std::size_t bytes_per_gaussian() const { return 0; }
   /// Low-pass, compensation, near plane. Box and background are the trainer's.
   virtual RasterOptions raster_options() const { return {}; }
 
@@ -81,6 +90,9 @@ class GaussianMethod {
   /// The Gaussians that a run starts from: gives its groups of rows a row each and its dense ones their values. Comes
   /// once, also before a checkpoint or a model is read into them.
   virtual void start(std::span<const float> means) { (void)means; }
+
+  /// Whether what is drawn depends on the view's time.
+  virtual bool uses_time() const { return false; }
 
   // Drawing. What is drawn may differ from what is activated (by a filter, dropout, motion); the method owns the
   // difference. Density control reads what is activated.
@@ -113,6 +125,8 @@ class GaussianMethod {
   // Density control.
 
   virtual bool needs_absolute_gradients() const { return false; }
+  /// Whether the threshold is of the mean absolute gradient in place of the signed one.
+  virtual bool grows_by_absolute_gradients() const { return false; }
   virtual AbsoluteNorm absolute_norm() const { return AbsoluteNorm::euclidean; }
   /// How many views one view stands for in which a Gaussian was listed in a tile.
   virtual float views_seen(bool compact_box) const {

@@ -39,7 +39,7 @@ Cublas load_cublas() {
   void* library = dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) library = dlopen((SPLATBOOST_CUDA_LIBRARIES "/" + name).c_str(), RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) {
-    throw NoDeviceError("the nets of anchors need cuBLAS on a GPU, and there is no " + name +
+    throw NoDeviceError("backbones with nets need cuBLAS on a GPU, and there is no " + name +
                         ": install it, or put its folder into LD_LIBRARY_PATH");
   }
   const auto find = [&](auto& function, const char* symbol) {
@@ -137,8 +137,8 @@ void CudaMatrices::multiply(std::span<const float> a, std::span<const float> b, 
 }
 
 void CudaMatrices::multiply_transposed(std::span<const float> a, std::span<const float> b, std::span<float> c,
-                                       std::size_t m, std::size_t n, std::size_t k) {
-  state_->sgemm(CUBLAS_OP_T, CUBLAS_OP_N, m, n, k, b, k, a, k, 0, c);
+                                       std::size_t m, std::size_t n, std::size_t k, bool add) {
+  state_->sgemm(CUBLAS_OP_T, CUBLAS_OP_N, m, n, k, b, k, a, k, add ? 1 : 0, c);
 }
 
 void CudaMatrices::add_product_of_transposed(std::span<const float> a, std::span<const float> b, std::span<float> c,

@@ -28,8 +28,9 @@ class CudaMatrices {
   void multiply(std::span<const float> a, std::span<const float> b, std::span<float> c, std::size_t m, std::size_t n,
                 std::size_t k);
   /// c [m,n] = a [m,k] · bᵀ, b [n,k]
+  /// @param add to what c holds
   void multiply_transposed(std::span<const float> a, std::span<const float> b, std::span<float> c, std::size_t m,
-                           std::size_t n, std::size_t k);
+                           std::size_t n, std::size_t k, bool add = false);
   /// c [m,n] += aᵀ · b, a [k,m], b [k,n]
   void add_product_of_transposed(std::span<const float> a, std::span<const float> b, std::span<float> c, std::size_t m,
                                  std::size_t n, std::size_t k);

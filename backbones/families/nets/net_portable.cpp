@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #define Eigen eigen_portable
 #include "families/nets/net_kernels-inl.h"
+// Behind it.
+#include "families/nets/deep_net_kernels-inl.h"
 
 namespace splatboost {
 
 NetKernels portable_net_kernels() { return kKernels; }
+DeepNetKernels<float> portable_deep_net_kernels() { return kDeepKernels<float>; }
+DeepNetKernels<double> double_deep_net_kernels() { return kDeepKernels<double>; }
 
 void portable_net_forward(NetSizes sizes, const double* parameters, const double* x, double* hidden, double* y) {
   forward(sizes, parameters, x, hidden, y);

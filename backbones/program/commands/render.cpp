@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <string>
+#include <utility>
 
 #include "program/commands/commands.h"
 #include "program/commands/orbit.h"
@@ -28,7 +31,17 @@ struct Render {
     set.set_group("Output");
     set.add("-o,--output", output, "folder of the PNG files [the model folder]", false)->type_name("DIR");
     set.add("--orbit", orbit, "instead of the scene's views, so many on a circle around it", false)->type_name("N");
-    set.add("--video", video, "the circle as a video instead of PNG files", false)->type_name("FILE.mp4");
+    set.add("--video", video,
+            "the circle as a video instead of PNG files; of a scene that moves while time runs, unless --time stops it",
+            false)
+        ->type_name("FILE.mp4");
+    set.add("--time", time, "of a model of a scene that moves, in [0, 1], instead of each view's own", false)
+        ->type_name("T");
+    set.add("--view", view, "with --video or --orbit: stay at the camera of the view of this name, while time runs",
+            false)
+        ->type_name("NAME");
+    set.add("--sequence", sequence, "instead of pictures, so many standard .ply files from time 0 to time 1", false)
+        ->type_name("N");
     set.add("--fps", frames_per_second, "of the video", false)->type_name("N")->capture_default_str();
     set.add("--beta", options.beta, "compact box instead of the one in training, in (0, 1]; 1: exact", false)
         ->type_name("X");
@@ -48,18 +61,31 @@ struct Render {
     check_options(options);
     if (orbit < 0 || (set.given("orbit") && orbit == 0)) throw UsageError("--orbit must be at least 1");
     if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
+    if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
+    if (set.given("sequence") && sequence < 1) throw UsageError("--sequence must be at least 1");
+    if (!view.empty() && video.empty() && orbit == 0)
+      throw UsageError("--view is of --video and --orbit; give one of them");
+    if (!view.empty() && time) throw UsageError("with --view time runs; leave out --time");
     std::optional<float> beta = trained_beta(config);
     if (options.beta) beta = static_cast<float>(*options.beta);
     const fs::path saved = saved_model(options.model, iteration);
     options.lpips.clear();
     Workbench bench = make_workbench(options);
     const PluggedBackbone plugged = load_model(bench, options, saved, beta);
+    const std::pair<const char*, bool> of_time[] = {
+        {"--time", time.has_value()}, {"--view", !view.empty()}, {"--sequence", sequence > 0}};
+    for (const auto& [name, asked] : of_time) {
+      require(!asked || plugged.backbone->uses_time(),
+              std::string(name) + ": a model of backbone " + options.backbone + " does not change with time");
+    }
     std::optional<FolderLock> lock;
     if (output.empty()) {
       output = options.model;
       lock.emplace(options.model);  // a run that measures writes pictures of the same names
     }
-    if (!video.empty() || orbit > 0) {
+    if (sequence > 0) {
+      export_sequence(*plugged.backbone);
+    } else if (!video.empty() || orbit > 0) {
       render_orbit(*plugged.backbone, bench.scene);
     } else {
       render_views(*plugged.backbone, bench.scene.train, output / "train" / "renders");
@@ -76,7 +102,7 @@ struct Render {
     std::vector<float> color;
     for (std::size_t i = 0; i < views.size(); ++i) {
       const Camera& camera = views[i].camera;
-      render(backbone, camera, views[i].time, color);
+      render(backbone, camera, time.value_or(views[i].time), color);
       write_png(folder / (names[i] + ".png"), color, camera.width, camera.height);
     }
     std::printf("%zu renders: %s\n", views.size(), folder.c_str());
@@ -84,7 +110,9 @@ struct Render {
 
   void render_orbit(Backbone& backbone, const Scene& scene) const {
     const int count = orbit > 0 ? orbit : kVideoFrames;
-    const std::vector<Camera> cameras = orbit_cameras(scene, count);
+    const std::vector<Camera> cameras = view.empty()
+                                            ? orbit_cameras(scene, count)
+                                            : std::vector<Camera>(static_cast<std::size_t>(count), camera_of(scene));
     std::unique_ptr<VideoFile> file;
     const fs::path folder = output / "orbit";
     if (video.empty()) {
@@ -95,7 +123,8 @@ struct Render {
     std::vector<float> color;
     for (std::size_t i = 0; i < cameras.size(); ++i) {
       const Camera& camera = cameras[i];
-      render(backbone, camera, static_cast<float>(i) / static_cast<float>(cameras.size()), color);
+      render(backbone, camera, time.value_or(static_cast<float>(i) / static_cast<float>(std::max(count - 1, 1))),
+             color);
       if (file) {
         file->add(color);
       } else {
@@ -112,6 +141,26 @@ struct Render {
     }
   }
 
+  Camera camera_of(const Scene& scene) const {
+    for (const auto* views : {&scene.train, &scene.test}) {
+      for (const View& candidate : *views) {
+        if (candidate.name == view || fs::path(candidate.name).stem() == view) return candidate.camera;
+      }
+    }
+    throw InputError("--view: the scene has no view '" + view + "', such as '" + scene.train.front().name + "'");
+  }
+
+  void export_sequence(Backbone& backbone) const {
+    const fs::path folder = output / "sequence";
+    make_folder(folder);
+    for (int i = 0; i < sequence; ++i) {
+      char name[32];
+      std::snprintf(name, sizeof name, "%05d.ply", i);
+      backbone.export_moment(static_cast<float>(i) / static_cast<float>(std::max(sequence - 1, 1)), folder / name);
+    }
+    std::printf("%d models: %s\n", sequence, folder.c_str());
+  }
+
   static void render(Backbone& backbone, const Camera& camera, float time, std::vector<float>& color) {
     color.resize(3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height));
     backbone.render(camera, time, std::nullopt, color);
@@ -123,6 +172,9 @@ struct Render {
   fs::path video;
   int iteration = 0;
   int orbit = 0;
+  std::optional<float> time;
+  std::string view;
+  int sequence = 0;
   double frames_per_second = 30;
 };
 

@@ -15,12 +15,15 @@ Command add_synth(CLI::App& program) {
   app->footer("Example: splatboost synth room && splatboost compare -s room -m out --eval --iterations 1000");
   const auto options = std::make_shared<SynthOptions>();
   add_checked_option(*app, "-o,--output,output", options->output, "folder to make")->type_name("DIR");
-  add_checked_option(*app, "--scene", options->scene, "room, or street: large, seen at several scales")
+  add_checked_option(*app, "--scene", options->scene, "room; street: large, seen at several scales; moving: with times")
       ->type_name("NAME")
       ->capture_default_str();
   add_checked_option(*app, "--width", options->width, "px")->type_name("N")->capture_default_str();
   add_checked_option(*app, "--height", options->height, "px")->type_name("N")->capture_default_str();
   add_checked_option(*app, "--views", options->views, "cameras")->type_name("N")->capture_default_str();
+  add_checked_option(*app, "--cameras", options->cameras, "moving: of a rig; 0: one that walks around")
+      ->type_name("N")
+      ->capture_default_str();
   add_checked_option(*app, "--points", options->points, "points of the sparse cloud")
       ->type_name("N")
       ->capture_default_str();

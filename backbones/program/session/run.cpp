@@ -82,6 +82,23 @@ BackboneContext context_of(Workbench& bench, const RunOptions& options) {
       bench.device->device()};
 }
 
+/// The camera of the first measured view at times from 0 to 1.
+std::vector<fs::path> write_moments(Backbone& backbone, const Scene& scene, const fs::path& folder) {
+  constexpr int kMoments = 6;
+  const Camera& camera = (scene.test.empty() ? scene.train : scene.test).front().camera;
+  make_folder(folder / "times");
+  std::vector<float> color(3 * static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height));
+  std::vector<fs::path> files;
+  for (int i = 0; i < kMoments; ++i) {
+    backbone.render(camera, static_cast<float>(i) / (kMoments - 1), std::nullopt, color);
+    char name[32];
+    std::snprintf(name, sizeof name, "time_%d.png", i);
+    files.push_back(folder / "times" / name);
+    write_png(files.back(), color, camera.width, camera.height);
+  }
+  return files;
+}
+
 }  // namespace
 
 Workbench make_workbench(const RunOptions& options) {
@@ -194,6 +211,8 @@ RunOutcome measure_run(Workbench& bench, Backbone& backbone, const fs::path& fol
   outcome.run.renders = folder / (bench.scene.test.empty() ? "train" : "test") / "renders";
   evaluate(backbone, bench.scene, bench.lpips.get(), outcome.run.renders, results);
   outcome.views = write_truth(bench.scene, folder);
+  if (backbone.uses_time())
+    outcome.run.moments = write_moments(backbone, bench.scene, outcome.run.renders.parent_path());
   write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + outcome.run.label,
                {outcome.run}, outcome.views);
   write_results(folder / "results.json", results);

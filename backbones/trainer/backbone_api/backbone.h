@@ -55,6 +55,13 @@ class Backbone {
   /// @param color [3,H,W] of the camera's size, in memory of the host
   virtual void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) = 0;
 
+  /// Whether what is rendered depends on the time.
+  virtual bool uses_time() const { return false; }
+
+  /// Writes the Gaussians as they are drawn at a time, in the standard .ply, for viewers that know no time. Throws
+  /// InputError where the backbone has none to write.
+  virtual void export_moment(float time, const std::filesystem::path& file);
+
   /// Writes the model into `folder` (for Gaussians: point_cloud.ply). @return bytes written
   virtual std::uint64_t export_model(const std::filesystem::path& folder) const = 0;
   /// Reads what export_model() wrote.

@@ -20,10 +20,14 @@
 #include "splatboost/random.h"
 #include "splatboost/threads.h"
 #include "trainer/dataset/colmap.h"
+#include "trainer/dataset/frame_times.h"
+#include "trainer/dataset/nerfies.h"
+#include "trainer/dataset/neural_video.h"
 #include "trainer/dataset/packed_scene.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/dataset/transforms.h"
 #include "trainer/dataset/view_image.h"
+#include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/text.h"
@@ -46,6 +50,7 @@ struct Dataset {
   bool has_test_split = false;
   bool blender = false;
   PointCloud points;
+  std::vector<std::string> notes;
   std::vector<Photo> photos;                  ///< of a folder
   std::shared_ptr<const PackedScene> packed;  ///< instead
 };
@@ -60,6 +65,7 @@ Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& fo
     throw InputError(images.string() + ": the image folder does not exist; name the right one with --images");
   }
   dataset.photos = colmap_photos(model, images);
+  if (options.frame_times) set_frame_times(dataset.photos, dataset.listing.string());
   dataset.points = std::move(model.points);
   return dataset;
 }
@@ -94,8 +100,44 @@ Dataset read_frames(const std::filesystem::path& file) {
   return dataset;
 }
 
+Dataset read_capture(const SceneOptions& options) {
+  Dataset dataset;
+  dataset.listing = options.source / "dataset.json";
+  NerfiesCapture capture = read_nerfies(options.source, options.images.value_or("rgb/1x"));
+  dataset.photos = std::move(capture.photos);
+  dataset.own_test = capture.test;
+  dataset.has_test_split = true;
+  dataset.points = std::move(capture.points);
+  return dataset;
+}
+
+Dataset read_rig(const SceneOptions& options) {
+  Dataset dataset;
+  dataset.listing = options.source / "poses_bounds.npy";
+  NeuralVideo rig = read_neural_video(options.source, options.frames);
+  dataset.photos = std::move(rig.photos);
+  dataset.own_test = rig.test;
+  dataset.has_test_split = true;
+  dataset.notes = std::move(rig.notes);
+  for (const char* name : {"points3d.ply", "points3D.ply", "points3D_downsample2.ply"}) {
+    const auto points = options.source / name;
+    if (dataset.points.size() == 0 && is_file(points)) dataset.points = read_point_ply(points);
+  }
+  return dataset;
+}
+
+bool moves(const Dataset& dataset) {
+  return std::ranges::any_of(dataset.photos, [](const Photo& photo) { return photo.time > 0; });
+}
+
 Dataset read_folder(const SceneOptions& options) {
   const std::filesystem::path& source = options.source;
+  // What moves comes first: such folders often hold a still model too, of one moment, to start from.
+  if (is_nerfies_capture(source)) return read_capture(options);
+  if (is_neural_video(source)) return read_rig(options);
+  if (const auto file = source / "transforms_train.json"; is_file(file)) {
+    if (Dataset dataset = read_blender(options, file); moves(dataset)) return dataset;
+  }
   if (const auto model = find_colmap_model(source)) return read_colmap(options, *model);
   if (const auto file = source / "transforms_train.json"; is_file(file)) return read_blender(options, file);
   if (const auto file = source / "transforms.json"; is_file(file)) return read_frames(file);
@@ -104,7 +146,8 @@ Dataset read_folder(const SceneOptions& options) {
   require(!error, source.string() + ": cannot be read: " + error.message());
   throw InputError(source.string() +
                    ": holds no dataset (looked for sparse/0/cameras.bin, sparse/0/cameras.txt, "
-                   "sparse/cameras.bin, sparse/cameras.txt, transforms_train.json, transforms.json)");
+                   "sparse/cameras.bin, sparse/cameras.txt, transforms_train.json, transforms.json, dataset.json, "
+                   "poses_bounds.npy with videos)");
 }
 
 /// Refuses options that ask for other pictures than the packed ones.
@@ -312,7 +355,28 @@ std::map<int, PointCloud> all_few_view_points(const std::filesystem::path& sourc
 /// reported.
 std::vector<LoadedView> load_photos(std::span<const Photo> photos, const ImageOptions& options) {
   std::vector<LoadedView> views(photos.size());
-  Threads().for_range(photos.size(), 1, [&](std::size_t i, std::size_t) { views[i] = load_view(photos[i], options); });
+  // A video is read once, from its beginning.
+  std::map<std::filesystem::path, std::vector<std::size_t>> of_videos;
+  for (std::size_t i = 0; i < photos.size(); ++i) {
+    if (photos[i].video_frame >= 0) of_videos[photos[i].file].push_back(i);
+  }
+  std::vector<std::vector<std::size_t>> videos;
+  for (auto& [file, wanted] : of_videos) {
+    std::ranges::sort(wanted, {}, [&](std::size_t i) { return photos[i].video_frame; });
+    videos.push_back(std::move(wanted));
+  }
+  Threads().for_range(videos.size(), 1, [&](std::size_t v, std::size_t) {
+    VideoFrames frames(photos[videos[v].front()].file);
+    int next = 0;
+    for (const std::size_t i : videos[v]) {
+      Pixels pixels;
+      for (; next <= photos[i].video_frame; ++next) pixels = frames.next();
+      views[i] = load_view(photos[i], options, std::move(pixels));
+    }
+  });
+  Threads().for_range(photos.size(), 1, [&](std::size_t i, std::size_t) {
+    if (photos[i].video_frame < 0) views[i] = load_view(photos[i], options);
+  });
   return views;
 }
 
@@ -381,6 +445,8 @@ void check_options(const SceneOptions& options) {
     throw InputError("llffhold " + std::to_string(options.llffhold) +
                      " is not possible: every N-th image is held out, N at least 2");
   }
+  if (options.frames < 0)
+    throw InputError("frames " + std::to_string(options.frames) + " is not possible: use 0 for all frames");
   if (options.n_views < 0)
     throw InputError("n-views " + std::to_string(options.n_views) + " is not possible: use 0 for all views");
 }
@@ -471,6 +537,8 @@ Scene read_scene(const SceneOptions& options) {
 
   Scene scene;
   scene.white_background = options.white_background;
+  scene.synthetic = dataset.blender;
+  scene.notes = dataset.notes;
   if (const auto wanted = static_cast<std::size_t>(options.n_views); wanted > 0) {
     if (wanted > split.train.size()) {
       scene.notes.push_back("there are only " + std::to_string(split.train.size()) + " training views, not " +

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Reads any supported dataset: COLMAP (bin, txt), Blender / nerfstudio / instant-ngp transforms, packed scenes.
+/// @file Reads any supported dataset: COLMAP (bin, txt), Blender / nerfstudio / instant-ngp transforms, captures of
+/// Nerfies and HyperNeRF, rigs of videos, packed scenes.
 #pragma once
 
 #include <cstdint>
@@ -20,6 +21,8 @@ struct SceneOptions {
   std::optional<int> resolution;
   bool eval = false;  ///< hold out test views: every llffhold-th by name, or a Blender test split
   int llffhold = 8;
+  bool frame_times = false;         ///< of a COLMAP scene: the last number in an image's name tells its time
+  int frames = 24;                  ///< of each camera of a rig of videos, from the beginning; 0: all
   std::filesystem::path test_list;  ///< file with one image name a line; instead of llffhold
   /// > 0: keep that many training views, evenly spread (sparse-view protocol), and start from the points of
   /// N_views/dense/fused.ply where there is this file

@@ -36,6 +36,7 @@ struct Scene {
   PointCloud points;
   float extent = 0;  ///< 1.1 × largest distance of a training camera from their mean (3DGS)
   bool white_background = false;
+  bool synthetic = false;  ///< pictures were computed (NeRF-synthetic, D-NeRF): exact poses, an empty background
   std::vector<std::string> notes;  ///< what a user should know about how the data was read, a line each
 };
 

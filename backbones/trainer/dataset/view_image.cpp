@@ -328,9 +328,12 @@ void check_resolution(int resolution) {
 }
 
 LoadedView load_view(const Photo& photo, const ImageOptions& options) {
+  return load_view(photo, options, decode(photo));
+}
+
+LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels stored) {
   LoadedView loaded;
   const std::string where = photo.file.string();
-  Pixels stored = decode(photo);
   loaded.photo_size = {stored.width, stored.height};
   loaded.transparent = is_transparent(stored);
   Pixels rgb = to_rgb(std::move(stored), options.white_background);

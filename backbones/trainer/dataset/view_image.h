@@ -15,6 +15,8 @@
 
 namespace splatboost {
 
+struct Pixels;
+
 /// How a photo was taken: a pinhole with a polynomial distortion (Brown-Conrady, as COLMAP and OpenCV define it).
 /// Pixels are those of width × height; the photo on disk may be a uniformly scaled version of it.
 struct Lens {
@@ -40,6 +42,7 @@ struct Photo {
   Lens lens;
   glm::dmat4 camera_from_world{1.0};
   double time = 0;
+  int video_frame = -1;  ///< which frame of `file`; -1: that is no video
 };
 
 struct ImageOptions {
@@ -74,6 +77,8 @@ struct LoadedView {
 /// a distorted photo is resampled to the pinhole of the same focal lengths and principal point, and pixels it has no
 /// data for are not valid; shrinking averages areas. Throws InputError in one line.
 LoadedView load_view(const Photo& photo, const ImageOptions& options);
+/// The same of pixels that are decoded already.
+LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels stored);
 
 /// An image file as it is stored: interleaved, channels in the order R, G, B, A.
 struct RawImage {

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 #include <opencv2/core/utils/logger.hpp>
@@ -91,6 +93,59 @@ void VideoFile::finish() {
   fs::rename(state_->unfinished, state_->path, error);
   if (error) throw std::runtime_error(state_->path.string() + ": cannot write the video: " + error.message());
   state_->path.clear();
+}
+
+struct VideoFrames::State {
+  fs::path path;
+  cv::VideoCapture capture;
+  std::size_t frames = 0;  ///< read so far
+};
+
+VideoFrames::VideoFrames(const fs::path& path) : state_(std::make_unique<State>()) {
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // FFmpeg has lines of its own
+  state_->path = path;
+  bool opened = false;
+  try {
+    opened = state_->capture.open(path.string());
+  } catch (const cv::Exception&) {
+    // told below
+  }
+  if (!opened) {
+    throw InputError(path.string() +
+                     ": this OpenCV cannot read the video (damaged, or no codec); give a folder of its frames of the "
+                     "same name in its place");
+  }
+}
+
+VideoFrames::~VideoFrames() = default;
+
+Pixels VideoFrames::next() {
+  cv::Mat frame;
+  const bool read = state_->capture.read(frame);
+  if (!read || frame.empty() || frame.type() != CV_8UC3) {
+    throw InputError(state_->path.string() + ": frame " + std::to_string(state_->frames) +
+                     " of the video cannot be read; copy it again");
+  }
+  ++state_->frames;
+  Pixels pixels{frame.cols, frame.rows, 3, 8, {}};
+  pixels.bytes.reserve(3 * static_cast<std::size_t>(frame.cols) * static_cast<std::size_t>(frame.rows));
+  for (int y = 0; y < frame.rows; ++y) {
+    const unsigned char* const row = frame.ptr(y);
+    for (int x = 0; x < frame.cols; ++x) {
+      for (int c = 2; c >= 0; --c) pixels.bytes.push_back(row[3 * x + c]);
+    }
+  }
+  return pixels;
+}
+
+std::size_t count_video_frames(const fs::path& path) {
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  static_cast<void>(VideoFrames(path));
+  cv::VideoCapture capture(path.string());
+  const double frames = capture.get(cv::CAP_PROP_FRAME_COUNT);
+  if (!(frames >= 1 && frames < 1e7)) throw InputError(path.string() + ": the video does not say how long it is");
+  return static_cast<std::size_t>(frames);
 }
 
 }  // namespace splatboost

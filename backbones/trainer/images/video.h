@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Renders as a film.
+/// @file Renders as a film, and films as photos.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <span>
+
+#include "trainer/images/image_codec.h"
 
 namespace splatboost {
 
@@ -26,5 +29,24 @@ class VideoFile {
   struct State;
   std::unique_ptr<State> state_;
 };
+
+/// The frames of a video, in order. Both throw InputError where it cannot be read.
+class VideoFrames {
+ public:
+  explicit VideoFrames(const std::filesystem::path& path);
+  ~VideoFrames();
+  VideoFrames(const VideoFrames&) = delete;
+  VideoFrames& operator=(const VideoFrames&) = delete;
+
+  /// The next one, RGB of 8 bits.
+  Pixels next();
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// How many frames a video says that it has.
+std::size_t count_video_frames(const std::filesystem::path& path);
 
 }  // namespace splatboost

@@ -16,4 +16,19 @@ VideoFile::~VideoFile() = default;
 void VideoFile::add(std::span<const float>) {}
 void VideoFile::finish() {}
 
+struct VideoFrames::State {};
+
+VideoFrames::VideoFrames(const std::filesystem::path& path) {
+  throw InputError(path.string() +
+                   ": a video needs OpenCV, which this build does not have; give folders of its frames in its place");
+}
+
+VideoFrames::~VideoFrames() = default;
+Pixels VideoFrames::next() { return {}; }
+
+std::size_t count_video_frames(const std::filesystem::path& path) {
+  const VideoFrames refused(path);
+  return 0;
+}
+
 }  // namespace splatboost

@@ -15,6 +15,8 @@ struct ReportRun {
   std::string label;  ///< "baseline", "boosted"
   Results results;
   std::filesystem::path renders;  ///< folder of PNG renders, named as the views' truth files
+  /// PNGs of one camera at times from 0 to 1, evenly spread; empty: the model does not change with time.
+  std::vector<std::filesystem::path> moments;
 };
 
 /// One measured view: its truth as a PNG on disk.

@@ -113,6 +113,22 @@ std::string pictures(const std::vector<ReportRun>& runs, const std::vector<Repor
   return out + "</section>\n";
 }
 
+std::string moments(const std::vector<ReportRun>& runs) {
+  std::string strips;
+  for (std::size_t r = 0; r < runs.size(); ++r) {
+    const std::vector<fs::path>& files = runs[r].moments;
+    if (files.empty() || !have_opencv()) continue;
+    strips += "<article class=\"card view\"><div class=\"head\"><h3>" + escape(runs[r].label) +
+              "</h3></div>\n<div class=\"grid\" style=\"--columns:" + std::to_string(files.size()) + "\">\n";
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      const double time = static_cast<double>(i) / static_cast<double>(std::max<std::size_t>(files.size() - 1, 1));
+      strips += picture_cell(report_picture(files[i]), "time " + number(time, 2), "", "render");
+    }
+    strips += "</div></article>\n";
+  }
+  return strips.empty() ? strips : "<section><h2>Over time</h2>\n" + strips + "</section>\n";
+}
+
 std::string all_views(const std::vector<ReportRun>& runs) {
   std::vector<std::string> names;
   for (const ReportRun& run : runs) {

@@ -12,6 +12,9 @@ namespace splatboost::report {
 /// Up to `max_views` views as truth | each run's render | each run's error, with their figures.
 std::string pictures(const std::vector<ReportRun>& runs, const std::vector<ReportView>& views, int max_views);
 
+/// One camera at several times, a strip a run; empty where no model changes with time.
+std::string moments(const std::vector<ReportRun>& runs);
+
 /// The figures of every view, folded away.
 std::string all_views(const std::vector<ReportRun>& runs);
 

@@ -2,6 +2,9 @@
 /// @file What the room and the things in it look like from close by.
 #pragma once
 
+#include <memory>
+#include <vector>
+
 #include "trainer/synth/synth_world.h"
 
 namespace splatboost::synthetic::room {
@@ -35,6 +38,18 @@ struct Solid {
   double bound_radius = 0;
   double seed = 0;  // makes textures of one material differ
 };
+
+/// @param local_from_world how it is turned
+Solid make_solid(Shape shape, Material material, Vec3 size, Vec3 position, Mat3 local_from_world = Mat3(1.0));
+
+/// Local frame from world, of something that is tilted about its x axis, then turned about z.
+Mat3 turned(double degrees, double tilt_degrees = 0);
+
+/// The room with these solids, at most 32 of them; the first is the podium.
+std::unique_ptr<World> make_room_of(std::vector<Solid> solids);
+
+inline constexpr double kPodiumHeight = 0.16;
+inline constexpr double kRoomHeight = 2.7;
 
 /// @param wall 0/1 of x low/high, 2/3 of y
 /// @param p point in the world

@@ -309,5 +309,7 @@ class World {
 
 std::unique_ptr<World> make_room();
 std::unique_ptr<World> make_street();
+/// The room with things that move. @param time in [0,1]
+std::unique_ptr<World> make_moving_room(double time);
 
 }  // namespace splatboost::synthetic

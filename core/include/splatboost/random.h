@@ -27,7 +27,8 @@ enum class RandomPurpose : std::uint64_t {
   dropout,
   synth,
   grow,
-  net_parameters
+  net_parameters,
+  time_noise
 };
 
 /// The i-th number of the stream (seed, iteration, purpose): the same for every order of calls and every thread.

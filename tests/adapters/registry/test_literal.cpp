@@ -13,7 +13,7 @@ namespace {
 using testing::FakeRasterizer;
 using testing::Hand;
 
-const char* const kOfGaussians[] = {"vanilla", "mip-splatting", "dropgaussian"};
+const char* const kOfGaussians[] = {"vanilla", "mip-splatting", "dropgaussian", "deformable-3dgs"};
 const char* const kOfAnchors[] = {"scaffold-gs", "octree-gs"};
 
 std::unique_ptr<Adapter> literal(const char* backbone, Threads& threads) {
@@ -42,6 +42,18 @@ TEST(Literal, gaussians_grow_every_500_iterations_in_the_first_half) {
   for (int i = 1; i <= 10000; ++i) {
     ASSERT_EQ(adapter->grows_at({i, 10000}, i % 100 == 0), i > 500 && i < 10000 && i % 500 == 0) << i;
   }
+}
+
+TEST(Literal, moving_gaussians_have_the_same_rules_in_their_run_of_40000) {
+  // The supplement (Sec. 9.2) trains Deformable-3DGS with VCD, VCP and the compact box of vanilla, and plain Adam.
+  Threads threads(1);
+  const auto adapter = literal("deformable-3dgs", threads);
+  for (int i = 1; i <= 40000; ++i) {
+    ASSERT_EQ(adapter->grows_at({i, 40000}, i % 100 == 0), i > 500 && i < 15000 && i % 500 == 0) << i;
+    ASSERT_EQ(adapter->prunes_at({i, 40000}, false), i > 15000 && i < 40000 && i % 3000 == 0) << i;
+  }
+  EXPECT_TRUE(adapter->prunes_at({9000, 20000}, false)) << "it follows the length of the run";
+  EXPECT_FALSE(adapter->prunes_at({7000, 20000}, false));
 }
 
 TEST(Literal, late_pruning_comes_every_tenth_of_the_run_after_its_half) {

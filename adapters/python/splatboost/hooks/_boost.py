@@ -108,6 +108,9 @@ class Boost:
         """How many views one view stands for in the mean of gradients."""
         return 1.0
 
+    def _signed_gradients(self) -> torch.Tensor:
+        return self.gaussians.xyz_gradient_accum / self.gaussians.denom.clamp_min(1.0)  # type: ignore[no-any-return]
+
     def _absolute_gradients(self) -> torch.Tensor:
         return self._absolute / self._seen.clamp_min(1.0)
 
@@ -144,7 +147,7 @@ class Boost:
         self._apply_gradients()
         n = g.get_xyz.shape[0]
         views = self._views()
-        gradients = g.xyz_gradient_accum / g.denom.clamp_min(1.0)
+        gradients = self._signed_gradients()
         max_scales = g.get_scaling.detach().max(dim=1).values
         clone, split = self.adapter.grow(
             self.iteration, views, scene_extent=float(extent), gradients=gradients,
@@ -220,8 +223,12 @@ class Boost:
         g.tmp_radii = torch.zeros((opacities.shape[0],), device=self._device)
         remove = self._remove(remove)
         g.tmp_radii = None
-        self._absolute, self._seen = self._absolute[~remove], self._seen[~remove]
+        self._keep(~remove)
         self._pruned()
+
+    def _keep(self, kept: torch.Tensor) -> None:
+        """The statistics of these Gaussians stay."""
+        self._absolute, self._seen = self._absolute[kept], self._seen[kept]
 
     def _pruned(self) -> None:
         """For hosts that keep more a Gaussian than prune_points knows of."""

@@ -13,6 +13,7 @@ from ..compat import (
     diff_gaussian_rasterization_2023,
     diff_gaussian_rasterization_2024,
     diff_gaussian_rasterization_accelerated,
+    diff_gaussian_rasterization_deformable,
     diff_gaussian_rasterization_mip_splatting,
     get_beta,
     set_beta,
@@ -42,7 +43,14 @@ class Drawing:
             module = diff_gaussian_rasterization_accelerated
         elif depth:
             module = diff_gaussian_rasterization_2024
-        if self.absolute and means2D.requires_grad:
+        densify = given.pop("means2D_densify", None)
+        if densify is not None:
+            module = diff_gaussian_rasterization_deformable
+            means2D = module.screen_points(means2D, densify)
+            if means2D.requires_grad:
+                self.screen_points = means2D
+                means2D.retain_grad()
+        elif self.absolute and means2D.requires_grad:
             # The host's three columns lead, so that its own statistics read what they always did.
             means2D = self.screen_points = torch.nn.functional.pad(means2D, (0, 1))
             means2D.retain_grad()

@@ -215,6 +215,67 @@ TEST(Synth, PhotosAreExposedAndTextured) {
   }
 }
 
+/// Share of the pixels of one view whose surface another sees at the same depth, of those that it sees at all.
+double agreement(const View& from, const RawImage& depth, const View& to, const RawImage& depth_there) {
+  double inside = 0, agree = 0;
+  for (int y = 0; y < depth.height; y += 2) {
+    for (int x = 0; x < depth.width; x += 2) {
+      const glm::vec3 p = glm::vec3(to.camera.camera_from_world * glm::vec4(world_at(from.camera, depth, x, y), 1.0f));
+      const auto column = static_cast<int>(std::floor(to.camera.fx * p.x / p.z + to.camera.cx));
+      const auto row = static_cast<int>(std::floor(to.camera.fy * p.y / p.z + to.camera.cy));
+      if (p.z <= 0 || column < 0 || row < 0 || column >= depth.width || row >= depth.height) continue;
+      inside += 1;
+      agree += std::abs(depth_there.at(column, row) / 1000.0 - static_cast<double>(p.z)) < 0.05;
+    }
+  }
+  return agree / inside;
+}
+
+TEST(Synth, ARigSeesTheSameAtOneTimeAndThingsMoveBetweenTimes) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "scene");
+  options.scene = "moving";
+  options.views = 8;
+  options.cameras = 4;
+  write_synthetic_scene(options);
+  SceneOptions read_options;
+  read_options.source = options.output;
+  read_options.eval = true;
+  const Scene scene = read_scene(read_options);
+  ASSERT_EQ(scene.train.size(), 8u);
+  ASSERT_EQ(scene.test.size(), 2u);
+  ASSERT_EQ(scene.points.size(), 600u);
+  const auto depth_of = [&](const View& view) { return read_raw_image(options.output / "depth" / view.name); };
+  // Cameras 0 and 1 stand a quarter of a turn apart; views 4 to 7 are of them at another time.
+  EXPECT_EQ(scene.train[0].time, 0);
+  EXPECT_EQ(scene.train[1].time, 0);
+  EXPECT_EQ(scene.train[5].time, 1);
+  EXPECT_EQ(scene.train[1].camera.camera_from_world, scene.train[5].camera.camera_from_world);
+  EXPECT_NE(scene.train[1].color, scene.train[5].color);
+  const double same = agreement(scene.train[0], depth_of(scene.train[0]), scene.train[1], depth_of(scene.train[1]));
+  EXPECT_GT(same, 0.35) << "the rest hides behind something";
+  // Where nothing moves but the podium's things, the same camera sees most of the room at the same depth.
+  const double later = agreement(scene.train[1], depth_of(scene.train[1]), scene.train[5], depth_of(scene.train[5]));
+  EXPECT_GT(later, 0.7);
+  EXPECT_LT(later, 0.995);
+  for (const View& view : scene.test) {
+    for (const View& seen : scene.train) {
+      EXPECT_FALSE(view.time == seen.time || view.camera.camera_from_world == seen.camera.camera_from_world);
+    }
+  }
+}
+
+TEST(Synth, OneCameraWalksAroundWhatMoves) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "scene");
+  options.scene = "moving";
+  write_synthetic_scene(options);
+  const Scene scene = read(options.output);
+  ASSERT_EQ(scene.train.size(), 8u) << "without --eval nothing is held out";
+  for (std::size_t i = 0; i < 6; ++i) EXPECT_FLOAT_EQ(scene.train[i].time, static_cast<float>(i) / 5);
+  EXPECT_TRUE(scene.synthetic);
+}
+
 TEST(Synth, ImpossibleOptionsAreInputErrors) {
   const TemporaryFolder folder;
   const auto error_with = [&](auto&& change) {
@@ -228,6 +289,9 @@ TEST(Synth, ImpossibleOptionsAreInputErrors) {
   expect_contains(error_with([](SynthOptions& o) { o.points = -1; }), "points");
   expect_contains(error_with([](SynthOptions& o) { o.point_noise = std::numeric_limits<float>::quiet_NaN(); }),
                   "noise");
+  expect_contains(error_with([](SynthOptions& o) { o.cameras = 2; }), "only the scene 'moving'");
+  expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.cameras = 7; }), "7 cameras");
+  expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.views = 1; }), "2 views or more");
   expect_contains(error_with([](SynthOptions& o) { o.output.clear(); }), "output");
   write_file(folder / "file", "x");
   expect_contains(error_with([&](SynthOptions& o) { o.output = folder / "file"; }), "not a folder");

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file FastGS for Deformable-3DGS: vanilla's rules over its longer run. Primitives are the canonical Gaussians; the
+/// backbone draws each scored view at its own time.
+#pragma once
+
+#include "vanilla/vanilla_adapter.h"
+
+namespace splatboost {
+
+/// Length of Deformable-3DGS's published run; it densifies until 15 000.
+inline constexpr int kDeformableIterations = 40000;
+
+/// Settings for a DeformableAdapter.
+VanillaBoost deformable_boost();
+
+class DeformableAdapter final : public VanillaAdapter {
+ public:
+  DeformableAdapter(const VanillaBoost& boost, Device device) : VanillaAdapter(boost, device) {}
+
+  /// The net steps at every iteration: each view is of another time, and steps of gradients summed over many of them
+  /// would be few. The schedule is of the Gaussians.
+  bool steps_at(std::string_view group, Moment moment) const override;
+};
+
+}  // namespace splatboost

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/dataset/neural_video.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include <glm/geometric.hpp>
+#include <glm/mat3x3.hpp>
+#include <glm/matrix.hpp>
+
+#include "trainer/dataset/npy.h"
+#include "trainer/images/video.h"
+#include "trainer/support/atomic_file.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kRow = 17;  // of poses_bounds.npy: [3,5] of axes, centre and size, then two depths
+
+bool is_picture(const fs::path& file) {
+  const std::string extension = file.extension().string();
+  return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
+}
+
+/// Pictures of a folder, or of its folder images/, by name.
+std::vector<fs::path> pictures_of(const fs::path& folder) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  const fs::path images = fs::is_directory(folder / "images", error) ? folder / "images" : folder;
+  for (const auto& entry : fs::directory_iterator(images, error)) {
+    if (is_picture(entry.path()) && is_file(entry.path())) files.push_back(entry.path());
+  }
+  std::ranges::sort(files);
+  return files;
+}
+
+/// What each camera filmed, in the order of names: a video, or the folder of its frames, which goes before a video of
+/// the same name.
+std::vector<fs::path> cameras_of(const fs::path& folder) {
+  std::vector<fs::path> cameras;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    const fs::path& path = entry.path();
+    if (!path.filename().string().starts_with("cam")) continue;
+    const bool video = path.extension() == ".mp4" && is_file(path);
+    std::error_code ignored;
+    if (video && !fs::is_directory(folder / path.stem(), ignored)) cameras.push_back(path);
+    if (fs::is_directory(path, ignored) && !pictures_of(path).empty()) cameras.push_back(path);
+  }
+  std::ranges::sort(cameras);
+  return cameras;
+}
+
+/// A row's camera: columns of its matrix point down, to the right and back, then the centre; then height, width, focal
+/// length.
+void read_pose(const double* row, const std::string& where, Photo& photo) {
+  const auto column = [&](int c) { return glm::dvec3(row[c], row[5 + c], row[10 + c]); };
+  for (std::size_t i = 0; i < kRow; ++i) require(std::isfinite(row[i]), where + ": is not finite");
+  const glm::dmat3 world_from_camera(column(1), column(0), -column(2));
+  const glm::dmat3 product = glm::transpose(world_from_camera) * world_from_camera;
+  for (int c = 0; c < 3; ++c) {
+    for (int r = 0; r < 3; ++r) {
+      require(std::abs(product[c][r] - (r == c ? 1.0 : 0.0)) < 1e-2 && glm::determinant(world_from_camera) > 0,
+              where + ": holds no rotation");
+    }
+  }
+  const glm::dmat3 rotation = glm::transpose(world_from_camera);
+  photo.camera_from_world = glm::dmat4(rotation);
+  photo.camera_from_world[3] = glm::dvec4(-(rotation * column(3)), 1.0);
+  const glm::dvec3 size = column(4);
+  require(size[0] >= 1 && size[1] >= 1 && size[0] <= 1 << 20 && size[1] <= 1 << 20,
+          where + ": the image size is not possible");
+  photo.lens.height = static_cast<int>(std::lround(size[0]));
+  photo.lens.width = static_cast<int>(std::lround(size[1]));
+  photo.lens.fx = photo.lens.fy = size[2];
+  check_lens(photo.lens, where);
+}
+
+}  // namespace
+
+bool is_neural_video(const fs::path& folder) {
+  return is_file(folder / "poses_bounds.npy") && cameras_of(folder).size() >= 2;
+}
+
+NeuralVideo read_neural_video(const fs::path& folder, int frames) {
+  const fs::path poses_file = folder / "poses_bounds.npy";
+  const NpyArray poses = read_npy(poses_file);
+  require(poses.shape.size() == 2 && poses.shape[1] == kRow, poses_file.string() + ": is not a list of cameras [N,17]");
+  const std::vector<fs::path> cameras = cameras_of(folder);
+  require(cameras.size() == poses.shape[0], poses_file.string() + ": holds " + std::to_string(poses.shape[0]) +
+                                                " cameras, but there are " + std::to_string(cameras.size()) +
+                                                " videos or folders cam* beside it");
+
+  NeuralVideo rig;
+  std::vector<std::vector<Photo>> of_cameras;
+  std::size_t most = 0;
+  for (std::size_t c = 0; c < cameras.size(); ++c) {
+    const bool video = cameras[c].extension() == ".mp4";
+    const std::vector<fs::path> files = video ? std::vector<fs::path>{} : pictures_of(cameras[c]);
+    const std::size_t there = video ? count_video_frames(cameras[c]) : files.size();
+    const std::size_t count = frames == 0 ? there : std::min(there, static_cast<std::size_t>(frames));
+    require(count > 0, cameras[c].string() + ": holds no frames");
+    most = std::max(most, there);
+    Photo photo;
+    photo.listed_in = poses_file;
+    read_pose(poses.values.data() + kRow * c, poses_file.string() + ": camera " + std::to_string(c), photo);
+    std::vector<Photo>& photos = of_cameras.emplace_back();
+    for (std::size_t f = 0; f < count; ++f) {
+      std::string number = std::to_string(f);
+      number.insert(0, 4 - std::min<std::size_t>(number.size(), 4), '0');
+      photo.name = cameras[c].stem().string() + "/" + (video ? number + ".png" : files[f].filename().string());
+      photo.file = video ? cameras[c] : files[f];
+      photo.video_frame = video ? static_cast<int>(f) : -1;
+      photo.time = static_cast<double>(f);
+      photos.push_back(photo);
+    }
+  }
+  std::size_t longest = 0;
+  for (const auto& photos : of_cameras) longest = std::max(longest, photos.size());
+  for (auto& photos : of_cameras) {
+    for (Photo& photo : photos) photo.time = longest > 1 ? photo.time / static_cast<double>(longest - 1) : 0;
+  }
+  if (longest < most) {
+    rig.notes.push_back("the first " + std::to_string(longest) + " of " + std::to_string(most) +
+                        " frames of each camera; --frames takes more");
+  }
+  rig.test = of_cameras.front().size();
+  for (std::size_t c = 1; c < of_cameras.size(); ++c) std::ranges::move(of_cameras[c], std::back_inserter(rig.photos));
+  std::ranges::move(of_cameras.front(), std::back_inserter(rig.photos));
+  return rig;
+}
+
+}  // namespace splatboost

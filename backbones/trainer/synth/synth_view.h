@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file A view of a ray-traced scene with its truth.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "splatboost/threads.h"
+#include "trainer/synth/synth_world.h"
+
+namespace splatboost::synthetic {
+
+inline constexpr double kFieldOfView = 66.0 * kPi / 180.0;  // horizontal
+
+struct Intrinsics {
+  Intrinsics(int columns, int rows)
+      : width(columns),
+        height(rows),
+        focal(0.5 * columns / std::tan(0.5 * kFieldOfView)),
+        cx(0.5 * columns),
+        cy(0.5 * rows) {}
+  int width, height;
+  double focal, cx, cy;
+
+  Ray ray(const Pose& pose, double x, double y) const {
+    return {pose.centre, glm::normalize(pose.world_from_camera * Vec3((x - cx) / focal, (y - cy) / focal, 1.0))};
+  }
+};
+
+struct Picture {
+  explicit Picture(const Intrinsics& camera) {
+    const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+    color.resize(3 * pixels);
+    depth.resize(pixels);
+    normals.resize(3 * pixels);
+    mask.resize(pixels);
+  }
+  std::vector<std::uint8_t> color;    // RGB
+  std::vector<std::uint16_t> depth;   // mm of z
+  std::vector<std::uint8_t> normals;  // RGB
+  std::vector<std::uint8_t> mask;
+};
+
+void render_view(const World& world, const Intrinsics& camera, const Pose& pose, int samples, Threads& threads,
+                 Picture& picture);
+
+/// Makes a folder for write_picture(), without what a killed process left there.
+void make_picture_folder(const std::filesystem::path& folder);
+
+/// Writes output/colors/name, output/depth/name, output/normals/name and output/masks/name.
+void write_picture(const std::filesystem::path& output, const std::string& colors, const std::string& name,
+                   const Intrinsics& camera, const Picture& picture);
+
+}  // namespace splatboost::synthetic

@@ -1,0 +1,363 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scenes that move: captures of Nerfies and HyperNeRF, rigs of videos, COLMAP with numbers of frames, and which of them
+// a folder is taken for.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <string>
+
+#include <glm/geometric.hpp>
+#include <glm/vec4.hpp>
+#include <nlohmann/json.hpp>
+
+#include "support/temporary_folder.h"
+#include "trainer/dataset/colmap.h"
+#include "trainer/dataset/frame_times.h"
+#include "trainer/dataset/nerfies.h"
+#include "trainer/dataset/neural_video.h"
+#include "trainer/dataset/npy.h"
+#include "trainer/dataset/read_scene.h"
+#include "trainer/images/image_codec.h"
+#include "trainer/images/video.h"
+
+namespace splatboost::test {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr int kWidth = 40, kHeight = 24;
+
+template <class T>
+std::string npy_bytes(const std::string& type, const std::string& shape, const std::vector<T>& values,
+                      const std::string& order = "False") {
+  std::string header = "{'descr': '" + type + "', 'fortran_order': " + order + ", 'shape': " + shape + ", }";
+  header.append(64 - (10 + header.size() + 1) % 64, ' ');
+  header += '\n';
+  std::string bytes("\x93NUMPY\x01\x00", 8);
+  bytes += static_cast<char>(header.size() & 0xff);
+  bytes += static_cast<char>(header.size() >> 8);
+  bytes += header;
+  bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
+  return bytes;
+}
+
+void write_grey(const std::filesystem::path& path, int level) {
+  std::filesystem::create_directories(path.parent_path());
+  const std::vector<std::uint8_t> pixels(3 * kWidth * kHeight, static_cast<std::uint8_t>(level));
+  write_png(path, kWidth, kHeight, 3, std::span<const std::uint8_t>(pixels));
+}
+
+/// A still model of COLMAP: one photo.
+void write_still_model(const std::filesystem::path& folder) {
+  ColmapModel model;
+  model.cameras.push_back({1, 1, kWidth, kHeight, {30, 30, 20, 12}});
+  ColmapImage image;
+  image.id = image.camera_id = 1;
+  image.name = "still.png";
+  model.images.push_back(image);
+  model.points.positions = {0, 0, 3};
+  model.points.colors = {9, 9, 9};
+  std::filesystem::create_directories(folder / "sparse/0");
+  write_colmap_model(folder / "sparse/0", model);
+  write_grey(folder / "images/still.png", 50);
+}
+
+SceneOptions options_of(const TemporaryFolder& folder) {
+  SceneOptions options;
+  options.source = folder.path();
+  options.eval = true;
+  options.random_points = 10;
+  return options;
+}
+
+TEST(Npy, ArraysReadAsWritten) {
+  const TemporaryFolder folder;
+  write_file(folder / "d.npy", npy_bytes<double>("<f8", "(2, 3)", {1, 2, 3, 4, 5, 6.5}));
+  write_file(folder / "f.npy", npy_bytes<float>("<f4", "(3,)", {1, -2, 0.5f}));
+  const NpyArray d = read_npy(folder / "d.npy"), f = read_npy(folder / "f.npy");
+  EXPECT_EQ(d.shape, (std::vector<std::size_t>{2, 3}));
+  EXPECT_EQ(d.values, (std::vector<double>{1, 2, 3, 4, 5, 6.5}));
+  EXPECT_EQ(f.shape, (std::vector<std::size_t>{3}));
+  EXPECT_EQ(f.values, (std::vector<double>{1, -2, 0.5}));
+}
+
+TEST(Npy, BrokenOnesAreToldInOneLine) {
+  const TemporaryFolder folder;
+  const auto error = [&](const std::string& bytes) {
+    write_file(folder / "a.npy", bytes);
+    return input_error_of([&] { read_npy(folder / "a.npy"); });
+  };
+  const std::string good = npy_bytes<double>("<f8", "(2, 3)", {1, 2, 3, 4, 5, 6});
+  expect_contains(error("nothing"), "is not an array of numpy");
+  for (std::size_t cut = 12; cut < good.size(); cut += 7) error(good.substr(0, cut));
+  expect_contains(error(npy_bytes<double>("<i8", "(1,)", {1})), "floats");
+  expect_contains(error(npy_bytes<double>("<f8", "(1,)", {1}, "True")), "columns first");
+  expect_contains(error(npy_bytes<double>("<f8", "(99999999999, 99999999999)", {1})), "not possible");
+  expect_contains(error(npy_bytes<double>("<f8", "(1, 1, 1)", {1})), "3 dimensions");
+  expect_contains(error(npy_bytes<double>("<f8", "(1, x)", {1})), "cannot be read");
+}
+
+/// Eight photos: camera i at (i, 0, -4) of a world whose centre is (1, 0, 0) and which is drawn at twice its size.
+struct Capture {
+  TemporaryFolder folder;
+  Json dataset{{"ids", Json::array()}, {"train_ids", Json::array()}, {"val_ids", Json::array()}};
+  Capture() {
+    Json metadata;
+    for (int i = 0; i < 8; ++i) {
+      const std::string id = "00" + std::to_string(i);
+      dataset["ids"].push_back(id);
+      dataset[i % 3 == 2 ? "val_ids" : "train_ids"].push_back(id);
+      metadata[id] = {{"time_id", 10 + 3 * i}, {"camera_id", 0}, {"warp_id", 77}};
+      const Json camera{{"orientation", {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}},
+                        {"position", {i, 0, -4}},
+                        {"focal_length", 60},
+                        {"pixel_aspect_ratio", 1.0},
+                        {"principal_point", {41, 24}},
+                        {"skew", 0},
+                        {"radial_distortion", {0, 0, 0}},
+                        {"tangential_distortion", {0, 0}},
+                        {"image_size", {2 * kWidth, 2 * kHeight}}};
+      write_file(folder / ("camera/" + id + ".json"), camera.dump());
+      write_grey(folder / ("rgb/2x/" + id + ".png"), 20 * i);
+    }
+    write_file(folder / "dataset.json", dataset.dump());
+    write_file(folder / "metadata.json", metadata.dump());
+    write_file(folder / "scene.json", R"({"scale": 2, "center": [1, 0, 0], "near": 0.1, "far": 9})");
+    write_file(folder / "points.npy", npy_bytes<double>("<f8", "(1, 3)", {1.5, 2, 3}));
+  }
+  SceneOptions options() const {
+    SceneOptions result = options_of(folder);
+    result.images = "rgb/2x";
+    return result;
+  }
+};
+
+TEST(Nerfies, CapturesReadAsWritten) {
+  const Capture disk;
+  const Scene scene = read_scene(disk.options());
+  ASSERT_EQ(scene.train.size(), 6u);
+  ASSERT_EQ(scene.test.size(), 2u);
+  EXPECT_EQ(scene.train[0].name, "000.png");
+  EXPECT_EQ(scene.test[1].name, "005.png");
+  EXPECT_FLOAT_EQ(scene.test[1].time, 5.0f / 7);
+  EXPECT_FLOAT_EQ(scene.train.back().time, 1);
+  const Camera& camera = scene.test[1].camera;
+  EXPECT_FLOAT_EQ(camera.fx, 30) << "of pictures of half the size";
+  EXPECT_FLOAT_EQ(camera.cx, 20.5f);
+  EXPECT_NEAR(glm::length(camera.centre() - glm::vec3(8, 0, -8)), 0, 1e-5);
+  const glm::vec4 ahead = camera.camera_from_world * glm::vec4(8, 1, 0, 1);
+  EXPECT_NEAR(glm::length(glm::vec3(ahead) - glm::vec3(0, 1, 8)), 0, 1e-5) << "y points down";
+  EXPECT_EQ(scene.points.positions, (std::vector<float>{1, 4, 6}));
+  EXPECT_FALSE(scene.synthetic);
+}
+
+TEST(Nerfies, InterpolationScenesHoldOutEveryFourth) {
+  Capture disk;
+  disk.dataset["val_ids"] = Json::array();
+  write_file(disk.folder / "dataset.json", disk.dataset.dump());
+  const Scene scene = read_scene(disk.options());
+  ASSERT_EQ(scene.train.size(), 2u);
+  ASSERT_EQ(scene.test.size(), 2u);
+  EXPECT_EQ(scene.train[1].name, "004.png");
+  EXPECT_EQ(scene.test[1].name, "006.png");
+}
+
+TEST(Nerfies, BrokenCapturesAreToldInOneLine) {
+  const auto error = [](const char* file, const std::string& content) {
+    const Capture disk;
+    write_file(disk.folder / file, content);
+    return input_error_of([&] { read_scene(disk.options()); });
+  };
+  expect_contains(error("scene.json", R"({"scale": 0, "center": [1, 0, 0]})"), "'scale' must be above 0");
+  expect_contains(error("scene.json", R"({"scale": 1})"), "'center' is missing");
+  expect_contains(error("dataset.json", R"({"train_ids": ["../x"], "val_ids": ["000"]})"), "not the name of an image");
+  expect_contains(error("dataset.json", R"({"train_ids": [], "val_ids": ["000"]})"), "lists no images");
+  expect_contains(error("metadata.json", R"({"000": {"time_id": 1}})"), "says nothing of image '001'");
+  expect_contains(error("camera/001.json", R"({"focal_length": 3})"), "is missing");
+  expect_contains(error("points.npy", "none"), "points.npy");
+  const Capture disk;
+  SceneOptions options = disk.options();
+  options.images.reset();
+  expect_contains(input_error_of([&] { read_scene(options); }), "rgb/1x: the image folder does not exist");
+}
+
+/// Three cameras at x = 0, 1, 2 that look along −z of OpenGL's world, with five frames each; of each pair (camera,
+/// frame) the grey level is its own.
+struct Rig {
+  TemporaryFolder folder;
+  explicit Rig(bool videos = false) {
+    std::vector<double> rows;
+    for (int camera = 0; camera < 3; ++camera) {
+      // Columns of the matrix: down, right, back, centre, size.
+      const double x = camera;
+      rows.insert(rows.end(), {0, 1, 0, x, kHeight, -1, 0, 0, 0, kWidth, 0, 0, 1, 5, 33, 0.1, 9});
+      const std::string name = "cam0" + std::to_string(camera);
+      if (videos) {
+        VideoFile video(folder / (name + ".mp4"), kWidth, kHeight, 10);
+        for (int frame = 0; frame < 5; ++frame) {
+          video.add(std::vector<float>(3 * kWidth * kHeight, static_cast<float>(level(camera, frame)) / 255));
+        }
+        video.finish();
+      } else {
+        for (int frame = 0; frame < 5; ++frame) {
+          write_grey(folder / (name + "/images/000" + std::to_string(frame) + ".png"), level(camera, frame));
+        }
+      }
+    }
+    write_file(folder / "poses_bounds.npy", npy_bytes<double>("<f8", "(3, 17)", rows));
+  }
+  static int level(int camera, int frame) { return 40 + 60 * camera + 12 * frame; }
+};
+
+void expect_rig(const Scene& scene, int tolerance) {
+  ASSERT_EQ(scene.train.size(), 10u);
+  ASSERT_EQ(scene.test.size(), 5u) << "the first camera";
+  for (int camera = 0; camera < 3; ++camera) {
+    for (int frame = 0; frame < 5; ++frame) {
+      const auto f = static_cast<std::size_t>(frame);
+      const View& view = camera == 0 ? scene.test[f] : scene.train[5 * (static_cast<std::size_t>(camera) - 1) + f];
+      EXPECT_FLOAT_EQ(view.time, static_cast<float>(frame) / 4);
+      EXPECT_NEAR(view.camera.centre().x, camera, 1e-5);
+      EXPECT_NEAR(view.color[100], Rig::level(camera, frame), tolerance) << camera << " " << frame;
+    }
+  }
+  const glm::vec4 p = scene.test[0].camera.camera_from_world * glm::vec4(0.5, 0.25, 1, 1);
+  EXPECT_NEAR(glm::length(glm::vec3(p) - glm::vec3(0.5, -0.25, 4)), 0, 1e-5);
+  EXPECT_FLOAT_EQ(scene.test[0].camera.fx, 33);
+}
+
+TEST(NeuralVideo, FoldersOfFramesReadAsWritten) {
+  const Rig disk;
+  expect_rig(read_scene(options_of(disk.folder)), 0);
+  SceneOptions options = options_of(disk.folder);
+  options.frames = 2;
+  const Scene scene = read_scene(options);
+  EXPECT_EQ(scene.train.size(), 4u);
+  EXPECT_FLOAT_EQ(scene.train[1].time, 1);
+  ASSERT_FALSE(scene.notes.empty());
+  expect_contains(scene.notes[0], "the first 2 of 5 frames");
+}
+
+TEST(NeuralVideo, VideosReadAsWritten) {
+  if (!have_opencv()) GTEST_SKIP() << "no OpenCV";
+  const Rig disk(true);
+  expect_rig(read_scene(options_of(disk.folder)), 6);
+  write_file(disk.folder / "cam01.mp4", "no video");
+  expect_contains(input_error_of([&] { read_scene(options_of(disk.folder)); }), "cam01.mp4: ");
+}
+
+TEST(NeuralVideo, CamerasAndPosesMustAgree) {
+  const Rig disk;
+  write_grey(disk.folder / "cam07/0000.png", 3);
+  expect_contains(input_error_of([&] { read_scene(options_of(disk.folder)); }),
+                  "holds 3 cameras, but there are 4 videos or folders");
+}
+
+// What is found first decides what a scene is.
+
+TEST(DynamicScenes, ARigIsNotTakenForTheStillModelOfItsFirstFrames) {
+  const Rig disk;
+  write_still_model(disk.folder.path());
+  expect_rig(read_scene(options_of(disk.folder)), 0);
+}
+
+TEST(DynamicScenes, ACaptureIsNotTakenForAStillModelBesideIt) {
+  const Capture disk;
+  write_still_model(disk.folder.path());
+  EXPECT_EQ(read_scene(disk.options()).train.size(), 6u);
+}
+
+TEST(DynamicScenes, BlendersFramesWithTimesAreNotTakenForAStillModelBesideThem) {
+  const TemporaryFolder folder;
+  write_still_model(folder.path());
+  Json json{{"camera_angle_x", 0.8}, {"frames", Json::array()}};
+  for (int i = 0; i < 3; ++i) {
+    json["frames"].push_back({{"file_path", "r_" + std::to_string(i)},
+                              {"time", 0.5 * i},
+                              {"transform_matrix", {{1, 0, 0, i}, {0, 1, 0, 0}, {0, 0, 1, 4}, {0, 0, 0, 1}}}});
+    write_grey(folder / ("r_" + std::to_string(i) + ".png"), 9);
+  }
+  write_file(folder / "transforms_train.json", json.dump());
+  SceneOptions options = options_of(folder);
+  options.eval = false;
+  const Scene moving = read_scene(options);
+  EXPECT_EQ(moving.train.size(), 3u);
+  EXPECT_TRUE(moving.synthetic);
+  for (Json& frame : json["frames"]) frame.erase("time");
+  write_file(folder / "transforms_train.json", json.dump());
+  EXPECT_EQ(read_scene(options).train.size(), 1u) << "without times COLMAP's goes first, as it always did";
+}
+
+TEST(DynamicScenes, AStillSceneWithPosesBoundsStaysOne) {
+  const TemporaryFolder folder;
+  write_still_model(folder.path());
+  write_file(folder / "poses_bounds.npy", npy_bytes<double>("<f8", "(1, 17)", std::vector<double>(17)));
+  SceneOptions options = options_of(folder);
+  options.eval = false;
+  EXPECT_EQ(read_scene(options).train[0].name, "still.png");
+}
+
+TEST(FrameTimes, AreTheLastNumbersOfNames) {
+  std::vector<Photo> photos(3);
+  photos[0].name = "cam2/take1_0007.png";
+  photos[1].name = "9.jpg";
+  photos[2].name = "cam11/15";
+  set_frame_times(photos, "here");
+  EXPECT_EQ(photos[0].time, 0);
+  EXPECT_EQ(photos[1].time, 0.25);
+  EXPECT_EQ(photos[2].time, 1);
+  photos[1].name = "cam3/left.png";
+  expect_contains(input_error_of([&] { set_frame_times(photos, "here"); }), "here: the name of image 'cam3/left.png'");
+  for (Photo& photo : photos) photo.name = "r_003.png";
+  expect_contains(input_error_of([&] { set_frame_times(photos, "here"); }), "all images are of frame 3");
+}
+
+TEST(FrameTimes, AreOfColmapScenesWhereAskedFor) {
+  const TemporaryFolder folder;
+  ColmapModel model;
+  model.cameras.push_back({1, 1, kWidth, kHeight, {30, 30, 20, 12}});
+  for (int i = 0; i < 4; ++i) {
+    ColmapImage image;
+    image.id = static_cast<std::uint32_t>(i + 1);
+    image.camera_id = 1;
+    image.translation[0] = i;
+    image.name = "cam" + std::to_string(i % 2) + "/frame_" + std::to_string(10 + i / 2) + ".png";
+    write_grey(folder / ("images/" + image.name), 9);
+    model.images.push_back(image);
+  }
+  model.points.positions = {0, 0, 3};
+  model.points.colors = {9, 9, 9};
+  std::filesystem::create_directories(folder / "sparse/0");
+  write_colmap_model(folder / "sparse/0", model);
+  SceneOptions options = options_of(folder);
+  options.eval = false;
+  for (const View& view : read_scene(options).train) EXPECT_EQ(view.time, 0);
+  options.frame_times = true;
+  const Scene scene = read_scene(options);
+  ASSERT_EQ(scene.train.size(), 4u);
+  for (const View& view : scene.train) {
+    EXPECT_EQ(view.time, view.name.find("_11") != std::string::npos ? 1 : 0) << "not the camera's number";
+  }
+}
+
+TEST(DynamicScenes, DNerfReadsWithItsTimes) {
+  const std::filesystem::path data = shared_data("dnerf_lego");
+  if (data.empty()) GTEST_SKIP() << "no such data here";
+  SceneOptions options;
+  options.source = data;
+  options.eval = true;
+  options.random_points = 1000;
+  const Scene scene = read_scene(options);
+  EXPECT_EQ(scene.train.size(), 50u);
+  EXPECT_EQ(scene.test.size(), 20u);
+  EXPECT_EQ(scene.train.front().time, 0);
+  EXPECT_EQ(scene.train.back().time, 1);
+  EXPECT_FALSE(scene.white_background);
+  EXPECT_TRUE(scene.synthetic);
+  EXPECT_EQ(scene.points.size(), 1000u);
+  for (const float at : scene.points.positions) EXPECT_LE(std::abs(at), 1.3f);
+}
+
+}  // namespace
+}  // namespace splatboost::test

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""deformable-3dgs by every command, on a scene that moves: trained, resumed, rendered at times, measured again."""
+
+import json
+
+import pytest
+
+from conftest import run_program, run_well
+
+SHORT = ["--eval", "--iterations", "60", "--quiet"]
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data") / "moving"
+    run_well("synth", folder, "--scene", "moving", "--width", 64, "--height", 48, "--views", 12, "--points", 200)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    path = tmp_path_factory.mktemp("config") / "config.json"
+    path.write_text(json.dumps({
+        "backbone": {"name": "deformable-3dgs", "net_layers": 3, "net_width": 32, "densify_interval": 10},
+        "boost": {"views": 3, "densify_interval": 10}}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def both(moving, config, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("trained") / "both"
+    run_well("compare", "-s", moving, "-m", folder, *SHORT, "--config", config)
+    return folder
+
+
+def model_bytes(model):
+    folder = model / "point_cloud/iteration_60"
+    return (folder / "point_cloud.ply").read_bytes() + (folder / "parameters.bin").read_bytes()
+
+
+def test_compare_resume_and_eval(moving, config, both, tmp_path):
+    for run in ("baseline", "boosted"):
+        found = json.loads((both / run / "results.json").read_text())
+        assert found["backbone"] == "deformable-3dgs"
+        assert found["storage_bytes"] == len(model_bytes(both / run))
+        assert found["psnr"] > 8
+        assert {"net_forward", "net_backward"} <= found["stage_seconds"].keys()
+        assert len(list((both / run / "test/times").iterdir())) == 6
+    assert (both / "report.html").read_text().count("time 0.40") >= 2
+    settings = json.loads((both / "boosted/config.json").read_text())
+    assert settings["backbone"]["is_blender"] is True
+
+    run_well("train", "-s", moving, "-m", tmp_path / "cut", *SHORT, "--config", config, "--checkpoint-iterations", "25")
+    assert model_bytes(tmp_path / "cut") == model_bytes(both / "boosted")
+    run_well("train", "--resume", tmp_path / "cut/checkpoints/iteration_25.ckpt", "-m", tmp_path / "resumed", "--quiet")
+    assert model_bytes(tmp_path / "resumed") == model_bytes(tmp_path / "cut")
+
+    before = json.loads((both / "boosted/results.json").read_text())
+    run_well("eval", "-m", both / "boosted", "--quiet")
+    assert json.loads((both / "boosted/results.json").read_text())["psnr"] == before["psnr"]
+
+
+def test_times_are_rendered(both, tmp_path):
+    model = both / "boosted"
+    run_well("render", "-m", model, "-o", tmp_path / "own", "--quiet")
+    run_well("render", "-m", model, "-o", tmp_path / "still", "--time", "0.5", "--quiet")
+    name = "test/renders/0000.png"
+    assert (tmp_path / "own" / name).read_bytes() == (model / name).read_bytes()
+    assert (tmp_path / "still" / name).read_bytes() != (model / name).read_bytes()
+    run_well("render", "-m", model, "-o", tmp_path / "stand", "--orbit", "3", "--view", "0001", "--quiet")
+    run_well("render", "-m", model, "-o", tmp_path / "walk", "--orbit", "3", "--time", "0", "--quiet")
+    for way in ("stand", "walk"):
+        assert len({file.read_bytes() for file in (tmp_path / way / "orbit").iterdir()}) == 3
+    run_well("render", "-m", model, "-o", tmp_path / "models", "--sequence", "2", "--quiet")
+    files = sorted((tmp_path / "models/sequence").iterdir())
+    assert [file.name for file in files] == ["00000.ply", "00001.ply"]
+    still = (model / "point_cloud/iteration_60/point_cloud.ply").read_bytes()
+    assert len({files[0].read_bytes(), files[1].read_bytes(), still}) == 3
+    assert len(files[0].read_bytes()) == len(still)
+
+
+@pytest.mark.parametrize("arguments, word", [
+    (["--time", "1.5"], "--time must be in [0, 1]"),
+    (["--sequence", "0"], "--sequence must be at least 1"),
+    (["--view", "0001"], "--view is of --video and --orbit"),
+    (["--orbit", "2", "--view", "nobody"], "no view 'nobody'"),
+    (["--orbit", "2", "--view", "0001", "--time", "0"], "leave out --time"),
+])
+def test_impossible_renders_are_refused(both, tmp_path, arguments, word):
+    done = run_program("render", "-m", both / "boosted", "-o", tmp_path / "x", "--quiet", *arguments)
+    assert done.returncode == 2
+    assert word in done.stderr
+    assert not (tmp_path / "x").exists()
+
+
+def test_still_scenes_and_still_models_are_refused_in_one_line(scene, trained, tmp_path):
+    done = run_program("train", "--backbone", "deformable-3dgs", "-s", scene, "-m", tmp_path / "model", "--quiet")
+    assert done.returncode == 2
+    assert "training views are of one time" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "model").exists()
+    done = run_program("render", "-m", trained, "--sequence", "3", "-o", tmp_path / "x", "--quiet")
+    assert done.returncode == 2
+    assert "does not change with time" in done.stderr
