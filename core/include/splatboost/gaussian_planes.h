@@ -29,12 +29,17 @@ void gaussian_planes(const Gaussians& gaussians, const Camera& camera, std::span
 void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, std::span<const float> plane_gradients,
                               std::span<float> means, std::span<float> rotations, Device device);
 
-/// weight × the mean, over visible Gaussians, of the smallest scale: makes them flat.
+/// Flatness, a loss that makes Gaussians flat: weight × the mean, over those that are visible, of the smallest scale.
 /// @param scales [N,3]
 /// @param visible [N]
-/// @param gradients [N,3] are added to; of equal scales the first gets it
-/// @param workspace two numbers of the device; the first holds the term afterwards
-void add_flatness_gradients(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
-                            std::span<float> gradients, std::span<double> workspace, Device device);
+/// @param sums two numbers of the device: the loss, and how many are visible
+void flatness_loss(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
+                   std::span<double> sums, Device device);
+
+/// Adds its gradients.
+/// @param sums as flatness_loss() left them
+/// @param gradients [N,3]; of equal scales the first gets it
+void flatness_loss_backward(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
+                            std::span<const double> sums, std::span<float> gradients, Device device);
 
 }  // namespace splatboost

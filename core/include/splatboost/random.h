@@ -27,7 +27,10 @@ enum class RandomPurpose : std::uint64_t {
   dropout,
   synth,
   grow,
-  net_parameters
+  net_parameters,
+  neighbor_view,
+  patches,
+  virtual_camera
 };
 
 /// The i-th number of the stream (seed, iteration, purpose): the same for every order of calls and every thread.

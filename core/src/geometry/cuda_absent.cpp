@@ -10,8 +10,11 @@ void gaussian_planes_backward(const Gaussians&, const Camera&, std::span<const f
                               std::span<float>, CudaStream&) {
   absent();
 }
-void add_flatness_gradients(std::span<const float>, std::span<const std::uint8_t>, float, std::span<float>,
-                            std::span<double>, CudaStream&) {
+void flatness_loss(std::span<const float>, std::span<const std::uint8_t>, float, std::span<double>, CudaStream&) {
+  absent();
+}
+void flatness_loss_backward(std::span<const float>, std::span<const std::uint8_t>, float, std::span<const double>,
+                            std::span<float>, CudaStream&) {
   absent();
 }
 void plane_depth(const Camera&, std::span<const float>, std::span<float>, CudaStream&) { absent(); }

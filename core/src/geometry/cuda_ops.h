@@ -18,8 +18,10 @@ namespace splatboost::cuda {
 void gaussian_planes(const Gaussians& gaussians, const Camera& camera, std::span<float> planes, CudaStream& stream);
 void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, std::span<const float> plane_gradients,
                               std::span<float> means, std::span<float> rotations, CudaStream& stream);
-void add_flatness_gradients(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
-                            std::span<float> gradients, std::span<double> workspace, CudaStream& stream);
+void flatness_loss(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
+                   std::span<double> sums, CudaStream& stream);
+void flatness_loss_backward(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
+                            std::span<const double> sums, std::span<float> gradients, CudaStream& stream);
 
 /// As in surface_depth.h.
 void plane_depth(const Camera& camera, std::span<const float> planes, std::span<float> depth, CudaStream& stream);

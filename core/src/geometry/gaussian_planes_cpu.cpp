@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/gaussian_planes.h"
 
-#include <algorithm>
-
 #include "geometry/cuda_ops.h"
 #include "geometry/surface_math.h"
 #include "splatboost/errors.h"
@@ -58,23 +56,32 @@ void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, 
   });
 }
 
-void add_flatness_gradients(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
-                            std::span<float> gradients, std::span<double> workspace, Device device) {
-  SPLATBOOST_CHECK(scales.size() == 3 * visible.size() && gradients.size() == scales.size() && workspace.size() == 2,
-                   "scales and gradients must be [N,3], the workspace two numbers");
-  if (device.is_cuda()) {
-    return cuda::add_flatness_gradients(scales, visible, weight, gradients, workspace, device.stream());
-  }
-  const auto seen = std::count_if(visible.begin(), visible.end(), [](std::uint8_t v) { return v != 0; });
-  workspace[0] = 0;
-  workspace[1] = static_cast<double>(seen);
-  if (seen == 0) return;
-  const float share = weight / static_cast<float>(seen);
+void flatness_loss(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
+                   std::span<double> sums, Device device) {
+  SPLATBOOST_CHECK(scales.size() == 3 * visible.size() && sums.size() == 2,
+                   "scales must be [N,3] and visible [N], the sums two numbers");
+  if (device.is_cuda()) return cuda::flatness_loss(scales, visible, weight, sums, device.stream());
+  double sum = 0, seen = 0;
   for (std::size_t i = 0; i < visible.size(); ++i) {
     if (visible[i] == 0) continue;
-    const std::size_t at = 3 * i + static_cast<std::size_t>(surface::shortest_axis(&scales[3 * i]));
-    workspace[0] += static_cast<double>(share * scales[at]);
-    gradients[at] += share;
+    sum += static_cast<double>(scales[3 * i + static_cast<std::size_t>(surface::shortest_axis(&scales[3 * i]))]);
+    seen += 1;
+  }
+  sums[0] = seen > 0 ? static_cast<double>(weight) * sum / seen : 0.0;
+  sums[1] = seen;
+}
+
+void flatness_loss_backward(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
+                            std::span<const double> sums, std::span<float> gradients, Device device) {
+  SPLATBOOST_CHECK(scales.size() == 3 * visible.size() && gradients.size() == scales.size() && sums.size() == 2,
+                   "scales and gradients must be [N,3] and visible [N], the sums two numbers");
+  if (device.is_cuda()) {
+    return cuda::flatness_loss_backward(scales, visible, weight, sums, gradients, device.stream());
+  }
+  if (sums[1] == 0) return;
+  const float share = weight / static_cast<float>(sums[1]);
+  for (std::size_t i = 0; i < visible.size(); ++i) {
+    if (visible[i] != 0) gradients[3 * i + static_cast<std::size_t>(surface::shortest_axis(&scales[3 * i]))] += share;
   }
 }
 

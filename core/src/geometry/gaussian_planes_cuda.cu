@@ -56,27 +56,32 @@ __global__ void __launch_bounds__(kBlockThreads)
   for (std::size_t c = 0; c < 4; ++c) g_rotations[4 * i + c] += g_rotation[c];
 }
 
-__global__ void __launch_bounds__(kBlockThreads)
-    count_visible_kernel(DeviceView<const std::uint8_t> visible, DeviceView<double> workspace) {
-  const std::size_t i = element_index();
-  const float seen = warp_sum(i < visible.size() && visible[i] != 0 ? 1.0f : 0.0f);
-  if (threadIdx.x % 32 == 0 && seen > 0) atomicAdd(&workspace[1], static_cast<double>(seen));
+__device__ inline std::size_t shortest_of(DeviceView<const float> scales, std::size_t i) {
+  const float own[3] = {scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]};
+  return 3 * i + static_cast<std::size_t>(surface::shortest_axis<float>(own));
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
-    flatness_kernel(DeviceView<const float> scales, DeviceView<const std::uint8_t> visible, float weight,
-                    DeviceView<float> gradients, DeviceView<double> workspace) {
+    flatness_sums_kernel(DeviceView<const float> scales, DeviceView<const std::uint8_t> visible,
+                         DeviceView<double> sums) {
   const std::size_t i = element_index();
-  float term = 0;
-  if (i < visible.size() && visible[i] != 0) {
-    const float share = weight / static_cast<float>(workspace[1]);
-    const float own[3] = {scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]};
-    const std::size_t at = 3 * i + static_cast<std::size_t>(surface::shortest_axis<float>(own));
-    term = share * scales[at];
-    gradients[at] += share;
-  }
-  const float sum = warp_sum(term);
-  if (threadIdx.x % 32 == 0 && sum > 0) atomicAdd(&workspace[0], static_cast<double>(sum));
+  const bool seen = i < visible.size() && visible[i] != 0;
+  const float scale = warp_sum(seen ? scales[shortest_of(scales, i)] : 0.0f), count = warp_sum(seen ? 1.0f : 0.0f);
+  if (threadIdx.x % 32 != 0 || count == 0) return;
+  atomicAdd(&sums[0], static_cast<double>(scale));
+  atomicAdd(&sums[1], static_cast<double>(count));
+}
+
+__global__ void flatness_mean_kernel(float weight, DeviceView<double> sums) {
+  if (sums[1] > 0) sums[0] *= static_cast<double>(weight) / sums[1];
+}
+
+__global__ void __launch_bounds__(kBlockThreads)
+    flatness_backward_kernel(DeviceView<const float> scales, DeviceView<const std::uint8_t> visible, float weight,
+                             DeviceView<const double> sums, DeviceView<float> gradients) {
+  const std::size_t i = element_index();
+  if (i >= visible.size() || visible[i] == 0) return;
+  gradients[shortest_of(scales, i)] += weight / static_cast<float>(sums[1]);
 }
 
 }  // namespace
@@ -93,11 +98,17 @@ void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, 
               means, rotations);
 }
 
-void add_flatness_gradients(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
-                            std::span<float> gradients, std::span<double> workspace, CudaStream& stream) {
-  stream.fill_zero(workspace.data(), workspace.size_bytes());
-  launch_each(stream, "count_visible", count_visible_kernel, visible.size(), visible, workspace);
-  launch_each(stream, "flatness", flatness_kernel, visible.size(), scales, visible, weight, gradients, workspace);
+void flatness_loss(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
+                   std::span<double> sums, CudaStream& stream) {
+  stream.fill_zero(sums.data(), sums.size_bytes());
+  launch_each(stream, "flatness_sums", flatness_sums_kernel, visible.size(), scales, visible, sums);
+  launch(stream, "flatness_mean", flatness_mean_kernel, dim3(1), dim3(1), weight, sums);
+}
+
+void flatness_loss_backward(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,
+                            std::span<const double> sums, std::span<float> gradients, CudaStream& stream) {
+  launch_each(stream, "flatness_backward", flatness_backward_kernel, visible.size(), scales, visible, weight, sums,
+              gradients);
 }
 
 }  // namespace splatboost::cuda

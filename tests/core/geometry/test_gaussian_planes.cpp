@@ -71,13 +71,14 @@ TEST(Flatness, is_the_mean_smallest_scale_of_those_seen) {
   const std::vector<float> scales{0.5f, 0.2f, 0.9f, 9, 9, 1, 0.4f, 0.7f, 0.4f};
   const std::vector<std::uint8_t> visible{1, 0, 1};
   std::vector<float> gradients(9, 1);
-  std::vector<double> workspace(2);
+  std::vector<double> sums(2);
   Threads threads(2);
-  add_flatness_gradients(scales, visible, 100, gradients, workspace, threads);
+  flatness_loss(scales, visible, 100, sums, threads);
+  flatness_loss_backward(scales, visible, 100, sums, gradients, threads);
   EXPECT_EQ(gradients, (std::vector<float>{1, 51, 1, 1, 1, 1, 51, 1, 1}));
-  EXPECT_NEAR(workspace[0], 100 * (0.2 + 0.4) / 2, 1e-5);
-  add_flatness_gradients(scales, std::vector<std::uint8_t>(3, 0), 100, gradients, workspace, threads);
-  EXPECT_EQ(workspace[0], 0) << "of none that is seen";
+  EXPECT_NEAR(sums[0], 100 * (0.2 + 0.4) / 2, 1e-5);
+  flatness_loss(scales, std::vector<std::uint8_t>(3, 0), 100, sums, threads);
+  EXPECT_EQ(sums[0], 0) << "of none that is seen";
 }
 
 }  // namespace
