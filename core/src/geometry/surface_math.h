@@ -398,33 +398,41 @@ SPLATBOOST_HOST_DEVICE PatchMatch<Real> match_patch(const ViewPair<Real>& views,
   if (!(blended.distance > kLeastFacing<Real>)) return out;
   const Pinhole<Real>&a = views.first, &b = views.second;
   const Motion<Real>& motion = views.second_from_first;
-  // A point of the plane on the ray r is r / s, s = −n·r / d; in the second view it lies along R·r + s·t.
+  // A point of the plane on the ray r is r / s, s = −n·r / d; in the second view it lies along R·r + s·t: linear in the
+  // pixel, as all homographies are.
   const Real inverse_distance = 1 / blended.distance;
+  const Vector<Real> ray = a.ray(Real(column) + Real(0.5), Real(row) + Real(0.5));
+  const Vector<Real> step_x{1 / a.fx, 0, 0}, step_y{0, 1 / a.fy, 0};
+  const auto carried = [&](Vector<Real> r) {
+    return motion.turned(r) - (dot(blended.normal, r) * inverse_distance) * motion.shift;
+  };
+  const Vector<Real> middle = carried(ray), along_x = carried(step_x), along_y = carried(step_y);
   Real firsts[kPatchPixels], seconds[kPatchPixels], slopes[kPatchPixels];
   Real sum_a = 0, sum_b = 0, sum_aa = 0, sum_bb = 0, sum_ab = 0;
-  for (int k = 0; k < kPatchPixels; ++k) {
-    const int i = column + k % kPatchSide - kPatchRadius, j = row + k / kPatchSide - kPatchRadius;
-    const int in_i = i < 0 ? 0 : i >= a.width ? a.width - 1 : i, in_j = j < 0 ? 0 : j >= a.height ? a.height - 1 : j;
-    const Vector<Real> ray = a.ray(Real(i) + Real(0.5), Real(j) + Real(0.5));
-    const Real inverse_depth = -dot(blended.normal, ray) * inverse_distance;
-    const Vector<Real> there = motion.turned(ray) + inverse_depth * motion.shift;
-    if (!(there.z > kLeastFacing<Real>)) return out;
-    const Real u = there.x / there.z, v = there.y / there.z;
-    const Sample<Real> found =
-        sample<Real>(greys_second, Bilinear<Real>(b.fx * u + b.cx, b.fy * v + b.cy, b.width, b.height), b.width);
-    const Real first = Real(greys_first[static_cast<std::size_t>(in_j) * static_cast<std::size_t>(a.width) +
-                                        static_cast<std::size_t>(in_i)]);
-    firsts[k] = first;
-    seconds[k] = found.value;
-    // ∂ grey / ∂ inverse depth
-    slopes[k] = (found.slope_x * b.fx * (motion.shift.x - u * motion.shift.z) +
-                 found.slope_y * b.fy * (motion.shift.y - v * motion.shift.z)) /
-                there.z;
-    sum_a += first;
-    sum_b += found.value;
-    sum_aa += first * first;
-    sum_bb += found.value * found.value;
-    sum_ab += first * found.value;
+  int k = 0;
+  for (int dy = -kPatchRadius; dy <= kPatchRadius; ++dy) {
+    const int j = row + dy, in_j = j < 0 ? 0 : j >= a.height ? a.height - 1 : j;
+    const std::size_t line = static_cast<std::size_t>(in_j) * static_cast<std::size_t>(a.width);
+    for (int dx = -kPatchRadius; dx <= kPatchRadius; ++dx, ++k) {
+      const int i = column + dx, in_i = i < 0 ? 0 : i >= a.width ? a.width - 1 : i;
+      const Vector<Real> there = (middle + Real(dx) * along_x) + Real(dy) * along_y;
+      if (!(there.z > kLeastFacing<Real>)) return out;
+      const Real inverse_z = 1 / there.z, u = there.x * inverse_z, v = there.y * inverse_z;
+      const Sample<Real> found =
+          sample<Real>(greys_second, Bilinear<Real>(b.fx * u + b.cx, b.fy * v + b.cy, b.width, b.height), b.width);
+      const Real first = Real(greys_first[line + static_cast<std::size_t>(in_i)]);
+      firsts[k] = first;
+      seconds[k] = found.value;
+      // ∂ grey / ∂ s
+      slopes[k] = (found.slope_x * b.fx * (motion.shift.x - u * motion.shift.z) +
+                   found.slope_y * b.fy * (motion.shift.y - v * motion.shift.z)) *
+                  inverse_z;
+      sum_a += first;
+      sum_b += found.value;
+      sum_aa += first * first;
+      sum_bb += found.value * found.value;
+      sum_ab += first * found.value;
+    }
   }
   constexpr Real kShare = Real(1) / Real(kPatchPixels);
   const Real mean_a = sum_a * kShare, mean_b = sum_b * kShare;
@@ -436,16 +444,23 @@ SPLATBOOST_HOST_DEVICE PatchMatch<Real> match_patch(const ViewPair<Real>& views,
   out.counts = true;
   out.loss = loss < 0 ? Real(0) : loss;
   if (loss < 0) return out;  // clamped
-  const Real along_a = -2 * covariance * inverse * kShare;
-  const Real along_b = 2 * covariance * covariance * inverse * inverse * variance_a * kShare;
-  for (int k = 0; k < kPatchPixels; ++k) {
-    const int i = column + k % kPatchSide - kPatchRadius, j = row + k / kPatchSide - kPatchRadius;
-    const Vector<Real> ray = a.ray(Real(i) + Real(0.5), Real(j) + Real(0.5));
-    const Real g = (along_a * (firsts[k] - mean_a) + along_b * (seconds[k] - mean_b)) * slopes[k];
-    // ∂ inverse depth / ∂ n = −r / d, / ∂ d = n·r / d²
-    out.g.normal = out.g.normal - (g * inverse_distance) * ray;
-    out.g.distance += g * dot(blended.normal, ray) * inverse_distance * inverse_distance;
+  const Real of_a = -2 * covariance * inverse * kShare;
+  const Real of_b = 2 * covariance * covariance * inverse * inverse * variance_a * kShare;
+  // Σ g·r over the patch, r linear in the pixel.
+  Real sum = 0, sum_x = 0, sum_y = 0;
+  k = 0;
+  for (int dy = -kPatchRadius; dy <= kPatchRadius; ++dy) {
+    for (int dx = -kPatchRadius; dx <= kPatchRadius; ++dx, ++k) {
+      const Real g = (of_a * (firsts[k] - mean_a) + of_b * (seconds[k] - mean_b)) * slopes[k];
+      sum += g;
+      sum_x += g * Real(dx);
+      sum_y += g * Real(dy);
+    }
   }
+  const Vector<Real> rays = (sum * ray + sum_x * step_x) + sum_y * step_y;
+  // ∂ s / ∂ n = −r / d, ∂ s / ∂ d = n·r / d²
+  out.g.normal = (-inverse_distance) * rays;
+  out.g.distance = dot(blended.normal, rays) * inverse_distance * inverse_distance;
   return out;
 }
 
