@@ -146,6 +146,12 @@ class Rasterizer {
     sums.back();
   }
 
+  void count_observed(float min_transmittance, std::span<std::int32_t> counts) {
+    Carried<std::int32_t> sums;
+    rasterizer_.count_observed(min_transmittance, sums.there_and_back(counts));
+    sums.back();
+  }
+
   const std::vector<std::uint8_t>& visible() { return fetch(rasterizer_.visible(), visible_); }
   const std::vector<std::int32_t>& screen_radii() { return fetch(rasterizer_.screen_radii(), radii_); }
   RasterCounts counts() const { return rasterizer_.counts(); }

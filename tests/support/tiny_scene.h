@@ -4,33 +4,12 @@
 
 #include <cmath>
 
-#include <glm/geometric.hpp>
-
 #include "splatboost/random.h"
 #include "splatboost/rasterizer.h"
+#include "support/looking_camera.h"
 #include "trainer/dataset/scene.h"
 
 namespace splatboost::testing {
-
-/// A camera at `eye` that looks at the origin, y down.
-inline Camera camera_looking_at_origin(glm::vec3 eye, int width, int height) {
-  Camera camera;
-  camera.width = width;
-  camera.height = height;
-  camera.fx = camera.fy = 0.9f * static_cast<float>(width);
-  camera.cx = 0.5f * static_cast<float>(width);
-  camera.cy = 0.5f * static_cast<float>(height);
-  const glm::vec3 forward = glm::normalize(-eye);
-  const glm::vec3 right = glm::normalize(glm::cross(forward, glm::vec3(0, 1, 0)));
-  const glm::vec3 down = glm::cross(forward, right);
-  for (int c = 0; c < 3; ++c) {
-    camera.camera_from_world[c][0] = right[c];
-    camera.camera_from_world[c][1] = down[c];
-    camera.camera_from_world[c][2] = forward[c];
-  }
-  camera.camera_from_world[3] = glm::vec4(-glm::dot(right, eye), -glm::dot(down, eye), -glm::dot(forward, eye), 1.0f);
-  return camera;
-}
 
 /// Views of `blobs` random Gaussians, and `points` sparse points near them.
 inline Scene tiny_scene(Threads& threads, int views = 6, int width = 48, int height = 40, int blobs = 60,

@@ -147,7 +147,7 @@ class TrimmingMethod : public ToyMethod {
  public:
   static constexpr float kFaint = 0.11f;
   bool trims_at(Moment moment) const override { return moment.iteration % 10 == 0; }
-  void trim(const DensityStatistics& statistics, RasterizerHook&, std::span<std::uint8_t> remove) override {
+  void trim(const DensityStatistics& statistics, ViewDrawer&, std::span<std::uint8_t> remove) override {
     for (std::size_t i = 0; i < remove.size(); ++i) remove[i] = statistics.opacities[i] < kFaint;
   }
 };

@@ -36,7 +36,7 @@ constexpr const char* kGroupsFile = "parameters.bin";  ///< of a model: the meth
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
 
-class GaussianBackbone final : public Backbone, private RasterizerHook {
+class GaussianBackbone final : public Backbone, private RasterizerHook, private ViewDrawer {
  public:
   GaussianBackbone(const BackboneContext& context, const GaussianConfig& config, std::unique_ptr<GaussianMethod> method)
       : context_(context),
@@ -61,6 +61,9 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
   bool uses_time() const override { return method_->uses_time(); }
   void export_moment(float time, const std::filesystem::path& file) override;
+  bool has_surfaces() const override { return true; }
+  void render_surface(const Camera& camera, float time, std::optional<float> beta,
+                      const SurfaceImages& images) override;
   std::uint64_t export_model(const std::filesystem::path& folder) const override;
   void import_model(const std::filesystem::path& folder) override;
   void save(ArchiveWriter& archive) const override;
@@ -81,6 +84,10 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     rasterizer_.count_flagged(flagged, counts);
   }
+
+  // ViewDrawer
+  std::size_t views() const override { return context_.scene.train.size(); }
+  Rasterizer& draw(std::size_t view) override;
 
   void initialise();
   void activate();
@@ -127,6 +134,9 @@ class GaussianBackbone final : public Backbone, private RasterizerHook {
                 std::vector<std::uint8_t>& split) const;
   void prune(PruneRule rule);
   void append_children(std::span<const std::uint32_t> parents);
+  /// A point of each one's own distribution, relative to its mean. @param scales [n,3] @param rotations [n,4]
+  static std::vector<float> scattered(std::span<const float> scales, std::span<const float> rotations,
+                                      const RandomStream& random, std::uint64_t first_number);
   void remove(std::span<const std::uint8_t> removed);
   void select(const Array<std::uint32_t>& rows);
   void reset_opacities();
@@ -248,6 +258,7 @@ void GaussianBackbone::restart_statistics() {
   gradient_sum_.assign_zeros(n);
   gradient_abs_sum_.assign_zeros(n);
   seen_.assign_zeros(n);
+  method_->restart_statistics(n);
 }
 
 void GaussianBackbone::activate() {
@@ -319,13 +330,18 @@ void GaussianBackbone::ImageSet::clear(bool color_too) {
 StepView GaussianBackbone::draw_second(const View& view, int iteration, const LossInputs& inputs) {
   if (!second_) second_ = std::make_unique<SecondView>(device_);
   SecondView& second = *second_;
-  StepView step{{view.camera, view.time, iteration, DrawPurpose::train, &view}, truths_.of(view), {}, {}};
+  // A camera of the method's own has no photo.
+  StepView step{{view.camera, view.time, iteration, DrawPurpose::train, &view},
+                view.color.empty() ? TruthImage{} : truths_.of(view),
+                {},
+                {},
+                {}};
   if (device_.is_cuda()) {
     // The truth of the first view may take the place of this one.
     const std::size_t color = step.truth.color.size(), valid = step.truth.valid.size();
     second.truth.ensure(color + valid);
     std::uint8_t* at = second.truth.cuda().data();
-    device_.stream().copy_on_device(at, step.truth.color.data(), color);
+    if (color > 0) device_.stream().copy_on_device(at, step.truth.color.data(), color);
     if (valid > 0) device_.stream().copy_on_device(at + color, step.truth.valid.data(), valid);
     step.truth.color = {at, color};
     step.truth.valid = {at + color, valid};
@@ -335,6 +351,7 @@ StepView GaussianBackbone::draw_second(const View& view, int iteration, const Lo
   step.gradients = second.gradients.of(view.camera, gaussians, inputs);
   second.gradients.clear(true);
   second.rasterizer.forward(view.camera, gaussians, raster_options(beta_), step.images);
+  step.visible = second.rasterizer.visible();
   return step;
 }
 
@@ -388,7 +405,7 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   const DrawContext context{view.camera, view.time, iteration, DrawPurpose::train, &view};
   const LossInputs inputs = method_->loss_inputs(context);
   const bool two_views = inputs.second != nullptr;
-  const StepView none{context, {}, {}, {}};
+  const StepView none{context, {}, {}, {}, {}};
   StepView views[2] = {none, two_views ? draw_second(*inputs.second, iteration, inputs) : none};
   if (two_views) clock_.lap("second_view");
   StepView& first = views[0];
@@ -407,6 +424,7 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
                  std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
 
   first.truth = truths_.of(view);
+  first.visible = rasterizer_.visible();
   const double loss = evaluate_loss({views, two_views ? 2u : 1u});
   clock_.lap("loss");
 
@@ -426,6 +444,7 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
     add_screen_gradients({rasterizer_.visible(), statistics.screen_means, statistics.screen_means_abs,
                           view.camera.width, view.camera.height},
                          method_->absolute_norm(), method_->views_seen(beta_.has_value()), gradient_sums(), device_);
+    method_->gather(rasterizer_);
   }
   clock_.lap("statistics");
   if (two_views) {
@@ -544,8 +563,20 @@ void GaussianBackbone::grow() {
   // All or none: where memory is short the model stays whole.
   for (TrainedGroup* group : row_groups_) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
   const Array<std::uint32_t> listed(device_, clones);
+  const std::size_t first_clone = primitives();
   for (TrainedGroup* group : row_groups_) group->append_copies(listed);
   origins_.insert(origins_.end(), clones.begin(), clones.end());
+  if (method_->scatters_clones()) {
+    Array<float> scales(device_), rotations(device_);
+    append_rows_of(scaling_.activated, 3, listed, scales);
+    append_rows_of(rotation_.values, 4, listed, rotations);
+    const RandomStream random(context_.seed, static_cast<std::uint64_t>(iteration_), RandomPurpose::grow);
+    const std::vector<float> offsets = scattered(scales.to_host(), rotations.to_host(), random, 0);
+    xyz_.values.edit(3 * first_clone, [&](std::span<float> means) {
+      for (std::size_t k = 0; k < means.size(); ++k) means[k] += offsets[k];
+    });
+    stale_ = set_changed_ = true;
+  }
   append_children(parents);
   split.resize(primitives(), 0);  // parents go, clones and children stay
   remove(split);
@@ -565,6 +596,29 @@ void GaussianBackbone::hold_cap(std::span<const float> gradients, std::vector<st
   }
 }
 
+std::vector<float> GaussianBackbone::scattered(std::span<const float> scales, std::span<const float> rotations,
+                                               const RandomStream& random, std::uint64_t first_number) {
+  std::vector<float> offsets(scales.size());
+  for (std::size_t j = 0; j < scales.size() / 3; ++j) {
+    // R·(scale ⊙ normal)
+    const float* q = &rotations[4 * j];
+    const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    const float w = q[0] / length, x = q[1] / length, y = q[2] / length, z = q[3] / length;
+    const float rotation[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
+                                  {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
+                                  {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
+    float offset[3];
+    for (std::size_t c = 0; c < 3; ++c) {
+      const std::uint64_t number = 3 * (first_number + j) + c;
+      offset[c] = static_cast<float>(random.normal(number)) * scales[3 * j + c];
+    }
+    for (std::size_t c = 0; c < 3; ++c) {
+      offsets[3 * j + c] = rotation[c][0] * offset[0] + rotation[c][1] * offset[1] + rotation[c][2] * offset[2];
+    }
+  }
+  return offsets;
+}
+
 void GaussianBackbone::append_children(std::span<const std::uint32_t> parents) {
   const RandomStream random(context_.seed, static_cast<std::uint64_t>(iteration_), RandomPurpose::split);
   const Array<std::uint32_t> listed(device_, std::vector<std::uint32_t>(parents.begin(), parents.end()));
@@ -572,28 +626,12 @@ void GaussianBackbone::append_children(std::span<const std::uint32_t> parents) {
   append_rows_of(scaling_.activated, 3, listed, listed_scales);
   append_rows_of(rotation_.values, 4, listed, listed_rotations);
   const std::vector<float> scales = listed_scales.to_host(), rotations = listed_rotations.to_host();
-  std::vector<float> offsets(scales.size());
   for (int child = 0; child < kSplitChildren; ++child) {
     const std::size_t first = primitives();
     for (TrainedGroup* group : row_groups_) group->append_copies(listed);
     origins_.insert(origins_.end(), parents.begin(), parents.end());
-    for (std::size_t j = 0; j < parents.size(); ++j) {
-      // A point of the parent's own distribution: mean + R·(scale ⊙ normal).
-      const float* q = &rotations[4 * j];
-      const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-      const float w = q[0] / length, x = q[1] / length, y = q[2] / length, z = q[3] / length;
-      const float rotation[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
-                                    {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
-                                    {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
-      float offset[3];
-      for (std::size_t c = 0; c < 3; ++c) {
-        const std::uint64_t number = 3 * (parents.size() * static_cast<std::size_t>(child) + j) + c;
-        offset[c] = static_cast<float>(random.normal(number)) * scales[3 * j + c];
-      }
-      for (std::size_t c = 0; c < 3; ++c) {
-        offsets[3 * j + c] = rotation[c][0] * offset[0] + rotation[c][1] * offset[1] + rotation[c][2] * offset[2];
-      }
-    }
+    const std::vector<float> offsets =
+        scattered(scales, rotations, random, parents.size() * static_cast<std::size_t>(child));
     xyz_.values.edit(3 * first, [&](std::span<float> means) {
       for (std::size_t k = 0; k < means.size(); ++k) means[k] += offsets[k];
     });
@@ -622,7 +660,7 @@ void GaussianBackbone::prune(PruneRule rule) {
           known.opacities[i] < static_cast<float>(config_.min_opacity) || (large_go && known.max_scales[i] > large);
     }
   } else if (rule == PruneRule::trim) {
-    method_->trim(known, *this, removed);
+    method_->trim(known, static_cast<ViewDrawer&>(*this), removed);
   }
   if (density_ != nullptr) {
     PruneDecisions decisions{removed, rule, origins_};
@@ -690,7 +728,42 @@ ScoredView GaussianBackbone::render_for_score(std::size_t view) {
                       raster_options(beta_), images);
   rasterizer_.settle();
   if (method_->loss().clamped) clamp_above(images_.color, 1, device_);
+  method_->compensate(images_.color, truth);
   return {images_.color, truths_.of(truth)};
+}
+
+Rasterizer& GaussianBackbone::draw(std::size_t view) {
+  const View& truth = context_.scene.train[view];
+  images_.color.ensure(truth.color.size());
+  RasterImages images;
+  images.color = images_.color;
+  rasterizer_.forward(truth.camera, drawn({truth.camera, truth.time, iteration_, DrawPurpose::score, &truth}),
+                      raster_options(beta_), images);
+  rasterizer_.settle();
+  return rasterizer_;
+}
+
+void GaussianBackbone::render_surface(const Camera& camera, float time, std::optional<float> beta,
+                                      const SurfaceImages& images) {
+  const Gaussians gaussians = drawn({camera, time, iteration_, DrawPurpose::surface});
+  LossInputs inputs;
+  inputs.alpha = inputs.inverse_depth = true;
+  inputs.features = gaussians.features_per_gaussian > 0;
+  const RasterImages there = images_.of(camera, gaussians, inputs);
+  rasterizer_.forward(camera, gaussians, raster_options(beta ? beta : beta_), there);
+  rasterizer_.settle();
+  const auto fetch = [&](std::span<const float> from, std::span<float> to) {
+    std::ranges::copy(copy_to_host(from, device_), to.begin());
+  };
+  fetch(there.color, images.color);
+  fetch(there.alpha, images.alpha);
+  Array<float> depth(device_);
+  depth.ensure(there.alpha.size());
+  if (method_->surface_depth(there.features, camera, depth)) return fetch(depth, images.depth);
+  fetch(there.inverse_depth, images.depth);
+  for (std::size_t p = 0; p < images.depth.size(); ++p) {
+    images.depth[p] = images.depth[p] > 0 ? images.alpha[p] / images.depth[p] : 0.0f;
+  }
 }
 
 void GaussianBackbone::render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) {

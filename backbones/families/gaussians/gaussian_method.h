@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -45,8 +46,18 @@ struct MethodStages {
 struct StepView {
   DrawContext context;
   TruthImage truth;
-  RasterImages images;     ///< colour and what LossInputs names, to be read
-  RasterImages gradients;  ///< of the loss, with respect to these, to be added to
+  RasterImages images;                    ///< colour and what LossInputs names, to be read
+  RasterImages gradients;                 ///< of the loss, with respect to these, to be added to
+  std::span<const std::uint8_t> visible;  ///< [N] Gaussians, as Rasterizer::visible() says
+};
+
+/// Draws training views apart from steps, as they are scored.
+class ViewDrawer {
+ public:
+  virtual ~ViewDrawer() = default;
+  virtual std::size_t views() const = 0;
+  /// @return what drew it, for counts and radii; valid until the next view
+  virtual Rasterizer& draw(std::size_t view) = 0;
 };
 
 /// The points where a backbone may vary; the trainer (gaussian_backbone.h) does the rest. Defaults are 3DGS.
@@ -122,6 +133,24 @@ class GaussianMethod {
   /// … and afterwards adds what came there to the gradients of the activated ones.
   virtual void add_gradients(const GaussianGradients& activated) { (void)activated; }
 
+  // What others see of a drawing.
+
+  /// May change the image of a training view before it is scored (by the view's exposure).
+  /// @param color [3,H,W]
+  virtual void compensate(std::span<float> color, const View& view) {
+    (void)color;
+    (void)view;
+  }
+  /// Depth along z of the surface that a view shows, 0 where nothing is, from what was drawn for
+  /// DrawPurpose::surface.
+  /// @param features [F,H,W] those that draw() gave the Gaussians
+  /// @param depth [H,W] of the device
+  /// @return whether it knows better than the inverse of the mean inverse depth
+  virtual bool surface_depth(std::span<const float> features, const Camera& camera, std::span<float> depth) {
+    (void)features, (void)camera, (void)depth;
+    return false;
+  }
+
   // Density control.
 
   virtual bool needs_absolute_gradients() const { return false; }
@@ -138,15 +167,22 @@ class GaussianMethod {
     (void)statistics;
     (void)growing;
   }
+  /// Statistics of its own, after the backward pass of the view that a step is given, while Gaussians may grow.
+  /// @param rasterizer that drew it
+  virtual void gather(Rasterizer& rasterizer) { (void)rasterizer; }
+  /// Those statistics begin anew. @param count Gaussians that there are now
+  virtual void restart_statistics(std::size_t count) { (void)count; }
+  /// Whether clones are placed at a point of their Gaussian's distribution, instead of at its mean.
+  virtual bool scatters_clones() const { return false; }
   /// Whether Gaussians go at this moment by a rule of the method's apart from that of growth.
   virtual bool trims_at(Moment moment) const {
     (void)moment;
     return false;
   }
   /// Says which. Views may be drawn for it. @param remove [N] of the host, zero
-  virtual void trim(const DensityStatistics& statistics, RasterizerHook& rasterizer, std::span<std::uint8_t> remove) {
+  virtual void trim(const DensityStatistics& statistics, ViewDrawer& views, std::span<std::uint8_t> remove) {
     (void)statistics;
-    (void)rasterizer;
+    (void)views;
     (void)remove;
   }
   /// [N] drawn over activated opacity, for the reset of opacities; empty: 1.

@@ -30,6 +30,13 @@ struct BackboneContext {
   Device device = threads;         ///< trains and renders
 };
 
+/// The surface that a view shows. Planar images of the camera's size, in memory of the host.
+struct SurfaceImages {
+  std::span<float> color;  ///< [3,H,W]
+  std::span<float> depth;  ///< [H,W] along z, world units; 0: nothing is there
+  std::span<float> alpha;  ///< [H,W]
+};
+
 class Backbone {
  public:
   virtual ~Backbone() = default;
@@ -61,6 +68,14 @@ class Backbone {
   /// Writes the Gaussians as they are drawn at a time, in the standard .ply, for viewers that know no time. Throws
   /// InputError where the backbone has none to write.
   virtual void export_moment(float time, const std::filesystem::path& file);
+
+  /// Whether it knows surfaces.
+  virtual bool has_surfaces() const { return false; }
+  /// Renders as render() does, with the depth of what is there; only where has_surfaces().
+  virtual void render_surface(const Camera& camera, float time, std::optional<float> beta,
+                              const SurfaceImages& images) {
+    (void)camera, (void)time, (void)beta, (void)images;
+  }
 
   /// Writes the model into `folder` (for Gaussians: point_cloud.ply). @return bytes written
   virtual std::uint64_t export_model(const std::filesystem::path& folder) const = 0;

@@ -11,6 +11,7 @@ enum class DrawPurpose {
   train,     ///< its gradients are wanted; anything random (dropout, jitter) belongs here only
   score,     ///< RasterizerHook::render_for_score()
   evaluate,  ///< Backbone::render()
+  surface,   ///< Backbone::render_surface()
 };
 
 struct DrawContext {
@@ -18,7 +19,7 @@ struct DrawContext {
   float time = 0;     ///< [0,1], the view's own
   int iteration = 0;  ///< of the run, from 1; 0 before the first
   DrawPurpose purpose = DrawPurpose::evaluate;
-  const View* view = nullptr;  ///< the training view, or its half; null in evaluation
+  const View* view = nullptr;  ///< the training view, or its half; null in evaluation and of surfaces
 };
 
 }  // namespace splatboost

@@ -32,6 +32,12 @@ struct ScreenGradientSums {
 void add_screen_gradients(const ScreenGradients& view, AbsoluteNorm norm, float views, const ScreenGradientSums& sums,
                           Device device);
 
+/// largest[i] = max(largest[i], radii[i]) where `observed` is not 0. All are [N].
+/// @param radii on screen, px (Rasterizer::screen_radii())
+/// @param observed pixels that observe a Gaussian (Rasterizer::count_observed())
+void add_screen_radii(std::span<const std::int32_t> radii, std::span<const std::int32_t> observed,
+                      std::span<std::int32_t> largest, Device device);
+
 /// means[i] = norms[i] / max(views[i], 1), and likewise of the absolute ones.
 void mean_screen_gradients(const ScreenGradientSums& sums, std::span<float> means, std::span<float> means_abs,
                            Device device);

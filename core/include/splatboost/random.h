@@ -28,7 +28,10 @@ enum class RandomPurpose : std::uint64_t {
   synth,
   grow,
   net_parameters,
-  time_noise
+  time_noise,
+  neighbor_view,
+  patches,
+  virtual_camera
 };
 
 /// The i-th number of the stream (seed, iteration, purpose): the same for every order of calls and every thread.

@@ -66,8 +66,8 @@ struct RasterSeconds {
 /// Renders views of Gaussians and differentiates them.
 ///
 /// Owns the workspace (projected splats, tile lists) of one view; it grows geometrically and is kept, so a steady
-/// loop allocates nothing. backward(), count_flagged(), visible() and screen_radii() speak of the last forward()
-/// and must get the same Gaussians, unchanged. Not thread safe; use one a thread of control.
+/// loop allocates nothing. backward(), the counts, visible() and screen_radii() speak of the last forward() and
+/// must get the same Gaussians, unchanged. Not thread safe; use one a thread of control.
 class Rasterizer {
  public:
   explicit Rasterizer(Device device);
@@ -89,6 +89,12 @@ class Rasterizer {
   /// @param flagged [H,W], non-zero where flagged
   /// @param counts [N]
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts);
+
+  /// Adds to counts[i] the number of pixels where Gaussian i was blended while the transmittance before it was above
+  /// `min_transmittance`: how many pixels observe it (PGSR: 0.5). A replay as count_flagged() is, which ends with the
+  /// pixels that are so far open.
+  /// @param counts [N]
+  void count_observed(float min_transmittance, std::span<std::int32_t> counts);
 
   /// On a GPU forward() does not wait to learn how much room the tile lists take: it makes room by the frames before,
   /// and up to half as much again. A view that outgrows it is drawn without some of its splats. This waits for the last

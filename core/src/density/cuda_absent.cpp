@@ -8,6 +8,10 @@ namespace splatboost::cuda {
 void add_screen_gradients(const ScreenGradients&, AbsoluteNorm, float, const ScreenGradientSums&, CudaStream&) {
   absent();
 }
+void add_screen_radii(std::span<const std::int32_t>, std::span<const std::int32_t>, std::span<std::int32_t>,
+                      CudaStream&) {
+  absent();
+}
 void mean_screen_gradients(const ScreenGradientSums&, std::span<float>, std::span<float>, CudaStream&) { absent(); }
 void longest_scales(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
 void add_view(std::span<const std::int32_t>, double, std::span<std::int64_t>, std::span<double>, CudaStream&) {

@@ -16,6 +16,8 @@ namespace splatboost::cuda {
 /// As in density_statistics.h.
 void add_screen_gradients(const ScreenGradients& view, AbsoluteNorm norm, float views, const ScreenGradientSums& sums,
                           CudaStream& stream);
+void add_screen_radii(std::span<const std::int32_t> radii, std::span<const std::int32_t> observed,
+                      std::span<std::int32_t> largest, CudaStream& stream);
 void mean_screen_gradients(const ScreenGradientSums& sums, std::span<float> means, std::span<float> means_abs,
                            CudaStream& stream);
 void longest_scales(std::span<const float> scales, std::span<float> longest, CudaStream& stream);

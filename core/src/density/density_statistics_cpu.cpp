@@ -41,6 +41,16 @@ void add_screen_gradients(const ScreenGradients& view, AbsoluteNorm norm, float 
   });
 }
 
+void add_screen_radii(std::span<const std::int32_t> radii, std::span<const std::int32_t> observed,
+                      std::span<std::int32_t> largest, Device device) {
+  SPLATBOOST_CHECK(radii.size() == largest.size() && observed.size() == largest.size(),
+                   "radii and observations must be of as many Gaussians");
+  if (device.is_cuda()) return cuda::add_screen_radii(radii, observed, largest, device.stream());
+  for (std::size_t i = 0; i < largest.size(); ++i) {
+    if (observed[i] != 0) largest[i] = std::max(largest[i], radii[i]);
+  }
+}
+
 void mean_screen_gradients(const ScreenGradientSums& sums, std::span<float> means, std::span<float> means_abs,
                            Device device) {
   check_sums(sums);

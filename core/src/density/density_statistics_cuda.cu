@@ -37,6 +37,14 @@ __global__ void __launch_bounds__(kBlockThreads)
   longest[i] = max_of(scales[3 * i], max_of(scales[3 * i + 1], scales[3 * i + 2]));
 }
 
+__global__ void __launch_bounds__(kBlockThreads)
+    add_screen_radii_kernel(DeviceView<const std::int32_t> radii, DeviceView<const std::int32_t> observed,
+                            DeviceView<std::int32_t> largest) {
+  const std::size_t i = element_index();
+  if (i >= largest.size() || observed[i] == 0) return;
+  largest[i] = max(largest[i], radii[i]);
+}
+
 }  // namespace
 
 void add_screen_gradients(const ScreenGradients& view, AbsoluteNorm norm, float views, const ScreenGradientSums& sums,
@@ -44,6 +52,11 @@ void add_screen_gradients(const ScreenGradients& view, AbsoluteNorm norm, float 
   const float to_ndc_x = 0.5f * static_cast<float>(view.width), to_ndc_y = 0.5f * static_cast<float>(view.height);
   launch_each(stream, "add_screen_gradients", add_screen_gradients_kernel, sums.norms.size(), view.visible, view.screen,
               view.screen_abs, to_ndc_x, to_ndc_y, norm, views, sums.norms, sums.norms_abs, sums.views);
+}
+
+void add_screen_radii(std::span<const std::int32_t> radii, std::span<const std::int32_t> observed,
+                      std::span<std::int32_t> largest, CudaStream& stream) {
+  launch_each(stream, "add_screen_radii", add_screen_radii_kernel, largest.size(), radii, observed, largest);
 }
 
 void mean_screen_gradients(const ScreenGradientSums& sums, std::span<float> means, std::span<float> means_abs,

@@ -149,5 +149,9 @@ void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, boo
 /// Adds flagged pixels to counts. (count_cuda.cu)
 void count_flagged_pixels(const CudaFrame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
                           CudaStream& stream);
+/// Adds to counts the pixels where a splat was blended in front of transmittances above `min_transmittance`.
+/// (count_cuda.cu)
+void count_observed_pixels(const CudaFrame& frame, float min_transmittance, std::span<std::int32_t> counts,
+                           CudaStream& stream);
 
 }  // namespace splatboost::cuda

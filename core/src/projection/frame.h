@@ -115,5 +115,9 @@ void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool ab
 /// Adds flagged pixels to counts. (count_cpu.cpp)
 void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
                           Threads& threads);
+/// Adds to counts the pixels where a splat was blended in front of transmittances above `min_transmittance`.
+/// (count_cpu.cpp)
+void count_observed_pixels(const Frame& frame, float min_transmittance, std::span<std::int32_t> counts,
+                           Threads& threads);
 
 }  // namespace splatboost

@@ -58,6 +58,54 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
   }
 }
 
+/// Counts one tile's pixels a splat in front of which the transmittance is above a threshold.
+void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance, std::int32_t* counts) {
+  const Lanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int blocks = kTileSize / lanes;
+  const Vec least = hn::Set(d, min_transmittance), one = hn::Set(d, 1.0f);
+  TileRows<1> pixels(frame, tile);
+
+  const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
+  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
+  std::uint32_t open_rows[kMostBlocks] = {};  // with a pixel that is still observed from
+  for (std::uint32_t at = begin; at < stop; ++at) {
+    if ((at - begin) % kBatch == 0) {
+      std::uint32_t any = 0;
+      for (int b = 0; b < blocks; ++b) {
+        open_rows[b] = 0;
+        for (int row = 0; row < kTileSize; ++row) {
+          const bool open = !hn::AllFalse(d, hn::Gt(hn::Load(d, pixels.at(row, b * lanes)), least));
+          open_rows[b] |= static_cast<std::uint32_t>(open) << row;
+        }
+        any |= open_rows[b];
+      }
+      if (any == 0) return;
+    }
+    prefetch_record(frame, at, stop);
+    const BlendRecord& splat = frame.records[frame.entries[at].gaussian];
+    const RowOffsets offsets(splat, pixels.first_y);
+    Vec sum = hn::Zero(d);
+    for (int b = 0; b < blocks; ++b) {
+      const std::uint32_t mask = *reached_rows++ & open_rows[b];
+      if (mask == 0) continue;
+      const Columns columns(splat, pixels.x0 + b * lanes);
+      const RowRange rows(mask);
+      float* at_pair = pixels.at(rows.first, b * lanes);
+      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+        for (int k = 0; k < 2; ++k) {
+          const RowStep step = step_row(columns, offsets.dy[row + k], at_pair + k * pixels.kStride);
+          const Mask observed =
+              hn::And(hn::And(step.open, hn::Gt(step.alpha, hn::Zero(d))), hn::Gt(step.before, least));
+          sum = hn::Add(sum, hn::IfThenElseZero(observed, one));
+        }
+      }
+    }
+    const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
+    if (count > 0) std::atomic_ref(counts[frame.entries[at].gaussian]).fetch_add(count, std::memory_order_relaxed);
+  }
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace splatboost
 HWY_AFTER_NAMESPACE();
@@ -66,6 +114,7 @@ HWY_AFTER_NAMESPACE();
 namespace splatboost {
 namespace {
 HWY_EXPORT(count_tile);
+HWY_EXPORT(observe_tile);
 }  // namespace
 
 void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
@@ -87,6 +136,15 @@ void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flag
         }
       }
       if (any) HWY_DYNAMIC_DISPATCH(count_tile)(frame, tile, tile_flags, counts.data());
+    }
+  });
+}
+
+void count_observed_pixels(const Frame& frame, float min_transmittance, std::span<std::int32_t> counts,
+                           Threads& threads) {
+  threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t tile = begin; tile < end; ++tile) {
+      HWY_DYNAMIC_DISPATCH(observe_tile)(frame, tile, min_transmittance, counts.data());
     }
   });
 }

@@ -27,12 +27,37 @@ __global__ void __launch_bounds__(kTileThreads)
   });
 }
 
+__global__ void __launch_bounds__(kTileThreads)
+    observe_kernel(TileLists lists, float min_transmittance, DeviceView<std::int32_t> counts) {
+  ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
+  float transmittance[kThreadPixels];
+#pragma unroll
+  for (int p = 0; p < kThreadPixels; ++p) transmittance[p] = 1.0f;
+  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+    int counted = 0;
+#pragma unroll
+    for (int p = 0; p < kThreadPixels; ++p) {
+      const PixelStep step = step_pixel(splat, pixels.at[p], transmittance[p], pixels.open[p]);
+      if (step.blended) transmittance[p] = step.after;
+      counted += __popc(__ballot_sync(kWholeWarp, step.blended));
+      pixels.open[p] = pixels.open[p] && transmittance[p] > min_transmittance;  // nothing behind is observed
+    }
+    if (counted != 0 && threadIdx.x % 32 == 0) atomicAdd(&counts[splat.gaussian], counted);
+  });
+}
+
 }  // namespace
 
 void count_flagged_pixels(const CudaFrame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
                           CudaStream& stream) {
   launch(stream, "count_flagged", count_kernel, dim3(static_cast<std::uint32_t>(frame.tiles())), dim3(kTileThreads),
          TileLists(frame), flagged, counts);
+}
+
+void count_observed_pixels(const CudaFrame& frame, float min_transmittance, std::span<std::int32_t> counts,
+                           CudaStream& stream) {
+  launch(stream, "count_observed", observe_kernel, dim3(static_cast<std::uint32_t>(frame.tiles())), dim3(kTileThreads),
+         TileLists(frame), min_transmittance, counts);
 }
 
 }  // namespace splatboost::cuda

@@ -137,6 +137,14 @@ void Rasterizer::count_flagged(std::span<const std::uint8_t> flagged, std::span<
   state_->backend->count_flagged(flagged, counts);
 }
 
+void Rasterizer::count_observed(float min_transmittance, std::span<std::int32_t> counts) {
+  const State& state = *state_;
+  SPLATBOOST_CHECK(state.drawn, "count_observed() needs a forward() before it");
+  SPLATBOOST_CHECK(min_transmittance >= 0 && min_transmittance < 1, "min_transmittance must lie in [0, 1)");
+  SPLATBOOST_CHECK(counts.size() == state.gaussians, "counts must have one number a Gaussian");
+  state_->backend->count_observed(min_transmittance, counts);
+}
+
 bool Rasterizer::settle() { return state_->drawn && state_->backend->settle(); }
 
 std::span<const std::uint8_t> Rasterizer::visible() const { return state_->backend->visible(); }

@@ -45,6 +45,10 @@ class CpuRasterizer : public RasterizerBackend {
     timed(seconds_.count, [&] { count_flagged_pixels(frame_, flagged, counts, threads_); });
   }
 
+  void count_observed(float min_transmittance, std::span<std::int32_t> counts) override {
+    timed(seconds_.count, [&] { count_observed_pixels(frame_, min_transmittance, counts, threads_); });
+  }
+
   bool settle() override { return false; }
   std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }
   std::span<const std::int32_t> screen_radii() const override { return frame_.radii.span(); }

@@ -94,6 +94,12 @@ class CudaRasterizer : public RasterizerBackend {
     counted_.record();
   }
 
+  void count_observed(float min_transmittance, std::span<std::int32_t> counts) override {
+    count_start_.record();
+    count_observed_pixels(frame_, min_transmittance, counts, stream_);
+    counted_.record();
+  }
+
   bool settle() override {
     if (settled_) return false;
     wait_and_learn();

@@ -169,5 +169,46 @@ TEST(CountsKnown, ASplatBehindASaturatedPixelIsNotCounted) {
   EXPECT_EQ(counts, (std::vector<std::int32_t>{1, 1, 0, 0}));
 }
 
+TEST(CountsKnown, ASplatIsObservedWhereLittleLiesInFrontOfIt) {
+  Camera camera;
+  camera.width = camera.height = 1;
+  camera.fx = camera.fy = 1;
+  SceneData scene;
+  scene.count = 5;
+  for (int i = 0; i < 5; ++i) {
+    const float z = static_cast<float>(i + 1);
+    for (const float v : {0.5f * z, 0.5f * z, z}) scene.means.push_back(v);
+    for (const float v : {100.f, 0.f, 0.f, 100.f, 0.f, 0.f}) scene.covariances.push_back(v);
+    scene.opacities.push_back(0.3f);  // T before: 1, 0.7, 0.49, 0.34, 0.24
+    for (int c = 0; c < 3; ++c) scene.colors.push_back(1);
+  }
+  Threads threads(1);
+  Rasterizer rasterizer(threads);
+  ImageData images(camera, 0);
+  rasterizer.forward(camera, scene.view(), RasterOptions{}, images.view());
+  std::vector<std::int32_t> counts(5, 0);
+  rasterizer.count_observed(0.5f, counts);
+  EXPECT_EQ(counts, (std::vector<std::int32_t>{1, 1, 0, 0, 0}));
+  rasterizer.count_observed(0.3f, counts);
+  EXPECT_EQ(counts, (std::vector<std::int32_t>{2, 2, 1, 1, 0}));
+}
+
+// Without a threshold everybody who is blended is observed; with one, fewer are, and none more often.
+TEST_P(Counts, ObservedAreThoseBlendedInFrontOfTheThreshold) {
+  std::vector<std::int32_t> blended(scene.count, 0), observed(scene.count, 0), half(scene.count, 0);
+  rasterizer.count_flagged(std::vector<std::uint8_t>(pixels, 1), blended);
+  rasterizer.count_observed(0, observed);
+  EXPECT_EQ(observed, blended);
+  rasterizer.count_observed(0.5f, half);
+  std::size_t fewer = 0;
+  for (std::size_t i = 0; i < scene.count; ++i) {
+    EXPECT_LE(half[i], blended[i]) << i;
+    fewer += half[i] < blended[i] ? 1 : 0;
+  }
+  if (GetParam().opacity_high > 0.5) {
+    EXPECT_GT(fewer, 10u);
+  }
+}
+
 }  // namespace
 }  // namespace splatboost::test

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "pgsr/pgsr_adapter.h"
+
+#include "registry/boost_settings.h"
+
+namespace splatboost {
+
+VanillaBoost pgsr_boost() {
+  VanillaBoost boost;
+  // Surfaces settle in the second half of a run: every step counts there. The supplement (Sec. 9.2) has plain Adam too.
+  boost.schedule = false;
+  return boost;
+}
+
+AdapterEntry pgsr_adapter_entry() {
+  return {"pgsr", [](bool literal) {
+            VanillaBoost boost = literal ? literal_boost() : pgsr_boost();
+            boost.schedule = false;
+            return make_settings<PgsrAdapter>(boost);
+          }};
+}
+
+}  // namespace splatboost

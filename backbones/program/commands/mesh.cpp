@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <optional>
+
+#include <unistd.h>
+
+#include "program/commands/commands.h"
+#include "program/session/model_folder.h"
+#include "program/session/run.h"
+#include "splatboost/surface_depth.h"
+#include "trainer/evaluation/evaluate.h"
+#include "trainer/images/image_codec.h"
+#include "trainer/mesh/tsdf_volume.h"
+#include "trainer/training/trainer.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kVoxelsAcross = 400;   // of the depth that meshes reach, unless told
+constexpr double kFarPoints = 0.95;     // share of the points that a mesh reaches, unless told, and ...
+constexpr double kReach = 1.2;          // ... by how much farther it does
+constexpr float kLeastAlpha = 0.5f;     // of a pixel that shows a surface
+constexpr double kTruncation = 4;       // voxels
+
+/// Depth that most points have in the training views that see them; 0 if there are none.
+double far_depth(const Scene& scene) {
+  std::vector<float> depths;
+  for (const View& view : scene.train) {
+    const Camera& camera = view.camera;
+    for (std::size_t i = 0; i < scene.points.size(); ++i) {
+      const float* at = &scene.points.positions[3 * i];
+      const glm::vec3 point(camera.camera_from_world * glm::vec4(at[0], at[1], at[2], 1));
+      if (!(point.z > 0)) continue;
+      const float x = camera.fx * point.x / point.z + camera.cx, y = camera.fy * point.y / point.z + camera.cy;
+      const bool seen =
+          x >= 0 && y >= 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height);
+      if (seen) depths.push_back(point.z);
+    }
+  }
+  if (depths.empty()) return 0;
+  const auto place = depths.begin() + static_cast<std::ptrdiff_t>(kFarPoints * static_cast<double>(depths.size() - 1));
+  std::nth_element(depths.begin(), place, depths.end());
+  return kReach * static_cast<double>(*place);
+}
+
+struct Mesh {
+  explicit Mesh(CLI::App& app) : set(app) {
+    add_source_option(set, options);
+    add_model_option(set, options, "model folder of a run");
+    set.add("--iteration", iteration, "model saved at this iteration; 0: the last", false)
+        ->type_name("N")
+        ->capture_default_str();
+    set.set_group("Output");
+    set.add("-o,--output", output, "mesh to write, .ply or .glb [mesh.ply in the model folder]", false)
+        ->type_name("FILE");
+    set.add("--voxel-size", voxel, "world units [the mesh's reach / 400]", false)->type_name("X");
+    set.add("--max-depth", max_depth, "farther surfaces are left out, world units; 0: none [by the sparse points]",
+            false)
+        ->type_name("X");
+    set.add("--max-angle", max_angle, "steeper surfaces are left out of a view, degrees between ray and normal", false)
+        ->type_name("X")
+        ->capture_default_str();
+    set.add("--least-views", least_views, "views that must have seen a surface", false)
+        ->type_name("N")
+        ->capture_default_str();
+    set.add("--least-triangles", least_triangles, "smaller loose parts are left out", false)
+        ->type_name("N")
+        ->capture_default_str();
+    set.add("--parts", parts, "leave so many of the largest parts; 0: all", false)
+        ->type_name("N")
+        ->capture_default_str();
+    set.add("--masks", masks, "folder of PNG masks named as the views; what is black is left out", false)
+        ->type_name("DIR");
+    set.add("--max-memory", max_memory, "of the volume, MiB", false)->type_name("N")->capture_default_str();
+    set.add("--beta", options.beta, "compact box instead of the one in training, in (0, 1]; 1: exact", false)
+        ->type_name("X");
+    add_machine_options(set, options);
+    set.set_group("Output");
+    set.add("--quiet", options.quiet, "no notes", false);
+    set.files_only();
+    add_data_options(set, options);
+    add_training_options(set, options, true);
+    add_lpips_option(set, options);
+  }
+
+  int run() {
+    if (options.model.empty()) throw UsageError("no model folder given: name it with -m/--model");
+    if (set.given("voxel-size") && !(voxel > 0)) throw UsageError("--voxel-size must be above 0");
+    if (!(max_depth >= 0)) throw UsageError("--max-depth must be at least 0");
+    if (!(max_angle > 0 && max_angle <= 90)) throw UsageError("--max-angle must lie in (0, 90]");
+    if (least_views < 1) throw UsageError("--least-views must be at least 1");
+    if (!output.empty() && output.extension() != ".ply" && output.extension() != ".glb") {
+      throw UsageError("--output must end in .ply or .glb");
+    }
+    require(masks.empty() || fs::is_directory(masks), masks.string() + ": there is no such folder of masks");
+    if (!has_tsdf_volumes()) TsdfVolume absent({});  // says what to install
+    const nlohmann::json config = read_config(options.model);
+    apply_settings(config, (options.model / "config.json").string(), set, options);
+    check_options(options);
+    std::optional<float> beta = trained_beta(config);
+    if (options.beta) beta = static_cast<float>(*options.beta);
+    const fs::path saved = saved_model(options.model, iteration);
+    options.lpips.clear();
+    Workbench bench = make_workbench(options);
+    const PluggedBackbone plugged = load_model(bench, options, saved, beta);
+    require(plugged.backbone->has_surfaces(), "backbone " + options.backbone + " gives no depth to make a mesh of");
+    if (output.empty()) output = options.model / "mesh.ply";
+
+    const double far = far_depth(bench.scene);
+    if (!set.given("max-depth")) max_depth = far;
+    if (!set.given("voxel-size")) {
+      const double reach = max_depth > 0 ? max_depth : far;
+      require(reach > 0, "the scene has no points to tell its size by: give --voxel-size and --max-depth");
+      voxel = reach / kVoxelsAcross;
+    }
+    TsdfVolume volume({static_cast<float>(voxel), static_cast<float>(kTruncation * voxel), max_memory << 20});
+    Threads threads(options.threads);
+    fuse(*plugged.backbone, bench.scene, volume, threads);
+    TriangleMesh mesh = volume.mesh(least_views, threads);
+    const std::size_t all_parts = keep_largest_parts(mesh, least_triangles, parts);
+    require(mesh.size() > 0, "no surface was found: give a larger --voxel-size or --max-depth");
+    write_mesh(output, mesh);
+    std::printf("mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones went; voxel %.4g, depth up to %.4g)\n",
+                output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
+    return 0;
+  }
+
+ private:
+  void fuse(Backbone& backbone, const Scene& scene, TsdfVolume& volume, Threads& threads) const {
+    const bool live = isatty(1) != 0 && !options.quiet;
+    const float least_cosine = std::cos(static_cast<float>(max_angle) * 3.14159265f / 180);
+    std::vector<float> color, depth, alpha, normals;
+    for (std::size_t v = 0; v < scene.train.size(); ++v) {
+      const View& view = scene.train[v];
+      const Camera& camera = view.camera;
+      const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+      color.resize(3 * pixels);
+      depth.resize(pixels);
+      alpha.resize(pixels);
+      normals.resize(3 * pixels);
+      backbone.render_surface(camera, view.time, std::nullopt, {color, depth, alpha});
+      depth_normals(camera, depth, normals, threads);
+      const std::vector<std::uint8_t> mask = mask_of(view);
+      for (std::size_t p = 0; p < pixels; ++p) {
+        const auto x = static_cast<float>(p % static_cast<std::size_t>(camera.width)) + 0.5f;
+        const auto y = static_cast<float>(p / static_cast<std::size_t>(camera.width)) + 0.5f;
+        const glm::vec3 ray = glm::normalize(glm::vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1));
+        const glm::vec3 normal(normals[p], normals[pixels + p], normals[2 * pixels + p]);
+        const bool shows = alpha[p] >= kLeastAlpha && std::isfinite(depth[p]) &&
+                           !(max_depth > 0 && static_cast<double>(depth[p]) > max_depth) &&
+                           (view.valid.empty() || view.valid[p] != 0) && (mask.empty() || mask[p] >= 128);
+        if (!shows || (max_angle < 90 && -glm::dot(ray, normal) < least_cosine)) depth[p] = 0;
+      }
+      volume.integrate(camera, depth, color, threads);
+      if (live) {
+        std::printf("\rfused %zu of %zu views, %llu MiB", v + 1, scene.train.size(),
+                    static_cast<unsigned long long>(volume.bytes() >> 20));
+        std::fflush(stdout);
+      }
+    }
+    if (live) std::printf("\n");
+  }
+
+  /// [H,W], of the view's size; empty: none.
+  std::vector<std::uint8_t> mask_of(const View& view) const {
+    if (masks.empty()) return {};
+    const fs::path file = masks / fs::path(view.name).replace_extension(".png");
+    require(fs::exists(file), file.string() + ": missing; each view needs a mask of its name");
+    std::ifstream in(file, std::ios::binary);
+    const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};
+    const Pixels pixels = decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, file);
+    require(pixels.bits == 8, file.string() + ": a mask has 8 bits");
+    std::vector<std::uint8_t> mask;
+    for (int y = 0; y < view.camera.height; ++y) {
+      for (int x = 0; x < view.camera.width; ++x) {
+        const int row = y * pixels.height / view.camera.height, column = x * pixels.width / view.camera.width;
+        mask.push_back(pixels.bytes[static_cast<std::size_t>((row * pixels.width + column) * pixels.channels)]);
+      }
+    }
+    return mask;
+  }
+
+  RunOptions options;
+  OptionSet set;
+  fs::path output, masks;
+  int iteration = 0;
+  double voxel = 0, max_depth = 0, max_angle = 80;
+  int least_views = 1;
+  std::size_t least_triangles = 50, parts = 0;
+  std::uint64_t max_memory = 4096;
+};
+
+}  // namespace
+
+Command add_mesh(CLI::App& program) {
+  CLI::App* app = program.add_subcommand("mesh", "Make a mesh of the surfaces of a model");
+  app->footer("Example: splatboost mesh -m OUT -o mesh.glb");
+  const auto mesh = std::make_shared<Mesh>(*app);
+  return {app, [mesh](const std::string&) { return mesh->run(); }};
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "program/commands/commands.h"
+#include "program/session/options.h"
+#include "trainer/mesh/surface_distance.h"
+#include "trainer/mesh/tanks_and_temples.h"
+#include "trainer/mesh/triangle_mesh.h"
+#include "trainer/support/atomic_file.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kThreshold = 0.005;    // of the truth's diagonal, unless told
+constexpr double kVertexSpacing = 0.5;  // of the threshold, by which Tanks and Temples thins points
+
+struct MeshEval {
+  explicit MeshEval(CLI::App& app) : given(&app) {
+    add_checked_option(app, "--mesh,mesh", mesh, "what was reconstructed, .ply")->type_name("FILE");
+    add_checked_option(app, "--truth,truth", truth, "mesh or points that it is compared to, .ply")->type_name("FILE");
+    add_checked_option(app, "--threshold", threshold,
+                       "of precision and recall, world units [0.005 of the truth's diagonal]")
+        ->type_name("X");
+    add_checked_option(app, "--spacing", spacing,
+                       "both surfaces become points about so far apart [half of the threshold]")
+        ->type_name("X");
+    add_checked_option(app, "--cut", cut, "pairs that lie farther apart do not count in means [all count]")
+        ->type_name("X");
+    add_checked_option(app, "--align", align, "4x4 matrix, as text, that takes the mesh to the truth")
+        ->type_name("FILE");
+    add_checked_option(app, "--crop", crop, "volume of Tanks and Temples' SCENE.json that counts, in the truth's frame")
+        ->type_name("FILE");
+    app.add_flag("--vertices", vertices, "of the mesh alone become points, as Tanks and Temples has it");
+    add_checked_option(app, "-o,--output", output, "the numbers as JSON, too")->type_name("FILE");
+    add_checked_option(app, "--threads", threads, "threads that work at a time; 0: all CPUs")
+        ->type_name("N")
+        ->capture_default_str();
+  }
+
+  int run() {
+    if (mesh.empty() || truth.empty()) throw UsageError("name two files: splatboost mesh-eval MESH.ply TRUTH.ply");
+    for (const char* name : {"--threshold", "--spacing", "--cut"}) {
+      const CLI::Option* option = given->get_option(name);
+      if (option->count() > 0 && !(option->as<double>() > 0)) throw UsageError(std::string(name) + " must be above 0");
+    }
+    if (threads < 0 || threads > kMostThreads) throw UsageError("--threads must lie in [0, 4096]");
+    Threads workers(threads);
+    TriangleMesh found = read_mesh(mesh);
+    const TriangleMesh known = read_mesh(truth);
+    if (!align.empty()) transform_points(read_transform(align), found.positions);
+    if (!(threshold > 0)) threshold = kThreshold * diagonal_of(known);
+    require(threshold > 0, truth.string() + ": its points are all one; give --threshold");
+    if (!(spacing > 0)) spacing = kVertexSpacing * threshold;
+    if (vertices) found.triangles.clear();
+    std::vector<float> points = sample_surface(found, spacing), others = sample_surface(known, spacing);
+    if (!crop.empty()) {
+      const CropVolume volume = read_crop_volume(crop);
+      points = cropped(points, volume);
+      others = cropped(others, volume);
+    }
+    points = thin_points(points, spacing, 0);
+    others = thin_points(others, spacing, 0);
+    const SurfaceDistance d =
+        compare_surfaces(points, others, threshold, cut > 0 ? std::optional<double>(cut) : std::nullopt, workers);
+    const double diagonal = diagonal_of(known);
+    std::printf("accuracy      %.6g  (median %.6g, %.4f %% of the truth's diagonal)\n", d.accuracy, d.median_accuracy,
+                100 * d.median_accuracy / diagonal);
+    std::printf("completeness  %.6g\n", d.completeness);
+    std::printf("chamfer       %.6g\n", d.chamfer);
+    std::printf("precision     %.4f\nrecall        %.4f\nF1            %.4f  (threshold %.4g)\n", d.precision, d.recall,
+                d.f1, threshold);
+    if (!output.empty()) {
+      const nlohmann::json json = {{"accuracy", d.accuracy},       {"median_accuracy", d.median_accuracy},
+                                   {"completeness", d.completeness}, {"chamfer", d.chamfer},
+                                   {"precision", d.precision},     {"recall", d.recall},
+                                   {"f1", d.f1},                   {"threshold", threshold},
+                                   {"spacing", spacing},           {"diagonal", diagonal},
+                                   {"mesh_points", d.found_points}, {"truth_points", d.true_points}};
+      write_text_atomically(output, json.dump(2) + "\n");
+    }
+    return 0;
+  }
+
+ private:
+  static double diagonal_of(const TriangleMesh& mesh) {
+    double squared = 0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      float low = mesh.positions[c], high = low;
+      for (std::size_t k = c; k < mesh.positions.size(); k += 3) {
+        low = std::min(low, mesh.positions[k]);
+        high = std::max(high, mesh.positions[k]);
+      }
+      squared += std::pow(static_cast<double>(high - low), 2);
+    }
+    return std::sqrt(squared);
+  }
+
+  CLI::App* given;
+  fs::path mesh, truth, align, crop, output;
+  double threshold = 0, spacing = 0, cut = 0;
+  bool vertices = false;
+  int threads = 0;
+};
+
+}  // namespace
+
+Command add_mesh_eval(CLI::App& program) {
+  CLI::App* app = program.add_subcommand("mesh-eval", "Measure a mesh against the true surface");
+  app->footer("Example: splatboost mesh-eval OUT/mesh.ply truth.ply --threshold 0.01");
+  const auto eval = std::make_shared<MeshEval>(*app);
+  return {app, [eval](const std::string&) { return eval->run(); }};
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/mesh/surface_distance.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include <glm/geometric.hpp>
+#include <glm/vec3.hpp>
+#include <nanoflann.hpp>
+
+#include "splatboost/random.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+constexpr std::size_t kGrain = 1024;
+
+/// [N,3] as nanoflann reads it.
+struct Points {
+  std::span<const float> values;
+  std::size_t kdtree_get_point_count() const { return values.size() / 3; }
+  float kdtree_get_pt(std::size_t i, std::size_t c) const { return values[3 * i + c]; }
+  template <class Box>
+  bool kdtree_get_bbox(Box&) const {
+    return false;
+  }
+};
+using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, Points>, Points, 3, std::uint32_t>;
+
+glm::dvec3 vertex(const TriangleMesh& mesh, std::size_t v) {
+  return {mesh.positions[3 * v], mesh.positions[3 * v + 1], mesh.positions[3 * v + 2]};
+}
+
+double mean_below(const std::vector<double>& distances, std::optional<double> cut) {
+  double sum = 0;
+  std::size_t count = 0;
+  for (const double d : distances) {
+    if (cut && !(d < *cut)) continue;
+    sum += d;
+    ++count;
+  }
+  return count > 0 ? sum / static_cast<double>(count) : 0.0;
+}
+
+double share_below(const std::vector<double>& distances, double threshold) {
+  const auto near = std::count_if(distances.begin(), distances.end(), [&](double d) { return d < threshold; });
+  return static_cast<double>(near) / static_cast<double>(distances.size());
+}
+
+}  // namespace
+
+std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing) {
+  std::vector<float> points = mesh.positions;
+  for (std::size_t t = 0; t < mesh.size(); ++t) {
+    const glm::dvec3 a = vertex(mesh, mesh.triangles[3 * t]), b = vertex(mesh, mesh.triangles[3 * t + 1]),
+                     c = vertex(mesh, mesh.triangles[3 * t + 2]);
+    const double longest = std::max({glm::length(b - a), glm::length(c - a), glm::length(c - b)});
+    const int steps = static_cast<int>(std::ceil(longest / spacing));
+    // The corners are vertices: those of a triangle within the spacing are enough.
+    for (int i = 0; i < steps && steps > 1; ++i) {
+      for (int j = 0; i + j < steps; ++j) {
+        const double u = (i + 1.0 / 3) / steps, v = (j + 1.0 / 3) / steps;
+        const glm::dvec3 point = a + u * (b - a) + v * (c - a);
+        for (int k = 0; k < 3; ++k) points.push_back(static_cast<float>(point[k]));
+      }
+    }
+  }
+  return points;
+}
+
+std::vector<float> thin_points(std::span<const float> points, double radius, std::uint64_t seed) {
+  const std::size_t n = points.size() / 3;
+  if (n == 0) return {};
+  const RandomStream random(seed, 0, RandomPurpose::init_points);
+  std::vector<std::uint32_t> order(n);
+  std::iota(order.begin(), order.end(), 0u);
+  for (std::size_t i = n; i > 1; --i) std::swap(order[i - 1], order[random.below(i, i)]);
+  const Points data{points};
+  const Tree tree(3, data, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  std::vector<std::uint8_t> gone(n, 0);
+  std::vector<float> kept;
+  std::vector<std::pair<std::uint32_t, float>> found;
+  for (const std::uint32_t i : order) {
+    if (gone[i] != 0) continue;
+    kept.insert(kept.end(), &points[3 * i], &points[3 * i] + 3);
+    tree.radiusSearch(&points[3 * i], static_cast<float>(radius * radius), found,
+                      nanoflann::SearchParams(32, 0, false));
+    for (const auto& [near, distance] : found) gone[near] = 1;
+  }
+  return kept;
+}
+
+std::vector<double> nearest_distances(std::span<const float> points, std::span<const float> others, Threads& threads) {
+  require(!others.empty(), "there is no surface to measure the distance to");
+  const Points data{others};
+  const Tree tree(3, data, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  std::vector<double> distances(points.size() / 3);
+  threads.for_range(distances.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      std::uint32_t index = 0;
+      float squared = 0;
+      tree.knnSearch(&points[3 * i], 1, &index, &squared);
+      distances[i] = std::sqrt(static_cast<double>(squared));
+    }
+  });
+  return distances;
+}
+
+std::vector<float> cropped(std::span<const float> points, const CropBox& box) {
+  std::vector<float> inside;
+  for (std::size_t i = 0; i + 2 < points.size(); i += 3) {
+    bool in = true;
+    for (std::size_t c = 0; c < 3; ++c) in = in && points[i + c] >= box.low[c] && points[i + c] <= box.high[c];
+    if (in) inside.insert(inside.end(), &points[i], &points[i] + 3);
+  }
+  return inside;
+}
+
+SurfaceDistance compare_surfaces(std::span<const float> found, std::span<const float> truth, double threshold,
+                                 std::optional<double> cut, Threads& threads) {
+  require(!found.empty() && !truth.empty(), "one of the surfaces holds no point that counts");
+  std::vector<double> to_truth = nearest_distances(found, truth, threads);
+  const std::vector<double> to_found = nearest_distances(truth, found, threads);
+  SurfaceDistance out;
+  out.found_points = to_truth.size();
+  out.true_points = to_found.size();
+  out.accuracy = mean_below(to_truth, cut);
+  out.completeness = mean_below(to_found, cut);
+  out.chamfer = 0.5 * (out.accuracy + out.completeness);
+  out.precision = share_below(to_truth, threshold);
+  out.recall = share_below(to_found, threshold);
+  const double sum = out.precision + out.recall;
+  out.f1 = sum > 0 ? 2 * out.precision * out.recall / sum : 0.0;
+  const auto middle = to_truth.begin() + static_cast<std::ptrdiff_t>(to_truth.size() / 2);
+  std::nth_element(to_truth.begin(), middle, to_truth.end());
+  out.median_accuracy = *middle;
+  return out;
+}
+
+}  // namespace splatboost

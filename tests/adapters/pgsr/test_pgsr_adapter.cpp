@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// The adapter on hand-made tensors: vanilla's rules, on the backbone's own candidates; its trim is let go.
+#include "pgsr/pgsr_adapter.h"
+
+#include <gtest/gtest.h>
+
+#include <numeric>
+#include <vector>
+
+#include "support/fake_rasterizer.h"
+
+namespace splatboost {
+namespace {
+
+using testing::FakeRasterizer;
+using testing::Hand;
+
+TEST(PgsrAdapter, grows_and_prunes_when_vanilla_does) {
+  Threads threads(1);
+  VanillaAdapter vanilla(VanillaBoost{}, threads);
+  PgsrAdapter pgsr(pgsr_boost(), threads);
+  EXPECT_EQ(pgsr.beta(), vanilla.beta());
+  EXPECT_TRUE(pgsr.needs_absolute_gradients());
+  for (int i = 1; i <= 30000; i += 7) {
+    EXPECT_EQ(pgsr.grows_at({i, 30000}, false), vanilla.grows_at({i, 30000}, false));
+    EXPECT_EQ(pgsr.prunes_at({i, 30000}, false), vanilla.prunes_at({i, 30000}, false));
+    EXPECT_EQ(pgsr.resets_opacities_at({i, 30000}, true), vanilla.resets_opacities_at({i, 30000}, true));
+    EXPECT_TRUE(pgsr.steps_at("xyz", {i, 30000})) << "plain Adam";
+  }
+}
+
+TEST(PgsrAdapter, takes_half_of_the_backbones_candidates_and_nobody_else) {
+  Threads threads(1);
+  PgsrAdapter adapter(pgsr_boost(), threads);
+  const std::size_t n = 40;
+  const Hand hand{std::vector<float>(n, 0), std::vector<float>(n, 0), std::vector<float>(n, 0.5f),
+                  std::vector<float>(n, 0.01f)};
+  FakeRasterizer rasterizer(std::vector<std::int32_t>(n, 9), 2);
+  std::vector<std::uint8_t> clone(n), split(n), remove(n, 0);
+  GrowDecisions grow{clone, split};
+  adapter.grow(hand.at(1000), rasterizer, grow);
+  for (std::size_t i = 0; i < 10; ++i) remove[3 * i] = 1;
+  const std::vector<std::uint8_t> candidates = remove;
+  std::vector<std::uint32_t> origins(n);
+  std::iota(origins.begin(), origins.end(), 0u);
+  PruneDecisions prune{remove, PruneRule::growth, origins};
+  adapter.prune(hand.at(1000), rasterizer, prune);
+  EXPECT_EQ(std::accumulate(remove.begin(), remove.end(), 0), 5);
+  for (std::size_t i = 0; i < n; ++i) EXPECT_LE(remove[i], candidates[i]) << i;
+}
+
+TEST(PgsrAdapter, lets_the_trim_go) {
+  Threads threads(1);
+  PgsrAdapter adapter(pgsr_boost(), threads);
+  const Hand hand{{0, 0, 0}, {0, 0, 0}, {0.01f, 0.5f, 0.5f}, {0.01f, 0.01f, 0.01f}};
+  FakeRasterizer rasterizer({9, 9, 9}, 2);
+  // Also at a moment of late pruning.
+  for (const int iteration : {1000, 18000}) {
+    std::vector<std::uint8_t> remove{0, 1, 0};
+    PruneDecisions prune{remove, PruneRule::trim, {}};
+    adapter.prune(hand.at(iteration), rasterizer, prune);
+    EXPECT_EQ(remove, (std::vector<std::uint8_t>{0, 1, 0})) << iteration;
+  }
+}
+
+}  // namespace
+}  // namespace splatboost

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+// Distances between surfaces whose answers are known.
+#include "trainer/mesh/surface_distance.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+
+#include "support/temporary_folder.h"
+#include "trainer/mesh/tanks_and_temples.h"
+
+namespace splatboost {
+namespace {
+
+/// A unit square at a height.
+TriangleMesh square_at(float z) {
+  TriangleMesh mesh;
+  mesh.positions = {0, 0, z, 1, 0, z, 1, 1, z, 0, 1, z};
+  mesh.triangles = {0, 1, 2, 0, 2, 3};
+  return mesh;
+}
+
+TEST(SurfaceSamples, are_on_the_surface_and_leave_no_gap) {
+  const std::vector<float> points = sample_surface(square_at(2), 0.05);
+  EXPECT_GT(points.size() / 3, 380u);
+  Threads threads(1);
+  std::vector<float> grid;
+  for (int i = 0; i <= 100; ++i) {
+    for (int j = 0; j <= 100; ++j) grid.insert(grid.end(), {i / 100.0f, j / 100.0f, 2});
+  }
+  for (const double d : nearest_distances(grid, points, threads)) EXPECT_LT(d, 0.05);
+  for (std::size_t i = 2; i < points.size(); i += 3) EXPECT_EQ(points[i], 2);
+}
+
+TEST(ThinPoints, leaves_none_within_the_radius_of_another_and_none_without_one) {
+  const std::vector<float> points = sample_surface(square_at(0), 0.01), thin = thin_points(points, 0.05, 1);
+  EXPECT_LT(thin.size(), points.size() / 10);
+  Threads threads(1);
+  for (const double d : nearest_distances(points, thin, threads)) EXPECT_LE(d, 0.05);
+  for (std::size_t i = 0; i < thin.size(); i += 3) {
+    for (std::size_t j = i + 3; j < thin.size(); j += 3) {
+      const float dx = thin[i] - thin[j], dy = thin[i + 1] - thin[j + 1];
+      ASSERT_GE(std::sqrt(dx * dx + dy * dy), 0.05f);
+    }
+  }
+  EXPECT_EQ(thin, thin_points(points, 0.05, 1));
+}
+
+TEST(SurfaceDistance, of_parallel_squares_is_their_distance) {
+  Threads threads(2);
+  const std::vector<float> low = sample_surface(square_at(0), 0.01), high = sample_surface(square_at(0.25f), 0.01);
+  const SurfaceDistance d = compare_surfaces(high, low, 0.3, std::nullopt, threads);
+  EXPECT_NEAR(d.accuracy, 0.25, 1e-4);
+  EXPECT_NEAR(d.completeness, 0.25, 1e-4);
+  EXPECT_NEAR(d.median_accuracy, 0.25, 1e-6);
+  EXPECT_EQ(d.f1, 1);
+  const SurfaceDistance strict = compare_surfaces(high, low, 0.2, std::nullopt, threads);
+  EXPECT_EQ(strict.precision, 0);
+  EXPECT_EQ(strict.f1, 0) << "not NaN";
+}
+
+TEST(SurfaceDistance, tells_what_is_wrong_from_what_is_missing) {
+  // Of two points one is exact; of the four true ones that is near to one alone. The other lies 3 off.
+  Threads threads(1);
+  const std::vector<float> found{0, 0, 0, 10, 0, 3}, truth{0, 0, 0, 10, 0, 0, 20, 0, 0, 30, 0, 0};
+  const SurfaceDistance d = compare_surfaces(found, truth, 1, std::nullopt, threads);
+  EXPECT_DOUBLE_EQ(d.precision, 0.5);
+  EXPECT_DOUBLE_EQ(d.recall, 0.25);
+  EXPECT_DOUBLE_EQ(d.f1, 2 * 0.5 * 0.25 / 0.75);
+  EXPECT_NEAR(d.accuracy, 1.5, 1e-6);
+  EXPECT_NEAR(d.completeness, (0 + 3 + std::sqrt(109.0) + std::sqrt(409.0)) / 4, 1e-5);
+  const SurfaceDistance cut = compare_surfaces(found, truth, 1, 5, threads);
+  EXPECT_NEAR(cut.completeness, 1.5, 1e-6) << "of pairs nearer than 5";
+  EXPECT_NEAR(cut.chamfer, 1.5, 1e-6);
+  EXPECT_EQ(cut.recall, d.recall) << "missing is missing";
+}
+
+TEST(CropVolume, is_a_polygon_between_two_heights) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "crop.json") << R"({"class_name": "SelectionPolygonVolume", "orthogonal_axis": "Y",
+    "axis_min": -1, "axis_max": 2, "bounding_polygon": [[0, 0, 0], [4, 0, 0], [0, 0, 4]]})";
+  const CropVolume volume = read_crop_volume(folder / "crop.json");
+  // Inside; above; beyond the slanted edge; outside.
+  const std::vector<float> points{1, 1, 1, 1, 3, 1, 3, 1, 3, -1, 0, 1};
+  EXPECT_EQ(cropped(points, volume), (std::vector<float>{1, 1, 1}));
+  std::ofstream(folder / "bad.json") << R"({"orthogonal_axis": "W"})";
+  test::expect_contains(test::input_error_of([&] { read_crop_volume(folder / "bad.json"); }), "orthogonal_axis");
+  std::ofstream(folder / "none.json") << R"({"orthogonal_axis": "X"})";
+  test::expect_contains(test::input_error_of([&] { read_crop_volume(folder / "none.json"); }), "axis_min");
+}
+
+TEST(Transform, moves_points_as_its_rows_say) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "trans.txt") << "0 -2 0 1\n2 0 0 0\n0 0 2 -3\n0 0 0 1\n";
+  std::vector<float> points{1, 2, 3};
+  transform_points(read_transform(folder / "trans.txt"), points);
+  EXPECT_EQ(points, (std::vector<float>{-3, 2, 3}));
+  std::ofstream(folder / "short.txt") << "1 2 3";
+  test::expect_contains(test::input_error_of([&] { read_transform(folder / "short.txt"); }), "16 numbers");
+}
+
+}  // namespace
+}  // namespace splatboost

@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+// Depth and normals of planes, and the losses of one and two views: against a plain restatement in double, gradients by
+// its finite differences.
+#include "splatboost/surface_loss.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <glm/geometric.hpp>
+#include <glm/mat3x3.hpp>
+#include <glm/mat4x4.hpp>
+
+#include "splatboost/exposure.h"
+#include "splatboost/surface_depth.h"
+#include "support/surface_scene.h"
+
+namespace splatboost {
+namespace {
+
+using testing::Frozen;
+using testing::plain_surface_loss;
+using testing::SurfaceScene;
+
+TEST(PlaneDepth, lies_where_rays_meet_the_plane) {
+  const SurfaceScene scene(0);
+  Threads threads(2);
+  std::vector<float> depth(scene.pixels());
+  plane_depth(scene.cameras[0], scene.planes[0], depth, threads);
+  const glm::dmat4 world_from_camera = glm::inverse(glm::dmat4(scene.cameras[0].camera_from_world));
+  for (std::size_t p = 0; p < scene.pixels(); ++p) {
+    const glm::dvec3 ray = testing::ray_of(scene.cameras[0], p);
+    const glm::dvec4 point = world_from_camera * glm::dvec4(static_cast<double>(depth[p]) * ray, 1);
+    EXPECT_NEAR(glm::dot(scene.normal, glm::dvec3(point)), scene.offset, 1e-5) << p;
+  }
+  std::vector<float> normals(3 * scene.pixels());
+  depth_normals(scene.cameras[0], depth, normals, threads);
+  const glm::dvec3 expected = glm::dmat3(scene.cameras[0].rotation()) * scene.normal;
+  const std::size_t middle = 5 * SurfaceScene::kWidth + 7;
+  for (std::size_t c = 0; c < 3; ++c) {
+    EXPECT_NEAR(normals[c * scene.pixels() + middle], expected[static_cast<int>(c)], 1e-4);
+    EXPECT_EQ(normals[c * scene.pixels() + 3], 0) << "none on the border";
+  }
+}
+
+TEST(PlaneDepth, is_zero_where_nothing_faces_the_camera) {
+  const SurfaceScene scene(0);
+  Threads threads(1);
+  std::vector<float> planes(4 * scene.pixels(), 0.0f), depth(scene.pixels()), gradients(planes.size(), 0.0f);
+  planes[2 * scene.pixels() + 1] = 1;  // faces away
+  planes[3 * scene.pixels() + 1] = 1;
+  plane_depth(scene.cameras[0], planes, depth, threads);
+  EXPECT_EQ(depth, std::vector<float>(scene.pixels(), 0.0f));
+  plane_depth_backward(scene.cameras[0], planes, std::vector<float>(scene.pixels(), 1.0f), gradients, threads);
+  EXPECT_EQ(gradients, std::vector<float>(planes.size(), 0.0f));
+}
+
+struct Case {
+  const char* name;
+  float normal, geometric, photometric;
+};
+class SurfaceLossCase : public ::testing::TestWithParam<Case> {};
+
+TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differences) {
+  SurfaceScene scene(0.01);
+  SurfaceTerms terms;
+  terms.normal_weight = GetParam().normal;
+  terms.geometric_weight = GetParam().geometric;
+  terms.photometric_weight = GetParam().photometric;
+  std::vector<double> planes[2];
+  for (std::size_t v = 0; v < 2; ++v) planes[v].assign(scene.planes[v].begin(), scene.planes[v].end());
+  Frozen frozen;
+  const double expected = plain_surface_loss(scene, planes[0], planes[1], terms, frozen);
+  ASSERT_TRUE(frozen.set);
+  if (terms.geometric_weight > 0) {
+    EXPECT_GT(frozen.agreeing, 50);
+  }
+  if (terms.photometric_weight > 0) {
+    EXPECT_GT(frozen.patches, 20);
+  }
+
+  Threads threads(2);
+  SurfaceLoss loss(threads);
+  std::vector<float> gradients[2];
+  for (auto& g : gradients) g.assign(scene.planes[0].size(), 0.0f);
+  const SurfaceView first = scene.view(0, gradients[0]), second = scene.view(1, gradients[1]);
+  const double found = loss.add(first, &second, terms, scene.random()).total();
+  EXPECT_NEAR(found, expected, 1e-4 * expected);
+
+  const RandomStream random(5, 0, RandomPurpose::synth);
+  std::uint64_t next = 0;
+  for (std::size_t v = 0; v < 2; ++v) {
+    float largest = 0;
+    for (const float g : gradients[v]) largest = std::max(largest, std::abs(g));
+    if (v == 0 || terms.geometric_weight > 0) {
+      EXPECT_GT(largest, 0);
+    }
+    for (int trial = 0; trial < 60; ++trial) {
+      const std::size_t k = random.below(next++, planes[v].size());
+      const double at = planes[v][k], step = 1e-7;
+      planes[v][k] = at + step;
+      const double up = plain_surface_loss(scene, planes[0], planes[1], terms, frozen);
+      planes[v][k] = at - step;
+      const double down = plain_surface_loss(scene, planes[0], planes[1], terms, frozen);
+      planes[v][k] = at;
+      EXPECT_NEAR(gradients[v][k], (up - down) / (2 * step), 2e-3 * static_cast<double>(largest) + 1e-8)
+          << "view " << v << " number " << k;
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Terms, SurfaceLossCase,
+                         ::testing::Values(Case{"normal", 0.5f, 0, 0}, Case{"geometric", 0, 0.5f, 0},
+                                           Case{"photometric", 0, 0, 0.5f}, Case{"all", 0.015f, 0.03f, 0.15f}),
+                         [](const auto& tested) { return tested.param.name; });
+
+TEST(SurfaceLossRun, gives_the_same_bytes_for_any_number_of_threads_and_again) {
+  const SurfaceScene scene(0.01);
+  std::vector<float> before[2];
+  double before_loss = 0;
+  for (const int count : {1, 3}) {
+    Threads threads(count);
+    SurfaceLoss loss(threads);
+    for (int round = 0; round < 2; ++round) {
+      std::vector<float> gradients[2];
+      for (auto& g : gradients) g.assign(scene.planes[0].size(), 0.0f);
+      const SurfaceView first = scene.view(0, gradients[0]), second = scene.view(1, gradients[1]);
+      const double found = loss.add(first, &second, {}, scene.random()).total();
+      if (!before[0].empty()) {
+        EXPECT_EQ(found, before_loss);
+        EXPECT_EQ(gradients[0], before[0]);
+        EXPECT_EQ(gradients[1], before[1]);
+      }
+      before_loss = found;
+      before[0] = gradients[0];
+      before[1] = gradients[1];
+    }
+  }
+}
+
+TEST(SurfaceLossRun, compares_no_photo_with_a_camera_that_has_none) {
+  SurfaceScene scene(0.01);
+  scene.photos[1].clear();
+  Threads threads(1);
+  SurfaceLoss loss(threads);
+  std::vector<float> gradients[2];
+  for (auto& g : gradients) g.assign(scene.planes[0].size(), 0.0f);
+  const SurfaceView first = scene.view(0, gradients[0]), second = scene.view(1, gradients[1]);
+  const SurfaceLossParts parts = loss.add(first, &second, {}, scene.random());
+  EXPECT_EQ(parts.photometric, 0);
+  EXPECT_GT(parts.geometric, 0);
+}
+
+TEST(SurfaceLossRun, compares_about_as_many_patches_as_it_may) {
+  const SurfaceScene scene(0.01);
+  SurfaceTerms terms;
+  terms.max_patches = 0;
+  Threads threads(1);
+  SurfaceLoss loss(threads);
+  std::vector<float> gradients[2];
+  for (auto& g : gradients) g.assign(scene.planes[0].size(), 0.0f);
+  const SurfaceView first = scene.view(0, gradients[0]), second = scene.view(1, gradients[1]);
+  EXPECT_EQ(loss.add(first, &second, terms, scene.random()).photometric, 0);
+}
+
+TEST(ExposedL1, gradient_is_that_of_finite_differences) {
+  const RandomStream random(9, 0, RandomPurpose::synth);
+  std::uint64_t next = 0;
+  constexpr std::size_t kPixels = 5 * 4;
+  std::vector<float> render(3 * kPixels);
+  std::vector<std::uint8_t> color(3 * kPixels), valid(kPixels, 1);
+  for (float& value : render) value = static_cast<float>(random.uniform(next++));
+  for (std::uint8_t& value : color) value = static_cast<std::uint8_t>(255 * random.uniform(next++));
+  valid[3] = valid[11] = 0;
+  const TruthImage truth{5, 4, color, valid};
+  const std::vector<float> exposure{0.2f, -0.1f};
+  const auto objective = [&](const std::vector<float>& image, double log_gain, double offset) {
+    double sum = 0;
+    for (std::size_t k = 0; k < image.size(); ++k) {
+      if (valid[k % kPixels] == 0) continue;
+      sum += std::abs(std::exp(log_gain) * static_cast<double>(image[k]) + offset - color[k] / 255.0);
+    }
+    return 0.8 * sum / (3 * (kPixels - 2));
+  };
+  Threads threads(2);
+  std::vector<float> gradient(render.size(), 1), exposure_gradient{1, 2};
+  std::vector<double> workspace(4);
+  add_exposed_l1(render, truth, exposure, 0.8f, gradient, exposure_gradient, workspace, threads);
+  EXPECT_NEAR(workspace[0], objective(render, 0.2, -0.1), 1e-6);
+  EXPECT_NEAR(exposure_gradient[0] - 1,
+              (objective(render, 0.2 + 1e-6, -0.1) - objective(render, 0.2 - 1e-6, -0.1)) / 2e-6, 1e-5);
+  EXPECT_NEAR(exposure_gradient[1] - 2,
+              (objective(render, 0.2, -0.1 + 1e-6) - objective(render, 0.2, -0.1 - 1e-6)) / 2e-6, 1e-5);
+  const double share = 0.8 / (3 * (kPixels - 2));
+  for (std::size_t k = 0; k < render.size(); ++k) {
+    const double difference = std::exp(0.2) * static_cast<double>(render[k]) - 0.1 - color[k] / 255.0;
+    const double expected = valid[k % kPixels] == 0 ? 0 : (difference > 0 ? 1 : -1) * share * std::exp(0.2);
+    EXPECT_NEAR(gradient[k] - 1, expected, 1e-6) << k;
+  }
+  std::vector<float> exposed(render.size());
+  expose(render, exposure, exposed, threads);
+  EXPECT_NEAR(exposed[7], std::exp(0.2) * static_cast<double>(render[7]) - 0.1, 1e-6);
+}
+
+}  // namespace
+}  // namespace splatboost

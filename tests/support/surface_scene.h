@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Two cameras over a textured plane, with planes blended per pixel, and the surface loss of them restated
+/// plainly in double.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include <glm/geometric.hpp>
+#include <glm/mat3x3.hpp>
+#include <glm/mat4x4.hpp>
+
+#include "splatboost/random.h"
+#include "splatboost/surface_loss.h"
+#include "support/looking_camera.h"
+
+namespace splatboost::testing {
+
+inline glm::dvec3 ray_of(const Camera& camera, std::size_t pixel) {
+  const auto width = static_cast<std::size_t>(camera.width);
+  const double x = static_cast<double>(pixel % width) + 0.5, y = static_cast<double>(pixel / width) + 0.5;
+  return {(x - static_cast<double>(camera.cx)) / static_cast<double>(camera.fx),
+          (y - static_cast<double>(camera.cy)) / static_cast<double>(camera.fy), 1};
+}
+
+struct SurfaceScene {
+  static constexpr int kWidth = 20, kHeight = 16;
+  glm::dvec3 normal = glm::normalize(glm::dvec3(0.9, -0.2, 0.5));  ///< towards the cameras
+  double offset = 0.1;                                             ///< normal · point
+  Camera cameras[2] = {camera_looking_at_origin({3, -0.5f, 1.2f}, kWidth, kHeight),
+                       camera_looking_at_origin({2.9f, -0.7f, 1.6f}, kWidth, kHeight)};
+  std::vector<float> planes[2], alphas[2];
+  std::vector<std::uint8_t> photos[2];
+
+  /// @param noise by which planes of pixels differ, relative
+  explicit SurfaceScene(double noise) {
+    const RandomStream numbers(1, 0, RandomPurpose::synth);
+    std::uint64_t next = 0;
+    for (std::size_t v = 0; v < 2; ++v) {
+      const glm::dmat4 camera_from_world(cameras[v].camera_from_world);
+      const glm::dmat3 rotation(camera_from_world);
+      const glm::dvec3 centre = -(glm::transpose(rotation) * glm::dvec3(camera_from_world[3]));
+      planes[v].resize(4 * pixels());
+      photos[v].resize(3 * pixels());
+      for (std::size_t p = 0; p < pixels(); ++p) {
+        const double alpha = 0.6 + 0.4 * numbers.uniform(next++);
+        alphas[v].push_back(static_cast<float>(alpha));
+        const glm::dvec3 local = rotation * normal;
+        const double distance = glm::dot(normal, centre) - offset;
+        for (int c = 0; c < 3; ++c) {
+          planes[v][static_cast<std::size_t>(c) * pixels() + p] =
+              static_cast<float>(alpha * (local[c] + noise * numbers.normal(next++)));
+        }
+        planes[v][3 * pixels() + p] = static_cast<float>(alpha * distance * (1 + noise * numbers.normal(next++)));
+        const glm::dvec3 ray = glm::transpose(rotation) * ray_of(cameras[v], p);
+        const glm::dvec3 point = centre + (offset - glm::dot(normal, centre)) / glm::dot(normal, ray) * ray;
+        for (std::size_t c = 0; c < 3; ++c) {
+          const double phase = static_cast<double>(c);
+          const double texture = 0.5 + 0.2 * std::sin(4 * point.x + 6 * point.y + phase) +
+                                 0.2 * std::cos(5 * point.z - 3 * point.y + 2 * phase);
+          photos[v][c * pixels() + p] = static_cast<std::uint8_t>(std::lround(255 * texture));
+        }
+      }
+    }
+  }
+  static std::size_t pixels() { return static_cast<std::size_t>(kWidth) * kHeight; }
+  SurfaceView view(std::size_t v, std::vector<float>& gradients) const {
+    TruthImage truth;
+    if (!photos[v].empty()) truth = {kWidth, kHeight, photos[v], {}};
+    return {cameras[v], truth, planes[v], alphas[v], gradients};
+  }
+  static RandomStream random() { return {2, 3, RandomPurpose::synth}; }
+};
+
+/// What gets no gradient, from the first evaluation.
+struct Frozen {
+  bool set = false;
+  std::vector<double> weights;       ///< e^−noise, 0 where a pixel does not agree
+  std::vector<std::uint8_t> counts;  ///< patches that do
+  double agreeing = 0, patches = 0;
+};
+
+/// SurfaceLoss for max_patches above the number of pixels.
+inline double plain_surface_loss(const SurfaceScene& scene, const std::vector<double>& first,
+                                 const std::vector<double>& second, const SurfaceTerms& terms, Frozen& frozen) {
+  using glm::dvec2;
+  using glm::dvec3;
+  constexpr int kWidth = SurfaceScene::kWidth, kHeight = SurfaceScene::kHeight;
+  const std::size_t pixels = SurfaceScene::pixels();
+  const auto index = [](int x, int y) {
+    return static_cast<std::size_t>(std::clamp(y, 0, kHeight - 1)) * kWidth +
+           static_cast<std::size_t>(std::clamp(x, 0, kWidth - 1));
+  };
+  const auto normal_at = [&](const std::vector<double>& planes, std::size_t p) {
+    return dvec3(planes[p], planes[pixels + p], planes[2 * pixels + p]);
+  };
+  const auto depths_of = [&](const std::vector<double>& planes, const Camera& camera) {
+    std::vector<double> depth;
+    for (std::size_t p = 0; p < pixels; ++p) {
+      depth.push_back(-planes[3 * pixels + p] / glm::dot(normal_at(planes, p), ray_of(camera, p)));
+    }
+    return depth;
+  };
+  const auto sampled = [&](const std::vector<double>& image, dvec2 at) {
+    const double x = std::clamp(at.x - 0.5, 0.0, kWidth - 1.0), y = std::clamp(at.y - 0.5, 0.0, kHeight - 1.0);
+    const int x0 = static_cast<int>(x), y0 = static_cast<int>(y);
+    const double u = x - x0, v = y - y0;
+    return (1 - v) * ((1 - u) * image[index(x0, y0)] + u * image[index(x0 + 1, y0)]) +
+           v * ((1 - u) * image[index(x0, y0 + 1)] + u * image[index(x0 + 1, y0 + 1)]);
+  };
+  const Camera &a = scene.cameras[0], &b = scene.cameras[1];
+  const auto project = [](const Camera& camera, dvec3 point) {
+    return dvec2(static_cast<double>(camera.fx) * point.x / point.z + static_cast<double>(camera.cx),
+                 static_cast<double>(camera.fy) * point.y / point.z + static_cast<double>(camera.cy));
+  };
+  const auto ray_at = [](const Camera& camera, dvec2 at) {
+    return dvec3((at.x - static_cast<double>(camera.cx)) / static_cast<double>(camera.fx),
+                 (at.y - static_cast<double>(camera.cy)) / static_cast<double>(camera.fy), 1);
+  };
+  const glm::dmat4 world_from_a = glm::inverse(glm::dmat4(a.camera_from_world));
+  const glm::dmat4 b_from_a = glm::dmat4(b.camera_from_world) * world_from_a, a_from_b = glm::inverse(b_from_a);
+  const auto moved = [](const glm::dmat4& by, dvec3 point) { return dvec3(by * glm::dvec4(point, 1)); };
+  const std::vector<double> depth_a = depths_of(first, a), depth_b = depths_of(second, b);
+  double loss = 0;
+
+  std::vector<double> edges(pixels, 0.0);
+  double least = 1e9, greatest = 0;
+  const auto& photo = scene.photos[0];
+  for (int y = 1; y + 1 < kHeight; ++y) {
+    for (int x = 1; x + 1 < kWidth; ++x) {
+      double dx = 0, dy = 0;
+      for (std::size_t c = 0; c < 3; ++c) {
+        const auto value = [&](int i, int j) { return static_cast<double>(photo[c * pixels + index(i, j)]); };
+        dx += std::abs(value(x + 1, y) - value(x - 1, y)) / 3;
+        dy += std::abs(value(x, y + 1) - value(x, y - 1)) / 3;
+      }
+      edges[index(x, y)] = std::max(dx, dy);
+      least = std::min(least, edges[index(x, y)]);
+      greatest = std::max(greatest, edges[index(x, y)]);
+    }
+  }
+  for (int y = 1; y + 1 < kHeight; ++y) {
+    for (int x = 1; x + 1 < kWidth; ++x) {
+      const auto point = [&](int i, int j) { return depth_a[index(i, j)] * ray_of(a, index(i, j)); };
+      const dvec3 normal =
+          glm::normalize(glm::cross(point(x + 1, y) - point(x - 1, y), point(x, y - 1) - point(x, y + 1)));
+      const std::size_t p = index(x, y);
+      const dvec3 gap = static_cast<double>(scene.alphas[0][p]) * normal - normal_at(first, p);
+      const double rest = 1 - (edges[p] - least) / (greatest - least);
+      loss += static_cast<double>(terms.normal_weight) / static_cast<double>(pixels) * rest * rest *
+              (std::abs(gap.x) + std::abs(gap.y) + std::abs(gap.z));
+    }
+  }
+
+  std::vector<double> noise(pixels, 0.0);
+  const bool fresh = !frozen.set;
+  if (fresh) {
+    frozen.weights.assign(pixels, 0.0);
+    frozen.counts.assign(pixels, 0);
+  }
+  for (std::size_t p = 0; p < pixels; ++p) {
+    const dvec3 there = moved(b_from_a, depth_a[p] * ray_of(a, p));
+    const dvec2 at = project(b, there);
+    const dvec3 back = moved(a_from_b, sampled(depth_b, at) * ray_at(b, at));
+    noise[p] = glm::length(project(a, back) - project(a, ray_of(a, p)));
+    const bool inside = at.x >= 0 && at.y >= 0 && at.x < kWidth && at.y < kHeight;
+    if (fresh && inside && noise[p] < static_cast<double>(terms.max_pixel_noise)) {
+      frozen.weights[p] = std::exp(-noise[p]);
+      ++frozen.agreeing;
+    }
+  }
+  for (std::size_t p = 0; p < pixels; ++p) {
+    loss += static_cast<double>(terms.geometric_weight) / frozen.agreeing * frozen.weights[p] * noise[p];
+  }
+
+  if (terms.photometric_weight > 0) {
+    std::vector<double> greys[2];
+    for (std::size_t v = 0; v < 2; ++v) {
+      for (std::size_t p = 0; p < pixels; ++p) {
+        const auto& color = scene.photos[v];
+        greys[v].push_back((0.299 * color[p] + 0.587 * color[pixels + p] + 0.114 * color[2 * pixels + p]) / 255);
+      }
+    }
+    std::vector<double> losses(pixels, 0.0);
+    for (std::size_t p = 0; p < pixels; ++p) {
+      if (frozen.weights[p] == 0) continue;
+      const dvec3 n = normal_at(first, p);
+      const double d = first[3 * pixels + p];
+      std::vector<double> mine, theirs;
+      for (int j = -3; j <= 3; ++j) {
+        for (int i = -3; i <= 3; ++i) {
+          const int x = static_cast<int>(p) % kWidth + i, y = static_cast<int>(p) / kWidth + j;
+          const dvec3 ray = ray_at(a, dvec2(x + 0.5, y + 0.5));
+          const dvec3 point = -d / glm::dot(n, ray) * ray;
+          mine.push_back(greys[0][index(x, y)]);
+          theirs.push_back(sampled(greys[1], project(b, moved(b_from_a, point))));
+        }
+      }
+      const auto covariance = [](const std::vector<double>& s, const std::vector<double>& t) {
+        double mean_s = 0, mean_t = 0, sum = 0;
+        for (std::size_t k = 0; k < s.size(); ++k) {
+          mean_s += s[k] / 49;
+          mean_t += t[k] / 49;
+        }
+        for (std::size_t k = 0; k < s.size(); ++k) sum += (s[k] - mean_s) * (t[k] - mean_t) / 49;
+        return sum;
+      };
+      const double both = covariance(mine, theirs);
+      losses[p] = 1 - both * both / (covariance(mine, mine) * covariance(theirs, theirs) + 1e-8);
+      if (fresh && losses[p] < 0.9) {
+        frozen.counts[p] = 1;
+        ++frozen.patches;
+      }
+    }
+    for (std::size_t p = 0; p < pixels; ++p) {
+      if (frozen.counts[p] != 0) {
+        loss += static_cast<double>(terms.photometric_weight) / frozen.patches * frozen.weights[p] * losses[p];
+      }
+    }
+  }
+  frozen.set = true;
+  return loss;
+}
+
+}  // namespace splatboost::testing
