@@ -17,7 +17,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-std::size_t column_blocks() { return blocks_of_columns(); }
+std::size_t convex_column_blocks() { return blocks_of_columns(); }
 
 /// A convex over the rows of a block that it may reach.
 template <int kEdges, class Visit>
@@ -213,7 +213,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace splatboost {
 namespace {
-HWY_EXPORT(column_blocks);
+HWY_EXPORT(convex_column_blocks);
 HWY_EXPORT(blend_convex_tile);
 HWY_EXPORT(blend_convex_tile_backward);
 
@@ -223,7 +223,7 @@ constexpr std::size_t kPlanes = 4;
 void blend_convexes(ConvexFrame& frame, std::span<float> color, std::span<float> alpha, Threads& threads) {
   frame.tile_images.ensure(frame.tiles() * kPlanes * kTilePixels);
   frame.tile_stop.ensure(frame.tiles());
-  frame.entry_rows.ensure(frame.entries.size() * HWY_DYNAMIC_DISPATCH(column_blocks)());
+  frame.entry_rows.ensure(frame.entries.size() * HWY_DYNAMIC_DISPATCH(convex_column_blocks)());
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t tile = begin; tile < end; ++tile) {
       float* const image = frame.tile_images.data() + tile * kPlanes * kTilePixels;
