@@ -4,14 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <numeric>
 #include <stdexcept>
+
+#include "reference/harmonics.h"
 
 namespace splatboost::reference {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 // Half a unit in the last place of a float near 1. Bounds of single-precision rounding are multiples of it.
 constexpr double kFloatRounding = 6e-8;
 constexpr int kSeeds = 16;
@@ -23,33 +23,6 @@ double squared(double x) { return x * x; }
 /// Whether x is within a relative distance of a threshold.
 bool near(double x, double threshold, double relative) {
   return std::abs(x - threshold) <= relative * std::abs(threshold);
-}
-
-/// Real spherical harmonics up to degree 3 in closed form, in the field's order and with its signs (Condon-Shortley
-/// phase kept: odd orders carry a minus).
-template <class Scalar>
-std::array<Scalar, 16> sh_basis(const Scalar& x, const Scalar& y, const Scalar& z) {
-  const Scalar xx = x * x;
-  const Scalar yy = y * y;
-  const Scalar zz = z * z;
-  return {
-      Scalar(0.5 * std::sqrt(1 / kPi)),
-      -(0.5 * std::sqrt(3 / kPi)) * y,
-      (0.5 * std::sqrt(3 / kPi)) * z,
-      -(0.5 * std::sqrt(3 / kPi)) * x,
-      (0.5 * std::sqrt(15 / kPi)) * (x * y),
-      -(0.5 * std::sqrt(15 / kPi)) * (y * z),
-      (0.25 * std::sqrt(5 / kPi)) * (2.0 * zz - xx - yy),
-      -(0.5 * std::sqrt(15 / kPi)) * (x * z),
-      (0.25 * std::sqrt(15 / kPi)) * (xx - yy),
-      -(0.25 * std::sqrt(35 / (2 * kPi))) * (y * (3.0 * xx - yy)),
-      (0.5 * std::sqrt(105 / kPi)) * (x * y * z),
-      -(0.25 * std::sqrt(21 / (2 * kPi))) * (y * (4.0 * zz - xx - yy)),
-      (0.25 * std::sqrt(7 / kPi)) * (z * (2.0 * zz - 3.0 * xx - 3.0 * yy)),
-      -(0.25 * std::sqrt(21 / (2 * kPi))) * (x * (4.0 * zz - xx - yy)),
-      (0.25 * std::sqrt(105 / kPi)) * (z * (xx - yy)),
-      -(0.25 * std::sqrt(35 / (2 * kPi))) * (x * (xx - 3.0 * yy)),
-  };
 }
 
 template <class Scalar>

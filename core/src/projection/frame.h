@@ -3,12 +3,10 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
-#include <vector>
 
 #include "device/buffer.h"
 #include "projection/projection_camera.h"
-#include "splatboost/errors.h"
+#include "projection/tile_lists.h"
 #include "splatboost/rasterizer.h"
 
 namespace splatboost {
@@ -26,18 +24,6 @@ struct alignas(64) BlendRecord {
   float unused[5];
 };
 
-/// The tiles that a Gaussian is listed in.
-struct TileListing {
-  std::uint32_t first;  ///< in the array of the Gaussian's piece
-  std::uint32_t tiles;  ///< 0: not drawn
-};
-
-/// A Gaussian in a tile's list.
-struct TileEntry {
-  std::uint32_t gaussian;
-  std::uint32_t slot;  ///< the entry's place when entries are ordered Gaussian by Gaussian
-};
-
 /// Sums over the pixels of one (tile, splat) entry, from which the gradients of its splat follow; one cache line.
 /// Written where the splat's sum will read them in a row: a write that misses the cache costs little, a read that does
 /// stalls. s = α·dL/dα.
@@ -50,34 +36,17 @@ struct alignas(64) EntryMoments {
   float unused[4];
 };
 
-/// Gaussians that are projected together.
-inline constexpr std::size_t kProjectGrain = 512;
-
 /// Workspace of one view.
-struct Frame {
-  Camera camera;
+struct Frame : TileLists {
   RasterOptions options;
   ProjectionCamera projection;
-  std::size_t gaussians = 0;
   int features = 0;            ///< extra channels of the Gaussians that are drawn in this view
   bool inverse_depth = false;  ///< whether inverse depth is drawn
-  int tiles_x = 0, tiles_y = 0;
 
   Buffer<BlendRecord> records;   ///< [N]
-  Buffer<float> depths;          ///< [N] once more: the tile lists need these alone
   Buffer<std::uint8_t> visible;  ///< [N]
   Buffer<std::int32_t> radii;    ///< [N]
   Buffer<float> channels;        ///< [N, extra_channels()] features, then inverse depth
-
-  Buffer<TileListing> listings;                          ///< [N]
-  std::vector<std::vector<std::uint32_t>> listed_tiles;  ///< an array for each piece of kProjectGrain Gaussians
-
-  Buffer<std::uint32_t> piece_slot;     ///< [pieces + 1] first slot of a piece's Gaussians
-  Buffer<std::uint32_t> slot_gaussian;  ///< [E] whose slot it is
-  Buffer<std::uint32_t> tile_begin;     ///< [T+1] first entry of a tile
-  Buffer<std::uint32_t> tile_cursor;    ///< [chunks, T]
-  Buffer<std::uint64_t> entry_keys;     ///< [E] depth and slot, tile by tile
-  Buffer<TileEntry> entries;            ///< [E] tile by tile, near to far
 
   Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] rows of the tile that an entry reaches
   Buffer<std::uint32_t> tile_stop;   ///< [T] entries of the tile that were looked at before all pixels were full
@@ -87,10 +56,6 @@ struct Frame {
   Buffer<float> entry_channel_gradients;  ///< [E, features] by slot
 
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
-  std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
-  std::size_t pieces() const { return (gaussians + kProjectGrain - 1) / kProjectGrain; }
-  /// A Gaussian's slots, one a tile, lie in the order of its tiles; this is the first.
-  std::size_t first_slot(std::size_t i) const { return piece_slot[i / kProjectGrain] + listings[i].first; }
 };
 
 /// Fills records, depths, visible, radii, channels, listings and their tiles. (project_cpu.cpp)
@@ -98,16 +63,6 @@ void project(Frame& frame, const Gaussians& gaussians, Threads& threads);
 /// Sums entry gradients per splat and takes them back to the Gaussians. (project_cpu.cpp)
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       Threads& threads);
-/// Throws ArgumentError where a view has more (tile, Gaussian) pairs than 32 bits can number.
-inline void check_entries(std::uint64_t entries) {
-  SPLATBOOST_CHECK(entries <= std::numeric_limits<std::uint32_t>::max(),
-                   "a view has more than 2^32 - 1 (tile, Gaussian) pairs: use smaller images or smaller Gaussians");
-}
-
-/// Fills piece_slot from the listings. @return how many entries there are (tiles_cpu.cpp)
-std::uint32_t number_slots(Frame& frame);
-/// Fills the tile lists, near to far. (tiles_cpu.cpp)
-void build_tile_lists(Frame& frame, Threads& threads);
 /// Blends all tiles. (blend_cpu.cpp)
 void blend(Frame& frame, const RasterImages& images, Threads& threads);
 /// Fills the entry gradients. (blend_cpu.cpp)

@@ -477,7 +477,7 @@ void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
 
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       Threads& threads) {
-  threads.for_range(frame.gaussians, kProjectGrain, [&](std::size_t begin, std::size_t end) {
+  threads.for_range(frame.primitives, kProjectGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(backward_range)(frame, gaussians, gradients, begin, end);
   });
 }

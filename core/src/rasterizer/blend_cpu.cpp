@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "projection/frame.h"
+#include "rasterizer/tile_images.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "rasterizer/blend_cpu.cpp"
@@ -17,7 +18,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-std::size_t column_blocks() { return kTileSize / hn::Lanes(Lanes()); }
+std::size_t column_blocks() { return blocks_of_columns(); }
 
 /// Blends one tile. @param image [4 + X, 256] colour over the background, alpha, extra channels
 template <bool kExtra>
@@ -39,7 +40,7 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
     std::uint16_t* const rows_of = frame.entry_rows.data();
     for (std::uint32_t e = at; e < batch_end; ++e) {
       prefetch_record(frame, e, end);
-      const BlendRecord& splat = frame.records[frame.entries[e].gaussian];
+      const BlendRecord& splat = frame.records[frame.entries[e].primitive];
       for (int b = 0; b < blocks; ++b) {
         const float x = static_cast<float>(pixels.x0 + b * lanes) + 0.5f;
         rows_of[e * static_cast<std::size_t>(blocks) + static_cast<std::size_t>(b)] = static_cast<std::uint16_t>(
@@ -48,7 +49,7 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
     }
     const std::uint16_t* found = rows_of + at * static_cast<std::size_t>(blocks);
     for (std::uint32_t e = at; e < batch_end; ++e) {
-      const std::uint32_t gaussian = frame.entries[e].gaussian;
+      const std::uint32_t gaussian = frame.entries[e].primitive;
       const BlendRecord& splat = frame.records[gaussian];
       const Vec red = hn::Set(d, splat.red), green = hn::Set(d, splat.green), blue = hn::Set(d, splat.blue);
       const float* channels = frame.channels.data() + gaussian * static_cast<std::size_t>(extra);
@@ -101,34 +102,6 @@ void blend_tile_any(Frame& frame, std::size_t tile, float* image) {
   frame.extra_channels() > 0 ? blend_tile<true>(frame, tile, image) : blend_tile<false>(frame, tile, image);
 }
 
-/// Sum over the lanes.
-HWY_INLINE float sum_of(Vec v) { return hn::GetLane(hn::SumOfLanes(Lanes(), v)); }
-
-/// Sums over the lanes of four vectors at once, half the work of four single ones: the vectors are woven into one
-/// whose every 128-bit block holds a part of each sum, and blocks are added.
-HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
-#if HWY_TARGET == HWY_SCALAR
-  sums[0] = sum_of(a);
-  sums[1] = sum_of(b);
-  sums[2] = sum_of(c);
-  sums[3] = sum_of(e);
-#else
-  const Lanes d;
-  const hn::Repartition<std::uint64_t, Lanes> wide;
-  const Vec ab = hn::Add(hn::InterleaveLower(d, a, b), hn::InterleaveUpper(d, a, b));
-  const Vec ce = hn::Add(hn::InterleaveLower(d, c, e), hn::InterleaveUpper(d, c, e));
-  const auto ab2 = hn::BitCast(wide, ab), ce2 = hn::BitCast(wide, ce);
-  const Vec blocks =
-      hn::Add(hn::BitCast(d, hn::InterleaveLower(wide, ab2, ce2)), hn::BitCast(d, hn::InterleaveUpper(wide, ab2, ce2)));
-  alignas(64) float parts[kTileSize];
-  hn::Store(blocks, d, parts);
-  const hn::CappedTag<float, 4> four;
-  auto sum = hn::Load(four, parts);
-  for (std::size_t i = 4; i < hn::Lanes(d); i += 4) sum = hn::Add(sum, hn::Load(four, parts + i));
-  hn::StoreU(sum, four, sums);
-#endif
-}
-
 /// Slots are not contiguous: prefetch their cache lines before they are written.
 HWY_INLINE void prefetch_moments(Frame& frame, std::uint32_t at, std::uint32_t end) {
   constexpr std::uint32_t kAhead = 8;
@@ -167,7 +140,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
     prefetch_moments(frame, at, stop);
-    const std::uint32_t gaussian = frame.entries[at].gaussian;
+    const std::uint32_t gaussian = frame.entries[at].primitive;
     const BlendRecord& splat = frame.records[gaussian];
     const float* channels = frame.channels.data() + gaussian * static_cast<std::size_t>(frame.extra_channels());
     const Vec own_red = hn::Set(d, splat.red), own_green = hn::Set(d, splat.green), own_blue = hn::Set(d, splat.blue);
@@ -280,54 +253,6 @@ namespace {
 HWY_EXPORT(column_blocks);
 HWY_EXPORT(blend_tile_any);
 HWY_EXPORT(blend_tile_backward_any);
-
-constexpr std::size_t kTilePixels = kTileSize * kTileSize;
-
-/// The part of an image that a tile covers.
-struct TileArea {
-  std::size_t x0, y0, width, height;
-  std::size_t image_width, image_pixels;
-  TileArea(const Frame& frame, std::size_t tile) {
-    const auto columns = static_cast<std::size_t>(frame.tiles_x);
-    image_width = static_cast<std::size_t>(frame.camera.width);
-    const auto image_height = static_cast<std::size_t>(frame.camera.height);
-    image_pixels = image_width * image_height;
-    x0 = tile % columns * kTileSize;
-    y0 = tile / columns * kTileSize;
-    width = std::min<std::size_t>(kTileSize, image_width - x0);
-    height = std::min<std::size_t>(kTileSize, image_height - y0);
-  }
-  std::size_t row(std::size_t plane, std::size_t y) const { return plane * image_pixels + (y0 + y) * image_width + x0; }
-};
-
-/// Copies a row of an area. Nearly all are as wide as the tile, which is a few moves instead of a call.
-inline void copy_row(const float* from, float* to, std::size_t width) {
-  if (width == kTileSize) {
-    std::memcpy(to, from, kTileSize * sizeof(float));
-  } else {
-    std::memcpy(to, from, width * sizeof(float));
-  }
-}
-
-void store_planes(const TileArea& area, const float* tile, std::size_t planes, std::span<float> image) {
-  if (image.empty()) return;
-  for (std::size_t c = 0; c < planes; ++c) {
-    for (std::size_t y = 0; y < area.height; ++y) {
-      copy_row(tile + c * kTilePixels + y * kTileSize, image.data() + area.row(c, y), area.width);
-    }
-  }
-}
-
-void load_planes(const TileArea& area, std::span<const float> image, std::size_t planes, float* tile) {
-  if (image.empty() || area.width * area.height < kTilePixels)
-    std::memset(tile, 0, planes * kTilePixels * sizeof(float));
-  if (image.empty()) return;
-  for (std::size_t c = 0; c < planes; ++c) {
-    for (std::size_t y = 0; y < area.height; ++y) {
-      copy_row(image.data() + area.row(c, y), tile + c * kTilePixels + y * kTileSize, area.width);
-    }
-  }
-}
 
 }  // namespace
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <atomic>
-#include <bit>
 
 #include "projection/frame.h"
+#include "rasterizer/flagged_tiles.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "rasterizer/count_cpu.cpp"
@@ -35,7 +35,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_record(frame, at, stop);
-    const BlendRecord& splat = frame.records[frame.entries[at].gaussian];
+    const BlendRecord& splat = frame.records[frame.entries[at].primitive];
     const RowOffsets offsets(splat, pixels.first_y);
     Vec sum = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
@@ -54,7 +54,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
       }
     }
     const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (count > 0) std::atomic_ref(counts[frame.entries[at].gaussian]).fetch_add(count, std::memory_order_relaxed);
+    if (count > 0) std::atomic_ref(counts[frame.entries[at].primitive]).fetch_add(count, std::memory_order_relaxed);
   }
 }
 
@@ -119,24 +119,8 @@ HWY_EXPORT(observe_tile);
 
 void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
                           Threads& threads) {
-  const auto width = static_cast<std::size_t>(frame.camera.width);
-  const auto height = static_cast<std::size_t>(frame.camera.height);
-  const auto columns = static_cast<std::size_t>(frame.tiles_x);
-  threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
-    alignas(64) float tile_flags[kTileSize * kTileSize];
-    for (std::size_t tile = begin; tile < end; ++tile) {
-      const std::size_t x0 = tile % columns * kTileSize, y0 = tile / columns * kTileSize;
-      bool any = false;
-      for (std::size_t y = 0; y < kTileSize; ++y) {
-        for (std::size_t x = 0; x < kTileSize; ++x) {
-          const bool inside = x0 + x < width && y0 + y < height;
-          const bool flag = inside && flagged[(y0 + y) * width + x0 + x] != 0;
-          tile_flags[y * kTileSize + x] = flag ? 1.0f : 0.0f;
-          any |= flag;
-        }
-      }
-      if (any) HWY_DYNAMIC_DISPATCH(count_tile)(frame, tile, tile_flags, counts.data());
-    }
+  for_each_flagged_tile(frame, flagged, threads, [&](std::size_t tile, const float* tile_flags) {
+    HWY_DYNAMIC_DISPATCH(count_tile)(frame, tile, tile_flags, counts.data());
   });
 }
 

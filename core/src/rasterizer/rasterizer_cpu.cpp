@@ -24,7 +24,7 @@ class CpuRasterizer : public RasterizerBackend {
     frame_.camera = camera;
     frame_.options = options;
     frame_.projection = make_projection_camera(camera);
-    frame_.gaussians = gaussians.count;
+    frame_.primitives = gaussians.count;
     frame_.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
     frame_.inverse_depth = !images.inverse_depth.empty();
     frame_.tiles_x = camera.tiles_x();

@@ -14,6 +14,7 @@ using testing::FakeRasterizer;
 using testing::Hand;
 
 const char* const kOfGaussians[] = {"vanilla", "mip-splatting", "dropgaussian", "deformable-3dgs", "pgsr"};
+const char* const kOfConvexes = "convex-splatting";
 const char* const kOfAnchors[] = {"scaffold-gs", "octree-gs"};
 
 std::unique_ptr<Adapter> literal(const char* backbone, Threads& threads) {
@@ -129,6 +130,29 @@ TEST(Literal, gaussians_grow_above_the_thresholds_and_five_whole_flagged_pixels)
     EXPECT_EQ(clone, (std::vector<std::uint8_t>{1, 0, 0, 0, 0})) << backbone;
     EXPECT_EQ(split, (std::vector<std::uint8_t>{0, 0, 1, 0, 0})) << backbone;
   }
+}
+
+TEST(Literal, convexes_split_above_five_whole_flagged_pixels_and_prune_as_gaussians_do) {
+  Threads threads(1);
+  const auto adapter = literal(kOfConvexes, threads);
+  FakeRasterizer rasterizer({6, 5, 60}, 2);
+  std::vector<std::uint8_t> clone(3, 0), split{1, 1, 0};
+  GrowDecisions decisions{clone, split};
+  const Hand hand{{1, 1, 1}, {}, {0.09f, 0.11f, 0.5f}, {}};
+  adapter->grow(hand.at(1000), rasterizer, decisions);
+  EXPECT_EQ(split, (std::vector<std::uint8_t>{1, 0, 0})) << "only candidates of the backbone's own rule";
+  for (const int total : {7000, 30000}) {
+    for (int i = 1; i <= total; ++i) {
+      const bool late = i > share(total, 15000) && i < total && i % share(total, 3000) == 0;
+      ASSERT_EQ(adapter->prunes_at({i, total}, false), late) << total << " " << i;
+      ASSERT_EQ(adapter->grows_at({i, total}, i % 200 == 0), i % 200 == 0) << "when the backbone does";
+      ASSERT_EQ(adapter->resets_opacities_at({i, total}, i % 900 == 0), i % 900 == 0);
+    }
+  }
+  std::vector<std::uint8_t> remove(3, 0);
+  PruneDecisions pruned{remove, PruneRule::late, {}};
+  adapter->prune(hand.at(18000), rasterizer, pruned);
+  EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 1})) << "an opacity below 0.1, a score above 0.9";
 }
 
 TEST(Literal, slots_of_anchors_grow_above_five_whole_flagged_pixels) {

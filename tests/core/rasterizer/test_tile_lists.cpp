@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "projection/frame.h"
+#include "projection/tile_lists.h"
 #include "splatboost/errors.h"
 
 namespace splatboost::test {
@@ -12,18 +12,18 @@ namespace {
 constexpr std::uint32_t kMost = 0xffffffffu;
 
 /// Three pieces of Gaussians; the last Gaussian of each ends its piece's entries.
-Frame listed_frame(std::uint32_t first, std::uint32_t second, std::uint32_t third) {
-  Frame frame;
-  frame.gaussians = 2 * kProjectGrain + 5;
-  frame.listings.ensure(frame.gaussians);
+TileLists listed_frame(std::uint32_t first, std::uint32_t second, std::uint32_t third) {
+  TileLists frame;
+  frame.primitives = 2 * kProjectGrain + 5;
+  frame.listings.ensure(frame.primitives);
   frame.listings[kProjectGrain - 1] = {first - 1, 1};
   frame.listings[2 * kProjectGrain - 1] = {0, second};
-  frame.listings[frame.gaussians - 1] = {third, 0};
+  frame.listings[frame.primitives - 1] = {third, 0};
   return frame;
 }
 
 TEST(TileLists, NumberTheSlotsOfThePieces) {
-  Frame frame = listed_frame(7, 11, 3);
+  TileLists frame = listed_frame(7, 11, 3);
   EXPECT_EQ(number_slots(frame), 21u);
   EXPECT_EQ(frame.piece_slot[0], 0u);
   EXPECT_EQ(frame.piece_slot[1], 7u);
@@ -32,13 +32,13 @@ TEST(TileLists, NumberTheSlotsOfThePieces) {
 }
 
 TEST(TileLists, HoldAsManyEntriesAs32BitsCanNumber) {
-  Frame frame = listed_frame(kMost / 2, kMost / 2, 1);
+  TileLists frame = listed_frame(kMost / 2, kMost / 2, 1);
   EXPECT_EQ(number_slots(frame), kMost);
 }
 
 TEST(TileLists, RefuseMoreEntriesThanThat) {
   for (const std::uint32_t third : {2u, kMost}) {
-    Frame frame = listed_frame(kMost / 2, kMost / 2, third);
+    TileLists frame = listed_frame(kMost / 2, kMost / 2, third);
     try {
       number_slots(frame);
       ADD_FAILURE() << "nothing was thrown";

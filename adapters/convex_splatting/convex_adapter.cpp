@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "convex_splatting/convex_adapter.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "registry/boost_settings.h"
+#include "splatboost/errors.h"
+#include "splatboost/select.h"
+
+namespace splatboost {
+namespace {
+
+/// Optimizer schedule of the paper's supplement, Sec. 9.1.
+constexpr StepIntervals kRestIntervals{16, 32, 64};
+constexpr StepIntervals kOtherIntervals{1, 32, 64};
+
+}  // namespace
+
+void check(const ConvexBoost& boost) {
+  check_setting(boost.beta > 0 && boost.beta <= 1, "beta must be in (0, 1]");
+  check_setting(boost.tau_d >= 0 && std::isfinite(boost.tau_d), "tau_d must be at least 0");
+  check_setting(boost.views >= 1, "views must be at least 1");
+  check_setting(boost.tau > 0 && boost.tau < 1, "tau must be in (0, 1)");
+  check_setting(boost.lambda_dssim >= 0 && boost.lambda_dssim <= 1, "lambda_dssim must be in [0, 1]");
+  check_setting(boost.late_prune_from >= 0, "late_prune_from must be at least 0");
+  check_setting(boost.late_prune_interval >= 1, "late_prune_interval must be at least 1");
+  check_setting(boost.late_min_opacity >= 0 && boost.late_min_opacity <= 1, "late_min_opacity must be in [0, 1]");
+  check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
+  check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
+}
+
+ConvexBoost literal_convex_boost() {
+  ConvexBoost boost;
+  boost.literal = true;
+  boost.schedule = false;
+  boost.late_min_opacity = 0.1;
+  return boost;
+}
+
+ConvexAdapter::ConvexAdapter(const ConvexBoost& boost, Device device) : boost_(boost), scorer_(device) { check(boost); }
+
+std::optional<float> ConvexAdapter::beta() const {
+  return boost_.cb ? std::optional<float>(boost_.beta) : std::nullopt;
+}
+
+const ScoreSums& ConvexAdapter::score(Moment moment, RasterizerHook& rasterizer) {
+  const RandomStream random(boost_.seed, static_cast<std::uint64_t>(moment.iteration), RandomPurpose::scored_views);
+  const ScoreSums& sums =
+      scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim, boost_.vcp}, random);
+  if (boost_.vcp) {
+    pruning_.resize(rasterizer.primitives());
+    pruning_scores(sums, pruning_);
+  }
+  return sums;
+}
+
+void ConvexAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
+  if (!boost_.vcd && !boost_.vcp) return;
+  const ScoreSums& sums = score(statistics.moment, rasterizer);
+  scored_at_ = statistics.moment.iteration;
+  if (!boost_.vcd) return;
+  importance_.resize(rasterizer.primitives());
+  importance_scores(sums, importance_);
+  double tau_d = boost_.tau_d;
+  if (!boost_.literal) tau_d *= kAddedByASplit * std::min(1.0, scorer_.mean_pixels() / kConvexTauDPixels);
+  keep_important(importance_, tau_d, decisions.split);
+}
+
+bool ConvexAdapter::prunes_late_at(Moment moment) const {
+  if (!boost_.vcp) return false;
+  const int from = scaled_iteration(boost_.late_prune_from, moment.total);
+  const int interval = scaled_iteration(boost_.late_prune_interval, moment.total);
+  return moment.iteration > from && moment.iteration < moment.total && moment.iteration % interval == 0;
+}
+
+bool ConvexAdapter::prunes_at(Moment moment, bool backbone_would) const {
+  return backbone_would || prunes_late_at(moment);
+}
+
+void ConvexAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) {
+  if (!boost_.vcp) return;
+  const std::size_t n = decisions.remove.size();
+  if (decisions.rule == PruneRule::growth) {
+    SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
+    std::vector<float> weights(n);
+    for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
+    const auto candidates = static_cast<std::size_t>(
+        std::count_if(decisions.remove.begin(), decisions.remove.end(), [](std::uint8_t r) { return r != 0; }));
+    const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
+                              RandomPurpose::prune);
+    keep_weighted_sample(weights, candidates / 2, random, decisions.remove);
+    return;
+  }
+  if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
+  SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
+  score(statistics.moment, rasterizer);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (statistics.opacities[i] < static_cast<float>(boost_.late_min_opacity) ||
+        pruning_[i] > static_cast<float>(boost_.late_max_score)) {
+      decisions.remove[i] = 1;
+    }
+  }
+}
+
+bool ConvexAdapter::steps_at(std::string_view group, Moment moment) const {
+  return !boost_.schedule || splatboost::steps_at(group == "f_rest" ? kRestIntervals : kOtherIntervals, moment);
+}
+
+AdapterEntry convex_splatting_adapter_entry() {
+  return {"convex-splatting",
+          [](bool literal) { return make_settings<ConvexAdapter>(literal ? literal_convex_boost() : ConvexBoost{}); }};
+}
+
+}  // namespace splatboost

@@ -1,0 +1,615 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "convex_splatting/convex_splatting.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <string>
+#include <utility>
+
+#include "convex_splatting/convex_file.h"
+#include "convex_splatting/convex_shapes.h"
+#include "families/gaussians/trained_group.h"
+#include "splatboost/activations.h"
+#include "splatboost/array.h"
+#include "splatboost/convex_rasterizer.h"
+#include "splatboost/convex_training.h"
+#include "splatboost/neighbors.h"
+#include "splatboost/rows.h"
+#include "splatboost/select.h"
+#include "splatboost/spatial_order.h"
+#include "trainer/backbone_api/backbone_entry.h"
+#include "trainer/backbone_api/training_truths.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
+constexpr float kMinSquaredDistance = 1e-7f;   // of neighbours at initialisation, keeps logarithms finite
+constexpr float kInitialMask = 1.0f;           // a logit
+constexpr int kRestRows = 15;
+constexpr int kLeastGrowthsAReset = 5;
+
+float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
+float sigmoid(float x) { return 1 / (1 + std::exp(-x)); }
+
+class ConvexSplatting final : public Backbone, private RasterizerHook {
+ public:
+  ConvexSplatting(const BackboneContext& context, const ConvexConfig& config)
+      : context_(context), config_(config), device_(context.device), rasterizer_(device_), photometric_(device_) {
+    initialise();
+  }
+
+  double train_step(int iteration, const View& view) override;
+  void wait() override {
+    if (device_.is_cuda()) device_.stream().synchronize();
+  }
+  void finish() override {
+    step_all(iteration_);
+    wait();
+  }
+  std::size_t primitives() const override { return opacity_.rows(); }
+  std::size_t bytes_per_primitive() const override;
+  void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
+  std::uint64_t export_model(const std::filesystem::path& folder) const override;
+  void import_model(const std::filesystem::path& folder) override;
+  void save(ArchiveWriter& archive) const override;
+  void load(ArchiveReader& archive) override;
+  nlohmann::json config() const override { return to_json(config_); }
+  RasterizerHook& rasterizer_hook() override { return *this; }
+  void set_hooks(DensityHook* density, OptimizerHook* optimizer) override {
+    density_ = density;
+    optimizer_ = optimizer;
+  }
+  const StageClock& stages() const override { return clock_; }
+
+ private:
+  // RasterizerHook
+  void set_beta(std::optional<float> beta) override { beta_ = beta; }
+  std::size_t scorable_views() const override { return context_.scene.train.size(); }
+  ScoredView render_for_score(std::size_t view) override;
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    rasterizer_.count_flagged(flagged, counts);
+  }
+
+  void initialise();
+  void activate();
+  Convexes drawn();
+  ConvexOptions raster_options(std::optional<float> beta, float pixel_size) const;
+  /// Side of a pixel of a training view, or its half, in the pixels that smoothness and sharpness are of.
+  float pixel_size_of(const View& view) const;
+  /// The same of any camera: of those that training had, the focal length that is nearest.
+  float pixel_size_of(const Camera& camera) const;
+  int at(int published) const { return scaled_iteration(published, context_.iterations); }
+  /// Scaled as all phases are, but in a short run opacities need time to come back.
+  int opacity_reset_interval() const {
+    return std::max(at(config_.opacity_reset_interval), kLeastGrowthsAReset * config_.densify_interval);
+  }
+  int sh_degree() const { return std::min(config_.sh_degree, iteration_ / at(config_.sh_interval)); }
+  Moment moment() const { return {iteration_, context_.iterations}; }
+  /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
+  template <class... Stages>
+  void lap_rasterizer(const char* all, const Stages&... stages);
+
+  void step_group(TrainedGroup& group, int iteration);
+  void step_all(int iteration);
+
+  void control_density();
+  DensityStatistics statistics();
+  void grow();
+  void append_children(std::span<const std::uint32_t> parents);
+  void prune(PruneRule rule);
+  void remove(std::span<const std::uint8_t> removed);
+  void select(const Array<std::uint32_t>& rows);
+  void reset_opacities();
+  void reorder();
+  void restart_statistics();
+
+  BackboneContext context_;
+  ConvexConfig config_;
+  Device device_;
+  ConvexRasterizer rasterizer_;
+  Photometric photometric_;
+  std::optional<float> beta_;
+  DensityHook* density_ = nullptr;
+  OptimizerHook* optimizer_ = nullptr;
+  StageClock clock_{device_};
+  int iteration_ = 0;
+  double gradient_threshold_ = 0;     ///< for the size of this scene
+  std::vector<float> focal_lengths_;  ///< px, of the images that smoothness and sharpness are of
+
+  // Names of the groups are the release's.
+  TrainedGroup points_{"convex_points", kConvexWidth, device_, [this](int iteration) {
+                         return exponential_rate(config_.points_rate_initial, config_.points_rate_final, iteration,
+                                                 context_.iterations);
+                       }};
+  TrainedGroup smoothness_{"delta", 1, device_, [this](int) { return config_.smoothness_rate; },
+                           Activation::exponential};
+  TrainedGroup sharpness_{"sigma", 1, device_, [this](int) { return config_.sharpness_rate; }, Activation::exponential};
+  TrainedGroup opacity_{"opacity", 1, device_, [this](int) { return config_.opacity_rate; }, Activation::sigmoid};
+  TrainedGroup mask_{"mask", 1, device_, [this](int) { return config_.mask_rate; }, Activation::sigmoid};
+  TrainedGroup f_dc_{"f_dc", 3, device_, [this](int) { return config_.feature_rate; }};
+  TrainedGroup f_rest_{"f_rest", 3 * kRestRows, device_, [this](int) { return config_.feature_rate / 20.0; }};
+  std::vector<TrainedGroup*> groups_{&points_, &smoothness_, &sharpness_, &opacity_, &mask_, &f_dc_, &f_rest_};
+
+  bool stale_ = true;                                       ///< parameters moved since activate()
+  Array<float> drawn_opacities_{device_};                   ///< [N] 0 where masked
+  Array<float> drawn_opacity_gradients_{device_};           ///< [N]
+  Array<float> color_{device_}, color_gradients_{device_};  ///< [3,H,W]
+  TrainingTruths truths_{context_.scene, device_};
+  Array<float> view_gradients_{device_}, view_gradients_abs_{device_};  ///< [N] of this iteration
+  Array<float> gradient_sum_{device_}, gradient_abs_sum_{device_};      ///< [N] since the last growth
+  Array<float> seen_{device_};                                          ///< [N] views that they come from
+  Array<float> workspace_{device_};                                     ///< of select()
+
+  // Of density control, which is decided on the host.
+  std::vector<float> mean_gradients_, mean_gradients_abs_, opacities_copy_, max_scales_;
+  std::vector<std::uint32_t> origins_;  ///< [N] index before the growth of this iteration
+  std::size_t old_ = 0;                 ///< of these, convexes that the growth did not make come first
+};
+
+void ConvexSplatting::initialise() {
+  const PointCloud& points = context_.scene.points;
+  require(points.size() > 0, "the scene has no point to put a convex at; give it a point cloud");
+  // A cap below the number of points keeps an even subset of them.
+  std::size_t n = points.size();
+  const std::size_t stride_of = n;
+  if (context_.max_primitives > 0) n = std::min(n, context_.max_primitives);
+  std::vector<float> centres, dc;
+  float low[3], high[3];
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t from = i * stride_of / n;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const float x = points.positions[3 * from + c];
+      low[c] = i == 0 ? x : std::min(low[c], x);
+      high[c] = i == 0 ? x : std::max(high[c], x);
+      centres.push_back(x);
+      dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShDc);
+    }
+  }
+  const float extent = std::max({high[0] - low[0], high[1] - low[1], high[2] - low[2]});
+  const bool large = config_.large_scene > 0 && static_cast<double>(extent) > config_.large_scene;
+  gradient_threshold_ = config_.gradient_threshold * (large ? config_.large_scene_factor : 1);
+
+  for (const View& view : context_.scene.train) {
+    focal_lengths_.push_back(config_.reference_focal > 0 ? static_cast<float>(config_.reference_focal)
+                                                         : view.camera.fx);
+  }
+  std::ranges::sort(focal_lengths_);
+  focal_lengths_.erase(std::unique(focal_lengths_.begin(), focal_lengths_.end()), focal_lengths_.end());
+  if (focal_lengths_.empty()) focal_lengths_.push_back(1);
+
+  std::vector<float> squared(n);
+  mean_squared_neighbor_distances(centres, 3, squared, context_.threads);
+  std::vector<float> radii, log_smoothness;
+  for (const float d : squared) {
+    const double distance = std::sqrt(static_cast<double>(std::max(d, kMinSquaredDistance)));
+    radii.push_back(static_cast<float>(config_.initial_size * distance));
+    log_smoothness.push_back(static_cast<float>(std::log(config_.initial_smoothness / distance)));
+  }
+  points_.assign(spheres(centres, radii));
+  smoothness_.assign(std::move(log_smoothness));
+  sharpness_.assign(std::vector<float>(n, static_cast<float>(std::log(config_.initial_sharpness))));
+  opacity_.assign(std::vector<float>(n, logit(config_.initial_opacity)));
+  mask_.assign(std::vector<float>(n, kInitialMask));
+  f_dc_.assign(std::move(dc));
+  f_rest_.assign(std::vector<float>(n * 3 * kRestRows, 0.0f));
+  reorder();
+  restart_statistics();
+  activate();
+}
+
+std::size_t ConvexSplatting::bytes_per_primitive() const {
+  std::size_t bytes = 0;
+  for (const TrainedGroup* group : groups_) bytes += 4 * sizeof(float) * group->width;  // with gradients and moments
+  constexpr std::size_t kActivated = 4 + 2, kStatistics = 2 + 3 + 4;                    // floats
+  constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;                                    // as memory_estimate.cpp
+  constexpr std::size_t kRecord = 192 + 8 + 9;
+  constexpr std::size_t kEntries = 10, kEntry = 4 + 4 + 8 + 8 + 4 + 128;  // (tile, convex) pairs, about
+  const std::size_t growth = 3 * kRestRows * sizeof(float);
+  return bytes + (kActivated + kStatistics) * sizeof(float) + kScores + kRecord + kEntries * kEntry + growth;
+}
+
+void ConvexSplatting::restart_statistics() {
+  const std::size_t n = primitives();
+  gradient_sum_.assign_zeros(n);
+  gradient_abs_sum_.assign_zeros(n);
+  seen_.assign_zeros(n);
+}
+
+void ConvexSplatting::activate() {
+  if (!stale_) return;
+  for (TrainedGroup* group : groups_) {
+    if (group->activation == Activation::none) continue;
+    group->activated.ensure(group->values.size());
+    const auto activate_values = group->activation == Activation::exponential ? exponentials : sigmoids;
+    activate_values(group->values, group->activated, device_);
+  }
+  drawn_opacities_.ensure(primitives());
+  mask_opacities(opacity_.activated, mask_.activated, drawn_opacities_, device_);
+  stale_ = false;
+}
+
+Convexes ConvexSplatting::drawn() {
+  activate();
+  Convexes convexes;
+  convexes.count = primitives();
+  convexes.points_per_convex = static_cast<int>(kConvexPoints);
+  convexes.points = points_.values;
+  convexes.smoothness = smoothness_.activated;
+  convexes.sharpness = sharpness_.activated;
+  convexes.opacities = drawn_opacities_;
+  convexes.sh_dc = f_dc_.values;
+  convexes.sh_rest = f_rest_.values;
+  convexes.sh_rest_rows = kRestRows;
+  convexes.sh_degree = sh_degree();
+  return convexes;
+}
+
+float ConvexSplatting::pixel_size_of(const View& view) const {
+  if (config_.reference_focal > 0) return pixel_size_of(view.camera);
+  const std::optional<std::size_t> index = training_index(context_.scene, view);
+  return index ? context_.scene.train[*index].camera.fx / view.camera.fx : 1.0f;
+}
+
+float ConvexSplatting::pixel_size_of(const Camera& camera) const {
+  const auto distance = [&](float focal) { return std::abs(std::log(focal / camera.fx)); };
+  const auto nearest = std::ranges::min_element(focal_lengths_, {}, distance);
+  return *nearest / camera.fx;
+}
+
+ConvexOptions ConvexSplatting::raster_options(std::optional<float> beta, float pixel_size) const {
+  ConvexOptions options;
+  if (beta) {
+    options.box = ConvexBox::compact;
+    options.beta = *beta;
+  }
+  options.background = glm::vec3(context_.scene.white_background ? 1.0f : 0.0f);
+  options.pixel_size = pixel_size;
+  options.released_view_direction = config_.released_view_direction;
+  return options;
+}
+
+template <class... Stages>
+void ConvexSplatting::lap_rasterizer(const char* all, const Stages&... stages) {
+  if (device_.is_cuda()) return clock_.lap(all);
+  const RasterSeconds& seconds = rasterizer_.seconds();
+  (clock_.add(stages.first, seconds.*stages.second), ...);
+}
+
+/// @return the photometric loss; that of the masks, λ · mean, is in the gradients alone
+double ConvexSplatting::train_step(int iteration, const View& view) {
+  clock_.restart();
+  iteration_ = iteration;
+  const std::size_t n = primitives();
+  const Convexes convexes = drawn();
+  clock_.lap("activate");
+  color_.ensure(view.color.size());
+  rasterizer_.forward(view.camera, convexes, raster_options(beta_, pixel_size_of(view)), color_);
+  lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
+                 std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
+
+  color_gradients_.ensure(view.color.size());
+  const auto lambda = static_cast<float>(config_.lambda_dssim);
+  // The run ends with the loss of its end.
+  const bool ahead = iteration != context_.iterations;
+  const TruthImage truth = truths_.of(view);
+  const PhotometricLoss loss = ahead ? photometric_.evaluate_ahead(color_, truth, lambda, color_gradients_)
+                                     : photometric_.evaluate(color_, truth, lambda, color_gradients_);
+  clock_.lap("loss");
+
+  ConvexGradients gradients;
+  gradients.mode = GradientMode::accumulate;
+  gradients.points = points_.gradients;
+  gradients.smoothness = smoothness_.gradients;
+  gradients.sharpness = sharpness_.gradients;
+  gradients.sh_dc = f_dc_.gradients;
+  gradients.sh_rest = f_rest_.gradients;
+  drawn_opacity_gradients_.assign_zeros(n);
+  gradients.opacities = drawn_opacity_gradients_;
+  const bool growing = iteration < at(config_.densify_until);
+  if (growing) {
+    view_gradients_.ensure(n);
+    gradients.view_sharpness = view_gradients_;
+    if (density_ != nullptr && density_->needs_absolute_gradients()) {
+      view_gradients_abs_.ensure(n);
+      gradients.view_sharpness_abs = view_gradients_abs_;
+    }
+  }
+  rasterizer_.backward(convexes, color_gradients_, {}, gradients);
+  const auto mask_slope = static_cast<float>(config_.lambda_mask / static_cast<double>(std::max<std::size_t>(n, 1)));
+  mask_opacities_backward(opacity_.activated, mask_.activated, drawn_opacity_gradients_, mask_slope, opacity_.gradients,
+                          mask_.gradients, device_);
+  for (TrainedGroup* group : groups_) group->pending = true;
+  lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
+                 std::pair("project_backward", &RasterSeconds::project_backward));
+
+  if (growing) {
+    add_sharpness_gradients(rasterizer_.visible(), gradients.view_sharpness, gradients.view_sharpness_abs,
+                            {gradient_sum_, gradient_abs_sum_, seen_}, device_);
+  }
+  clock_.lap("statistics");
+  for (TrainedGroup* group : groups_) {
+    if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group, iteration);
+  }
+  clock_.lap("optimizer");
+  control_density();
+  clock_.lap("density");
+  return loss.total;
+}
+
+void ConvexSplatting::step_group(TrainedGroup& group, int iteration) {
+  if (!group.pending) return;
+  // The gradients are of activated values; these have not changed since the last step of the group.
+  if (group.activation == Activation::exponential) exponential_gradients(group.activated, group.gradients, device_);
+  if (group.activation == Activation::sigmoid) sigmoid_gradients(group.activated, group.gradients, device_);
+  AdamOptions options;
+  options.learning_rate = static_cast<float>(group.rate(iteration));
+  if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
+  group.step(options, device_);
+  stale_ = true;
+}
+
+void ConvexSplatting::step_all(int iteration) {
+  for (TrainedGroup* group : groups_) step_group(*group, iteration);
+  activate();
+}
+
+DensityStatistics ConvexSplatting::statistics() {
+  activate();
+  const std::size_t n = primitives();
+  std::vector<float> sum_copy, abs_copy, seen_copy, points_copy;
+  const std::span<const float> sums = gradient_sum_.on_host(sum_copy), sums_abs = gradient_abs_sum_.on_host(abs_copy);
+  const std::span<const float> seen = seen_.on_host(seen_copy);
+  mean_gradients_.resize(n);
+  mean_gradients_abs_.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    mean_gradients_[i] = seen[i] > 0 ? sums[i] / seen[i] : 0.0f;
+    mean_gradients_abs_[i] = seen[i] > 0 ? sums_abs[i] / seen[i] : 0.0f;
+  }
+  max_scales_.resize(n);
+  longest_deviations(points_.values.on_host(points_copy), max_scales_);
+  return {moment(),
+          context_.scene.extent,
+          mean_gradients_,
+          mean_gradients_abs_,
+          opacity_.activated.on_host(opacities_copy_),
+          max_scales_};
+}
+
+void ConvexSplatting::control_density() {
+  const int until = at(config_.densify_until);
+  const bool own =
+      iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
+  if (density_ != nullptr ? density_->grows_at(moment(), own) : own) {
+    step_all(iteration_);
+    grow();
+    prune(PruneRule::growth);
+    reorder();
+    restart_statistics();
+  }
+  if (iteration_ >= until && iteration_ % at(config_.trim_interval) == 0) {
+    step_all(iteration_);
+    prune(PruneRule::trim);
+    restart_statistics();
+  }
+  if (density_ != nullptr && density_->prunes_at(moment(), false)) {
+    step_all(iteration_);
+    prune(PruneRule::late);
+    restart_statistics();
+  }
+  const bool white_start = context_.scene.white_background && iteration_ == at(config_.densify_from);
+  const bool own_reset = iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start);
+  if (density_ != nullptr ? density_->resets_opacities_at(moment(), own_reset) : own_reset) {
+    step_all(iteration_);
+    reset_opacities();
+  }
+  if (stale_) activate();
+}
+
+void ConvexSplatting::grow() {
+  const DensityStatistics known = statistics();
+  const std::size_t n = primitives();
+  std::vector<std::uint8_t> clone(n, 0), split(n);
+  for (std::size_t i = 0; i < n; ++i) split[i] = known.gradients[i] >= static_cast<float>(gradient_threshold_);
+  if (density_ != nullptr) {
+    GrowDecisions decisions{clone, split};
+    density_->grow(known, *this, decisions);
+  }
+  if (context_.max_primitives > 0) {
+    const std::size_t room = context_.max_primitives - std::min(context_.max_primitives, n);
+    keep_largest(known.gradients, room / (kConvexPoints - 1), split);
+  }
+  std::vector<std::uint32_t> parents;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (split[i] != 0) parents.push_back(static_cast<std::uint32_t>(i));
+  }
+  origins_.resize(n);
+  std::iota(origins_.begin(), origins_.end(), 0u);
+  // All or none: where memory is short the model stays whole.
+  for (TrainedGroup* group : groups_) group->reserve_rows(n + kConvexPoints * parents.size());
+  append_children(parents);
+  old_ = n - parents.size();
+  split.resize(primitives(), 0);  // parents go
+  remove(split);
+}
+
+void ConvexSplatting::append_children(std::span<const std::uint32_t> parents) {
+  const Array<std::uint32_t> listed(device_, std::vector<std::uint32_t>(parents.begin(), parents.end()));
+  const std::size_t first = primitives();
+  for (std::size_t child = 0; child < kConvexPoints; ++child) {
+    for (TrainedGroup* group : groups_) group->append_copies(listed);
+    origins_.insert(origins_.end(), parents.begin(), parents.end());
+  }
+  // The rows are copies of the parents', a block for each child's number.
+  points_.values.edit(kConvexWidth * first, [&](std::span<float> rows) {
+    std::vector<float> parent(kConvexWidth);
+    for (std::size_t k = 0; k < rows.size() / kConvexWidth; ++k) {
+      const std::span<float> row = rows.subspan(kConvexWidth * k, kConvexWidth);
+      std::ranges::copy(row, parent.begin());
+      child_points(parent, k / parents.size(), static_cast<float>(config_.child_size), row);
+    }
+  });
+  sharpness_.values.edit(first, [&](std::span<float> logarithms) {
+    for (float& value : logarithms) value *= static_cast<float>(config_.child_log_sharpness);
+  });
+  opacity_.values.edit(first, [&](std::span<float> logits) {
+    for (float& value : logits) value = logit(config_.child_opacity * static_cast<double>(sigmoid(value)));
+  });
+  stale_ = true;
+}
+
+void ConvexSplatting::prune(PruneRule rule) {
+  if (rule == PruneRule::growth) {
+    restart_statistics();
+  } else {
+    origins_.clear();
+  }
+  const DensityStatistics known = statistics();
+  const std::size_t n = primitives();
+  std::vector<std::uint8_t> removed(n, 0);
+  if (rule != PruneRule::late) {
+    std::vector<float> copy;
+    const std::span<const float> masks = mask_.activated.on_host(copy);
+    // New convexes have no size yet, in the release: they are measured where they were seen.
+    const bool large_go =
+        rule == PruneRule::growth && config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
+    const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
+    for (std::size_t i = 0; i < n; ++i) {
+      removed[i] = known.opacities[i] < static_cast<float>(config_.min_opacity) ||
+                   masks[i] <= static_cast<float>(config_.min_mask) ||
+                   (large_go && i < old_ && known.max_scales[i] > large);
+    }
+  }
+  if (density_ != nullptr) {
+    PruneDecisions decisions{removed, rule, origins_};
+    density_->prune(known, *this, decisions);
+  }
+  if (spare_one(known.opacities, removed) > 0) remove(removed);
+}
+
+void ConvexSplatting::remove(std::span<const std::uint8_t> removed) {
+  select({device_, kept_rows(removed)});
+  if (origins_.size() == removed.size()) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < removed.size(); ++i) {
+      if (removed[i] == 0) origins_[kept++] = origins_[i];
+    }
+    origins_.resize(kept);
+  }
+}
+
+void ConvexSplatting::select(const Array<std::uint32_t>& rows) {
+  // Room for the widest tensor first: where memory is short the model stays whole. The CPU needs none.
+  std::size_t widest = 0;
+  for (const TrainedGroup* group : groups_) widest = std::max(widest, group->width);
+  if (device_.is_cuda()) workspace_.ensure(rows.size() * widest);
+  for (TrainedGroup* group : groups_) group->select(rows, workspace_);
+  stale_ = true;
+}
+
+/// Growth appends; here neighbours in space become neighbours in memory again, which the rasterizer's caches thank.
+void ConvexSplatting::reorder() {
+  std::vector<float> copy;
+  std::vector<std::uint32_t> order(primitives());
+  spatial_order(convex_centres(points_.values.on_host(copy)), order);
+  select({device_, std::move(order)});
+}
+
+void ConvexSplatting::reset_opacities() {
+  const float cap = logit(config_.reset_opacity);
+  opacity_.values.edit(0, [&](std::span<float> values) {
+    for (float& value : values) value = std::min(value, cap);
+  });
+  opacity_.forget_moments();
+  stale_ = true;
+}
+
+ScoredView ConvexSplatting::render_for_score(std::size_t view) {
+  const View& truth = context_.scene.train[view];
+  color_.ensure(truth.color.size());
+  rasterizer_.forward(truth.camera, drawn(), raster_options(beta_, pixel_size_of(truth)), color_);
+  rasterizer_.settle();
+  return {color_, truths_.of(truth)};
+}
+
+void ConvexSplatting::render(const Camera& camera, float, std::optional<float> beta, std::span<float> color) {
+  if (device_.is_cuda()) color_.ensure(color.size());
+  const std::span<float> image = device_.is_cuda() ? color_.span() : color;
+  rasterizer_.forward(camera, drawn(), raster_options(beta ? beta : beta_, pixel_size_of(camera)), image);
+  rasterizer_.settle();
+  if (device_.is_cuda()) color_.cuda().download(color);
+}
+
+std::uint64_t ConvexSplatting::export_model(const std::filesystem::path& folder) const {
+  ConvexCloud cloud;
+  cloud.points = points_.values.to_host();
+  cloud.log_smoothness = smoothness_.values.to_host();
+  cloud.log_sharpness = sharpness_.values.to_host();
+  cloud.logit_opacities = opacity_.values.to_host();
+  cloud.logit_masks = mask_.values.to_host();
+  cloud.sh_dc = f_dc_.values.to_host();
+  cloud.sh_rest = f_rest_.values.to_host();
+  cloud.focal_lengths = focal_lengths_;
+  return write_convexes(folder, cloud);
+}
+
+void ConvexSplatting::import_model(const std::filesystem::path& folder) {
+  ConvexCloud cloud = read_convexes(folder);
+  points_.assign(std::move(cloud.points));
+  smoothness_.assign(std::move(cloud.log_smoothness));
+  sharpness_.assign(std::move(cloud.log_sharpness));
+  opacity_.assign(std::move(cloud.logit_opacities));
+  mask_.assign(std::move(cloud.logit_masks));
+  f_dc_.assign(std::move(cloud.sh_dc));
+  f_rest_.assign(std::move(cloud.sh_rest));
+  focal_lengths_ = std::move(cloud.focal_lengths);
+  restart_statistics();
+  iteration_ = context_.iterations;  // a finished model: all degrees are active
+  stale_ = true;
+  activate();
+}
+
+void ConvexSplatting::save(ArchiveWriter& archive) const {
+  archive.put("convex-splatting.iteration", std::int64_t{iteration_});
+  archive.put("convex-splatting.config", std::string_view(to_json(config_).dump()));
+  for (const TrainedGroup* group : groups_) group->save(archive);
+  std::vector<float> copy;
+  archive.put("convex-splatting.gradient_sum", gradient_sum_.on_host(copy));
+  archive.put("convex-splatting.gradient_abs_sum", gradient_abs_sum_.on_host(copy));
+  archive.put("convex-splatting.seen", seen_.on_host(copy));
+}
+
+void ConvexSplatting::load(ArchiveReader& archive) {
+  if (archive.text("convex-splatting.config") != to_json(config_).dump()) {
+    throw InputError(archive.path().string() +
+                     ": the checkpoint was made with other backbone constants; continue with the same --config");
+  }
+  for (TrainedGroup* group : groups_) group->load(archive);
+  iteration_ = static_cast<int>(archive.integer("convex-splatting.iteration"));
+  gradient_sum_.assign(archive.floats("convex-splatting.gradient_sum"));
+  gradient_abs_sum_.assign(archive.floats("convex-splatting.gradient_abs_sum"));
+  seen_.assign(archive.floats("convex-splatting.seen"));
+  const std::size_t n = primitives();
+  bool fits = gradient_sum_.size() == n && gradient_abs_sum_.size() == n && seen_.size() == n;
+  for (const TrainedGroup* group : groups_) fits = fits && group->rows() == n;
+  if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
+  stale_ = true;
+  activate();
+}
+
+}  // namespace
+
+std::unique_ptr<Backbone> make_convex_splatting(const BackboneContext& context, const ConvexConfig& config) {
+  return std::make_unique<ConvexSplatting>(context, config);
+}
+
+BackboneEntry convex_splatting_entry() {
+  return {"convex-splatting", kPublishedIterations,
+          [](const BackboneContext& context, const nlohmann::json& constants) {
+            return make_convex_splatting(context, convex_config_from_json(constants));
+          }};
+}
+
+}  // namespace splatboost

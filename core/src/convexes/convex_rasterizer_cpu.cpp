@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <chrono>
+
+#include "convexes/convex_backend.h"
+#include "convexes/convex_frame.h"
+
+namespace splatboost {
+namespace {
+
+/// Runs a stage and notes how long it took.
+template <class Stage>
+void timed(double& seconds, Stage&& stage) {
+  const auto start = std::chrono::steady_clock::now();
+  stage();
+  seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+class CpuConvexRasterizer : public ConvexBackend {
+ public:
+  explicit CpuConvexRasterizer(Threads& threads) : threads_(threads) {}
+
+  void forward(const Camera& camera, const Convexes& convexes, const ConvexOptions& options, std::span<float> color,
+               std::span<float> alpha) override {
+    frame_.camera = camera;
+    frame_.options = options;
+    frame_.projection = make_projection_camera(camera);
+    frame_.primitives = convexes.count;
+    frame_.tiles_x = camera.tiles_x();
+    frame_.tiles_y = camera.tiles_y();
+    timed(seconds_.project, [&] { project_convexes(frame_, convexes, threads_); });
+    timed(seconds_.tile_lists, [&] { build_tile_lists(frame_, threads_); });
+    timed(seconds_.blend, [&] { blend_convexes(frame_, color, alpha, threads_); });
+  }
+
+  void backward(const Convexes& convexes, std::span<const float> color, std::span<const float> alpha,
+                const ConvexGradients& gradients) override {
+    timed(seconds_.blend_backward, [&] { blend_convexes_backward(frame_, color, alpha, threads_); });
+    timed(seconds_.project_backward, [&] { project_convexes_backward(frame_, convexes, gradients, threads_); });
+  }
+
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    timed(seconds_.count, [&] { count_flagged_convexes(frame_, flagged, counts, threads_); });
+  }
+
+  bool settle() override { return false; }
+  std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }
+  const RasterSeconds& seconds() override { return seconds_; }
+
+  ConvexCounts counts() override {
+    ConvexCounts counts;
+    for (const std::uint8_t seen : frame_.visible.span()) counts.visible += seen;
+    counts.tile_entries = frame_.entries.size();
+    return counts;
+  }
+
+ private:
+  Threads& threads_;
+  ConvexFrame frame_;
+  RasterSeconds seconds_;
+};
+
+}  // namespace
+
+std::unique_ptr<ConvexBackend> make_cpu_convex_rasterizer(Threads& threads) {
+  return std::make_unique<CpuConvexRasterizer>(threads);
+}
+
+}  // namespace splatboost

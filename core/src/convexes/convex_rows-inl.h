@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file One convex over one block of pixel columns, row by row: the arithmetic that blending, its gradient and the
+/// count replay must share to the last bit, so that all three agree on which pixels a convex reaches.
+///
+/// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
+
+#if defined(SPLATBOOST_CONVEX_ROWS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SPLATBOOST_CONVEX_ROWS_INL_H_
+#undef SPLATBOOST_CONVEX_ROWS_INL_H_
+#else
+#define SPLATBOOST_CONVEX_ROWS_INL_H_
+#endif
+
+#include <cstdint>
+#include <cstring>
+
+#include <hwy/highway.h>
+
+#include "convexes/convex_frame.h"
+#include "device/lanes-inl.h"
+#include "rasterizer/tile_rows-inl.h"
+#include "splatboost/constants.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatboost {
+namespace HWY_NAMESPACE {
+
+/// An edge whose term lies this far below the greatest adds nothing to the sum of all: less than half a unit in the
+/// last place, seven times.
+inline constexpr float kNoPart = -28.0f;
+/// Powers of two are of exponents in this range.
+inline constexpr float kLeastExponent = -126.0f, kMostExponent = 100.0f;
+
+/// Calls body(number of edges, a constant): hulls of fewer edges are filled up with some that are never near.
+template <class Body>
+HWY_INLINE void with_edges(const ConvexRecord& convex, const Body& body) {
+  if (convex.edges <= 4) {
+    body(std::integral_constant<int, 4>());
+  } else if (convex.edges <= 6) {
+    body(std::integral_constant<int, 6>());
+  } else {
+    body(std::integral_constant<int, kMaxConvexPoints>());
+  }
+}
+
+/// A tile's records lie scattered over the view's: each is called for ahead of its turn.
+HWY_INLINE void prefetch_convex(const ConvexFrame& frame, std::uint32_t at, std::uint32_t end) {
+  constexpr std::uint32_t kAhead = 4;
+  if (at + kAhead >= end) return;
+  const auto* const record = reinterpret_cast<const char*>(&frame.records[frame.entries[at + kAhead].primitive]);
+  for (std::size_t line = 0; line < sizeof(ConvexRecord); line += 64) __builtin_prefetch(record + line);
+}
+
+/// Rows of a tile where a convex may reach a block of columns, as a bit mask: those where no edge is too far behind all
+/// pixels between the first and the last centre.
+/// @param y first row's pixel centre; @param x_first,x_last pixel centres of the block
+HWY_INLINE std::uint32_t rows_near(const ConvexRecord& convex, float y, float x_first, float x_last) {
+  const Lanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const float first = x_first - convex.centre_x, last = x_last - convex.centre_x;
+  std::uint32_t rows = 0;
+  for (int row = 0; row < kTileSize; row += lanes) {
+    const Vec dy = hn::Sub(hn::Iota(d, y + static_cast<float>(row)), hn::Set(d, convex.centre_y));
+    Vec greatest = hn::Set(d, -1e30f);
+    for (std::uint32_t k = 0; k < convex.edges; ++k) {
+      const float nearest = convex.edge_x[k] * (convex.edge_x[k] > 0.0f ? first : last);
+      const float slack = 1e-4f * (std::abs(nearest) + std::abs(convex.edge_offset[k]));
+      const Vec constant = hn::Set(d, nearest + convex.edge_offset[k] - slack);
+      const Vec in_y = hn::Mul(dy, hn::Set(d, convex.edge_y[k]));
+      const Vec least = hn::Sub(hn::Add(constant, in_y), hn::Mul(hn::Abs(in_y), hn::Set(d, 1e-4f)));
+      greatest = hn::Max(greatest, least);
+    }
+    std::uint8_t bits[8] = {};
+    hn::StoreMaskBits(d, hn::Le(greatest, hn::Set(d, convex.farthest)), bits);
+    std::uint32_t found;
+    std::memcpy(&found, bits, sizeof found);
+    rows |= found << row;
+  }
+  return rows;
+}
+
+/// The terms t_k of a convex over a block of columns: constant_k(x) + dy·edge_y[k].
+template <int kEdges>
+struct EdgeColumns {
+  Vec dx;  ///< pixel centre − centre
+  Vec constant[kEdges];
+
+  HWY_INLINE EdgeColumns(const ConvexRecord& convex, int x0) {
+    const Lanes d;
+    dx = hn::Sub(hn::Iota(d, static_cast<float>(x0) + 0.5f), hn::Set(d, convex.centre_x));
+    for (int k = 0; k < kEdges; ++k) {
+      constant[k] = hn::MulAdd(dx, hn::Set(d, convex.edge_x[k]), hn::Set(d, convex.edge_offset[k]));
+    }
+  }
+};
+
+/// What one convex does to one row of pixels, beyond what pass_row() needs.
+template <int kEdges>
+struct ConvexStep : RowStep {
+  Vec term[kEdges];  ///< t_k
+  Vec phi;           ///< φ₂
+  Vec inside;        ///< I
+};
+
+/// Takes a row of transmittances behind a convex. Nothing but transmittances that stay as they are, and alpha = 0, are
+/// left behind where no open pixel is near enough for α = 1/255.
+/// @return whether one is
+template <int kEdges>
+HWY_INLINE bool step_convex(const ConvexRecord& convex, const EdgeColumns<kEdges>& columns, float y,
+                            float* HWY_RESTRICT transmittance, ConvexStep<kEdges>& step) {
+  const Lanes d;
+  const float offset = y - convex.centre_y;
+  step.dy = hn::Set(d, offset);
+  Vec greatest = hn::Set(d, -1e30f), second = greatest;
+  for (int k = 0; k < kEdges; ++k) {
+    step.term[k] = hn::MulAdd(step.dy, hn::Set(d, convex.edge_y[k]), columns.constant[k]);
+    second = hn::Max(second, hn::Min(greatest, step.term[k]));
+    greatest = hn::Max(greatest, step.term[k]);
+  }
+  const Mask open = hn::Gt(hn::Load(d, transmittance), hn::Zero(d));
+  const Mask near = hn::And(open, hn::Le(greatest, hn::Set(d, convex.farthest)));
+  if (hn::AllFalse(d, near)) return false;
+  step.phi = greatest;
+  const Mask apart = hn::Lt(hn::Sub(second, greatest), hn::Set(d, kNoPart));
+  if (!hn::AllTrue(d, apart)) {
+    Vec sum = hn::Zero(d);
+    for (int k = 0; k < kEdges; ++k) {
+      sum = hn::Add(sum, exp2_of(hn::Max(hn::Sub(step.term[k], greatest), hn::Set(d, kLeastExponent))));
+    }
+    step.phi = hn::Add(greatest, hn::Log2(d, sum));
+  }
+  const Vec exponent = hn::Mul(step.phi, hn::Set(d, convex.steepness));
+  const Vec power = exp2_of(hn::Min(hn::Max(exponent, hn::Set(d, kLeastExponent)), hn::Set(d, kMostExponent)));
+  step.inside = hn::Div(hn::Set(d, 1.0f), hn::Add(hn::Set(d, 1.0f), power));
+  const Vec alpha = hn::Min(hn::Mul(hn::Set(d, convex.opacity), step.inside), hn::Set(d, kMaxAlpha));
+  step.alpha = hn::IfThenElseZero(hn::And(near, hn::Ge(alpha, hn::Set(d, kMinAlpha))), alpha);
+  pass_row(step, transmittance);
+  return true;
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace splatboost
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for the .cu files of this folder in a build without CUDA. There is no stream, so none of it is ever called.
+#include "device/cuda_absent.h"
+#include "convexes/cuda_ops.h"
+
+namespace splatboost::cuda {
+
+std::unique_ptr<ConvexBackend> make_convex_rasterizer(CudaStream&) { absent(); }
+void mask_opacities(std::span<const float>, std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void mask_opacities_backward(std::span<const float>, std::span<const float>, std::span<const float>, float,
+                             std::span<float>, std::span<float>, CudaStream&) {
+  absent();
+}
+void add_sharpness_gradients(std::span<const std::uint8_t>, std::span<const float>, std::span<const float>,
+                             const SharpnessSums&, CudaStream&) {
+  absent();
+}
+
+}  // namespace splatboost::cuda

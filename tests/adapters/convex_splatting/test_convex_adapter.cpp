@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+// The adapter of convexes on hand-made counts.
+#include "convex_splatting/convex_adapter.h"
+
+#include <gtest/gtest.h>
+
+#include <numeric>
+
+#include "splatboost/errors.h"
+#include "support/fake_rasterizer.h"
+
+namespace splatboost {
+namespace {
+
+using testing::FakeRasterizer;
+using testing::Hand;
+
+std::vector<std::uint8_t> gated(const ConvexBoost& boost, const std::vector<std::int32_t>& counts, int width,
+                                int height, std::vector<std::uint8_t> split) {
+  Threads threads(1);
+  ConvexAdapter adapter(boost, threads);
+  FakeRasterizer rasterizer(counts, 3, width, height);
+  std::vector<std::uint8_t> clone(counts.size(), 0);
+  const std::vector<float> ones(counts.size(), 1.0f);
+  const Hand hand{ones, ones, ones, ones};
+  GrowDecisions decisions{clone, split};
+  adapter.grow(hand.at(1000), rasterizer, decisions);
+  return split;
+}
+
+TEST(ConvexAdapter, AsksForFiveTimesTheImportanceBecauseASplitAddsFive) {
+  // At a megapixel: τ_d · 5 = 25.
+  EXPECT_EQ(gated({}, {24, 25, 26, 26}, 1000, 1000, {1, 1, 1, 0}), (std::vector<std::uint8_t>{0, 0, 1, 0}));
+  // In an image of a hundredth of that, 0.25.
+  EXPECT_EQ(gated({}, {0, 1, 1}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
+  EXPECT_EQ(gated(literal_convex_boost(), {5, 6, 6}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
+  ConvexBoost without;
+  without.vcd = false;
+  EXPECT_EQ(gated(without, {0, 0}, 100, 100, {1, 0}), (std::vector<std::uint8_t>{1, 0}));
+}
+
+TEST(ConvexAdapter, ThinsWhatGrowthRemovesAndLeavesTrimsAlone) {
+  Threads threads(1);
+  ConvexAdapter adapter({}, threads);
+  const std::vector<float> ones(4, 1.0f), opacities{0.02f, 0.5f, 0.02f, 0.5f};
+  const Hand hand{ones, ones, opacities, ones};
+  FakeRasterizer rasterizer({0, 1, 2, 3});
+  std::vector<std::uint8_t> clone(4, 0), split(4, 0);
+  GrowDecisions growth{clone, split};
+  adapter.grow(hand.at(1000), rasterizer, growth);
+  // The children of primitive 3 have the highest score and are drawn first.
+  std::vector<std::uint8_t> remove{1, 1, 1, 1, 0, 0};
+  const std::vector<std::uint32_t> origins{0, 0, 3, 3, 1, 2};
+  PruneDecisions within{remove, PruneRule::growth, origins};
+  adapter.prune(hand.at(1000), rasterizer, within);
+  EXPECT_EQ(remove, (std::vector<std::uint8_t>{0, 0, 1, 1, 0, 0}));
+
+  std::vector<std::uint8_t> trimmed{1, 0, 1, 1};
+  PruneDecisions trim{trimmed, PruneRule::trim, {}};
+  adapter.prune(hand.at(18000), rasterizer, trim);
+  EXPECT_EQ(trimmed, (std::vector<std::uint8_t>{1, 0, 1, 1}));
+  EXPECT_THROW(adapter.prune(hand.at(1200), rasterizer, within), ArgumentError) << "no growth was scored there";
+}
+
+TEST(ConvexAdapter, PrunesLateByTheReleasesOpacityAndByTheScore) {
+  Threads threads(1);
+  const std::vector<float> ones(5, 1.0f), opacities{0.029f, 0.031f, 0.099f, 0.5f, 0.5f};
+  const Hand hand{ones, ones, opacities, ones};
+  for (const bool literal : {false, true}) {
+    ConvexAdapter adapter(literal ? literal_convex_boost() : ConvexBoost{}, threads);
+    FakeRasterizer rasterizer({0, 0, 0, 1, 10});
+    EXPECT_TRUE(adapter.prunes_at({18000, 30000}, false));
+    EXPECT_FALSE(adapter.prunes_at({17000, 30000}, false));
+    EXPECT_TRUE(adapter.prunes_at({17000, 30000}, true));
+    std::vector<std::uint8_t> remove(5, 0);
+    PruneDecisions late{remove, PruneRule::late, {}};
+    adapter.prune(hand.at(18000), rasterizer, late);
+    const std::uint8_t faint = literal ? 1 : 0;
+    EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, faint, faint, 0, 1}));
+  }
+}
+
+TEST(ConvexAdapter, SchedulesAllGroupsAndKeepsTheBackbonesResets) {
+  Threads threads(1);
+  ConvexAdapter adapter({}, threads);
+  for (const char* group : {"convex_points", "delta", "sigma", "opacity", "mask", "f_dc"}) {
+    EXPECT_TRUE(adapter.steps_at(group, {101, 30000})) << group;
+    EXPECT_FALSE(adapter.steps_at(group, {16001, 30000})) << group;
+    EXPECT_TRUE(adapter.steps_at(group, {16000, 30000})) << group;
+    EXPECT_TRUE(adapter.steps_at(group, {25600, 30000})) << group;
+    EXPECT_TRUE(adapter.steps_at(group, {30000, 30000})) << group;
+  }
+  EXPECT_FALSE(adapter.steps_at("f_rest", {101, 30000}));
+  EXPECT_TRUE(adapter.steps_at("f_rest", {112, 30000}));
+  EXPECT_TRUE(adapter.resets_opacities_at({9000, 30000}, true));
+  EXPECT_FALSE(adapter.resets_opacities_at({9000, 30000}, false));
+  EXPECT_FALSE(adapter.needs_absolute_gradients());
+  EXPECT_EQ(adapter.beta(), 0.5f);
+}
+
+TEST(ConvexAdapter, NamesASettingThatIsImpossible) {
+  const auto message = [](auto change) {
+    ConvexBoost boost;
+    change(boost);
+    try {
+      check(boost);
+    } catch (const ArgumentError& error) {
+      return std::string(error.what());
+    }
+    return std::string("nothing");
+  };
+  EXPECT_NE(message([](ConvexBoost& b) { b.beta = 0; }).find("beta"), std::string::npos);
+  EXPECT_NE(message([](ConvexBoost& b) { b.tau_d = -1; }).find("tau_d"), std::string::npos);
+  EXPECT_NE(message([](ConvexBoost& b) { b.views = 0; }).find("views"), std::string::npos);
+  EXPECT_NE(message([](ConvexBoost& b) { b.late_min_opacity = 2; }).find("late_min_opacity"), std::string::npos);
+  EXPECT_NE(message([](ConvexBoost& b) { b.coarse_until = 2; }).find("coarse_until"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace splatboost
