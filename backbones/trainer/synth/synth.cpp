@@ -19,6 +19,8 @@
 #include "trainer/dataset/view_image.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
+#include "trainer/synth/synth_picture.h"
+#include "trainer/synth/synth_walk.h"
 #include "trainer/synth/synth_world.h"
 
 namespace splatboost {
@@ -26,62 +28,15 @@ namespace {
 
 using namespace synthetic;
 
-constexpr double kFieldOfView = 66.0 * kPi / 180.0;  // horizontal
-
-struct Intrinsics {
-  int width, height;
-  double focal, cx, cy;
-
-  Ray ray(const Pose& pose, double x, double y) const {
-    return {pose.centre, glm::normalize(pose.world_from_camera * Vec3((x - cx) / focal, (y - cy) / focal, 1.0))};
-  }
-};
-
-struct Picture {
-  std::vector<std::uint8_t> color;    // RGB
-  std::vector<std::uint16_t> depth;   // mm of z
-  std::vector<std::uint8_t> normals;  // RGB
-  std::vector<std::uint8_t> mask;
-};
-
 constexpr double kFarthestDepth = 65.5;  // what 16 bits of millimetres can hold
-
-void render_rows(const World& world, const Intrinsics& camera, const Pose& pose, int samples, std::size_t begin,
-                 std::size_t end, Picture& picture) {
-  const double pixel_angle = 1.0 / camera.focal;
-  for (std::size_t row = begin; row < end; ++row) {
-    for (int column = 0; column < camera.width; ++column) {
-      Vec3 sum(0.0);
-      for (int j = 0; j < samples; ++j) {
-        for (int i = 0; i < samples; ++i) {
-          const double x = column + (i + 0.5) / samples, y = static_cast<double>(row) + (j + 0.5) / samples;
-          sum += world.look(camera.ray(pose, x, y), pixel_angle).color;
-        }
-      }
-      sum /= static_cast<double>(samples * samples);
-      const Ray ray = camera.ray(pose, column + 0.5, static_cast<double>(row) + 0.5);
-      const Seen seen = world.probe(ray);
-      const double z = seen.distance * glm::dot(ray.direction, pose.world_from_camera[2]);
-      const std::size_t pixel = row * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
-      for (int c = 0; c < 3; ++c) {
-        const std::size_t at = 3 * pixel + static_cast<std::size_t>(c);
-        picture.color[at] = encode_srgb(sum[c]);
-        picture.normals[at] = static_cast<std::uint8_t>(std::lround(127.5 * (seen.normal[c] + 1)));
-      }
-      const bool measured = !seen.sky && z < kFarthestDepth;
-      picture.depth[pixel] = measured ? static_cast<std::uint16_t>(std::lround(1000 * z)) : std::uint16_t{0};
-      picture.mask[pixel] = seen.object ? 255 : 0;
-    }
-  }
-}
 
 void check(const SynthOptions& options) {
   const auto require = [](bool good, const std::string& cause) {
     if (!good) throw InputError("synth: " + cause);
   };
   require(!options.output.empty(), "no output folder is given");
-  require(options.scene == "room" || options.scene == "street",
-          "there is no scene '" + options.scene + "'; there is: room, street");
+  require(options.scene == "room" || options.scene == "street" || options.scene == "walk",
+          "there is no scene '" + options.scene + "'; there is: room, street, walk");
   require(options.width >= 16 && options.height >= 16 && options.width <= 8192 && options.height <= 8192,
           "the size " + std::to_string(options.width) + "x" + std::to_string(options.height) +
               " is not possible; both sides must lie in 16 to 8192");
@@ -101,6 +56,7 @@ void check(const SynthOptions& options) {
 
 void write_synthetic_scene(const SynthOptions& options) {
   check(options);
+  if (options.scene == "walk") return write_walk(options);
   for (const char* folder : {"images", "sparse/0", "depth", "normals", "masks"}) {
     std::error_code error;
     std::filesystem::create_directories(options.output / folder, error);
@@ -111,8 +67,7 @@ void write_synthetic_scene(const SynthOptions& options) {
   const std::unique_ptr<const World> world = options.scene == "street" ? make_street() : make_room();
   const RandomStream camera_random(options.seed, 0, RandomPurpose::synth);
   const RandomStream point_random(options.seed, 1, RandomPurpose::synth);
-  const Intrinsics camera{options.width, options.height, 0.5 * options.width / std::tan(0.5 * kFieldOfView),
-                          0.5 * options.width, 0.5 * options.height};
+  const Intrinsics camera = Intrinsics::of(options.width, options.height);
   std::vector<Pose> poses;
   for (int i = 0; i < options.views; ++i) poses.push_back(world->camera(i, options.views, camera_random));
 
@@ -123,20 +78,21 @@ void write_synthetic_scene(const SynthOptions& options) {
                            static_cast<std::uint64_t>(camera.height),
                            {camera.focal, camera.focal, camera.cx, camera.cy}});
   Threads threads;
-  const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
-  Picture picture{std::vector<std::uint8_t>(3 * pixels), std::vector<std::uint16_t>(pixels),
-                  std::vector<std::uint8_t>(3 * pixels), std::vector<std::uint8_t>(pixels)};
+  Picture picture;
+  std::vector<std::uint16_t> depth;  // mm of z
   for (int i = 0; i < options.views; ++i) {
     const Pose& pose = poses[static_cast<std::size_t>(i)];
-    threads.for_range(static_cast<std::size_t>(camera.height), 4, [&](std::size_t begin, std::size_t end) {
-      render_rows(*world, camera, pose, options.samples, begin, end, picture);
-    });
+    take_picture(*world, camera, pose, options.samples, threads, picture);
+    depth.clear();
+    for (const double z : picture.depth) {
+      depth.push_back(z < kFarthestDepth ? static_cast<std::uint16_t>(std::lround(1000 * z)) : std::uint16_t{0});
+    }
     char name[16];
     std::snprintf(name, sizeof(name), "%04d.png", i);
     const auto bytes = [](const std::vector<std::uint8_t>& values) { return std::span<const std::uint8_t>(values); };
     write_png(options.output / "images" / name, camera.width, camera.height, 3, bytes(picture.color));
     write_png(options.output / "depth" / name, camera.width, camera.height, 1,
-              std::span<const std::uint16_t>(picture.depth));
+              std::span<const std::uint16_t>(depth));
     write_png(options.output / "normals" / name, camera.width, camera.height, 3, bytes(picture.normals));
     write_png(options.output / "masks" / name, camera.width, camera.height, 1, bytes(picture.mask));
 

@@ -10,7 +10,9 @@ namespace splatboost {
 
 struct SynthOptions {
   std::filesystem::path output;
-  std::string scene = "room";  ///< or "street": 64 m of houses, seen from the pavement, from close by and from above
+  /// Or "street": 64 m of houses, seen from the pavement, from close by and from above; or "walk": a sequence of the
+  /// room for SLAM, with depth (synth_walk.h), for which points and point_noise mean nothing.
+  std::string scene = "room";
   int width = 320;
   int height = 240;
   int views = 48;             ///< cameras, all COLMAP images
