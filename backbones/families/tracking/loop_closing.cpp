@@ -4,17 +4,25 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <span>
 
 namespace splatboost::tracking {
 namespace {
 
 constexpr std::size_t kLeastApart = 10;  ///< keyframes between a place and the return to it
-constexpr std::size_t kCandidates = 3;
+constexpr std::size_t kCandidates = 2;
 constexpr std::size_t kNeighbours = 8;
+constexpr std::size_t kMatchedNeighbours = 3;  ///< whose descriptors are compared
 constexpr int kConnected = 15;          ///< shared points of keyframes that see the same place
 constexpr std::size_t kFirstFits = 20;  ///< matches by descriptor alone that fit one pose
 constexpr std::size_t kFits = 40;       ///< the same after the search by place
+/// … and of the points that should be in the picture this share is found: where a pattern repeats, only it is.
+constexpr double kFoundShare = 0.3;
 constexpr double kSearchRadius = 8;     ///< px
+/// What is taken for possible drift, so that places that look alike are told apart: metres a metre of the way, metres
+/// at least, and radians.
+constexpr double kDrift = 0.1, kLeastDrift = 0.1, kMostTurn = 0.35;
+constexpr double kMostAway = 1.0;  ///< radians between directions in which the same place is seen
 constexpr int kEdgeShared = 30;         ///< points that make an edge of the graph
 constexpr int kFinalIterations = 8;
 
@@ -32,6 +40,15 @@ std::size_t count_of(const std::vector<int>& points) {
   return static_cast<std::size_t>(std::ranges::count_if(points, [](int p) { return p >= 0; }));
 }
 
+/// How far the camera can be from where it seems to be at `keyframe`, seen from `earlier`.
+double possible_drift(const SparseMap& map, std::size_t earlier, std::size_t keyframe) {
+  double way = 0;
+  for (std::size_t i = earlier; i < keyframe; ++i) {
+    way += (map.keyframes()[i + 1].pose.centre() - map.keyframes()[i].pose.centre()).norm();
+  }
+  return kLeastDrift + kDrift * way;
+}
+
 std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size_t earlier) {
   const Features& features = map.keyframes()[keyframe].features;
   Loop loop;
@@ -39,7 +56,8 @@ std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size
   loop.earlier = earlier;
   loop.point_of_feature.assign(features.size(), -1);
   std::set<int> used;
-  for (const std::size_t near : neighbourhood(map, earlier)) {
+  const std::vector<std::size_t> around = neighbourhood(map, earlier);
+  for (const std::size_t near : std::span(around).first(std::min(kMatchedNeighbours, around.size()))) {
     const MapKeyframe& other = map.keyframes()[near];
     const std::vector<int> matches = match_descriptors(features.descriptors, other.features.descriptors);
     for (std::size_t f = 0; f < matches.size(); ++f) {
@@ -50,7 +68,7 @@ std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size
   }
   if (!locate(map, features, loop.point_of_feature, loop.pose, kFirstFits)) return std::nullopt;
   // More of the place by where it should be in the picture.
-  std::vector<int> known = map.seen_by(neighbourhood(map, earlier)), visible;
+  std::vector<int> known = map.seen_by(around), visible;
   const std::set<int> matched(loop.point_of_feature.begin(), loop.point_of_feature.end());
   std::erase_if(known, [&](int p) { return matched.contains(p); });
   const std::vector<Expected> expected = expected_in(map, loop.pose, known, kSearchRadius, visible);
@@ -60,7 +78,12 @@ std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size
     int& p = loop.point_of_feature[static_cast<std::size_t>(found[i])];
     if (p < 0) p = visible[i];
   }
-  if (refine(map, features, loop.point_of_feature, loop.pose) < kFits) return std::nullopt;
+  const std::size_t fits = refine(map, features, loop.point_of_feature, loop.pose);
+  const std::size_t looked_for = std::min(expected.size() + matched.size(), features.size());
+  if (fits < kFits || static_cast<double>(fits) < kFoundShare * static_cast<double>(looked_for)) return std::nullopt;
+  const Pose& seems = map.keyframes()[keyframe].pose;
+  if ((loop.pose.centre() - seems.centre()).norm() > possible_drift(map, earlier, keyframe)) return std::nullopt;
+  if (angle_between(loop.pose, seems) > kMostTurn) return std::nullopt;
   return loop;
 }
 
@@ -89,7 +112,11 @@ std::optional<Loop> find_loop(const SparseMap& map, std::size_t keyframe) {
   }
   std::vector<std::size_t> among;
   for (std::size_t i = 0; i + kLeastApart < keyframe; ++i) {
-    if (!connected.contains(i)) among.push_back(i);
+    if (connected.contains(i)) continue;
+    const MapKeyframe &now = map.keyframes()[keyframe], &then = map.keyframes()[i];
+    const double away = (now.pose.centre() - then.pose.centre()).norm();
+    if (away > possible_drift(map, i, keyframe) + 0.5 * now.median_depth) continue;
+    if (angle_between(now.pose, then.pose) < kMostAway + kMostTurn) among.push_back(i);
   }
   for (const std::size_t earlier :
        similar_keyframes(map, map.keyframes()[keyframe].features, among, kCandidates)) {
