@@ -22,13 +22,14 @@ set(SPLATBOOST_LAYER_adapter core adapter)  # one may build on another's
 set(SPLATBOOST_LAYER_trainer_support core)
 set(SPLATBOOST_LAYER_trainer_images core trainer_support)
 set(SPLATBOOST_LAYER_trainer_dataset core trainer_support trainer_images)
+set(SPLATBOOST_LAYER_trainer_sequence core trainer_support trainer_images)
 set(SPLATBOOST_LAYER_trainer_synth core trainer_support trainer_images trainer_dataset)
 set(SPLATBOOST_LAYER_trainer_mesh core trainer_support)
 set(SPLATBOOST_LAYER_trainer_backbone_api core trainer_support trainer_dataset)
 set(SPLATBOOST_LAYER_trainer_evaluation core trainer_support trainer_images trainer_dataset trainer_backbone_api)
 set(SPLATBOOST_LAYER_trainer_training core trainer_support trainer_dataset trainer_backbone_api trainer_evaluation)
 set(SPLATBOOST_LAYER_trainer_report core trainer_support trainer_images trainer_evaluation)
-set(SPLATBOOST_LAYER_family core trainer_support trainer_dataset trainer_backbone_api family)  # what backbones of one kind share
+set(SPLATBOOST_LAYER_family core trainer_support trainer_dataset trainer_sequence trainer_backbone_api family)  # what backbones of one kind share
 set(SPLATBOOST_LAYER_backbone core trainer_support trainer_dataset trainer_backbone_api family)
 set(SPLATBOOST_LAYER_patch "")
 set(SPLATBOOST_LAYER_backbone_table trainer_backbone_api backbone)

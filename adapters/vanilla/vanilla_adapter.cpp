@@ -68,6 +68,10 @@ bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
   return moment.iteration > from && moment.iteration < until && moment.iteration % interval == 0;
 }
 
+const ScoreSums& VanillaAdapter::score(RasterizerHook& rasterizer, bool losses, const RandomStream& random) {
+  return scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim, losses}, random);
+}
+
 void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
   const std::size_t n = statistics.gradients.size();
   double gradient_scale = 1;
@@ -75,7 +79,7 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
   if (boost_.vcd || boost_.vcp) {
     const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
                               RandomPurpose::scored_views);
-    sums = &scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim, boost_.vcp}, random);
+    sums = &score(rasterizer, boost_.vcp, random);
     if (boost_.vcp) {
       pruning_.resize(n);
       pruning_scores(*sums, pruning_);
@@ -136,7 +140,7 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   pruning_.resize(n);
-  pruning_scores(scorer_.score(rasterizer, {boost_.views, boost_.tau, boost_.lambda_dssim}, random), pruning_);
+  pruning_scores(score(rasterizer, true, random), pruning_);
   const auto min_opacity = static_cast<float>(late_min_opacity_at(statistics.moment, rasterizer.scorable_views()));
   for (std::size_t i = 0; i < n; ++i) {
     if (statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score)) {

@@ -121,6 +121,9 @@ class VanillaAdapter : public Adapter {
 
  protected:
   bool is_literal() const { return boost_.literal; }
+  int views() const { return boost_.views; }
+  /// Scores the primitives over K views; valid until the next call. @param losses whether E_j is wanted
+  virtual const ScoreSums& score(RasterizerHook& rasterizer, bool losses, const RandomStream& random);
   /// Mean absolute gradient, in NDC as DensityStatistics::gradients_abs, from which a large Gaussian is split.
   /// @param views the backbone's training views
   virtual double split_threshold(std::size_t views) const {

@@ -9,6 +9,8 @@
 #include <string_view>
 #include <utility>
 
+#include <glm/gtc/quaternion.hpp>
+
 #include "splatboost/activations.h"
 #include "splatboost/array.h"
 #include "splatboost/density_statistics.h"
@@ -36,7 +38,21 @@ constexpr const char* kGroupsFile = "parameters.bin";  ///< of a model: the meth
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
 
-class GaussianBackbone final : public Backbone, private RasterizerHook, private ViewDrawer {
+/// Rows of new Gaussians.
+struct NewRows {
+  std::vector<std::uint32_t> points;  ///< that they are made of
+  std::vector<float> means, dc, log_scales, rotations;
+};
+
+void append_rows(TrainedGroup& group, std::span<const float> rows) {
+  const std::size_t first = group.values.size();
+  for (Array<float>* tensor : {&group.values, &group.gradients, &group.first_moments, &group.second_moments}) {
+    append_zero_rows(*tensor, group.width, rows.size() / group.width);
+  }
+  group.values.edit(first, [&](std::span<float> values) { std::ranges::copy(rows, values.begin()); });
+}
+
+class GaussianBackbone final : public Backbone, private RasterizerHook, private ViewDrawer, private GaussianSet {
  public:
   GaussianBackbone(const BackboneContext& context, const GaussianConfig& config, std::unique_ptr<GaussianMethod> method)
       : context_(context),
@@ -89,13 +105,23 @@ class GaussianBackbone final : public Backbone, private RasterizerHook, private 
   std::size_t views() const override { return context_.scene.train.size(); }
   Rasterizer& draw(std::size_t view) override;
 
+  // GaussianSet
+  std::size_t size() const override { return opacity_.rows(); }
+  std::vector<float> means() const override { return xyz_.values.to_host(); }
+  std::vector<std::uint32_t> insert(const PointCloud& points) override;
+  void transform(std::span<const std::int32_t> which, std::span<const Similarity> transforms) override;
+
   void initialise();
+  /// Of at most `most` points, evenly chosen.
+  NewRows rows_of(const PointCloud& points, std::size_t most) const;
   void activate();
   Gaussians activated() const;
   /// What the rasterizer gets.
   Gaussians drawn(const DrawContext& context);
   RasterOptions raster_options(std::optional<float> beta) const;
-  int at(int published) const { return scaled_iteration(published, context_.iterations, config_.published_iterations); }
+  int at(int published) const { return scaled_iteration(published, total(), config_.published_iterations); }
+  /// Of the run, as far as it is known.
+  int total() const { return method_->planned_iterations(iteration_, context_.iterations); }
   /// Scaled as all phases are, but in a short run opacities need time to come back.
   int opacity_reset_interval() const {
     return std::max(at(config_.opacity_reset_interval), kLeastGrowthsAReset * config_.densify_interval);
@@ -104,10 +130,12 @@ class GaussianBackbone final : public Backbone, private RasterizerHook, private 
   double position_rate(int iteration) const {
     const double scale =
         config_.position_rate_scale > 0 ? config_.position_rate_scale : static_cast<double>(context_.scene.extent);
-    const int until = config_.position_rate_until > 0 ? at(config_.position_rate_until) : context_.iterations;
-    return scale * exponential_rate(config_.position_rate_initial, config_.position_rate_final, iteration, until);
+    const int until = config_.position_rate_until > 0 ? at(config_.position_rate_until) : total();
+    const Moment fall = method_->position_rate_moment({iteration, until});
+    return scale * exponential_rate(config_.position_rate_initial, config_.position_rate_final, fall.iteration,
+                                    fall.total);
   }
-  Moment moment() const { return {iteration_, context_.iterations}; }
+  Moment moment() const { return {iteration_, total()}; }
   bool needs_absolute_gradients() const {
     return method_->needs_absolute_gradients() || method_->grows_by_absolute_gradients() ||
            (density_ != nullptr && density_->needs_absolute_gradients());
@@ -115,6 +143,14 @@ class GaussianBackbone final : public Backbone, private RasterizerHook, private 
   /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
   template <class... Stages>
   void lap_rasterizer(const char* all, const Stages&... stages);
+  /// The method's that models hold.
+  std::vector<TrainedGroup*> model_groups() const {
+    std::vector<TrainedGroup*> kept;
+    for (std::size_t i = own_groups_.size(); i < groups_.size(); ++i) {
+      if (groups_[i]->in_model) kept.push_back(groups_[i]);
+    }
+    return kept;
+  }
   std::string entry(const char* what) const { return std::string(method_->name()) + "." + what; }
 
   StepView draw_second(const View& view, int iteration, const LossInputs& inputs);
@@ -212,36 +248,96 @@ void GaussianBackbone::initialise() {
     if (group->shape == GroupShape::rows) row_groups_.push_back(group);
   }
   const PointCloud& points = context_.scene.points;
-  // A cap below the number of points keeps an even subset of them.
-  std::size_t n = points.size();
-  const std::size_t stride_of = n;
-  if (context_.max_primitives > 0) n = std::min(n, context_.max_primitives);
-  std::vector<float> means, dc;
-  means.reserve(3 * n);
-  for (std::size_t i = 0; i < n; ++i) {
-    const std::size_t from = i * stride_of / n;
-    for (std::size_t c = 0; c < 3; ++c) {
-      means.push_back(points.positions[3 * from + c]);
-      dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShDc);
-    }
-  }
-  std::vector<float> squared(n);
-  mean_squared_neighbor_distances(means, 3, squared, context_.threads);
-  std::vector<float> log_scales, rotations;
-  for (const float d : squared) {
-    log_scales.insert(log_scales.end(), 3, 0.5f * std::log(std::max(d, kMinSquaredDistance)));
-    rotations.insert(rotations.end(), {1, 0, 0, 0});
-  }
-  xyz_.assign(std::move(means));
-  f_dc_.assign(std::move(dc));
+  const std::size_t most = context_.max_primitives > 0 ? context_.max_primitives : points.size();
+  NewRows rows = rows_of(points, most);
+  const std::size_t n = rows.points.size();
+  xyz_.assign(std::move(rows.means));
+  f_dc_.assign(std::move(rows.dc));
   f_rest_.assign(std::vector<float>(n * 3 * kRestRows, 0.0f));
   opacity_.assign(std::vector<float>(n, logit(config_.initial_opacity)));
-  scaling_.assign(std::move(log_scales));
-  rotation_.assign(std::move(rotations));
+  scaling_.assign(std::move(rows.log_scales));
+  rotation_.assign(std::move(rows.rotations));
   method_->start(xyz_.values);
   reorder();
   restart_statistics();
   activate();
+}
+
+NewRows GaussianBackbone::rows_of(const PointCloud& points, std::size_t most) const {
+  NewRows rows;
+  const std::size_t n = std::min(points.size(), most);
+  rows.points.reserve(n);
+  rows.means.reserve(3 * n);
+  rows.dc.reserve(3 * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t from = i * points.size() / n;
+    rows.points.push_back(static_cast<std::uint32_t>(from));
+    for (std::size_t c = 0; c < 3; ++c) {
+      rows.means.push_back(points.positions[3 * from + c]);
+      rows.dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShDc);
+    }
+  }
+  std::vector<float> squared(n);
+  mean_squared_neighbor_distances(rows.means, 3, squared, context_.threads);
+  for (const float d : squared) {
+    rows.log_scales.insert(rows.log_scales.end(), 3, 0.5f * std::log(std::max(d, kMinSquaredDistance)));
+    rows.rotations.insert(rows.rotations.end(), {1, 0, 0, 0});
+  }
+  return rows;
+}
+
+std::vector<std::uint32_t> GaussianBackbone::insert(const PointCloud& points) {
+  const std::size_t before = primitives();
+  std::size_t most = points.size();
+  if (context_.max_primitives > 0) most = context_.max_primitives - std::min(context_.max_primitives, before);
+  NewRows rows = rows_of(points, most);
+  const std::size_t n = rows.points.size();
+  if (n == 0) return {};
+  // All or none: where memory is short the model stays whole.
+  for (TrainedGroup* group : row_groups_) group->reserve_rows(before + n);
+  append_rows(xyz_, rows.means);
+  append_rows(f_dc_, rows.dc);
+  append_rows(opacity_, std::vector<float>(n, logit(config_.initial_opacity)));
+  append_rows(scaling_, rows.log_scales);
+  append_rows(rotation_, rows.rotations);
+  for (TrainedGroup* group : row_groups_) {
+    if (group->rows() == before) append_rows(*group, std::vector<float>(n * group->width, 0.0f));
+  }
+  for (Array<float>* sums : {&gradient_sum_, &gradient_abs_sum_, &seen_}) append_zero_rows(*sums, 1, n);
+  stale_ = set_changed_ = true;
+  return std::move(rows.points);
+}
+
+void GaussianBackbone::transform(std::span<const std::int32_t> which, std::span<const Similarity> transforms) {
+  SPLATBOOST_CHECK(which.size() == primitives(), "there must be a transform, or -1, for each Gaussian");
+  step_all(iteration_);
+  const auto for_each_moved = [&](std::span<float> values, std::size_t width, const auto& move) {
+    for (std::size_t i = 0; i < which.size(); ++i) {
+      if (which[i] >= 0) move(&values[width * i], transforms[static_cast<std::size_t>(which[i])]);
+    }
+  };
+  xyz_.values.edit(0, [&](std::span<float> values) {
+    for_each_moved(values, 3, [](float* mean, const Similarity& by) {
+      const glm::dvec3 moved = by.scale * (by.rotation * glm::dvec3(mean[0], mean[1], mean[2])) + by.translation;
+      for (int c = 0; c < 3; ++c) mean[c] = static_cast<float>(moved[c]);
+    });
+  });
+  rotation_.values.edit(0, [&](std::span<float> values) {
+    for_each_moved(values, 4, [](float* q, const Similarity& by) {
+      const glm::dquat turned = glm::quat_cast(by.rotation) * glm::dquat(q[0], q[1], q[2], q[3]);
+      const double wxyz[4] = {turned.w, turned.x, turned.y, turned.z};
+      for (int c = 0; c < 4; ++c) q[c] = static_cast<float>(wxyz[c]);
+    });
+  });
+  scaling_.values.edit(0, [&](std::span<float> values) {
+    for_each_moved(values, 3, [](float* logarithms, const Similarity& by) {
+      for (int c = 0; c < 3; ++c) logarithms[c] += static_cast<float>(std::log(by.scale));
+    });
+  });
+  xyz_.forget_moments();
+  rotation_.forget_moments();
+  restart_statistics();
+  stale_ = set_changed_ = true;
 }
 
 std::size_t GaussianBackbone::bytes_per_primitive() const {
@@ -363,7 +459,7 @@ double GaussianBackbone::evaluate_loss(std::span<const StepView> views) {
   if (form.scale != 0) {
     if (form.clamped) clamp_above(images_.color, 1, device_);
     // The run ends with the loss of its end.
-    const bool ahead = first.context.iteration != context_.iterations;
+    const bool ahead = first.context.iteration != total();
     const PhotometricLoss measured =
         ahead ? photometric_.evaluate_ahead(images_.color, first.truth, form.lambda_dssim, gradients_.color)
               : photometric_.evaluate(images_.color, first.truth, form.lambda_dssim, gradients_.color);
@@ -401,6 +497,7 @@ void GaussianBackbone::backward(Rasterizer& rasterizer, const Gaussians& gaussia
 double GaussianBackbone::train_step(int iteration, const View& view) {
   clock_.restart();
   iteration_ = iteration;
+  method_->edit(*this, iteration);
   const std::size_t n = primitives();
   const DrawContext context{view.camera, view.time, iteration, DrawPurpose::train, &view};
   const LossInputs inputs = method_->loss_inputs(context);
@@ -665,6 +762,7 @@ void GaussianBackbone::prune(PruneRule rule) {
   if (density_ != nullptr) {
     PruneDecisions decisions{removed, rule, origins_};
     density_->prune(known, *this, decisions);
+    method_->spare(moment(), rule, removed);
   }
   if (spare_one(known.opacities, removed) > 0) remove(removed);
 }
@@ -808,12 +906,11 @@ std::uint64_t GaussianBackbone::export_model(const std::filesystem::path& folder
   method_->export_to(cloud);
   const std::filesystem::path path = folder / "point_cloud.ply";
   write_splat_ply(path, cloud);
-  if (groups_.size() == own_groups_.size()) return std::filesystem::file_size(path);
+  const std::vector<TrainedGroup*> kept = model_groups();
+  if (kept.empty()) return std::filesystem::file_size(path);
   ArchiveWriter archive;
   std::vector<float> copy;
-  for (std::size_t i = own_groups_.size(); i < groups_.size(); ++i) {
-    archive.put(groups_[i]->name, groups_[i]->values.on_host(copy));
-  }
+  for (const TrainedGroup* group : kept) archive.put(group->name, group->values.on_host(copy));
   archive.write(folder / kGroupsFile);
   return std::filesystem::file_size(path) + std::filesystem::file_size(folder / kGroupsFile);
 }
@@ -821,15 +918,17 @@ std::uint64_t GaussianBackbone::export_model(const std::filesystem::path& folder
 void GaussianBackbone::import_model(const std::filesystem::path& folder) {
   SplatCloud cloud = read_splat_ply(folder / "point_cloud.ply");
   const std::size_t n = cloud.size();
-  if (groups_.size() > own_groups_.size()) {
+  if (const std::vector<TrainedGroup*> kept = model_groups(); !kept.empty()) {
     const ArchiveReader archive(folder / kGroupsFile);
-    for (std::size_t i = own_groups_.size(); i < groups_.size(); ++i) {
-      TrainedGroup& group = *groups_[i];
-      std::vector<float> values = archive.floats(group.name);
-      require(values.size() == (group.shape == GroupShape::rows ? n * group.width : group.values.size()),
-              archive.path().string() + ": '" + group.name + "' does not fit to point_cloud.ply or to this backbone");
-      group.assign(std::move(values));
+    for (TrainedGroup* group : kept) {
+      std::vector<float> values = archive.floats(group->name);
+      require(values.size() == (group->shape == GroupShape::rows ? n * group->width : group->values.size()),
+              archive.path().string() + ": '" + group->name + "' does not fit to point_cloud.ply or to this backbone");
+      group->assign(std::move(values));
     }
+  }
+  for (TrainedGroup* group : row_groups_) {
+    if (!group->in_model) group->assign(std::vector<float>(n * group->width, 0.0f));
   }
   set_changed_ = !method_->import_from(cloud);
   std::vector<float> rest(n * 3 * kRestRows, 0.0f);

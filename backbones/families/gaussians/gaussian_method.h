@@ -10,6 +10,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "families/gaussians/gaussian_set.h"
 #include "families/gaussians/trained_group.h"
 #include "splatboost/density_statistics.h"
 #include "splatboost/gaussians.h"
@@ -185,6 +186,28 @@ class GaussianMethod {
     (void)views;
     (void)remove;
   }
+  // A set that grows and moves from outside of density control (a mapper's), in a run whose end is not known.
+
+  /// At the beginning of every iteration, before its view is drawn: may insert Gaussians and move them.
+  virtual void edit(GaussianSet& set, int iteration) {
+    (void)set;
+    (void)iteration;
+  }
+  /// Clears those that stay whatever a hook has decided; not asked where there is no hook. @param remove [N] of the host
+  virtual void spare(Moment moment, PruneRule rule, std::span<std::uint8_t> remove) {
+    (void)moment;
+    (void)rule;
+    (void)remove;
+  }
+  /// The length of the run as far as it is known at this iteration; schedules and hooks see shares of it.
+  /// @param given as the run was asked for
+  virtual int planned_iterations(int iteration, int given) const {
+    (void)iteration;
+    return given;
+  }
+  /// How far the rate of positions has fallen (a mapper's falls with the uses of a view).
+  virtual Moment position_rate_moment(Moment run) const { return run; }
+
   /// [N] drawn over activated opacity, for the reset of opacities; empty: 1.
   virtual std::span<const float> opacity_factors() const { return {}; }
 

@@ -24,6 +24,7 @@ struct TrainedGroup : ParameterGroup {
   GroupShape shape;
   std::function<double(int iteration)> rate;  ///< of Adam's step
   Activation activation;
+  bool in_model = true;    ///< false: of training alone; models are without it
   Array<float> activated;  ///< kept by the trainer where there is an activation
 
   /// @param group_name unique, of the model's files and checkpoints too

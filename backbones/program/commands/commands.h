@@ -21,6 +21,7 @@ Command add_render(CLI::App& program);
 Command add_eval(CLI::App& program);
 Command add_mesh(CLI::App& program);
 Command add_mesh_eval(CLI::App& program);
+Command add_slam(CLI::App& program);
 Command add_synth(CLI::App& program);
 Command add_pack(CLI::App& program);
 Command add_bench(CLI::App& program);

@@ -3,9 +3,11 @@
 
 #include <cstdio>
 #include <memory>
+#include <string>
 
 #include "program/commands/commands.h"
 #include "program/session/options.h"
+#include "trainer/synth/synth_walk.h"
 
 namespace splatboost::program {
 
@@ -15,12 +17,16 @@ Command add_synth(CLI::App& program) {
   app->footer("Example: splatboost synth room && splatboost compare -s room -m out --eval --iterations 1000");
   const auto options = std::make_shared<SynthOptions>();
   add_checked_option(*app, "-o,--output,output", options->output, "folder to make")->type_name("DIR");
-  add_checked_option(*app, "--scene", options->scene, "room; street: large, seen at several scales; moving: with times")
+  add_checked_option(*app, "--scene", options->scene,
+                     "room; street: large, seen at several scales; moving: with times; walk: a sequence with depth for "
+                     "splatboost slam")
       ->type_name("NAME")
       ->capture_default_str();
   add_checked_option(*app, "--width", options->width, "px")->type_name("N")->capture_default_str();
   add_checked_option(*app, "--height", options->height, "px")->type_name("N")->capture_default_str();
-  add_checked_option(*app, "--views", options->views, "cameras")->type_name("N")->capture_default_str();
+  const CLI::Option* const views =
+      add_checked_option(*app, "--views", options->views, "cameras [48; walk " + std::to_string(kWalkFrames) + "]")
+          ->type_name("N");
   add_checked_option(*app, "--cameras", options->cameras, "moving: of a rig; 0: one that walks around")
       ->type_name("N")
       ->capture_default_str();
@@ -34,7 +40,8 @@ Command add_synth(CLI::App& program) {
       ->type_name("N")
       ->capture_default_str();
   add_checked_option(*app, "--seed", options->seed, "same seed, same bytes")->type_name("N")->capture_default_str();
-  return {app, [options](const std::string&) {
+  return {app, [options, views](const std::string&) {
+            if (options->scene == "walk" && views->count() == 0) options->views = kWalkFrames;
             if (options->output.empty()) throw UsageError("no output folder given: splatboost synth DIR");
             write_synthetic_scene(*options);
             std::printf("scene: %s (%d views of %d x %d)\n", options->output.c_str(), options->views, options->width,

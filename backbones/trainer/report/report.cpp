@@ -12,6 +12,7 @@
 #include "trainer/report/report_curves.h"
 #include "trainer/report/report_markup.h"
 #include "trainer/report/report_style.h"
+#include "trainer/report/report_tracks.h"
 #include "trainer/report/report_views.h"
 #include "trainer/support/atomic_file.h"
 
@@ -160,7 +161,7 @@ std::string how_it_was_run(const std::vector<ReportRun>& runs) {
 }  // namespace report
 
 void write_report(const std::filesystem::path& path, const std::string& title, const std::vector<ReportRun>& runs,
-                  const std::vector<ReportView>& views, int max_views) {
+                  const std::vector<ReportView>& views, int max_views, const std::vector<ReportTrack>& tracks) {
   using namespace report;
   if (runs.empty()) throw std::invalid_argument("write_report: no runs");
   std::vector<Results> results;
@@ -190,7 +191,8 @@ void write_report(const std::filesystem::path& path, const std::string& title, c
   }
   page += "</p></header>\n";
   page += headline(rows, runs.size() == 2) + result_table(runs, rows) + curves(runs) +
-          pictures(runs, views, max_views) + moments(runs) + stages(runs) + how_it_was_run(runs) + all_views(runs);
+          report::tracks(tracks) + pictures(runs, views, max_views) + moments(runs) + stages(runs) +
+          how_it_was_run(runs) + all_views(runs);
   page += "<footer>Made by SplatBoost " + escape(first.version) + ".</footer>\n</main></body></html>\n";
   write_text_atomically(path, page);
 }

@@ -18,6 +18,7 @@
 #include "trainer/support/input_error.h"
 #include "trainer/synth/synth_moving.h"
 #include "trainer/synth/synth_view.h"
+#include "trainer/synth/synth_walk.h"
 #include "trainer/synth/synth_world.h"
 
 namespace splatboost {
@@ -30,8 +31,8 @@ void check(const SynthOptions& options) {
     if (!good) throw InputError("synth: " + cause);
   };
   require(!options.output.empty(), "no output folder is given");
-  require(options.scene == "room" || options.scene == "street" || options.scene == "moving",
-          "there is no scene '" + options.scene + "'; there is: room, street, moving");
+  require(options.scene == "room" || options.scene == "street" || options.scene == "moving" || options.scene == "walk",
+          "there is no scene '" + options.scene + "'; there is: room, street, moving, walk");
   require(options.cameras >= 0 && options.cameras <= options.views,
           std::to_string(options.cameras) +
               " cameras of a rig are not possible; use 1 to --views, or 0 for one that moves");
@@ -57,6 +58,7 @@ void check(const SynthOptions& options) {
 void write_synthetic_scene(const SynthOptions& options) {
   check(options);
   if (options.scene == "moving") return write_moving_scene(options);
+  if (options.scene == "walk") return write_walk(options);
   for (const char* folder : {"images", "sparse/0", "depth", "normals", "masks"}) {
     make_picture_folder(options.output / folder);
   }

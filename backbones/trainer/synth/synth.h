@@ -11,7 +11,8 @@ namespace splatboost {
 struct SynthOptions {
   std::filesystem::path output;
   /// Or "street": 64 m of houses, seen from the pavement, from close by and from above; or "moving": the room with
-  /// things that fly, swing and bend.
+  /// things that fly, swing and bend; or "walk": a sequence of the room for SLAM, with depth (synth_walk.h), for which
+  /// points and point_noise mean nothing.
   std::string scene = "room";
   int width = 320;
   int height = 240;

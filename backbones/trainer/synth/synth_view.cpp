@@ -28,15 +28,13 @@ void render_rows(const World& world, const Intrinsics& camera, const Pose& pose,
       sum /= static_cast<double>(samples * samples);
       const Ray ray = camera.ray(pose, column + 0.5, static_cast<double>(row) + 0.5);
       const Seen seen = world.probe(ray);
-      const double z = seen.distance * glm::dot(ray.direction, pose.world_from_camera[2]);
       const std::size_t pixel = row * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(column);
       for (int c = 0; c < 3; ++c) {
         const std::size_t at = 3 * pixel + static_cast<std::size_t>(c);
         picture.color[at] = encode_srgb(sum[c]);
         picture.normals[at] = static_cast<std::uint8_t>(std::lround(127.5 * (seen.normal[c] + 1)));
       }
-      const bool measured = !seen.sky && z < kFarthestDepth;
-      picture.depth[pixel] = measured ? static_cast<std::uint16_t>(std::lround(1000 * z)) : std::uint16_t{0};
+      picture.depth[pixel] = seen.sky ? 0 : seen.distance * glm::dot(ray.direction, pose.world_from_camera[2]);
       picture.mask[pixel] = seen.object ? 255 : 0;
     }
   }
@@ -61,8 +59,12 @@ void make_picture_folder(const std::filesystem::path& folder) {
 void write_picture(const std::filesystem::path& output, const std::string& colors, const std::string& name,
                    const Intrinsics& camera, const Picture& picture) {
   const auto bytes = [](const std::vector<std::uint8_t>& values) { return std::span<const std::uint8_t>(values); };
+  std::vector<std::uint16_t> millimetres;
+  for (const double z : picture.depth) {
+    millimetres.push_back(z < kFarthestDepth ? static_cast<std::uint16_t>(std::lround(1000 * z)) : std::uint16_t{0});
+  }
   write_png(output / colors / name, camera.width, camera.height, 3, bytes(picture.color));
-  write_png(output / "depth" / name, camera.width, camera.height, 1, std::span<const std::uint16_t>(picture.depth));
+  write_png(output / "depth" / name, camera.width, camera.height, 1, std::span<const std::uint16_t>(millimetres));
   write_png(output / "normals" / name, camera.width, camera.height, 3, bytes(picture.normals));
   write_png(output / "masks" / name, camera.width, camera.height, 1, bytes(picture.mask));
 }

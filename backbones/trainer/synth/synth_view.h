@@ -15,6 +15,7 @@ namespace splatboost::synthetic {
 
 inline constexpr double kFieldOfView = 66.0 * kPi / 180.0;  // horizontal
 
+/// Pixel centres are at (i + 0.5, j + 0.5).
 struct Intrinsics {
   Intrinsics(int columns, int rows)
       : width(columns),
@@ -38,19 +39,20 @@ struct Picture {
     normals.resize(3 * pixels);
     mask.resize(pixels);
   }
-  std::vector<std::uint8_t> color;    // RGB
-  std::vector<std::uint16_t> depth;   // mm of z
-  std::vector<std::uint8_t> normals;  // RGB
-  std::vector<std::uint8_t> mask;
+  std::vector<std::uint8_t> color;    ///< RGB
+  std::vector<double> depth;          ///< z in metres, 0 in the sky
+  std::vector<std::uint8_t> normals;  ///< RGB, world, 127.5·(n + 1)
+  std::vector<std::uint8_t> mask;     ///< 255 for objects
 };
 
+/// @param samples per pixel and axis
 void render_view(const World& world, const Intrinsics& camera, const Pose& pose, int samples, Threads& threads,
                  Picture& picture);
 
 /// Makes a folder for write_picture(), without what a killed process left there.
 void make_picture_folder(const std::filesystem::path& folder);
 
-/// Writes output/colors/name, output/depth/name, output/normals/name and output/masks/name.
+/// Writes output/colors/name, output/depth/name (16 bit, mm, 0 beyond 65 m), output/normals/name and output/masks/name.
 void write_picture(const std::filesystem::path& output, const std::string& colors, const std::string& name,
                    const Intrinsics& camera, const Picture& picture);
 

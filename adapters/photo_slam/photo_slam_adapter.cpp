@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "photo_slam/photo_slam_adapter.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "photo_slam/recent_views.h"
+#include "registry/boost_settings.h"
+
+namespace splatboost {
+
+PhotoSlamBoost::PhotoSlamBoost() {
+  // The scene's extent is that of the first keyframes, which lie close together: vanilla's 0.001 of it would leave
+  // nothing to clone.
+  percent_dense = 0.01;
+  // Keyframes begin with small images anyway.
+  coarse = false;
+}
+
+void check(const PhotoSlamBoost& boost) {
+  check(static_cast<const VanillaBoost&>(boost));
+  check_setting(boost.recent_share >= 0 && boost.recent_share <= 1, "recent_share must be in [0, 1]");
+}
+
+PhotoSlamBoost literal_photo_slam_boost() {
+  PhotoSlamBoost boost;
+  static_cast<VanillaBoost&>(boost) = literal_boost();
+  boost.recent_share = 0;
+  boost.schedule = false;  // plain Adam
+  return boost;
+}
+
+PhotoSlamAdapter::PhotoSlamAdapter(const PhotoSlamBoost& boost, Device device)
+    : VanillaAdapter(boost, device), recent_share_(boost.recent_share), device_(device) {
+  check(boost);
+}
+
+const ScoreSums& PhotoSlamAdapter::score(RasterizerHook& rasterizer, bool losses, const RandomStream& random) {
+  if (is_literal()) return VanillaAdapter::score(rasterizer, losses, random);
+  ChosenViews chosen(rasterizer,
+                     recent_and_drawn_views(rasterizer.scorable_views(), views(), recent_share_, random), device_);
+  sums_ = VanillaAdapter::score(chosen, losses, random);
+  // As if as many views saw it as were scored.
+  for (std::size_t i = 0; i < sums_.counts.size(); ++i) {
+    const double factor = static_cast<double>(sums_.views) / std::max(1, chosen.seen()[i]);
+    sums_.counts[i] = std::llround(static_cast<double>(sums_.counts[i]) * factor);
+  }
+  for (std::size_t i = 0; i < sums_.weighted_counts.size(); ++i) {
+    sums_.weighted_counts[i] *= static_cast<double>(sums_.views) / std::max(1, chosen.seen()[i]);
+  }
+  return sums_;
+}
+
+AdapterEntry photo_slam_adapter_entry() {
+  return {"photo-slam", [](bool literal) {
+            return make_settings<PhotoSlamAdapter>(literal ? literal_photo_slam_boost() : PhotoSlamBoost{});
+          }};
+}
+
+}  // namespace splatboost

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "families/tracking/features.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include <nanoflann.hpp>
+#include <opencv2/core/hal/hal.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace splatboost::tracking {
+namespace {
+
+constexpr int kSurplus = 3;         ///< times as many are detected as are kept
+constexpr int kCellSide = 32;       ///< px: the strongest of each cell come first
+constexpr int kFastThreshold = 10;  ///< grey levels
+constexpr int kMostBits = 60;       ///< of 256 by which descriptors of one point differ
+constexpr int kFarBits = 80;        ///< the same where there is no second one to confuse it with
+constexpr double kClearly = 0.8;    ///< best over second best distance, at most
+constexpr int kLevelsApart = 2;
+
+int bits_apart(const std::uint8_t* a, const std::uint8_t* b) { return static_cast<int>(cv::hal::normHamming(a, b, 32)); }
+
+}  // namespace
+
+FeatureExtractor::FeatureExtractor(int count)
+    : count_(count),
+      detector_(cv::ORB::create(kSurplus * count, static_cast<float>(kLevelFactor), kLevels, 31, 0, 2,
+                                cv::ORB::FAST_SCORE, 31, kFastThreshold)),
+      describer_(detector_) {}
+
+Features FeatureExtractor::extract(int width, int height, std::span<const std::uint8_t> color,
+                                   std::span<const float> depth, std::span<const std::uint8_t> valid) const {
+  const cv::Mat rgb(height, width, CV_8UC3, const_cast<std::uint8_t*>(color.data()));
+  cv::Mat grey;
+  cv::cvtColor(rgb, grey, cv::COLOR_RGB2GRAY);
+  std::vector<cv::KeyPoint> found;
+  detector_->detect(grey, found);
+  if (!valid.empty()) {
+    std::erase_if(found, [&](const cv::KeyPoint& k) {
+      return valid[static_cast<std::size_t>(std::lround(k.pt.y)) * static_cast<std::size_t>(width) +
+                   static_cast<std::size_t>(std::lround(k.pt.x))] == 0;
+    });
+  }
+  // Round by round the strongest that is left of every cell.
+  std::ranges::sort(found, [](const cv::KeyPoint& a, const cv::KeyPoint& b) {
+    return std::make_tuple(-a.response, a.octave, a.pt.y, a.pt.x) < std::make_tuple(-b.response, b.octave, b.pt.y, b.pt.x);
+  });
+  std::map<std::pair<int, int>, int> in_cell;
+  std::vector<std::pair<int, std::size_t>> rounds;
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    const std::pair<int, int> cell(static_cast<int>(found[i].pt.x) / kCellSide,
+                                   static_cast<int>(found[i].pt.y) / kCellSide);
+    rounds.emplace_back(in_cell[cell]++, i);
+  }
+  std::ranges::sort(rounds);
+  rounds.resize(std::min(rounds.size(), static_cast<std::size_t>(count_)));
+  std::vector<cv::KeyPoint> kept;
+  for (const auto& [round, i] : rounds) kept.push_back(found[i]);
+  Features features;
+  describer_->compute(grey, kept, features.descriptors);
+  for (const cv::KeyPoint& k : kept) {
+    features.pixels.emplace_back(k.pt.x, k.pt.y);
+    features.levels.push_back(k.octave);
+    features.strengths.push_back(k.response);
+    const auto pixel = static_cast<std::size_t>(std::lround(k.pt.y)) * static_cast<std::size_t>(width) +
+                       static_cast<std::size_t>(std::lround(k.pt.x));
+    features.depths.push_back(depth.empty() ? 0.0 : static_cast<double>(depth[pixel]));
+  }
+  return features;
+}
+
+struct FeatureGrid::Tree {
+  const std::vector<Vec2>& pixels;
+
+  std::size_t kdtree_get_point_count() const { return pixels.size(); }
+  double kdtree_get_pt(std::size_t i, std::size_t axis) const { return pixels[i][static_cast<Eigen::Index>(axis)]; }
+  template <class Box>
+  bool kdtree_get_bbox(Box&) const {
+    return false;
+  }
+
+  using Index =
+      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Tree>, Tree, 2, std::uint32_t>;
+  Index index{2, *this};
+};
+
+FeatureGrid::FeatureGrid(const Features& features) : tree_(new Tree{features.pixels}) {}
+FeatureGrid::~FeatureGrid() = default;
+
+namespace {
+
+/// What the tree's search fills.
+struct Within {
+  using DistanceType = double;
+  double most;
+  std::vector<std::size_t>& found;
+  std::size_t size() const { return found.size(); }
+  bool empty() const { return found.empty(); }
+  bool full() const { return true; }
+  bool addPoint(double squared, std::uint32_t i) {
+    if (squared < most) found.push_back(i);
+    return true;
+  }
+  double worstDist() const { return most; }
+  void sort() {}
+};
+
+}  // namespace
+
+void FeatureGrid::within(const Vec2& place, double radius, std::vector<std::size_t>& found) const {
+  found.clear();
+  if (tree_->pixels.empty()) return;
+  Within result{radius * radius, found};
+  tree_->index.findNeighbors(result, place.data(), {});
+  std::ranges::sort(found);
+}
+
+std::vector<int> match_expected(std::span<const Expected> expected, const Features& features, const FeatureGrid& grid) {
+  std::vector<int> matches(expected.size(), -1), owner(features.size(), -1), distance_of(features.size(), 0);
+  std::vector<std::size_t> near;
+  for (std::size_t e = 0; e < expected.size(); ++e) {
+    const Expected& wanted = expected[e];
+    grid.within(wanted.place, wanted.radius, near);
+    int best = kFarBits + 1, second = 257, at = -1, best_level = 0, second_level = -1;
+    for (const std::size_t i : near) {
+      if (std::abs(features.levels[i] - wanted.level) > kLevelsApart) continue;
+      const int distance =
+          bits_apart(wanted.descriptor.ptr<std::uint8_t>(), features.descriptors.ptr<std::uint8_t>(static_cast<int>(i)));
+      if (distance < best) {
+        second = best;
+        second_level = best_level;
+        best = distance;
+        best_level = features.levels[i];
+        at = static_cast<int>(i);
+      } else if (distance < second) {
+        second = distance;
+        second_level = features.levels[i];
+      }
+    }
+    if (at < 0 || (best_level == second_level && best > kClearly * second)) continue;
+    // A feature belongs to one point: the nearest.
+    const auto slot = static_cast<std::size_t>(at);
+    if (owner[slot] >= 0) {
+      if (distance_of[slot] <= best) continue;
+      matches[static_cast<std::size_t>(owner[slot])] = -1;
+    }
+    owner[slot] = static_cast<int>(e);
+    distance_of[slot] = best;
+    matches[e] = at;
+  }
+  return matches;
+}
+
+std::vector<int> match_descriptors(const cv::Mat& a, const cv::Mat& b) {
+  std::vector<int> matches(static_cast<std::size_t>(a.rows), -1);
+  if (a.rows == 0 || b.rows < 2) return matches;
+  const cv::BFMatcher matcher(cv::NORM_HAMMING);
+  std::vector<std::vector<cv::DMatch>> forward;
+  std::vector<cv::DMatch> backward;
+  matcher.knnMatch(a, b, forward, 2);
+  matcher.match(b, a, backward);
+  for (const std::vector<cv::DMatch>& two : forward) {
+    if (two.size() < 2 || two[0].distance > kMostBits) continue;
+    if (two[0].distance > static_cast<float>(kClearly) * two[1].distance) continue;
+    if (backward[static_cast<std::size_t>(two[0].trainIdx)].trainIdx != two[0].queryIdx) continue;
+    matches[static_cast<std::size_t>(two[0].queryIdx)] = two[0].trainIdx;
+  }
+  return matches;
+}
+
+}  // namespace splatboost::tracking

@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "families/tracking/loop_closing.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <span>
+
+namespace splatboost::tracking {
+namespace {
+
+constexpr std::size_t kLeastApart = 10;  ///< keyframes between a place and the return to it
+constexpr std::size_t kCandidates = 2;
+constexpr std::size_t kNeighbours = 8;
+constexpr std::size_t kMatchedNeighbours = 3;  ///< whose descriptors are compared
+constexpr int kConnected = 15;          ///< shared points of keyframes that see the same place
+constexpr std::size_t kFirstFits = 20;  ///< matches by descriptor alone that fit one pose
+constexpr std::size_t kFits = 40;       ///< the same after the search by place
+/// … and of the points that should be in the picture this share is found: where a pattern repeats, only it is.
+constexpr double kFoundShare = 0.3;
+constexpr double kSearchRadius = 8;     ///< px
+/// What is taken for possible drift, so that places that look alike are told apart: metres a metre of the way, metres
+/// at least, and radians.
+constexpr double kDrift = 0.1, kLeastDrift = 0.1, kMostTurn = 0.35;
+constexpr double kMostAway = 1.0;  ///< radians between directions in which the same place is seen
+constexpr int kEdgeShared = 30;         ///< points that make an edge of the graph
+constexpr int kFinalIterations = 8;
+
+/// `keyframe` and those that see most of what it sees.
+std::vector<std::size_t> neighbourhood(const SparseMap& map, std::size_t keyframe) {
+  std::vector<std::size_t> around{keyframe};
+  for (const auto& [other, shared] : map.covisible(keyframe)) {
+    if (around.size() > kNeighbours || shared < kConnected) break;
+    around.push_back(other);
+  }
+  return around;
+}
+
+std::size_t count_of(const std::vector<int>& points) {
+  return static_cast<std::size_t>(std::ranges::count_if(points, [](int p) { return p >= 0; }));
+}
+
+/// How far the camera can be from where it seems to be at `keyframe`, seen from `earlier`.
+double possible_drift(const SparseMap& map, std::size_t earlier, std::size_t keyframe) {
+  double way = 0;
+  for (std::size_t i = earlier; i < keyframe; ++i) {
+    way += (map.keyframes()[i + 1].pose.centre() - map.keyframes()[i].pose.centre()).norm();
+  }
+  return kLeastDrift + kDrift * way;
+}
+
+std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size_t earlier) {
+  const Features& features = map.keyframes()[keyframe].features;
+  Loop loop;
+  loop.keyframe = keyframe;
+  loop.earlier = earlier;
+  loop.point_of_feature.assign(features.size(), -1);
+  std::set<int> used;
+  const std::vector<std::size_t> around = neighbourhood(map, earlier);
+  for (const std::size_t near : std::span(around).first(std::min(kMatchedNeighbours, around.size()))) {
+    const MapKeyframe& other = map.keyframes()[near];
+    const std::vector<int> matches = match_descriptors(features.descriptors, other.features.descriptors);
+    for (std::size_t f = 0; f < matches.size(); ++f) {
+      if (matches[f] < 0 || loop.point_of_feature[f] >= 0) continue;
+      const int p = other.points[static_cast<std::size_t>(matches[f])];
+      if (p >= 0 && used.insert(p).second) loop.point_of_feature[f] = p;
+    }
+  }
+  if (!locate(map, features, loop.point_of_feature, loop.pose, kFirstFits)) return std::nullopt;
+  // More of the place by where it should be in the picture.
+  std::vector<int> known = map.seen_by(around), visible;
+  const std::set<int> matched(loop.point_of_feature.begin(), loop.point_of_feature.end());
+  std::erase_if(known, [&](int p) { return matched.contains(p); });
+  const std::vector<Expected> expected = expected_in(map, loop.pose, known, kSearchRadius, visible);
+  const std::vector<int> found = match_expected(expected, features, FeatureGrid(features));
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    if (found[i] < 0) continue;
+    int& p = loop.point_of_feature[static_cast<std::size_t>(found[i])];
+    if (p < 0) p = visible[i];
+  }
+  const std::size_t fits = refine(map, features, loop.point_of_feature, loop.pose);
+  const std::size_t looked_for = std::min(expected.size() + matched.size(), features.size());
+  if (fits < kFits || static_cast<double>(fits) < kFoundShare * static_cast<double>(looked_for)) return std::nullopt;
+  const Pose& seems = map.keyframes()[keyframe].pose;
+  if ((loop.pose.centre() - seems.centre()).norm() > possible_drift(map, earlier, keyframe)) return std::nullopt;
+  if (angle_between(loop.pose, seems) > kMostTurn) return std::nullopt;
+  return loop;
+}
+
+std::vector<Edge> edges_of(const SparseMap& map) {
+  const std::vector<MapKeyframe>& keyframes = map.keyframes();
+  std::vector<Edge> edges;
+  for (std::size_t i = 0; i < keyframes.size(); ++i) {
+    for (const auto& [other, shared] : map.covisible(i)) {
+      if (other >= i || (shared < kEdgeShared && other + 1 != i)) continue;
+      edges.push_back({other, i, keyframes[i].pose * keyframes[other].pose.inverse(), std::sqrt(shared / 100.0)});
+    }
+    // Also where sight was lost for a moment.
+    if (i > 0) edges.push_back({i - 1, i, keyframes[i].pose * keyframes[i - 1].pose.inverse(), 0.3});
+  }
+  return edges;
+}
+
+}  // namespace
+
+std::optional<Loop> find_loop(const SparseMap& map, std::size_t keyframe) {
+  std::set<std::size_t> connected{keyframe};
+  for (const std::size_t near : neighbourhood(map, keyframe)) {
+    for (const auto& [other, shared] : map.covisible(near)) {
+      if (shared >= kConnected) connected.insert(other);
+    }
+  }
+  std::vector<std::size_t> among;
+  for (std::size_t i = 0; i + kLeastApart < keyframe; ++i) {
+    if (connected.contains(i)) continue;
+    const MapKeyframe &now = map.keyframes()[keyframe], &then = map.keyframes()[i];
+    const double away = (now.pose.centre() - then.pose.centre()).norm();
+    if (away > possible_drift(map, i, keyframe) + 0.5 * now.median_depth) continue;
+    if (angle_between(now.pose, then.pose) < kMostAway + kMostTurn) among.push_back(i);
+  }
+  for (const std::size_t earlier :
+       similar_keyframes(map, map.keyframes()[keyframe].features, among, kCandidates)) {
+    if (std::optional<Loop> loop = verify(map, keyframe, earlier)) return loop;
+  }
+  return std::nullopt;
+}
+
+void close_loop(SparseMap& map, const Loop& loop) {
+  std::vector<MapKeyframe>& keyframes = map.keyframes();
+  std::vector<Pose> before;
+  for (const MapKeyframe& keyframe : keyframes) before.push_back(keyframe.pose);
+  std::vector<Edge> edges = edges_of(map);
+  edges.push_back({loop.earlier, loop.keyframe, loop.pose * before[loop.earlier].inverse(),
+                   2 * std::sqrt(static_cast<double>(count_of(loop.point_of_feature)) / 100.0)});
+  std::vector<Pose> after = before;
+  relax_pose_graph(after, edges);
+  for (std::size_t i = 0; i < keyframes.size(); ++i) keyframes[i].pose = after[i];
+  for (MapPoint& p : map.points()) p.position = after[p.keyframe].inverse() * (before[p.keyframe] * p.position);
+
+  // What is on the map twice becomes one: first in the keyframe that came back, then around it.
+  const auto join = [&](std::size_t keyframe, std::size_t feature, int earlier_point) {
+    if (map.point(earlier_point).gone) return;
+    const int now = keyframes[keyframe].points[feature];
+    if (now >= 0) {
+      map.merge(now, earlier_point);
+    } else {
+      map.add_sighting(earlier_point, keyframe, feature);
+    }
+  };
+  for (std::size_t f = 0; f < loop.point_of_feature.size(); ++f) {
+    if (loop.point_of_feature[f] >= 0) join(loop.keyframe, f, loop.point_of_feature[f]);
+  }
+  const std::vector<int> earlier_points = map.seen_by(neighbourhood(map, loop.earlier));
+  for (const std::size_t near : neighbourhood(map, loop.keyframe)) {
+    const MapKeyframe& keyframe = keyframes[near];
+    std::vector<int> candidates = earlier_points, visible;
+    std::erase_if(candidates, [&](int p) { return map.point(p).gone || map.point(p).sightings.contains(near); });
+    const std::vector<Expected> expected = expected_in(map, keyframe.pose, candidates, kSearchRadius, visible);
+    const std::vector<int> found = match_expected(expected, keyframe.features, FeatureGrid(keyframe.features));
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      if (found[i] < 0) continue;
+      const auto feature = static_cast<std::size_t>(found[i]);
+      const Sighting s = map.sighting(near, feature);
+      if (squared_error(map.optics(), keyframe.pose, map.point(visible[i]).position, s) > likely_error(s)) continue;
+      join(near, feature, visible[i]);
+    }
+  }
+  map.adjust_all(kFinalIterations);
+}
+
+}  // namespace splatboost::tracking

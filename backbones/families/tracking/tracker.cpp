@@ -1,0 +1,370 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "families/tracking/tracker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <set>
+
+#include "families/tracking/loop_closing.h"
+#include "families/tracking/sparse_map.h"
+
+namespace splatboost {
+namespace {
+
+using namespace tracking;
+
+constexpr std::size_t kFirstFeatures = 50;  ///< with depth, of which a map begins
+constexpr std::size_t kFewestMatches = 20;  ///< of a tracked frame
+constexpr std::size_t kFewestFound = 30;    ///< of one that was lost
+constexpr double kNarrow = 4, kUsual = 15, kWide = 40;  ///< px in which points are looked for
+constexpr std::size_t kLocalKeyframes = 10;
+constexpr std::size_t kRelocalizations = 5;  ///< keyframes that a lost frame is compared with
+constexpr std::size_t kLoopPause = 5;        ///< keyframes after a loop in which none is looked for
+constexpr std::size_t kPointTrial = 3;       ///< keyframes after which a point must have proved itself
+constexpr double kFoundShare = 0.25;
+
+glm::dmat4 to_glm(const Pose& pose) {
+  const Eigen::Matrix3d r = pose.rotation.toRotationMatrix();
+  glm::dmat4 m(1.0);
+  for (int column = 0; column < 3; ++column) {
+    for (int row = 0; row < 3; ++row) m[column][row] = r(row, column);
+    m[3][column] = pose.translation[column];
+  }
+  return m;
+}
+
+}  // namespace
+
+bool have_tracking() { return true; }
+
+struct Tracker::State {
+  State(const Calibration& c, const TrackerOptions& given)
+      : options(given), map({c.width, c.height, c.fx, c.fy, c.cx, c.cy}), extractor(given.features) {}
+
+  TrackerOptions options;
+  SparseMap map;
+  FeatureExtractor extractor;
+
+  // The last frame that was tracked, relative to a keyframe.
+  std::size_t reference = 0;
+  Pose last_from_reference;
+  std::optional<Pose> velocity;  ///< this frame from the last one
+  std::vector<int> last_points;
+  std::size_t last_number = 0;
+  bool lost = false;
+  std::size_t keyframe_number = 0;  ///< frame of the last keyframe
+  std::size_t last_loop = 0;        ///< keyframe
+  int loops = 0;
+
+  // What take_change() has not told yet.
+  std::vector<int> new_points;
+  std::vector<std::size_t> new_keyframes;
+  std::vector<Pose> before_loop;  ///< of the keyframes; empty: none was closed
+
+  Features features_of(const Frame& frame) const {
+    Features features = extractor.extract(frame.width, frame.height, frame.color, frame.depth, frame.valid);
+    for (double& depth : features.depths) {
+      if (!(depth >= options.nearest_depth && depth <= options.farthest_depth)) depth = 0;
+    }
+    return features;
+  }
+
+  /// Looks for points of the map that no feature has yet.
+  void search(const Features& features, const FeatureGrid& grid, const Pose& pose, std::vector<int> candidates,
+              double radius, std::vector<int>& points, bool count) {
+    const std::set<int> known(points.begin(), points.end());
+    std::erase_if(candidates, [&](int p) { return known.contains(p) || map.point(p).gone; });
+    std::vector<int> visible;
+    std::vector<Expected> expected = expected_in(map, pose, candidates, radius, visible);
+    const std::vector<int> found = match_expected(expected, features, grid);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      if (count) ++map.point(visible[i]).expected;
+      if (found[i] >= 0 && points[static_cast<std::size_t>(found[i])] < 0) {
+        points[static_cast<std::size_t>(found[i])] = visible[i];
+      }
+    }
+  }
+
+  /// Points of the keyframes that see most of `points`, and of the newest keyframe.
+  std::vector<int> local_points(const std::vector<int>& points) const {
+    std::map<std::size_t, int> shared;
+    for (const int p : points) {
+      if (p < 0) continue;
+      for (const auto& [keyframe, feature] : map.point(p).sightings) ++shared[keyframe];
+    }
+    std::vector<std::pair<int, std::size_t>> sorted;
+    for (const auto& [keyframe, number] : shared) sorted.emplace_back(-number, keyframe);
+    std::ranges::sort(sorted);
+    std::vector<std::size_t> keyframes{map.keyframes().size() - 1};
+    for (std::size_t i = 0; i < std::min(kLocalKeyframes, sorted.size()); ++i) keyframes.push_back(sorted[i].second);
+    return map.seen_by(keyframes);
+  }
+
+  std::size_t track_from(const Features& features, const FeatureGrid& grid, Pose& pose, std::vector<int>& points) {
+    std::vector<int> candidates = last_points;
+    for (const int p : map.keyframes()[reference].points) {
+      if (p >= 0) candidates.push_back(p);
+    }
+    std::ranges::sort(candidates);
+    candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
+    const Pose predicted = pose;
+    for (const double radius : {kUsual, kWide}) {
+      pose = predicted;
+      points.assign(features.size(), -1);
+      search(features, grid, pose, candidates, radius, points, false);
+      if (const std::size_t count = refine(map, features, points, pose); count >= kFewestMatches) return count;
+    }
+    points.assign(features.size(), -1);
+    return match_keyframe(reference, features, points, pose, kFewestMatches);
+  }
+
+  /// By descriptors alone.
+  std::size_t match_keyframe(std::size_t keyframe, const Features& features, std::vector<int>& points, Pose& pose,
+                             std::size_t least) const {
+    const MapKeyframe& known = map.keyframes()[keyframe];
+    const std::vector<int> matches = match_descriptors(features.descriptors, known.features.descriptors);
+    points.assign(features.size(), -1);
+    for (std::size_t f = 0; f < matches.size(); ++f) {
+      if (matches[f] >= 0) points[f] = known.points[static_cast<std::size_t>(matches[f])];
+    }
+    if (!locate(map, features, points, pose, std::min<std::size_t>(least, 15))) return 0;
+    return static_cast<std::size_t>(std::ranges::count_if(points, [](int p) { return p >= 0; }));
+  }
+
+  std::size_t relocalize(const Features& features, const FeatureGrid& grid, Pose& pose, std::vector<int>& points) {
+    std::vector<std::size_t> all(map.keyframes().size());
+    for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
+    for (const std::size_t keyframe : similar_keyframes(map, features, all, kRelocalizations)) {
+      if (match_keyframe(keyframe, features, points, pose, kFewestMatches) == 0) continue;
+      search(features, grid, pose, local_points(points), kUsual, points, false);
+      if (const std::size_t count = refine(map, features, points, pose); count >= kFewestFound) {
+        reference = keyframe;
+        return count;
+      }
+    }
+    return 0;
+  }
+
+  bool needs_keyframe(std::size_t frame, const Pose& pose, std::size_t matches) const {
+    const MapKeyframe& last = map.keyframes().back();
+    const double shift = (pose.centre() - last.pose.centre()).norm();
+    const double turn = angle_between(pose, last.pose) * (180 / std::numbers::pi);
+    return frame >= keyframe_number + static_cast<std::size_t>(options.keyframe_gap) ||
+           shift > options.keyframe_shift * last.median_depth || turn > options.keyframe_turn ||
+           static_cast<double>(matches) < options.keyframe_share * static_cast<double>(last.made_points);
+  }
+
+  void add_keyframe(const Frame& frame, Features features, const std::vector<int>& points, const Pose& pose) {
+    const std::size_t number = map.keyframes().size();
+    MapKeyframe keyframe;
+    keyframe.frame = frame.number;
+    keyframe.pose = pose;
+    keyframe.points.assign(features.size(), -1);
+    std::vector<double> depths;
+    for (std::size_t f = 0; f < features.size(); ++f) {
+      const auto pixel = static_cast<std::size_t>(std::lround(features.pixels[f].y())) *
+                             static_cast<std::size_t>(frame.width) +
+                         static_cast<std::size_t>(std::lround(features.pixels[f].x()));
+      keyframe.colors.push_back({frame.color[3 * pixel], frame.color[3 * pixel + 1], frame.color[3 * pixel + 2]});
+      if (features.depths[f] > 0) depths.push_back(features.depths[f]);
+    }
+    if (!depths.empty()) {
+      const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+      std::nth_element(depths.begin(), middle, depths.end());
+      keyframe.median_depth = *middle;
+    }
+    keyframe.features = std::move(features);
+    map.keyframes().push_back(std::move(keyframe));
+    MapKeyframe& added = map.keyframes().back();
+    const Pose world_from_camera = pose.inverse();
+    for (std::size_t f = 0; f < added.features.size(); ++f) {
+      if (points[f] >= 0) {
+        map.add_sighting(points[f], number, f);
+      } else if (const double depth = added.features.depths[f]; depth > 0) {
+        MapPoint point;
+        const Vec3 seen = map.optics().unproject(added.features.pixels[f], depth);
+        point.position = world_from_camera * seen;
+        point.descriptor = added.features.descriptors.row(static_cast<int>(f));
+        point.level = added.features.levels[f];
+        point.distance = seen.norm();
+        point.keyframe = number;
+        point.color = added.colors[f];
+        map.points().push_back(std::move(point));
+        const auto id = static_cast<int>(map.points().size() - 1);
+        map.add_sighting(id, number, f);
+        new_points.push_back(id);
+      }
+      added.made_points += added.points[f] >= 0 ? 1 : 0;
+    }
+    new_keyframes.push_back(number);
+    keyframe_number = frame.number;
+    reference = number;
+  }
+
+  /// Points that were looked for and hardly found go.
+  void drop_failed_points(std::size_t keyframe) {
+    if (keyframe < kPointTrial) return;
+    const MapKeyframe& older = map.keyframes()[keyframe - kPointTrial];
+    for (std::size_t f = 0; f < older.points.size(); ++f) {
+      const int number = older.points[f];
+      if (number < 0) continue;
+      const MapPoint& p = map.point(number);
+      if (p.keyframe != keyframe - kPointTrial || p.sightings.size() > 2) continue;
+      if (p.found >= kFoundShare * p.expected) continue;
+      const auto sightings = p.sightings;
+      for (const auto& [seen_in, feature] : sightings) map.remove_sighting(number, seen_in);
+    }
+  }
+
+  bool look_for_loop(std::size_t keyframe) {
+    if (!options.loops || (loops > 0 && keyframe < last_loop + kLoopPause)) return false;
+    const std::optional<Loop> loop = find_loop(map, keyframe);
+    if (!loop) return false;
+    if (before_loop.empty()) {
+      for (const MapKeyframe& k : map.keyframes()) before_loop.push_back(k.pose);
+    }
+    close_loop(map, *loop);
+    last_loop = keyframe;
+    ++loops;
+    return true;
+  }
+
+  void remember(std::size_t number, const Pose& pose, std::vector<int> points) {
+    last_from_reference = pose * map.keyframes()[reference].pose.inverse();
+    std::erase(points, -1);
+    last_points = std::move(points);
+    last_number = number;
+  }
+
+  TrackedFrame track(const Frame& frame) {
+    TrackedFrame result;
+    result.frame = frame.number;
+    if (frame.color.empty()) {
+      result.state = map.keyframes().empty() ? TrackState::waiting : TrackState::dropped;
+      velocity.reset();
+      return result;
+    }
+    Features features = features_of(frame);
+    if (map.keyframes().empty()) return begin(frame, std::move(features));
+
+    const FeatureGrid grid(features);
+    const Pose last = last_from_reference * map.keyframes()[reference].pose;
+    Pose pose = velocity ? *velocity * last : last;
+    std::vector<int> points;
+    const bool was_lost = lost;
+    std::size_t count = lost ? 0 : track_from(features, grid, pose, points);
+    if (count < kFewestMatches) count = relocalize(features, grid, pose, points);
+    if (count >= kFewestMatches) {
+      search(features, grid, pose, local_points(points), kNarrow, points, true);
+      count = refine(map, features, points, pose);
+    }
+    lost = count < kFewestMatches;
+    if (lost) {
+      velocity.reset();
+      result.state = TrackState::lost;
+      return result;
+    }
+    for (const int p : points) {
+      if (p >= 0) ++map.point(p).found;
+    }
+    result.state = TrackState::tracked;
+    result.relocalized = was_lost;
+    result.matches = count;
+    const bool follows = !was_lost && frame.number == last_number + 1;
+    velocity = follows ? std::optional(pose * last.inverse()) : std::nullopt;
+    if (!frame.depth.empty() && needs_keyframe(frame.number, pose, count)) {
+      add_keyframe(frame, std::move(features), points, pose);
+      const std::size_t keyframe = reference;
+      map.adjust_around(keyframe);
+      drop_failed_points(keyframe);
+      result.closed_loop = look_for_loop(keyframe);
+      result.is_keyframe = true;
+      pose = map.keyframes()[keyframe].pose;
+      points = map.keyframes()[keyframe].points;
+    }
+    remember(frame.number, pose, std::move(points));
+    result.keyframe = reference;
+    result.camera_from_keyframe = to_glm(last_from_reference);
+    return result;
+  }
+
+  TrackedFrame begin(const Frame& frame, Features features) {
+    TrackedFrame result;
+    result.frame = frame.number;
+    const auto deep = std::ranges::count_if(features.depths, [](double d) { return d > 0; });
+    if (static_cast<std::size_t>(deep) < kFirstFeatures) return result;
+    const std::vector<int> none(features.size(), -1);
+    add_keyframe(frame, std::move(features), none, {});
+    remember(frame.number, {}, map.keyframes()[0].points);
+    result.state = TrackState::tracked;
+    result.is_keyframe = true;
+    result.matches = map.keyframes()[0].made_points;
+    return result;
+  }
+};
+
+Tracker::Tracker(const Calibration& calibration, const TrackerOptions& options)
+    : state_(std::make_unique<State>(calibration, options)) {}
+Tracker::~Tracker() = default;
+
+TrackedFrame Tracker::track(const Frame& frame) { return state_->track(frame); }
+std::size_t Tracker::keyframes() const { return state_->map.keyframes().size(); }
+glm::dmat4 Tracker::camera_from_world(std::size_t keyframe) const {
+  return to_glm(state_->map.keyframes()[keyframe].pose);
+}
+std::size_t Tracker::frame_of(std::size_t keyframe) const { return state_->map.keyframes()[keyframe].frame; }
+int Tracker::loops() const { return state_->loops; }
+
+std::size_t Tracker::map_points() const {
+  const std::vector<MapPoint>& points = state_->map.points();
+  return static_cast<std::size_t>(std::ranges::count_if(points, [](const MapPoint& p) { return !p.gone; }));
+}
+
+namespace {
+
+void add(PointCloud& cloud, const Vec3& position, const Color& color) {
+  for (int c = 0; c < 3; ++c) cloud.positions.push_back(static_cast<float>(position[c]));
+  cloud.colors.insert(cloud.colors.end(), color.begin(), color.end());
+}
+
+}  // namespace
+
+PointCloud Tracker::cloud() const {
+  PointCloud cloud;
+  for (const MapPoint& p : state_->map.points()) {
+    if (!p.gone) add(cloud, p.position, p.color);
+  }
+  return cloud;
+}
+
+MapChange Tracker::take_change() {
+  State& s = *state_;
+  MapChange change;
+  for (const int number : s.new_points) {
+    const MapPoint& p = s.map.point(number);
+    if (p.gone) continue;
+    add(change.map_points.points, p.position, p.color);
+    change.map_points.views.push_back(static_cast<std::uint32_t>(p.keyframe));
+  }
+  for (const std::size_t number : s.new_keyframes) {
+    const MapKeyframe& keyframe = s.map.keyframes()[number];
+    const Pose world_from_camera = keyframe.pose.inverse();
+    for (std::size_t f = 0; f < keyframe.features.size(); ++f) {
+      const double depth = keyframe.features.depths[f];
+      if (!(depth > 0)) continue;
+      add(change.features.points, world_from_camera * s.map.optics().unproject(keyframe.features.pixels[f], depth),
+          keyframe.colors[f]);
+      change.features.views.push_back(static_cast<std::uint32_t>(number));
+    }
+  }
+  for (std::size_t i = 0; i < s.before_loop.size(); ++i) {
+    change.corrections.push_back(to_glm(s.map.keyframes()[i].pose.inverse() * s.before_loop[i]));
+  }
+  s.new_points.clear();
+  s.new_keyframes.clear();
+  s.before_loop.clear();
+  return change;
+}
+
+}  // namespace splatboost

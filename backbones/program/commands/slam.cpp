@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <optional>
+
+#include "program/commands/commands.h"
+#include "program/session/chosen_device.h"
+#include "program/session/model_folder.h"
+#include "program/session/run.h"
+#include "program/session/slam_results.h"
+#include "program/session/slam_run.h"
+#include "trainer/evaluation/metrics.h"
+#include "trainer/report/report.h"
+#include "trainer/support/atomic_file.h"
+#include "trainer/support/process_info.h"
+#include "trainer/support/text.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+struct Slam {
+  explicit Slam(CLI::App& app) : set(app) {
+    options.backbone = "photo-slam";
+    set.set_group("Data");
+    set.add("-s,--source", options.scene.source, "sequence: Replica, TUM RGB-D, or pictures with calibration.json")
+        ->type_name("DIR");
+    add_model_option(set, options, "output folder");
+    set.add("--calibration", slam.sequence.calibration, "camera, in place of the dataset's own")->type_name("JSON");
+    set.add("-r,--resolution", options.scene.resolution,
+            std::string("of the pictures that are mapped; ") + kResolutionHelp)
+        ->type_name("N");
+    set.add("--first-frame", slam.sequence.first, "begin with this frame")->type_name("N")->capture_default_str();
+    set.add("--frames", slam.sequence.count, "most frames; 0: all")->type_name("N")->capture_default_str();
+    set.add("--stride", slam.sequence.stride, "every so many-th frame")->type_name("N")->capture_default_str();
+    set.set_group("Tracking");
+    set.add("--features", slam.tracker.features, "a frame")->type_name("N")->capture_default_str();
+    set.add("--max-depth", slam.tracker.farthest_depth, "metres; depth beyond is not used")
+        ->type_name("X")
+        ->capture_default_str();
+    set.add("--no-loops", no_loops, "look for no loops");
+    set.set_group("Mapping");
+    set.add("--backbone", options.backbone, "method that maps", false)->type_name("NAME")->capture_default_str();
+    set.add("--boost,!--no-boost", options.boost, "map accelerated (default), or as published", false);
+    set.add("--iterations", options.iterations,
+            "of the mapper in all; longer where the sequence takes more than half of them [30000]")
+        ->type_name("N");
+    set.add("--seconds", slam.seconds, "end when the sequence has and so many seconds have passed")->type_name("X");
+    set.add("--lockstep", slam.lockstep, "so many iterations a keyframe, in a fixed order: same seed, same bytes")
+        ->type_name("N");
+    set.add("--initial-keyframes", slam.initial_keyframes, "mapping begins with so many")
+        ->type_name("N")
+        ->capture_default_str();
+    set.add("--max-primitives", options.max_primitives, "hard cap on primitives; 0: none")
+        ->type_name("N")
+        ->capture_default_str();
+    set.add("--seed", options.seed, "of everything random")->type_name("N")->capture_default_str();
+    add_boost_options(set, options);
+    add_machine_options(set, options);
+    add_lpips_option(set, options);
+    add_config_option(set, options);
+  }
+
+  void check() {
+    const auto usage = [](bool holds, const std::string& what) {
+      if (!holds) throw UsageError(what);
+    };
+    usage(!options.scene.source.empty(), "no sequence given: name its folder with -s/--source");
+    usage(!options.model.empty(), "no output folder given: name it with -m/--model");
+    check_options(options);
+    usage(!slam.lockstep || *slam.lockstep >= 0, "--lockstep must be at least 0");
+    usage(!slam.seconds || (*slam.seconds >= 0 && std::isfinite(*slam.seconds)), "--seconds must be at least 0");
+    usage(!(slam.lockstep && slam.seconds), "--lockstep and --seconds exclude each other: a clock is never the same");
+    usage(slam.initial_keyframes >= 1, "--initial-keyframes must be at least 1");
+    usage(slam.tracker.features >= 100 && slam.tracker.features <= 20000, "--features must be 100 to 20000");
+    usage(slam.tracker.farthest_depth > slam.tracker.nearest_depth && std::isfinite(slam.tracker.farthest_depth),
+          "--max-depth must be above " + std::to_string(slam.tracker.nearest_depth));
+    usage(slam.sequence.first >= 0, "--first-frame must be at least 0");
+    usage(slam.sequence.count >= 0, "--frames must be at least 0");
+    usage(slam.sequence.stride >= 1, "--stride must be at least 1");
+    slam.tracker.loops = !no_loops;
+    slam.sequence.source = options.scene.source;
+  }
+
+  int run(const std::string& command_line) {
+    if (!options.config.empty()) {
+      apply_settings(read_settings_file(options.config), options.config.string(), set, options);
+    }
+    check();
+    const Json boost = boost_settings(options);
+    require_ours_or_empty(options.model);
+    ChosenDevice device(options.device, options.threads);
+    std::unique_ptr<Lpips> lpips;
+    if (!options.lpips.empty()) lpips = std::make_unique<Lpips>(options.lpips);
+    const std::unique_ptr<Sequence> sequence = open_sequence(slam.sequence);
+    require(sequence->calibration().depth_scale > 0,
+            options.scene.source.string() +
+                ": has no depth (no depth_scale in its calibration); a camera alone is not tracked yet");
+    for (const std::string& note : sequence->notes()) {
+      if (!options.quiet) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
+    }
+
+    reset_peak_memory();
+    std::optional<FolderLock> lock;
+    SlamRun mapping(*sequence, slam, options, [&](const Scene& scene) {
+      const BackboneContext context{scene,
+                                    device.threads(),
+                                    options.seed,
+                                    options.iterations.value(),
+                                    options.max_primitives,
+                                    device.device()};
+      PluggedBackbone plugged =
+          make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
+      lock = take_model_folder(options.model, false);
+      write_config(options.model, config_text(set, options, options.boost, &plugged));
+      return plugged;
+    });
+    const SlamOutcome outcome = mapping.run();
+    write(mapping, outcome, *sequence, device, lpips.get(), command_line);
+    return 0;
+  }
+
+  void write(SlamRun& mapping, const SlamOutcome& outcome, Sequence& sequence, ChosenDevice& device, Lpips* lpips,
+             const std::string& command_line) const {
+    const fs::path& folder = options.model;
+    Results results;
+    results.backbone = options.backbone;
+    results.boost = options.boost;
+    results.iterations = outcome.iterations;
+    results.primitives = mapping.backbone().primitives();
+    results.train_seconds = outcome.mapping_seconds;
+    results.peak_memory_bytes = peak_memory_bytes();
+    results.device = device.name();
+    results.machine = machine_name();
+    results.threads = device.threads().count();
+    results.seed = options.seed;
+    results.version = SPLATBOOST_VERSION;
+    results.command = command_line;
+    results.date = utc_now();
+    results.source = fs::absolute(options.scene.source).lexically_normal().filename().string();
+    results.width = mapping.scene().train[0].camera.width;
+    results.height = mapping.scene().train[0].camera.height;
+    results.stage_seconds = outcome.stage_seconds;
+    results.curve = outcome.curve;
+    const fs::path model = folder / "point_cloud" / ("iteration_" + std::to_string(outcome.iterations));
+    make_folder(model);
+    results.storage_bytes = mapping.backbone().export_model(model);
+    write_tracking(mapping, outcome, sequence, folder);
+    std::vector<ReportView> views;
+    const Json keyframes = measure_frames(mapping, outcome, sequence, options.scene.resolution.value_or(-1), lpips,
+                                          folder, results, views);
+    const std::optional<TrajectoryError> error = trajectory_error(mapping, outcome, sequence);
+    write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + run_label(options.boost),
+                 {{run_label(options.boost), results, folder / "test" / "renders"}}, views, 4,
+                 report_tracks(mapping, outcome, sequence, error));
+    Json json = to_json(results);
+    json["slam"] = slam_json(mapping, outcome, sequence, error, keyframes);
+    write_text_atomically(folder / "results.json", json.dump(2) + "\n");
+    print(json, results);
+  }
+
+  Json slam_json(const SlamRun& mapping, const SlamOutcome& outcome, const Sequence& sequence,
+                 const std::optional<TrajectoryError>& error, const Json& keyframes) const {
+    std::map<TrackState, std::size_t> states;
+    for (const TrackedFrame& frame : outcome.frames) ++states[frame.state];
+    return {{"frames", sequence.size()},
+            {"tracked", states[TrackState::tracked]},
+            {"lost", states[TrackState::lost]},
+            {"dropped", states[TrackState::dropped]},
+            {"waiting", states[TrackState::waiting]},
+            {"keyframes", keyframes},
+            {"map_points", mapping.tracker().map_points()},
+            {"loops", mapping.tracker().loops()},
+            {"ate_rmse", error ? Json(error->ate_rmse) : Json(nullptr)},
+            {"path_length", error ? Json(error->path) : Json(nullptr)},
+            {"tracking_fps",
+             outcome.tracking_seconds > 0 ? static_cast<double>(outcome.frames.size()) / outcome.tracking_seconds : 0},
+            {"sequence_seconds", outcome.sequence_seconds},
+            {"iterations_in_sequence", outcome.iterations_in_sequence},
+            {"lockstep", slam.lockstep ? Json(*slam.lockstep) : Json(nullptr)}};
+  }
+
+  void print(const Json& json, const Results& results) const {
+    const Json& s = json.at("slam");
+    const auto tracked = s.at("tracked").get<std::size_t>();
+    std::printf("%s", results_table(results).c_str());
+    std::printf("frames: %zu of %zu tracked at %.1f a second, %zu keyframes, %zu points, %d loops\n", tracked,
+                s.at("frames").get<std::size_t>(), s.at("tracking_fps").get<double>(),
+                s.at("keyframes").at("frames").get<std::size_t>(), s.at("map_points").get<std::size_t>(),
+                s.at("loops").get<int>());
+    if (s.at("ate_rmse").is_number()) {
+      std::printf("trajectory: ATE %.4f m (RMSE) on a path of %.2f m\n", s.at("ate_rmse").get<double>(),
+                  s.at("path_length").get<double>());
+    }
+    if (s.at("keyframes").at("psnr").is_number()) {
+      std::printf("PSNR: %.2f dB over all tracked frames, %.2f dB over keyframes\n", results.psnr,
+                  s.at("keyframes").at("psnr").get<double>());
+    }
+    if (2 * tracked < s.at("frames").get<std::size_t>()) {
+      std::fprintf(stderr,
+                   "warning: less than half of the frames were tracked; check the calibration (focal lengths, "
+                   "depth_scale) and that neighbouring frames overlap\n");
+    }
+    std::printf("report: %s\n", (options.model / "report.html").c_str());
+  }
+
+  RunOptions options;
+  SlamOptions slam;
+  bool no_loops = false;
+  OptionSet set;
+};
+
+}  // namespace
+
+Command add_slam(CLI::App& program) {
+  CLI::App* app = program.add_subcommand("slam", "Track a camera with depth and map what it sees while it moves");
+  app->footer("Example: splatboost slam -s SEQUENCE -m OUT --iterations 3000");
+  const auto slam = std::make_shared<Slam>(*app);
+  return {app, [slam](const std::string& command_line) { return slam->run(command_line); }};
+}
+
+}  // namespace splatboost::program

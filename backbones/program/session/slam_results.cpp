@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/session/slam_results.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include <glm/gtc/quaternion.hpp>
+
+#include "trainer/dataset/colmap.h"
+#include "trainer/dataset/view_image.h"
+#include "trainer/evaluation/evaluate.h"
+#include "trainer/sequence/trajectory.h"
+#include "trainer/support/atomic_file.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr std::size_t kPictures = 8;        ///< frames of which truth and render are kept
+constexpr std::size_t kFewestPositions = 3;  ///< that an alignment needs
+
+struct Means {
+  double psnr = 0, ssim = 0, lpips = 0, psnr_beta1 = 0;
+  std::size_t count = 0;
+  void add(const ViewResult& result, double beta1) {
+    psnr += result.psnr;
+    ssim += result.ssim;
+    lpips += result.lpips.value_or(0);
+    psnr_beta1 += beta1;
+    ++count;
+  }
+  double mean(double sum) const { return count > 0 ? sum / static_cast<double>(count) : std::nan(""); }
+};
+
+void render(Backbone& backbone, const View& view, std::optional<float> beta, std::vector<float>& color) {
+  color.resize(view.color.size());
+  backbone.render(view.camera, 0, beta, color);
+  for (float& value : color) value = std::clamp(value, 0.0f, 1.0f);
+}
+
+std::vector<TrackedFrame> tracked_frames(const SlamOutcome& outcome) {
+  std::vector<TrackedFrame> tracked;
+  for (const TrackedFrame& frame : outcome.frames) {
+    if (frame.state == TrackState::tracked) tracked.push_back(frame);
+  }
+  return tracked;
+}
+
+}  // namespace
+
+glm::dmat4 pose_of(const SlamRun& run, const TrackedFrame& frame) {
+  return frame.camera_from_keyframe * run.tracker().camera_from_world(frame.keyframe);
+}
+
+std::optional<TrajectoryError> trajectory_error(const SlamRun& run, const SlamOutcome& outcome,
+                                                const Sequence& sequence) {
+  std::vector<glm::dvec3> found, truth;
+  for (const TrackedFrame& frame : tracked_frames(outcome)) {
+    const auto pose = sequence.truth(frame.frame);
+    if (!pose) continue;
+    found.emplace_back(glm::inverse(pose_of(run, frame))[3]);
+    truth.emplace_back((*pose)[3]);
+  }
+  if (found.size() < kFewestPositions) return std::nullopt;
+  const Alignment alignment = align(found, truth, false);
+  return TrajectoryError{alignment.rmse, path_length(truth), found.size(), alignment.to_from};
+}
+
+void write_tracking(const SlamRun& run, const SlamOutcome& outcome, Sequence& sequence, const fs::path& folder) {
+  std::vector<TimedPose> poses;
+  for (const TrackedFrame& frame : tracked_frames(outcome)) {
+    poses.push_back({sequence.time_of(frame.frame), glm::inverse(pose_of(run, frame))});
+  }
+  write_tum_trajectory(folder / "trajectory.txt", poses);
+  poses.clear();
+  for (std::size_t i = 0; i < outcome.keyframe_frames.size(); ++i) {
+    poses.push_back({sequence.time_of(outcome.keyframe_frames[i]), glm::inverse(run.tracker().camera_from_world(i))});
+  }
+  write_tum_trajectory(folder / "keyframes.txt", poses);
+
+  const Scene& scene = run.scene();
+  make_folder(folder / "keyframes" / "images");
+  make_folder(folder / "keyframes" / "sparse" / "0");
+  ColmapModel model;
+  const Camera& first = scene.train.front().camera;
+  model.cameras.push_back({1,
+                           1,
+                           static_cast<std::uint64_t>(first.width),
+                           static_cast<std::uint64_t>(first.height),
+                           {first.fx, first.fy, first.cx, first.cy}});
+  const std::vector<std::string> names = picture_names(scene.train);
+  for (std::size_t i = 0; i < scene.train.size(); ++i) {
+    const View& view = scene.train[i];
+    ColmapImage image;
+    image.id = static_cast<std::uint32_t>(i + 1);
+    image.camera_id = 1;
+    image.name = names[i] + ".png";
+    const glm::dmat4 camera_from_world = run.tracker().camera_from_world(i);
+    const glm::dquat q = glm::quat_cast(glm::dmat3(camera_from_world));
+    const std::array<double, 4> wxyz{q.w, q.x, q.y, q.z};
+    std::ranges::copy(wxyz, image.rotation);
+    for (int c = 0; c < 3; ++c) image.translation[c] = camera_from_world[3][c];
+    write_png(folder / "keyframes" / "images" / image.name, view.color, view.camera.width, view.camera.height);
+    model.images.push_back(std::move(image));
+  }
+  model.points = run.tracker().cloud();
+  write_colmap_model(folder / "keyframes" / "sparse" / "0", model);
+}
+
+Json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence, int resolution, Lpips* lpips,
+                    const fs::path& folder, Results& results, std::vector<ReportView>& views) {
+  const std::vector<TrackedFrame> tracked = tracked_frames(outcome);
+  const std::set<std::size_t> keyframes(outcome.keyframe_frames.begin(), outcome.keyframe_frames.end());
+  std::set<std::size_t> pictured;
+  for (std::size_t i = 0; i < kPictures && !tracked.empty(); ++i) {
+    pictured.insert(i * (tracked.size() - 1) / std::max<std::size_t>(kPictures - 1, 1));
+  }
+  make_folder(folder / "test" / "renders");
+  make_folder(folder / "test" / "truth");
+  Means all, of_keyframes;
+  std::vector<float> color;
+  double render_seconds = 0;
+  for (std::size_t i = 0; i < tracked.size(); ++i) {
+    const Frame frame = sequence.read(tracked[i].frame);
+    if (frame.color.empty()) continue;
+    const View view = view_of(frame, sequence.calibration(), resolution, pose_of(run, tracked[i]));
+    render(run.backbone(), view, 1.0f, color);
+    const double beta1 = psnr(color, view.truth());
+    const auto start = std::chrono::steady_clock::now();
+    render(run.backbone(), view, std::nullopt, color);
+    render_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    ViewResult result;
+    result.name = frame.name;
+    result.psnr = psnr(color, view.truth());
+    result.ssim = ssim(color, view.truth());
+    if (lpips != nullptr) result.lpips = lpips->distance(color, view.truth());
+    all.add(result, beta1);
+    if (keyframes.contains(tracked[i].frame)) of_keyframes.add(result, beta1);
+    if (pictured.contains(i)) {
+      const std::string name = fs::path(frame.name).stem().string() + ".png";
+      write_png(folder / "test" / "renders" / name, color, view.camera.width, view.camera.height);
+      write_png(folder / "test" / "truth" / name, view.color, view.camera.width, view.camera.height);
+      views.push_back({frame.name, folder / "test" / "truth" / name});
+    }
+    results.views.push_back(std::move(result));
+  }
+  results.split = "tracked";
+  results.psnr = all.mean(all.psnr);
+  results.ssim = all.mean(all.ssim);
+  results.psnr_beta1 = all.mean(all.psnr_beta1);
+  if (lpips != nullptr && all.count > 0) results.lpips = all.mean(all.lpips);
+  results.fps = render_seconds > 0 ? static_cast<double>(all.count) / render_seconds : std::nan("");
+  const auto shown = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
+  return {{"frames", of_keyframes.count},
+          {"psnr", shown(of_keyframes.mean(of_keyframes.psnr))},
+          {"ssim", shown(of_keyframes.mean(of_keyframes.ssim))},
+          {"lpips", lpips != nullptr ? shown(of_keyframes.mean(of_keyframes.lpips)) : Json(nullptr)}};
+}
+
+std::vector<ReportTrack> report_tracks(const SlamRun& run, const SlamOutcome& outcome, const Sequence& sequence,
+                                       const std::optional<TrajectoryError>& error) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  std::vector<glm::dvec3> found, truth;
+  glm::dvec3 low(std::numeric_limits<double>::infinity()), high(-low);
+  for (const TrackedFrame& frame : outcome.frames) {
+    const auto add = [&](std::vector<glm::dvec3>& path, const std::optional<glm::dvec3>& at) {
+      path.push_back(at.value_or(glm::dvec3(kUnknown)));
+      if (at) low = glm::min(low, *at), high = glm::max(high, *at);
+    };
+    std::optional<glm::dvec3> position;
+    if (frame.state == TrackState::tracked) {
+      const glm::dvec4 centre = glm::inverse(pose_of(run, frame))[3];
+      position = glm::dvec3(error ? error->truth_from_map * centre : centre);
+    }
+    add(found, position);
+    const auto pose = sequence.truth(frame.frame);
+    if (error) add(truth, pose ? std::optional(glm::dvec3((*pose)[3])) : std::nullopt);
+  }
+  const glm::dvec3 size = high - low;
+  const int along = size.x <= size.y && size.x <= size.z ? 0 : size.y <= size.z ? 1 : 2;
+  const auto flat = [&](const std::vector<glm::dvec3>& path) {
+    std::vector<std::array<double, 2>> points;
+    for (const glm::dvec3& p : path) points.push_back({p[(along + 1) % 3], p[(along + 2) % 3]});
+    return points;
+  };
+  if (!error) return {{"tracked", flat(found)}};
+  return {{"truth", flat(truth)}, {"tracked", flat(found)}};
+}
+
+}  // namespace splatboost::program

@@ -1,0 +1,283 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/session/slam_run.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <deque>
+#include <exception>
+#include <mutex>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+
+#include "trainer/dataset/view_image.h"
+#include "trainer/images/image_codec.h"
+#include "trainer/support/input_error.h"
+#include "trainer/support/text.h"
+#include "trainer/training/progress.h"
+
+namespace splatboost::program {
+namespace {
+
+constexpr double kLossWeight = 0.05;      ///< of the newest loss in the shown mean
+constexpr double kShownEvery = 2;         ///< s
+constexpr std::size_t kMostProblems = 5;  ///< lines about single frames
+constexpr float kLeastExtent = 0.1f;      ///< metres: of a camera that only turns
+constexpr int kCurvePoints = 40;
+constexpr auto kIdle = std::chrono::milliseconds(2);
+
+double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+}  // namespace
+
+View view_of(const Frame& frame, const Calibration& calibration, int resolution, const glm::dmat4& camera_from_world) {
+  const ImageSize size = target_size(frame.width, frame.height, resolution);
+  Pixels pixels{frame.width, frame.height, 3, 8, frame.color};
+  const bool smaller = size.width != frame.width || size.height != frame.height;
+  if (smaller) pixels = shrink_image(pixels, size.width, size.height, frame.name);
+  View view;
+  view.name = frame.name;
+  const double across = static_cast<double>(size.width) / frame.width;
+  const double down = static_cast<double>(size.height) / frame.height;
+  // The middle of the first pixel is at (0.5, 0.5) from here on.
+  view.camera.width = size.width;
+  view.camera.height = size.height;
+  view.camera.fx = static_cast<float>(calibration.fx * across);
+  view.camera.fy = static_cast<float>(calibration.fy * down);
+  view.camera.cx = static_cast<float>((calibration.cx + 0.5) * across);
+  view.camera.cy = static_cast<float>((calibration.cy + 0.5) * down);
+  view.camera.camera_from_world = glm::mat4(camera_from_world);
+  const auto width = static_cast<std::size_t>(size.width), height = static_cast<std::size_t>(size.height);
+  const std::size_t count = width * height;
+  view.color.resize(3 * count);
+  for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t c = 0; c < 3; ++c) view.color[c * count + i] = pixels.bytes[3 * i + c];
+  }
+  if (!frame.valid.empty()) {
+    // Valid where all that was averaged is.
+    view.valid.assign(count, 255);
+    for (std::size_t i = 0; i < frame.valid.size(); ++i) {
+      if (frame.valid[i] != 0) continue;
+      const std::size_t x = i % static_cast<std::size_t>(frame.width) * width / static_cast<std::size_t>(frame.width);
+      const std::size_t y = i / static_cast<std::size_t>(frame.width) * height / static_cast<std::size_t>(frame.height);
+      view.valid[y * width + x] = 0;
+    }
+  }
+  return view;
+}
+
+SlamRun::SlamRun(Sequence& sequence, const SlamOptions& slam, const RunOptions& options,
+                 std::function<PluggedBackbone(const Scene&)> make_backbone)
+    : sequence_(sequence),
+      slam_(slam),
+      options_(options),
+      make_backbone_(std::move(make_backbone)),
+      tracker_(sequence.calibration(), slam.tracker) {
+  scene_.white_background = options.scene.white_background;
+}
+
+double SlamRun::seconds() const { return now() - began_; }
+
+void SlamRun::tell(const TrackedFrame& frame, const Frame& picture) {
+  const auto say = [&](const std::string& what) {
+    std::fprintf(stderr, "frame %zu (%s): %s\n", frame.frame, printable(picture.name).c_str(),
+                 printable(what).c_str());
+  };
+  if (!picture.problem.empty() && ++problems_ <= kMostProblems) {
+    say(picture.problem + (picture.color.empty() ? "; left out" : "; tracked by colour alone") +
+        (problems_ == kMostProblems ? " (no more such lines follow)" : ""));
+  }
+  if (frame.state == TrackState::lost && last_state_ != TrackState::lost) {
+    say("tracking is lost: too little of the map is seen again; trying to find it at each of the next frames");
+  }
+  if (frame.relocalized) say("tracking goes on: the camera was found on the map again");
+  if (frame.closed_loop && !options_.quiet) say("a loop was closed: poses and Gaussians are corrected");
+  if (frame.state != TrackState::dropped) last_state_ = frame.state;
+}
+
+std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
+  const double start = now();
+  Frame frame = sequence_.read(number);
+  const TrackedFrame tracked = tracker_.track(frame);
+  tracked_ += tracked.state == TrackState::tracked ? 1 : 0;
+  outcome_.frames.push_back(tracked);
+  tell(tracked, frame);
+  std::optional<Update> update;
+  if (tracked.is_keyframe) {
+    update.emplace();
+    const std::size_t keyframe = tracker_.keyframes() - 1;
+    update->views.push_back(view_of(frame, sequence_.calibration(), options_.scene.resolution.value_or(-1),
+                                    tracker_.camera_from_world(keyframe)));
+    for (std::size_t i = 0; i <= keyframe; ++i) update->poses.push_back(tracker_.camera_from_world(i));
+    update->change = tracker_.take_change();
+    outcome_.keyframe_frames.push_back(number);
+  }
+  outcome_.tracking_seconds += now() - start;
+  return update;
+}
+
+void SlamRun::begin_mapping() {
+  scene_.points = std::move(first_points_.points);
+  scene_.extent = std::max(camera_extent(scene_.train), kLeastExtent);
+  plugged_ = make_backbone_(scene_);
+  online_ = dynamic_cast<OnlineBackbone*>(plugged_.backbone.get());
+  require(online_ != nullptr, "--backbone: " + options_.backbone + " cannot train while its views come in; photo-slam can");
+  online_->map_changed({});
+}
+
+void SlamRun::take(Update update) {
+  for (View& view : update.views) scene_.train.push_back(std::move(view));
+  for (std::size_t i = 0; i < scene_.train.size(); ++i) {
+    scene_.train[i].camera.camera_from_world = glm::mat4(update.poses[i]);
+  }
+  if (online_ != nullptr) return online_->map_changed(update.change);
+  // The first keyframes, of whose points the map begins.
+  std::vector<float>& positions = first_points_.points.positions;
+  const auto move = [&](std::size_t i, const glm::dmat4& by) {
+    const glm::dvec3 moved(by * glm::dvec4(positions[3 * i], positions[3 * i + 1], positions[3 * i + 2], 1));
+    for (int c = 0; c < 3; ++c) positions[3 * i + static_cast<std::size_t>(c)] = static_cast<float>(moved[c]);
+  };
+  for (std::size_t i = 0; i < first_points_.views.size() && !update.change.corrections.empty(); ++i) {
+    move(i, update.change.corrections[first_points_.views[i]]);
+  }
+  const SeenPoints& more = update.change.map_points;
+  positions.insert(positions.end(), more.points.positions.begin(), more.points.positions.end());
+  first_points_.points.colors.insert(first_points_.points.colors.end(), more.points.colors.begin(),
+                                     more.points.colors.end());
+  first_points_.views.insert(first_points_.views.end(), more.views.begin(), more.views.end());
+  if (scene_.train.size() >= static_cast<std::size_t>(slam_.initial_keyframes)) begin_mapping();
+}
+
+void SlamRun::iterate() {
+  ++iteration_;
+  const View& view = online_->next_view(iteration_);
+  const double loss = plugged_.backbone->train_step(iteration_, view);
+  if (!std::isfinite(loss)) {
+    throw std::runtime_error("the loss is not finite at iteration " + std::to_string(iteration_) + " (" + view.name +
+                             "); lower the learning rates in --config, or report this");
+  }
+  loss_ = iteration_ == 1 ? loss : loss_ + kLossWeight * (loss - loss_);
+}
+
+void SlamRun::show_progress(bool last) {
+  const double at = now();
+  if (options_.quiet || (!last && at - shown_ < kShownEvery)) return;
+  shown_ = at;
+  std::fprintf(stderr, "frame %zu/%zu  %zu tracked  %zu keyframes  %zu points  %d loops  %.1f frames/s",
+               outcome_.frames.size(), sequence_.size(), tracked_, tracker_.keyframes(), tracker_.map_points(),
+               tracker_.loops(), static_cast<double>(outcome_.frames.size()) / std::max(seconds(), 1e-9));
+  if (slam_.lockstep && online_ != nullptr) {
+    std::fprintf(stderr, "  iteration %d  loss %.4f  %zu primitives", iteration_, loss_, plugged_.backbone->primitives());
+  }
+  std::fputc('\n', stderr);
+}
+
+void SlamRun::run_in_lockstep() {
+  for (std::size_t number = 0; number < sequence_.size(); ++number) {
+    if (std::optional<Update> update = track(number)) {
+      take(std::move(*update));
+      for (int i = 0; online_ != nullptr && i < *slam_.lockstep; ++i) iterate();
+    }
+    show_progress(number + 1 == sequence_.size());
+  }
+}
+
+void SlamRun::run_at_once() {
+  std::mutex mutex;
+  std::deque<Update> updates;
+  std::atomic<bool> ended = false, stopped = false;
+  std::exception_ptr failure;
+  std::thread tracking([&] {
+    try {
+      for (std::size_t number = 0; number < sequence_.size() && !stopped; ++number) {
+        if (std::optional<Update> update = track(number)) {
+          const std::lock_guard guard(mutex);
+          updates.push_back(std::move(*update));
+        }
+        show_progress(number + 1 == sequence_.size());
+      }
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    ended = true;
+  });
+  const auto take_all = [&] {
+    for (;;) {
+      Update update;
+      {
+        const std::lock_guard guard(mutex);
+        if (updates.empty()) return;
+        update = std::move(updates.front());
+        updates.pop_front();
+      }
+      take(std::move(update));
+    }
+  };
+  try {
+    while (!ended) {
+      take_all();
+      if (online_ != nullptr) {
+        iterate();
+      } else {
+        std::this_thread::sleep_for(kIdle);
+      }
+    }
+  } catch (...) {
+    stopped = true;
+    tracking.join();
+    throw;
+  }
+  tracking.join();
+  if (failure) std::rethrow_exception(failure);
+  take_all();
+}
+
+void SlamRun::finish_mapping() {
+  if (online_ == nullptr) {
+    require(!scene_.train.empty(), options_.scene.source.string() +
+                                       ": nothing could be tracked: no frame has enough features with depth; check "
+                                       "depth_scale and the focal lengths of the calibration");
+    begin_mapping();  // of fewer keyframes than usual
+  }
+  int total = online_->planned_iterations(iteration_);
+  const double tail_began = seconds();
+  if (slam_.seconds) {
+    // As many as the rate so far promises; the clock decides.
+    const double left = std::max(0.0, *slam_.seconds - tail_began);
+    const double rate = iteration_ / std::max(tail_began, 1e-9);
+    total = iteration_ + std::max(1, static_cast<int>(std::min(1e8, rate * left)));
+  }
+  online_->views_complete(total);
+  Progress progress("mapping", total, iteration_, options_.quiet);
+  const int tail = total - iteration_;
+  while (iteration_ < total) {
+    if (slam_.seconds && seconds() >= *slam_.seconds && iteration_ > 0) break;
+    iterate();
+    progress.update(iteration_, loss_, plugged_.backbone->primitives(), seconds() - tail_began);
+    if (iteration_ == total || (total - iteration_) % std::max(1, tail / kCurvePoints) == 0) {
+      outcome_.curve.push_back({iteration_, seconds(), loss_, plugged_.backbone->primitives(), std::nullopt});
+    }
+  }
+  plugged_.backbone->finish();
+}
+
+SlamOutcome SlamRun::run() {
+  began_ = shown_ = now();
+  if (slam_.lockstep) {
+    run_in_lockstep();
+  } else {
+    run_at_once();
+  }
+  outcome_.sequence_seconds = seconds();
+  outcome_.iterations_in_sequence = iteration_;
+  finish_mapping();
+  outcome_.iterations = iteration_;
+  outcome_.mapping_seconds = seconds();
+  for (const auto& [stage, spent] : plugged_.backbone->stages().seconds()) outcome_.stage_seconds[stage] = spent;
+  return outcome_;
+}
+
+}  // namespace splatboost::program

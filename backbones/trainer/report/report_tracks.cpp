@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/report/report_tracks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "trainer/report/report_markup.h"
+
+namespace splatboost::report {
+
+std::string tracks(const std::vector<ReportTrack>& tracks) {
+  constexpr double kWidth = 720, kMargin = 12, kTallest = 540;
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  double low[2] = {kInfinity, kInfinity}, high[2] = {-kInfinity, -kInfinity};
+  for (const ReportTrack& track : tracks) {
+    for (const std::array<double, 2>& point : track.points) {
+      for (std::size_t c = 0; c < 2; ++c) {
+        low[c] = std::min(low[c], point[c]);
+        high[c] = std::max(high[c], point[c]);
+      }
+    }
+  }
+  if (!(low[0] <= high[0])) return "";
+  const double across = std::max(high[0] - low[0], 1e-6), up = std::max(high[1] - low[1], 1e-6);
+  const double scale = std::min((kWidth - 2 * kMargin) / across, (kTallest - 2 * kMargin) / up);
+  const double height = up * scale + 2 * kMargin;
+  std::string out = "<section><h2>Where the camera was</h2>\n<p class=\"legend\">";
+  for (std::size_t t = 0; t < tracks.size(); ++t) {
+    out += "<span><i style=\"background:" + color_of(t, tracks.size()) + "\"></i>" + escape(tracks[t].label) + "</span>";
+  }
+  out += "</p>\n<div class=\"card\"><svg viewBox=\"0 0 " + number(kWidth, 0) + " " + number(height, 0) +
+         "\" role=\"img\" aria-label=\"paths of the camera\">\n";
+  for (std::size_t t = 0; t < tracks.size(); ++t) {
+    // Where nothing was tracked a path is broken.
+    std::string line;
+    bool pen_down = false;
+    for (const std::array<double, 2>& point : tracks[t].points) {
+      if (!std::isfinite(point[0]) || !std::isfinite(point[1])) {
+        pen_down = false;
+        continue;
+      }
+      line += (pen_down ? "L" : "M") + number(kMargin + (point[0] - low[0]) * scale, 1) + " " +
+              number(height - kMargin - (point[1] - low[1]) * scale, 1) + " ";
+      pen_down = true;
+    }
+    out += "<path fill=\"none\" stroke-width=\"2\" stroke=\"" + color_of(t, tracks.size()) + "\" d=\"" + line + "\"/>\n";
+  }
+  // A length to compare with: the largest power of ten, or half or a fifth of one, that takes a quarter of the width.
+  const double most = 0.25 * (kWidth - 2 * kMargin) / scale;
+  const double power = std::pow(10.0, std::floor(std::log10(most)));
+  const double bar = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1);
+  out += "</svg></div>\n<p class=\"note\">Seen along the axis in which the camera moved least; the drawing is " +
+         number(across, 2) + " m wide. <svg width=\"" + number(bar * scale, 0) +
+         "\" height=\"6\"><path stroke=\"currentColor\" d=\"M0 3 L" + number(bar * scale, 0) + " 3\"/></svg> " +
+         number(bar, bar < 0.1 ? 2 : bar < 1 ? 1 : 0) + " m on a page " + number(kWidth, 0) +
+         " px wide</p></section>\n";
+  return out;
+}
+
+}  // namespace splatboost::report

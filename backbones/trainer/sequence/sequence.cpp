@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/sequence/sequence.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <utility>
+
+#include "trainer/images/image_codec.h"
+#include "trainer/sequence/sequence_files.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<std::uint8_t> bytes_of(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  require(in.good(), file.string() + ": cannot be read");
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+/// Where each pixel without distortion lies in the distorted picture, [H,W,2].
+std::vector<float> distorted_places(const Calibration& c) {
+  std::vector<float> places;
+  places.reserve(2 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height));
+  for (int row = 0; row < c.height; ++row) {
+    for (int column = 0; column < c.width; ++column) {
+      const double x = (column - c.cx) / c.fx, y = (row - c.cy) / c.fy;
+      const double r2 = x * x + y * y;
+      const double radial = 1 + r2 * (c.k1 + r2 * (c.k2 + r2 * c.k3));
+      const double u = x * radial + 2 * c.p1 * x * y + c.p2 * (r2 + 2 * x * x);
+      const double v = y * radial + c.p1 * (r2 + 2 * y * y) + 2 * c.p2 * x * y;
+      places.push_back(static_cast<float>(c.fx * u + c.cx));
+      places.push_back(static_cast<float>(c.fy * v + c.cy));
+    }
+  }
+  return places;
+}
+
+class FileSequence final : public Sequence {
+ public:
+  explicit FileSequence(SequenceFiles files) : files_(std::move(files)) {
+    const Calibration& c = files_.calibration;
+    if (c.k1 != 0 || c.k2 != 0 || c.k3 != 0 || c.p1 != 0 || c.p2 != 0) places_ = distorted_places(c);
+  }
+
+  std::size_t size() const override { return files_.frames.size(); }
+  const Calibration& calibration() const override { return files_.calibration; }
+  std::vector<std::string> notes() const override { return files_.notes; }
+  double time_of(std::size_t number) const override { return files_.frames[number].time; }
+  std::optional<glm::dmat4> truth(std::size_t number) const override { return files_.frames[number].truth; }
+
+  Frame read(std::size_t number) override {
+    const FrameFiles& files = files_.frames[number];
+    Frame frame;
+    frame.number = number;
+    frame.time = files.time;
+    frame.name = files.color.filename().string();
+    frame.width = files_.calibration.width;
+    frame.height = files_.calibration.height;
+    try {
+      read_color(files.color, frame);
+    } catch (const std::exception& error) {
+      frame.color.clear();
+      frame.problem = error.what();
+      return frame;
+    }
+    if (files_.calibration.depth_scale <= 0) return frame;
+    try {
+      if (files.depth.empty()) throw InputError(files.color.string() + ": has no picture of depth");
+      read_depth(files.depth, frame);
+    } catch (const std::exception& error) {
+      frame.depth.clear();
+      frame.problem = error.what();
+    }
+    return frame;
+  }
+
+ private:
+  void require_size(const Pixels& pixels, const fs::path& file) const {
+    const Calibration& c = files_.calibration;
+    require(pixels.width == c.width && pixels.height == c.height,
+            file.string() + ": has " + std::to_string(pixels.width) + "x" + std::to_string(pixels.height) +
+                " pixels, the calibration says " + std::to_string(c.width) + "x" + std::to_string(c.height));
+  }
+
+  void read_color(const fs::path& file, Frame& frame) const {
+    Pixels pixels = decode_image(bytes_of(file), file.string());
+    require_size(pixels, file);
+    require(pixels.bits == 8, file.string() + ": pictures of colour must have 8 bits");
+    if (!places_.empty()) pixels = resample_image(pixels, places_, file.string());
+    const std::size_t count = static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height);
+    const auto channels = static_cast<std::size_t>(pixels.channels);
+    frame.color.resize(3 * count);
+    for (std::size_t i = 0; i < count; ++i) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        frame.color[3 * i + c] = pixels.bytes[channels * i + (channels < 3 ? 0 : c)];
+      }
+    }
+    if (places_.empty()) return;
+    frame.valid.resize(count);
+    for (std::size_t i = 0; i < count; ++i) frame.valid[i] = inside(i) ? 255 : 0;
+  }
+
+  bool inside(std::size_t pixel) const {
+    const float x = places_[2 * pixel], y = places_[2 * pixel + 1];
+    return x >= 0 && y >= 0 && x <= static_cast<float>(files_.calibration.width - 1) &&
+           y <= static_cast<float>(files_.calibration.height - 1);
+  }
+
+  void read_depth(const fs::path& file, Frame& frame) const {
+    const Pixels pixels = decode_image(bytes_of(file), file.string());
+    require_size(pixels, file);
+    require(pixels.bits == 16 && pixels.channels == 1,
+            file.string() + ": pictures of depth must have one channel of 16 bits");
+    const std::size_t count = static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height);
+    frame.depth.resize(count);
+    bool any = false;
+    for (std::size_t i = 0; i < count; ++i) {
+      std::size_t from = i;
+      if (!places_.empty()) {  // the nearest one: between two surfaces there is none
+        if (!inside(i)) continue;
+        from = static_cast<std::size_t>(std::lround(places_[2 * i + 1])) * static_cast<std::size_t>(frame.width) +
+               static_cast<std::size_t>(std::lround(places_[2 * i]));
+      }
+      std::uint16_t value = 0;
+      std::memcpy(&value, &pixels.bytes[2 * from], sizeof(value));
+      any = any || value != 0;
+      frame.depth[i] = static_cast<float>(value / files_.calibration.depth_scale);
+    }
+    require(any, file.string() + ": holds no depth at all");
+  }
+
+  SequenceFiles files_;
+  std::vector<float> places_;  ///< empty: the camera has no distortion
+};
+
+}  // namespace
+
+std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options) {
+  require(options.first >= 0 && options.count >= 0 && options.stride >= 1,
+          "frames are counted from 0, and every so many-th is at least every one");
+  return std::make_unique<FileSequence>(find_sequence_files(options));
+}
+
+}  // namespace splatboost

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Pictures that a moving camera took, one after the other, with depth.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <glm/mat4x4.hpp>
+
+namespace splatboost {
+
+/// How the camera of a sequence takes pictures; the middle of pixel (i, j) is at (i, j), as in OpenCV. Distortion is
+/// Brown-Conrady's; pictures are handed out without it.
+struct Calibration {
+  int width = 0, height = 0;  ///< px
+  double fx = 0, fy = 0, cx = 0, cy = 0;
+  double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
+  double depth_scale = 0;  ///< what a metre is in pictures of depth; 0: there are none
+};
+
+/// One picture, undistorted.
+struct Frame {
+  std::size_t number = 0;  ///< in the sequence, from 0
+  double time = 0;         ///< s
+  std::string name;
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> color;  ///< [H,W,3]; empty: the picture cannot be used
+  std::vector<std::uint8_t> valid;  ///< [H,W] non-zero where there is colour; empty: everywhere
+  std::vector<float> depth;         ///< [H,W] metres along z, 0: not known; empty: none
+  std::string problem;              ///< why there is no colour or no depth, a line; empty: all is well
+};
+
+class Sequence {
+ public:
+  virtual ~Sequence() = default;
+  virtual std::size_t size() const = 0;
+  virtual const Calibration& calibration() const = 0;
+  /// Never throws for what is wrong with one picture: Frame::problem says it.
+  virtual Frame read(std::size_t number) = 0;
+  /// Of a frame, seconds.
+  virtual double time_of(std::size_t number) const = 0;
+  /// world_from_camera where the dataset has it.
+  virtual std::optional<glm::dmat4> truth(std::size_t number) const = 0;
+  /// What a user should know about how the data was read, a line each.
+  virtual std::vector<std::string> notes() const { return {}; }
+};
+
+struct SequenceOptions {
+  std::filesystem::path source;
+  std::filesystem::path calibration;  ///< file; empty: the dataset's own
+  int first = 0;                      ///< frame to begin with
+  int count = 0;                      ///< most frames; 0: all
+  int stride = 1;                     ///< every so many-th
+};
+
+/// Replica (results/frame*.jpg, depth*.png, traj.txt, cam_params.json), TUM RGB-D (rgb.txt, depth.txt, groundtruth.txt),
+/// or a folder of pictures (images/ and depth/, or colour alone) with calibration.json. Throws InputError in one line.
+std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
+
+/// Reads {"width", "height", "fx", "fy", "cx", "cy", "k1", …, "depth_scale"}; Replica's "camera" with "w", "h" and
+/// "scale" likewise. Throws InputError naming the file and the key.
+Calibration read_calibration(const std::filesystem::path& file);
+
+/// Throws InputError, beginning with `where`, unless it can be a camera's.
+void check_calibration(const Calibration& calibration, const std::string& where);
+
+}  // namespace splatboost

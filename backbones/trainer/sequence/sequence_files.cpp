@@ -1,0 +1,267 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/sequence/sequence_files.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include "trainer/sequence/trajectory.h"
+#include "trainer/support/atomic_file.h"
+#include "trainer/support/input_error.h"
+#include "trainer/support/json_values.h"
+
+namespace splatboost {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr double kMostSecondsApart = 0.02;  ///< of a picture and its depth, or its true pose
+constexpr double kFolderRate = 30;          ///< frames a second where a dataset has no times
+
+bool is_picture(const fs::path& file) {
+  std::string ending = file.extension().string();
+  std::ranges::transform(ending, ending.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return ending == ".png" || ending == ".jpg" || ending == ".jpeg";
+}
+
+/// Sorted by name; empty where there is no such folder.
+std::vector<fs::path> pictures_in(const fs::path& folder, const std::string& prefix) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const std::string name = entry->path().filename().string();
+    if (is_picture(entry->path()) && name.compare(0, prefix.size(), prefix) == 0) files.push_back(entry->path());
+  }
+  std::ranges::sort(files);
+  return files;
+}
+
+/// What is left of a name without its prefix and its ending: the number of a frame.
+std::string key_of(const fs::path& file, std::size_t prefix) { return file.stem().string().substr(prefix); }
+
+/// Frames without depth of the same number stay without.
+std::vector<FrameFiles> paired(const std::vector<fs::path>& color, std::size_t color_prefix,
+                               const std::vector<fs::path>& depth, std::size_t depth_prefix) {
+  std::map<std::string, fs::path> depths;
+  for (const fs::path& file : depth) depths[key_of(file, depth_prefix)] = file;
+  std::vector<FrameFiles> frames;
+  for (const fs::path& file : color) {
+    FrameFiles frame;
+    frame.time = static_cast<double>(frames.size()) / kFolderRate;
+    frame.color = file;
+    if (const auto found = depths.find(key_of(file, color_prefix)); found != depths.end()) frame.depth = found->second;
+    frames.push_back(std::move(frame));
+  }
+  return frames;
+}
+
+void read_replica_truth(const fs::path& file, SequenceFiles& files) {
+  std::ifstream in(file);
+  std::string line;
+  std::size_t number = 0;
+  while (std::getline(in, line)) {
+    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    std::istringstream words(line);
+    glm::dmat4 pose(1.0);
+    for (int row = 0; row < 4; ++row) {
+      for (int column = 0; column < 4; ++column) words >> pose[column][row];
+    }
+    require(!words.fail(),
+            file.string() + ":" + std::to_string(number + 1) + ": expected 16 numbers, a pose row by row");
+    if (number < files.frames.size()) files.frames[number].truth = pose;
+    ++number;
+  }
+  if (number != files.frames.size()) {
+    files.notes.push_back(file.string() + ": holds " + std::to_string(number) + " poses for " +
+                          std::to_string(files.frames.size()) + " frames");
+  }
+}
+
+SequenceFiles find_replica(const SequenceOptions& options) {
+  SequenceFiles files;
+  files.form = "Replica";
+  const fs::path results = options.source / "results";
+  files.frames = paired(pictures_in(results, "frame"), 5, pictures_in(results, "depth"), 5);
+  require(!files.frames.empty(), results.string() + ": holds no frame*.jpg");
+  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
+  if (options.calibration.empty()) {
+    fs::path file = options.source / "cam_params.json";
+    if (!is_file(file)) file = fs::absolute(options.source).parent_path() / "cam_params.json";
+    require(is_file(file), options.source.string() + ": has no cam_params.json; name a file with --calibration");
+    files.calibration = read_calibration(file);
+  }
+  return files;
+}
+
+/// Lines of "time path".
+std::vector<std::pair<double, std::string>> read_tum_list(const fs::path& file) {
+  std::ifstream in(file);
+  require(in.good(), file.string() + ": cannot be read");
+  std::vector<std::pair<double, std::string>> list;
+  std::string line;
+  for (int number = 1; std::getline(in, line); ++number) {
+    if (line.empty() || line[0] == '#' || line[0] == '\r') continue;
+    std::istringstream words(line);
+    double time = 0;
+    std::string path;
+    words >> time >> path;
+    require(!words.fail() && std::isfinite(time),
+            file.string() + ":" + std::to_string(number) + ": expected 'time path'");
+    list.emplace_back(time, path);
+  }
+  std::ranges::sort(list);
+  return list;
+}
+
+/// The cameras of the TUM RGB-D benchmark, as it publishes them, by the number in the folder's name.
+std::optional<Calibration> tum_calibration(const std::string& name) {
+  Calibration c;
+  c.width = 640, c.height = 480, c.depth_scale = 5000;
+  const auto is = [&](const char* number) {
+    return name.find(std::string("freiburg") + number) != std::string::npos ||
+           name.find(std::string("fr") + number) != std::string::npos;
+  };
+  if (is("1")) {
+    c.fx = 517.306408, c.fy = 516.469215, c.cx = 318.643040, c.cy = 255.313989;
+    c.k1 = 0.262383, c.k2 = -0.953104, c.p1 = -0.005358, c.p2 = 0.002628, c.k3 = 1.163314;
+  } else if (is("2")) {
+    c.fx = 520.908620, c.fy = 521.007327, c.cx = 325.141442, c.cy = 249.701764;
+    c.k1 = 0.231222, c.k2 = -0.784899, c.p1 = -0.003257, c.p2 = -0.000105, c.k3 = 0.917205;
+  } else if (is("3")) {
+    c.fx = 535.4, c.fy = 539.2, c.cx = 320.1, c.cy = 247.6;
+  } else {
+    return std::nullopt;
+  }
+  return c;
+}
+
+SequenceFiles find_tum(const SequenceOptions& options) {
+  SequenceFiles files;
+  files.form = "TUM RGB-D";
+  const auto color = read_tum_list(options.source / "rgb.txt");
+  std::vector<std::pair<double, std::string>> depth;
+  if (is_file(options.source / "depth.txt")) depth = read_tum_list(options.source / "depth.txt");
+  const auto times_of = [](const auto& list) {
+    std::vector<double> times;
+    for (const auto& entry : list) times.push_back(entry.first);
+    return times;
+  };
+  const std::vector<double> times = times_of(color);
+  const auto depth_of = nearest_in_time(times, times_of(depth), kMostSecondsApart);
+  std::vector<TimedPose> truth;
+  if (is_file(options.source / "groundtruth.txt")) truth = read_tum_trajectory(options.source / "groundtruth.txt");
+  std::vector<double> truth_times;
+  for (const TimedPose& pose : truth) truth_times.push_back(pose.time);
+  const auto truth_of = nearest_in_time(times, truth_times, kMostSecondsApart);
+  for (std::size_t i = 0; i < color.size(); ++i) {
+    FrameFiles frame;
+    frame.time = color[i].first;
+    frame.color = options.source / color[i].second;
+    if (depth_of[i] >= 0) frame.depth = options.source / depth[static_cast<std::size_t>(depth_of[i])].second;
+    if (truth_of[i] >= 0) frame.truth = truth[static_cast<std::size_t>(truth_of[i])].world_from_camera;
+    files.frames.push_back(std::move(frame));
+  }
+  require(!files.frames.empty(), (options.source / "rgb.txt").string() + ": names no picture");
+  if (options.calibration.empty()) {
+    const auto known = tum_calibration(fs::absolute(options.source).lexically_normal().string());
+    require(known.has_value(), options.source.string() +
+                                   ": which camera took this is not known (no freiburg1, 2 or 3 in its name); name a "
+                                   "file with --calibration");
+    files.calibration = *known;
+  }
+  return files;
+}
+
+SequenceFiles find_folder(const SequenceOptions& options) {
+  SequenceFiles files;
+  files.form = "folder of pictures";
+  std::vector<fs::path> color;
+  for (const char* name : {"images", "rgb", "color", "."}) {
+    if (color = pictures_in(options.source / name, ""); !color.empty()) break;
+  }
+  require(!color.empty(), options.source.string() +
+                              ": is no sequence: no results/frame*.jpg (Replica), no rgb.txt (TUM), no mav0 (EuRoC), "
+                              "no pictures in images/, rgb/, color/ or itself");
+  files.frames = paired(color, 0, pictures_in(options.source / "depth", ""), 0);
+  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
+  if (options.calibration.empty()) {
+    const fs::path file = options.source / "calibration.json";
+    require(is_file(file), options.source.string() + ": has no calibration.json; name a file with --calibration");
+    files.calibration = read_calibration(file);
+  }
+  return files;
+}
+
+}  // namespace
+
+Calibration read_calibration(const fs::path& file) {
+  Json json = read_json_file(file);
+  if (json.contains("camera")) json = Json(json.at("camera"));
+  require(json.is_object(), file.string() + ": camera must be an object");
+  Calibration c;
+  const auto read = [&](const char* name, const char* other, auto& value, bool needed) {
+    const char* const key = json.contains(name) ? name : other;
+    if (json.contains(key)) return read_value(json.at(key), file.string() + ": " + key, value);
+    require(!needed, file.string() + ": has no '" + name + "'");
+  };
+  read("width", "w", c.width, true);
+  read("height", "h", c.height, true);
+  read("fx", "fx", c.fx, true);
+  read("fy", "fy", c.fy, true);
+  read("cx", "cx", c.cx, true);
+  read("cy", "cy", c.cy, true);
+  read("k1", "k1", c.k1, false);
+  read("k2", "k2", c.k2, false);
+  read("p1", "p1", c.p1, false);
+  read("p2", "p2", c.p2, false);
+  read("k3", "k3", c.k3, false);
+  read("depth_scale", "scale", c.depth_scale, false);
+  check_calibration(c, file.string());
+  return c;
+}
+
+void check_calibration(const Calibration& c, const std::string& where) {
+  require(c.width >= 32 && c.height >= 32 && c.width <= 16384 && c.height <= 16384,
+          where + ": the size " + std::to_string(c.width) + "x" + std::to_string(c.height) + " is not possible");
+  require(std::isfinite(c.fx) && std::isfinite(c.fy) && c.fx > 0 && c.fy > 0,
+          where + ": focal lengths must be above 0");
+  require(c.fx > 0.05 * c.width && c.fx < 50 * c.width && c.fy > 0.05 * c.height && c.fy < 50 * c.height,
+          where + ": the focal lengths do not fit to the size; both are in pixels");
+  require(c.cx >= 0 && c.cx <= c.width && c.cy >= 0 && c.cy <= c.height,
+          where + ": the principal point lies outside of the picture");
+  require(std::isfinite(c.k1 + c.k2 + c.p1 + c.p2 + c.k3), where + ": distortion must be finite");
+  require(std::isfinite(c.depth_scale) && c.depth_scale >= 0, where + ": depth_scale must be 0 or more");
+}
+
+SequenceFiles find_sequence_files(const SequenceOptions& options) {
+  std::error_code error;
+  const fs::path& source = options.source;
+  require(fs::exists(source, error), source.string() + ": no such file or folder");
+  require(fs::is_directory(source, error),
+          source.string() + ": is no folder; of a video, extract the pictures first (ffmpeg -i VIDEO images/%06d.png)");
+  SequenceFiles files = fs::is_directory(source / "results", error) ? find_replica(options)
+                        : is_file(source / "rgb.txt")               ? find_tum(options)
+                                                                    : find_folder(options);
+  if (!options.calibration.empty()) files.calibration = read_calibration(options.calibration);
+  const std::size_t total = files.frames.size();
+  std::vector<FrameFiles> chosen;
+  for (std::size_t i = static_cast<std::size_t>(options.first); i < total;
+       i += static_cast<std::size_t>(options.stride)) {
+    if (options.count > 0 && chosen.size() == static_cast<std::size_t>(options.count)) break;
+    chosen.push_back(std::move(files.frames[i]));
+  }
+  require(!chosen.empty(), source.string() + ": has " + std::to_string(total) + " frames, none from " +
+                               std::to_string(options.first) + " on");
+  files.frames = std::move(chosen);
+  const auto without = std::ranges::count_if(files.frames, [](const FrameFiles& f) { return f.depth.empty(); });
+  if (without > 0 && static_cast<std::size_t>(without) < files.frames.size()) {
+    files.notes.push_back(std::to_string(without) + " of " + std::to_string(files.frames.size()) +
+                          " frames have no depth; they are tracked by colour alone");
+  }
+  return files;
+}
+
+}  // namespace splatboost

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Trajectories: files of TUM's form, and how far one is from the truth.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <glm/mat4x4.hpp>
+#include <glm/vec3.hpp>
+
+namespace splatboost {
+
+struct TimedPose {
+  double time = 0;                        ///< s
+  glm::dmat4 world_from_camera{1.0};  ///< rigid
+};
+
+/// Lines of "time tx ty tz qx qy qz qw". Atomic.
+void write_tum_trajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
+
+/// Reads such a file; lines that begin with # are passed over. Throws InputError naming the line.
+std::vector<TimedPose> read_tum_trajectory(const std::filesystem::path& path);
+
+/// For each of `times` the number of the nearest of `others` (ascending), at most `most` seconds away; -1: none.
+std::vector<std::ptrdiff_t> nearest_in_time(std::span<const double> times, std::span<const double> others, double most);
+
+/// The motion that brings `from` nearest to `to` (Umeyama 1991), and what is left.
+struct Alignment {
+  glm::dmat4 to_from{1.0};  ///< scale · rotation and translation
+  double scale = 1;
+  double rmse = 0;  ///< of the distances that are left: the absolute trajectory error (ATE)
+};
+
+/// @param from, to [N], pairs; of fewer than 3 pairs rotation is not known: they are only shifted
+/// @param with_scale for a trajectory of unknown scale (one camera without depth)
+Alignment align(std::span<const glm::dvec3> from, std::span<const glm::dvec3> to, bool with_scale);
+
+/// Sum of the distances from each position to the next.
+double path_length(std::span<const glm::dvec3> positions);
+
+}  // namespace splatboost
