@@ -14,6 +14,7 @@ LAYOUTS = {
     "3dgs-2024": "diff_gaussian_rasterization_2024",
     "3dgs-accelerated": "diff_gaussian_rasterization_accelerated",
     "mip-splatting": "diff_gaussian_rasterization_mip_splatting",
+    "anchors": "diff_gaussian_rasterization_anchors",
 }
 
 

@@ -17,6 +17,22 @@ from . import _drawing
 _SPLIT_CHILDREN = 2
 
 
+def is_on(options: Any) -> bool:
+    """What --boost says; ends the host where it says neither on nor off."""
+    if options.boost not in ("on", "off"):
+        sys.stderr.write("--boost: on or off wanted, %s given\n" % options.boost)
+        sys.exit(2)
+    return bool(options.boost == "on")
+
+
+def announce(adapter: Adapter, schedule: str) -> None:
+    """One line about how a run is accelerated."""
+    rules = "literal" if adapter.settings["literal"] else "default"
+    box = "published box" if adapter.beta is None else "beta %g" % adapter.beta
+    print("SplatBoost: %s rules of %s, %s, tau_d %g, %s" % (
+        rules, adapter.backbone, box, adapter.settings["tau_d"], schedule), flush=True)
+
+
 class Boost:
     """Takes the place of the host's calls that grow, prune and step.
 
@@ -45,10 +61,7 @@ class Boost:
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, render: Callable[[Any], torch.Tensor],
                  model_path: str, checkpoints: Iterable[int] = ()):
-        if options.boost not in ("on", "off"):
-            sys.stderr.write("--boost: on or off wanted, %s given\n" % options.boost)
-            sys.exit(2)
-        self.on = options.boost == "on"
+        self.on = is_on(options)
         self.gaussians = gaussians
         self.options = options
         self.iteration = 0
@@ -64,6 +77,18 @@ class Boost:
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
         _drawing.save(model_path, self.backbone, self.adapter.beta)
+        announce(self.adapter, self._schedule())
+
+    def _schedule(self) -> str:
+        """In iterations of this run."""
+        total, host_would = self.options.iterations, False
+        grows = [i for i in range(1, total + 1) if self.adapter.grows_at(i, host_would)]
+        late = [i for i in range(1, total + 1) if self.adapter.prunes_at(i, False)]
+        told = "no growth" if not grows else "growth at %d to %d every %d" % (
+            grows[0], grows[-1], grows[1] - grows[0] if len(grows) > 1 else total)
+        if late:
+            told += ", late pruning at " + (", ".join(map(str, late)) if len(late) < 4 else "%d to %d" % (late[0], late[-1]))
+        return told + (", steps by schedule" if self.adapter.settings["schedule"] else ", a step every iteration")
 
     def _settings(self) -> Dict[str, Any]:
         options = self.options

@@ -13,6 +13,7 @@ from ..compat import (
     diff_gaussian_rasterization_2023,
     diff_gaussian_rasterization_2024,
     diff_gaussian_rasterization_accelerated,
+    diff_gaussian_rasterization_anchors,
     diff_gaussian_rasterization_mip_splatting,
     get_beta,
     set_beta,
@@ -33,6 +34,7 @@ class Drawing:
         self.beta = beta
         self.absolute = absolute
         self.screen_points: Optional[torch.Tensor] = None
+        self.gate: Optional[torch.Tensor] = None  # bool [N·k], of hosts with anchors: slots that may grow now
 
     def __call__(self, settings: Any, depth: bool, means2D: torch.Tensor, given: Any) -> Any:
         module: Any = diff_gaussian_rasterization_2023
@@ -53,6 +55,14 @@ class Drawing:
             return ours(means2D=means2D, **given)
         finally:
             set_beta(before)
+
+
+def see(model: Any, host: Any, **given: Any) -> torch.Tensor:
+    """Radii of what a view can see of a host's anchors: by its own visible_filter, or ours with boost."""
+    if getattr(model, "splatboost", None) is None:
+        return host.visible_filter(**given)  # type: ignore[no-any-return]
+    settings = diff_gaussian_rasterization_anchors.GaussianRasterizationSettings(**host.raster_settings._asdict())
+    return diff_gaussian_rasterization_anchors.GaussianRasterizer(settings).visible_filter(**given)
 
 
 def rasterizer(model: Any, host: Any, depth: bool = False) -> Callable[..., Any]:
