@@ -66,7 +66,7 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
     assert on["counts"][-1] < max(on["counts"]), "late pruning removed nothing"
     assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
     assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {
-        "backbone": {"3dgs": "vanilla"}.get(recipe, recipe), "beta": 0.5}
+        "backbone": {"3dgs": "vanilla", "absgs": "vanilla"}.get(recipe, recipe), "beta": 0.5}
 
     # The host's render script draws with the beta of the model, and as published without it.
     drawn = []

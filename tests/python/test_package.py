@@ -148,7 +148,7 @@ def test_doctor_tells_of_cuda():
     code = "from splatboost import doctor; print(doctor._library_cuda())"
     told = run(code).stdout
     if not lib.cuda_architectures():
-        assert "was built without CUDA" in told and "pip install . -C cmake.define.SPLATBOOST_CUDA=ON" in told
+        assert "was built without CUDA" in told and "pip install . --config-settings=cmake.define.SPLATBOOST_CUDA=ON" in told
     else:
         assert "was built with CUDA, for compute capability " + lib.cuda_architectures() in told
         assert ("cannot use a GPU here: no CUDA device 0" in told) == (not lib.load().sb_has_device(lib.CUDA))

@@ -150,6 +150,8 @@ def detect_layout(folder: str) -> Optional[str]:
         return "mip-splatting"
     if "visible_filter" in text or "def prefilter_voxel(" in text:
         return "anchors"
+    if "gs_w" in text:
+        return "absgs"
     return "3dgs-2024" if "depth_image" in text or "antialiasing" in text else "3dgs-2023"
 
 

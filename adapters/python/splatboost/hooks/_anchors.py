@@ -17,7 +17,7 @@ from ..adapter import Adapter, ScoredView
 from ..compat import last_render
 from ..operations import keep_largest
 from . import _drawing
-from ._boost import announce, is_on
+from ._boost import announce, is_on, valid_pixels
 
 
 class _OfSlots:
@@ -119,7 +119,8 @@ class Boost:
         # Rows of the render: slots of seen anchors, in order, that have an opacity above 0.
         slots = torch.nonzero(seen.repeat_interleave(g.n_offsets)).reshape(-1)[drawn["selection_mask"]]
         image = drawn["render"].contiguous()
-        return ScoredView(image, camera.original_image[0:3].to(image.device), None, _OfSlots(last_render(), slots))
+        return ScoredView(image, camera.original_image[0:3].to(image.device), valid_pixels(camera, image),
+                          _OfSlots(last_render(), slots))
 
     # --- the optimizer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from typing import Any, Callable, Dict, Iterable, List, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 
 import torch
 
@@ -31,6 +31,13 @@ def announce(adapter: Adapter, schedule: str) -> None:
     box = "published box" if adapter.beta is None else "beta %g" % adapter.beta
     print("SplatBoost: %s rules of %s, %s, tau_d %g, %s" % (
         rules, adapter.backbone, box, adapter.settings["tau_d"], schedule), flush=True)
+
+
+def valid_pixels(camera: Any, image: torch.Tensor) -> Optional[torch.Tensor]:
+    """bool [H,W]: pixels that a host's mask leaves; None where its cameras have none. What lies outside never gets better,
+    and would stand out as an error for ever."""
+    mask = getattr(camera, "alpha_mask", None)
+    return None if mask is None else (mask.to(image.device) > 0.5).reshape(image.shape[-2:])
 
 
 class Boost:
@@ -144,7 +151,7 @@ class Boost:
     def _views(self) -> List[Callable[[], ScoredView]]:
         def scored(camera: Any) -> ScoredView:
             image = self._render(camera)
-            return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device))
+            return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device), valid_pixels(camera, image))
 
         return [functools.partial(scored, camera) for camera in self._scene.getTrainCameras()]
 
