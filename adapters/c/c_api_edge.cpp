@@ -83,7 +83,7 @@ Place::Place(const sb_device* device) : threads_(1) {
     if (*cuda_architectures() == '\0') {
       throw NoDeviceError(
           "this libsplatboost was built without CUDA: build it with -DSPLATBOOST_CUDA=ON (pip install . "
-          "-C cmake.define.SPLATBOOST_CUDA=ON), or pass tensors of the CPU");
+          "--config-settings=cmake.define.SPLATBOOST_CUDA=ON), or pass tensors of the CPU");
     }
     stream_.emplace(index_, nullptr);
     return;

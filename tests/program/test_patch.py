@@ -11,9 +11,11 @@ import pytest
 from conftest import PROGRAM, ROOT, run_program, run_well
 
 sys.path.append(str(ROOT / "tests/python"))
+import miniature_anchors  # noqa: E402
 import miniature_host  # noqa: E402
 
 RECIPES = ["3dgs", "deformable-3dgs", "dropgaussian", "mip-splatting"]
+ALL_RECIPES = sorted(path.parent.name for path in (ROOT / "patches").glob("*/recipe.json"))
 COMMANDS = ["list", "show", "apply", "verify", "status", "doctor", "revert", "validate"]
 
 
@@ -37,6 +39,13 @@ def host(request, tmp_path):
     return miniature_host.write_host(tmp_path / "host", request.param), miniature_host.RECIPES[request.param]
 
 
+@pytest.fixture(params=[*miniature_host.RECIPES, *miniature_anchors.RECIPES])
+def any_host(request, tmp_path):
+    """The same, also of hosts that have other classes than 3DGS."""
+    hosts = miniature_anchors if request.param in miniature_anchors.RECIPES else miniature_host
+    return hosts.write_host(tmp_path / "host", request.param), hosts.RECIPES[request.param]
+
+
 def test_help_is_enough():
     text = run_well("patch", "--help").stdout
     for command in COMMANDS:
@@ -51,10 +60,14 @@ def test_list_and_show_tell_layouts_options_and_edits():
         shown = run_well("patch", "show", name).stdout
         for part in ("layouts", "--boost", "train.py", "boost.densify_and_prune(", "github.com"):
             assert part in shown
+    for name in ALL_RECIPES:
+        assert name in text
+        assert "github.com" in run_well("patch", "show", name).stdout
+        assert "well formed" in run_well("patch", "validate", name).stdout
 
 
-def test_from_apply_to_revert(host):
-    tree, recipe = host
+def test_from_apply_to_revert(any_host):
+    tree, recipe = any_host
     before = files_of(tree)
     assert f"patch apply {recipe} {tree}" in run_well("patch", "status", tree).stdout
     diff = run_well("patch", "apply", recipe, tree, "--dry-run").stdout
@@ -76,8 +89,8 @@ def test_from_apply_to_revert(host):
         assert files_of(tree) == {path: text for path, text in patched.items() if path.parts[0] != ".splatboost"}
 
 
-def test_own_edits_stay(host):
-    tree, recipe = host
+def test_own_edits_stay(any_host):
+    tree, recipe = any_host
     train = tree / "train.py"
     run_well("patch", "apply", recipe, tree)
     train.write_text("# mine\n" + train.read_text())
@@ -239,10 +252,10 @@ def test_mistakes(tmp_path):
     assert "no folder of recipes" in fails("--recipes", tmp_path / "none", "list")
 
 
-def test_the_wrong_recipe_changes_nothing(host):
-    tree, recipe = host
+def test_the_wrong_recipe_changes_nothing(any_host):
+    tree, recipe = any_host
     before = files_of(tree)
-    for other in RECIPES:
+    for other in ALL_RECIPES:
         if other != recipe:
             assert f"unknown layout of {other}" in fails("apply", other, tree)
     assert files_of(tree) == before

@@ -1,19 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A miniature double of the parts of gsplat that FastGSStrategy meets: the base class and four operations.
+"""A miniature double of the parts of gsplat that SplatBoostStrategy meets: the class it derives from and four operations.
 
 gsplat itself needs CUDA. The double keeps its interface (names, arguments, what becomes of parameters, optimizer states
 and state tensors), written anew; it is no test of gsplat.
 """
 
+import dataclasses
 import sys
 import types
 
 import torch
 
 
-class Strategy:
+@dataclasses.dataclass
+class DefaultStrategy:
+    prune_opa: float = 0.005
+    prune_scale3d: float = 0.1
+    reset_every: int = 3000
+    absgrad: bool = False
+    revised_opacity: bool = False
+    verbose: bool = False
+
     def check_sanity(self, params, optimizers):
         assert {n for n, p in params.items() if p.requires_grad} == set(optimizers)
+
+    def step_pre_backward(self, params, optimizers, state, step, info):
+        info["means2d"].retain_grad()
+
+
+    def initialize_state(self, scene_scale=1.0):
+        return {}
+
+    def step_post_backward(self, *args, **kwargs):
+        pass
+
+
+class MCMCStrategy:
+    pass
 
 
 def _rebuild(params, optimizers, state, keep, added, new_values=None):
@@ -67,9 +90,10 @@ def reset_opa(params, optimizers, state, value):
 
 
 def install():
-    names = ("gsplat", "gsplat.strategy", "gsplat.strategy.base", "gsplat.strategy.ops")
+    names = ("gsplat", "gsplat.strategy", "gsplat.strategy.ops")
     modules = {name: types.ModuleType(name) for name in names}
-    modules["gsplat.strategy.base"].Strategy = Strategy
+    modules["gsplat.strategy"].DefaultStrategy = DefaultStrategy
+    modules["gsplat.strategy"].MCMCStrategy = MCMCStrategy
     for operation in (duplicate, split, remove, reset_opa):
         setattr(modules["gsplat.strategy.ops"], operation.__name__, operation)
     modules["gsplat"].strategy = modules["gsplat.strategy"]

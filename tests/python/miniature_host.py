@@ -8,7 +8,7 @@ import pathlib
 
 #: layout → recipe that fits it
 RECIPES = {"3dgs-2023": "3dgs", "3dgs-2024-08": "3dgs", "3dgs-2024-10": "3dgs", "mip": "mip-splatting",
-           "drop": "dropgaussian", "deform": "deformable-3dgs"}
+           "drop": "dropgaussian", "deform": "deformable-3dgs", "absgs": "absgs"}
 
 ARGUMENTS = '''
 class Options:
@@ -334,7 +334,7 @@ def parts(layout):
         "ARGUMENTS REFILTER MOVED TURNED STRETCHED DENSIFY DENSIFY_POINTS DENSIFY_RESULT DEFORM_MODEL DEFORM_IMPORT "
         "DEFORM_MADE DEFORM_LOADED DELTAS".split(), "")
     found.update(RESULT=images, POINTS="viewspace_points", EARLY_RATE=lines(8, "gaussians.update_learning_rate(iteration)"))
-    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform") else "(radii > 0).nonzero()",
+    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform", "absgs") else "(radii > 0).nonzero()",
                  UNTIL="10_000" if drop else "15_000", THRESHOLD="0.0005" if drop else "0.0002",
                  STEP=lines(16, *STEP))
     if layout.startswith("3dgs-2024"):
@@ -422,13 +422,59 @@ FORKS = {
 }
 
 
-def write_fork(folder, name, only=None):
-    """A fork of 3DGS as of 2023, with all its changes or one of them."""
-    folder = write_host(folder, "3dgs-2023")
-    for file, what, by in FORKS[name] if only is None else [FORKS[name][only]]:
+#: What AbsGS has beside 3DGS of 2023: [(file, what, by)].
+ABSGS = [
+    ("arguments/__init__.py", "        self.offer(parser, \"Optimization Parameters\")", """        self.densify_grad_abs_threshold, self.percent_dense = 0.0004, 0.001
+        self.opacity_reduce_interval, self.use_prune_weight = 25, 0
+        self.offer(parser, "Optimization Parameters")"""),
+    ("gaussian_renderer/__init__.py", "from diff_gaussian_rasterization import", "from diff_gaussian_rasterization_abs import"),
+    ("gaussian_renderer/__init__.py", "torch.zeros_like(pc.get_xyz, requires_grad=True, device=\"cuda\") * 1.0",
+     "torch.zeros((pc.get_xyz.shape[0], 4), requires_grad=True, device=\"cuda\") * 1.0"),
+    ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, gs_w = rasterizer("),
+    ("gaussian_renderer/__init__.py", "\"visibility_filter\":", "\"gs_w\": gs_w, \"visibility_filter\":"),
+    ("scene/gaussian_model.py", "self.percent_dense = 0.01", "self.percent_dense = opt.percent_dense\n        self.max_weight = torch.zeros(self.get_xyz.shape[0])"),
+    ("scene/gaussian_model.py", "        self.denom = torch.zeros((n, 1), device=\"cuda\")", """        self.denom = torch.zeros((n, 1), device="cuda")
+        self.xyz_gradient_accum_abs = torch.zeros((n, 1), device="cuda")"""),
+    ("scene/gaussian_model.py", "        self.denom = self.denom[~mask]", """        self.denom = self.denom[~mask]
+        self.xyz_gradient_accum_abs = self.xyz_gradient_accum_abs[~mask]
+        self.max_weight = self.max_weight[~mask]"""),
+    ("scene/gaussian_model.py", "        self.change(grown)", """        self.change(grown)
+        self.max_weight = torch.cat([self.max_weight, torch.zeros(len(rows["xyz"]))])"""),
+    ("scene/gaussian_model.py", "        self.denom[seen] += 1.0", """        self.xyz_gradient_accum_abs[seen] += torch.norm(on_screen.grad[seen, 2:], dim=-1, keepdim=True)
+        self.denom[seen] += 1.0"""),
+    ("scene/gaussian_model.py", "def densify_and_prune(self, max_grad, min_opacity,", "def densify_and_prune(self, max_grad, max_grad_abs, min_opacity,"),
+    ("scene/gaussian_model.py", "self.densify_and_split(grads, max_grad, extent)",
+     "self.densify_and_split(grads_abs, max_grad_abs, extent)"),
+    ("scene/gaussian_model.py", "        grads = torch.nan_to_num(self.xyz_gradient_accum / self.denom)",
+     """        grads = torch.nan_to_num(self.xyz_gradient_accum / self.denom)
+        grads_abs = torch.nan_to_num(self.xyz_gradient_accum_abs / self.denom)"""),
+    ("scene/gaussian_model.py", "    def reset_opacity(self):", """    def reduce_opacity(self):
+        high = torch.minimum(self._opacity.detach(), torch.full_like(self._opacity, 1.39))
+        self.change(lambda name, value, moment=False: value if name != "opacity" else (torch.zeros_like(high) if moment else high))
+
+    def reset_opacity(self):"""),
+    ("train.py", "densify_and_prune(opt.densify_grad_threshold, 0.005,",
+     "densify_and_prune(opt.densify_grad_threshold, opt.densify_grad_abs_threshold, 0.005,"),
+    ("train.py", "                if iteration % opt.opacity_reset_interval == 0:", """                seen = drawn["visibility_filter"]
+                if len(drawn["gs_w"]) == len(gaussians.max_weight):
+                    gaussians.max_weight[seen] = torch.max(gaussians.max_weight[seen], drawn["gs_w"][seen])
+                if iteration % opt.opacity_reduce_interval == 0:
+                    gaussians.reduce_opacity()
+                if iteration % opt.opacity_reset_interval == 0:"""),
+]
+
+
+def change(folder, changes):
+    for file, what, by in changes:
         text = (folder / file).read_text(encoding="utf-8")
         assert text.count(what) == 1, (file, what)
         (folder / file).write_text(text.replace(what, by), encoding="utf-8")
+
+
+def write_fork(folder, name, only=None):
+    """A fork of 3DGS as of 2023, with all its changes or one of them."""
+    folder = write_host(folder, "3dgs-2023")
+    change(folder, FORKS[name] if only is None else [FORKS[name][only]])
     return folder
 
 
@@ -445,4 +491,6 @@ def write_host(folder, layout):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text.rstrip("\n"), encoding="utf-8")
+    if layout == "absgs":
+        change(folder, ABSGS)
     return folder

@@ -282,6 +282,10 @@ def test_install_drop_ins():
     script = """
 import sys, splatboost
 from splatboost.drop_ins import LAYOUTS
+splatboost.install_drop_ins("absgs")
+import diff_gaussian_rasterization_abs, simple_knn._C
+assert diff_gaussian_rasterization_abs.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("absgs")
+assert "diff_gaussian_rasterization" not in sys.modules
 for layout in LAYOUTS:
     names = splatboost.install_drop_ins(layout)
     assert splatboost.install_drop_ins(layout) == names

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""FastGSStrategy in a training loop, on a miniature double of gsplat (gsplat itself needs CUDA)."""
+"""SplatBoostStrategy in a training loop: on a miniature double of gsplat, and on gsplat's own classes and operations
+where it is installed. Its rasterizer needs CUDA, so SplatBoost's draws in its place."""
 
+import os
+import subprocess
 import sys
 
+import conftest
 import gsplat_double
 import pytest
 import reference
@@ -14,23 +18,29 @@ import splatboost
 N = 24
 
 
-@pytest.fixture()
-def strategy_module(monkeypatch):
-    for name in ("gsplat", "gsplat.strategy", "gsplat.strategy.base", "gsplat.strategy.ops", "splatboost.gsplat"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    gsplat_double.install()
+def forget_gsplat():
+    for name in list(sys.modules):
+        if name.split(".")[0] == "gsplat" or name == "splatboost.gsplat":
+            del sys.modules[name]
+
+
+@pytest.fixture(params=["double", "gsplat"])
+def strategy_module(request):
     import importlib
 
-    module = importlib.import_module("splatboost.gsplat")
-    yield module
-    for name in ("gsplat", "gsplat.strategy", "gsplat.strategy.base", "gsplat.strategy.ops", "splatboost.gsplat"):
-        sys.modules.pop(name, None)
+    forget_gsplat()
+    if request.param == "double":
+        gsplat_double.install()
+    else:
+        pytest.importorskip("gsplat")
+    yield importlib.import_module("splatboost.gsplat")
+    forget_gsplat()
 
 
 class Trainer:
     """Draws as gsplat's rasterization() does, as far as a strategy can see: info with means2d, absgrad and radii."""
 
-    def __init__(self, module, max_steps, **settings):
+    def __init__(self, module, max_steps, absgrad=True, **settings):
         t = {k: v.float() for k, v in gaussians(3).items()}
         values = {
             "means": t["means"],
@@ -53,9 +63,11 @@ class Trainer:
         self.params = {k: torch.nn.Parameter(v[kept].clone()) for k, v in values.items()}
         rates = {"means": 1e-3, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1e-4}
         self.optimizers = {k: torch.optim.Adam([p], lr=rates[k], eps=1e-15) for k, p in self.params.items()}
-        self.strategy = module.FastGSStrategy(
-            views=self.views, max_steps=max_steps, near_plane=0.2, settings=settings, reset_every=200000
+        self.strategy = module.SplatBoostStrategy(
+            max_steps=max_steps, near_plane=0.2, settings=settings, reset_every=200000, absgrad=absgrad
         )  # short runs do not recover from a reset
+        self.strategy.score_on(self.views)
+        self.module = module
         self.strategy.check_sanity(self.params, self.optimizers)
         self.state = self.strategy.initialize_state(scene_scale=1.0)
         self.losses = []
@@ -77,22 +89,29 @@ class Trainer:
         )
         return done, points
 
+    @staticmethod
+    def info_of(done):
+        means2d = torch.zeros(1, done.radii.shape[0], 2, requires_grad=True)
+        return {"means2d": means2d, "radii": done.radii[None], "width": 40, "height": 30, "n_cameras": 1}
+
+    @staticmethod
+    def fill(info, points):
+        half = torch.tensor([20.0, 15.0])  # gsplat's gradients are in pixels
+        info["means2d"].grad = (points.grad[:, :2] / half)[None]
+        info["means2d"].absgrad = (points.grad[:, 2:] / half)[None]
+
     def step(self, step):
         j = step % 3
         done, points = self.draw(self.cameras[j], self.params)
-        half = torch.tensor([20.0, 15.0])
-        means2d = torch.zeros(1, points.shape[0], 2, requires_grad=True)
-        info = {"means2d": means2d, "radii": done.radii[None], "width": 40, "height": 30, "n_cameras": 1}
+        info = self.info_of(done)
         self.strategy.step_pre_backward(self.params, self.optimizers, self.state, step, info)
         loss = (done.color - self.truths[j]).abs().mean()
         loss.backward()
-        means2d.grad = (points.grad[:, :2] / half)[None]  # gsplat's are in pixels
-        means2d.absgrad = (points.grad[:, 2:] / half)[None]
+        self.fill(info, points)
         self.strategy.step_post_backward(self.params, self.optimizers, self.state, step, info)
-        for name, optimizer in self.optimizers.items():
-            if self.strategy.steps_at(name, step):
-                optimizer.step()
-                optimizer.zero_grad(set_to_none=True)
+        for optimizer in self.module.optimizers_at(self.strategy, self.optimizers, step):
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
         self.losses.append(loss.item())
 
 
@@ -198,15 +217,168 @@ def test_packed_and_two_radii(strategy_module):
 
 def test_needs(strategy_module, monkeypatch):
     with pytest.raises(ValueError, match="views: at least one"):
-        strategy_module.FastGSStrategy()
+        strategy_module.SplatBoostStrategy().score_on([])
+    unready = strategy_module.SplatBoostStrategy()
+    with pytest.raises(ValueError, match="call score_on"):
+        unready.step_post_backward({}, {}, unready.initialize_state(), 0, {})
     trainer = Trainer(strategy_module, 100)
     params = {k: v for k, v in trainer.params.items() if k != "sh0"}
     optimizers = {k: v for k, v in trainer.optimizers.items() if k != "sh0"}
     with pytest.raises(ValueError, match="params: sh0 wanted"):
         trainer.strategy.check_sanity(params, optimizers)
-    for name in list(sys.modules):
-        if name.split(".")[0] == "gsplat" or name == "splatboost.gsplat":
-            monkeypatch.delitem(sys.modules, name)
+    forget_gsplat()
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(ImportError, match="needs gsplat, which is not there: pip install gsplat"):
         import splatboost.gsplat  # noqa: F401
+
+
+def test_without_absolute_gradients(strategy_module):
+    """3DGS's own rule makes the candidates then, from the signed gradient."""
+    trainer = Trainer(strategy_module, 600, absgrad=False, tau_d=0.5, gradient_threshold=1e-5, percent_dense=0.15)
+    assert not trainer.strategy.adapter().settings["absgrad"]
+    before = trainer.params["means"].shape[0]
+    counts = [trainer.params["means"].shape[0] for step in range(200) if trainer.step(step) is None]
+    assert max(counts) > before
+
+
+def test_views_of_a_data_set_and_masks(strategy_module):
+    """Items as those of simple_trainer's Dataset, and its configuration; a masked pixel is not scored."""
+    import types
+
+    trainer = Trainer(strategy_module, 300)
+    masks = [torch.ones(30, 40, dtype=torch.bool) for _ in trainer.views]
+    masks[1][:, 20:] = False
+
+    class Dataset:
+        def __len__(self):
+            return 3
+
+        def __getitem__(self, j):
+            view = trainer.views[j]
+            return {"K": view.K, "camtoworld": torch.inverse(view.viewmat), "image": view.image * 255, "image_id": j,
+                    "mask": masks[j]}
+
+    config = types.SimpleNamespace(strategy=trainer.strategy, max_steps=77, near_plane=0.2, antialiased=True)
+    strategy_module.score_views(config, Dataset())
+    strategy = trainer.strategy
+    assert (strategy.max_steps, strategy.antialiased, strategy.adapter().total_iterations) == (77, True, 77)
+    strategy.antialiased = False
+    from_items = strategy._sources(trainer.params)[1]()
+    strategy.score_on(trainer.views)
+    from_views = strategy._sources(trainer.params)[1]()
+    assert torch.allclose(from_items.color, from_views.color, atol=1e-5)
+    assert (from_items.truth.int() - from_views.truth.int()).abs().max() <= 1
+    assert torch.equal(from_items.valid, masks[1]) and from_views.valid is None
+    strategy_module.score_views(types.SimpleNamespace(strategy=object()), Dataset())  # another strategy's: nothing
+
+
+def test_optimizers_that_wait_and_those_that_cannot(strategy_module):
+    trainer = Trainer(strategy_module, 30000)
+    due = strategy_module.optimizers_at(trainer.strategy, trainer.optimizers, 3)
+    assert trainer.optimizers["shN"] not in due and trainer.optimizers["means"] in due
+    assert len(strategy_module.optimizers_at(trainer.strategy, trainer.optimizers, 29999)) == 6  # nothing is left at the end
+
+    class SelectiveAdam:
+        pass
+
+    of_one_view = SelectiveAdam()
+    assert strategy_module.optimizers_at(trainer.strategy, {"shN": of_one_view}, 3) == [of_one_view]
+    assert len(strategy_module.optimizers_at(object(), trainer.optimizers, 3)) == 6
+
+
+def test_what_lies_beside_parameters_follows(strategy_module):
+    """gsplat 1.6 tells its scene of every operation."""
+    trainer = Trainer(strategy_module, 300)
+    calls = []
+    trainer.step(0)
+    ops = strategy_module.ops
+    kept = {name: getattr(ops, name) for name in ("duplicate", "split", "remove")}
+    try:
+        for name in kept:
+            setattr(ops, name, lambda name=name, **named: calls.append((name, named["scene"])))
+        trainer.strategy._scene = {"scene": "a scene"}
+        trainer.strategy._remove(trainer.params, {}, {}, torch.arange(16) < 3, torch.ones(16))
+    finally:
+        for name, operation in kept.items():
+            setattr(ops, name, operation)
+    assert calls == [("remove", "a scene")]
+
+
+#: Names and order of gsplat's simple_trainer, as far as the recipe and the strategy meet it.
+SIMPLE_TRAINER = """
+import sys
+import types
+import gsplat_double
+gsplat_double.install()
+import torch
+from gsplat.strategy import DefaultStrategy, MCMCStrategy
+import test_gsplat
+
+
+class Config(types.SimpleNamespace):
+    max_steps, near_plane, antialiased = 30_000, 0.2, False
+
+
+class Runner:
+    def __init__(self, cfg):
+        self.cfg = cfg
+        self.parser = types.SimpleNamespace(scene_scale=1.0)
+        import splatboost.gsplat
+        made = test_gsplat.Trainer(splatboost.gsplat, cfg.max_steps)
+        self.trainset = made.views
+        self.scene_scale = self.parser.scene_scale * 1.1
+        self.splats, self.optimizers = made.params, made.optimizers
+        cfg.strategy.check_sanity(self.splats, self.optimizers)
+        self.strategy_state = cfg.strategy.initialize_state(scene_scale=self.scene_scale)
+        self.made = made
+
+    def train(self):
+        cfg = self.cfg
+        self.steps = 0
+        for step in range(60):
+            done, points = self.made.draw(self.made.cameras[step % 3], self.splats)
+            info = self.made.info_of(done)
+            cfg.strategy.step_pre_backward(self.splats, self.optimizers, self.strategy_state, step, info)
+            (done.color - self.made.truths[step % 3]).abs().mean().backward()
+            self.made.fill(info, points)
+            for optimizer in self.optimizers.values():
+                optimizer.step()
+                optimizer.zero_grad(set_to_none=True)
+                self.steps += 1
+            cfg.strategy.step_post_backward(self.splats, self.optimizers, self.strategy_state, step, info, packed=False)
+
+
+configs = {
+    "default": ("", Config(strategy=DefaultStrategy())),
+    "mcmc": ("", Config(strategy=MCMCStrategy())),
+}
+runner = Runner(configs[sys.argv[1]][1])
+runner.train()
+print(runner.steps, len(runner.splats["means"]))
+"""
+
+
+@pytest.mark.skipif(not (conftest.BUILD / "bin/splatboost").exists(), reason="the program is not built")
+def test_the_recipe_for_simple_trainer(tmp_path):
+    def run(*command):
+        environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(conftest.PACKAGE), os.path.dirname(__file__)]))
+        done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, env=environment, timeout=120)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    program, trainer = conftest.BUILD / "bin/splatboost", tmp_path / "examples/simple_trainer.py"
+    trainer.parent.mkdir()
+    trainer.write_text(SIMPLE_TRAINER)
+    operations = tmp_path / "gsplat/strategy/ops.py"
+    operations.parent.mkdir(parents=True)
+    operations.write_text("".join("def %s: pass\n" % text for text in (
+        "duplicate(params, optimizers, state, mask)", "split(params, optimizers, state, mask, revised_opacity=False)",
+        "remove(params, optimizers, state, mask)", "reset_opa(params, optimizers, state, value)")))
+    run(program, "patch", "apply", "gsplat", tmp_path)
+    old, new = SIMPLE_TRAINER.splitlines(), trainer.read_text().splitlines()
+    assert len([line for line in new if line not in old]) <= 5
+    assert run(sys.executable, trainer, "default").split()[0] == "360"  # six optimizers
+    steps, n = map(int, run(sys.executable, trainer, "splatboost").splitlines()[-1].split())
+    assert steps == 5 * 60 + 3 and n > 0  # spherical harmonics every 16
+    run(program, "patch", "revert", tmp_path)
+    assert trainer.read_text() == SIMPLE_TRAINER

@@ -234,3 +234,38 @@ def test_hosts_rasterizer_is_used_without_boost():
     host = object()
     assert _drawing.rasterizer(types.SimpleNamespace(), host) is host
     assert isinstance(_boost.Boost.host_options, dict)
+
+
+def test_gaussians_of_anchors_are_counted_as_their_slots():
+    from test_rasterize import gaussians
+
+    import reference
+    import splatboost
+    from splatboost._tensors import Place
+    from splatboost.hooks import _anchors
+
+    values = {name: value.float() for name, value in gaussians(3).items()}
+    n = values["means"].shape[0]
+    done = splatboost.rasterize(reference.turned_camera(40, 30), values["means"], values["opacities"], scales=values["scales"],
+                                rotations=values["rotations"], sh=values["sh"], sh_degree=3, beta=0.5)
+    flagged = torch.rand(30, 40) > 0.5
+    slots = torch.randperm(3 * n)[:n]
+    place, counts = Place(done.radii, "radii"), torch.full((3 * n,), 5, dtype=torch.int32)
+    _anchors._OfSlots(done, slots)._add_counts(place.view(flagged.to(torch.uint8), "flagged"), place.target(counts, "counts"), place)
+    wanted = [5] * (3 * n)
+    for i, count in enumerate(done.count_flagged(flagged).tolist()):
+        wanted[int(slots[i])] += count
+    assert counts.tolist() == wanted and max(wanted) > 5
+
+
+def test_rates_of_anchors_fall_for_one_step_only():
+    from splatboost.hooks import _anchors
+
+    adapter = types.SimpleNamespace(rate_factor=lambda group, iteration: {"slow": 0.25}.get(group, 1.0))
+    model = Model()
+    boost = types.SimpleNamespace(adapter=adapter, iteration=9, gaussians=model)
+    before = model.slow.detach().clone()
+    (model.slow.sum() + model.value.sum()).backward()
+    _anchors._WithRates(boost).step()
+    assert torch.allclose((before - model.slow).abs(), torch.full((2,), 0.025))
+    assert [group["lr"] for group in model.optimizer.param_groups] == [0.1, 0.1]

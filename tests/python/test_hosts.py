@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import conftest
+import miniature_anchors
 import miniature_host
 import pytest
 import torch
@@ -15,6 +16,7 @@ PROGRAM = conftest.BUILD / "bin/splatboost"
 LAYOUTS = list(miniature_host.RECIPES)
 # Growth every 10 iterations from 20 to 60; late pruning after 60.
 RUN = "--iterations 120 --densification_interval 10 --densify_from_iter 10 --densify_until_iter 61".split()
+RUN_OF_ANCHORS = "--iterations 90 --start_stat 3 --update_interval 10 --update_from 9 --update_until 61".split()
 
 
 def patch(*arguments):
@@ -29,10 +31,12 @@ def on_cpu(tree, script, *arguments):
                           capture_output=True, text=True, check=False, env=environment, timeout=300)
 
 
-def train(tree, model, *arguments):
-    done = on_cpu(tree, "train.py", "--model_path", model, *RUN, *arguments)
+def train(tree, model, *arguments, run=None):
+    done = on_cpu(tree, "train.py", "--model_path", model, *(run or RUN), *arguments)
     assert done.returncode == 0, done.stderr
-    return json.loads((model / "losses.json").read_text())
+    boosted = "splatboost" in (tree / "train.py").read_text() and "off" not in arguments
+    assert done.stdout.count("SplatBoost: ") == boosted  # one line about itself
+    return dict(json.loads((model / "losses.json").read_text()), told=done.stdout)
 
 
 def files_of(tree):
@@ -62,7 +66,7 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
     assert on["counts"][-1] < max(on["counts"]), "late pruning removed nothing"
     assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
     assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {
-        "backbone": {"3dgs": "vanilla"}.get(recipe, recipe), "beta": 0.5}
+        "backbone": {"3dgs": "vanilla", "absgs": "vanilla"}.get(recipe, recipe), "beta": 0.5}
 
     # The host's render script draws with the beta of the model, and as published without it.
     drawn = []
@@ -74,6 +78,47 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
         drawn.append(torch.load(str(tmp_path / "on/render.pt")))
     assert not torch.equal(*drawn)
     assert (drawn[0] - drawn[1]).abs().mean() < 0.05
+
+    patch("revert", tree)
+    assert files_of(tree) == before
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+@pytest.mark.parametrize("layout", list(miniature_anchors.RECIPES))
+def test_a_layout_of_anchors_from_patch_to_revert(tmp_path, layout):
+    tree = miniature_anchors.write_host(tmp_path / "tree", layout)
+    before = files_of(tree)
+    unpatched = train(tree, tmp_path / "unpatched", run=RUN_OF_ANCHORS)
+
+    recipe = miniature_anchors.RECIPES[layout]
+    assert recipe + " fits" in patch("status", tree)
+    patch("apply", recipe, tree)
+    patch("verify", tree)
+
+    off = train(tree, tmp_path / "off", "--boost", "off", run=RUN_OF_ANCHORS)
+    assert (off["losses"], off["counts"]) == (unpatched["losses"], unpatched["counts"])
+    assert (tmp_path / "off/model.npz").read_bytes() == (tmp_path / "unpatched/model.npz").read_bytes()
+    assert not (tmp_path / "off/splatboost.json").exists()
+
+    # Slots are numbered by anchors; a gate that took them in another order would not spare as many anchors.
+    on = train(tree, tmp_path / "on", "--boost_tau_d", "4.2", run=RUN_OF_ANCHORS)
+    assert 60 < on["counts"][-1] < 0.9 * off["counts"][-1]
+    assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
+    beta = {"scaffold-gs": 0.7, "octree-gs": 0.5}[recipe]
+    assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {"backbone": recipe, "beta": pytest.approx(beta)}
+    assert "SplatBoost: default rules of %s, beta %g, tau_d 4.2, anchors grow every 10 from 9 to 61" % (recipe, beta) in on["told"]
+
+    if layout == "scaffold":
+        capped = train(tree, tmp_path / "capped", "--boost_max_anchors", "75", "--boost_tau_d", "4.2", run=RUN_OF_ANCHORS)
+        assert 60 < max(capped["counts"]) <= 75
+    else:  # a gate that nothing passes changes nothing but growth: levels of detail move on
+        closed = train(tree, tmp_path / "closed", "--boost_tau_d", "1e9", run=RUN_OF_ANCHORS)
+        assert max(closed["counts"]) == 60 and closed["extra"] > 0
+
+    # render.py draws as the trainer's own evaluation did, with the beta of the model.
+    done = on_cpu(tree, "render.py", "--model_path", tmp_path / "on")
+    assert done.returncode == 0, done.stderr
+    assert torch.equal(torch.load(str(tmp_path / "on/trained.pt")), torch.load(str(tmp_path / "on/render.pt")))
 
     patch("revert", tree)
     assert files_of(tree) == before
@@ -101,7 +146,17 @@ def test_errors_of_the_runner(tmp_path):
     (tmp_path / "needy.py").write_text("import no_such_package_at_all\n")
     done = on_cpu(tmp_path, "needy.py")
     assert done.returncode == 2
-    assert "needy.py needs the Python module no_such_package_at_all: pip install no_such_package_at_all" in done.stderr
+    assert "needy.py needs the Python module no_such_package_at_all: pip install" in done.stderr
+    # All that is missing at once, by their names on PyPI; what is imported only if it is there is not missed.
+    (tmp_path / "part").mkdir()
+    (tmp_path / "part/__init__.py").write_text("from . import inner\n")
+    (tmp_path / "part/inner.py").write_text("import no_such_b.sub\n\ndef f():\n    import no_such_c\n")
+    (tmp_path / "needy.py").write_text(
+        "import os\nfrom part import inner\nimport no_such_a\ntry:\n    import no_such_d\nexcept ImportError:\n    pass\n")
+    done = on_cpu(tmp_path, "needy.py")
+    assert done.returncode == 2
+    assert "needs the Python modules no_such_a, no_such_b: pip install" in done.stderr
+    assert "no_such_c" not in done.stderr and "no_such_d" not in done.stderr
     (tmp_path / "failing.py").write_text("raise SystemExit(7)\n")
     assert on_cpu(tmp_path, "failing.py").returncode == 7
 
@@ -131,10 +186,59 @@ torch.save(torch.ones(2), "t.pt")
 assert torch.load("t.pt", map_location="cuda").sum() == 2
 assert not torch.cuda.is_available()
 assert sys.argv[1:] == ["--flag", "x"] and __name__ == "__main__"
-import open3d, lpipsPyTorch
+import open3d, wandb, lpipsPyTorch
 lpipsPyTorch.lpips(1, 2)
+import subprocess
+told = subprocess.run("nvidia-smi -q -d Memory |grep -A4 GPU|grep Used", shell=True, stdout=subprocess.PIPE).stdout.decode()
+assert int(told.split("\\n")[0].split()[2]) >= 0
 """)
     done = subprocess.run([sys.executable, "-m", "splatboost.cpu", "calls.py", "--flag", "x"], capture_output=True, text=True,
                           check=False, cwd=tmp_path, env=dict(os.environ, PYTHONPATH=str(conftest.PACKAGE), TORCH_HOME=str(tmp_path)))
     assert done.returncode == 0, done.stderr
     assert "LPIPS is not measured" in done.stdout
+
+
+def test_scatter_max_of_hosts_with_anchors():
+    from splatboost import _stand_ins
+
+    values, index = torch.randn(40, 3), torch.randint(0, 6, (40,))
+    index[:6] = torch.arange(6)
+    values[7] = values[8]
+    largest, rows = _stand_ins.scatter_max(values, index.unsqueeze(1).expand(-1, 3), dim=0)
+    for i in range(6):
+        assert torch.equal(largest[i], values[index == i].max(dim=0).values)
+    assert torch.equal(values.gather(0, rows), largest)
+    none = _stand_ins.scatter_max(torch.zeros(0, 3), torch.zeros((0, 3), dtype=torch.long), dim=0)[0]
+    assert none.shape == (0, 3)
+
+
+def test_pictures_as_torchvision_reads_and_writes_them(tmp_path):
+    pytest.importorskip("PIL")
+    from PIL import Image
+
+    from splatboost import _stand_ins
+
+    picture = torch.tensor([[[0.0, 1.0], [0.5, 1.5]]] * 3)
+    _stand_ins._save_image(picture, str(tmp_path / "p.png"))
+    read = _stand_ins._to_tensor(Image.open(tmp_path / "p.png"))
+    assert torch.allclose(read, picture.clamp(0, 1), atol=0.5 / 255 + 1e-6) and read.shape == (3, 2, 2)
+
+
+def test_numpy_that_torch_cannot_use_is_told(monkeypatch):
+    from splatboost import _needs, doctor
+
+    assert _needs.numpy_trouble() is None
+
+    class Zeros:
+        def numpy(self):
+            raise RuntimeError("Numpy is not available")
+
+    monkeypatch.setattr(torch, "zeros", lambda *_: Zeros())
+    assert "Numpy is not available" in _needs.numpy_trouble() and 'pip install "numpy<2"' in _needs.numpy_trouble()
+    told = doctor._torch()
+    assert ("missing", 'pip install "numpy<2"') in [(state, remedy) for state, _, remedy in told]
+    monkeypatch.setattr(torch, "__version__", "1.13.0a0+git")
+    assert _needs.install_command(["cv2", "dateutil.parser", "PIL"]) == \
+        'pip install "numpy<2" opencv-python-headless pillow python-dateutil'
+    monkeypatch.setattr(torch, "__version__", "2.15.0+cpu")
+    assert _needs.install_command(["plyfile"]) == "pip install plyfile"

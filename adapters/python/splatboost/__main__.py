@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m splatboost doctor`."""
+"""`python -m splatboost doctor [CHECKOUT]`."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ import sys
 
 from . import doctor
 
-_USAGE = """usage: python -m splatboost doctor
+_USAGE = """usage: python -m splatboost doctor [CHECKOUT]
 
-  doctor   what of SplatBoost, torch and CUDA is there, what is missing, and how to get it
+  doctor   what of SplatBoost, torch and CUDA is there, what is missing, and how to get it; with the folder of a
+           backbone's checkout, also the Python modules that its scripts need
+
+python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (--help tells more)
 """
 
 
 def main() -> int:
-    if sys.argv[1:] == ["doctor"]:
-        return doctor.main()
+    if sys.argv[1:2] == ["doctor"] and len(sys.argv) <= 3 and not sys.argv[-1].startswith("-"):
+        return doctor.main(*sys.argv[2:])
     if sys.argv[1:] in (["-h"], ["--help"]):
         print(_USAGE, end="")
         return 0

@@ -28,7 +28,7 @@ class NoCudaError(RuntimeError):
 
 
 #: How a library with CUDA is had. pip builds for the GPUs of the machine that it runs on.
-CUDA_REMEDY = "pip install . -C cmake.define.SPLATBOOST_CUDA=ON   (in SplatBoost's source tree, with nvcc on PATH)"
+CUDA_REMEDY = "pip install . --config-settings=cmake.define.SPLATBOOST_CUDA=ON   (in SplatBoost's source tree, with nvcc on PATH)"
 
 
 class Device(ctypes.Structure):

@@ -14,11 +14,9 @@ import os
 import runpy
 import sys
 import time
-import types
 from typing import Any, Callable, List, Optional
 
-#: Packages that hosts import but do not use in training, rendering and metrics.
-_OPTIONAL = ("open3d", "joblib")
+from . import _needs, _stand_ins
 
 #: torch functions that take device=
 _FACTORIES = (
@@ -152,55 +150,11 @@ def detect_layout(folder: str) -> Optional[str]:
         return "mip-splatting"
     if "means2D_densify" in text:
         return "deformable-3dgs"
+    if "visible_filter" in text or "def prefilter_voxel(" in text:
+        return "anchors"
+    if "gs_w" in text:
+        return "absgs"
     return "3dgs-2024" if "depth_image" in text or "antialiasing" in text else "3dgs-2023"
-
-
-class _Missing(types.ModuleType):
-    """Stands for a package that is not installed: importing it is fine, using it is not."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        raise ModuleNotFoundError("%s.%s is used, but %s is not installed" % (self.__name__, name, self.__name__),
-                                  name=self.__name__)
-
-
-def _stand_in_for_optional() -> None:
-    import importlib.util
-
-    for name in _OPTIONAL:
-        if importlib.util.find_spec(name) is None:
-            sys.modules[name] = _Missing(name)
-
-
-def _stand_in_for_lpips() -> None:
-    """LPIPS needs weights that torchvision would download. Without them it is NaN, said once."""
-    import torch
-
-    weights = os.path.join(torch.hub.get_dir(), "checkpoints", "vgg16-397923af.pth")
-    if os.path.exists(weights):
-        return
-    said: List[bool] = []
-
-    def distance(*_: Any, **__: Any) -> Any:
-        if not said:
-            print("splatboost.cpu: LPIPS is not measured (nan): its VGG weights are not at %s" % weights)
-            said.append(True)
-        return torch.tensor(float("nan"))
-
-    ours: Any = types.ModuleType("lpipsPyTorch")
-    ours.lpips = distance
-    sys.modules["lpipsPyTorch"] = ours
-
-    class LPIPS(torch.nn.Module):
-        def __init__(self, *_: Any, **__: Any):
-            super().__init__()
-
-        forward = staticmethod(distance)
-
-    theirs: Any = types.ModuleType("lpips")
-    theirs.LPIPS = LPIPS
-    sys.modules["lpips"] = theirs
 
 
 def _fail(message: str) -> int:
@@ -208,12 +162,9 @@ def _fail(message: str) -> int:
     return 2
 
 
-_PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "skimage": "scikit-image"}
-
-
-def _how_to_get(module: str) -> str:
-    name = module.split(".")[0]
-    return "pip install %s" % _PACKAGES.get(name, name)
+def _fail_for_modules(script: str, modules: List[str]) -> int:
+    what = "module" if len(modules) == 1 else "modules"
+    return _fail("%s needs the Python %s %s: %s" % (script, what, ", ".join(modules), _needs.install_command(modules)))
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -233,7 +184,13 @@ def main(arguments: Optional[List[str]] = None) -> int:
     try:
         import torch  # noqa: F401
     except ModuleNotFoundError:
-        return _fail("torch is not installed: pip install torch --index-url https://download.pytorch.org/whl/cpu")
+        return _fail("torch is not installed: " + _needs.where_torch_is())
+    trouble = _needs.numpy_trouble()
+    if trouble:
+        return _fail(trouble)
+    missing = _needs.missing_modules(options.script, _stand_ins.PROVIDED)
+    if missing:
+        return _fail_for_modules(options.script, missing)
     folder = os.path.dirname(os.path.abspath(options.script))
     layout = options.layout or detect_layout(folder)
     from ._library import LibraryError
@@ -249,8 +206,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
             _library.load()
     except LibraryError as error:
         return _fail(str(error))
-    _stand_in_for_optional()
-    _stand_in_for_lpips()
+    _stand_ins.install()
     sys.argv = [options.script] + options.arguments
     sys.path.insert(0, folder)
     try:
@@ -258,7 +214,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None:
             raise
-        return _fail("%s needs the Python module %s: %s" % (options.script, error.name, _how_to_get(error.name)))
+        return _fail_for_modules(options.script, [error.name])
     return 0
 
 

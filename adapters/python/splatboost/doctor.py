@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is there, what is missing, and how to get it: `python -m splatboost doctor`."""
+"""What is there, what is missing, and how to get it: `python -m splatboost doctor [CHECKOUT]`."""
 
 from __future__ import annotations
 
 import ctypes
 import importlib.util
+import os
 import platform
 import shutil
 import subprocess
 import sys
-from typing import Callable, List, Tuple
+from typing import Callable, List, Optional, Tuple
 
-from . import __version__
+from . import __version__, _needs, _stand_ins
 from . import _library as lib
 
 #: state, what, remedy (empty where nothing is missing). States: "ok", "note" (works without) and "missing".
@@ -70,8 +71,12 @@ def _torch() -> List[Line]:
     try:
         import torch
     except Exception as e:  # a broken install says many things
-        return [("missing", "torch: %s" % e, "pip install torch, or apt-get install python3-torch")]
+        return [("missing", "torch: %s" % e, _needs.where_torch_is())]
     lines: List[Line] = [("ok", "torch %s, %s" % (torch.__version__, torch.__file__), "")]
+    trouble = _needs.numpy_trouble()
+    if trouble:
+        what, _, remedy = trouble.rpartition(": ")
+        lines.append(("missing", what, remedy))
     version = tuple(int(p) for p in torch.__version__.split("+")[0].split(".")[:2] if p.isdigit())
     if version < (1, 13):
         lines.append(("note", "torch before 1.13 is not tested with this package", "pip install --upgrade torch"))
@@ -98,8 +103,33 @@ def _upstream() -> List[Line]:
     lines.append(
         ("ok", "gsplat: installed", "")
         if found
-        else ("note", "gsplat: not installed", "only FastGSStrategy is for it: pip install gsplat")
+        else ("note", "gsplat: not installed", "only SplatBoostStrategy is for it: pip install gsplat")
     )
+    return lines
+
+
+#: Scripts of a host that its users call.
+_SCRIPTS = ("train.py", "render.py", "metrics.py")
+
+
+def _host(folder: str) -> List[Line]:
+    """The Python modules that the scripts of a host's checkout need."""
+    scripts = [os.path.join(folder, name) for name in _SCRIPTS if os.path.isfile(os.path.join(folder, name))]
+    if not scripts:
+        return [("missing", "%s: there is no train.py" % folder, "give the folder of a backbone's checkout")]
+    needed = {name for script in scripts for name in _needs.needed_modules(script)}
+    missing = {name for script in scripts for name in _needs.missing_modules(script, _stand_ins.PROVIDED)}
+    lines: List[Line] = []
+    if missing:
+        what = "%s needs %s, not installed" % (folder, ", ".join(sorted(missing)))
+        lines.append(("missing", what, _needs.install_command(missing)))
+    else:
+        lines.append(("ok", "%s: its scripts find the Python modules that they need" % folder, ""))
+    absent = [name for name in sorted(needed & set(_stand_ins.PROVIDED))
+              if importlib.util.find_spec(name) is None]
+    if absent:
+        what = "not installed: %s" % ", ".join(absent)
+        lines.append(("note", what, "python -m splatboost.cpu does without; the scripts themselves need them"))
     return lines
 
 
@@ -138,8 +168,8 @@ def _works_on(device: str, name: str, remedy: str) -> Line:
     return ("ok", "draws and differentiates a Gaussian on %s" % name, "")
 
 
-def examine() -> List[Line]:
-    """All findings."""
+def examine(folder: Optional[str] = None) -> List[Line]:
+    """All findings. folder: a checkout of a backbone, whose needs are looked at too."""
     lines: List[Line] = [
         ("ok", "Python %s, %s" % (platform.python_version(), sys.executable), ""),
         ("ok", "splatboost %s, %s" % (__version__, __file__), ""),
@@ -149,12 +179,14 @@ def examine() -> List[Line]:
         lines += check()
     if all(state != "missing" for state, _, _ in lines):
         lines += _works()
+    if folder is not None:
+        lines += _host(folder)
     return lines
 
 
-def main() -> int:
+def main(folder: Optional[str] = None) -> int:
     """Prints the findings; 0 if nothing is missing, else 1."""
-    lines = examine()
+    lines = examine(folder)
     for state, what, remedy in lines:
         print("%-8s %s" % (state, what))
         if remedy:

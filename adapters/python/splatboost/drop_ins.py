@@ -15,7 +15,12 @@ LAYOUTS = {
     "3dgs-accelerated": "diff_gaussian_rasterization_accelerated",
     "mip-splatting": "diff_gaussian_rasterization_mip_splatting",
     "deformable-3dgs": "diff_gaussian_rasterization_deformable",
+    "absgs": "diff_gaussian_rasterization_absgs",
+    "anchors": "diff_gaussian_rasterization_anchors",
 }
+
+#: layout → the name that its host imports, where it is another than diff_gaussian_rasterization
+_NAMES = {"absgs": "diff_gaussian_rasterization_abs"}
 
 
 def install_drop_ins(layout: str) -> List[str]:
@@ -28,18 +33,19 @@ def install_drop_ins(layout: str) -> List[str]:
         raise ValueError("layout: one of %s wanted, %r given" % (", ".join(sorted(LAYOUTS)), layout))
     compat = __package__ + ".compat." if __package__ else "splatboost.compat."
     rasterization = importlib.import_module(compat + LAYOUTS[layout])
-    present = sys.modules.get("diff_gaussian_rasterization")
+    name = _NAMES.get(layout, "diff_gaussian_rasterization")
+    present = sys.modules.get(name)
     if present is not None and present is not rasterization:
         raise RuntimeError(
-            "install_drop_ins: diff_gaussian_rasterization is imported already, from %s; call it before the host's "
-            "imports" % getattr(present, "__file__", "elsewhere")
+            "install_drop_ins: %s is imported already, from %s; call it before the host's "
+            "imports" % (name, getattr(present, "__file__", "elsewhere"))
         )
     simple_knn = sys.modules.get("simple_knn") or types.ModuleType("simple_knn")
     simple_knn.__path__ = getattr(simple_knn, "__path__", [])
     knn = importlib.import_module(compat + "simple_knn")
     setattr(simple_knn, "_C", knn)
     modules = {
-        "diff_gaussian_rasterization": rasterization,
+        name: rasterization,
         "simple_knn": simple_knn,
         "simple_knn._C": knn,
         "fused_ssim": importlib.import_module(compat + "fused_ssim"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""FastGS as a densification strategy of gsplat (https://github.com/nerfstudio-project/gsplat).
+"""SplatBoost as a densification strategy of gsplat (https://github.com/nerfstudio-project/gsplat).
 
 gsplat's tensors, optimizers and operations stay; the scores and the decisions are SplatBoost's. gsplat draws with
 boxes of its own, so the compact box is no part of this.
@@ -18,8 +18,7 @@ from .camera import Camera
 from .operations import as_bytes, spare_one
 
 try:
-    from gsplat.strategy import ops
-    from gsplat.strategy.base import Strategy
+    from gsplat.strategy import DefaultStrategy, ops
 except ImportError as e:
     raise ImportError("splatboost.gsplat needs gsplat, which is not there: pip install gsplat (%s)" % e) from e
 
@@ -45,43 +44,88 @@ class View:
     mask: Optional[torch.Tensor] = None
 
 
+#: Optimizers that know the Gaussians of one view only: they step at every iteration.
+_OF_ONE_VIEW = ("SelectiveAdam", "SparseAdam")
+
+
+def score_views(config: Any, views: Any) -> None:
+    """strategy.score_on(views, config) for the strategy of gsplat's simple_trainer's configuration, if it is ours."""
+    if isinstance(config.strategy, SplatBoostStrategy):
+        config.strategy.score_on(views, config)
+
+
+def optimizers_at(strategy: Any, optimizers: Optimizers, step: int) -> List[torch.optim.Optimizer]:
+    """Those that step now, for loops of any strategy; the others keep their gradients."""
+    if not isinstance(strategy, SplatBoostStrategy):
+        return list(optimizers.values())
+    return [optimizer for name, optimizer in optimizers.items()
+            if type(optimizer).__name__ in _OF_ONE_VIEW or strategy.steps_at(name, step)]
+
+
+def _view_of(item: Dict[str, Any]) -> View:
+    """A View of an item of a data set."""
+    image, mask = torch.as_tensor(item["image"]), item.get("mask")
+    image = image if image.dtype == torch.uint8 else image.float() / 255
+    return View(torch.inverse(torch.as_tensor(item["camtoworld"]).float()), torch.as_tensor(item["K"]).float(),
+                image[..., :3], None if mask is None else torch.as_tensor(mask))
+
+
 @dataclass
-class FastGSStrategy(Strategy):  # type: ignore[misc]
-    """Multi-view consistent densification and pruning.
+class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
+    """Multi-view consistent densification and pruning, in the place of gsplat's DefaultStrategy.
 
-    views        training views; up to K of them are rendered at each event
-    max_steps    length of the run, to which all schedules scale
-    settings     of splatboost.Adapter: vcd, vcp, absgrad, schedule, tau_d, views (K), seed …
+    Of DefaultStrategy's settings count absgrad, prune_opa, prune_scale3d, reset_every, revised_opacity and verbose;
+    when to grow is SplatBoost's, for any length of run. Of them all, reset_every is an iteration of a run of 30 000.
+
+    max_steps    length of the run
+    settings     of splatboost.Adapter: vcd, vcp, schedule, tau_d, views (K), … Whole numbers for True, False and counts
     eps2d, near_plane, antialiased, background   as gsplat's rasterization() is called
-    prune_opa, prune_scale3d, reset_every        gsplat's own rule for pruning and opacity reset
 
-    Call rasterization(..., absgrad=True), and step only the optimizers that steps_at() names:
+    Give it the training views, call rasterization(..., absgrad=strategy.absgrad), and step the optimizers that
+    optimizers_at() names, before or after step_post_backward:
 
+        strategy.score_on(views)
+        …
         loss.backward()
+        for optimizer in optimizers_at(strategy, optimizers, step):
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
         strategy.step_post_backward(params, optimizers, state, step, info, packed)
-        for name, optimizer in optimizers.items():
-            if strategy.steps_at(name, step):
-                optimizer.step()
-                optimizer.zero_grad(set_to_none=True)
     """
 
-    views: Sequence[View] = ()
+    absgrad: bool = True
     max_steps: int = 30_000
-    settings: Dict[str, Any] = field(default_factory=dict)
+    settings: Dict[str, float] = field(default_factory=dict)
     eps2d: float = 0.3
     near_plane: float = 0.01
     antialiased: bool = False
     background: Sequence[float] = (0.0, 0.0, 0.0)
-    prune_opa: float = 0.005
-    prune_scale3d: float = 0.1
-    reset_every: int = 3000
-    verbose: bool = False
+    seed: int = 0
 
     def __post_init__(self) -> None:
-        if not self.views:
-            raise ValueError("views: at least one training view wanted")
         self._adapter: Optional[Adapter] = None
-        self._truths: List[Optional[torch.Tensor]] = [None] * len(self.views)
+        self._views: Any = ()
+        self._lists_views = True
+        self._device: Any = None
+        self._scene: Dict[str, Any] = {}
+        self._truths: Dict[int, torch.Tensor] = {}
+
+    def score_on(self, views: Any, config: Any = None) -> None:
+        """Scores these training views, up to K at each event.
+
+        views   Views; or a data set as that of gsplat's simple_trainer, whose items have camtoworld, K, image (to 255)
+                and maybe mask
+        config  that trainer's: max_steps, near_plane and antialiased are taken from it
+        """
+        if len(views) == 0:
+            raise ValueError("views: at least one training view wanted")
+        self._views = views
+        self._lists_views = isinstance(views[0], View)
+        self._truths.clear()
+        for name in ("max_steps", "near_plane", "antialiased"):
+            if config is not None and hasattr(config, name):
+                setattr(self, name, getattr(config, name))
+        self._adapter = None
 
     def initialize_state(self, scene_scale: float = 1.0) -> Dict[str, Any]:
         """State of a run. Its tensors have a row a Gaussian, and gsplat's operations carry them along."""
@@ -97,12 +141,15 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         """The decisions in use, on a device if it is given."""
         if self._adapter is None or (device is not None and self._adapter.device != torch.device(device)):
             device = "cpu" if device is None else device
-            self._adapter = Adapter("vanilla", total_iterations=self.max_steps, device=device, **self.settings)
+            settings = {name: int(v) if float(v).is_integer() else v for name, v in self.settings.items()}
+            settings.setdefault("absgrad", bool(self.absgrad))
+            self._adapter = Adapter("vanilla", total_iterations=self.max_steps, device=device, seed=self.seed, **settings)
         return self._adapter
 
     def steps_at(self, name: str, step: int) -> bool:
         """Whether the optimizer of this parameter steps now; between steps gradients accumulate."""
-        return self.adapter().steps_at("f_rest" if name == "shN" else "xyz", step + 1)
+        last = step + 1 >= self.max_steps
+        return last or self.adapter(self._device).steps_at("f_rest" if name == "shN" else "xyz", step + 1)
 
     def step_pre_backward(
         self, params: Params, optimizers: Optimizers, state: Dict[str, Any], step: int, info: Dict[str, Any]
@@ -120,9 +167,17 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         step: int,
         info: Dict[str, Any],
         packed: bool = False,
+        scene: Any = None,
     ) -> None:
+        """scene: gsplat 1.6's, which keeps what is beside the parameters of Gaussians."""
+        if not self._views:
+            raise ValueError("no views to score: call score_on(views) before training")
+        if torch.distributed.is_available() and torch.distributed.is_initialized() and torch.distributed.get_world_size() > 1:
+            raise ValueError("this strategy is for one process; for several see splatboost.distributed")
         iteration = step + 1
-        adapter = self.adapter(params["means"].device)
+        self._device = params["means"].device
+        self._scene = {} if scene is None else {"scene": scene}
+        adapter = self.adapter(self._device)
         until = self._at(adapter.settings["densify_until"])
         if iteration < until:
             self._gather(params, state, info, packed)
@@ -145,8 +200,11 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
     def _gather(self, params: Params, state: Dict[str, Any], info: Dict[str, Any], packed: bool) -> None:
         n = params["means"].shape[0]
         means2d, radii = info["means2d"], info["radii"]
-        if not hasattr(means2d, "absgrad") and self.adapter().settings["absgrad"]:
+        if not hasattr(means2d, "absgrad") and self.adapter(self._device).settings["absgrad"]:
             raise ValueError("info: means2d without absgrad: call rasterization(..., absgrad=True)")
+        if means2d.grad is None:
+            raise ValueError("info: means2d without a gradient: call step_pre_backward before backward, and "
+                             "step_post_backward after it")
         if radii.dim() == means2d.dim():  # gsplat since 1.5: a radius an axis
             radii = radii.amin(dim=-1)
         # To NDC units, of the loss of one camera.
@@ -168,7 +226,7 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
     def _apply_pending(self, params: Params, optimizers: Optimizers) -> None:
         """Steps with what has accumulated: the parameters that follow are new ones, without gradients."""
         for name, optimizer in optimizers.items():
-            if params[name].grad is not None:
+            if params[name].grad is not None and type(optimizer).__name__ not in _OF_ONE_VIEW:
                 optimizer.step()
                 optimizer.zero_grad(set_to_none=True)
 
@@ -176,18 +234,21 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         def source(index: int) -> Callable[[], ScoredView]:
             return lambda: self._score(params, index)
 
-        return [source(j) for j in range(len(self.views))]
+        return [source(j) for j in range(len(self._views))]
 
     def _score(self, params: Params, index: int) -> ScoredView:
-        view, device = self.views[index], params["means"].device
-        truth = self._truths[index]
+        view, device = self._views[index], params["means"].device
+        if not self._lists_views:
+            view = _view_of(view)
+        truth = self._truths.get(index)
         if truth is None:
             truth = as_bytes(view.image.permute(2, 0, 1)).to(device).contiguous()
-            self._truths[index] = truth
+            if self._lists_views:  # a data set may crop each time anew
+                self._truths[index] = truth
         height, width = truth.shape[1:]
         bands = 1 + params["shN"].shape[1]
         render = rasterize(
-            Camera.from_matrices(width, height, view.K, view.viewmat),
+            Camera.from_matrices(width, height, view.K.cpu(), view.viewmat.cpu()),
             params["means"],
             torch.sigmoid(params["opacities"]),
             scales=torch.exp(params["scales"]),
@@ -224,10 +285,11 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
         )
         state["origins"] = torch.arange(n, device=device)
         if clone.any():
-            ops.duplicate(params=params, optimizers=optimizers, state=state, mask=clone)
+            ops.duplicate(params=params, optimizers=optimizers, state=state, mask=clone, **self._scene)
         if split.any():
             whole = torch.cat([split, torch.zeros(int(clone.sum()), dtype=torch.bool, device=device)])
-            ops.split(params=params, optimizers=optimizers, state=state, mask=whole)
+            ops.split(params=params, optimizers=optimizers, state=state, mask=whole,
+                      revised_opacity=self.revised_opacity, **self._scene)
         origins = state.pop("origins")
 
         opacities = torch.sigmoid(params["opacities"]).reshape(-1)
@@ -265,4 +327,4 @@ class FastGSStrategy(Strategy):  # type: ignore[misc]
     ) -> None:
         removed = spare_one(opacities, removed)
         if removed.any():
-            ops.remove(params=params, optimizers=optimizers, state=state, mask=removed)
+            ops.remove(params=params, optimizers=optimizers, state=state, mask=removed, **self._scene)

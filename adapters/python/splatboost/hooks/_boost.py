@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from typing import Any, Callable, Dict, Iterable, List, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 
 import torch
 
@@ -15,6 +15,29 @@ from ..schedule import PUBLISHED_ITERATIONS
 from . import _drawing
 
 _SPLIT_CHILDREN = 2
+
+
+def is_on(options: Any) -> bool:
+    """What --boost says; ends the host where it says neither on nor off."""
+    if options.boost not in ("on", "off"):
+        sys.stderr.write("--boost: on or off wanted, %s given\n" % options.boost)
+        sys.exit(2)
+    return bool(options.boost == "on")
+
+
+def announce(adapter: Adapter, schedule: str) -> None:
+    """One line about how a run is accelerated."""
+    rules = "literal" if adapter.settings["literal"] else "default"
+    box = "published box" if adapter.beta is None else "beta %g" % adapter.beta
+    print("SplatBoost: %s rules of %s, %s, tau_d %g, %s" % (
+        rules, adapter.backbone, box, adapter.settings["tau_d"], schedule), flush=True)
+
+
+def valid_pixels(camera: Any, image: torch.Tensor) -> Optional[torch.Tensor]:
+    """bool [H,W]: pixels that a host's mask leaves; None where its cameras have none. What lies outside never gets better,
+    and would stand out as an error for ever."""
+    mask = getattr(camera, "alpha_mask", None)
+    return None if mask is None else (mask.to(image.device) > 0.5).reshape(image.shape[-2:])
 
 
 class Boost:
@@ -45,10 +68,7 @@ class Boost:
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, render: Callable[[Any], torch.Tensor],
                  model_path: str, checkpoints: Iterable[int] = ()):
-        if options.boost not in ("on", "off"):
-            sys.stderr.write("--boost: on or off wanted, %s given\n" % options.boost)
-            sys.exit(2)
-        self.on = options.boost == "on"
+        self.on = is_on(options)
         self.gaussians = gaussians
         self.options = options
         self.iteration = 0
@@ -64,6 +84,18 @@ class Boost:
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
         _drawing.save(model_path, self.backbone, self.adapter.beta)
+        announce(self.adapter, self._schedule())
+
+    def _schedule(self) -> str:
+        """In iterations of this run."""
+        total, host_would = self.options.iterations, False
+        grows = [i for i in range(1, total + 1) if self.adapter.grows_at(i, host_would)]
+        late = [i for i in range(1, total + 1) if self.adapter.prunes_at(i, False)]
+        told = "no growth" if not grows else "growth at %d to %d every %d" % (
+            grows[0], grows[-1], grows[1] - grows[0] if len(grows) > 1 else total)
+        if late:
+            told += ", late pruning at " + (", ".join(map(str, late)) if len(late) < 4 else "%d to %d" % (late[0], late[-1]))
+        return told + (", steps by schedule" if self.adapter.settings["schedule"] else ", a step every iteration")
 
     def _settings(self) -> Dict[str, Any]:
         options = self.options
@@ -122,7 +154,7 @@ class Boost:
     def _views(self) -> List[Callable[[], ScoredView]]:
         def scored(camera: Any) -> ScoredView:
             image = self._render(camera)
-            return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device))
+            return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device), valid_pixels(camera, image))
 
         return [functools.partial(scored, camera) for camera in self._scene.getTrainCameras()]
 

@@ -12,7 +12,9 @@ import torch
 from ..compat import (
     diff_gaussian_rasterization_2023,
     diff_gaussian_rasterization_2024,
+    diff_gaussian_rasterization_absgs,
     diff_gaussian_rasterization_accelerated,
+    diff_gaussian_rasterization_anchors,
     diff_gaussian_rasterization_deformable,
     diff_gaussian_rasterization_mip_splatting,
     get_beta,
@@ -34,9 +36,10 @@ class Drawing:
         self.beta = beta
         self.absolute = absolute
         self.screen_points: Optional[torch.Tensor] = None
+        self.gate: Optional[torch.Tensor] = None  # bool [N·k], of hosts with anchors: slots that may grow now
 
-    def __call__(self, settings: Any, depth: bool, means2D: torch.Tensor, given: Any) -> Any:
-        module: Any = diff_gaussian_rasterization_2023
+    def __call__(self, settings: Any, depth: bool, weights: bool, means2D: torch.Tensor, given: Any) -> Any:
+        module: Any = diff_gaussian_rasterization_absgs if weights else diff_gaussian_rasterization_2023
         if hasattr(settings, "kernel_size"):
             module = diff_gaussian_rasterization_mip_splatting
         elif "dc" in given:
@@ -63,10 +66,18 @@ class Drawing:
             set_beta(before)
 
 
-def rasterizer(model: Any, host: Any, depth: bool = False) -> Callable[..., Any]:
+def see(model: Any, host: Any, **given: Any) -> torch.Tensor:
+    """Radii of what a view can see of a host's anchors: by its own visible_filter, or ours with boost."""
+    if getattr(model, "splatboost", None) is None:
+        return host.visible_filter(**given)  # type: ignore[no-any-return]
+    settings = diff_gaussian_rasterization_anchors.GaussianRasterizationSettings(**host.raster_settings._asdict())
+    return diff_gaussian_rasterization_anchors.GaussianRasterizer(settings).visible_filter(**given)
+
+
+def rasterizer(model: Any, host: Any, depth: bool = False, weights: bool = False) -> Callable[..., Any]:
     """The host's own rasterizer, or ours for a model that is trained or was saved with boost.
 
-    depth: whether the host's returns inverse depth as a third image.
+    depth: whether the host's returns inverse depth as a third image. weights: whether it returns a weight a Gaussian.
     """
     drawing = getattr(model, "splatboost", None)
     if drawing is None:
@@ -74,7 +85,7 @@ def rasterizer(model: Any, host: Any, depth: bool = False) -> Callable[..., Any]
     settings = host.raster_settings
 
     def draw(means2D: torch.Tensor, **given: Any) -> Any:
-        return drawing(settings, depth, means2D, given)
+        return drawing(settings, depth, weights, means2D, given)
 
     return draw
 

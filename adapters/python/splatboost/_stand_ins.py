@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What hosts import and a machine without a GPU may lack, as far as their training, rendering and metrics use it."""
+
+from __future__ import annotations
+
+import atexit
+import importlib.util
+import os
+import shutil
+import sys
+import tempfile
+import types
+import warnings
+from typing import Any, List, Optional, Tuple
+
+#: Packages that hosts import but do not use in training, rendering and metrics.
+_OPTIONAL = ("open3d", "joblib", "wandb")
+#: What a host need not have installed.
+PROVIDED = _OPTIONAL + ("torchvision", "torch_scatter", "lpips", "lpipsPyTorch", "diff_gaussian_rasterization",
+                        "diff_gaussian_rasterization_abs", "simple_knn", "fused_ssim")
+
+
+def install() -> None:
+    """Puts stand-ins where the real thing is not installed."""
+    for name in _OPTIONAL:
+        if _lacks(name):
+            sys.modules[name] = _Missing(name)
+    if _lacks("torchvision"):
+        _torchvision()
+    if _lacks("torch_scatter"):
+        scatter: Any = types.ModuleType("torch_scatter")
+        scatter.scatter_max = scatter_max
+        sys.modules["torch_scatter"] = scatter
+    _numpy_names()
+    _lpips()
+    if shutil.which("nvidia-smi") is None:
+        _nvidia_smi()
+
+
+def _numpy_names() -> None:
+    """Names of Python's own types that numpy had until 1.24, and that hosts of 2023 use."""
+    import numpy
+
+    for kind in (bool, int, float, complex, object):
+        if kind.__name__ not in numpy.__dict__:
+            setattr(numpy, kind.__name__, kind)
+
+
+def _lacks(name: str) -> bool:
+    return name not in sys.modules and importlib.util.find_spec(name) is None
+
+
+class _Missing(types.ModuleType):
+    """Stands for a package that is not installed: importing it is fine, using it is not."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise ModuleNotFoundError("%s.%s is used, but %s is not installed" % (self.__name__, name, self.__name__),
+                                  name=self.__name__)
+
+
+def scatter_max(values: Any, index: Any, dim: int = -1, *_: Any) -> Tuple[Any, Any]:
+    """The largest of the values [N,C] of each index, [M,C], and its row; along dim 0, without an output to fill."""
+    import torch
+
+    if dim != 0 or values.dim() != 2 or index.shape != values.shape:
+        raise NotImplementedError("scatter_max: values and index [N,C] along dim 0 wanted")
+    n, channels = values.shape
+    rows = int(index.max()) + 1 if n else 0
+    warnings.filterwarnings("ignore", "scatter_reduce")  # of torch 1.13, where it is new
+    largest = values.new_zeros((rows, channels)).scatter_reduce(0, index, values, "amax", include_self=False)
+    at = torch.arange(n, device=values.device).unsqueeze(1).expand(n, channels)
+    where = torch.where(values == largest.gather(0, index), at, torch.full_like(at, n)) if n else at
+    first = torch.full((rows, channels), n, dtype=torch.long, device=values.device)
+    return largest, first.scatter_reduce(0, index, where, "amin")
+
+
+def _to_tensor(picture: Any) -> Any:
+    """float32 [C,H,W] of a PIL picture or of an array [H,W] or [H,W,C]; of bytes, from 0 to 1."""
+    import numpy
+    import torch
+
+    array = numpy.array(picture)
+    if array.ndim == 2:
+        array = array[:, :, None]
+    tensor = torch.from_numpy(numpy.ascontiguousarray(array.transpose(2, 0, 1)))
+    return tensor.float() / 255 if tensor.dtype == torch.uint8 else tensor
+
+
+def _save_image(image: Any, path: Any, *_: Any, **__: Any) -> None:
+    """A picture [C,H,W] or [1,C,H,W] of values from 0 to 1."""
+    import torch
+    from PIL import Image
+
+    image = image.detach()
+    if image.dim() == 4 and image.shape[0] == 1:
+        image = image[0]
+    if image.dim() != 3:
+        raise NotImplementedError("save_image: one picture [C,H,W] wanted, %s given: pip install torchvision"
+                                  % list(image.shape))
+    if image.shape[0] == 1:
+        image = image.expand(3, -1, -1)
+    rounded = (image.float() * 255 + 0.5).clamp(0, 255).permute(1, 2, 0).to(torch.uint8)
+    Image.fromarray(rounded.cpu().numpy()).save(path)
+
+
+def _torchvision() -> None:
+    """Reading and writing pictures; nets need the real one."""
+    root: Any = types.ModuleType("torchvision")
+    root.__path__ = []
+    utils: Any = types.ModuleType("torchvision.utils")
+    utils.save_image = _save_image
+    transforms: Any = types.ModuleType("torchvision.transforms")
+    transforms.__path__ = []
+    functional: Any = types.ModuleType("torchvision.transforms.functional")
+    functional.to_tensor = _to_tensor
+    transforms.functional = functional
+    transforms.ToTensor = lambda: _to_tensor
+    root.utils, root.transforms, root.models = utils, transforms, _Missing("torchvision.models")
+    for module in (root, utils, transforms, functional, root.models):
+        sys.modules[module.__name__] = module
+
+
+def _vgg() -> Optional[str]:
+    """Where VGG's weights would have to be; None if they are there."""
+    import torch
+
+    path = os.path.join(torch.hub.get_dir(), "checkpoints", "vgg16-397923af.pth")
+    return None if os.path.exists(path) else path
+
+
+def _lpips() -> None:
+    """LPIPS needs weights that torchvision would download. Without them it is NaN, said once."""
+    import torch
+
+    weights = _vgg()
+    if weights is None:
+        return
+    said: List[bool] = []
+
+    def distance(*_: Any, **__: Any) -> Any:
+        if not said:
+            print("splatboost.cpu: LPIPS is not measured (nan): its VGG weights are not at %s" % weights)
+            said.append(True)
+        return torch.tensor(float("nan"))
+
+    ours: Any = types.ModuleType("lpipsPyTorch")
+    ours.lpips = distance
+    sys.modules["lpipsPyTorch"] = ours
+
+    class LPIPS(torch.nn.Module):
+        def __init__(self, *_: Any, **__: Any):
+            super().__init__()
+
+        forward = staticmethod(distance)
+
+    theirs: Any = types.ModuleType("lpips")
+    theirs.LPIPS = LPIPS
+    sys.modules["lpips"] = theirs
+
+
+def _nvidia_smi() -> None:
+    """Scaffold-GS and its kin ask nvidia-smi for the device with the most free memory, and fail without an answer."""
+    folder = tempfile.mkdtemp(prefix="splatboost-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    path = os.path.join(folder, "nvidia-smi")
+    with open(path, "w", encoding="utf-8") as file:
+        file.write("#!/bin/sh\necho 'GPU 0'\necho '    Used : 0 MiB'\n")
+    os.chmod(path, 0o755)
+    os.environ["PATH"] = folder + os.pathsep + os.environ.get("PATH", "")

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decisions of one run by several processes of torch.distributed, the same for any number of them.
+
+Views are shared out: each is drawn by one process. Gaussians may be too: each process holds some rows. Every process
+makes every decision, from the same numbers: pictures and integer counts come from the view's owner, statistics are sums
+of integers, rows are in the order of their ids, and draws depend on ids. Floating-point sums over processes, whose
+rounding hangs on how many there are, take no part.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Callable, List, Optional, Sequence, Tuple
+
+import torch
+import torch.distributed as dist
+
+from ._tensors import Place, counts_of
+from .adapter import Adapter, ScoredView
+from .operations import as_bytes, keep_largest, spare_one
+
+#: Sums are of multiples of 2^-40: of gradients up to 8e6, exact in any order.
+_UNIT = 2.0**-40
+
+
+class Processes:
+    """The processes of a run; one, where torch.distributed is not initialised."""
+
+    def __init__(self, group: Any = None):
+        self.group = group
+        there = dist.is_available() and dist.is_initialized()
+        self.rank = dist.get_rank(group) if there else 0
+        self.count = dist.get_world_size(group) if there else 1
+
+    def owner_of_view(self, view: int) -> int:
+        """Which process draws a training view."""
+        return view % self.count
+
+    def from_owner(self, tensor: torch.Tensor, owner: int) -> torch.Tensor:
+        """The owner's tensor, in place."""
+        if self.count > 1:
+            source = owner if self.group is None else dist.get_global_rank(self.group, owner)
+            dist.broadcast(tensor, source, group=self.group)
+        return tensor
+
+    def sum(self, integers: torch.Tensor) -> torch.Tensor:
+        """The sum over processes of an int64 tensor, in place."""
+        if integers.dtype != torch.int64:
+            raise ValueError("integers: int64 wanted, %s given: other sums hang on the number of processes" % integers.dtype)
+        if self.count > 1:
+            dist.all_reduce(integers, group=self.group)
+        return integers
+
+    def rows(self, tensor: torch.Tensor) -> torch.Tensor:
+        """Rows of all processes, one after the other; they may have any number each, none too."""
+        if self.count == 1:
+            return tensor
+        if tensor.dtype == torch.bool:  # gloo has none
+            return self.rows(tensor.to(torch.uint8)).bool()
+        sizes = torch.zeros(self.count, dtype=torch.int64, device=tensor.device)
+        sizes[self.rank] = tensor.shape[0]
+        lengths = self.sum(sizes).tolist()
+        if max(lengths) == 0:
+            return tensor
+        padded = tensor.new_zeros((max(lengths),) + tuple(tensor.shape[1:]))
+        padded[: tensor.shape[0]] = tensor
+        found = [torch.empty_like(padded) for _ in lengths]
+        dist.all_gather(found, padded, group=self.group)
+        return torch.cat([rows[:length] for rows, length in zip(found, lengths)])
+
+
+class ExactSum:
+    """A sum for every row over views, the same for any split of the views. values: float32 [N], at most some thousands."""
+
+    def __init__(self, rows: int, device: Any = "cpu"):
+        self._units = torch.zeros(rows, dtype=torch.int64, device=device)
+
+    def add(self, values: torch.Tensor) -> None:
+        self._units += torch.round(values.double() / _UNIT).to(torch.int64)
+
+    def total(self, processes: Processes) -> torch.Tensor:
+        """float64 [N] over the views of all processes."""
+        return processes.sum(self._units.clone()).double() * _UNIT
+
+
+class Shard:
+    """The rows that this process holds, of Gaussians with ids; ids never change, and are not given twice.
+
+    rows: how many there are in all processes at the start. Each then holds as many of them, in order, give or take one;
+    `mine` are their indices.
+    """
+
+    def __init__(self, rows: int, processes: Optional[Processes] = None, device: Any = "cpu"):
+        self.processes = processes or Processes()
+        first = [rows * r // self.processes.count for r in range(self.processes.count + 1)]
+        self.mine = slice(first[self.processes.rank], first[self.processes.rank + 1])
+        self.ids = torch.arange(rows, dtype=torch.int64, device=device)[self.mine]
+        self._next = rows
+
+    def all_rows(self, tensor: torch.Tensor) -> torch.Tensor:
+        """Rows of all processes in the order of their ids."""
+        _, order = torch.sort(self.processes.rows(self.ids))
+        return self.processes.rows(tensor)[order]
+
+    def own_rows(self, tensor: torch.Tensor) -> torch.Tensor:
+        """Of a tensor in the order of ids, the rows held here."""
+        everyone, _ = torch.sort(self.processes.rows(self.ids))
+        return tensor[torch.searchsorted(everyone, self.ids)]
+
+    def grow(self, clone: torch.Tensor, split: torch.Tensor, children: int = 2) -> torch.Tensor:
+        """Takes note of growth, where new rows follow as in 3DGS: those that were not split, clones, the first children
+        of all, the second ones … clone, split: bool, of the rows held here. Returns int64: of every row now, the id of
+        the row that it was or was made from."""
+        parts, origins = [self.ids[~split]], [self.ids[~split]]
+        for mask in [clone] + [split] * children:
+            parents, _ = torch.sort(self.processes.rows(self.ids[mask]))
+            parts.append(self._next + torch.searchsorted(parents, self.ids[mask]))
+            origins.append(self.ids[mask])
+            self._next += parents.shape[0]
+        self.ids = torch.cat(parts)
+        return torch.cat(origins)
+
+    def remove(self, mask: torch.Tensor) -> None:
+        """Takes note that these rows, bool, went."""
+        self.ids = self.ids[~mask]
+
+    def normal(self, seed: int, iteration: int, columns: int) -> torch.Tensor:
+        """float32 [rows, columns] of standard normal draws for the rows held here, of which each hangs on seed, iteration,
+        the row's id and the column alone. Split a Gaussian by them and its children are the same wherever it lives."""
+        column = torch.arange(2 * columns, dtype=torch.int64, device=self.ids.device)
+        key = _mixed(torch.tensor(seed * 1_000_003 + iteration, dtype=torch.int64, device=self.ids.device))
+        bits = _mixed(_mixed(key + self.ids.unsqueeze(1)) + column)
+        uniform = ((bits >> 11) & ((1 << 53) - 1)).double() * 2.0**-53
+        radius = torch.sqrt(-2 * torch.log1p(-uniform[:, :columns]))
+        return (radius * torch.cos(2 * torch.pi * uniform[:, columns:])).float()
+
+
+def _mixed(x: torch.Tensor) -> torch.Tensor:
+    """SplitMix64 (Steele, Lea, Flood 2014): 64 bits that look random, of 64 bits."""
+    x = x + -7046029254386353131
+    x = (x ^ ((x >> 30) & ((1 << 34) - 1))) * -4658895280553007687
+    x = (x ^ ((x >> 27) & ((1 << 37) - 1))) * -7723592293110705685
+    return x ^ ((x >> 31) & ((1 << 33) - 1))
+
+
+class _FromOwner:
+    """What counts flagged pixels of a view that one process drew."""
+
+    def __init__(self, processes: Processes, owner: int, render: Any):
+        self._processes, self._owner, self._render = processes, owner, render
+
+    def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
+        sums = counts_of(counts)
+        here = torch.zeros_like(sums)
+        if self._render is not None:
+            self._render._add_counts(flagged, place.target(here, "counts"), place)
+        sums += self._processes.from_owner(here, self._owner)
+
+
+def shared_views(views: Sequence[Callable[[], ScoredView]], processes: Processes, device: Any) -> List[Callable[[], ScoredView]]:
+    """Views for an Adapter that every process runs: each is drawn by its owner, and the others are told.
+
+    views[j] is called in its owner alone (owner_of_view), and may be anything elsewhere. It draws all Gaussians, in the
+    order of their ids, where these are shared out.
+    """
+
+    def source(j: int) -> Callable[[], ScoredView]:
+        def draw() -> ScoredView:
+            owner = processes.owner_of_view(j)
+            view = views[j]() if processes.rank == owner else None
+            form = torch.zeros(3, dtype=torch.int64, device=device)
+            if view is not None:
+                if view.render is None:
+                    from .compat import last_render
+
+                    view.render = last_render()
+                form[:] = torch.tensor([*view.color.shape[1:], view.valid is not None])
+            height, width, masked = processes.from_owner(form, owner).tolist()
+            tensors = []
+            for name, shape, dtype in (("color", (3, height, width), torch.float32), ("truth", (3, height, width), torch.uint8),
+                                       ("valid", (height, width), torch.uint8)):
+                if name == "valid" and not masked:
+                    tensors.append(None)
+                    continue
+                tensor = torch.zeros(shape, dtype=dtype, device=device)
+                if view is not None:
+                    given = getattr(view, name)
+                    tensor.copy_(as_bytes(given) if name == "truth" else given)
+                tensors.append(processes.from_owner(tensor, owner))
+            render: Any = _FromOwner(processes, owner, None if view is None else view.render)
+            color, truth, valid = tensors
+            assert color is not None and truth is not None
+            return ScoredView(color, truth, valid, render)
+
+        return draw
+
+    return [source(j) for j in range(len(views))]
+
+
+class SharedAdapter:
+    """An Adapter whose decisions are those of one process that holds everything.
+
+    adapter       of the same settings and seed in every process
+    shard         the rows held here; None: every process holds all Gaussians
+    max_gaussians growth never makes more of them, in all processes together; 0: no cap
+    """
+
+    def __init__(self, adapter: Adapter, shard: Optional[Shard] = None, processes: Optional[Processes] = None,
+                 max_gaussians: int = 0):
+        self.adapter = adapter
+        self.shard = shard
+        self.processes = shard.processes if shard is not None else processes or Processes()
+        self.max_gaussians = max_gaussians
+        self._before: Optional[torch.Tensor] = None  # ids before growth, in order
+
+    def _all(self, tensor: Optional[torch.Tensor]) -> Any:
+        if tensor is None or self.shard is None:
+            return tensor
+        return self.shard.all_rows(tensor)
+
+    def _own(self, tensor: torch.Tensor) -> torch.Tensor:
+        return tensor if self.shard is None else self.shard.own_rows(tensor)
+
+    def grow(self, iteration: int, views: Sequence[Callable[[], ScoredView]], *, scene_extent: float,
+             gradients: torch.Tensor, gradients_abs: Optional[torch.Tensor] = None,
+             max_scales: Optional[torch.Tensor] = None) -> Tuple[torch.Tensor, torch.Tensor]:
+        """As Adapter.grow, of the rows held here; statistics are means over the views of all processes (ExactSum)."""
+        every = self._all(gradients)
+        clone, split = self.adapter.grow(
+            iteration, shared_views(views, self.processes, self.adapter.device), scene_extent=scene_extent,
+            gradients=every, gradients_abs=self._all(gradients_abs), max_scales=self._all(max_scales))
+        if self.max_gaussians > 0:
+            growing = keep_largest(every.reshape(-1), max(0, self.max_gaussians - every.shape[0]), clone | split)
+            clone, split = clone & growing, split & growing
+        if self.shard is not None:
+            self._before, _ = torch.sort(self.processes.rows(self.shard.ids))
+        return self._own(clone), self._own(split)
+
+    def prune(self, iteration: int, views: Sequence[Callable[[], ScoredView]], *, candidates: torch.Tensor,
+              opacities: torch.Tensor, origins: Optional[torch.Tensor] = None) -> torch.Tensor:
+        """As Adapter.prune, of the rows held here, never all of them in all processes. origins: with a shard, as its
+        grow() returned them."""
+        if origins is not None and self.shard is not None:
+            assert self._before is not None
+            origins = torch.searchsorted(self._before, self._all(origins))
+        every = self._all(opacities)
+        remove = self.adapter.prune(iteration, shared_views(views, self.processes, self.adapter.device),
+                                    candidates=self._all(candidates), opacities=every, origins=origins)
+        return self._own(spare_one(every.reshape(-1), remove))

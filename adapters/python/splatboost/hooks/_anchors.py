@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The acceleration of one training by a host whose anchors make Gaussians, several slots each (Scaffold-GS and its kin).
+
+The host's own adjust_anchor does the surgery. A slot that does not pass the gate makes no anchor; everything else, what
+is counted, what starts again and what is pruned, stays the host's.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, Callable, Dict, List, Optional
+
+import torch
+
+from .._tensors import Place, counts_of
+from ..adapter import Adapter, ScoredView
+from ..compat import last_render
+from ..operations import keep_largest
+from . import _drawing
+from ._boost import announce, is_on, valid_pixels
+
+
+class _OfSlots:
+    """The render of a view, whose Gaussians are counted as the slots that they were made by."""
+
+    def __init__(self, render: Any, slots: torch.Tensor):
+        self._render = render
+        self._slots = slots  # [M] which slot each Gaussian of the render is, none twice
+
+    def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
+        drawn = torch.zeros_like(self._render.radii)
+        self._render._add_counts(flagged, place.target(drawn, "drawn"), place)
+        counts_of(counts).index_add_(0, self._slots, drawn)
+
+
+class Boost:
+    """Takes the place of the host's calls that grow and step.
+
+    gaussians, scene   the host's
+    options            its optimization parameters, with those that the patch adds (boost…)
+    dataset            its model parameters
+    see                which anchors a training camera sees before a background, bool [N], as the host's prefilter says
+    render             draws a training camera before a background with those anchors: the host's dictionary
+
+    With --boost off every call is the host's own.
+    """
+
+    backbone = "scaffold-gs"
+    #: How many anchors one slot may make in one growth.
+    anchors_per_slot = 1
+
+    def __init__(self, gaussians: Any, scene: Any, options: Any, dataset: Any,
+                 see: Callable[[Any, torch.Tensor], torch.Tensor],
+                 render: Callable[[Any, torch.Tensor, torch.Tensor], Dict[str, torch.Tensor]]):
+        self.on = is_on(options)
+        self.gaussians = gaussians
+        self.options = options
+        self.iteration = 0
+        if not self.on:
+            _drawing.forget(dataset.model_path)
+            return
+        self._scene = scene
+        self._dataset = dataset
+        self._see = see
+        self._render = render
+        device = gaussians.get_anchor.device
+        self._background = torch.full((3,), float(dataset.white_background), device=device)
+        self.adapter = Adapter(self.backbone, total_iterations=options.iterations, device=device,
+                               beta=options.boost_beta, tau_d=options.boost_tau_d)
+        gaussians.splatboost = _drawing.Drawing(self.adapter.beta)
+        _drawing.save(dataset.model_path, self.backbone, self.adapter.beta)
+        announce(self.adapter, "anchors grow every %d from %d to %d, rates fall from %d" % (
+            options.update_interval, options.update_from, options.update_until,
+            round(self.adapter.settings["rates_fall_from"] * options.iterations)))
+
+    def begin(self, iteration: int) -> None:
+        self.iteration = iteration
+
+    def adjust_anchor(self, *given: Any, **named: Any) -> Any:
+        """The arguments are the host's."""
+        g = self.gaussians
+        if not self.on:
+            return g.adjust_anchor(*given, **named)
+        # The host makes all parameters of anchors anew, and would lose what their last gradient says.
+        g.optimizer.step()
+        g.optimizer.zero_grad(set_to_none=True)
+        g.splatboost.gate = self._gate()
+        try:
+            return g.adjust_anchor(*given, **named)
+        finally:
+            g.splatboost.gate = None
+
+    # --- which slots may grow
+
+    def _gate(self) -> torch.Tensor:
+        """bool [N·k]: slots that may make anchors."""
+        g, o = self.gaussians, self.options
+        seen = g.offset_denom.reshape(-1)
+        gradients = torch.nan_to_num(g.offset_gradient_accum.reshape(-1) / seen)
+        candidates = (gradients >= self._thresholds()) & (seen > o.update_interval * o.success_threshold * 0.5)
+        gate, _ = self.adapter.grow(self.iteration, self._views(), scene_extent=float(g.spatial_lr_scale),
+                                    gradients=gradients, clone=candidates)
+        if o.boost_max_anchors > 0:
+            room = max(0, o.boost_max_anchors - g.get_anchor.shape[0]) // self.anchors_per_slot
+            gate = keep_largest(gradients, room, gate)
+        return gate
+
+    def _thresholds(self) -> Any:
+        """Mean gradient from which a slot is a candidate; a number, or one for each slot."""
+        return self.options.densify_grad_threshold
+
+    def _views(self) -> List[Callable[[], ScoredView]]:
+        return [functools.partial(self._score, camera) for camera in self._scene.getTrainCameras()]
+
+    def _score(self, camera: Any) -> ScoredView:
+        g = self.gaussians
+        seen = self._see(camera, self._background)
+        drawn = self._render(camera, self._background, seen)
+        # Rows of the render: slots of seen anchors, in order, that have an opacity above 0.
+        slots = torch.nonzero(seen.repeat_interleave(g.n_offsets)).reshape(-1)[drawn["selection_mask"]]
+        image = drawn["render"].contiguous()
+        return ScoredView(image, camera.original_image[0:3].to(image.device), valid_pixels(camera, image),
+                          _OfSlots(last_render(), slots))
+
+    # --- the optimizer
+
+    @property
+    def optimizer(self) -> Any:
+        return _WithRates(self) if self.on else self.gaussians.optimizer
+
+
+class _WithRates:
+    """The host's optimizer as its training loop sees it, with the adapter's factors on its rates."""
+
+    def __init__(self, boost: Boost):
+        self._boost = boost
+        self._inner = boost.gaussians.optimizer
+
+    def step(self) -> None:
+        groups = self._inner.param_groups
+        rates = [group["lr"] for group in groups]
+        for group in groups:
+            group["lr"] *= self._boost.adapter.rate_factor(group["name"], self._boost.iteration)
+        self._inner.step()
+        for group, rate in zip(groups, rates):
+            group["lr"] = rate
+
+    def zero_grad(self, set_to_none: bool = True) -> None:
+        self._inner.zero_grad(set_to_none=set_to_none)
+
+
+def gated(model: Any, candidates: torch.Tensor) -> torch.Tensor:
+    """Of the slots that the host would grow from, those that the gate lets through; all without boost."""
+    drawing: Optional[Any] = getattr(model, "splatboost", None)
+    gate = getattr(drawing, "gate", None)
+    return candidates if gate is None else candidates & gate

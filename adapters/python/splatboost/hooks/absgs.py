@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hooks of AbsGS: it gathers absolute gradients itself, lowers opacities now and then, and may prune by blend weights."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, Callable, Dict
+
+import torch
+
+from . import _boost, _drawing
+from ._drawing import load
+
+__all__ = ["Boost", "load", "rasterizer"]
+
+
+def rasterizer(model: Any, host: Any) -> Callable[..., Any]:
+    """As the others', with weights as a third result."""
+    return _drawing.rasterizer(model, host, weights=True)
+
+
+class Boost(_boost.Boost):
+    gathers_absolute = False
+    host_options = {**_boost.Boost.host_options, "densify_grad_abs_threshold": ("gradient_abs_threshold", 0.0004)}
+
+    def __init__(self, gaussians: Any, scene: Any, options: Any, *rest: Any):
+        if options.boost == "on" and options.use_prune_weight:
+            sys.stderr.write("--use_prune_weight: it needs blend weights, which SplatBoost's rasterizer does not give; leave it "
+                             "out, or train with --boost off\n")
+            sys.exit(2)
+        super().__init__(gaussians, scene, options, *rest)
+
+    def _settings(self) -> Dict[str, Any]:
+        # It splits smaller Gaussians than 3DGS does.
+        return dict(super()._settings(), percent_dense=self.options.percent_dense)
+
+    def _absolute_gradients(self) -> torch.Tensor:
+        g = self.gaussians
+        return g.xyz_gradient_accum_abs / g.denom.clamp_min(1.0)  # type: ignore[no-any-return]
+
+    def _densify_and_prune(self, max_grad: float, max_grad_abs: float, *rest: Any) -> None:  # type: ignore[override]
+        super()._densify_and_prune(max_grad, *rest)
+
+    def reduce_opacity(self) -> None:
+        """The host's own, once what is gathered has been applied: it makes the opacities anew."""
+        if self.on:
+            self._apply_gradients()
+        self.gaussians.reduce_opacity()

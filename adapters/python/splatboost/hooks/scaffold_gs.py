@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hooks of Scaffold-GS."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from . import _anchors
+from ._anchors import gated
+from ._drawing import load, rasterizer, see
+
+__all__ = ["Boost", "gated", "load", "rasterizer", "see"]
+
+
+class Boost(_anchors.Boost):
+    backbone = "scaffold-gs"
+
+    def __init__(self, gaussians: Any, *given: Any):
+        self.anchors_per_slot = int(gaussians.update_depth)  # one on each of its grids
+        super().__init__(gaussians, *given)

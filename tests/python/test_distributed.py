@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several processes decide what one would: torch.distributed with gloo, on the CPU."""
+
+import os
+import pathlib
+import subprocess
+import sys
+
+import conftest
+import pytest
+import reference
+import torch
+
+import splatboost
+from splatboost import distributed
+
+N, VIEWS, EVENTS = 24, 5, 3
+#: A run of 600 iterations, whose growth these iterations belong to, and a late pruning.
+ITERATIONS, LATE = (100, 200, 250), 400
+
+pytestmark = pytest.mark.skipif(conftest.EMULATED, reason="processes of their own, on the CPU")
+
+
+class Scene:
+    """Gaussians, of which this process holds the rows of its shard; all of them without a shard."""
+
+    NAMES = ("means", "scales", "rotations", "opacities", "sh")
+
+    def __init__(self, shard):
+        from test_rasterize import gaussians
+
+        values = {name: value.float() for name, value in gaussians(3).items()}
+        self.cameras = [reference.turned_camera(40, 30, cx=14.0 + 3 * i) for i in range(VIEWS)]
+        with torch.no_grad():
+            self.truths = [self.draw(values, camera).color.clamp(0, 1) for camera in self.cameras]
+        kept = torch.arange(N) % 3 > 0
+        self.rows = {name: values[name][kept].clone() for name in self.NAMES}
+        self.shard = shard(int(kept.sum()))
+        if self.shard is not None:
+            self.rows = {name: value[self.shard.mine] for name, value in self.rows.items()}
+
+    @staticmethod
+    def draw(values, camera, points=None):
+        return splatboost.rasterize(camera, values["means"], values["opacities"], scales=values["scales"],
+                                    rotations=values["rotations"], sh=values["sh"], sh_degree=3, beta=0.5, screen_points=points)
+
+    def everyone(self):
+        return self.rows if self.shard is None else {n: self.shard.all_rows(v) for n, v in self.rows.items()}
+
+
+def run(processes, shards):
+    """A few growths and prunings; what is left, in the order of ids, by way of this process."""
+    scene = Scene(lambda rows: distributed.Shard(rows, processes) if shards else None)
+    adapter = splatboost.Adapter("vanilla", total_iterations=600, seed=7, tau_d=0.5, gradient_threshold=1e-5,
+                                 gradient_abs_threshold=1e-4, percent_dense=0.15)
+    shared = distributed.SharedAdapter(adapter, scene.shard, processes, max_gaussians=40)
+    ids = scene.shard or distributed.Shard(scene.rows["means"].shape[0], distributed.Processes.__new__(Alone))
+    sizes = []
+    for iteration in ITERATIONS:
+        values = scene.everyone()
+        n = values["means"].shape[0]
+        sums = [distributed.ExactSum(n) for _ in range(3)]
+        for j in range(VIEWS):
+            if processes.owner_of_view(j) != processes.rank:
+                continue
+            points = torch.zeros(n, 4, requires_grad=True)
+            done = scene.draw(values, scene.cameras[j], points)
+            (done.color - scene.truths[j]).abs().mean().backward()
+            sums[0].add(points.grad[:, :2].norm(dim=1))
+            sums[1].add(points.grad[:, 2:].norm(dim=1))
+            sums[2].add((done.radii > 0).float())
+        signed, absolute, seen = (s.total(processes) for s in sums)
+        own = (lambda t: t) if scene.shard is None else scene.shard.own_rows
+        means = [own((total / seen.clamp_min(1)).float()) for total in (signed, absolute)]
+        views = views_of(scene, values)
+        clone, split = shared.grow(iteration, views, scene_extent=1.0, gradients=means[0], gradients_abs=means[1],
+                                   max_scales=scene.rows["scales"].amax(dim=1))
+        origins = ids.grow(clone, split)
+        scene.rows = {name: torch.cat([v[~split], v[clone], v[split], v[split]]) for name, v in scene.rows.items()}
+        draws = ids.normal(3, iteration, 3)
+        children = torch.arange(len(origins)) >= len(origins) - 2 * int(split.sum())
+        scene.rows["means"] = scene.rows["means"] + draws * scene.rows["scales"] * children.unsqueeze(1)
+        scene.rows["scales"] = torch.where(children.unsqueeze(1), scene.rows["scales"] / 1.6, scene.rows["scales"])
+        opacities = scene.rows["opacities"].reshape(-1)
+        if scene.shard is None:  # rows as they were before, which ids tell only with a shard
+            rows = torch.arange(len(split))
+            origins = torch.cat([rows[~split], rows[clone], rows[split], rows[split]])
+        remove = shared.prune(iteration, views, candidates=opacities < 0.45, opacities=opacities, origins=origins)
+        ids.remove(remove)
+        scene.rows = {name: v[~remove] for name, v in scene.rows.items()}
+        sizes.append((int(clone.sum()), int(split.sum()), int(remove.sum()), scene.everyone()["means"].shape[0]))
+    opacities = scene.rows["opacities"].reshape(-1)
+    remove = shared.prune(LATE, views_of(scene, scene.everyone()), candidates=torch.zeros_like(opacities, dtype=torch.bool),
+                          opacities=opacities)
+    ids.remove(remove)
+    scene.rows = {name: v[~remove] for name, v in scene.rows.items()}
+    # In the order of ids, also where every process holds all.
+    order = torch.sort(ids.ids)[1] if scene.shard is None else slice(None)
+    return {name: value[order] for name, value in scene.everyone().items()}, sizes
+
+
+class Alone(distributed.Processes):
+    rank, count, group = 0, 1, None
+
+
+def views_of(scene, values):
+    def view(j):
+        def draw():
+            with torch.no_grad():
+                done = scene.draw(values, scene.cameras[j])
+            return splatboost.ScoredView(done.color, scene.truths[j], None, done)
+
+        return draw
+
+    return [view(j) for j in range(VIEWS)]
+
+
+def main(rank, count, folder):
+    torch.distributed.init_process_group("gloo", init_method="file://%s/meet" % folder, rank=rank, world_size=count)
+    torch.set_num_threads(1)
+    processes = distributed.Processes()
+    assert (processes.rank, processes.count) == (rank, count)
+    torch.save([run(processes, shards) for shards in (False, True)], os.path.join(folder, "%d.pt" % rank))
+    # Processes with no rows, and sums that only integers allow.
+    rows = processes.rows(torch.full((rank, 2), float(rank)))
+    assert rows.shape == (sum(range(count)), 2)
+    try:
+        processes.sum(torch.zeros(1))
+    except ValueError as error:
+        assert "int64 wanted" in str(error)
+    else:
+        raise AssertionError
+    torch.distributed.destroy_process_group()
+
+
+@pytest.fixture(scope="module")
+def alone():
+    rows, sizes = run(distributed.Processes(), False)
+    assert sum(clone for clone, _, _, _ in sizes) and sum(split for _, split, _, _ in sizes)
+    assert sum(removed for _, _, removed, _ in sizes)
+    assert max(n for *_, n in sizes) <= 40
+    return rows
+
+
+def test_one_process_with_a_shard_leaves_the_same_gaussians(alone):
+    rows, _ = run(distributed.Processes(), True)
+    assert all(torch.equal(rows[name], value) for name, value in alone.items())
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_any_number_of_processes_leaves_the_same_gaussians(tmp_path, alone, count):
+    """Where views are shared out, and where Gaussians are too."""
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(conftest.PACKAGE), str(pathlib.Path(__file__).parent)]),
+                       OMP_NUM_THREADS="1", GLOO_SOCKET_IFNAME="lo")
+    started = [subprocess.Popen([sys.executable, __file__, str(rank), str(count), str(tmp_path)],
+                                env=environment, stderr=subprocess.PIPE, text=True) for rank in range(count)]
+    try:
+        for process in started:
+            _, said = process.communicate(timeout=120)
+            assert process.returncode == 0, said
+    finally:
+        for process in started:
+            process.kill()
+    for rank in range(count):
+        for rows, sizes in torch.load(str(tmp_path / ("%d.pt" % rank))):
+            assert len({n for *_, n in sizes}) > 1, "nothing grew or went"
+            for name, value in alone.items():
+                assert torch.equal(rows[name], value), (rank, name)
+
+
+def test_draws_hang_on_ids_alone():
+    whole = distributed.Shard(1000)
+    part = distributed.Shard(1000)
+    part.ids = whole.ids[[7, 3, 999]]
+    draws = whole.normal(1, 20, 3)
+    assert torch.equal(part.normal(1, 20, 3), draws[[7, 3, 999]])
+    assert not torch.equal(whole.normal(2, 20, 3), draws) and not torch.equal(whole.normal(1, 21, 3), draws)
+    assert abs(draws.mean()) < 0.06 and abs(draws.std() - 1) < 0.04
+    assert abs(torch.corrcoef(draws.T) - torch.eye(3)).max() < 0.12
+    assert len(draws.unique()) == 3000
+
+
+def test_sums_of_any_split_are_the_same():
+    values = torch.rand(7, 50) * torch.logspace(-8, 2, 7).unsqueeze(1)
+    sums = []
+    for order in (range(7), reversed(range(7))):
+        total = distributed.ExactSum(50)
+        for i in order:
+            total.add(values[i])
+        sums.append(total.total(distributed.Processes()))
+    assert torch.equal(*sums)
+    assert torch.allclose(sums[0], values.double().sum(dim=0), atol=1e-11, rtol=0)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])
