@@ -132,8 +132,8 @@ class GaussianBackbone final : public Backbone, private RasterizerHook, private 
         config_.position_rate_scale > 0 ? config_.position_rate_scale : static_cast<double>(context_.scene.extent);
     const int until = config_.position_rate_until > 0 ? at(config_.position_rate_until) : total();
     const Moment fall = method_->position_rate_moment({iteration, until});
-    return scale * exponential_rate(config_.position_rate_initial, config_.position_rate_final, fall.iteration,
-                                    fall.total);
+    return scale *
+           exponential_rate(config_.position_rate_initial, config_.position_rate_final, fall.iteration, fall.total);
   }
   Moment moment() const { return {iteration_, total()}; }
   bool needs_absolute_gradients() const {

@@ -106,12 +106,8 @@ struct Slam {
     reset_peak_memory();
     std::optional<FolderLock> lock;
     SlamRun mapping(*sequence, slam, options, [&](const Scene& scene) {
-      const BackboneContext context{scene,
-                                    device.threads(),
-                                    options.seed,
-                                    options.iterations.value(),
-                                    options.max_primitives,
-                                    device.device()};
+      const BackboneContext context{
+          scene, device.threads(), options.seed, options.iterations.value(), options.max_primitives, device.device()};
       PluggedBackbone plugged =
           make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
       lock = take_model_folder(options.model, false);
