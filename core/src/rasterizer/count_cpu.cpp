@@ -83,7 +83,7 @@ void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance,
       if (any == 0) return;
     }
     prefetch_record(frame, at, stop);
-    const BlendRecord& splat = frame.records[frame.entries[at].gaussian];
+    const BlendRecord& splat = frame.records[frame.entries[at].primitive];
     const RowOffsets offsets(splat, pixels.first_y);
     Vec sum = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
@@ -102,7 +102,7 @@ void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance,
       }
     }
     const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (count > 0) std::atomic_ref(counts[frame.entries[at].gaussian]).fetch_add(count, std::memory_order_relaxed);
+    if (count > 0) std::atomic_ref(counts[frame.entries[at].primitive]).fetch_add(count, std::memory_order_relaxed);
   }
 }
 
