@@ -33,9 +33,9 @@ class CudaDeformation : public OnCuda<::testing::TestWithParam<DeformationShape>
         scales(device, random_values(3 * kCount, 3, 1)), rotations(device, random_values(4 * kCount, 4, 1));
     const Array<float> by_means(device, random_values(3 * kCount, 5, 1)),
         by_scales(device, random_values(3 * kCount, 6, 1)), by_rotations(device, random_values(4 * kCount, 7, 1));
-    std::vector<Array<float>> out(7, Array<float>(device));
+    std::vector<Array<float>> out;
     const std::size_t sizes[] = {3 * kCount, 3 * kCount, 4 * kCount, 3 * kCount, 3 * kCount, 4 * kCount, start.size()};
-    for (std::size_t i = 0; i < out.size(); ++i) out[i].assign(std::vector<float>(sizes[i], 0.5f));  // are added to
+    for (const std::size_t size : sizes) out.emplace_back(device, std::vector<float>(size, 0.5f));  // are added to
     DeformationField field(shape, device);
     const GaussianPlaces<const float> at{means, scales, rotations};
     field.forward(p, at, 0.9f, {out[0], out[1], out[2]}, false);  // the next must not see what this left behind
@@ -86,7 +86,7 @@ Method deformable(const char* name, bool rigid) {
 
 class CudaDeformable : public TrainingOnCuda {
  protected:
-  CudaDeformable() : TrainingOnCuda(48) { testing::spread_times(scene_); }
+  CudaDeformable() : TrainingOnCuda(36) { testing::spread_times(scene_); }
 };
 
 TEST_P(CudaDeformable, TrainsAsOnTheCpu) {
@@ -97,12 +97,11 @@ TEST_P(CudaDeformable, TrainsAsOnTheCpu) {
 
 TEST_P(CudaDeformable, NeverWaitsBetweenGrowths) { expect_no_wait_between_growths(16); }
 
-TEST_P(CudaDeformable, GoesOnFromACheckpointOnEitherDevice) { expect_resume_on_either_device(25, 30, 2); }
+TEST_P(CudaDeformable, GoesOnFromACheckpointOnEitherDevice) { expect_resume_on_either_device(17, 22, 2); }
 
 TEST_P(CudaDeformable, ModelsAndPicturesAreThoseOfTheCpu) { expect_models_and_pictures_of_the_cpu(10); }
 
-INSTANTIATE_TEST_SUITE_P(Motions, CudaDeformable,
-                         ::testing::Values(deformable("shifts", false), deformable("rigid", true)),
+INSTANTIATE_TEST_SUITE_P(Motions, CudaDeformable, ::testing::Values(deformable("rigid", true)),
                          [](const auto& method) { return method.param.name; });
 
 }  // namespace

@@ -287,7 +287,7 @@ import json
 import os
 import argparse
 import torch
-from scene import Scene
+from scene import Scene@DEFORM_IMPORT@
 from gaussian_renderer import render
 from arguments import ModelParams
 from gaussian_renderer import GaussianModel

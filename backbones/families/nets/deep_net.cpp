@@ -104,7 +104,10 @@ void DeepNet<Real>::forward(std::span<const Real> parameters, std::span<const Re
   }
   const std::size_t pieces = (rows + kPieceRows - 1) / kPieceRows, shares = std::min(pieces, kMostShares);
   const std::size_t parts = keep ? pieces : shares;
-  if (kept_.size() < parts * part_size()) kept_.resize(parts * part_size());
+  if (kept_.size() < parts * part_size()) {
+    kept_ = {};  // nothing of it is needed: old and new need not be there at once
+    kept_.resize(parts * part_size());
+  }
   const std::size_t outputs_size = kPieceRows * shape_.outputs;
   if (scratch_.size() < shares * outputs_size) scratch_.resize(shares * outputs_size);
   const DeepNetKernels<Real> run = kernels<Real>();
