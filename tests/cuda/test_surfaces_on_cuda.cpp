@@ -65,7 +65,8 @@ TEST_F(CudaSurfaces, planes_and_flatness_are_those_of_the_cpu) {
       d_upstream(stream(), upstream);
   const DeviceArray<std::uint8_t> d_visible(stream(), visible);
   DeviceArray<float> d_planes(stream(), planes), d_g_means(stream(), std::vector<float>(3 * kCount, 1)),
-      d_g_rotations(stream(), std::vector<float>(4 * kCount, 1)), d_g_scales(stream(), std::vector<float>(3 * kCount, 1));
+      d_g_rotations(stream(), std::vector<float>(4 * kCount, 1)),
+      d_g_scales(stream(), std::vector<float>(3 * kCount, 1));
   DeviceArray<double> d_sums(stream(), std::vector<double>(2, 7.0));
   gaussians.means = d_means.span();
   gaussians.scales = d_scales.span();
@@ -99,8 +100,11 @@ TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu) {
     DeviceArray<float> gradients[2] = {{stream(), std::vector<float>(scene.planes[0].size(), 0.0f)},
                                        {stream(), std::vector<float>(scene.planes[0].size(), 0.0f)}};
     const auto view = [&](std::size_t v) {
-      return SurfaceView{scene.cameras[v], {SurfaceScene::kWidth, SurfaceScene::kHeight, photos[v].span(), {}},
-                         read(planes[v]), read(alphas[v]), gradients[v].span()};
+      return SurfaceView{scene.cameras[v],
+                         {SurfaceScene::kWidth, SurfaceScene::kHeight, photos[v].span(), {}},
+                         read(planes[v]),
+                         read(alphas[v]),
+                         gradients[v].span()};
     };
     const SurfaceView one = view(0), other = view(1);
     found = loss.add(one, &other, {}, scene.random());

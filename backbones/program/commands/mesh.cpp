@@ -23,11 +23,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kVoxelsAcross = 400;   // of the depth that meshes reach, unless told
-constexpr double kFarPoints = 0.95;     // share of the points that a mesh reaches, unless told, and ...
-constexpr double kReach = 1.2;          // ... by how much farther it does
-constexpr float kLeastAlpha = 0.5f;     // of a pixel that shows a surface
-constexpr double kTruncation = 4;       // voxels
+constexpr double kVoxelsAcross = 400;  // of the depth that meshes reach, unless told
+constexpr double kFarPoints = 0.95;    // share of the points that a mesh reaches, unless told, and ...
+constexpr double kReach = 1.2;         // ... by how much farther it does
+constexpr float kLeastAlpha = 0.5f;    // of a pixel that shows a surface
+constexpr double kTruncation = 4;      // voxels
 
 /// Depth that most points have in the training views that see them; 0 if there are none.
 double far_depth(const Scene& scene) {
@@ -127,8 +127,9 @@ struct Mesh {
     const std::size_t all_parts = keep_largest_parts(mesh, least_triangles, parts);
     require(mesh.size() > 0, "no surface was found: give a larger --voxel-size or --max-depth");
     write_mesh(output, mesh);
-    std::printf("mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones went; voxel %.4g, depth up to %.4g)\n",
-                output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
+    std::printf(
+        "mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones went; voxel %.4g, depth up to %.4g)\n",
+        output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
     return 0;
   }
 

@@ -78,12 +78,18 @@ struct MeshEval {
     std::printf("precision     %.4f\nrecall        %.4f\nF1            %.4f  (threshold %.4g)\n", d.precision, d.recall,
                 d.f1, threshold);
     if (!output.empty()) {
-      const nlohmann::json json = {{"accuracy", d.accuracy},       {"median_accuracy", d.median_accuracy},
-                                   {"completeness", d.completeness}, {"chamfer", d.chamfer},
-                                   {"precision", d.precision},     {"recall", d.recall},
-                                   {"f1", d.f1},                   {"threshold", threshold},
-                                   {"spacing", spacing},           {"diagonal", diagonal},
-                                   {"mesh_points", d.found_points}, {"truth_points", d.true_points}};
+      const nlohmann::json json = {{"accuracy", d.accuracy},
+                                   {"median_accuracy", d.median_accuracy},
+                                   {"completeness", d.completeness},
+                                   {"chamfer", d.chamfer},
+                                   {"precision", d.precision},
+                                   {"recall", d.recall},
+                                   {"f1", d.f1},
+                                   {"threshold", threshold},
+                                   {"spacing", spacing},
+                                   {"diagonal", diagonal},
+                                   {"mesh_points", d.found_points},
+                                   {"truth_points", d.true_points}};
       write_text_atomically(output, json.dump(2) + "\n");
     }
     return 0;

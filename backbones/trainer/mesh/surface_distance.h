@@ -32,10 +32,10 @@ std::vector<float> cropped(std::span<const float> points, const CropBox& box);
 
 struct SurfaceDistance {
   std::size_t found_points = 0, true_points = 0;
-  double accuracy = 0;         ///< mean distance of what was found to the truth
-  double completeness = 0;     ///< mean distance of the truth to what was found
-  double chamfer = 0;          ///< mean of both
-  double median_accuracy = 0;  ///< half of what was found lies nearer
+  double accuracy = 0;                       ///< mean distance of what was found to the truth
+  double completeness = 0;                   ///< mean distance of the truth to what was found
+  double chamfer = 0;                        ///< mean of both
+  double median_accuracy = 0;                ///< half of what was found lies nearer
   double precision = 0, recall = 0, f1 = 0;  ///< shares within the threshold
 };
 

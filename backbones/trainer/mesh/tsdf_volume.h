@@ -16,8 +16,8 @@ namespace splatboost {
 bool has_tsdf_volumes();
 
 struct TsdfOptions {
-  float voxel = 0.01f;       ///< side, world units
-  float truncation = 0.04f;  ///< distances are kept up to this, world units
+  float voxel = 0.01f;                               ///< side, world units
+  float truncation = 0.04f;                          ///< distances are kept up to this, world units
   std::uint64_t max_bytes = std::uint64_t{4} << 30;  ///< of the volume
 };
 

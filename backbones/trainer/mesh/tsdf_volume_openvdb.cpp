@@ -39,15 +39,15 @@ struct TsdfVolume::State {
     const float step = 0.5f * kBlock * options.voxel;
     for (int y = 0; y < camera.height; ++y) {
       for (int x = 0; x < camera.width; ++x) {
-        const float d = depth[static_cast<std::size_t>(y) * static_cast<std::size_t>(camera.width) +
-                              static_cast<std::size_t>(x)];
+        const float d =
+            depth[static_cast<std::size_t>(y) * static_cast<std::size_t>(camera.width) + static_cast<std::size_t>(x)];
         if (!(d > 0)) continue;
         const glm::vec3 ray((static_cast<float>(x) + 0.5f - camera.cx) / camera.fx,
                             (static_cast<float>(y) + 0.5f - camera.cy) / camera.fy, 1);
         const int steps = static_cast<int>(std::ceil(2 * options.truncation / step));
         for (int k = 0; k <= steps; ++k) {
-          const float at = d - options.truncation + 2 * options.truncation * static_cast<float>(k) /
-                                                        static_cast<float>(std::max(steps, 1));
+          const float at = d - options.truncation +
+                           2 * options.truncation * static_cast<float>(k) / static_cast<float>(std::max(steps, 1));
           if (!(at > 0)) continue;
           const glm::vec3 point(world_from_camera * glm::vec4(at * ray, 1));
           const glm::vec3 index = glm::floor(point / options.voxel);
@@ -108,9 +108,9 @@ void TsdfVolume::integrate(const Camera& camera, std::span<const float> depth, s
       if (middle.z + radius <= 0) continue;
       for (openvdb::Index offset = 0; offset < kBlock * kBlock * kBlock; ++offset) {
         const Coordinates at = distances[leaf]->offsetToGlobalCoord(offset);
-        const glm::vec3 point(camera.camera_from_world *
-                              glm::vec4(static_cast<float>(at.x()) * voxel, static_cast<float>(at.y()) * voxel,
-                                        static_cast<float>(at.z()) * voxel, 1));
+        const glm::vec3 point(camera.camera_from_world * glm::vec4(static_cast<float>(at.x()) * voxel,
+                                                                   static_cast<float>(at.y()) * voxel,
+                                                                   static_cast<float>(at.z()) * voxel, 1));
         if (!(point.z > 0)) continue;
         const float u = camera.fx * point.x / point.z + camera.cx, v = camera.fy * point.y / point.z + camera.cy;
         if (!(u >= 0 && v >= 0 && u < static_cast<float>(camera.width) && v < static_cast<float>(camera.height))) {
@@ -176,9 +176,8 @@ TriangleMesh TsdfVolume::mesh(int least_views, Threads& threads) const {
       mesh.colors.push_back(static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.0f, 1.0f))));
     }
   }
-  // Distances grow towards the cameras: OpenVDB's faces, seen from outside, go the other way round.
   const auto add = [&](openvdb::Index32 a, openvdb::Index32 b, openvdb::Index32 c) {
-    mesh.triangles.insert(mesh.triangles.end(), {a, c, b});
+    mesh.triangles.insert(mesh.triangles.end(), {a, b, c});
   };
   for (std::size_t pool = 0; pool < extract.polygonPoolListSize(); ++pool) {
     const openvdb::tools::PolygonPool& polygons = extract.polygonPoolList()[pool];

@@ -34,9 +34,10 @@ TEST(TriangleMesh, comes_back_from_its_file) {
 
 TEST(TriangleMesh, reads_text_points_and_polygons) {
   const test::TemporaryFolder folder;
-  std::ofstream(folder / "text.ply") << "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty float "
-                                        "nx\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar "
-                                        "uint vertex_index\nend_header\n0 7 0 0\n1 7 0 0\n1 7 1 0\n0 7 1 0.5\n4 0 1 2 3\n";
+  std::ofstream(folder / "text.ply")
+      << "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty float "
+         "nx\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar "
+         "uint vertex_index\nend_header\n0 7 0 0\n1 7 0 0\n1 7 1 0\n0 7 1 0.5\n4 0 1 2 3\n";
   const TriangleMesh mesh = read_mesh(folder / "text.ply");
   EXPECT_EQ(mesh.positions, (std::vector<float>{0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0.5f}));
   EXPECT_EQ(mesh.triangles, (std::vector<std::uint32_t>{0, 1, 2, 0, 2, 3}));

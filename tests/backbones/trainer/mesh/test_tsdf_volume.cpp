@@ -28,8 +28,8 @@ DepthImage sphere_seen_by(const Camera& camera) {
   for (std::size_t p = 0; p < pixels; ++p) {
     const auto x = static_cast<float>(p % static_cast<std::size_t>(camera.width)) + 0.5f;
     const auto y = static_cast<float>(p / static_cast<std::size_t>(camera.width)) + 0.5f;
-    const glm::vec3 ray = glm::mat3(world_from_camera) *
-                          glm::vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1);
+    const glm::vec3 ray =
+        glm::mat3(world_from_camera) * glm::vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1);
     const float a = glm::dot(ray, ray), b = glm::dot(ray, centre), c = glm::dot(centre, centre) - 1;
     const float root = b * b - a * c;
     if (root < 0) continue;
@@ -106,8 +106,8 @@ TEST_F(Tsdf, says_when_it_would_take_too_much_memory) {
   TsdfVolume volume({0.01f, 0.04f, 1 << 20});
   const Camera camera = testing::camera_looking_at_origin({3, 0, 0}, 96, 96);
   const DepthImage image = sphere_seen_by(camera);
-  test::expect_contains(
-      test::input_error_of([&] { volume.integrate(camera, image.depth, image.color, threads_); }), "--voxel-size");
+  test::expect_contains(test::input_error_of([&] { volume.integrate(camera, image.depth, image.color, threads_); }),
+                        "--voxel-size");
 }
 
 }  // namespace
