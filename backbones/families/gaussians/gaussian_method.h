@@ -32,7 +32,8 @@ struct LossInputs {
   bool inverse_depth = false;
   bool alpha = false;
   bool features = false;         ///< those that draw() gives the Gaussians
-  const View* second = nullptr;  ///< another training view (or half) that is drawn in this step too; null: none
+  const View* second = nullptr;  ///< another view that is drawn in this step too; null: none. Without a photo: no truth
+  bool second_color = true;      ///< whether the loss reads the colour of that one
 };
 
 /// A view of a training step as it was drawn, in memory of the device.
