@@ -156,6 +156,7 @@ LossInputs Pgsr::loss_inputs(const DrawContext& first) {
   exposes_ = config_.exposure && first.iteration > at(config_.exposure_from);
   LossInputs inputs;
   inputs.features = inputs.alpha = has_surfaces_;
+  inputs.second_color = false;
   const bool compares = config_.geometric_weight > 0 || config_.photometric_weight > 0;
   if (has_surfaces_ && compares) inputs.second = second_view(first);
   return inputs;

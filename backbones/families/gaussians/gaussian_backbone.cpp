@@ -118,6 +118,7 @@ class GaussianBackbone final : public Backbone, private RasterizerHook, private 
   Gaussians activated() const;
   /// What the rasterizer gets.
   Gaussians drawn(const DrawContext& context);
+  Gaussians drawn_second(const DrawContext& context, const LossInputs& inputs);
   RasterOptions raster_options(std::optional<float> beta) const;
   int at(int published) const { return scaled_iteration(published, total(), config_.published_iterations); }
   /// Of the run, as far as it is known.
@@ -391,6 +392,12 @@ Gaussians GaussianBackbone::drawn(const DrawContext& context) {
   return gaussians;
 }
 
+Gaussians GaussianBackbone::drawn_second(const DrawContext& context, const LossInputs& inputs) {
+  Gaussians gaussians = drawn(context);
+  if (!inputs.second_color) gaussians.sh_degree = 0;  // nobody looks
+  return gaussians;
+}
+
 RasterOptions GaussianBackbone::raster_options(std::optional<float> beta) const {
   RasterOptions options = method_->raster_options();
   if (beta) {
@@ -442,7 +449,7 @@ StepView GaussianBackbone::draw_second(const View& view, int iteration, const Lo
     step.truth.color = {at, color};
     step.truth.valid = {at + color, valid};
   }
-  const Gaussians gaussians = drawn(step.context);
+  const Gaussians gaussians = drawn_second(step.context, inputs);
   step.images = second.images.of(view.camera, gaussians, inputs);
   step.gradients = second.gradients.of(view.camera, gaussians, inputs);
   second.gradients.clear(true);
@@ -477,8 +484,10 @@ void GaussianBackbone::backward(Rasterizer& rasterizer, const Gaussians& gaussia
   gradients.scales = scaling_.gradients;
   gradients.rotations = rotation_.gradients;
   gradients.opacities = opacity_.gradients;
-  gradients.sh_dc = f_dc_.gradients;
-  gradients.sh_rest = f_rest_.gradients;
+  if (!image_gradients.color.empty()) {
+    gradients.sh_dc = f_dc_.gradients;
+    gradients.sh_rest = f_rest_.gradients;
+  }
   const GaussianGradients of_activated = gradients;
   method_->redirect(gradients);
   rasterizer.backward(
@@ -545,7 +554,8 @@ double GaussianBackbone::train_step(int iteration, const View& view) {
   }
   clock_.lap("statistics");
   if (two_views) {
-    backward(second_->rasterizer, drawn(views[1].context), views[1].gradients, {});
+    if (!inputs.second_color) views[1].gradients.color = {};
+    backward(second_->rasterizer, drawn_second(views[1].context, inputs), views[1].gradients, {});
     clock_.lap("second_view");
   }
   step_scheduled(iteration);

@@ -34,7 +34,8 @@ struct LossInputs {
   bool inverse_depth = false;
   bool alpha = false;
   bool features = false;         ///< those that draw() gives the Gaussians
-  const View* second = nullptr;  ///< another training view (or half) that is drawn in this step too; null: none
+  const View* second = nullptr;  ///< another view that is drawn in this step too; null: none. Without a photo: no truth
+  bool second_color = true;      ///< whether the loss reads the colour of that one
 };
 
 /// Stages that draw() and add_gradients() are timed as, literals; null: of what is around them.

@@ -36,6 +36,10 @@ Command add_synth(CLI::App& program) {
   add_checked_option(*app, "--point-noise", options->point_noise, "standard deviation of the points, world units")
       ->type_name("X")
       ->capture_default_str();
+  add_checked_option(*app, "--surface-points", options->surface_points,
+                     "exact points of what the views see, for splatboost mesh-eval: surface.ply")
+      ->type_name("N")
+      ->capture_default_str();
   add_checked_option(*app, "--samples", options->samples, "per pixel and axis, against aliasing")
       ->type_name("N")
       ->capture_default_str();

@@ -9,7 +9,7 @@ struct TsdfVolume::State {};
 
 bool has_tsdf_volumes() { return false; }
 TsdfVolume::TsdfVolume(const TsdfOptions&) {
-  throw InputError("this build makes no meshes: install OpenVDB (Debian: libopenvdb-dev) and build again");
+  throw InputError("this build makes no meshes: install OpenVDB (Debian: libopenvdb-dev libboost-dev) and build again");
 }
 TsdfVolume::~TsdfVolume() = default;
 void TsdfVolume::integrate(const Camera&, std::span<const float>, std::span<const float>, Threads&) {}

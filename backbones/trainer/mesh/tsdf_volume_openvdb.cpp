@@ -176,9 +176,8 @@ TriangleMesh TsdfVolume::mesh(int least_views, Threads& threads) const {
       mesh.colors.push_back(static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.0f, 1.0f))));
     }
   }
-  // Distances grow towards the cameras: OpenVDB's faces, seen from outside, go the other way round.
   const auto add = [&](openvdb::Index32 a, openvdb::Index32 b, openvdb::Index32 c) {
-    mesh.triangles.insert(mesh.triangles.end(), {a, c, b});
+    mesh.triangles.insert(mesh.triangles.end(), {a, b, c});
   };
   for (std::size_t pool = 0; pool < extract.polygonPoolListSize(); ++pool) {
     const openvdb::tools::PolygonPool& polygons = extract.polygonPoolList()[pool];

@@ -15,6 +15,7 @@
 #include "splatboost/random.h"
 #include "splatboost/threads.h"
 #include "trainer/dataset/colmap.h"
+#include "trainer/dataset/splat_ply.h"
 #include "trainer/support/input_error.h"
 #include "trainer/synth/synth_moving.h"
 #include "trainer/synth/synth_view.h"
@@ -43,6 +44,8 @@ void check(const SynthOptions& options) {
               " is not possible; both sides must lie in 16 to 8192");
   require(options.views >= 1 && options.views <= 9999,
           std::to_string(options.views) + " views are not possible; use 1 to 9999");
+  require(options.surface_points >= 0,
+          std::to_string(options.surface_points) + " surface points are not possible; use 0 or more");
   require(options.points >= 0, std::to_string(options.points) + " points are not possible; use 0 or more");
   require(options.samples >= 1 && options.samples <= 16,
           std::to_string(options.samples) + " samples are not possible; use 1 to 16");
@@ -118,6 +121,20 @@ void write_synthetic_scene(const SynthOptions& options) {
     }
   }
   write_colmap_model(options.output / "sparse" / "0", model);
+  if (options.surface_points == 0) return;
+
+  const RandomStream surface_random(options.seed, 2, RandomPurpose::synth);
+  FloatTable surface{{"x", "y", "z"}, {}};
+  for (std::uint64_t key = 0; key < 3 * static_cast<std::uint64_t>(options.surface_points); key += 3) {
+    const Pose& pose = poses[surface_random.below(key, poses.size())];
+    const Ray ray = camera.ray(pose, camera.width * surface_random.uniform(key + 1),
+                               camera.height * surface_random.uniform(key + 2));
+    const Seen seen = world->probe(ray);
+    if (seen.sky || seen.distance > kFarthestDepth) continue;
+    const Vec3 point = ray.origin + seen.distance * ray.direction;
+    for (int k = 0; k < 3; ++k) surface.values.push_back(static_cast<float>(point[k]));
+  }
+  write_float_ply(options.output / "surface.ply", surface);
 }
 
 }  // namespace splatboost

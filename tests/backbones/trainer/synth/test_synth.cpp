@@ -12,6 +12,7 @@
 
 #include "support/temporary_folder.h"
 #include "trainer/dataset/read_scene.h"
+#include "trainer/dataset/splat_ply.h"
 #include "trainer/dataset/view_image.h"
 
 namespace splatboost::test {
@@ -87,6 +88,39 @@ TEST(Synth, DepthMapsAgreeWithTheCamerasAndPoints) {
   EXPECT_GT(close_pairs, 1000);
   EXPECT_GT(on_plane, 0.9 * close_pairs);
   EXPECT_GT(seen, 540);
+}
+
+/// Points of surface.ply lie on what some view's depth shows, and are there only if asked for.
+TEST(Synth, SurfacePointsAreWhatTheViewsSee) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "scene");
+  options.surface_points = 400;
+  write_synthetic_scene(options);
+  const Scene scene = read(options.output);
+  const PointCloud surface = read_point_ply(options.output / "surface.ply");
+  ASSERT_EQ(surface.size(), 400u);
+  std::vector<RawImage> depths;
+  for (const View& view : scene.train) depths.push_back(read_raw_image(options.output / "depth" / view.name));
+  int seen = 0;
+  for (std::size_t i = 0; i < surface.size(); ++i) {
+    const glm::vec4 point(surface.positions[3 * i], surface.positions[3 * i + 1], surface.positions[3 * i + 2], 1);
+    bool found = false;
+    for (std::size_t v = 0; v < depths.size(); ++v) {
+      const View& view = scene.train[v];
+      const glm::vec4 p = view.camera.camera_from_world * point;
+      const int x = static_cast<int>(std::floor(view.camera.fx * p.x / p.z + view.camera.cx));
+      const int y = static_cast<int>(std::floor(view.camera.fy * p.y / p.z + view.camera.cy));
+      if (p.z <= 0 || x < 0 || y < 0 || x >= view.camera.width || y >= view.camera.height) continue;
+      const double depth = depths[v].at(x, y) / 1000.0;
+      found |= std::abs(depth - static_cast<double>(p.z)) < 0.1;
+    }
+    seen += found ? 1 : 0;
+  }
+  EXPECT_GT(seen, 390);
+  options.output = folder / "without";
+  options.surface_points = 0;
+  write_synthetic_scene(options);
+  EXPECT_FALSE(std::filesystem::exists(options.output / "surface.ply"));
 }
 
 /// The street: every point of the cloud lies on the surface that some view's depth shows, or on the sky, which has
