@@ -114,6 +114,8 @@ struct Slam {
                                     device.device()};
       PluggedBackbone plugged =
           make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
+      require(dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
+              "--backbone: " + options.backbone + " cannot train while its views come in; photo-slam can");
       lock = take_model_folder(options.model, false);
       write_config(options.model, config_text(set, options, options.boost, &plugged));
       return plugged;
