@@ -42,8 +42,8 @@ PhotoSlamAdapter::PhotoSlamAdapter(const PhotoSlamBoost& boost, Device device)
 
 const ScoreSums& PhotoSlamAdapter::score(RasterizerHook& rasterizer, bool losses, const RandomStream& random) {
   if (is_literal()) return VanillaAdapter::score(rasterizer, losses, random);
-  ChosenViews chosen(rasterizer,
-                     recent_and_drawn_views(rasterizer.scorable_views(), views(), recent_share_, random), device_);
+  ChosenViews chosen(rasterizer, recent_and_drawn_views(rasterizer.scorable_views(), views(), recent_share_, random),
+                     device_);
   sums_ = VanillaAdapter::score(chosen, losses, random);
   // As if as many views saw it as were scored.
   for (std::size_t i = 0; i < sums_.counts.size(); ++i) {

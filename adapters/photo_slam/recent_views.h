@@ -23,7 +23,10 @@ std::vector<std::size_t> recent_and_drawn_views(std::size_t n, int k, double sha
 class ChosenViews final : public RasterizerHook {
  public:
   ChosenViews(RasterizerHook& rasterizer, std::vector<std::size_t> views, Device device)
-      : rasterizer_(rasterizer), views_(std::move(views)), ones_(device), counts_(device),
+      : rasterizer_(rasterizer),
+        views_(std::move(views)),
+        ones_(device),
+        counts_(device),
         seen_(rasterizer.primitives(), 0) {}
 
   void set_beta(std::optional<float> beta) override { rasterizer_.set_beta(beta); }

@@ -24,9 +24,7 @@ bool sees(const Camera& camera, const glm::vec3& point) {
   return x >= 0 && y >= 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height);
 }
 
-Similarity similarity_of(const glm::dmat4& transform) {
-  return {glm::dmat3(transform), glm::dvec3(transform[3]), 1};
-}
+Similarity similarity_of(const glm::dmat4& transform) { return {glm::dmat3(transform), glm::dvec3(transform[3]), 1}; }
 
 /// Rigid `second` after rigid `first`.
 Similarity after(const Similarity& second, const Similarity& first) {
@@ -232,9 +230,7 @@ class PhotoSlamBackbone final : public Backbone, public OnlineBackbone {
   void load(ArchiveReader& archive) override { gaussians_->load(archive); }
   nlohmann::json config() const override { return gaussians_->config(); }
   RasterizerHook& rasterizer_hook() override { return gaussians_->rasterizer_hook(); }
-  void set_hooks(DensityHook* density, OptimizerHook* optimizer) override {
-    gaussians_->set_hooks(density, optimizer);
-  }
+  void set_hooks(DensityHook* density, OptimizerHook* optimizer) override { gaussians_->set_hooks(density, optimizer); }
   const StageClock& stages() const override { return gaussians_->stages(); }
 
   void map_changed(const MapChange& change) override { method_->map_changed(change); }

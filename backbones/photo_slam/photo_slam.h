@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file The mapper of Photo-SLAM (Huang et al. 2024): 3DGS of keyframes that come while it trains, with Gaussians from
-/// map points and features, pyramids of the keyframes, and correction of the Gaussians at a loop. Of a scene whose views
-/// are all there it is 3DGS with Photo-SLAM's constants.
+/// map points and features, pyramids of the keyframes, and correction of the Gaussians at a loop. Of a scene whose
+/// views are all there it is 3DGS with Photo-SLAM's constants.
 #pragma once
 
 #include <memory>
@@ -16,12 +16,12 @@ namespace splatboost {
 /// 3DGS's constants, some with other values, and, beyond them:
 struct PhotoSlamConfig : GaussianConfig {
   PhotoSlamConfig();
-  int position_steps = 24;    ///< uses of a keyframe in which its rate of positions falls from initial to final
-  int keyframe_uses = 8;      ///< trainings that a new keyframe is entitled to
-  int loop_uses = 2;          ///< more of them for each keyframe when a loop is closed
-  int pyramid_levels = 2;     ///< halvings of the images that a keyframe begins with
-  int level_uses = 8;         ///< trainings of each of these levels
-  int feature_cache = 10;     ///< features become Gaussians for so many keyframes at a time
+  int position_steps = 24;  ///< uses of a keyframe in which its rate of positions falls from initial to final
+  int keyframe_uses = 8;    ///< trainings that a new keyframe is entitled to
+  int loop_uses = 2;        ///< more of them for each keyframe when a loop is closed
+  int pyramid_levels = 2;   ///< halvings of the images that a keyframe begins with
+  int level_uses = 8;       ///< trainings of each of these levels
+  int feature_cache = 10;   ///< features become Gaussians for so many keyframes at a time
   /// A hook removes none that was inserted fewer iterations ago, and none at all so soon after a loop. Ours.
   int protected_iterations = 200;
 };

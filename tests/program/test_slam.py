@@ -72,7 +72,15 @@ def test_tracking_and_mapping_run_at_once(walk, mapped, tmp_path):
 
 def test_keyframes_are_a_scene(mapped, tmp_path):
     run_well("train", "-s", mapped / "keyframes", "-m", tmp_path / "model", "--iterations", 5, "--quiet")
-    run_well("render", "-s", mapped / "keyframes", "-m", mapped, "-o", tmp_path / "pictures", "--quiet")
+    run_well("render", "-m", mapped, "-o", tmp_path / "pictures")
+    assert len(list((tmp_path / "pictures").rglob("*.png"))) >= 3
+    config = json.loads((mapped / "config.json").read_text())
+    assert config["slam"]["lockstep"] == 3 and config["slam"]["source"].endswith("walk")
+
+
+def test_a_run_is_repeated_by_its_config(mapped, tmp_path):
+    run_well("slam", "-m", tmp_path / "again", "--config", mapped / "config.json", "--quiet")
+    assert (mapped / "trajectory.txt").read_bytes() == (tmp_path / "again/trajectory.txt").read_bytes()
 
 
 def test_bad_frames_are_told_and_left_out(walk, mapped, tmp_path):
@@ -89,7 +97,7 @@ def test_bad_frames_are_told_and_left_out(walk, mapped, tmp_path):
 
 
 @pytest.mark.parametrize("arguments, words", [
-    (["-s", "nowhere"], "no such file"),
+    (["--calibration", "nowhere.json"], "nowhere.json"),
     (["--lockstep", 1, "--seconds", 1], "exclude each other"),
     (["--features", 5], "--features must be"),
     (["--stride", 0], "--stride must be"),

@@ -142,7 +142,8 @@ class GaussianMethod {
     (void)set;
     (void)iteration;
   }
-  /// Clears those that stay whatever a hook has decided; not asked where there is no hook. @param remove [N] of the host
+  /// Clears those that stay whatever a hook has decided; not asked where there is no hook. @param remove [N] of the
+  /// host
   virtual void spare(Moment moment, PruneRule rule, std::span<std::uint8_t> remove) {
     (void)moment;
     (void)rule;

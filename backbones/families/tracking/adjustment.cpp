@@ -26,8 +26,7 @@ PoseBlock to_block(const Pose& pose) {
 }
 
 Pose to_pose(const double* block) {
-  return {Eigen::Quaterniond(Eigen::Map<const Eigen::Vector4d>(block)).normalized(),
-          Eigen::Map<const Vec3>(block + 4)};
+  return {Eigen::Quaterniond(Eigen::Map<const Eigen::Vector4d>(block)).normalized(), Eigen::Map<const Vec3>(block + 4)};
 }
 
 /// Rotation by the vector's length about the vector.
@@ -159,8 +158,7 @@ struct EdgeError {
     using Vector = Eigen::Matrix<T, 3, 1>;
     const Quaternion from(q_from), to(q_to);
     const Quaternion turn = to * from.conjugate();
-    const Vector move =
-        Eigen::Map<const Vector>(t_to) - Vector(turn * Vector(Eigen::Map<const Vector>(t_from)));
+    const Vector move = Eigen::Map<const Vector>(t_to) - Vector(turn * Vector(Eigen::Map<const Vector>(t_from)));
     const Quaternion off = to_from.rotation.cast<T>().conjugate() * turn;
     Eigen::Map<Eigen::Matrix<T, 6, 1>> e(errors);
     const T sign = off.w() < T(0) ? T(-1) : T(1);

@@ -20,10 +20,12 @@ constexpr int kMostBits = 60;       ///< of 256 by which descriptors of one poin
 constexpr int kFarBits = 80;        ///< the same where there is no second one to confuse it with
 constexpr double kClearly = 0.8;    ///< best over second best distance, at most
 constexpr int kLevelsApart = 2;
-constexpr int kBorder = 19;  ///< px without features at each side of a level: half of a patch, turned
+constexpr int kBorder = 19;     ///< px without features at each side of a level: half of a patch, turned
 constexpr float kEdge = 0.05f;  ///< share by which depths beside a feature differ at an edge
 
-int bits_apart(const std::uint8_t* a, const std::uint8_t* b) { return static_cast<int>(cv::hal::normHamming(a, b, 32)); }
+int bits_apart(const std::uint8_t* a, const std::uint8_t* b) {
+  return static_cast<int>(cv::hal::normHamming(a, b, 32));
+}
 
 /// The depth at a pixel; 0 at the edge of a surface, where it may be that of either side.
 double depth_at(std::span<const float> depth, int width, int height, int x, int y) {
@@ -63,7 +65,8 @@ Features FeatureExtractor::extract(int width, int height, std::span<const std::u
   }
   // Round by round the strongest that is left of every cell.
   std::ranges::sort(found, [](const cv::KeyPoint& a, const cv::KeyPoint& b) {
-    return std::make_tuple(-a.response, a.octave, a.pt.y, a.pt.x) < std::make_tuple(-b.response, b.octave, b.pt.y, b.pt.x);
+    return std::make_tuple(-a.response, a.octave, a.pt.y, a.pt.x) <
+           std::make_tuple(-b.response, b.octave, b.pt.y, b.pt.x);
   });
   std::map<std::pair<int, int>, int> in_cell;
   std::vector<std::pair<int, std::size_t>> rounds;
@@ -99,8 +102,7 @@ struct FeatureGrid::Tree {
     return false;
   }
 
-  using Index =
-      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Tree>, Tree, 2, std::uint32_t>;
+  using Index = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Tree>, Tree, 2, std::uint32_t>;
   Index index{2, *this};
 };
 
@@ -144,8 +146,8 @@ std::vector<int> match_expected(std::span<const Expected> expected, const Featur
     int best = kFarBits + 1, second = 257, at = -1, best_level = 0, second_level = -1;
     for (const std::size_t i : near) {
       if (std::abs(features.levels[i] - wanted.level) > kLevelsApart) continue;
-      const int distance =
-          bits_apart(wanted.descriptor.ptr<std::uint8_t>(), features.descriptors.ptr<std::uint8_t>(static_cast<int>(i)));
+      const int distance = bits_apart(wanted.descriptor.ptr<std::uint8_t>(),
+                                      features.descriptors.ptr<std::uint8_t>(static_cast<int>(i)));
       if (distance < best) {
         second = best;
         second_level = best_level;

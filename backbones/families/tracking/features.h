@@ -23,7 +23,7 @@ struct Features {
   std::vector<double> depths;  ///< 0: not known
   std::vector<int> levels;     ///< of the pyramid
   std::vector<float> strengths;
-  cv::Mat descriptors;         ///< [N,32] bytes
+  cv::Mat descriptors;  ///< [N,32] bytes
   std::size_t size() const { return pixels.size(); }
 };
 
@@ -56,9 +56,9 @@ class FeatureGrid {
 /// What is looked for in a picture.
 struct Expected {
   Vec2 place = Vec2::Zero();
-  double radius = 0;  ///< px
-  int level = 0;      ///< of the pyramid, about
-  cv::Mat descriptor; ///< [1,32]
+  double radius = 0;   ///< px
+  int level = 0;       ///< of the pyramid, about
+  cv::Mat descriptor;  ///< [1,32]
 };
 
 /// For each what fits best and clearly enough, once each; -1: nothing does.

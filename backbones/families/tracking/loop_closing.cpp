@@ -13,17 +13,17 @@ constexpr std::size_t kLeastApart = 10;  ///< keyframes between a place and the 
 constexpr std::size_t kCandidates = 2;
 constexpr std::size_t kNeighbours = 8;
 constexpr std::size_t kMatchedNeighbours = 3;  ///< whose descriptors are compared
-constexpr int kConnected = 15;          ///< shared points of keyframes that see the same place
-constexpr std::size_t kFirstFits = 20;  ///< matches by descriptor alone that fit one pose
-constexpr std::size_t kFits = 40;       ///< the same after the search by place
+constexpr int kConnected = 15;                 ///< shared points of keyframes that see the same place
+constexpr std::size_t kFirstFits = 20;         ///< matches by descriptor alone that fit one pose
+constexpr std::size_t kFits = 40;              ///< the same after the search by place
 /// … and of the points that should be in the picture this share is found: where a pattern repeats, only it is.
 constexpr double kFoundShare = 0.3;
-constexpr double kSearchRadius = 8;     ///< px
+constexpr double kSearchRadius = 8;  ///< px
 /// What is taken for possible drift, so that places that look alike are told apart: metres a metre of the way, metres
 /// at least, and radians.
 constexpr double kDrift = 0.1, kLeastDrift = 0.1, kMostTurn = 0.35;
 constexpr double kMostAway = 1.0;  ///< radians between directions in which the same place is seen
-constexpr int kEdgeShared = 30;         ///< points that make an edge of the graph
+constexpr int kEdgeShared = 30;    ///< points that make an edge of the graph
 constexpr int kFinalIterations = 8;
 
 /// `keyframe` and those that see most of what it sees.
@@ -118,8 +118,7 @@ std::optional<Loop> find_loop(const SparseMap& map, std::size_t keyframe) {
     if (away > possible_drift(map, i, keyframe) + 0.5 * now.median_depth) continue;
     if (angle_between(now.pose, then.pose) < kMostAway + kMostTurn) among.push_back(i);
   }
-  for (const std::size_t earlier :
-       similar_keyframes(map, map.keyframes()[keyframe].features, among, kCandidates)) {
+  for (const std::size_t earlier : similar_keyframes(map, map.keyframes()[keyframe].features, among, kCandidates)) {
     if (std::optional<Loop> loop = verify(map, keyframe, earlier)) return loop;
   }
   return std::nullopt;

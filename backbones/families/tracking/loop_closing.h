@@ -11,10 +11,10 @@
 namespace splatboost::tracking {
 
 struct Loop {
-  std::size_t keyframe = 0;            ///< that came back …
-  std::size_t earlier = 0;             ///< … to what this one saw
-  Pose pose;                           ///< of `keyframe` by the points of that time
-  std::vector<int> point_of_feature;   ///< of `keyframe`: those points
+  std::size_t keyframe = 0;           ///< that came back …
+  std::size_t earlier = 0;            ///< … to what this one saw
+  Pose pose;                          ///< of `keyframe` by the points of that time
+  std::vector<int> point_of_feature;  ///< of `keyframe`: those points
 };
 
 /// Looks for a place among the keyframes that see nothing of what `keyframe` and its neighbours see.

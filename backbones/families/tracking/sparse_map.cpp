@@ -238,8 +238,8 @@ bool locate(const SparseMap& map, const Features& features, std::vector<int>& po
   if (inliers.size() < least) return false;
   const Vec3 axis(turn[0], turn[1], turn[2]);
   const double angle = axis.norm();
-  pose.rotation = angle > 1e-12 ? Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis / angle))
-                                : Eigen::Quaterniond::Identity();
+  pose.rotation =
+      angle > 1e-12 ? Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis / angle)) : Eigen::Quaterniond::Identity();
   pose.translation = {move[0], move[1], move[2]};
   std::vector<std::uint8_t> in(of.size(), 0);
   for (const int i : inliers) in[static_cast<std::size_t>(i)] = 1;
@@ -259,8 +259,8 @@ std::vector<std::size_t> similar_keyframes(const SparseMap& map, const Features&
   };
   std::vector<std::pair<int, std::size_t>> alike;
   for (const std::size_t keyframe : among) {
-    const std::vector<int> matches = match_descriptors(first_rows(features.descriptors),
-                                                       first_rows(map.keyframes()[keyframe].features.descriptors));
+    const std::vector<int> matches =
+        match_descriptors(first_rows(features.descriptors), first_rows(map.keyframes()[keyframe].features.descriptors));
     const auto number = static_cast<int>(std::ranges::count_if(matches, [](int m) { return m >= 0; }));
     if (number >= kFewestAlike) alike.emplace_back(-number, keyframe);
   }

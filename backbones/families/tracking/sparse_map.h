@@ -18,11 +18,11 @@ namespace splatboost::tracking {
 using Color = std::array<std::uint8_t, 3>;
 
 struct MapPoint {
-  Vec3 position = Vec3::Zero();  ///< world
-  cv::Mat descriptor;            ///< [1,32]
-  int level = 0;                 ///< of the pyramid where it was found …
-  double distance = 1;           ///< … from so far away
-  std::size_t keyframe = 0;      ///< that it was made of
+  Vec3 position = Vec3::Zero();                  ///< world
+  cv::Mat descriptor;                            ///< [1,32]
+  int level = 0;                                 ///< of the pyramid where it was found …
+  double distance = 1;                           ///< … from so far away
+  std::size_t keyframe = 0;                      ///< that it was made of
   std::map<std::size_t, std::size_t> sightings;  ///< keyframe → feature
   Color color{};
   int expected = 1, found = 1;  ///< frames in which it should have been seen, and was

@@ -14,9 +14,9 @@ namespace {
 
 using namespace tracking;
 
-constexpr std::size_t kFirstFeatures = 50;  ///< with depth, of which a map begins
-constexpr std::size_t kFewestMatches = 20;  ///< of a tracked frame
-constexpr std::size_t kFewestFound = 30;    ///< of one that was lost
+constexpr std::size_t kFirstFeatures = 50;              ///< with depth, of which a map begins
+constexpr std::size_t kFewestMatches = 20;              ///< of a tracked frame
+constexpr std::size_t kFewestFound = 30;                ///< of one that was lost
 constexpr double kNarrow = 4, kUsual = 15, kWide = 40;  ///< px in which points are looked for
 constexpr std::size_t kLocalKeyframes = 10;
 constexpr std::size_t kRelocalizations = 5;  ///< keyframes that a lost frame is compared with
@@ -163,9 +163,9 @@ struct Tracker::State {
     keyframe.points.assign(features.size(), -1);
     std::vector<double> depths;
     for (std::size_t f = 0; f < features.size(); ++f) {
-      const auto pixel = static_cast<std::size_t>(std::lround(features.pixels[f].y())) *
-                             static_cast<std::size_t>(frame.width) +
-                         static_cast<std::size_t>(std::lround(features.pixels[f].x()));
+      const auto pixel =
+          static_cast<std::size_t>(std::lround(features.pixels[f].y())) * static_cast<std::size_t>(frame.width) +
+          static_cast<std::size_t>(std::lround(features.pixels[f].x()));
       keyframe.colors.push_back({frame.color[3 * pixel], frame.color[3 * pixel + 1], frame.color[3 * pixel + 2]});
       if (features.depths[f] > 0) depths.push_back(features.depths[f]);
     }

@@ -17,7 +17,8 @@ Command add_synth(CLI::App& program) {
   app->footer("Example: splatboost synth room && splatboost compare -s room -m out --eval --iterations 1000");
   const auto options = std::make_shared<SynthOptions>();
   add_checked_option(*app, "-o,--output,output", options->output, "folder to make")->type_name("DIR");
-  add_checked_option(*app, "--scene", options->scene, "room; street: large, seen at several scales; walk: a sequence with depth for splatboost slam")
+  add_checked_option(*app, "--scene", options->scene,
+                     "room; street: large, seen at several scales; walk: a sequence with depth for splatboost slam")
       ->type_name("NAME")
       ->capture_default_str();
   add_checked_option(*app, "--width", options->width, "px")->type_name("N")->capture_default_str();

@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr std::size_t kPictures = 8;        ///< frames of which truth and render are kept
+constexpr std::size_t kPictures = 8;         ///< frames of which truth and render are kept
 constexpr std::size_t kFewestPositions = 3;  ///< that an alignment needs
 
 struct Means {

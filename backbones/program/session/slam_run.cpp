@@ -84,8 +84,7 @@ double SlamRun::seconds() const { return now() - began_; }
 
 void SlamRun::tell(const TrackedFrame& frame, const Frame& picture) {
   const auto say = [&](const std::string& what) {
-    std::fprintf(stderr, "frame %zu (%s): %s\n", frame.frame, printable(picture.name).c_str(),
-                 printable(what).c_str());
+    std::fprintf(stderr, "frame %zu (%s): %s\n", frame.frame, printable(picture.name).c_str(), printable(what).c_str());
   };
   if (!picture.problem.empty() && ++problems_ <= kMostProblems) {
     say(picture.problem + (picture.color.empty() ? "; left out" : "; tracked by colour alone") +
@@ -171,7 +170,8 @@ void SlamRun::show_progress(bool last) {
                outcome_.frames.size(), sequence_.size(), tracked_, tracker_.keyframes(), tracker_.map_points(),
                tracker_.loops(), static_cast<double>(outcome_.frames.size()) / std::max(seconds(), 1e-9));
   if (slam_.lockstep && online_ != nullptr) {
-    std::fprintf(stderr, "  iteration %d  loss %.4f  %zu primitives", iteration_, loss_, plugged_.backbone->primitives());
+    std::fprintf(stderr, "  iteration %d  loss %.4f  %zu primitives", iteration_, loss_,
+                 plugged_.backbone->primitives());
   }
   std::fputc('\n', stderr);
 }

@@ -22,7 +22,7 @@ namespace splatboost::program {
 struct SlamOptions {
   SequenceOptions sequence;
   TrackerOptions tracker;
-  int initial_keyframes = 10;   ///< mapping begins with so many, or with what the whole sequence has
+  int initial_keyframes = 10;     ///< mapping begins with so many, or with what the whole sequence has
   std::optional<int> lockstep;    ///< iterations a keyframe, in a fixed order; none: tracking and mapping run at once
   std::optional<double> seconds;  ///< mapping ends when the sequence has and so many have passed
 };

@@ -189,8 +189,8 @@ void write_report(const std::filesystem::path& path, const std::string& title, c
     separator = " · ";
   }
   page += "</p></header>\n";
-  page += headline(rows, runs.size() == 2) + result_table(runs, rows) + curves(runs) +
-          report::tracks(tracks) + pictures(runs, views, max_views) + stages(runs) + how_it_was_run(runs) + all_views(runs);
+  page += headline(rows, runs.size() == 2) + result_table(runs, rows) + curves(runs) + report::tracks(tracks) +
+          pictures(runs, views, max_views) + stages(runs) + how_it_was_run(runs) + all_views(runs);
   page += "<footer>Made by SplatBoost " + escape(first.version) + ".</footer>\n</main></body></html>\n";
   write_text_atomically(path, page);
 }

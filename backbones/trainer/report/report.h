@@ -30,10 +30,10 @@ struct ReportTrack {
   std::vector<std::array<double, 2>> points;
 };
 
-/// Writes the page: the table, curves of PSNR, primitives and time and the paths (inline SVG), and for up to `max_views` views the
-/// pictures truth | each run's render | each run's error (embedded as data URIs). Written aside, then renamed.
+/// Writes the page: the table, curves of PSNR, primitives and time and the paths (inline SVG), and for up to
+/// `max_views` views the pictures truth | each run's render | each run's error (embedded as data URIs). Written aside,
+/// then renamed.
 void write_report(const std::filesystem::path& path, const std::string& title, const std::vector<ReportRun>& runs,
-                  const std::vector<ReportView>& views, int max_views = 4,
-                  const std::vector<ReportTrack>& tracks = {});
+                  const std::vector<ReportView>& views, int max_views = 4, const std::vector<ReportTrack>& tracks = {});
 
 }  // namespace splatboost

@@ -27,7 +27,8 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
   const double height = up * scale + 2 * kMargin;
   std::string out = "<section><h2>Where the camera was</h2>\n<p class=\"legend\">";
   for (std::size_t t = 0; t < tracks.size(); ++t) {
-    out += "<span><i style=\"background:" + color_of(t, tracks.size()) + "\"></i>" + escape(tracks[t].label) + "</span>";
+    out +=
+        "<span><i style=\"background:" + color_of(t, tracks.size()) + "\"></i>" + escape(tracks[t].label) + "</span>";
   }
   out += "</p>\n<div class=\"card\"><svg viewBox=\"0 0 " + number(kWidth, 0) + " " + number(height, 0) +
          "\" role=\"img\" aria-label=\"paths of the camera\">\n";
@@ -44,7 +45,8 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
               number(height - kMargin - (point[1] - low[1]) * scale, 1) + " ";
       pen_down = true;
     }
-    out += "<path fill=\"none\" stroke-width=\"2\" stroke=\"" + color_of(t, tracks.size()) + "\" d=\"" + line + "\"/>\n";
+    out +=
+        "<path fill=\"none\" stroke-width=\"2\" stroke=\"" + color_of(t, tracks.size()) + "\" d=\"" + line + "\"/>\n";
   }
   // A length to compare with: the largest power of ten, or half or a fifth of one, that takes a quarter of the width.
   const double most = 0.25 * (kWidth - 2 * kMargin) / scale;
@@ -53,8 +55,10 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
   out += "</svg></div>\n<p class=\"note\">Seen along the axis in which the camera moved least; the drawing is " +
          number(across, 2) + " m wide. <svg width=\"" + number(bar * scale, 0) +
          "\" height=\"6\"><path stroke=\"currentColor\" d=\"M0 3 L" + number(bar * scale, 0) + " 3\"/></svg> " +
-         number(bar, bar < 0.1 ? 2 : bar < 1 ? 1 : 0) + " m on a page " + number(kWidth, 0) +
-         " px wide</p></section>\n";
+         number(bar, bar < 0.1 ? 2
+                     : bar < 1 ? 1
+                               : 0) +
+         " m on a page " + number(kWidth, 0) + " px wide</p></section>\n";
   return out;
 }
 

@@ -58,8 +58,9 @@ struct SequenceOptions {
   int stride = 1;                     ///< every so many-th
 };
 
-/// Replica (results/frame*.jpg, depth*.png, traj.txt, cam_params.json), TUM RGB-D (rgb.txt, depth.txt, groundtruth.txt),
-/// or a folder of pictures (images/ and depth/, or colour alone) with calibration.json. Throws InputError in one line.
+/// Replica (results/frame*.jpg, depth*.png, traj.txt, cam_params.json), TUM RGB-D (rgb.txt, depth.txt,
+/// groundtruth.txt), or a folder of pictures (images/ and depth/, or colour alone) with calibration.json. Throws
+/// InputError in one line.
 std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
 
 /// Reads {"width", "height", "fx", "fy", "cx", "cy", "k1", …, "depth_scale"}; Replica's "camera" with "w", "h" and

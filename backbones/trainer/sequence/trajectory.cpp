@@ -85,8 +85,8 @@ Alignment align(std::span<const glm::dvec3> from, std::span<const glm::dvec3> to
     motion = Eigen::umeyama(source, target, with_scale);
   }
   result.scale = std::cbrt(motion.topLeftCorner<3, 3>().determinant());
-  const Eigen::Matrix3Xd left = target - ((motion.topLeftCorner<3, 3>() * source).colwise() +
-                                          Eigen::Vector3d(motion.topRightCorner<3, 1>()));
+  const Eigen::Matrix3Xd left =
+      target - ((motion.topLeftCorner<3, 3>() * source).colwise() + Eigen::Vector3d(motion.topRightCorner<3, 1>()));
   result.rmse = std::sqrt(left.squaredNorm() / static_cast<double>(n));
   for (int column = 0; column < 4; ++column) {
     for (int row = 0; row < 4; ++row) result.to_from[column][row] = motion(row, column);

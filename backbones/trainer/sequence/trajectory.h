@@ -13,7 +13,7 @@
 namespace splatboost {
 
 struct TimedPose {
-  double time = 0;                        ///< s
+  double time = 0;                    ///< s
   glm::dmat4 world_from_camera{1.0};  ///< rigid
 };
 

@@ -91,8 +91,7 @@ void write_synthetic_scene(const SynthOptions& options) {
     std::snprintf(name, sizeof(name), "%04d.png", i);
     const auto bytes = [](const std::vector<std::uint8_t>& values) { return std::span<const std::uint8_t>(values); };
     write_png(options.output / "images" / name, camera.width, camera.height, 3, bytes(picture.color));
-    write_png(options.output / "depth" / name, camera.width, camera.height, 1,
-              std::span<const std::uint16_t>(depth));
+    write_png(options.output / "depth" / name, camera.width, camera.height, 1, std::span<const std::uint16_t>(depth));
     write_png(options.output / "normals" / name, camera.width, camera.height, 3, bytes(picture.normals));
     write_png(options.output / "masks" / name, camera.width, camera.height, 1, bytes(picture.mask));
 

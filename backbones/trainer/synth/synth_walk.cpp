@@ -22,11 +22,11 @@ namespace {
 
 using namespace synthetic;
 
-constexpr double kTurns = 1.12;           // around the room: the end is over the beginning
-constexpr double kDepthScale = 6553.5;    // Replica's
+constexpr double kTurns = 1.12;                  // around the room: the end is over the beginning
+constexpr double kDepthScale = 6553.5;           // Replica's
 constexpr double kFarthest = 8, kNearest = 0.3;  // metres
-constexpr double kEdge = 0.04;            // share of the depth by which neighbours differ at an edge
-constexpr double kGrazing = 0.15;         // cosine of the angle below which a surface sends nothing back
+constexpr double kEdge = 0.04;                   // share of the depth by which neighbours differ at an edge
+constexpr double kGrazing = 0.15;                // cosine of the angle below which a surface sends nothing back
 
 /// What a sensor would measure, 0 where it would not.
 double measured(const Picture& picture, const Intrinsics& camera, const Pose& pose, int x, int y,
@@ -37,7 +37,8 @@ double measured(const Picture& picture, const Intrinsics& camera, const Pose& po
   const std::size_t pixel = at(x, y);
   const double z = picture.depth[pixel];
   if (!(z > kNearest && z < kFarthest)) return 0;
-  for (const auto& [column, row] : {std::pair(x - 1, y), std::pair(x + 1, y), std::pair(x, y - 1), std::pair(x, y + 1)}) {
+  for (const auto& [column, row] :
+       {std::pair(x - 1, y), std::pair(x + 1, y), std::pair(x, y - 1), std::pair(x, y + 1)}) {
     if (column < 0 || row < 0 || column >= camera.width || row >= camera.height) continue;
     if (std::abs(picture.depth[at(column, row)] - z) > kEdge * z) return 0;
   }

@@ -16,8 +16,8 @@ synthetic::Pose walk_pose(int index, int count);
 /// Standard deviation of a depth camera's measurement at `z` metres (Nguyen et al. 2012, of the Kinect).
 double depth_sigma(double z);
 
-/// Writes the sequence in Replica's layout: results/frame*.png, results/depth*.png, traj.txt, cam_params.json. Depth has
-/// the noise of a sensor, and none at edges, at grazing angles and beyond 8 m.
+/// Writes the sequence in Replica's layout: results/frame*.png, results/depth*.png, traj.txt, cam_params.json. Depth
+/// has the noise of a sensor, and none at edges, at grazing angles and beyond 8 m.
 void write_walk(const SynthOptions& options);
 
 }  // namespace splatboost

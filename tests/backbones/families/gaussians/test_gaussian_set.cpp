@@ -65,9 +65,7 @@ class RemovesAll : public DensityHook {
   int at_;
 };
 
-PointCloud three_points() {
-  return {{0.5f, 0, 0, 0.5f, 0.1f, 0, 0.5f, 0, 0.1f}, {255, 0, 0, 0, 255, 0, 0, 0, 255}};
-}
+PointCloud three_points() { return {{0.5f, 0, 0, 0.5f, 0.1f, 0, 0.5f, 0, 0.1f}, {255, 0, 0, 0, 255, 0, 0, 0, 255}}; }
 
 class GaussianSetRun : public ::testing::Test {
  protected:

@@ -89,8 +89,8 @@ TEST(Bundle, poses_and_points_come_back) {
   for (int i = 0; i < 4; ++i) poses.push_back(moved({}, {0, 0.05 * i, 0.01 * i}, {0.1 * i, 0, 0.02 * i}));
   const RandomStream random(6, 0, RandomPurpose::synth);
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    bundle.points.push_back(truth[i] + 0.03 * Vec3(random.normal(3 * i), random.normal(3 * i + 1),
-                                                   random.normal(3 * i + 2)));
+    bundle.points.push_back(truth[i] +
+                            0.03 * Vec3(random.normal(3 * i), random.normal(3 * i + 1), random.normal(3 * i + 2)));
     for (std::size_t c = 0; c < poses.size(); ++c) {
       bundle.sightings.push_back(seen(poses[c], truth, i, c < 3));
       bundle.sightings.back().camera = c;

@@ -117,7 +117,8 @@ TEST(Tracker, is_lost_and_finds_itself_again) {
   EXPECT_EQ(back.state, TrackState::tracked);
   EXPECT_TRUE(back.relocalized);
   const glm::dvec3 found(glm::inverse(back.camera_from_keyframe * tracker.camera_from_world(back.keyframe))[3]);
-  EXPECT_NEAR(glm::length(found), glm::length(walk_pose(5, kWalkFrames).centre - walk_pose(0, kWalkFrames).centre), 0.02);
+  EXPECT_NEAR(glm::length(found), glm::length(walk_pose(5, kWalkFrames).centre - walk_pose(0, kWalkFrames).centre),
+              0.02);
 }
 
 TEST(Tracker, frames_without_depth_are_tracked_but_no_keyframes) {
@@ -168,7 +169,8 @@ TEST(Association, by_place_and_descriptor) {
 
 TEST(Association, a_feature_goes_to_the_nearest) {
   const Features features = four();
-  Expected near{{10, 10}, 5, 0, features.descriptors.row(0).clone()}, exact{{11, 10}, 5, 0, features.descriptors.row(0)};
+  Expected near{{10, 10}, 5, 0, features.descriptors.row(0).clone()},
+      exact{{11, 10}, 5, 0, features.descriptors.row(0)};
   near.descriptor.at<std::uint8_t>(0, 31) = 0xff;
   const FeatureGrid grid(features);
   EXPECT_EQ(match_expected(std::vector{near, exact}, features, grid), (std::vector<int>{-1, 0}));

@@ -132,7 +132,8 @@ TEST(Sequence, distortion_is_taken_out) {
   make_replica(folder.path());
   std::vector<std::uint8_t> pixels(3 * kWidth * kHeight, 0);
   for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) pixels[static_cast<std::size_t>(3 * (y * kWidth + x))] = static_cast<std::uint8_t>(5 * x);
+    for (int x = 0; x < kWidth; ++x)
+      pixels[static_cast<std::size_t>(3 * (y * kWidth + x))] = static_cast<std::uint8_t>(5 * x);
   }
   write_png(folder / "results/frame000000.png", kWidth, kHeight, 3, std::span<const std::uint8_t>(pixels));
   std::ofstream(folder / "cam_params.json") << calibration(", \"k1\": 0.5");
