@@ -15,7 +15,7 @@
 namespace splatboost {
 namespace {
 
-constexpr int kSmallestSide = 16;  ///< px, of a level of a pyramid
+constexpr int kSmallestSide = 11;  ///< px, of a level of a pyramid: a window of SSIM
 
 bool sees(const Camera& camera, const glm::vec3& point) {
   const glm::vec3 p = glm::vec3(camera.camera_from_world * glm::vec4(point, 1));
@@ -116,7 +116,8 @@ class PhotoSlam final : public GaussianMethod {
     }
     append(due_, change.map_points);
     append(features_, change.features);
-    cached_ += schedule_.size() - known;
+    // Of the views that a run begins with only the map's points are taken.
+    if (known > 0) cached_ += schedule_.size() - known;
     if (cached_ >= static_cast<std::size_t>(config_.feature_cache)) release_features();
   }
 

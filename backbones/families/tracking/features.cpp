@@ -20,16 +20,33 @@ constexpr int kMostBits = 60;       ///< of 256 by which descriptors of one poin
 constexpr int kFarBits = 80;        ///< the same where there is no second one to confuse it with
 constexpr double kClearly = 0.8;    ///< best over second best distance, at most
 constexpr int kLevelsApart = 2;
+constexpr int kBorder = 19;     ///< px without features at each side of a level: half of a patch, turned
+constexpr float kEdge = 0.05f;  ///< share by which depths beside a feature differ at an edge
 
 int bits_apart(const std::uint8_t* a, const std::uint8_t* b) {
   return static_cast<int>(cv::hal::normHamming(a, b, 32));
+}
+
+/// The depth at a pixel; 0 at the edge of a surface, where it may be that of either side.
+double depth_at(std::span<const float> depth, int width, int height, int x, int y) {
+  const auto at = [&](int column, int row) {
+    return depth[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column)];
+  };
+  const float z = at(x, y);
+  for (int row = std::max(0, y - 1); row <= std::min(height - 1, y + 1); ++row) {
+    for (int column = std::max(0, x - 1); column <= std::min(width - 1, x + 1); ++column) {
+      const float beside = at(column, row);
+      if (beside > 0 && std::abs(beside - z) > kEdge * z) return 0;
+    }
+  }
+  return static_cast<double>(z);
 }
 
 }  // namespace
 
 FeatureExtractor::FeatureExtractor(int count)
     : count_(count),
-      detector_(cv::ORB::create(kSurplus * count, static_cast<float>(kLevelFactor), kLevels, 31, 0, 2,
+      detector_(cv::ORB::create(kSurplus * count, static_cast<float>(kLevelFactor), kLevels, kBorder, 0, 2,
                                 cv::ORB::FAST_SCORE, 31, kFastThreshold)),
       describer_(detector_) {}
 
@@ -63,14 +80,14 @@ Features FeatureExtractor::extract(int width, int height, std::span<const std::u
   std::vector<cv::KeyPoint> kept;
   for (const auto& [round, i] : rounds) kept.push_back(found[i]);
   Features features;
-  describer_->compute(grey, kept, features.descriptors);
+  if (!kept.empty()) describer_->compute(grey, kept, features.descriptors);
+  if (kept.empty()) features.descriptors = cv::Mat(0, 32, CV_8U);
   for (const cv::KeyPoint& k : kept) {
     features.pixels.emplace_back(k.pt.x, k.pt.y);
     features.levels.push_back(k.octave);
     features.strengths.push_back(k.response);
-    const auto pixel = static_cast<std::size_t>(std::lround(k.pt.y)) * static_cast<std::size_t>(width) +
-                       static_cast<std::size_t>(std::lround(k.pt.x));
-    features.depths.push_back(depth.empty() ? 0.0 : static_cast<double>(depth[pixel]));
+    const auto x = static_cast<int>(std::lround(k.pt.x)), y = static_cast<int>(std::lround(k.pt.y));
+    features.depths.push_back(depth.empty() ? 0.0 : depth_at(depth, width, height, x, y));
   }
   return features;
 }
@@ -142,7 +159,7 @@ std::vector<int> match_expected(std::span<const Expected> expected, const Featur
         second_level = features.levels[i];
       }
     }
-    if (at < 0 || (best_level == second_level && best > kClearly * second)) continue;
+    if (at < 0 || (best_level == second_level && best >= kClearly * second)) continue;
     // A feature belongs to one point: the nearest.
     const auto slot = static_cast<std::size_t>(at);
     if (owner[slot] >= 0) {
@@ -166,7 +183,7 @@ std::vector<int> match_descriptors(const cv::Mat& a, const cv::Mat& b) {
   matcher.match(b, a, backward);
   for (const std::vector<cv::DMatch>& two : forward) {
     if (two.size() < 2 || two[0].distance > kMostBits) continue;
-    if (two[0].distance > static_cast<float>(kClearly) * two[1].distance) continue;
+    if (two[0].distance >= static_cast<float>(kClearly) * two[1].distance) continue;
     if (backward[static_cast<std::size_t>(two[0].trainIdx)].trainIdx != two[0].queryIdx) continue;
     matches[static_cast<std::size_t>(two[0].queryIdx)] = two[0].trainIdx;
   }

@@ -10,7 +10,7 @@ struct Tracker::State {};
 
 Tracker::Tracker(const Calibration&, const TrackerOptions&) {
   throw InputError(
-      "this build cannot track a camera: Ceres or OpenCV was not found; run scripts/install-deps --slam, then "
+      "this build cannot track a camera: Ceres or OpenCV was not found; run scripts/install-deps --all, then "
       "scripts/build again");
 }
 Tracker::~Tracker() = default;

@@ -23,35 +23,36 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
 struct Slam {
-  explicit Slam(CLI::App& app) : set(app) {
+  explicit Slam(CLI::App& app) : set(app), own(app) {
     options.backbone = "photo-slam";
-    set.set_group("Data");
-    set.add("-s,--source", options.scene.source, "sequence: Replica, TUM RGB-D, or pictures with calibration.json")
+    own.set_group("Data");
+    own.add("-s,--source", options.scene.source, "sequence: Replica, TUM RGB-D, or pictures with calibration.json")
         ->type_name("DIR");
     add_model_option(set, options, "output folder");
-    set.add("--calibration", slam.sequence.calibration, "camera, in place of the dataset's own")->type_name("JSON");
-    set.add("-r,--resolution", options.scene.resolution,
+    own.add("--calibration", slam.sequence.calibration, "camera, in place of the dataset's own")->type_name("JSON");
+    own.add("-r,--resolution", options.scene.resolution,
             std::string("of the pictures that are mapped; ") + kResolutionHelp)
         ->type_name("N");
-    set.add("--first-frame", slam.sequence.first, "begin with this frame")->type_name("N")->capture_default_str();
-    set.add("--frames", slam.sequence.count, "most frames; 0: all")->type_name("N")->capture_default_str();
-    set.add("--stride", slam.sequence.stride, "every so many-th frame")->type_name("N")->capture_default_str();
-    set.set_group("Tracking");
-    set.add("--features", slam.tracker.features, "a frame")->type_name("N")->capture_default_str();
-    set.add("--max-depth", slam.tracker.farthest_depth, "metres; depth beyond is not used")
+    own.add("--first-frame", slam.sequence.first, "begin with this frame")->type_name("N")->capture_default_str();
+    own.add("--frames", slam.sequence.count, "most frames; 0: all")->type_name("N")->capture_default_str();
+    own.add("--stride", slam.sequence.stride, "every so many-th frame")->type_name("N")->capture_default_str();
+    own.set_group("Tracking");
+    own.add("--features", slam.tracker.features, "a frame")->type_name("N")->capture_default_str();
+    own.add("--max-depth", slam.tracker.farthest_depth, "metres; depth beyond is not used")
         ->type_name("X")
         ->capture_default_str();
-    set.add("--no-loops", no_loops, "look for no loops");
+    own.add("--no-loops", no_loops, "look for no loops");
+    own.set_group("Mapping");
     set.set_group("Mapping");
     set.add("--backbone", options.backbone, "method that maps", false)->type_name("NAME")->capture_default_str();
     set.add("--boost,!--no-boost", options.boost, "map accelerated (default), or as published", false);
     set.add("--iterations", options.iterations,
             "of the mapper in all; longer where the sequence takes more than half of them [30000]")
         ->type_name("N");
-    set.add("--seconds", slam.seconds, "end when the sequence has and so many seconds have passed")->type_name("X");
-    set.add("--lockstep", slam.lockstep, "so many iterations a keyframe, in a fixed order: same seed, same bytes")
+    own.add("--seconds", slam.seconds, "end when the sequence has and so many seconds have passed")->type_name("X");
+    own.add("--lockstep", slam.lockstep, "so many iterations a keyframe, in a fixed order: same seed, same bytes")
         ->type_name("N");
-    set.add("--initial-keyframes", slam.initial_keyframes, "mapping begins with so many")
+    own.add("--initial-keyframes", slam.initial_keyframes, "mapping begins with so many")
         ->type_name("N")
         ->capture_default_str();
     set.add("--max-primitives", options.max_primitives, "hard cap on primitives; 0: none")
@@ -62,6 +63,27 @@ struct Slam {
     add_machine_options(set, options);
     add_lpips_option(set, options);
     add_config_option(set, options);
+  }
+
+  /// Of config.json of a run and the like: what only this command has lies in "slam".
+  void read_settings() {
+    if (options.config.empty()) return;
+    const std::string place = options.config.string();
+    Json settings = read_settings_file(options.config);
+    settings.erase("source");
+    if (settings.contains("slam")) {
+      require(settings["slam"].is_object(), place + ": slam must be an object");
+      own.overlay(settings["slam"], place + ": slam", {});
+    }
+    apply_settings(settings, place, set, options);
+  }
+
+  /// For commands that read scenes, the run's scene is its keyframes.
+  std::string config_of(const PluggedBackbone& plugged) const {
+    Json config = Json::parse(config_text(set, options, options.boost, &plugged));
+    config["slam"] = own.record();
+    config["source"] = fs::absolute(options.model / "keyframes").lexically_normal().string();
+    return config.dump(2) + "\n";
   }
 
   void check() {
@@ -86,9 +108,7 @@ struct Slam {
   }
 
   int run(const std::string& command_line) {
-    if (!options.config.empty()) {
-      apply_settings(read_settings_file(options.config), options.config.string(), set, options);
-    }
+    read_settings();
     check();
     const Json boost = boost_settings(options);
     require_ours_or_empty(options.model);
@@ -110,8 +130,10 @@ struct Slam {
           scene, device.threads(), options.seed, options.iterations.value(), options.max_primitives, device.device()};
       PluggedBackbone plugged =
           make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
+      require(dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
+              "--backbone: " + options.backbone + " cannot train while its views come in; photo-slam can");
       lock = take_model_folder(options.model, false);
-      write_config(options.model, config_text(set, options, options.boost, &plugged));
+      write_config(options.model, config_of(plugged));
       return plugged;
     });
     const SlamOutcome outcome = mapping.run();
@@ -206,7 +228,7 @@ struct Slam {
   RunOptions options;
   SlamOptions slam;
   bool no_loops = false;
-  OptionSet set;
+  OptionSet set, own;  ///< what training has too, and what only this command has
 };
 
 }  // namespace

@@ -15,7 +15,7 @@ using Json = nlohmann::json;
 
 // Keys of a settings file that are not options: what a run says about itself, and the constants.
 const std::set<std::string>& reserved_keys() {
-  static const std::set<std::string> keys = {"splatboost", "trained", "backbone", "boost"};
+  static const std::set<std::string> keys = {"splatboost", "trained", "backbone", "boost", "slam"};
   return keys;
 }
 

@@ -13,6 +13,7 @@
 #include <thread>
 #include <utility>
 
+#include "splatboost/errors.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/images/image_codec.h"
 #include "trainer/support/input_error.h"
@@ -123,8 +124,7 @@ void SlamRun::begin_mapping() {
   scene_.extent = std::max(camera_extent(scene_.train), kLeastExtent);
   plugged_ = make_backbone_(scene_);
   online_ = dynamic_cast<OnlineBackbone*>(plugged_.backbone.get());
-  require(online_ != nullptr,
-          "--backbone: " + options_.backbone + " cannot train while its views come in; photo-slam can");
+  SPLATBOOST_CHECK(online_ != nullptr, "the backbone must be an online one");
   online_->map_changed({});
 }
 

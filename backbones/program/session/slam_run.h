@@ -45,7 +45,8 @@ struct SlamOutcome {
 /// A run. What it makes of the scene and the backbone is there afterwards.
 class SlamRun {
  public:
-  /// @param make_backbone called once, when there are enough keyframes, with the scene to train on
+  /// @param make_backbone called once, when there are enough keyframes, with the scene to train on; its backbone is an
+  /// OnlineBackbone
   SlamRun(Sequence& sequence, const SlamOptions& slam, const RunOptions& options,
           std::function<PluggedBackbone(const Scene&)> make_backbone);
 

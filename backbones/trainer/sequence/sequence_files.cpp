@@ -183,8 +183,8 @@ SequenceFiles find_folder(const SequenceOptions& options) {
     if (color = pictures_in(options.source / name, ""); !color.empty()) break;
   }
   require(!color.empty(), options.source.string() +
-                              ": is no sequence: no results/frame*.jpg (Replica), no rgb.txt (TUM), no mav0 (EuRoC), "
-                              "no pictures in images/, rgb/, color/ or itself");
+                              ": is no sequence: no results/frame*.jpg (Replica), no rgb.txt (TUM), no pictures "
+                              "in images/, rgb/, color/ or itself");
   files.frames = paired(color, 0, pictures_in(options.source / "depth", ""), 0);
   if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
   if (options.calibration.empty()) {
@@ -241,7 +241,9 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
   const fs::path& source = options.source;
   require(fs::exists(source, error), source.string() + ": no such file or folder");
   require(fs::is_directory(source, error),
-          source.string() + ": is no folder; of a video, extract the pictures first (ffmpeg -i VIDEO images/%06d.png)");
+          source.string() + ": is no folder; a video has no depth, and a camera alone is not tracked yet");
+  require(!fs::is_directory(source / "mav0", error),
+          source.string() + ": is a sequence of EuRoC's, which has no depth; a stereo pair is not tracked yet");
   SequenceFiles files = fs::is_directory(source / "results", error) ? find_replica(options)
                         : is_file(source / "rgb.txt")               ? find_tum(options)
                                                                     : find_folder(options);

@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+// The tracker on the beginning of a ray-traced walk.
+#include "families/tracking/tracker.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "families/tracking/features.h"
+#include "splatboost/threads.h"
+#include "trainer/sequence/trajectory.h"
+#include "trainer/synth/synth_picture.h"
+#include "trainer/synth/synth_walk.h"
+
+namespace splatboost {
+namespace {
+
+constexpr int kWidth = 240, kHeight = 180, kFrames = 16;
+
+/// Made once: ray tracing takes most of the time here.
+const std::vector<Frame>& walk() {
+  static const std::vector<Frame> frames = [] {
+    const auto world = synthetic::make_room();
+    const auto camera = synthetic::Intrinsics::of(kWidth, kHeight);
+    Threads threads;
+    std::vector<Frame> made;
+    for (int i = 0; i < kFrames; ++i) {
+      synthetic::Picture picture;
+      synthetic::take_picture(*world, camera, walk_pose(i, kWalkFrames), 1, threads, picture);
+      Frame frame;
+      frame.number = static_cast<std::size_t>(i);
+      frame.width = kWidth;
+      frame.height = kHeight;
+      frame.color = picture.color;
+      frame.depth.assign(picture.depth.begin(), picture.depth.end());
+      made.push_back(std::move(frame));
+    }
+    return made;
+  }();
+  return frames;
+}
+
+Calibration calibration() {
+  const auto camera = synthetic::Intrinsics::of(kWidth, kHeight);
+  Calibration c;
+  c.width = kWidth;
+  c.height = kHeight;
+  c.fx = c.fy = camera.focal;
+  c.cx = camera.cx - 0.5;
+  c.cy = camera.cy - 0.5;
+  c.depth_scale = 1000;
+  return c;
+}
+
+TrackerOptions options() {
+  TrackerOptions o;
+  o.features = 400;
+  return o;
+}
+
+/// ATE of tracked frames.
+double error_of(const Tracker& tracker, const std::vector<TrackedFrame>& frames) {
+  std::vector<glm::dvec3> found, truth;
+  for (const TrackedFrame& frame : frames) {
+    if (frame.state != TrackState::tracked) continue;
+    found.emplace_back(glm::inverse(frame.camera_from_keyframe * tracker.camera_from_world(frame.keyframe))[3]);
+    truth.push_back(walk_pose(static_cast<int>(frame.frame), kWalkFrames).centre);
+  }
+  return align(found, truth, false).rmse;
+}
+
+TEST(Tracker, follows_a_walk) {
+  Tracker tracker(calibration(), options());
+  std::vector<TrackedFrame> frames;
+  for (const Frame& frame : walk()) frames.push_back(tracker.track(frame));
+  for (const TrackedFrame& frame : frames) EXPECT_EQ(frame.state, TrackState::tracked) << frame.frame;
+  EXPECT_GE(tracker.keyframes(), 3u);
+  EXPECT_LT(tracker.keyframes(), static_cast<std::size_t>(kFrames));
+  EXPECT_LT(error_of(tracker, frames), 0.01);  // on a path of 0.7 m
+  EXPECT_EQ(tracker.loops(), 0);
+}
+
+TEST(Tracker, the_same_frames_give_the_same_poses) {
+  const auto poses = [] {
+    Tracker tracker(calibration(), options());
+    std::vector<glm::dmat4> found;
+    for (const Frame& frame : walk()) tracker.track(frame);
+    for (std::size_t i = 0; i < tracker.keyframes(); ++i) found.push_back(tracker.camera_from_world(i));
+    return found;
+  };
+  EXPECT_EQ(poses(), poses());
+}
+
+TEST(Tracker, tells_what_is_new_once) {
+  Tracker tracker(calibration(), options());
+  tracker.track(walk()[0]);
+  const MapChange first = tracker.take_change();
+  EXPECT_EQ(first.map_points.points.size(), tracker.map_points());
+  EXPECT_EQ(first.map_points.views.size(), first.map_points.points.size());
+  EXPECT_EQ(first.features.points.size(), first.map_points.points.size());
+  EXPECT_TRUE(first.corrections.empty());
+  EXPECT_EQ(tracker.take_change().map_points.points.size(), 0u);
+}
+
+TEST(Tracker, is_lost_and_finds_itself_again) {
+  Tracker tracker(calibration(), options());
+  for (int i = 0; i < 8; ++i) tracker.track(walk()[static_cast<std::size_t>(i)]);
+  Frame wall = walk()[8];
+  std::ranges::fill(wall.color, std::uint8_t{128});
+  EXPECT_EQ(tracker.track(wall).state, TrackState::lost);
+  Frame unreadable = walk()[9];
+  unreadable.color.clear();
+  EXPECT_EQ(tracker.track(unreadable).state, TrackState::dropped);
+  const TrackedFrame back = tracker.track(walk()[5]);
+  EXPECT_EQ(back.state, TrackState::tracked);
+  EXPECT_TRUE(back.relocalized);
+  const glm::dvec3 found(glm::inverse(back.camera_from_keyframe * tracker.camera_from_world(back.keyframe))[3]);
+  EXPECT_NEAR(glm::length(found), glm::length(walk_pose(5, kWalkFrames).centre - walk_pose(0, kWalkFrames).centre),
+              0.02);
+}
+
+TEST(Tracker, frames_without_depth_are_tracked_but_no_keyframes) {
+  Tracker tracker(calibration(), options());
+  Frame flat = walk()[0];
+  flat.depth.clear();
+  EXPECT_EQ(tracker.track(flat).state, TrackState::waiting);
+  for (int i = 0; i < 4; ++i) tracker.track(walk()[static_cast<std::size_t>(i)]);
+  const std::size_t keyframes = tracker.keyframes();
+  flat = walk()[6];
+  flat.depth.clear();
+  const TrackedFrame tracked = tracker.track(flat);
+  EXPECT_EQ(tracked.state, TrackState::tracked);
+  EXPECT_FALSE(tracked.is_keyframe);
+  EXPECT_EQ(tracker.keyframes(), keyframes);
+}
+
+namespace association {
+
+using namespace tracking;
+
+/// Four features with descriptors of their own, one of them twice.
+Features four() {
+  Features f;
+  f.pixels = {{10, 10}, {50, 50}, {52, 50}, {90, 20}};
+  f.depths.assign(4, 1);
+  f.levels.assign(4, 0);
+  f.strengths.assign(4, 1);
+  f.descriptors = cv::Mat::zeros(4, 32, CV_8U);
+  for (int i = 0; i < 4; ++i) f.descriptors.row(i).colRange(8 * i, 8 * i + 8).setTo(255);
+  return f;
+}
+
+TEST(Association, by_place_and_descriptor) {
+  const Features features = four();
+  const FeatureGrid grid(features);
+  std::vector<std::size_t> near;
+  grid.within({50, 51}, 3, near);
+  EXPECT_EQ(near, (std::vector<std::size_t>{1, 2}));
+  const auto wanted = [&](Vec2 place, int descriptor, int level) {
+    return Expected{place, 5, level, features.descriptors.row(descriptor)};
+  };
+  const std::vector<Expected> expected{wanted({51, 50}, 2, 0), wanted({51, 50}, 1, 0), wanted({10, 10}, 3, 0),
+                                       wanted({90, 20}, 3, 5), wanted({10, 10}, 0, 0)};
+  // Descriptors 128 bits away and levels far apart are no match.
+  EXPECT_EQ(match_expected(expected, features, grid), (std::vector<int>{2, 1, -1, -1, 0}));
+}
+
+TEST(Association, a_feature_goes_to_the_nearest) {
+  const Features features = four();
+  Expected near{{10, 10}, 5, 0, features.descriptors.row(0).clone()},
+      exact{{11, 10}, 5, 0, features.descriptors.row(0)};
+  near.descriptor.at<std::uint8_t>(0, 31) = 0xff;
+  const FeatureGrid grid(features);
+  EXPECT_EQ(match_expected(std::vector{near, exact}, features, grid), (std::vector<int>{-1, 0}));
+  EXPECT_EQ(match_expected(std::vector{exact, near}, features, grid), (std::vector<int>{0, -1}));
+}
+
+TEST(Association, by_descriptor_alone_must_be_clear) {
+  const Features features = four();
+  cv::Mat other = features.descriptors.clone();
+  EXPECT_EQ(match_descriptors(features.descriptors, other), (std::vector<int>{0, 1, 2, 3}));
+  other.row(0).copyTo(other.row(1));  // as near as the first
+  const std::vector<int> matches = match_descriptors(features.descriptors, other);
+  EXPECT_EQ(matches, (std::vector<int>{-1, -1, 2, 3}));
+  EXPECT_EQ(match_descriptors(features.descriptors, cv::Mat()), std::vector<int>(4, -1));
+}
+
+}  // namespace association
+}  // namespace
+}  // namespace splatboost

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sequences on disk: what they are made of, and what is wrong with them.
+#include "trainer/sequence/sequence.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <span>
+
+#include "support/temporary_folder.h"
+#include "trainer/dataset/view_image.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kWidth = 48, kHeight = 40;
+
+void write_color(const fs::path& file, std::uint8_t value) {
+  const std::vector<std::uint8_t> pixels(3 * kWidth * kHeight, value);
+  write_png(file, kWidth, kHeight, 3, std::span<const std::uint8_t>(pixels));
+}
+void write_depth(const fs::path& file, std::uint16_t value) {
+  const std::vector<std::uint16_t> pixels(kWidth * kHeight, value);
+  write_png(file, kWidth, kHeight, 1, std::span<const std::uint16_t>(pixels));
+}
+std::string calibration(const std::string& more = "") {
+  return R"({"camera": {"w": 48, "h": 40, "fx": 50, "fy": 50, "cx": 23.5, "cy": 19.5, "scale": 1000)" + more + "}}";
+}
+
+/// Three frames of Replica's layout.
+void make_replica(const fs::path& folder) {
+  fs::create_directories(folder / "results");
+  std::ofstream truth(folder / "traj.txt");
+  for (int i = 0; i < 3; ++i) {
+    write_color(folder / "results" / ("frame00000" + std::to_string(i) + ".png"), static_cast<std::uint8_t>(10 * i));
+    write_depth(folder / "results" / ("depth00000" + std::to_string(i) + ".png"), static_cast<std::uint16_t>(2000 + i));
+    truth << "1 0 0 " << i << " 0 1 0 0 0 0 1 0 0 0 0 1\n";
+  }
+  std::ofstream(folder / "cam_params.json") << calibration();
+}
+
+SequenceOptions of(const fs::path& source) {
+  SequenceOptions options;
+  options.source = source;
+  return options;
+}
+
+std::string error_of(const std::function<void()>& what) {
+  try {
+    what();
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+void expect_in(const std::string& text, const std::string& part) {
+  EXPECT_NE(text.find(part), std::string::npos) << text;
+}
+
+TEST(Sequence, replica_is_read) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  const auto sequence = open_sequence(of(folder.path()));
+  ASSERT_EQ(sequence->size(), 3u);
+  const Frame frame = sequence->read(2);
+  EXPECT_EQ(frame.problem, "");
+  EXPECT_EQ(frame.color[0], 20);
+  EXPECT_NEAR(frame.depth[7], 2.002f, 1e-6);
+  ASSERT_TRUE(sequence->truth(2).has_value());
+  EXPECT_EQ((*sequence->truth(2))[3].x, 2);
+}
+
+TEST(Sequence, some_frames_are_chosen) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  SequenceOptions options = of(folder.path());
+  options.stride = 2;
+  EXPECT_EQ(open_sequence(options)->size(), 2u);
+  options.first = 1;
+  const auto sequence = open_sequence(options);
+  ASSERT_EQ(sequence->size(), 1u);
+  EXPECT_EQ(sequence->read(0).color[0], 10);
+  options.first = 3;
+  expect_in(error_of([&] { open_sequence(options); }), "has 3 frames");
+}
+
+TEST(Sequence, a_frame_that_cannot_be_read_says_why_and_the_others_stay) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  std::ofstream(folder / "results/frame000001.png") << "no picture";
+  fs::remove(folder / "results/depth000002.png");
+  write_depth(folder / "results/depth000000.png", 0);
+  const auto sequence = open_sequence(of(folder.path()));
+  const Frame empty = sequence->read(0), broken = sequence->read(1), flat = sequence->read(2);
+  expect_in(empty.problem, "no depth at all");
+  EXPECT_TRUE(empty.depth.empty());
+  EXPECT_FALSE(empty.color.empty());
+  EXPECT_TRUE(broken.color.empty());
+  expect_in(broken.problem, "frame000001.png");
+  EXPECT_TRUE(flat.depth.empty());
+  EXPECT_FALSE(flat.color.empty());
+  ASSERT_EQ(sequence->notes().size(), 1u);
+  expect_in(sequence->notes()[0], "1 of 3 frames have no depth");
+}
+
+TEST(Sequence, tum_pairs_by_time) {
+  const TemporaryFolder parent;
+  const fs::path folder = parent / "rgbd_dataset_freiburg3_toy";
+  fs::create_directories(folder / "rgb");
+  std::ofstream(folder / "rgb.txt") << "# color\n1.000 rgb/a.png\n1.033 rgb/b.png\n";
+  std::ofstream(folder / "depth.txt") << "1.031 depth/b.png\n";
+  std::ofstream(folder / "groundtruth.txt") << "1.001 1 2 3 0 0 0 1\n";
+  const auto sequence = open_sequence(of(folder));
+  ASSERT_EQ(sequence->size(), 2u);
+  EXPECT_EQ(sequence->calibration().depth_scale, 5000);
+  EXPECT_NEAR(sequence->time_of(1), 1.033, 1e-12);
+  ASSERT_TRUE(sequence->truth(0).has_value());
+  EXPECT_EQ((*sequence->truth(0))[3].z, 3);
+  EXPECT_FALSE(sequence->truth(1).has_value());
+}
+
+/// A straight line of pixels is curved by k1; where the picture has no data nothing is valid.
+TEST(Sequence, distortion_is_taken_out) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  std::vector<std::uint8_t> pixels(3 * kWidth * kHeight, 0);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x)
+      pixels[static_cast<std::size_t>(3 * (y * kWidth + x))] = static_cast<std::uint8_t>(5 * x);
+  }
+  write_png(folder / "results/frame000000.png", kWidth, kHeight, 3, std::span<const std::uint8_t>(pixels));
+  std::ofstream(folder / "cam_params.json") << calibration(", \"k1\": 0.5");
+  const Frame frame = open_sequence(of(folder.path()))->read(0);
+  // Pixel (33.5 − 23.5)/50 = 0.2 from the middle, on its row: 0.2·(1 + 0.5·0.04) = 0.204.
+  const double x = (33 - 23.5) / 50, y = (20 - 19.5) / 50;
+  const double expected = 5 * (23.5 + 50 * x * (1 + 0.5 * (x * x + y * y)));
+  EXPECT_NEAR(frame.color[3 * (20 * kWidth + 33)], expected, 1.01);
+  EXPECT_EQ(frame.valid[20 * kWidth + 33], 255);
+  EXPECT_EQ(frame.valid[0], 0);
+}
+
+TEST(Sequence, what_is_wrong_is_one_line) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  const auto with = [&](const std::string& text) {
+    std::ofstream(folder / "cam_params.json") << text;
+    return error_of([&] { open_sequence(of(folder.path())); });
+  };
+  expect_in(with("{\"camera\": {\"w\": 48}}"), "has no 'height'");
+  expect_in(with(R"({"w": 48, "h": 40, "fx": -1, "fy": 50, "cx": 24, "cy": 20})"), "focal lengths must be above 0");
+  expect_in(with(R"({"w": 48, "h": 40, "fx": 0.5, "fy": 50, "cx": 24, "cy": 20})"), "do not fit to the size");
+  expect_in(with(R"({"w": 48, "h": 40, "fx": 50, "fy": 50, "cx": 240, "cy": 20})"), "principal point");
+  EXPECT_EQ(with(R"({"w": 96, "h": 40, "fx": 50, "fy": 50, "cx": 24, "cy": 20})"), "");
+  expect_in(open_sequence(of(folder.path()))->read(0).problem, "calibration says 96x40");
+  fs::remove(folder / "cam_params.json");
+  expect_in(error_of([&] { open_sequence(of(folder.path())); }), "no cam_params.json");
+  expect_in(error_of([&] { open_sequence(of(folder / "nothing")); }), "no such file");
+  fs::create_directories(folder / "empty");
+  expect_in(error_of([&] { open_sequence(of(folder / "empty")); }), "is no sequence");
+}
+
+}  // namespace
+}  // namespace splatboost::test

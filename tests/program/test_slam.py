@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""splatboost slam: a short synthetic walk, tracked and mapped."""
+
+import json
+import re
+import shutil
+
+import pytest
+
+from conftest import run_program, run_well
+
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """The first frames of the whole walk would be far apart if there were few: all are made small, few are used."""
+    folder = tmp_path_factory.mktemp("walk") / "walk"
+    run_well("synth", folder, "--scene", "walk", "--width", 160, "--height", 120, "--views", 120, "--samples", 1)
+    for number in range(FRAMES, 120):
+        for kind in ("frame", "depth"):
+            (folder / "results" / f"{kind}{number:06}.png").unlink()
+    return folder
+
+
+SHORT = ["--lockstep", 3, "--iterations", 40, "--features", 400, "--initial-keyframes", 3, "--quiet"]
+
+
+
+@pytest.fixture(scope="module")
+def mapped(walk, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mapped") / "model"
+    done = run_program("slam", "-s", walk, "-m", folder, *SHORT, "--threads", 1)
+    if "cannot track a camera" in done.stderr:
+        assert done.returncode == 2 and done.stderr.count("\n") == 1
+        pytest.skip("this build has no Ceres")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_a_run_leaves_all_it_promises(mapped):
+    results = json.loads((mapped / "results.json").read_text())
+    slam = results["slam"]
+    assert slam["tracked"] == slam["frames"] == FRAMES and slam["lost"] == 0
+    assert slam["ate_rmse"] < 0.03 and slam["path_length"] > 0.5
+    assert slam["keyframes"]["frames"] >= 3 and results["psnr"] > 12 and results["split"] == "tracked"
+    assert len(results["views"]) == FRAMES and results["backbone"] == "photo-slam"
+    lines = (mapped / "trajectory.txt").read_text().splitlines()
+    assert len(lines) == FRAMES and all(len(line.split()) == 8 for line in lines)
+    assert len((mapped / "keyframes.txt").read_text().splitlines()) == slam["keyframes"]["frames"]
+    assert (mapped / f"point_cloud/iteration_{results['iterations']}/point_cloud.ply").is_file()
+    report = (mapped / "report.html").read_text()
+    assert "Where the camera was" in report and report.count("data:image/jpeg") >= 6
+
+
+def test_lockstep_gives_the_same_bytes_for_any_number_of_threads(walk, mapped, tmp_path):
+    run_well("slam", "-s", walk, "-m", tmp_path / "again", *SHORT, "--threads", 3)
+    for name in ("trajectory.txt", "keyframes.txt"):
+        assert (mapped / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+    models = [next(folder.glob("point_cloud/*/point_cloud.ply")) for folder in (mapped, tmp_path / "again")]
+    assert models[0].parent.name == models[1].parent.name
+    assert models[0].read_bytes() == models[1].read_bytes()
+
+
+def test_tracking_and_mapping_run_at_once(walk, mapped, tmp_path):
+    del mapped  # skips without Ceres
+    run_well("slam", "-s", walk, "-m", tmp_path / "free", "--iterations", 30, "--features", 400, "--quiet",
+             "--initial-keyframes", 3, "--no-boost")
+    results = json.loads((tmp_path / "free/results.json").read_text())
+    assert results["iterations"] >= 30 and not results["boost"] and results["slam"]["tracked"] == FRAMES
+
+
+def test_keyframes_are_a_scene(mapped, tmp_path):
+    run_well("train", "-s", mapped / "keyframes", "-m", tmp_path / "model", "--iterations", 5, "--quiet")
+    run_well("render", "-m", mapped, "-o", tmp_path / "pictures")
+    assert len(list((tmp_path / "pictures").rglob("*.png"))) >= 3
+    config = json.loads((mapped / "config.json").read_text())
+    assert config["slam"]["lockstep"] == 3 and config["slam"]["source"].endswith("walk")
+
+
+def test_a_run_is_repeated_by_its_config(mapped, tmp_path):
+    run_well("slam", "-m", tmp_path / "again", "--config", mapped / "config.json", "--quiet")
+    assert (mapped / "trajectory.txt").read_bytes() == (tmp_path / "again/trajectory.txt").read_bytes()
+
+
+def test_bad_frames_are_told_and_left_out(walk, mapped, tmp_path):
+    del mapped
+    folder = tmp_path / "walk"
+    shutil.copytree(walk, folder)
+    (folder / "results/frame000003.png").write_bytes(b"nothing")
+    (folder / "results/depth000005.png").unlink()
+    done = run_well("slam", "-s", folder, "-m", tmp_path / "model", *SHORT)
+    assert re.search(r"frame 3 .*frame000003.png.*left out", done.stderr)
+    assert re.search(r"frame 5 .*tracked by colour alone", done.stderr)
+    slam = json.loads((tmp_path / "model/results.json").read_text())["slam"]
+    assert slam["dropped"] == 1 and slam["tracked"] == FRAMES - 1
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["--calibration", "nowhere.json"], "nowhere.json"),
+    (["--lockstep", 1, "--seconds", 1], "exclude each other"),
+    (["--features", 5], "--features must be"),
+    (["--stride", 0], "--stride must be"),
+    (["--backbone", "vanilla"], "vanilla cannot train while its views come in"),
+])
+def test_mistakes_are_one_line(walk, mapped, tmp_path, arguments, words):
+    del mapped
+    done = run_program("slam", "-s", walk, "-m", tmp_path / "model", "--quiet", "--iterations", 5, *arguments)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and words in done.stderr, done.stderr
+    assert not (tmp_path / "model").exists()
+
+
+def test_a_calibration_that_is_wrong_never_crashes(walk, mapped, tmp_path):
+    del mapped
+    (tmp_path / "camera.json").write_text(json.dumps(
+        {"width": 160, "height": 120, "fx": 20, "fy": 400, "cx": 3, "cy": 110, "depth_scale": 20}))
+    done = run_program("slam", "-s", walk, "-m", tmp_path / "model", *SHORT, "--calibration", tmp_path / "camera.json")
+    assert done.returncode in (0, 2), done.stderr
+    assert "calibration" in done.stderr
+    (tmp_path / "flat.json").write_text(json.dumps({"width": 160, "height": 120, "fx": 120, "fy": 120, "cx": 80, "cy": 60}))
+    done = run_program("slam", "-s", walk, "-m", tmp_path / "model", *SHORT, "--calibration", tmp_path / "flat.json")
+    assert done.returncode == 2 and "has no depth" in done.stderr
