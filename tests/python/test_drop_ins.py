@@ -286,6 +286,9 @@ splatboost.install_drop_ins("absgs")
 import diff_gaussian_rasterization_abs, simple_knn._C
 assert diff_gaussian_rasterization_abs.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("absgs")
 assert "diff_gaussian_rasterization" not in sys.modules
+splatboost.install_drop_ins("surfels")
+import diff_surfel_rasterization
+assert diff_surfel_rasterization.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("surfels")
 for layout in LAYOUTS:
     names = splatboost.install_drop_ins(layout)
     assert splatboost.install_drop_ins(layout) == names

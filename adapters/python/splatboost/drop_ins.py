@@ -15,11 +15,13 @@ LAYOUTS = {
     "3dgs-accelerated": "diff_gaussian_rasterization_accelerated",
     "mip-splatting": "diff_gaussian_rasterization_mip_splatting",
     "absgs": "diff_gaussian_rasterization_absgs",
+    "opacity-fields": "diff_gaussian_rasterization_opacity_fields",
+    "surfels": "diff_surfel_rasterization",
     "anchors": "diff_gaussian_rasterization_anchors",
 }
 
 #: layout → the name that its host imports, where it is another than diff_gaussian_rasterization
-_NAMES = {"absgs": "diff_gaussian_rasterization_abs"}
+_NAMES = {"absgs": "diff_gaussian_rasterization_abs", "surfels": "diff_surfel_rasterization"}
 
 
 def install_drop_ins(layout: str) -> List[str]:
