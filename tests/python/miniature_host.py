@@ -433,11 +433,11 @@ ABSGS = [
 SURFELS = [
     ("gaussian_renderer/__init__.py", "from diff_gaussian_rasterization import", "from diff_surfel_rasterization import"),
     ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, allmap = rasterizer("),
-    ("gaussian_renderer/__init__.py", "\"visibility_filter\":", "\"rend_normal\": allmap[2:5], \"visibility_filter\":"),
+    ("gaussian_renderer/__init__.py", "\"visibility_filter\":", "\"rend_normal\": allmap[2:5], \"depth\": torch.nan_to_num(allmap[:1] / allmap[1:2], 0, 0), \"visibility_filter\":"),
     ("scene/gaussian_model.py", "torch.log(distance)[:, None].repeat(1, 3)", "torch.log(distance)[:, None].repeat(1, 2)"),
     ("scene/gaussian_model.py", "torch.normal(torch.zeros_like(rows[\"xyz\"]), torch.exp(rows[\"scaling\"]))",
      "torch.nn.functional.pad(torch.normal(torch.zeros_like(rows[\"scaling\"]), torch.exp(rows[\"scaling\"])), (0, 1))"),
-    ("train.py", "abs().mean()", "abs().mean() + 0.01 * (1 - drawn[\"rend_normal\"].pow(2).sum(dim=0)).mean()"),
+    ("train.py", "abs().mean()", "abs().mean() + 0.01 * (1 - drawn[\"rend_normal\"].pow(2).sum(dim=0)).mean() + 0.0 * drawn[\"depth\"].mean()"),
     ("scene/__init__.py", "        self.centre =", """        self.FoVx, self.FoVy = 2 * math.atan(self.tanfovx), 2 * math.atan(self.tanfovy)
         self.world_view_transform, self.full_proj_transform = self.view, self.full
         self.camera_center = self.centre ="""),

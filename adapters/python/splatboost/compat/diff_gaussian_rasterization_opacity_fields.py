@@ -51,4 +51,5 @@ class GaussianRasterizer(_MipSplatting):
                                features=torch.cat([axes, seen_from[:, 2:]], dim=1), **self.options())
         assert done.features is not None and done.alpha is not None
         depth = done.features[3:] / done.alpha.clamp_min(1e-6)
-        return torch.cat([done.color, done.features[:3], depth, done.alpha, torch.zeros_like(depth)]), done.radii
+        maps = _drop_in.without_nan(torch.cat([done.features[:3], depth, done.alpha, torch.zeros_like(depth)]))
+        return torch.cat([done.color, maps]), done.radii

@@ -52,4 +52,4 @@ class GaussianRasterizer(_drop_in.Drawer):
         assert done.features is not None and done.alpha is not None
         depth = done.features[:1]
         channels = [depth, done.alpha, done.features[1:], depth / done.alpha.clamp_min(1e-6), torch.zeros_like(depth)]
-        return done.color, done.radii, torch.cat(channels)
+        return done.color, done.radii, _drop_in.without_nan(torch.cat(channels))
