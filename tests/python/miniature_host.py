@@ -8,7 +8,8 @@ import pathlib
 
 #: layout → recipe that fits it
 RECIPES = {"3dgs-2023": "3dgs", "3dgs-2024-08": "3dgs", "3dgs-2024-10": "3dgs", "mip": "mip-splatting",
-           "drop": "dropgaussian", "deform": "deformable-3dgs", "absgs": "absgs"}
+           "drop": "dropgaussian", "deform": "deformable-3dgs", "absgs": "absgs", "2dgs": "2dgs",
+           "gof": "gaussian-opacity-fields"}
 
 ARGUMENTS = '''
 class Options:
@@ -325,7 +326,7 @@ def lines(depth, *texts):
 
 def parts(layout):
     """What stands where a layout differs."""
-    mip, drop, late = layout == "mip", layout == "drop", layout == "3dgs-2024-10"
+    mip, drop, late = layout in ("mip", "gof"), layout == "drop", layout == "3dgs-2024-10"
     deform = layout == "deform"
     images = "rendered_image, radii, depth_image" if layout.startswith("3dgs-2024") else "rendered_image, radii"
     found = dict.fromkeys(
@@ -334,7 +335,7 @@ def parts(layout):
         "ARGUMENTS REFILTER MOVED TURNED STRETCHED DENSIFY DENSIFY_POINTS DENSIFY_RESULT DEFORM_MODEL DEFORM_IMPORT "
         "DEFORM_MADE DEFORM_LOADED DELTAS".split(), "")
     found.update(RESULT=images, POINTS="viewspace_points", EARLY_RATE=lines(8, "gaussians.update_learning_rate(iteration)"))
-    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform", "absgs") else "(radii > 0).nonzero()",
+    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform", "absgs", "2dgs", "gof") else "(radii > 0).nonzero()",
                  UNTIL="10_000" if drop else "15_000", THRESHOLD="0.0005" if drop else "0.0002",
                  STEP=lines(16, *STEP))
     if layout.startswith("3dgs-2024"):
@@ -464,6 +465,31 @@ ABSGS = [
 ]
 
 
+#: What 2D Gaussian Splatting has: surfels of two standard deviations, a rasterizer of its own, maps beside the picture.
+SURFELS = [
+    ("gaussian_renderer/__init__.py", "from diff_gaussian_rasterization import", "from diff_surfel_rasterization import"),
+    ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, allmap = rasterizer("),
+    ("gaussian_renderer/__init__.py", "\"visibility_filter\":", "\"rend_normal\": allmap[2:5], \"depth\": torch.nan_to_num(allmap[:1] / allmap[1:2], 0, 0), \"visibility_filter\":"),
+    ("scene/gaussian_model.py", "torch.log(distance)[:, None].repeat(1, 3)", "torch.log(distance)[:, None].repeat(1, 2)"),
+    ("scene/gaussian_model.py", "torch.normal(torch.zeros_like(rows[\"xyz\"]), torch.exp(rows[\"scaling\"]))",
+     "torch.nn.functional.pad(torch.normal(torch.zeros_like(rows[\"scaling\"]), torch.exp(rows[\"scaling\"])), (0, 1))"),
+    ("train.py", "abs().mean()", "abs().mean() + 0.01 * (1 - drawn[\"rend_normal\"].pow(2).sum(dim=0)).mean() + 0.0 * drawn[\"depth\"].mean()"),
+    ("scene/__init__.py", "        self.centre =", """        self.FoVx, self.FoVy = 2 * math.atan(self.tanfovx), 2 * math.atan(self.tanfovy)
+        self.world_view_transform, self.full_proj_transform = self.view, self.full
+        self.camera_center = self.centre ="""),
+]
+
+
+_CAMERA = SURFELS[-1]
+#: What Gaussian Opacity Fields has beside Mip-Splatting: a picture of nine channels.
+OPACITY_FIELDS = [
+    _CAMERA,
+    ("gaussian_renderer/__init__.py", "means2D=on_screen,", "means2D=on_screen, view2gaussian_precomp=None,"),
+    ("train.py", "(drawn[\"render\"] - viewpoint_cam.original_image.cuda())",
+     "0.001 * (1 - drawn[\"render\"][7]).mean() + (drawn[\"render\"][:3] - viewpoint_cam.original_image.cuda())"),
+]
+
+
 def change(folder, changes):
     for file, what, by in changes:
         text = (folder / file).read_text(encoding="utf-8")
@@ -491,6 +517,5 @@ def write_host(folder, layout):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text.rstrip("\n"), encoding="utf-8")
-    if layout == "absgs":
-        change(folder, ABSGS)
+    change(folder, {"absgs": ABSGS, "2dgs": SURFELS, "gof": OPACITY_FIELDS}.get(layout, []))
     return folder

@@ -286,6 +286,9 @@ splatboost.install_drop_ins("absgs")
 import diff_gaussian_rasterization_abs, simple_knn._C
 assert diff_gaussian_rasterization_abs.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("absgs")
 assert "diff_gaussian_rasterization" not in sys.modules
+splatboost.install_drop_ins("surfels")
+import diff_surfel_rasterization
+assert diff_surfel_rasterization.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("surfels")
 for layout in LAYOUTS:
     names = splatboost.install_drop_ins(layout)
     assert splatboost.install_drop_ins(layout) == names
@@ -336,3 +339,19 @@ def test_deformable_gives_absolute_gradients_and_depth():
     view = settings("deformable-3dgs", reference.turned_camera()).viewmatrix
     z = given["means3D"].detach() @ view[:3, 2] + view[3, 2]
     assert 0 < depth.max() <= z.max()
+
+
+@pytest.mark.parametrize("layout, channel", [("surfels", 0), ("opacity-fields", 6)])
+def test_maps_where_nothing_is_drawn_pass_no_nan_on(layout, channel):
+    """Hosts divide depth by alpha at every pixel."""
+    view = settings("mip-splatting" if layout == "opacity-fields" else "3dgs-2023", Camera(40, 30, 40, 40, 20, 15, (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)))
+    means = torch.tensor([[0.0, 0, 3], [0.2, 0.1, 2]], requires_grad=True)
+    scales = torch.full((2, 2 if layout == "surfels" else 3), 0.05)
+    done = module(layout).GaussianRasterizer(view)(
+        means, torch.zeros(2, 3), torch.full((2, 1), 0.9), colors_precomp=torch.ones(2, 3), scales=scales,
+        rotations=torch.tensor([[1.0, 0.2, 0, 0]]).repeat(2, 1))
+    maps = done[2] if layout == "surfels" else done[0]
+    alpha = maps[1] if layout == "surfels" else maps[7]
+    assert (alpha == 0).any() and (alpha > 0.5).any()
+    torch.nan_to_num(maps[channel] / alpha).sum().backward()
+    assert torch.isfinite(means.grad).all() and means.grad[:, 2].abs().sum() > 0

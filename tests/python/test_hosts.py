@@ -65,9 +65,15 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
     assert on["counts"][-1] < off["counts"][-1]
     assert on["counts"][-1] < max(on["counts"]), "late pruning removed nothing"
     assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
+    backbones = {"3dgs": "vanilla", "absgs": "vanilla", "2dgs": "vanilla", "gaussian-opacity-fields": "mip-splatting"}
+    hosts_own = layout in ("2dgs", "gof")  # the host's rasterizer draws
     assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {
-        "backbone": {"3dgs": "vanilla", "absgs": "vanilla"}.get(recipe, recipe), "beta": 0.5}
+        "backbone": backbones.get(recipe, recipe), "beta": None if hosts_own else 0.5}
 
+    if hosts_own:
+        patch("revert", tree)
+        assert files_of(tree) == before
+        return
     # The host's render script draws with the beta of the model, and as published without it.
     drawn = []
     for keep in (True, False):

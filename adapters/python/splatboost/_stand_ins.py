@@ -17,7 +17,8 @@ from typing import Any, List, Optional, Tuple
 _OPTIONAL = ("open3d", "joblib", "wandb")
 #: What a host need not have installed.
 PROVIDED = _OPTIONAL + ("torchvision", "torch_scatter", "lpips", "lpipsPyTorch", "diff_gaussian_rasterization",
-                        "diff_gaussian_rasterization_abs", "simple_knn", "fused_ssim")
+                        "diff_gaussian_rasterization_abs", "diff_surfel_rasterization", "simple_knn",
+                        "fused_ssim")
 
 
 def install() -> None:

@@ -11,7 +11,6 @@ from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 import torch
 
 from . import _library as lib
-from ._rasterize import Render
 from ._tensors import Place, check
 from .operations import as_bytes
 
@@ -31,7 +30,7 @@ class ScoredView:
     color: torch.Tensor
     truth: torch.Tensor
     valid: Optional[torch.Tensor] = None
-    render: Optional[Render] = None
+    render: Any = None  # a Render, or what has its _add_counts
 
 
 #: views[j]() renders training view j
@@ -40,7 +39,7 @@ ViewSource = Sequence[Callable[[], ScoredView]]
 
 def _setting_kinds(boost: Any) -> Dict[str, Any]:
     """Each setting's name and its type: bool, int or float."""
-    kinds = {}
+    kinds: Dict[str, Any] = {}
     name, kind = ctypes.c_char_p(), ctypes.c_int32()
     while True:
         lib.call("sb_boost_setting", boost, len(kinds), ctypes.byref(name), ctypes.byref(kind))

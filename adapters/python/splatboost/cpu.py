@@ -146,12 +146,16 @@ def detect_layout(folder: str) -> Optional[str]:
         return None
     with open(path, encoding="utf-8", errors="replace") as file:
         text = file.read()
+    if "view2gaussian" in text:
+        return "opacity-fields"
     if "kernel_size" in text and "subpixel_offset" in text:
         return "mip-splatting"
     if "means2D_densify" in text:
         return "deformable-3dgs"
     if "visible_filter" in text or "def prefilter_voxel(" in text:
         return "anchors"
+    if "diff_surfel_rasterization" in text:
+        return "surfels"
     if "gs_w" in text:
         return "absgs"
     return "3dgs-2024" if "depth_image" in text or "antialiasing" in text else "3dgs-2023"

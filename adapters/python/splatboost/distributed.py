@@ -175,7 +175,7 @@ def shared_views(views: Sequence[Callable[[], ScoredView]], processes: Processes
                     view.render = last_render()
                 form[:] = torch.tensor([*view.color.shape[1:], view.valid is not None])
             height, width, masked = processes.from_owner(form, owner).tolist()
-            tensors = []
+            tensors: List[Optional[torch.Tensor]] = []
             for name, shape, dtype in (("color", (3, height, width), torch.float32), ("truth", (3, height, width), torch.uint8),
                                        ("valid", (height, width), torch.uint8)):
                 if name == "valid" and not masked:

@@ -16,11 +16,13 @@ LAYOUTS = {
     "mip-splatting": "diff_gaussian_rasterization_mip_splatting",
     "deformable-3dgs": "diff_gaussian_rasterization_deformable",
     "absgs": "diff_gaussian_rasterization_absgs",
+    "opacity-fields": "diff_gaussian_rasterization_opacity_fields",
+    "surfels": "diff_surfel_rasterization",
     "anchors": "diff_gaussian_rasterization_anchors",
 }
 
 #: layout → the name that its host imports, where it is another than diff_gaussian_rasterization
-_NAMES = {"absgs": "diff_gaussian_rasterization_abs"}
+_NAMES = {"absgs": "diff_gaussian_rasterization_abs", "surfels": "diff_surfel_rasterization"}
 
 
 def install_drop_ins(layout: str) -> List[str]:

@@ -149,8 +149,9 @@ struct Patch {
     } else {
       std::printf("%s: patched with %s (layout %s), %s\n", path.c_str(), found.name.c_str(), outcome.layout.c_str(),
                   size_of(outcome).c_str());
-      std::printf("Train as ever; --boost off trains as before the patch. To undo: splatboost patch revert %s\n",
-                  path.c_str());
+      const bool has_switch = !found.options.empty();  // a recipe may only offer what the host did not have
+      std::printf("Train as ever%s. To undo: splatboost patch revert %s\n",
+                  has_switch ? "; --boost off trains as before the patch" : "", path.c_str());
     }
     return 0;
   }

@@ -28,9 +28,9 @@ struct SynthOptions {
 /// Writes a COLMAP scene: images/*.png, sparse/0/*.bin, and beside it depth/*.png (16 bit, millimetres of z),
 /// normals/*.png (world frame, 127.5·(n + 1)), masks/*.png (objects white, room, ground and sky black). Depth is 0 in
 /// the sky and beyond 65 m. surface.ply, if asked for. The scene "moving" has times: it is written as D-NeRF's are,
-/// transforms_train.json and transforms_test.json, with train/*.png and test/*.png, points3d.ply, and the same folders of
-/// truth below depth/, normals/ and masks/; the test views are of pairs of a place and a time that training does not see.
-/// Same options, same bytes. Throws InputError on impossible options.
+/// transforms_train.json and transforms_test.json, with train/*.png and test/*.png, points3d.ply, and the same folders
+/// of truth below depth/, normals/ and masks/; the test views are of pairs of a place and a time that training does not
+/// see. Same options, same bytes. Throws InputError on impossible options.
 void write_synthetic_scene(const SynthOptions& options);
 
 }  // namespace splatboost

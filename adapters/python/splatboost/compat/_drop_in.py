@@ -105,6 +105,13 @@ def visible(settings: Any, positions: torch.Tensor) -> torch.Tensor:
         return mark_visible(camera_of(settings), positions)
 
 
+def without_nan(maps: torch.Tensor) -> torch.Tensor:
+    """The maps, whose gradient is 0 where it is not a number: hosts divide by alpha also where nothing was drawn."""
+    if maps.requires_grad:
+        maps.register_hook(lambda gradient: torch.nan_to_num(gradient, 0.0, 0.0, 0.0))
+    return maps
+
+
 #: A view, in 3DGS's terms: matrices are for points that are rows. prefiltered and debug change nothing here.
 SIZE = ("image_height", "image_width", "tanfovx", "tanfovy")
 VIEW = ("bg", "scale_modifier", "viewmatrix", "projmatrix", "sh_degree", "campos", "prefiltered", "debug")

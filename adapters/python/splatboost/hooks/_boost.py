@@ -98,8 +98,12 @@ class Boost:
         return told + (", steps by schedule" if self.adapter.settings["schedule"] else ", a step every iteration")
 
     def _settings(self) -> Dict[str, Any]:
+        return dict(self._host_settings(), beta=self.options.boost_beta, tau_d=self.options.boost_tau_d)
+
+    def _host_settings(self) -> Dict[str, Any]:
+        """What the user gave the host's own options."""
         options = self.options
-        settings: Dict[str, Any] = {"beta": options.boost_beta, "tau_d": options.boost_tau_d}
+        settings: Dict[str, Any] = {}
         for name, (setting, default) in self.host_options.items():
             value = getattr(options, name)
             if value == default:
@@ -152,11 +156,11 @@ class Boost:
         self._seen = torch.zeros((n, 1), device=self._device)
 
     def _views(self) -> List[Callable[[], ScoredView]]:
-        def scored(camera: Any) -> ScoredView:
-            image = self._render(camera)
-            return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device), valid_pixels(camera, image))
+        return [functools.partial(self._score, camera) for camera in self._scene.getTrainCameras()]
 
-        return [functools.partial(scored, camera) for camera in self._scene.getTrainCameras()]
+    def _score(self, camera: Any) -> ScoredView:
+        image = self._render(camera)
+        return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device), valid_pixels(camera, image))
 
     # --- growth and pruning
 
@@ -183,7 +187,8 @@ class Boost:
         max_scales = g.get_scaling.detach().max(dim=1).values
         clone, split = self.adapter.grow(
             self.iteration, views, scene_extent=float(extent), gradients=gradients,
-            gradients_abs=self._absolute_gradients(), max_scales=max_scales, opacities=g.get_opacity.detach())
+            gradients_abs=self._absolute_gradients(), max_scales=max_scales, opacities=g.get_opacity.detach(),
+            **self._own_growth(gradients, max_scales, float(extent)))
         if self.options.boost_max_gaussians > 0:
             room = max(0, self.options.boost_max_gaussians - n)
             growing = keep_largest(gradients.reshape(-1), room, clone | split)
@@ -201,6 +206,10 @@ class Boost:
         if radii:
             g.tmp_radii = None
         self._restart_statistics()
+
+    def _own_growth(self, gradients: torch.Tensor, max_scales: torch.Tensor, extent: float) -> Dict[str, torch.Tensor]:
+        """clone and split as the host's own rule has them, for an adapter without absolute gradients."""
+        return {}
 
     def _grow(self, clone: torch.Tensor, split: torch.Tensor, extent: float) -> torch.Tensor:
         """Lets the host clone and split these; returns which of the Gaussians before each is made from."""

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from typing import Any, Callable, Optional
 
 import torch
 
+from ..camera import Camera
 from ..compat import (
     diff_gaussian_rasterization_2023,
     diff_gaussian_rasterization_2024,
@@ -88,6 +90,14 @@ def rasterizer(model: Any, host: Any, depth: bool = False, weights: bool = False
         return drawing(settings, depth, weights, means2D, given)
 
     return draw
+
+
+def pinhole(camera: Any, image: torch.Tensor) -> Camera:
+    """A host's camera of an image [3,H,W]."""
+    height, width = image.shape[1:]
+    tangents = [math.tan(0.5 * float(angle)) for angle in (camera.FoVx, camera.FoVy)]
+    return Camera.from_3dgs(height, width, tangents[0], tangents[1], camera.world_view_transform,
+                            camera.full_proj_transform, camera.camera_center)
 
 
 def load(model: Any, model_path: str) -> None:

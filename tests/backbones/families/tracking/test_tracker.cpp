@@ -11,7 +11,7 @@
 #include "families/tracking/features.h"
 #include "splatboost/threads.h"
 #include "trainer/sequence/trajectory.h"
-#include "trainer/synth/synth_picture.h"
+#include "trainer/synth/synth_view.h"
 #include "trainer/synth/synth_walk.h"
 
 namespace splatboost {
@@ -23,12 +23,12 @@ constexpr int kWidth = 240, kHeight = 180, kFrames = 16;
 const std::vector<Frame>& walk() {
   static const std::vector<Frame> frames = [] {
     const auto world = synthetic::make_room();
-    const auto camera = synthetic::Intrinsics::of(kWidth, kHeight);
+    const synthetic::Intrinsics camera(kWidth, kHeight);
     Threads threads;
     std::vector<Frame> made;
     for (int i = 0; i < kFrames; ++i) {
-      synthetic::Picture picture;
-      synthetic::take_picture(*world, camera, walk_pose(i, kWalkFrames), 1, threads, picture);
+      synthetic::Picture picture(camera);
+      synthetic::render_view(*world, camera, walk_pose(i, kWalkFrames), 1, threads, picture);
       Frame frame;
       frame.number = static_cast<std::size_t>(i);
       frame.width = kWidth;
@@ -43,7 +43,7 @@ const std::vector<Frame>& walk() {
 }
 
 Calibration calibration() {
-  const auto camera = synthetic::Intrinsics::of(kWidth, kHeight);
+  const synthetic::Intrinsics camera(kWidth, kHeight);
   Calibration c;
   c.width = kWidth;
   c.height = kHeight;

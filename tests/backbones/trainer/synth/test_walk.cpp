@@ -11,7 +11,7 @@
 
 #include "support/temporary_folder.h"
 #include "trainer/sequence/sequence.h"
-#include "trainer/synth/synth_picture.h"
+#include "trainer/synth/synth_view.h"
 
 namespace splatboost::test {
 namespace {

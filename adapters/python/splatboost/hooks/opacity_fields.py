@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hooks of Gaussian Opacity Fields, which has Mip-Splatting's classes. The host's rasterizer draws, without a compact box; who
+is blended where a view is wrong is counted by drawing as Mip-Splatting does."""
+
+from __future__ import annotations
+
+from typing import Any, Dict
+
+from .._rasterize import rasterize
+from ..adapter import ScoredView
+from . import _drawing, mip_splatting
+
+__all__ = ["Boost"]
+
+
+class Boost(mip_splatting.Boost):
+    #: px², the low-pass of Mip-Splatting; the host's own --kernel_size hardly differs.
+    low_pass = 0.1
+
+    def _settings(self) -> Dict[str, Any]:
+        return dict(self._host_settings(), tau_d=self.options.boost_tau_d, cb=False)
+
+    def _score(self, camera: Any) -> ScoredView:
+        view, g = super()._score(camera), self.gaussians
+        view.render = rasterize(
+            _drawing.pinhole(camera, view.color), g.get_xyz.detach(), g.get_opacity_with_3D_filter.detach(),
+            scales=g.get_scaling_with_3D_filter.detach(), rotations=g.get_rotation.detach(),
+            colors=g.get_xyz.detach().clone().zero_(), low_pass=self.low_pass, compensate_opacity=True)
+        return view
