@@ -11,8 +11,6 @@
 namespace splatboost::synthetic {
 namespace {
 
-constexpr double kFarthestDepth = 65.5;  // what 16 bits of millimetres can hold
-
 void render_rows(const World& world, const Intrinsics& camera, const Pose& pose, int samples, std::size_t begin,
                  std::size_t end, Picture& picture) {
   const double pixel_angle = 1.0 / camera.focal;

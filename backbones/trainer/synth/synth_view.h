@@ -14,6 +14,7 @@
 namespace splatboost::synthetic {
 
 inline constexpr double kFieldOfView = 66.0 * kPi / 180.0;  // horizontal
+inline constexpr double kFarthestDepth = 65.5;              // what 16 bits of millimetres can hold
 
 /// Pixel centres are at (i + 0.5, j + 0.5).
 struct Intrinsics {
