@@ -234,6 +234,10 @@ TARGETS = {
     "photo": Target(["colmap/images/0001.png", "colmap/images/0003.png"], by(BYTES), readers_of("colmap")),
     "transforms.json": Target(["blender/transforms_train.json", "blender/transforms_test.json", "nerfstudio/transforms.json"],
                               mostly_json, {"blender": readers_of("blender"), "nerfstudio": readers_of("nerfstudio")}),
+    "capture": Target([f"capture/{name}" for name in ("dataset.json", "metadata.json", "scene.json", "camera/0001.json")],
+                      mostly_json, readers_of("capture")),
+    "array of numpy": Target(["capture/points.npy", "rig/poses_bounds.npy"], by(HEAD_AND_BYTES),
+                             {name: readers_of(name) for name in ("capture", "rig")}),
     "points3d.ply": Target(["nerfstudio/points3d.ply"], by(HEAD_AND_BYTES), readers_of("nerfstudio")),
     "packed scene": Target(["packed.sbscene"], damage_packed, readers_of("packed.sbscene")),
     "model": Target([f"of-{name}/{PLY}" for name in BACKBONES], by(HEAD_AND_BYTES),
@@ -295,6 +299,41 @@ def transform_of(quaternion, translation):
     return [[rotation[0][i], -rotation[1][i], -rotation[2][i], centre[i]] for i in range(3)] + [[0, 0, 0, 1]]
 
 
+def npy(width, rows):
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({len(rows)}, {width}), }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + \
+        b"".join(struct.pack(f"<{width}d", *row) for row in rows)
+
+
+def write_moving(work, lens, images, points):
+    """The same photos as a capture of Nerfies, one a moment, and as a rig of two cameras."""
+    width, height, focal, cx, cy = lens
+    shutil.copytree(work / "colmap/images", work / "capture/rgb/1x")
+    (work / "capture/camera").mkdir()
+    names = [pathlib.Path(name).stem for name, _, _ in images]
+    for name, (_, q, t) in zip(names, images):
+        pose = transform_of(q, t)
+        camera = {"orientation": [[pose[c][r] * (1, -1, -1)[r] for c in range(3)] for r in range(3)],
+                  "position": [row[3] for row in pose[:3]], "focal_length": focal, "pixel_aspect_ratio": 1.0, "skew": 0.0,
+                  "principal_point": [cx, cy], "radial_distortion": [0, 0, 0], "tangential_distortion": [0, 0],
+                  "image_size": [width, height]}
+        (work / f"capture/camera/{name}.json").write_text(json.dumps(camera))
+    (work / "capture/dataset.json").write_text(json.dumps({"ids": names, "train_ids": names[1:], "val_ids": names[:1]}))
+    (work / "capture/metadata.json").write_text(json.dumps({n: {"time_id": i} for i, n in enumerate(names)}))
+    (work / "capture/scene.json").write_text(json.dumps({"scale": 1.0, "center": [0.0, 0.0, 0.0]}))
+    (work / "capture/points.npy").write_bytes(npy(3, [position for position, _ in points]))
+    rows = []
+    for camera in range(2):
+        pose = transform_of(*images[camera][1:])
+        rows.append([value for r in range(3) for value in
+                     (-pose[r][1], pose[r][0], pose[r][2], pose[r][3], (height, width, focal)[r])] + [0.1, 9.0])
+        for frame in range(2):
+            folder = work / f"rig/cam{camera}"
+            folder.mkdir(parents=True, exist_ok=True)
+            shutil.copy(work / "colmap/images" / images[2 * camera + frame][0], folder / f"{frame}.png")
+    (work / "rig/poses_bounds.npy").write_bytes(npy(17, rows))
+
+
 def prepare(work):
     """Writes one whole file of each kind."""
     run_well("synth", "colmap", *attacks.TINY_SCENE, cwd=work)
@@ -321,6 +360,7 @@ def prepare(work):
     (work / "nerfstudio/transforms.json").write_text(json.dumps(
         {"w": width, "h": height, "fl_x": focal, "fl_y": focal, "cx": cx, "cy": cy, "ply_file_path": "points3d.ply",
          "frames": frames}, indent=1))
+    write_moving(work, (width, height, focal, cx, cy), images, points)
     run_well("pack", "colmap", "packed.sbscene", cwd=work)
     (work / "list.txt").write_text("".join(f"{name}\n" for name, _, _ in images[::3]))
     (work / "settings").mkdir()

@@ -31,16 +31,12 @@ struct Render {
     set.set_group("Output");
     set.add("-o,--output", output, "folder of the PNG files [the model folder]", false)->type_name("DIR");
     set.add("--orbit", orbit, "instead of the scene's views, so many on a circle around it", false)->type_name("N");
-    set.add("--video", video,
-            "the circle as a video instead of PNG files; of a scene that moves while time runs, unless --time stops it",
-            false)
+    set.add("--video", video, "the circle as a video instead of PNG files; time runs too", false)
         ->type_name("FILE.mp4");
-    set.add("--time", time, "of a model of a scene that moves, in [0, 1], instead of each view's own", false)
-        ->type_name("T");
-    set.add("--view", view, "with --video or --orbit: stay at the camera of the view of this name, while time runs",
-            false)
+    set.add("--time", time, "in [0, 1], of a scene that moves, instead of each view's own", false)->type_name("T");
+    set.add("--view", view, "with --orbit or --video: stay at this view's camera while time runs", false)
         ->type_name("NAME");
-    set.add("--sequence", sequence, "instead of pictures, so many standard .ply files from time 0 to time 1", false)
+    set.add("--sequence", sequence, "instead of pictures: N standard .ply files from time 0 to 1", false)
         ->type_name("N");
     set.add("--fps", frames_per_second, "of the video", false)->type_name("N")->capture_default_str();
     set.add("--beta", options.beta, "compact box instead of the one in training, in (0, 1]; 1: exact", false)

@@ -103,8 +103,7 @@ void add_data_options(OptionSet& set, RunOptions& options) {
   set.add("--eval", scene.eval, "hold out test views (every llffhold-th, or the dataset's own)");
   set.add("--llffhold", scene.llffhold, "every so many views is a test view")->type_name("N")->capture_default_str();
   set.add("--test-list", scene.test_list, "file naming the test images, one a line")->type_name("FILE");
-  set.add("--frame-times", scene.frame_times,
-          "COLMAP: the last number in an image's name is its frame, and so its time");
+  set.add("--frame-times", scene.frame_times, "COLMAP: the last number in a name is the frame, so the time");
   set.add("--frames", scene.frames, "so many frames of each camera of a rig of videos; 0: all")
       ->type_name("N")
       ->capture_default_str();
