@@ -27,7 +27,8 @@ TEST(SurfaceSamples, are_on_the_surface_and_leave_no_gap) {
   Threads threads(1);
   std::vector<float> grid;
   for (int i = 0; i <= 100; ++i) {
-    for (int j = 0; j <= 100; ++j) grid.insert(grid.end(), {i / 100.0f, j / 100.0f, 2});
+    for (int j = 0; j <= 100; ++j)
+      grid.insert(grid.end(), {static_cast<float>(i) / 100, static_cast<float>(j) / 100, 2});
   }
   for (const double d : nearest_distances(grid, points, threads)) EXPECT_LT(d, 0.05);
   for (std::size_t i = 2; i < points.size(); i += 3) EXPECT_EQ(points[i], 2);

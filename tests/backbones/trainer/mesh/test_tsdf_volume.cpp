@@ -91,7 +91,7 @@ TEST_F(Tsdf, finds_a_sphere_with_its_colours_faces_outwards) {
 }
 
 TEST_F(Tsdf, leaves_out_what_few_views_saw) {
-  const TriangleMesh all = sphere(8, 1), often = sphere(8, 4);
+  const TriangleMesh all = sphere(8, 1), often = sphere(8, 3);
   EXPECT_LT(often.size(), all.size() * 9 / 10);
   EXPECT_GT(often.size(), 100u);
 }
