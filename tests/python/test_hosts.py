@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import conftest
+import host_runner
 import miniature_anchors
 import miniature_host
 import pytest
@@ -25,14 +26,15 @@ def patch(*arguments):
     return done.stdout
 
 
-def on_cpu(tree, script, *arguments):
+def command(tree, script, *arguments):
+    """The command line itself; host_runner.run is the same but for the import of torch."""
     environment = dict(os.environ, PYTHONPATH=str(conftest.PACKAGE), OMP_NUM_THREADS="1")
     return subprocess.run([sys.executable, "-m", "splatboost.cpu", str(tree / script), *map(str, arguments)],
                           capture_output=True, text=True, check=False, env=environment, timeout=300)
 
 
 def train(tree, model, *arguments, run=None):
-    done = on_cpu(tree, "train.py", "--model_path", model, *(run or RUN), *arguments)
+    done = host_runner.run(tree, "train.py", "--model_path", model, *(run or RUN), *arguments)
     assert done.returncode == 0, done.stderr
     boosted = "splatboost" in (tree / "train.py").read_text() and "off" not in arguments
     assert done.stdout.count("SplatBoost: ") == boosted  # one line about itself
@@ -79,7 +81,7 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
     for keep in (True, False):
         if not keep:
             (tmp_path / "on/splatboost.json").unlink()
-        done = on_cpu(tree, "render.py", "--model_path", tmp_path / "on")
+        done = host_runner.run(tree, "render.py", "--model_path", tmp_path / "on")
         assert done.returncode == 0, done.stderr
         drawn.append(torch.load(str(tmp_path / "on/render.pt")))
     assert not torch.equal(*drawn)
@@ -122,7 +124,7 @@ def test_a_layout_of_anchors_from_patch_to_revert(tmp_path, layout):
         assert max(closed["counts"]) == 60 and closed["extra"] > 0
 
     # render.py draws as the trainer's own evaluation did, with the beta of the model.
-    done = on_cpu(tree, "render.py", "--model_path", tmp_path / "on")
+    done = host_runner.run(tree, "render.py", "--model_path", tmp_path / "on")
     assert done.returncode == 0, done.stderr
     assert torch.equal(torch.load(str(tmp_path / "on/trained.pt")), torch.load(str(tmp_path / "on/render.pt")))
 
@@ -134,7 +136,7 @@ def test_a_layout_of_anchors_from_patch_to_revert(tmp_path, layout):
 def test_options_of_the_patch(tmp_path):
     tree = miniature_host.write_host(tmp_path / "tree", "3dgs-2023")
     patch("apply", "3dgs", tree)
-    done = on_cpu(tree, "train.py", "--model_path", tmp_path / "model", "--iterations", "5", "--boost", "perhaps")
+    done = command(tree, "train.py", "--model_path", tmp_path / "model", "--iterations", "5", "--boost", "perhaps")
     assert done.returncode == 2
     assert "--boost: on or off wanted, perhaps given" in done.stderr
     capped = train(tree, tmp_path / "model", "--boost_max_gaussians", "70", "--boost_beta", "0.7")
@@ -146,11 +148,11 @@ def test_options_of_the_patch(tmp_path):
 
 
 def test_errors_of_the_runner(tmp_path):
-    done = on_cpu(tmp_path, "train.py")
+    done = command(tmp_path, "train.py")
     assert done.returncode == 2
     assert "there is no script" in done.stderr
     (tmp_path / "needy.py").write_text("import no_such_package_at_all\n")
-    done = on_cpu(tmp_path, "needy.py")
+    done = command(tmp_path, "needy.py")
     assert done.returncode == 2
     assert "needy.py needs the Python module no_such_package_at_all: pip install" in done.stderr
     # All that is missing at once, by their names on PyPI; what is imported only if it is there is not missed.
@@ -159,12 +161,12 @@ def test_errors_of_the_runner(tmp_path):
     (tmp_path / "part/inner.py").write_text("import no_such_b.sub\n\ndef f():\n    import no_such_c\n")
     (tmp_path / "needy.py").write_text(
         "import os\nfrom part import inner\nimport no_such_a\ntry:\n    import no_such_d\nexcept ImportError:\n    pass\n")
-    done = on_cpu(tmp_path, "needy.py")
+    done = command(tmp_path, "needy.py")
     assert done.returncode == 2
     assert "needs the Python modules no_such_a, no_such_b: pip install" in done.stderr
     assert "no_such_c" not in done.stderr and "no_such_d" not in done.stderr
     (tmp_path / "failing.py").write_text("raise SystemExit(7)\n")
-    assert on_cpu(tmp_path, "failing.py").returncode == 7
+    assert command(tmp_path, "failing.py").returncode == 7
 
 
 def test_cuda_calls_happen_on_the_cpu(tmp_path):
