@@ -19,6 +19,7 @@ Command add_train(CLI::App& program);
 Command add_compare(CLI::App& program);
 Command add_render(CLI::App& program);
 Command add_eval(CLI::App& program);
+Command add_export(CLI::App& program);
 Command add_synth(CLI::App& program);
 Command add_pack(CLI::App& program);
 Command add_bench(CLI::App& program);
