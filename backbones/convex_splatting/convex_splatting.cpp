@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "convex_splatting/convex_file.h"
+#include "convex_splatting/convex_mesh.h"
 #include "convex_splatting/convex_shapes.h"
 #include "families/gaussians/trained_group.h"
 #include "splatboost/activations.h"
@@ -609,6 +610,9 @@ BackboneEntry convex_splatting_entry() {
   return {"convex-splatting", kPublishedIterations,
           [](const BackboneContext& context, const nlohmann::json& constants) {
             return make_convex_splatting(context, convex_config_from_json(constants));
+          },
+          [](const std::filesystem::path& model, const std::filesystem::path& file) {
+            write_convex_mesh(file, convex_mesh(read_convexes(model)));
           }};
 }
 

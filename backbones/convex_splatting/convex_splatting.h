@@ -45,9 +45,9 @@ struct ConvexConfig {
   int opacity_reset_interval = 3000;  ///< in short runs not below 5 densify intervals
   int trim_interval = 1000;           ///< after densify_until: faint and masked convexes go
   int sh_interval = 1000;             ///< one degree more every so many iterations
-  /// Focal length, in pixels, of the images that smoothness and sharpness are of; 0: of the training images, as
-  /// released, whose edges' lengths in pixels decide how soft a convex begins. See docs/adding_a_backbone.md.
-  double reference_focal = 0;
+  /// Focal length, in pixels, of the images whose pixels smoothness and sharpness are of: about that of the paper's.
+  /// 0: of the training images, whatever their size, as released. See docs/adding_a_backbone.md.
+  double reference_focal = 1000;
   bool released_view_direction = false;  ///< the release's slip: spherical harmonics see x and y of a centre as its z
 };
 

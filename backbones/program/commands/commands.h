@@ -22,6 +22,7 @@ Command add_eval(CLI::App& program);
 Command add_mesh(CLI::App& program);
 Command add_mesh_eval(CLI::App& program);
 Command add_slam(CLI::App& program);
+Command add_export(CLI::App& program);
 Command add_synth(CLI::App& program);
 Command add_pack(CLI::App& program);
 Command add_bench(CLI::App& program);

@@ -2,6 +2,7 @@
 /// @file How the program knows a backbone.
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <string_view>
 #include <vector>
@@ -19,6 +20,8 @@ struct BackboneEntry {
   /// @param constants of the backbone by field name, over its defaults. Throws InputError on an unknown key, a wrong
   /// type or an impossible value.
   std::unique_ptr<Backbone> (*make)(const BackboneContext& context, const nlohmann::json& constants);
+  /// Writes a model that export_model() left in a folder as triangles, .ply or .glb. Null: its primitives are none.
+  void (*export_mesh)(const std::filesystem::path& model, const std::filesystem::path& file) = nullptr;
 };
 
 /// One for each folder of backbones/ that CMake found.

@@ -16,15 +16,16 @@ namespace splatboost {
 
 /// What blending reads of a convex, at the convex's own index. With φ₂ = log2 Σ_k 2^(t_k), where t_k = edge_x[k]·dx +
 /// edge_y[k]·dy + edge_offset[k] and dx, dy are relative to the centre: I = 1 / (1 + 2^(steepness·φ₂)).
-struct alignas(64) ConvexRecord {
+struct alignas(16) ConvexRecord {
   float centre_x, centre_y;  ///< px
   float steepness;           ///< z·σ
   float opacity;
   float farthest;  ///< greatest max_k t_k at which α may reach 1/255
   float red, green, blue;
+  float depth;
   std::uint32_t edges;                  ///< of the hull; the arrays are filled up with edges that are never near
   std::uint8_t hull[kMaxConvexPoints];  ///< vertices of the hull, as in ProjectedConvex
-  float unused[5];
+  float unused[4];
   float edge_x[kMaxConvexPoints], edge_y[kMaxConvexPoints], edge_offset[kMaxConvexPoints];
 };
 
@@ -42,7 +43,6 @@ struct alignas(64) ConvexMoments {
 /// Workspace of one view.
 struct ConvexFrame : TileLists {
   ConvexOptions options;
-  ProjectionCamera projection;
 
   Buffer<ConvexRecord> records;         ///< [N]
   Buffer<std::uint8_t> visible;         ///< [N]

@@ -23,7 +23,6 @@ class CpuConvexRasterizer : public ConvexBackend {
                std::span<float> alpha) override {
     frame_.camera = camera;
     frame_.options = options;
-    frame_.projection = make_projection_camera(camera);
     frame_.primitives = convexes.count;
     frame_.tiles_x = camera.tiles_x();
     frame_.tiles_y = camera.tiles_y();

@@ -16,7 +16,6 @@
 #include "support/density_recorder.h"
 #include "support/tiny_scene.h"
 #include "trainer/backbone_api/backbone_entry.h"
-#include "trainer/evaluation/evaluate.h"
 
 namespace splatboost {
 
@@ -305,6 +304,7 @@ TEST(ConvexConfigs, PresetsAreTheReleases) {
   const ConvexConfig indoor = convex_config_from_json(nlohmann::json::object());
   EXPECT_EQ(indoor.gradient_threshold, 6e-6);
   EXPECT_EQ(indoor.densify_until, 9500);
+  EXPECT_EQ(indoor.reference_focal, 1000);
   const ConvexConfig outdoor = convex_config_from_json({{"preset", "outdoor"}});
   EXPECT_EQ(outdoor.gradient_threshold, 1e-6);
   EXPECT_EQ(outdoor.initial_sharpness, 1e-3);

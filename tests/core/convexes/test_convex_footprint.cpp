@@ -118,7 +118,6 @@ TEST(ConvexFootprint, LosesNothingAtBetaOne) {
     ConvexFrame frame;
     frame.camera = camera;
     frame.options.box = ConvexBox::compact;
-    frame.projection = make_projection_camera(camera);
     frame.primitives = scene.count;
     frame.tiles_x = camera.tiles_x();
     frame.tiles_y = camera.tiles_y();

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "program/commands/commands.h"
+#include "program/session/model_folder.h"
+#include "program/session/options.h"
+#include "program/session/plugged_backbone.h"
+#include "trainer/support/input_error.h"
+#include "trainer/support/json_values.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ExportOptions {
+  fs::path model, output;
+  int iteration = 0;
+};
+
+int run_export(const ExportOptions& options) {
+  if (options.model.empty()) throw UsageError("no model folder given: name it with -m/--model");
+  if (options.output.empty())
+    throw UsageError("no file to write given: name it with -o/--output, FILE.ply or FILE.glb");
+  const std::string ending = options.output.extension().string();
+  if (ending != ".ply" && ending != ".glb") {
+    throw UsageError(options.output.string() + ": the name of a mesh ends in .ply or .glb");
+  }
+  require(!fs::is_directory(options.output), options.output.string() + ": is a folder");
+  const nlohmann::json config = read_config(options.model);
+  const std::string place = (options.model / "config.json").string() + ": backbone: name";
+  require(config.contains("backbone") && config["backbone"].contains("name"), place + " is missing");
+  std::string name;
+  read_value(config["backbone"]["name"], place, name);
+  const BackboneEntry& entry = find_backbone(name);
+  require(entry.export_mesh != nullptr, options.model.string() + ": a model of " + name +
+                                            " has no triangles; its point_cloud.ply is what viewers show");
+  const fs::path saved = saved_model(options.model, options.iteration);
+  remove_stale_files(fs::absolute(options.output).parent_path());
+  entry.export_mesh(saved, options.output);
+  std::printf("mesh: %s (%.1f MB)\n", options.output.c_str(), static_cast<double>(fs::file_size(options.output)) / 1e6);
+  return 0;
+}
+
+}  // namespace
+
+Command add_export(CLI::App& program) {
+  CLI::App* app = program.add_subcommand("export", "Write the convexes of a model as triangles, for any viewer");
+  app->footer("Example: splatboost export -m OUT -o convexes.glb");
+  const auto options = std::make_shared<ExportOptions>();
+  add_checked_option(*app, "-m,--model", options->model, "model folder of a run")->type_name("DIR");
+  add_checked_option(*app, "--iteration", options->iteration, "model saved at this iteration; 0: the last")
+      ->type_name("N")
+      ->capture_default_str();
+  add_checked_option(*app, "-o,--output", options->output, "file to write")->type_name("FILE.ply|FILE.glb");
+  return {app, [options](const std::string&) { return run_export(*options); }};
+}
+
+}  // namespace splatboost::program
