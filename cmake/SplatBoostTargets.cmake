@@ -30,7 +30,7 @@ set(SPLATBOOST_LAYER_trainer_evaluation core trainer_support trainer_images trai
 set(SPLATBOOST_LAYER_trainer_training core trainer_support trainer_dataset trainer_backbone_api trainer_evaluation)
 set(SPLATBOOST_LAYER_trainer_report core trainer_support trainer_images trainer_evaluation)
 set(SPLATBOOST_LAYER_family core trainer_support trainer_dataset trainer_sequence trainer_backbone_api family)  # what backbones of one kind share
-set(SPLATBOOST_LAYER_backbone core trainer_support trainer_dataset trainer_backbone_api family)
+set(SPLATBOOST_LAYER_backbone core trainer_support trainer_dataset trainer_mesh trainer_backbone_api family)
 set(SPLATBOOST_LAYER_patch "")
 set(SPLATBOOST_LAYER_backbone_table trainer_backbone_api backbone)
 set(SPLATBOOST_LAYER_program core adapter trainer family backbone backbone_table patch program)

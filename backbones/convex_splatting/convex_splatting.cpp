@@ -612,7 +612,7 @@ BackboneEntry convex_splatting_entry() {
             return make_convex_splatting(context, convex_config_from_json(constants));
           },
           [](const std::filesystem::path& model, const std::filesystem::path& file) {
-            write_convex_mesh(file, convex_mesh(read_convexes(model)));
+            write_mesh(file, convex_mesh(read_convexes(model)));
           }};
 }
 

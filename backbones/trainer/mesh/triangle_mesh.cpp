@@ -26,14 +26,16 @@ void put(std::ostream& out, const T& value) {
 }
 
 void write_ply(std::ostream& out, const TriangleMesh& mesh) {
-  const bool colored = !mesh.colors.empty();
+  const bool colored = !mesh.colors.empty(), translucent = !mesh.opacities.empty();
   out << "ply\nformat binary_little_endian 1.0\nelement vertex " << mesh.vertices()
       << "\nproperty float x\nproperty float y\nproperty float z\n";
   if (colored) out << "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+  if (translucent) out << "property uchar alpha\n";
   out << "element face " << mesh.size() << "\nproperty list uchar int vertex_indices\nend_header\n";
   for (std::size_t i = 0; i < mesh.vertices(); ++i) {
     out.write(reinterpret_cast<const char*>(&mesh.positions[3 * i]), 3 * sizeof(float));
     if (colored) out.write(reinterpret_cast<const char*>(&mesh.colors[3 * i]), 3);
+    if (translucent) put(out, mesh.opacities[i]);
   }
   for (std::size_t t = 0; t < mesh.size(); ++t) {
     put(out, std::uint8_t{3});
@@ -52,12 +54,15 @@ void write_glb(std::ostream& out, const TriangleMesh& mesh) {
     high[k % 3] = std::max(high[k % 3], mesh.positions[k]);
   }
   const std::size_t positions = 12 * n, colors = mesh.colors.empty() ? 0 : 4 * n, indices = 12 * mesh.size();
+  const std::size_t bytes = positions + colors + indices;
+  require(bytes < std::numeric_limits<std::uint32_t>::max() - (std::size_t{1} << 16),
+          "the mesh is too large for a .glb, whose lengths have 32 bits; write a .ply");
   nlohmann::json gltf = {
       {"asset", {{"version", "2.0"}, {"generator", "splatboost"}}},
       {"scene", 0},
       {"scenes", {{{"nodes", {0}}}}},
       {"nodes", {{{"mesh", 0}}}},
-      {"buffers", {{{"byteLength", positions + colors + indices}}}},
+      {"buffers", {{{"byteLength", bytes}}}},
       {"bufferViews",
        {{{"buffer", 0}, {"byteOffset", 0}, {"byteLength", positions}, {"target", kVertices}},
         {{"buffer", 0}, {"byteOffset", positions + colors}, {"byteLength", indices}, {"target", kIndices}}}},
@@ -72,10 +77,13 @@ void write_glb(std::ostream& out, const TriangleMesh& mesh) {
         {{"bufferView", 2}, {"componentType", kByte}, {"normalized", true}, {"count", n}, {"type", "VEC4"}});
     gltf["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2;
   }
+  if (!mesh.opacities.empty()) {
+    gltf["materials"] = {{{"alphaMode", "BLEND"}, {"doubleSided", true}}};
+    gltf["meshes"][0]["primitives"][0]["material"] = 0;
+  }
   std::string text = gltf.dump();
   text.resize((text.size() + 3) / 4 * 4, ' ');
-  const auto length = [](std::size_t bytes) { return static_cast<std::uint32_t>(bytes); };
-  const std::size_t bytes = positions + colors + indices;
+  const auto length = [](std::size_t size) { return static_cast<std::uint32_t>(size); };
   out.write("glTF", 4);
   put(out, std::uint32_t{2});
   put(out, length(12 + 8 + text.size() + 8 + bytes));
@@ -87,7 +95,7 @@ void write_glb(std::ostream& out, const TriangleMesh& mesh) {
   out.write(reinterpret_cast<const char*>(mesh.positions.data()), static_cast<std::streamsize>(positions));
   for (std::size_t i = 0; i < colors / 4; ++i) {
     out.write(reinterpret_cast<const char*>(&mesh.colors[3 * i]), 3);
-    put(out, std::uint8_t{255});
+    put(out, mesh.opacities.empty() ? std::uint8_t{255} : mesh.opacities[i]);
   }
   out.write(reinterpret_cast<const char*>(mesh.triangles.data()), static_cast<std::streamsize>(indices));
 }
@@ -177,6 +185,7 @@ std::size_t keep_largest_parts(TriangleMesh& mesh, std::size_t least_triangles, 
         number[v] = static_cast<std::uint32_t>(out.vertices());
         out.positions.insert(out.positions.end(), &mesh.positions[3 * v], &mesh.positions[3 * v] + 3);
         if (!mesh.colors.empty()) out.colors.insert(out.colors.end(), &mesh.colors[3 * v], &mesh.colors[3 * v] + 3);
+        if (!mesh.opacities.empty()) out.opacities.push_back(mesh.opacities[v]);
       }
       out.triangles.push_back(number[v]);
     }

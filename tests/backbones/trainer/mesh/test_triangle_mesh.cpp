@@ -104,5 +104,24 @@ TEST(TriangleMesh, is_a_binary_gltf) {
   EXPECT_EQ(number(indices + 4), 5u);
 }
 
+TEST(TriangleMesh, what_is_translucent_is_so_in_its_files) {
+  const test::TemporaryFolder folder;
+  TriangleMesh mesh = square_and_triangle();
+  for (int k = 0; k < 7; ++k) mesh.opacities.push_back(static_cast<std::uint8_t>(30 * k));
+  write_mesh(folder / "mesh.ply", mesh);
+  EXPECT_NE(test::read_file(folder / "mesh.ply").find("property uchar alpha"), std::string::npos);
+  EXPECT_EQ(read_mesh(folder / "mesh.ply").positions, mesh.positions);
+  write_mesh(folder / "mesh.glb", mesh);
+  const std::string bytes = test::read_file(folder / "mesh.glb");
+  std::uint32_t length = 0;
+  std::memcpy(&length, bytes.data() + 12, 4);
+  const nlohmann::json gltf = nlohmann::json::parse(bytes.substr(20, length));
+  EXPECT_EQ(gltf["materials"][0]["alphaMode"], "BLEND");
+  const std::size_t colors = 28 + length + gltf["bufferViews"][2]["byteOffset"].get<std::size_t>();
+  for (std::size_t v = 0; v < 7; ++v) EXPECT_EQ(static_cast<std::uint8_t>(bytes[colors + 4 * v + 3]), 30 * v);
+  keep_largest_parts(mesh, 2, 0);
+  EXPECT_EQ(mesh.opacities.size(), mesh.vertices());
+}
+
 }  // namespace
 }  // namespace splatboost
