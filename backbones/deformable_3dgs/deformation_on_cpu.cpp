@@ -2,6 +2,7 @@
 #include "deformable_3dgs/deformation_on_cpu.h"
 
 #include <algorithm>
+#include <functional>
 
 #include "deformable_3dgs/deformation_math.h"
 #include "families/nets/frequency_encoding.h"
@@ -70,7 +71,8 @@ void DeformationOnCpu<Real>::forward(std::span<const Real> parameters, const Gau
   const auto encode = [&](std::size_t begin, std::size_t end, Real* x) {
     encode_positions(end - begin, shape_.position_frequencies, &at.means[3 * begin], x);
   };
-  net_.forward(parameters.first(net_shape_.parameters()), shared_, n, encode, deltas_, keep);
+  // By reference: a copy of it would be allocated each time.
+  net_.forward(parameters.first(net_shape_.parameters()), shared_, n, std::cref(encode), deltas_, keep);
   threads_.for_range(n, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       move_gaussian<Real>(motion, row_of(at, i), &deltas_[width * i], row_of(moved, i));

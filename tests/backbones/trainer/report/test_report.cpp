@@ -118,7 +118,7 @@ class Report : public testing::Test {
     r.stage_seconds = {{"render_forward", 3}, {"loss", 0}};
     for (int i = 1; i <= 3; ++i) r.curve.push_back({100 * i, 3.0 * i, 0.1, 1000, 20.0 + i});
     for (const char* stem : {"a", "b"}) picture(folder_ / label / (std::string(stem) + ".png"), 40, 30, 100);
-    return {label, r, folder_ / label};
+    return {label, r, folder_ / label, {}};
   }
 
   std::vector<ReportView> views() const {
@@ -164,6 +164,18 @@ TEST_F(Report, ShowsOneRun) {
   EXPECT_EQ(page.find("faster"), std::string::npos);
 }
 
+TEST_F(Report, ShowsModelsThatChangeWithTimeOverIt) {
+  if (!have_opencv()) GTEST_SKIP() << "pictures in a report need OpenCV";
+  ReportRun moving = run("boosted");
+  EXPECT_EQ(count(write({moving}, {}), "Over time"), 0u);
+  moving.moments = {folder_ / "boosted/a.png", folder_ / "boosted/b.png", folder_ / "nowhere.png"};
+  const std::string page = write({run("baseline"), moving}, {});
+  EXPECT_EQ(count(page, "<h2>Over time</h2>"), 1u);
+  for (const char* time : {"time 0.00", "time 0.50", "time 1.00"}) EXPECT_GE(count(page, time), 1u) << time;
+  EXPECT_EQ(count(page, "data:image/"), 2u);
+  EXPECT_EQ(count(page, ">no picture<"), 1u);
+}
+
 TEST_F(Report, EscapesWhatUsersName) {
   ReportRun evil = run("boosted");
   Results& r = evil.results;
@@ -180,7 +192,7 @@ TEST_F(Report, EscapesWhatUsersName) {
 TEST_F(Report, GetsAlongWithLittle) {
   if (!have_opencv()) GTEST_SKIP() << "pictures in a report need OpenCV";
   // No curve, no stages, no LPIPS, values that are not numbers, pictures missing or of another size.
-  ReportRun bare{"boosted", {}, folder_ / "nowhere"};
+  ReportRun bare{"boosted", {}, folder_ / "nowhere", {}};
   EXPECT_EQ(count(write({bare}, {}), "<svg"), 0u);
   bare.results.psnr = std::nan("");
   bare.results.curve = {{0, 0, std::nan(""), 0, std::nullopt}};
