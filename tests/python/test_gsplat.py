@@ -232,6 +232,7 @@ def test_needs(strategy_module, monkeypatch):
         import splatboost.gsplat  # noqa: F401
 
 
+@pytest.mark.skipif(conftest.EMULATED, reason="hundreds of views take the emulator long")
 def test_without_absolute_gradients(strategy_module):
     """3DGS's own rule makes the candidates then, from the signed gradient."""
     trainer = Trainer(strategy_module, 600, absgrad=False, tau_d=0.5, gradient_threshold=1e-5, percent_dense=0.15)
@@ -358,6 +359,7 @@ print(runner.steps, len(runner.splats["means"]))
 """
 
 
+@pytest.mark.skipif(conftest.EMULATED, reason="a process of its own, on the CPU")
 @pytest.mark.skipif(not (conftest.BUILD / "bin/splatboost").exists(), reason="the program is not built")
 def test_the_recipe_for_simple_trainer(tmp_path):
     def run(*command):

@@ -44,7 +44,7 @@ def test_the_program_trains_in_an_empty_environment(tmp_path):
     bin_folder = environment(tmp_path / "empty")
     program = bin_folder / "splatboost"
     assert "scaffold-gs" in run(program, "patch", "list")
-    run(program, "synth", tmp_path / "scene", "--views", 8, "--size", "48x32")
+    run(program, "synth", tmp_path / "scene", "--views", 8, "--width", 48, "--height", 32)
     run(program, "train", "-s", tmp_path / "scene", "-m", tmp_path / "out", "--iterations", 40, "--threads", 1)
     assert list((tmp_path / "out").glob("point_cloud/*/point_cloud.ply"))
     told = run(bin_folder / "python", "-m", "splatboost", "doctor", code=1)  # there is no torch

@@ -138,12 +138,12 @@ class _OnCuda:
         self.__cuda_array_interface__ = {"data": (address, False), "shape": (count,), "typestr": "<i4", "version": 2}
 
 
-def counts_of(pointer: Any) -> torch.Tensor:
+def counts_of(pointer: Any, place: Place) -> torch.Tensor:
     """The library's own int32 [N] as a tensor in the same memory, valid as long as that is."""
     view = pointer[0]
     count = int(view.shape[0])
     if count == 0:
-        return torch.zeros(0, dtype=torch.int32)
-    if view.device_kind == lib.CUDA:
-        return torch.as_tensor(_OnCuda(view.data, count), device=torch.device("cuda", view.device_index))
+        return torch.zeros(0, dtype=torch.int32, device=place.device)
+    if place.device.type == "cuda":
+        return torch.as_tensor(_OnCuda(view.data, count), device=place.device)
     return torch.frombuffer((ctypes.c_int32 * count).from_address(view.data), dtype=torch.int32)

@@ -149,7 +149,7 @@ class _FromOwner:
         self._processes, self._owner, self._render = processes, owner, render
 
     def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
-        sums = counts_of(counts)
+        sums = counts_of(counts, place)
         here = torch.zeros_like(sums)
         if self._render is not None:
             self._render._add_counts(flagged, place.target(here, "counts"), place)

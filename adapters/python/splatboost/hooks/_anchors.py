@@ -30,7 +30,7 @@ class _OfSlots:
     def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
         drawn = torch.zeros_like(self._render.radii)
         self._render._add_counts(flagged, place.target(drawn, "drawn"), place)
-        counts_of(counts).index_add_(0, self._slots, drawn)
+        counts_of(counts, place).index_add_(0, self._slots, drawn)
 
 
 class Boost:
