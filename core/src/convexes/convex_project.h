@@ -136,6 +136,7 @@ SPLATBOOST_HOST_DEVICE bool make_record(const ConvexRows& convex, const ConvexVi
     // What is drawn inside the hull alone does not shrink with β.
     const float reach = farthest > 0.0f ? view.beta * farthest : farthest;
     tiles.footprint = footprint_of(p, scale, reach, view.width, view.height);
+    if (tiles.footprint.corners == 0) return false;
   }
   record.centre_x = p.centre_x;
   record.centre_y = p.centre_y;

@@ -77,6 +77,8 @@ void backward_one(const ConvexFrame& frame, const Convexes& convexes, const Conv
     const auto* const entry = reinterpret_cast<const float*>(&frame.entry_moments[slot + t]);
     for (std::size_t k = 0; k < kWidth; ++k) total[k] += entry[k];
   }
+  // Most of those that lie behind others moved nothing.
+  if (std::all_of(total, total + kWidth, [](float sum) { return sum == 0.0f; })) return clear(convexes, out, i);
   const ConvexRowGradients g =
       gradients_of(rows_of(convexes, i), view, frame.records[i], *reinterpret_cast<const ConvexMoments*>(total));
   const bool adds = out.mode == GradientMode::accumulate;
