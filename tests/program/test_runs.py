@@ -232,7 +232,7 @@ def test_eval_finds_the_same_results(trained, tmp_path):
         assert after[key] == before[key], key
 
 
-@pytest.mark.parametrize("backbone", ["mip-splatting", "dropgaussian", "pgsr"])
+@pytest.mark.parametrize("backbone", ["mip-splatting", "dropgaussian", "pgsr", "photo-slam"])
 def test_other_backbones_run_through_all_commands(scene, tmp_path, backbone):
     config = tmp_path / "config.json"
     config.write_text(json.dumps({"backbone": {"name": backbone, "opacity_reset_interval": 100000,

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "splatboost/cuda_stream.h"
-#include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {
@@ -34,15 +33,15 @@ TruthImage TrainingTruths::of(const View& view) {
     for (const auto* views : {&scene_.train, &scene_.train_halves}) {
       for (const View& each : *views) images.push_back(each.truth());
     }
+    stored_ = scene_.train.size();
     store_.emplace(std::move(images), device_.stream().free_memory() / kShare, device_);
   }
-  std::optional<std::size_t> index = place_in(scene_.train, view);
-  if (!index) {
-    index = place_in(scene_.train_halves, view);
-    require(index.has_value(), "a view that is trained on must be one of the scene's training views");
-    *index += scene_.train.size();
-  }
-  return store_->get(*index);
+  const std::optional<std::size_t> index = place_in(scene_.train, view);
+  if (index && *index < stored_) return store_->get(*index);
+  if (const std::optional<std::size_t> half = place_in(scene_.train_halves, view)) return store_->get(stored_ + *half);
+  color_.assign(view.color);
+  valid_.assign(view.valid);
+  return {view.camera.width, view.camera.height, color_, valid_};
 }
 
 }  // namespace splatboost

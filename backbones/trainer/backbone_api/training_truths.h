@@ -3,8 +3,10 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 
+#include "splatboost/array.h"
 #include "splatboost/device.h"
 #include "splatboost/truth_store.h"
 #include "trainer/dataset/scene.h"
@@ -22,13 +24,16 @@ class TrainingTruths {
 
   /// On a GPU the first call uploads what part of the images a quarter of the free memory holds; the others are
   /// uploaded when they are asked for.
-  /// @param view one of the scene's training views or their halves
+  /// Views that came after the first call, or that are none of the scene's (levels of a pyramid), are uploaded each
+  /// time.
   TruthImage of(const View& view);
 
  private:
   const Scene& scene_;
   Device device_;
-  std::optional<TruthStore> store_;  ///< of a GPU, from the first call on
+  std::optional<TruthStore> store_;                      ///< of a GPU, from the first call on
+  std::size_t stored_ = 0;                               ///< training views in it; their halves follow
+  Array<std::uint8_t> color_{device_}, valid_{device_};  ///< of a view that is not in it
 };
 
 }  // namespace splatboost

@@ -13,7 +13,8 @@ namespace {
 using testing::FakeRasterizer;
 using testing::Hand;
 
-const char* const kOfGaussians[] = {"vanilla", "mip-splatting", "dropgaussian", "deformable-3dgs", "pgsr"};
+const char* const kOfGaussians[] = {"vanilla",         "mip-splatting", "dropgaussian",
+                                    "deformable-3dgs", "pgsr",          "photo-slam"};
 const char* const kOfConvexes = "convex-splatting";
 const char* const kOfAnchors[] = {"scaffold-gs", "octree-gs"};
 
@@ -30,7 +31,7 @@ int share(int total, double of_thirty_thousand) { return static_cast<int>(total 
 TEST(Literal, gaussians_grow_every_500_iterations_in_the_first_half) {
   Threads threads(1);
   for (const int total : {3000, 7000, 30000, 40000}) {
-    for (const char* backbone : {"vanilla", "mip-splatting", "pgsr"}) {
+    for (const char* backbone : {"vanilla", "mip-splatting", "pgsr", "photo-slam"}) {
       const auto adapter = literal(backbone, threads);
       for (int i = 1; i <= total; ++i) {
         const bool grows = i > share(total, 500) && i < share(total, 15000) && i % 500 == 0;
@@ -60,7 +61,7 @@ TEST(Literal, moving_gaussians_have_the_same_rules_in_their_run_of_40000) {
 TEST(Literal, late_pruning_comes_every_tenth_of_the_run_after_its_half) {
   Threads threads(1);
   for (const int total : {7000, 30000}) {
-    for (const char* backbone : {"vanilla", "mip-splatting", "pgsr"}) {
+    for (const char* backbone : {"vanilla", "mip-splatting", "pgsr", "photo-slam"}) {
       const auto adapter = literal(backbone, threads);
       for (int i = 1; i <= total; ++i) {
         const bool late = i > share(total, 15000) && i < total && i % share(total, 3000) == 0;
