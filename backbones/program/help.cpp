@@ -12,10 +12,24 @@ void replace_all(std::string& text, const std::string& what, const std::string& 
   }
 }
 
+constexpr std::size_t kColumn = 32, kLine = 120;
+
+/// Descriptions that do not fit into a line go on in the next.
+std::string wrapped(std::string text) {
+  constexpr std::size_t kWidth = kLine - kColumn;
+  for (std::size_t begin = 0; text.size() - begin > kWidth;) {
+    const std::size_t space = text.rfind(' ', begin + kWidth);
+    if (space == std::string::npos || space <= begin) break;
+    text[space] = '\n';
+    begin = space + 1;
+  }
+  return text;
+}
+
 }  // namespace
 
 HelpFormatter::HelpFormatter() {
-  column_width(32);
+  column_width(kColumn);
   label("SUBCOMMAND", "COMMAND");
 }
 
@@ -38,7 +52,7 @@ std::string HelpFormatter::make_option_opts(const CLI::Option* option) const {
 
 std::string HelpFormatter::make_option_desc(const CLI::Option* option) const {
   const std::string value = option->get_default_str();
-  return CLI::Formatter::make_option_desc(option) + (value.empty() ? "" : " [" + value + "]");
+  return wrapped(CLI::Formatter::make_option_desc(option) + (value.empty() ? "" : " [" + value + "]"));
 }
 
 }  // namespace splatboost::program
