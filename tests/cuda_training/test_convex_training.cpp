@@ -15,7 +15,8 @@ Method convexes() {
   return {"convex_splatting",
           [](const BackboneContext& c) {
             ConvexConfig config;
-            config.densify_interval = 10;
+            config.densify_interval = 5;
+            config.densify_until = 20000;
             config.gradient_threshold = 2e-6;
             return make_convex_splatting(c, config);
           },
@@ -24,7 +25,7 @@ Method convexes() {
 
 class CudaConvexes : public TrainingOnCuda {
  protected:
-  CudaConvexes() : TrainingOnCuda(40) { most_primitives_ = 120; }
+  CudaConvexes() : TrainingOnCuda(12) { most_primitives_ = 90; }
 };
 
 TEST_P(CudaConvexes, TrainAsOnTheCpu) {
@@ -37,7 +38,7 @@ TEST_P(CudaConvexes, TrainAsOnTheCpuWithTheirAdapter) {
   expect_same_run(whole_run(stream(), true), whole_run(threads_, true), 3);
 }
 
-TEST_P(CudaConvexes, GoOnFromACheckpointOnEitherDevice) { expect_resume_on_either_device(15, 20, 2); }
+TEST_P(CudaConvexes, GoOnFromACheckpointOnEitherDevice) { expect_resume_on_either_device(6, 8, 2); }
 
 INSTANTIATE_TEST_SUITE_P(Release, CudaConvexes, ::testing::Values(convexes()),
                          [](const auto& method) { return method.param.name; });

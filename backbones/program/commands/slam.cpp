@@ -172,7 +172,7 @@ struct Slam {
                                           folder, results, views);
     const std::optional<TrajectoryError> error = trajectory_error(mapping, outcome, sequence);
     write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + run_label(options.boost),
-                 {{run_label(options.boost), results, folder / "test" / "renders"}}, views, 4,
+                 {{run_label(options.boost), results, folder / "test" / "renders", {}}}, views, 4,
                  report_tracks(mapping, outcome, sequence, error));
     Json json = to_json(results);
     json["slam"] = slam_json(mapping, outcome, sequence, error, keyframes);
