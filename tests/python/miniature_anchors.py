@@ -305,7 +305,7 @@ if __name__ == "__main__":
                    os.path.join(dataset.model_path, "render.pt"))
 '''
 
-SCENE = miniature_host.SCENE.replace("self.centre = ", "self.resolution_scale = 1.0\n        self.camera_center = self.centre = ")
+SCENE = miniature_host.SCENE.replace("@DEFORM_MODEL@", "").replace("self.centre = ", "self.resolution_scale = 1.0\n        self.camera_center = self.centre = ")
 
 
 def parts(layout):

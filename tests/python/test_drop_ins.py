@@ -332,9 +332,10 @@ def test_deformable_gives_absolute_gradients_and_depth():
     again = module("3dgs-2023").GaussianRasterizer(settings("3dgs-2023", reference.turned_camera()))(**plain)
     assert torch.equal(again[0], color) and torch.equal(again[1], radii)
     again[0].square().sum().backward()
-    assert torch.equal(given["means2D"].grad[:, :2], plain["means2D"].grad[:, :2])
-    assert torch.equal(densify.grad[:, :2], plain["means2D"].grad[:, 2:])
-    assert (densify.grad[:, :2] >= given["means2D"].grad[:, :2].abs() - 1e-6).all()
+    # A GPU adds gradients up in any order.
+    torch.testing.assert_close(given["means2D"].grad[:, :2], plain["means2D"].grad[:, :2], rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(densify.grad[:, :2], plain["means2D"].grad[:, 2:], rtol=1e-5, atol=1e-5)
+    assert (densify.grad[:, :2] >= given["means2D"].grad[:, :2].abs() - 1e-5).all()
     # Where all is opaque, depth is that of what is seen; here it lies between nothing and the farthest Gaussian.
     view = settings("deformable-3dgs", reference.turned_camera()).viewmatrix
     z = given["means3D"].detach() @ view[:3, 2] + view[3, 2]
