@@ -75,7 +75,7 @@ def test_export_writes_hulls(both, tmp_path):
     assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
     gltf = json.loads(data[20:20 + json_length])
     assert gltf["accessors"][0]["count"] == counts["vertex"]
-    assert gltf["accessors"][2]["count"] == 3 * counts["face"]
+    assert gltf["accessors"][1]["count"] == 3 * counts["face"]
     assert gltf["buffers"][0]["byteLength"] == len(data) - 20 - json_length - 8
     indices = struct.unpack(f"<{3 * counts['face']}I", data[-12 * counts["face"]:])
     assert max(indices) < counts["vertex"]

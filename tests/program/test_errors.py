@@ -29,7 +29,7 @@ def fails(*arguments, code=2):
 
 def test_no_arguments_lists_the_commands():
     line = fails()
-    assert "train, compare, render, eval, synth" in line
+    assert "train, compare, render, eval, mesh" in line
     assert "splatboost --help" in line
 
 
