@@ -11,7 +11,7 @@
 
 namespace splatboost {
 
-/// The release's constants of indoor scenes; outdoor_config() and light_config() have those of its other presets.
+/// The release's constants of indoor scenes; preset_config() has those of its other presets.
 /// Iteration numbers are of a run of 30 000 and scale with the run's length.
 struct ConvexConfig {
   std::string preset = "indoor";  ///< "outdoor", "light": other defaults of what follows

@@ -58,6 +58,8 @@ class Deformable final : public GaussianMethod {
               return exponential_rate(config_.deform_rate_initial, config_.deform_rate_final, iteration, iterations_);
             },
             Activation::none, GroupShape::dense),
+        moving_(
+            "moves", 1, device_, [](int) { return 0.0; }, Activation::none, GroupShape::dense),
         means_(device_),
         scales_(device_),
         rotations_(device_),
@@ -71,9 +73,14 @@ class Deformable final : public GaussianMethod {
   MethodStages stages() const override { return {"net_forward", "net_backward"}; }
   std::size_t bytes_per_gaussian() const override { return DeformationField::bytes_per_gaussian(shape_); }
 
-  std::vector<TrainedGroup*> groups() override { return {&net_}; }
+  std::vector<TrainedGroup*> groups() override { return {&net_, &moving_}; }
   void start(std::span<const float>) override {
     net_.assign(initial_deformation(shape_, RandomStream(seed_, 0, RandomPurpose::net_parameters)));
+    moving_.assign({0.0f});
+  }
+  bool import_from(const SplatCloud& cloud) override {
+    imported_moving_ = moving_.values.to_host()[0] > 0;
+    return GaussianMethod::import_from(cloud);
   }
 
   bool uses_time() const override { return true; }
@@ -97,6 +104,9 @@ class Deformable final : public GaussianMethod {
   DeformationField field_;
   TrainedGroup net_;
 
+  TrainedGroup moving_;                  ///< 1 once the net moves Gaussians: for models, which do not know iterations
+  std::optional<bool> imported_moving_;  ///< of a model that was read
+
   bool moves_ = false;             ///< what was drawn last did
   std::optional<float> drawn_at_;  ///< the time that the moved ones are of; none: something has changed since
   GaussianPlaces<const float> canonical_;
@@ -105,8 +115,9 @@ class Deformable final : public GaussianMethod {
 };
 
 void Deformable::draw(Gaussians& drawn, const DrawContext& context) {
-  moves_ = context.iteration >= at(config_.warm_up);
+  moves_ = imported_moving_.value_or(context.iteration >= at(config_.warm_up));
   if (!moves_) return;
+  if (context.iteration == at(config_.warm_up) && !imported_moving_) moving_.assign({1.0f});
   const bool trains = context.purpose == DrawPurpose::train;
   float time = context.time;
   if (trains && !config_.is_blender) {

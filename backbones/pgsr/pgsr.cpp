@@ -216,10 +216,8 @@ std::span<float> Pgsr::exposure_of(const View& view, Array<float>& rows) const {
 double Pgsr::add_exposed_loss(const StepView& first) {
   // SSIM is of what is rendered; L1 of what is exposed, once the render resembles the photo.
   const auto lambda = static_cast<float>(config_.lambda_dssim);
-  const bool last = first.context.iteration == iterations_;
-  const PhotometricLoss measured =
-      last ? photometric_.evaluate(first.images.color, first.truth, 1.0f, first.gradients.color)
-           : photometric_.evaluate_ahead(first.images.color, first.truth, 1.0f, first.gradients.color);
+  // On a GPU this waits: whether the exposure is used must not follow from an earlier view.
+  const PhotometricLoss measured = photometric_.evaluate(first.images.color, first.truth, 1.0f, first.gradients.color);
   scale(first.gradients.color, lambda, device_);
   const bool resembles = measured.ssim > kLeastSimilarity;
   const std::span<float> own = exposure_of(*first.context.view, exposures_.values);

@@ -222,6 +222,11 @@ class PhotoSlamBackbone final : public Backbone, public OnlineBackbone {
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override {
     gaussians_->render(camera, time, beta, color);
   }
+  bool has_surfaces() const override { return gaussians_->has_surfaces(); }
+  void render_surface(const Camera& camera, float time, std::optional<float> beta,
+                      const SurfaceImages& images) override {
+    gaussians_->render_surface(camera, time, beta, images);
+  }
   std::uint64_t export_model(const std::filesystem::path& folder) const override {
     return gaussians_->export_model(folder);
   }

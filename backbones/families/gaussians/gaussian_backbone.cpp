@@ -630,7 +630,8 @@ void GaussianBackbone::control_density() {
     prune(PruneRule::late);
     restart_statistics();
   }
-  const bool white_start = context_.scene.white_background && iteration_ == at(config_.densify_from);
+  const bool white_start =
+      context_.scene.white_background && config_.densify_from > 0 && iteration_ == at(config_.densify_from);
   const bool own_reset = iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start);
   if (density_ != nullptr ? density_->resets_opacities_at(moment(), own_reset) : own_reset) {
     step_all(iteration_);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numeric>
 #include <utility>
 
 #include <nanoflann.hpp>
@@ -78,11 +79,21 @@ Features FeatureExtractor::extract(int width, int height, std::span<const std::u
   std::ranges::sort(rounds);
   rounds.resize(std::min(rounds.size(), static_cast<std::size_t>(count_)));
   std::vector<cv::KeyPoint> kept;
-  for (const auto& [round, i] : rounds) kept.push_back(found[i]);
+  for (const auto& [round, i] : rounds) {
+    kept.push_back(found[i]);
+    kept.back().class_id = static_cast<int>(kept.size());
+  }
+  // OpenCV describes them level by level: they are put back in order, the first stand for all.
+  cv::Mat descriptors;
+  if (!kept.empty()) describer_->compute(grey, kept, descriptors);
+  std::vector<std::size_t> order(kept.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::sort(order, {}, [&](std::size_t i) { return kept[i].class_id; });
   Features features;
-  if (!kept.empty()) describer_->compute(grey, kept, features.descriptors);
-  if (kept.empty()) features.descriptors = cv::Mat(0, 32, CV_8U);
-  for (const cv::KeyPoint& k : kept) {
+  features.descriptors = cv::Mat(0, 32, CV_8U);
+  for (const std::size_t i : order) features.descriptors.push_back(descriptors.row(static_cast<int>(i)));
+  for (const std::size_t i : order) {
+    const cv::KeyPoint& k = kept[i];
     features.pixels.emplace_back(k.pt.x, k.pt.y);
     features.levels.push_back(k.octave);
     features.strengths.push_back(k.response);

@@ -59,6 +59,8 @@ struct Render {
     if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
     if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
     if (set.given("sequence") && sequence < 1) throw UsageError("--sequence must be at least 1");
+    if (sequence > 0 && (!video.empty() || orbit > 0 || time || !view.empty()))
+      throw UsageError("--sequence writes models: leave out --video, --orbit, --view and --time");
     if (!view.empty() && video.empty() && orbit == 0)
       throw UsageError("--view is of --video and --orbit; give one of them");
     if (!view.empty() && time) throw UsageError("with --view time runs; leave out --time");
@@ -153,6 +155,13 @@ struct Render {
       char name[32];
       std::snprintf(name, sizeof name, "%05d.ply", i);
       backbone.export_moment(static_cast<float>(i) / static_cast<float>(std::max(sequence - 1, 1)), folder / name);
+    }
+    // Those of a longer sequence that was here before are of other times.
+    for (int i = sequence;; ++i) {
+      char name[32];
+      std::snprintf(name, sizeof name, "%05d.ply", i);
+      std::error_code ignored;
+      if (!fs::remove(folder / name, ignored)) break;
     }
     std::printf("%d models: %s\n", sequence, folder.c_str());
   }

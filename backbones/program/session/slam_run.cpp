@@ -28,6 +28,7 @@ constexpr double kShownEvery = 2;         ///< s
 constexpr std::size_t kMostProblems = 5;  ///< lines about single frames
 constexpr float kLeastExtent = 0.1f;      ///< metres: of a camera that only turns
 constexpr int kCurvePoints = 40;
+constexpr int kTimedIterations = 20;  ///< that say how many there will be in a time
 constexpr auto kIdle = std::chrono::milliseconds(2);
 
 double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
@@ -245,19 +246,21 @@ void SlamRun::finish_mapping() {
   }
   int total = online_->planned_iterations(iteration_);
   const double tail_began = seconds();
+  const auto in_time = [&] { return iteration_ == 0 || seconds() < *slam_.seconds; };
   if (slam_.seconds) {
-    // As many as the rate so far promises; the clock decides.
-    const double left = std::max(0.0, *slam_.seconds - tail_began);
-    const double rate = iteration_ / std::max(tail_began, 1e-9);
-    total = iteration_ + std::max(1, static_cast<int>(std::min(1e8, rate * left)));
+    // How many there will be follows from the rate without the tracker; the clock decides.
+    int timed = 0;
+    for (; timed < kTimedIterations && in_time(); ++timed) iterate();
+    const double now = seconds();
+    const double left = std::max(0.0, *slam_.seconds - now) / std::max(now - tail_began, 1e-9) * timed;
+    total = iteration_ + static_cast<int>(std::min(1e8, left));
   }
   online_->views_complete(total);
   Progress progress("mapping", total, iteration_, options_.quiet);
   const int tail = total - iteration_;
-  while (iteration_ < total) {
-    if (slam_.seconds && seconds() >= *slam_.seconds && iteration_ > 0) break;
+  while (slam_.seconds ? in_time() : iteration_ < total) {
     iterate();
-    progress.update(iteration_, loss_, plugged_.backbone->primitives(), seconds() - tail_began);
+    progress.update(std::min(iteration_, total), loss_, plugged_.backbone->primitives(), seconds() - tail_began);
     if (iteration_ == total || (total - iteration_) % std::max(1, tail / kCurvePoints) == 0) {
       outcome_.curve.push_back({iteration_, seconds(), loss_, plugged_.backbone->primitives(), std::nullopt});
     }

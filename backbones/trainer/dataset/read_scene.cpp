@@ -16,6 +16,7 @@
 #include <glm/geometric.hpp>
 #include <glm/mat3x3.hpp>
 #include <glm/matrix.hpp>
+#include <nlohmann/json.hpp>
 
 #include "splatboost/random.h"
 #include "splatboost/threads.h"
@@ -126,8 +127,14 @@ Dataset read_rig(const SceneOptions& options) {
   return dataset;
 }
 
-bool moves(const Dataset& dataset) {
-  return std::ranges::any_of(dataset.photos, [](const Photo& photo) { return photo.time > 0; });
+/// Whether a listing of frames gives any of them a time after the first moment.
+bool has_times(const std::filesystem::path& transforms) {
+  std::ifstream in(transforms);
+  const nlohmann::json listing = nlohmann::json::parse(in, nullptr, false, true);
+  if (!listing.is_object() || !listing.contains("frames") || !listing["frames"].is_array()) return false;
+  return std::ranges::any_of(listing["frames"], [](const nlohmann::json& frame) {
+    return frame.is_object() && frame.contains("time") && frame["time"].is_number() && frame["time"].get<double>() > 0;
+  });
 }
 
 Dataset read_folder(const SceneOptions& options) {
@@ -135,10 +142,12 @@ Dataset read_folder(const SceneOptions& options) {
   // What moves comes first: such folders often hold a still model too, of one moment, to start from.
   if (is_nerfies_capture(source)) return read_capture(options);
   if (is_neural_video(source)) return read_rig(options);
-  if (const auto file = source / "transforms_train.json"; is_file(file)) {
-    if (Dataset dataset = read_blender(options, file); moves(dataset)) return dataset;
+  if (const auto model = find_colmap_model(source)) {
+    // Whatever else a listing without times holds is of no interest beside the model.
+    const auto file = source / "transforms_train.json";
+    if (is_file(file) && has_times(file)) return read_blender(options, file);
+    return read_colmap(options, *model);
   }
-  if (const auto model = find_colmap_model(source)) return read_colmap(options, *model);
   if (const auto file = source / "transforms_train.json"; is_file(file)) return read_blender(options, file);
   if (const auto file = source / "transforms.json"; is_file(file)) return read_frames(file);
   std::error_code error;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <string>
 
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
@@ -16,6 +17,7 @@ namespace splatboost {
 namespace {
 
 constexpr std::size_t kGrain = 1024;
+constexpr int kMostSteps = 100000;  ///< along a side of a triangle
 
 /// [N,3] as nanoflann reads it.
 struct Points {
@@ -41,7 +43,8 @@ double mean_below(const std::vector<double>& distances, std::optional<double> cu
     sum += d;
     ++count;
   }
-  return count > 0 ? sum / static_cast<double>(count) : 0.0;
+  require(count > 0, "no point lies nearer to the other surface than the cut: is the mesh aligned with the truth?");
+  return sum / static_cast<double>(count);
 }
 
 double share_below(const std::vector<double>& distances, double threshold) {
@@ -57,6 +60,9 @@ std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing) {
     const glm::dvec3 a = vertex(mesh, mesh.triangles[3 * t]), b = vertex(mesh, mesh.triangles[3 * t + 1]),
                      c = vertex(mesh, mesh.triangles[3 * t + 2]);
     const double longest = std::max({glm::length(b - a), glm::length(c - a), glm::length(c - b)});
+    require(longest / spacing < kMostSteps, "the spacing is too small: a triangle would have more than " +
+                                                std::to_string(kMostSteps) +
+                                                " points along a side; give a larger --spacing or --threshold");
     const int steps = static_cast<int>(std::ceil(longest / spacing));
     // The corners are vertices: those of a triangle within the spacing are enough.
     for (int i = 0; i < steps && steps > 1; ++i) {

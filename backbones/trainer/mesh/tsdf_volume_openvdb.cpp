@@ -7,6 +7,8 @@
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/VolumeToMesh.h>
 #include <tbb/global_control.h>
+#include <glm/common.hpp>
+#include <glm/vector_relational.hpp>
 
 #include "trainer/mesh/tsdf_volume.h"
 #include "trainer/support/input_error.h"
@@ -18,6 +20,7 @@ using Coordinates = openvdb::Coord;
 using Floats = openvdb::FloatGrid;
 using Colors = openvdb::Vec3SGrid;
 
+constexpr float kFarthestIndex = 1 << 24;
 constexpr int kBlock = 8;  // voxels along a side of OpenVDB's leaves
 constexpr std::uint64_t kBlockBytes = kBlock * kBlock * kBlock * (4 + 4 + 12);
 
@@ -51,6 +54,8 @@ struct TsdfVolume::State {
           if (!(at > 0)) continue;
           const glm::vec3 point(world_from_camera * glm::vec4(at * ray, 1));
           const glm::vec3 index = glm::floor(point / options.voxel);
+          // Farther off single precision does not tell voxels apart.
+          if (!(glm::all(glm::lessThan(glm::abs(index), glm::vec3(kFarthestIndex))))) continue;
           const Coordinates block(static_cast<int>(index.x) & ~(kBlock - 1), static_cast<int>(index.y) & ~(kBlock - 1),
                                   static_cast<int>(index.z) & ~(kBlock - 1));
           if (block == last) continue;

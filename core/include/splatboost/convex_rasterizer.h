@@ -32,6 +32,7 @@ struct ConvexOptions {
   /// Side of a pixel in those pixels that δ and σ are of: 2 draws a view of half the size as it was at full size.
   float pixel_size = 1.0f;
   /// Evaluates spherical harmonics as the release does by a slip: as if x and y of the centre were its z.
+  /// The gradient is that of the true direction, as the release's is.
   bool released_view_direction = false;
 };
 

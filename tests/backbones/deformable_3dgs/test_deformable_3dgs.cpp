@@ -93,6 +93,23 @@ TEST_F(DeformableRun, a_scored_view_is_drawn_at_its_own_time) {
   }
 }
 
+TEST_F(DeformableRun, a_model_of_the_warm_up_is_drawn_without_motion) {
+  const auto trained = make(small());
+  const auto imported = [&] {
+    const test::TemporaryFolder folder;
+    trained->export_model(folder.path());
+    auto read = make(small());
+    read->import_model(folder.path());
+    return read;
+  };
+  testing::train(*trained, scene_, 1, 14);
+  const auto early = imported();
+  EXPECT_EQ(picture_at(*early, 0), picture_at(*early, 1));
+  testing::train(*trained, scene_, 15, 20);
+  const auto late = imported();
+  EXPECT_NE(picture_at(*late, 0), picture_at(*late, 1));
+}
+
 TEST_F(DeformableRun, gradients_are_those_of_the_moved_gaussians) {
   const auto trained = make(small());
   testing::train(*trained, scene_, 1, 60);
