@@ -13,8 +13,9 @@ PhotoSlamBoost::PhotoSlamBoost() {
   // Photo-SLAM's own threshold is five times 3DGS's, because features bring most of its Gaussians; so are ours.
   gradient_threshold = 1e-3;
   gradient_abs_threshold = 3e-3;
-  // For the same reason many are faint: of those that features brought, others have taken the place.
-  late_min_opacity = 0.5;
+  // For the same reason many are faint: of those that features brought, others have taken the place. Measured with 0.1
+  // and 0.5 too (docs/results/backbones.md).
+  late_min_opacity = 0.2;
   // The scene's extent is that of the first keyframes, which lie close together: vanilla's 0.001 of it would leave
   // nothing to clone.
   percent_dense = 0.01;
