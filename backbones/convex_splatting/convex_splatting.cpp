@@ -492,21 +492,11 @@ void ConvexSplatting::prune(PruneRule rule) {
 
 void ConvexSplatting::remove(std::span<const std::uint8_t> removed) {
   select({device_, kept_rows(removed)});
-  if (origins_.size() == removed.size()) {
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < removed.size(); ++i) {
-      if (removed[i] == 0) origins_[kept++] = origins_[i];
-    }
-    origins_.resize(kept);
-  }
+  drop_removed(removed, origins_);
 }
 
 void ConvexSplatting::select(const Array<std::uint32_t>& rows) {
-  // Room for the widest tensor first: where memory is short the model stays whole. The CPU needs none.
-  std::size_t widest = 0;
-  for (const TrainedGroup* group : groups_) widest = std::max(widest, group->width);
-  if (device_.is_cuda()) workspace_.ensure(rows.size() * widest);
-  for (TrainedGroup* group : groups_) group->select(rows, workspace_);
+  select_rows(groups_, rows, workspace_, device_);
   stale_ = true;
 }
 

@@ -2,10 +2,12 @@
 /// @file A group of parameters as the trainer of explicit Gaussians trains it: 3DGS's six, and those of a method.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "trainer/backbone_api/parameter_group.h"
 
@@ -39,5 +41,16 @@ struct TrainedGroup : ParameterGroup {
   /// What is drawn, and what `gradients` are of until a step.
   std::span<const float> drawn() const { return activation == Activation::none ? values.span() : activated.span(); }
 };
+
+/// Leaves in each of the groups the rows that the list names, in its order.
+/// @param workspace of the groups' device; room for the widest tensor is made before anything changes, so that the
+/// model stays whole where memory is short
+void select_rows(std::span<TrainedGroup* const> groups, const Array<std::uint32_t>& rows, Array<float>& workspace,
+                 Device device);
+
+/// Leaves out the entries of what is removed; a list of another length, of another moment, stays as it is.
+/// @param removed [N] non-zero = gone
+/// @param list [N] of the host, one entry a row
+void drop_removed(std::span<const std::uint8_t> removed, std::vector<std::uint32_t>& list);
 
 }  // namespace splatboost

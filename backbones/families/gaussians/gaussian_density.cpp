@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "families/gaussians/gaussian_trainer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "splatboost/density_statistics.h"
+#include "splatboost/rows.h"
+#include "splatboost/select.h"
+
+namespace splatboost {
+namespace {
+
+constexpr int kSplitChildren = 2;
+constexpr float kSplitShrink = 0.8f * kSplitChildren;
+
+}  // namespace
+
+DensityStatistics GaussianTrainer::statistics() {
+  activate();
+  const std::size_t n = primitives();
+  mean_gradients_.ensure(n);
+  mean_gradients_abs_.ensure(n);
+  max_scales_.ensure(n);
+  mean_screen_gradients(gradient_sums(), mean_gradients_, mean_gradients_abs_, device_);
+  longest_scales(scaling_.activated, max_scales_, device_);
+  return {moment(),
+          context_.scene.extent,
+          mean_gradients_.on_host(on_host_.mean_gradients),
+          mean_gradients_abs_.on_host(on_host_.mean_gradients_abs),
+          opacity_.activated.on_host(on_host_.opacities),
+          max_scales_.on_host(on_host_.max_scales)};
+}
+
+void GaussianTrainer::control_density() {
+  const int until = at(config_.densify_until);
+  const bool own =
+      iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
+  // No statistics are gathered after the end of growth, whatever a hook says.
+  if (density_ != nullptr ? iteration_ < until && density_->grows_at(moment(), own) : own) {
+    step_all(iteration_);
+    grow();
+    prune(PruneRule::growth);
+    reorder();
+    restart_statistics();
+  }
+  if (method_->trims_at(moment())) {
+    step_all(iteration_);
+    prune(PruneRule::trim);
+    restart_statistics();
+  }
+  // A method that grows to the end of the run may have just grown.
+  if (density_ != nullptr && density_->prunes_at(moment(), false)) {
+    step_all(iteration_);
+    prune(PruneRule::late);
+    restart_statistics();
+  }
+  const bool white_start =
+      context_.scene.white_background && config_.densify_from > 0 && iteration_ == at(config_.densify_from);
+  const bool own_reset = iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start);
+  if (density_ != nullptr ? density_->resets_opacities_at(moment(), own_reset) : own_reset) {
+    step_all(iteration_);
+    reset_opacities();
+  }
+}
+
+void GaussianTrainer::grow() {
+  const DensityStatistics known = statistics();
+  const std::size_t n = primitives();
+  std::vector<std::uint8_t> growing(n), clone(n), split(n);
+  const std::span<const float> gradients =
+      method_->grows_by_absolute_gradients() ? known.gradients_abs : known.gradients;
+  for (std::size_t i = 0; i < n; ++i) growing[i] = gradients[i] >= static_cast<float>(config_.gradient_threshold);
+  method_->add_growing(known, growing);
+  const auto border = static_cast<float>(config_.percent_dense * static_cast<double>(context_.scene.extent));
+  for (std::size_t i = 0; i < n; ++i) {
+    clone[i] = growing[i] != 0 && known.max_scales[i] <= border;
+    split[i] = growing[i] != 0 && known.max_scales[i] > border;
+  }
+  if (density_ != nullptr) {
+    GrowDecisions decisions{clone, split};
+    density_->grow(known, *this, decisions);
+  }
+  hold_cap(gradients, clone, split);
+
+  origins_.resize(n);
+  std::iota(origins_.begin(), origins_.end(), 0u);
+  std::vector<std::uint32_t> clones, parents;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (split[i] != 0) {
+      parents.push_back(static_cast<std::uint32_t>(i));
+    } else if (clone[i] != 0) {
+      clones.push_back(static_cast<std::uint32_t>(i));
+    }
+  }
+  // All or none: where memory is short the model stays whole.
+  for (TrainedGroup* group : row_groups_) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
+  const Array<std::uint32_t> listed(device_, clones);
+  const std::size_t first_clone = primitives();
+  for (TrainedGroup* group : row_groups_) group->append_copies(listed);
+  origins_.insert(origins_.end(), clones.begin(), clones.end());
+  if (method_->scatters_clones()) {
+    Array<float> scales(device_), rotations(device_);
+    append_rows_of(scaling_.activated, 3, listed, scales);
+    append_rows_of(rotation_.values, 4, listed, rotations);
+    const RandomStream random(context_.seed, static_cast<std::uint64_t>(iteration_), RandomPurpose::grow);
+    const std::vector<float> offsets = scattered(scales.to_host(), rotations.to_host(), random, 0);
+    xyz_.values.edit(3 * first_clone, [&](std::span<float> means) {
+      for (std::size_t k = 0; k < means.size(); ++k) means[k] += offsets[k];
+    });
+    stale_ = set_changed_ = true;
+  }
+  append_children(parents);
+  split.resize(primitives(), 0);  // parents go, clones and children stay
+  remove(split);
+}
+
+void GaussianTrainer::hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
+                               std::vector<std::uint8_t>& split) const {
+  if (context_.max_primitives == 0) return;
+  // Clones and splits alike add one each.
+  const std::size_t room = context_.max_primitives - std::min(context_.max_primitives, primitives());
+  std::vector<std::uint8_t> growing(clone.size());
+  for (std::size_t i = 0; i < growing.size(); ++i) growing[i] = clone[i] != 0 || split[i] != 0;
+  keep_largest(gradients, room, growing);
+  for (std::size_t i = 0; i < growing.size(); ++i) {
+    clone[i] = clone[i] != 0 && growing[i] != 0;
+    split[i] = split[i] != 0 && growing[i] != 0;
+  }
+}
+
+std::vector<float> GaussianTrainer::scattered(std::span<const float> scales, std::span<const float> rotations,
+                                              const RandomStream& random, std::uint64_t first_number) {
+  std::vector<float> offsets(scales.size());
+  for (std::size_t j = 0; j < scales.size() / 3; ++j) {
+    // R·(scale ⊙ normal)
+    const float* q = &rotations[4 * j];
+    const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    const float w = q[0] / length, x = q[1] / length, y = q[2] / length, z = q[3] / length;
+    const float rotation[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
+                                  {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
+                                  {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
+    float offset[3];
+    for (std::size_t c = 0; c < 3; ++c) {
+      const std::uint64_t number = 3 * (first_number + j) + c;
+      offset[c] = static_cast<float>(random.normal(number)) * scales[3 * j + c];
+    }
+    for (std::size_t c = 0; c < 3; ++c) {
+      offsets[3 * j + c] = rotation[c][0] * offset[0] + rotation[c][1] * offset[1] + rotation[c][2] * offset[2];
+    }
+  }
+  return offsets;
+}
+
+void GaussianTrainer::append_children(std::span<const std::uint32_t> parents) {
+  const RandomStream random(context_.seed, static_cast<std::uint64_t>(iteration_), RandomPurpose::split);
+  const Array<std::uint32_t> listed(device_, std::vector<std::uint32_t>(parents.begin(), parents.end()));
+  Array<float> listed_scales(device_), listed_rotations(device_);
+  append_rows_of(scaling_.activated, 3, listed, listed_scales);
+  append_rows_of(rotation_.values, 4, listed, listed_rotations);
+  const std::vector<float> scales = listed_scales.to_host(), rotations = listed_rotations.to_host();
+  for (int child = 0; child < kSplitChildren; ++child) {
+    const std::size_t first = primitives();
+    for (TrainedGroup* group : row_groups_) group->append_copies(listed);
+    origins_.insert(origins_.end(), parents.begin(), parents.end());
+    const std::vector<float> offsets =
+        scattered(scales, rotations, random, parents.size() * static_cast<std::size_t>(child));
+    xyz_.values.edit(3 * first, [&](std::span<float> means) {
+      for (std::size_t k = 0; k < means.size(); ++k) means[k] += offsets[k];
+    });
+    scaling_.values.edit(3 * first, [&](std::span<float> logarithms) {
+      for (std::size_t k = 0; k < logarithms.size(); ++k) logarithms[k] = std::log(scales[k] / kSplitShrink);
+    });
+  }
+  stale_ = set_changed_ = true;
+}
+
+void GaussianTrainer::prune(PruneRule rule) {
+  if (rule == PruneRule::growth) {
+    restart_statistics();
+  } else {
+    origins_.clear();
+  }
+  const DensityStatistics known = statistics();
+  const std::size_t n = primitives();
+  std::vector<std::uint8_t> removed(n, 0);
+  if (rule == PruneRule::growth) {
+    // The released code also tests sizes on screen, but zeroes them in the growth just before: that test never holds.
+    const bool large_go = config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
+    const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
+    for (std::size_t i = 0; i < n; ++i) {
+      removed[i] =
+          known.opacities[i] < static_cast<float>(config_.min_opacity) || (large_go && known.max_scales[i] > large);
+    }
+  } else if (rule == PruneRule::trim) {
+    method_->trim(known, static_cast<ViewDrawer&>(*this), removed);
+  }
+  if (density_ != nullptr) {
+    PruneDecisions decisions{removed, rule, origins_};
+    density_->prune(known, *this, decisions);
+    method_->spare(moment(), rule, removed);
+  }
+  if (spare_one(known.opacities, removed) > 0) remove(removed);
+}
+
+void GaussianTrainer::reset_opacities() {
+  const std::vector<float> factors = copy_to_host(method_->opacity_factors(), device_);
+  const float cap = logit(config_.reset_opacity);
+  opacity_.values.edit(0, [&](std::span<float> values) {
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      float& value = values[i];
+      if (factors.empty()) {
+        value = std::min(value, cap);
+      } else if (config_.reset_opacity < static_cast<double>(factors[i])) {
+        // The reset speaks of what is drawn; where the factor alone keeps that below, nothing is left to do.
+        value = std::min(value, logit(config_.reset_opacity / static_cast<double>(factors[i])));
+      }
+    }
+  });
+  opacity_.forget_moments();
+  stale_ = true;
+}
+
+}  // namespace splatboost

@@ -1,0 +1,324 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "families/gaussians/gaussian_trainer.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "splatboost/activations.h"
+#include "splatboost/elementwise.h"
+#include "splatboost/rows.h"
+
+namespace splatboost {
+
+std::size_t GaussianTrainer::bytes_per_primitive() const {
+  std::size_t bytes = gaussian_memory_bytes();
+  for (const TrainedGroup* group : row_groups_) {
+    const bool known = std::ranges::find(own_groups_, group) != own_groups_.end();
+    if (!known) bytes += 4 * sizeof(float) * group->width;  // with gradients and moments
+  }
+  return bytes + method_->bytes_per_gaussian();
+}
+
+void GaussianTrainer::restart_statistics() {
+  const std::size_t n = primitives();
+  gradient_sum_.assign_zeros(n);
+  gradient_abs_sum_.assign_zeros(n);
+  seen_.assign_zeros(n);
+  method_->restart_statistics(n);
+}
+
+void GaussianTrainer::activate() {
+  if (!stale_ && !set_changed_) return;
+  for (TrainedGroup* group : groups_) {
+    if (group->activation == Activation::none) continue;
+    group->activated.ensure(group->values.size());
+    const auto activate_values = group->activation == Activation::exponential ? exponentials : sigmoids;
+    activate_values(group->values, group->activated, device_);
+  }
+  if (set_changed_) method_->gaussians_changed(xyz_.values);
+  method_->activated(scaling_.activated, opacity_.activated);
+  stale_ = set_changed_ = false;
+}
+
+Gaussians GaussianTrainer::activated() const {
+  Gaussians g;
+  g.count = primitives();
+  g.means = xyz_.values;
+  g.scales = scaling_.activated;
+  g.rotations = rotation_.values;
+  g.opacities = opacity_.activated;
+  g.sh_dc = f_dc_.values;
+  g.sh_rest = f_rest_.values;
+  g.sh_rest_rows = kRestRows;
+  g.sh_degree = sh_degree(iteration_);
+  return g;
+}
+
+Gaussians GaussianTrainer::drawn(const DrawContext& context) {
+  activate();
+  Gaussians gaussians = activated();
+  method_->draw(gaussians, context);
+  return gaussians;
+}
+
+Gaussians GaussianTrainer::drawn_second(const DrawContext& context, const LossInputs& inputs) {
+  Gaussians gaussians = drawn(context);
+  if (!inputs.second_color) gaussians.sh_degree = 0;  // nobody looks
+  return gaussians;
+}
+
+RasterOptions GaussianTrainer::raster_options(std::optional<float> beta) const {
+  RasterOptions options = method_->raster_options();
+  if (beta) {
+    options.box = BoxPolicy::ellipse;
+    options.beta = *beta;
+  }
+  options.background = glm::vec3(context_.scene.white_background ? 1.0f : 0.0f);
+  return options;
+}
+
+template <class... Stages>
+void GaussianTrainer::lap_rasterizer(const char* all, const Stages&... stages) {
+  if (device_.is_cuda()) return clock_.lap(all);
+  const RasterSeconds& seconds = rasterizer_.seconds();
+  (clock_.add(stages.first, seconds.*stages.second), ...);
+}
+
+RasterImages GaussianTrainer::ImageSet::of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs) {
+  const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  color.ensure(3 * pixels);
+  features.ensure(inputs.features ? static_cast<std::size_t>(gaussians.features_per_gaussian) * pixels : 0);
+  inverse_depth.ensure(inputs.inverse_depth ? pixels : 0);
+  alpha.ensure(inputs.alpha ? pixels : 0);
+  return {color, features, inverse_depth, alpha};
+}
+
+void GaussianTrainer::ImageSet::clear(bool color_too) {
+  if (color_too) color.assign_zeros(color.size());
+  for (Array<float>* channel : {&features, &inverse_depth, &alpha}) channel->assign_zeros(channel->size());
+}
+
+StepView GaussianTrainer::draw_second(const View& view, int iteration, const LossInputs& inputs) {
+  if (!second_) second_ = std::make_unique<SecondView>(device_);
+  SecondView& second = *second_;
+  // A camera of the method's own has no photo.
+  StepView step{{view.camera, view.time, iteration, DrawPurpose::train, &view},
+                view.color.empty() ? TruthImage{} : truths_.of(view),
+                {},
+                {},
+                {}};
+  if (device_.is_cuda()) {
+    // The truth of the first view may take the place of this one.
+    const std::size_t color = step.truth.color.size(), valid = step.truth.valid.size();
+    second.truth.ensure(color + valid);
+    std::uint8_t* at = second.truth.cuda().data();
+    if (color > 0) device_.stream().copy_on_device(at, step.truth.color.data(), color);
+    if (valid > 0) device_.stream().copy_on_device(at + color, step.truth.valid.data(), valid);
+    step.truth.color = {at, color};
+    step.truth.valid = {at + color, valid};
+  }
+  const Gaussians gaussians = drawn_second(step.context, inputs);
+  step.images = second.images.of(view.camera, gaussians, inputs);
+  step.gradients = second.gradients.of(view.camera, gaussians, inputs);
+  second.gradients.clear(true);
+  second.rasterizer.forward(view.camera, gaussians, raster_options(beta_), step.images);
+  step.visible = second.rasterizer.visible();
+  return step;
+}
+
+double GaussianTrainer::evaluate_loss(std::span<const StepView> views) {
+  const LossForm form = method_->loss();
+  const StepView& first = views.front();
+  gradients_.clear(form.scale == 0);
+  double loss = 0;
+  if (form.scale != 0) {
+    if (form.clamped) clamp_above(images_.color, 1, device_);
+    // The run ends with the loss of its end.
+    const bool ahead = first.context.iteration != total();
+    const PhotometricLoss measured =
+        ahead ? photometric_.evaluate_ahead(images_.color, first.truth, form.lambda_dssim, gradients_.color)
+              : photometric_.evaluate(images_.color, first.truth, form.lambda_dssim, gradients_.color);
+    loss = form.scale * measured.total;
+    if (form.clamped) clear_from(images_.color, 1, gradients_.color, device_);
+    if (form.scale != 1) scale(gradients_.color, form.scale, device_);
+  }
+  return loss + method_->add_loss(views);
+}
+
+void GaussianTrainer::backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
+                               GaussianGradients gradients) {
+  gradients.mode = GradientMode::accumulate;
+  gradients.means = xyz_.gradients;
+  gradients.scales = scaling_.gradients;
+  gradients.rotations = rotation_.gradients;
+  gradients.opacities = opacity_.gradients;
+  if (!image_gradients.color.empty()) {
+    gradients.sh_dc = f_dc_.gradients;
+    gradients.sh_rest = f_rest_.gradients;
+  }
+  const GaussianGradients of_activated = gradients;
+  method_->redirect(gradients);
+  rasterizer.backward(
+      gaussians,
+      {image_gradients.color, image_gradients.features, image_gradients.inverse_depth, image_gradients.alpha},
+      gradients);
+  const bool of_first = &rasterizer == &rasterizer_;
+  if (of_first) {
+    lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
+                   std::pair("project_backward", &RasterSeconds::project_backward));
+  }
+  method_->add_gradients(of_activated);
+  if (const char* const stage = method_->stages().add_gradients; of_first && stage != nullptr) clock_.lap(stage);
+}
+
+double GaussianTrainer::train_step(int iteration, const View& view) {
+  clock_.restart();
+  iteration_ = iteration;
+  method_->edit(*this, iteration);
+  const std::size_t n = primitives();
+  const DrawContext context{view.camera, view.time, iteration, DrawPurpose::train, &view};
+  const LossInputs inputs = method_->loss_inputs(context);
+  const bool two_views = inputs.second != nullptr;
+  const StepView none{context, {}, {}, {}, {}};
+  StepView views[2] = {none, two_views ? draw_second(*inputs.second, iteration, inputs) : none};
+  if (two_views) clock_.lap("second_view");
+  StepView& first = views[0];
+  const MethodStages stages = method_->stages();
+  if (stages.draw != nullptr) {
+    activate();
+    clock_.lap("activate");
+  }
+  const Gaussians gaussians = drawn(context);
+  if (stages.draw != nullptr) clock_.lap(stages.draw);
+  first.images = images_.of(view.camera, gaussians, inputs);
+  first.gradients = gradients_.of(view.camera, gaussians, inputs);
+  if (stages.draw == nullptr) clock_.lap("activate");
+  rasterizer_.forward(view.camera, gaussians, raster_options(beta_), first.images);
+  lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
+                 std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
+
+  first.truth = truths_.of(view);
+  first.visible = rasterizer_.visible();
+  const double loss = evaluate_loss({views, two_views ? 2u : 1u});
+  clock_.lap("loss");
+
+  GaussianGradients statistics;
+  const bool growing = iteration < at(config_.densify_until);
+  if (growing) {
+    screen_.ensure(2 * n);
+    statistics.screen_means = screen_;
+    if (needs_absolute_gradients()) {
+      screen_abs_.ensure(2 * n);
+      statistics.screen_means_abs = screen_abs_;
+    }
+  }
+  backward(rasterizer_, gaussians, first.gradients, statistics);
+  for (TrainedGroup* group : own_groups_) group->pending = true;
+  if (growing) {
+    add_screen_gradients({rasterizer_.visible(), statistics.screen_means, statistics.screen_means_abs,
+                          view.camera.width, view.camera.height},
+                         method_->absolute_norm(), method_->views_seen(beta_.has_value()), gradient_sums(), device_);
+    method_->gather(rasterizer_);
+  }
+  clock_.lap("statistics");
+  if (two_views) {
+    if (!inputs.second_color) views[1].gradients.color = {};
+    backward(second_->rasterizer, drawn_second(views[1].context, inputs), views[1].gradients, {});
+    clock_.lap("second_view");
+  }
+  step_scheduled(iteration);
+  clock_.lap("optimizer");
+  control_density();
+  // Now rather than before the next view, so that a checkpoint holds it.
+  if (method_->renews_at(moment())) set_changed_ = true;
+  if (set_changed_) activate();
+  clock_.lap("density");
+  return loss;
+}
+
+void GaussianTrainer::step_group(TrainedGroup& group, int iteration) {
+  if (!group.pending) return;
+  // The rasterizer's gradients are of activated values; these have not changed since the last step of the group.
+  if (group.activation == Activation::exponential) exponential_gradients(group.activated, group.gradients, device_);
+  if (group.activation == Activation::sigmoid) sigmoid_gradients(group.activated, group.gradients, device_);
+  AdamOptions options;
+  options.learning_rate = static_cast<float>(group.rate(iteration));
+  if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
+  group.step(options, device_);
+  stale_ = true;
+}
+
+void GaussianTrainer::step_all(int iteration) {
+  for (TrainedGroup* group : groups_) step_group(*group, iteration);
+  activate();
+}
+
+void GaussianTrainer::step_scheduled(int iteration) {
+  for (TrainedGroup* group : groups_) {
+    if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group, iteration);
+  }
+}
+
+ScoredView GaussianTrainer::render_for_score(std::size_t view) {
+  const View& truth = context_.scene.train[view];
+  images_.color.ensure(truth.color.size());
+  RasterImages images;
+  images.color = images_.color;
+  rasterizer_.forward(truth.camera, drawn({truth.camera, truth.time, iteration_, DrawPurpose::score, &truth}),
+                      raster_options(beta_), images);
+  rasterizer_.settle();
+  if (method_->loss().clamped) clamp_above(images_.color, 1, device_);
+  method_->compensate(images_.color, truth);
+  return {images_.color, truths_.of(truth)};
+}
+
+Rasterizer& GaussianTrainer::draw(std::size_t view) {
+  const View& truth = context_.scene.train[view];
+  images_.color.ensure(truth.color.size());
+  RasterImages images;
+  images.color = images_.color;
+  rasterizer_.forward(truth.camera, drawn({truth.camera, truth.time, iteration_, DrawPurpose::score, &truth}),
+                      raster_options(beta_), images);
+  rasterizer_.settle();
+  return rasterizer_;
+}
+
+void GaussianTrainer::render_surface(const Camera& camera, float time, std::optional<float> beta,
+                                     const SurfaceImages& images) {
+  const Gaussians gaussians = drawn({camera, time, iteration_, DrawPurpose::surface});
+  LossInputs inputs;
+  inputs.alpha = inputs.inverse_depth = true;
+  inputs.features = gaussians.features_per_gaussian > 0;
+  const RasterImages there = images_.of(camera, gaussians, inputs);
+  rasterizer_.forward(camera, gaussians, raster_options(beta ? beta : beta_), there);
+  rasterizer_.settle();
+  const auto fetch = [&](std::span<const float> from, std::span<float> to) {
+    std::ranges::copy(copy_to_host(from, device_), to.begin());
+  };
+  fetch(there.color, images.color);
+  fetch(there.alpha, images.alpha);
+  Array<float> depth(device_);
+  depth.ensure(there.alpha.size());
+  if (method_->surface_depth(there.features, camera, depth)) return fetch(depth, images.depth);
+  fetch(there.inverse_depth, images.depth);
+  for (std::size_t p = 0; p < images.depth.size(); ++p) {
+    images.depth[p] = images.depth[p] > 0 ? images.alpha[p] / images.depth[p] : 0.0f;
+  }
+}
+
+void GaussianTrainer::render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) {
+  RasterImages images;
+  if (device_.is_cuda()) images_.color.ensure(color.size());
+  images.color = device_.is_cuda() ? images_.color.span() : color;
+  rasterizer_.forward(camera, drawn({camera, time, iteration_, DrawPurpose::evaluate}),
+                      raster_options(beta ? beta : beta_), images);
+  rasterizer_.settle();
+  if (device_.is_cuda()) images_.color.cuda().download(color);
+}
+
+std::unique_ptr<Backbone> make_gaussian_backbone(const BackboneContext& context, const GaussianConfig& config,
+                                                 std::unique_ptr<GaussianMethod> method) {
+  return std::make_unique<GaussianTrainer>(context, config, std::move(method));
+}
+
+}  // namespace splatboost

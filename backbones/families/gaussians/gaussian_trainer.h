@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The trainer behind make_gaussian_backbone(): its state, for the sources that share its work.
+/// gaussian_trainer.cpp: activation, drawing, the training step. gaussian_set.cpp: Gaussians that come, go and move
+/// from outside. gaussian_density.cpp: density control. gaussian_files.cpp: models and checkpoints.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "families/gaussians/gaussian_backbone.h"
+#include "families/gaussians/gaussian_set.h"
+#include "splatboost/array.h"
+#include "splatboost/density_statistics.h"
+#include "splatboost/random.h"
+#include "splatboost/rasterizer.h"
+#include "trainer/backbone_api/training_truths.h"
+
+namespace splatboost {
+
+inline constexpr int kRestRows = 15;  ///< spherical harmonics above degree 0
+inline constexpr int kLeastGrowthsAReset = 5;
+
+inline float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
+
+/// Rows of new Gaussians.
+struct NewRows {
+  std::vector<std::uint32_t> points;  ///< that they are made of
+  std::vector<float> means, dc, log_scales, rotations;
+};
+
+class GaussianTrainer final : public Backbone, private RasterizerHook, private ViewDrawer, private GaussianSet {
+ public:
+  GaussianTrainer(const BackboneContext& context, const GaussianConfig& config, std::unique_ptr<GaussianMethod> method)
+      : context_(context),
+        config_(config),
+        method_(std::move(method)),
+        device_(context.device),
+        rasterizer_(device_),
+        photometric_(device_) {
+    initialise();
+  }
+
+  double train_step(int iteration, const View& view) override;
+  void wait() override {
+    if (device_.is_cuda()) device_.stream().synchronize();
+  }
+  void finish() override {
+    step_all(iteration_);
+    wait();
+  }
+  std::size_t primitives() const override { return opacity_.rows(); }
+  std::size_t bytes_per_primitive() const override;
+  void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
+  bool uses_time() const override { return method_->uses_time(); }
+  void export_moment(float time, const std::filesystem::path& file) override;
+  bool has_surfaces() const override { return true; }
+  void render_surface(const Camera& camera, float time, std::optional<float> beta,
+                      const SurfaceImages& images) override;
+  std::uint64_t export_model(const std::filesystem::path& folder) const override;
+  void import_model(const std::filesystem::path& folder) override;
+  void save(ArchiveWriter& archive) const override;
+  void load(ArchiveReader& archive) override;
+  nlohmann::json config() const override { return method_->config(); }
+  RasterizerHook& rasterizer_hook() override { return *this; }
+  void set_hooks(DensityHook* density, OptimizerHook* optimizer) override {
+    density_ = density;
+    optimizer_ = optimizer;
+  }
+  const StageClock& stages() const override { return clock_; }
+
+ private:
+  // RasterizerHook
+  void set_beta(std::optional<float> beta) override { beta_ = beta; }
+  std::size_t scorable_views() const override { return context_.scene.train.size(); }
+  ScoredView render_for_score(std::size_t view) override;
+  void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    rasterizer_.count_flagged(flagged, counts);
+  }
+
+  // ViewDrawer
+  std::size_t views() const override { return context_.scene.train.size(); }
+  Rasterizer& draw(std::size_t view) override;
+
+  // GaussianSet
+  std::size_t size() const override { return opacity_.rows(); }
+  std::vector<float> means() const override { return xyz_.values.to_host(); }
+  std::vector<std::uint32_t> insert(const PointCloud& points) override;
+  void transform(std::span<const std::int32_t> which, std::span<const Similarity> transforms) override;
+
+  void initialise();
+  /// Of at most `most` points, evenly chosen.
+  NewRows rows_of(const PointCloud& points, std::size_t most) const;
+  void activate();
+  Gaussians activated() const;
+  /// What the rasterizer gets.
+  Gaussians drawn(const DrawContext& context);
+  Gaussians drawn_second(const DrawContext& context, const LossInputs& inputs);
+  RasterOptions raster_options(std::optional<float> beta) const;
+  int at(int published) const { return scaled_iteration(published, total(), config_.published_iterations); }
+  /// Of the run, as far as it is known.
+  int total() const { return method_->planned_iterations(iteration_, context_.iterations); }
+  /// Scaled as all phases are, but in a short run opacities need time to come back.
+  int opacity_reset_interval() const {
+    return std::max(at(config_.opacity_reset_interval), kLeastGrowthsAReset * config_.densify_interval);
+  }
+  int sh_degree(int iteration) const { return std::min(config_.sh_degree, iteration / at(config_.sh_interval)); }
+  double position_rate(int iteration) const {
+    const double scale =
+        config_.position_rate_scale > 0 ? config_.position_rate_scale : static_cast<double>(context_.scene.extent);
+    const int until = config_.position_rate_until > 0 ? at(config_.position_rate_until) : total();
+    const Moment fall = method_->position_rate_moment({iteration, until});
+    return scale *
+           exponential_rate(config_.position_rate_initial, config_.position_rate_final, fall.iteration, fall.total);
+  }
+  Moment moment() const { return {iteration_, total()}; }
+  bool needs_absolute_gradients() const {
+    return method_->needs_absolute_gradients() || method_->grows_by_absolute_gradients() ||
+           (density_ != nullptr && density_->needs_absolute_gradients());
+  }
+  /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
+  template <class... Stages>
+  void lap_rasterizer(const char* all, const Stages&... stages);
+  /// The method's that models hold.
+  std::vector<TrainedGroup*> model_groups() const {
+    std::vector<TrainedGroup*> kept;
+    for (std::size_t i = own_groups_.size(); i < groups_.size(); ++i) {
+      if (groups_[i]->in_model) kept.push_back(groups_[i]);
+    }
+    return kept;
+  }
+  std::string entry(const char* what) const { return std::string(method_->name()) + "." + what; }
+
+  StepView draw_second(const View& view, int iteration, const LossInputs& inputs);
+  /// @return the loss; leaves its gradients in those of the views
+  double evaluate_loss(std::span<const StepView> views);
+  /// Adds a view's gradients to those of the parameters. @param gradients where those of density control go
+  void backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
+                GaussianGradients gradients);
+  void step_group(TrainedGroup& group, int iteration);
+  void step_all(int iteration);
+  void step_scheduled(int iteration);
+
+  void control_density();
+  DensityStatistics statistics();
+  void grow();
+  void hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
+                std::vector<std::uint8_t>& split) const;
+  void prune(PruneRule rule);
+  void append_children(std::span<const std::uint32_t> parents);
+  /// A point of each one's own distribution, relative to its mean. @param scales [n,3] @param rotations [n,4]
+  static std::vector<float> scattered(std::span<const float> scales, std::span<const float> rotations,
+                                      const RandomStream& random, std::uint64_t first_number);
+  void remove(std::span<const std::uint8_t> removed);
+  void select(const Array<std::uint32_t>& rows);
+  void reset_opacities();
+  void reorder();
+  void restart_statistics();
+  ScreenGradientSums gradient_sums() { return {gradient_sum_, gradient_abs_sum_, seen_}; }
+
+  BackboneContext context_;
+  GaussianConfig config_;
+  std::unique_ptr<GaussianMethod> method_;
+  Device device_;
+  Rasterizer rasterizer_;
+  Photometric photometric_;
+  std::optional<float> beta_;
+  DensityHook* density_ = nullptr;
+  OptimizerHook* optimizer_ = nullptr;
+  StageClock clock_{device_};
+  int iteration_ = 0;
+
+  // Names of the groups are 3DGS's.
+  TrainedGroup xyz_{"xyz", 3, device_, [this](int iteration) { return position_rate(iteration); }};
+  TrainedGroup f_dc_{"f_dc", 3, device_, [this](int) { return config_.feature_rate; }};
+  TrainedGroup f_rest_{"f_rest", 3 * kRestRows, device_, [this](int) { return config_.feature_rate / 20.0; }};
+  TrainedGroup opacity_{"opacity", 1, device_, [this](int) { return config_.opacity_rate; }, Activation::sigmoid};
+  TrainedGroup scaling_{"scaling", 3, device_, [this](int) { return config_.scaling_rate; }, Activation::exponential};
+  TrainedGroup rotation_{"rotation", 4, device_, [this](int) { return config_.rotation_rate; }};
+  std::vector<TrainedGroup*> own_groups_;  ///< these
+  std::vector<TrainedGroup*> groups_;      ///< and the method's
+  std::vector<TrainedGroup*> row_groups_;  ///< of all
+
+  bool stale_ = true;        ///< parameters moved since activate()
+  bool set_changed_ = true;  ///< Gaussians came or went since activate(), or what the method keeps of them is due
+
+  /// Images of the rasterizer's shapes, or gradients with respect to them.
+  struct ImageSet {
+    explicit ImageSet(Device device) : color(device), features(device), inverse_depth(device), alpha(device) {}
+    /// Makes room for those that the loss reads.
+    RasterImages of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs);
+    void clear(bool color_too);
+    Array<float> color, features, inverse_depth, alpha;
+  };
+  struct SecondView {
+    explicit SecondView(Device device) : rasterizer(device), images(device), gradients(device), truth(device) {}
+    Rasterizer rasterizer;  ///< of its own, because a backward pass needs the forward pass before it
+    ImageSet images, gradients;
+    Array<std::uint8_t> truth;  ///< of a GPU: a copy
+  };
+  ImageSet images_{device_}, gradients_{device_};
+  std::unique_ptr<SecondView> second_;  ///< from the first step on that has one
+  TrainingTruths truths_{context_.scene, device_};
+  Array<float> screen_{device_}, screen_abs_{device_};                  ///< [N,2] gradients of this iteration
+  Array<float> gradient_sum_{device_}, gradient_abs_sum_{device_};      ///< [N] norms since the last growth, NDC
+  Array<float> seen_{device_};                                          ///< [N] views that they come from
+  Array<float> mean_gradients_{device_}, mean_gradients_abs_{device_};  ///< [N]
+  Array<float> max_scales_{device_};                                    ///< [N]
+  Array<float> workspace_{device_};                                     ///< of select()
+
+  // Of density control, which is decided on the host.
+  struct OnHost {
+    std::vector<float> mean_gradients, mean_gradients_abs, opacities, max_scales;
+  };
+  OnHost on_host_;                      ///< copies of a GPU's statistics
+  std::vector<std::uint32_t> origins_;  ///< [N] index before the growth of this iteration
+};
+
+}  // namespace splatboost
