@@ -169,7 +169,7 @@ class GaussianModel:
     def adjust_anchor(self, @ITERATION@check_interval=100, success_threshold=0.8, grad_threshold=0.0002, @RATIOS@min_opacity=0.005):
         grads = torch.nan_to_num(self.offset_gradient_accum / self.offset_denom).reshape(-1)
         offset_mask = (self.offset_denom > check_interval * success_threshold * 0.5).squeeze(dim=1)
-        self.anchor_growing(@ITERATION@grads, grad_threshold, @RATIO_VALUES@offset_mask)
+        self.grow_slots(@ITERATION@grads, offset_mask, grad_threshold@RATIO_VALUES@)
         n, k = self.get_anchor.shape[0], self.n_offsets
         for name in ("offset_denom", "offset_gradient_accum"):
             sums = getattr(self, name).clone()
@@ -186,22 +186,22 @@ class GaussianModel:
 @PRUNE_LEVEL@'''
 
 SCAFFOLD_GROWING = '''
-    def anchor_growing(self, grads, threshold, offset_mask):
+    def grow_slots(self, grads, judged, least):
         for i in range(self.update_depth):
-            cur_threshold = threshold * 2 ** i
+            cur_threshold = least * 2 ** i
             candidate_mask = (grads >= cur_threshold)
-            candidate_mask = candidate_mask & offset_mask & (torch.rand_like(grads) > 0.5 ** (i + 1))
+            candidate_mask = judged & candidate_mask & (torch.rand_like(grads) > 0.5 ** (i + 1))
             self.grow_cells(candidate_mask, self.voxel_size * (self.update_init_factor // 4 ** i))
 '''
 
 OCTREE_GROWING = '''
-    def anchor_growing(self, iteration, grads, threshold, update_ratio, extra_ratio, extra_up, offset_mask):
-        grads[~offset_mask] = 0.0
+    def grow_slots(self, iteration, grads, judged, least, update_ratio, extra_ratio, extra_up):
+        grads = grads * judged
         levels = self._level.reshape(-1).repeat_interleave(self.n_offsets)
         for cur_level in range(2):
-            cur_threshold = threshold * self.fork ** (update_ratio * cur_level)
+            cur_threshold = least * self.fork ** (update_ratio * cur_level)
             ds_threshold = cur_threshold * self.fork ** update_ratio
-            candidate_mask = (grads >= cur_threshold) & (grads < ds_threshold)
+            candidate_mask = (cur_threshold <= grads) & (grads < ds_threshold)
             candidate_ds_mask = (grads >= ds_threshold)
             self.extra += extra_up * int((grads >= cur_threshold * extra_ratio).sum())
             size = self.voxel_size / self.fork ** cur_level
@@ -232,7 +232,7 @@ def training(dataset, opt, pipe):
     gaussians.training_setup(opt)
     iter_start, iter_end = torch.cuda.Event(True), torch.cuda.Event(True)
     losses, counts = [], []
-    for iteration in range(1, opt.iterations + 1):
+    for iteration in range(1, 1 + opt.iterations):
         iter_start.record()
         gaussians.update_learning_rate(iteration)
         background = torch.zeros(3, device="cuda")
@@ -246,25 +246,25 @@ def training(dataset, opt, pipe):
         losses.append(loss.item())
         counts.append(gaussians.get_anchor.shape[0])
         with torch.no_grad():
-            if iteration < opt.update_until and iteration > opt.start_stat:
+            if opt.start_stat < iteration < opt.update_until:
                 gaussians.training_statis(drawn["viewspace_points"], drawn["neural_opacity"], drawn["visibility_filter"],
                                           drawn["selection_mask"], seen)
-                if iteration > opt.update_from and iteration % opt.update_interval == 0:
+                if iteration % opt.update_interval == 0 and opt.update_from < iteration:
                     gaussians.adjust_anchor(@ITERATION_GIVEN@check_interval=opt.update_interval, success_threshold=opt.success_threshold,
                                             grad_threshold=opt.densify_grad_threshold, @RATIOS_GIVEN@min_opacity=opt.min_opacity)
             elif iteration == opt.update_until:
                 del gaussians.offset_gradient_accum, gaussians.offset_denom
             if iteration < opt.iterations:
                 gaussians.optimizer.step()
-                gaussians.optimizer.zero_grad(set_to_none = True)
+                gaussians.optimizer.zero_grad(True)
     scene.save(opt.iterations)
     with open(os.path.join(dataset.model_path, "losses.json"), "w") as file:
         json.dump({"losses": losses, "counts": counts, "extra": getattr(gaussians, "extra", 0)}, file)
 
-def render_sets(dataset, iteration):
+def draw_saved(dataset, saved):
     with torch.no_grad():
         gaussians = GaussianModel()
-        scene = Scene(dataset, gaussians, load_iteration=iteration, shuffle=False)
+        scene = Scene(dataset, gaussians, load_iteration=saved, shuffle=False)
         background = torch.zeros(3, device="cuda")
         cam = scene.getTrainCameras()[0]
 @LEVELS_OF_CAM@
@@ -279,7 +279,7 @@ if __name__ == "__main__":
     random.seed(0)
     torch.manual_seed(0)
     training(model_options.extract(args), opt_options.extract(args), types.SimpleNamespace(debug=False))
-    render_sets(model_options.extract(args), 1)
+    draw_saved(model_options.extract(args), 1)
 '''
 
 RENDER = '''
@@ -322,7 +322,7 @@ def parts(layout):
                        "    _level = property(lambda self: self._rotation[:, 3:].detach())  # saved with it, and of no effect\n",
             ADDED=", level", ADD_LEVEL="        self._rotation.data[-n:, 3] = float(level)\n", LEVEL_VALUE=", level",
             ITERATION="iteration, ", RATIOS="update_ratio=0.5, extra_ratio=4.0, extra_up=0.25, ",
-            RATIO_VALUES="update_ratio, extra_ratio, extra_up, ",
+            RATIO_VALUES=", update_ratio, extra_ratio, extra_up",
             LEVELS="        " + level % ("viewpoint_cam", "iteration", "viewpoint_cam"),
             LEVELS_OF_CAM="        " + level % ("cam", "1", "cam"), ITERATION_GIVEN="iteration=iteration, ",
             RATIOS_GIVEN="update_ratio=dataset.update_ratio, extra_ratio=0.25, extra_up=0.01, ")

@@ -245,7 +245,7 @@ def training(dataset, opt, pipe, checkpoint_iterations):
     iter_start, iter_end = torch.cuda.Event(True), torch.cuda.Event(True)
 @FILTER_LINE@
     losses, counts = [], []
-    for iteration in range(1, opt.iterations + 1):
+    for iteration in range(1, 1 + opt.iterations):
         iter_start.record()
 @EARLY_RATE@
         viewpoint_cam = random.choice(scene.getTrainCameras())
