@@ -2,26 +2,14 @@
 #include "splatboost/convex_rasterizer.h"
 
 #include <cmath>
-#include <string>
 
 #include "convexes/convex_backend.h"
 #include "convexes/cuda_ops.h"
+#include "projection/check_arrays.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
 namespace {
-
-void check_rows(std::span<const float> rows, std::size_t n, std::size_t width, const char* name) {
-  SPLATBOOST_CHECK(rows.size() == n * width, std::string(name) + " must hold " + std::to_string(n) + " × " +
-                                                 std::to_string(width) + " numbers, not " +
-                                                 std::to_string(rows.size()));
-}
-
-void check_optional(std::span<const float> values, std::size_t size, const char* name) {
-  SPLATBOOST_CHECK(values.empty() || values.size() == size, std::string(name) + " must be empty or hold " +
-                                                                std::to_string(size) + " numbers, not " +
-                                                                std::to_string(values.size()));
-}
 
 void check_options(const ConvexOptions& options) {
   SPLATBOOST_CHECK(options.beta > 0.0f && options.beta <= 1.0f, "beta must lie in (0, 1]");
@@ -43,15 +31,7 @@ void check_convexes(const Convexes& c) {
   check_rows(c.sharpness, n, 1, "sharpness");
   check_rows(c.opacities, n, 1, "opacities");
   if (n == 0) return;
-  SPLATBOOST_CHECK(c.colors.empty() != c.sh_dc.empty(), "give either spherical harmonics (sh_dc, sh_rest) or colors");
-  if (c.colors.empty()) {
-    check_rows(c.sh_dc, n, 3, "sh_dc");
-    SPLATBOOST_CHECK(c.sh_degree >= 0 && c.sh_degree <= kMaxShDegree, "sh_degree must be 0 to 3");
-    SPLATBOOST_CHECK(c.sh_rest_rows >= sh_coefficients(c.sh_degree) - 1, "sh_rest_rows is too small for sh_degree");
-    check_rows(c.sh_rest, n, 3 * static_cast<std::size_t>(c.sh_rest_rows), "sh_rest");
-  } else {
-    check_rows(c.colors, n, 3, "colors");
-  }
+  check_colors(c);
 }
 
 struct ConvexRasterizer::State {

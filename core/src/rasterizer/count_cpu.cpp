@@ -23,13 +23,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
   const int blocks = kTileSize / lanes;
   TileRows<2> pixels(frame, tile);               // transmittance, flags
   std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
-  for (int pixel = 0; pixel < kPixels; pixel += lanes) {
-    const int row = pixel / kTileSize, x = pixel % kTileSize;
-    const Vec flags = hn::Load(d, flagged + pixel);
-    hn::Store(flags, d, pixels.at(row, x, 1));
-    const bool any = !hn::AllFalse(d, hn::Gt(flags, hn::Zero(d)));
-    flagged_rows[x / lanes] |= static_cast<std::uint32_t>(any) << row;
-  }
+  load_flags(flagged, pixels, flagged_rows);
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);

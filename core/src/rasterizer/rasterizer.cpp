@@ -2,26 +2,14 @@
 #include "splatboost/rasterizer.h"
 
 #include <cmath>
-#include <string>
 
+#include "projection/check_arrays.h"
 #include "rasterizer/cuda_ops.h"
 #include "rasterizer/rasterizer_backend.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
 namespace {
-
-void check_rows(std::span<const float> rows, std::size_t n, std::size_t width, const char* name) {
-  SPLATBOOST_CHECK(rows.size() == n * width, std::string(name) + " must hold " + std::to_string(n) + " × " +
-                                                 std::to_string(width) + " numbers, not " +
-                                                 std::to_string(rows.size()));
-}
-
-void check_optional(std::span<const float> values, std::size_t size, const char* name) {
-  SPLATBOOST_CHECK(values.empty() || values.size() == size, std::string(name) + " must be empty or hold " +
-                                                                std::to_string(size) + " numbers, not " +
-                                                                std::to_string(values.size()));
-}
 
 void check_options(const RasterOptions& options) {
   SPLATBOOST_CHECK(options.beta > 0.0f && options.beta <= 1.0f, "beta must lie in (0, 1]");
@@ -47,15 +35,7 @@ void check_gaussians(const Gaussians& g) {
   } else {
     check_rows(g.covariances, n, 6, "covariances");
   }
-  SPLATBOOST_CHECK(g.colors.empty() != g.sh_dc.empty(), "give either spherical harmonics (sh_dc, sh_rest) or colors");
-  if (g.colors.empty()) {
-    check_rows(g.sh_dc, n, 3, "sh_dc");
-    SPLATBOOST_CHECK(g.sh_degree >= 0 && g.sh_degree <= kMaxShDegree, "sh_degree must be 0 to 3");
-    SPLATBOOST_CHECK(g.sh_rest_rows >= sh_coefficients(g.sh_degree) - 1, "sh_rest_rows is too small for sh_degree");
-    check_rows(g.sh_rest, n, 3 * static_cast<std::size_t>(g.sh_rest_rows), "sh_rest");
-  } else {
-    check_rows(g.colors, n, 3, "colors");
-  }
+  check_colors(g);
   SPLATBOOST_CHECK(g.features_per_gaussian >= 0 && g.features_per_gaussian <= kMaxFeatures,
                    "features_per_gaussian must be 0 to 8");
   check_rows(g.features, n, static_cast<std::size_t>(g.features_per_gaussian), "features");

@@ -145,6 +145,22 @@ struct TileRows {
   }
 };
 
+/// Fills plane 1 with the flags of a tile's pixels.
+/// @param flagged [256] 1 or 0
+/// @param rows [blocks of columns] all 0; receives the rows of each block that hold a flag, as a bit mask
+template <int kPlanes>
+HWY_INLINE void load_flags(const float* HWY_RESTRICT flagged, TileRows<kPlanes>& pixels, std::uint32_t* rows) {
+  const Lanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int pixel = 0; pixel < kPixels; pixel += lanes) {
+    const int row = pixel / kTileSize, x = pixel % kTileSize;
+    const Vec flags = hn::Load(d, flagged + pixel);
+    hn::Store(flags, d, pixels.at(row, x, 1));
+    const bool any = !hn::AllFalse(d, hn::Gt(flags, hn::Zero(d)));
+    rows[x / lanes] |= static_cast<std::uint32_t>(any) << row;
+  }
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace splatboost
 HWY_AFTER_NAMESPACE();
