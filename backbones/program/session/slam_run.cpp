@@ -28,7 +28,8 @@ constexpr double kShownEvery = 2;         ///< s
 constexpr std::size_t kMostProblems = 5;  ///< lines about single frames
 constexpr float kLeastExtent = 0.1f;      ///< metres: of a camera that only turns
 constexpr int kCurvePoints = 40;
-constexpr int kTimedIterations = 20;  ///< that say how many there will be in a time
+constexpr int kTimedIterations = 20;     ///< that first say how many there will be in a time
+constexpr int kPlannedIterations = 100;  ///< after which that is reckoned again
 constexpr auto kIdle = std::chrono::milliseconds(2);
 
 double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
@@ -247,21 +248,32 @@ void SlamRun::finish_mapping() {
   int total = online_->planned_iterations(iteration_);
   const double tail_began = seconds();
   const auto in_time = [&] { return iteration_ == 0 || seconds() < *slam_.seconds; };
-  if (slam_.seconds) {
-    // How many there will be follows from the rate without the tracker; the clock decides.
-    int timed = 0;
-    for (; timed < kTimedIterations && in_time(); ++timed) iterate();
+  // How many there will be follows from the rate of the last ones, which falls as Gaussians are added; the clock
+  // decides.
+  int planned_at = iteration_;
+  double planned_since = tail_began;
+  const auto plan = [&] {
     const double now = seconds();
-    const double left = std::max(0.0, *slam_.seconds - now) / std::max(now - tail_began, 1e-9) * timed;
-    total = iteration_ + static_cast<int>(std::min(1e8, left));
+    const double rate = (iteration_ - planned_at) / std::max(now - planned_since, 1e-9);
+    total = iteration_ + static_cast<int>(std::min(1e8, rate * std::max(0.0, *slam_.seconds - now)));
+    planned_at = iteration_;
+    planned_since = now;
+  };
+  if (slam_.seconds) {
+    for (int i = 0; i < kTimedIterations && in_time(); ++i) iterate();
+    plan();
   }
   online_->views_complete(total);
   Progress progress("mapping", total, iteration_, options_.quiet);
-  const int tail = total - iteration_;
+  const int shown_every = std::max(1, (total - iteration_) / kCurvePoints);
   while (slam_.seconds ? in_time() : iteration_ < total) {
     iterate();
+    if (slam_.seconds && iteration_ - planned_at == kPlannedIterations) {
+      plan();
+      online_->views_complete(total);
+    }
     progress.update(std::min(iteration_, total), loss_, plugged_.backbone->primitives(), seconds() - tail_began);
-    if (iteration_ == total || (total - iteration_) % std::max(1, tail / kCurvePoints) == 0) {
+    if (iteration_ == total || iteration_ % shown_every == 0) {
       outcome_.curve.push_back({iteration_, seconds(), loss_, plugged_.backbone->primitives(), std::nullopt});
     }
   }

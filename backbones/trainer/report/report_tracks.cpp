@@ -10,7 +10,7 @@
 namespace splatboost::report {
 
 std::string tracks(const std::vector<ReportTrack>& tracks) {
-  constexpr double kWidth = 720, kMargin = 12, kTallest = 540;
+  constexpr double kWidth = 720, kMargin = 12, kTallest = 540, kBarRoom = 28;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   double low[2] = {kInfinity, kInfinity}, high[2] = {-kInfinity, -kInfinity};
   for (const ReportTrack& track : tracks) {
@@ -30,7 +30,7 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
     out +=
         "<span><i style=\"background:" + color_of(t, tracks.size()) + "\"></i>" + escape(tracks[t].label) + "</span>";
   }
-  out += "</p>\n<div class=\"card\"><svg viewBox=\"0 0 " + number(kWidth, 0) + " " + number(height, 0) +
+  out += "</p>\n<div class=\"card\"><svg viewBox=\"0 0 " + number(kWidth, 0) + " " + number(height + kBarRoom, 0) +
          "\" role=\"img\" aria-label=\"paths of the camera\">\n";
   for (std::size_t t = 0; t < tracks.size(); ++t) {
     // Where nothing was tracked a path is broken.
@@ -52,13 +52,12 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
   const double most = 0.25 * (kWidth - 2 * kMargin) / scale;
   const double power = std::pow(10.0, std::floor(std::log10(most)));
   const double bar = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1);
-  out += "</svg></div>\n<p class=\"note\">Seen along the axis in which the camera moved least; the drawing is " +
-         number(across, 2) + " m wide. <svg width=\"" + number(bar * scale, 0) +
-         "\" height=\"6\"><path stroke=\"currentColor\" d=\"M0 3 L" + number(bar * scale, 0) + " 3\"/></svg> " +
-         number(bar, bar < 0.1 ? 2
-                     : bar < 1 ? 1
-                               : 0) +
-         " m on a page " + number(kWidth, 0) + " px wide</p></section>\n";
+  const int digits = static_cast<int>(std::max(0.0, -std::floor(std::log10(bar) + 1e-9)));
+  const std::string level = number(height + 0.4 * kBarRoom, 0);
+  out += "<path stroke=\"currentColor\" stroke-width=\"2\" d=\"M" + number(kMargin, 0) + " " + level + " L" +
+         number(kMargin + bar * scale, 1) + " " + level + "\"/><text x=\"" + number(kMargin + bar * scale + 8, 0) +
+         "\" y=\"" + number(height + 0.4 * kBarRoom + 4, 0) + "\">" + number(bar, digits) + " m</text>\n" +
+         "</svg></div>\n<p class=\"note\">Seen along the axis in which the camera moved least.</p></section>\n";
   return out;
 }
 
