@@ -14,11 +14,11 @@ import warnings
 from typing import Any, List, Optional, Tuple
 
 #: Packages that hosts import but do not use in training, rendering and metrics.
-_OPTIONAL = ("open3d", "joblib", "wandb")
+_OPTIONAL = ("open3d", "joblib", "wandb", "matplotlib")
 #: What a host need not have installed.
 PROVIDED = _OPTIONAL + ("torchvision", "torch_scatter", "lpips", "lpipsPyTorch", "diff_gaussian_rasterization",
-                        "diff_gaussian_rasterization_abs", "diff_surfel_rasterization", "simple_knn",
-                        "fused_ssim")
+                        "diff_gaussian_rasterization_abs", "diff_surfel_rasterization", "diff_convex_rasterization",
+                        "simple_knn", "fused_ssim")
 
 
 def install() -> None:
@@ -26,6 +26,9 @@ def install() -> None:
     for name in _OPTIONAL:
         if _lacks(name):
             sys.modules[name] = _Missing(name)
+            if name == "matplotlib":
+                setattr(sys.modules[name], "pyplot", _Missing("matplotlib.pyplot"))
+                sys.modules["matplotlib.pyplot"] = getattr(sys.modules[name], "pyplot")
     if _lacks("torchvision"):
         _torchvision()
     if _lacks("torch_scatter"):

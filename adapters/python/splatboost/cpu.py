@@ -141,6 +141,8 @@ def map_cuda() -> None:
 
 def detect_layout(folder: str) -> Optional[str]:
     """Which drop-in layout the checkout in a folder draws with; None where it is no 3DGS checkout."""
+    if os.path.exists(os.path.join(folder, "convex_renderer", "__init__.py")):
+        return "convexes"
     path = os.path.join(folder, "gaussian_renderer", "__init__.py")
     if not os.path.exists(path):
         return None

@@ -57,6 +57,7 @@ void clear_row(std::span<float> rows, std::size_t i, std::size_t width) {
 void clear(const Convexes& convexes, const ConvexGradients& out, std::size_t i) {
   clear_row(out.view_sharpness, i, 1);
   clear_row(out.view_sharpness_abs, i, 1);
+  clear_row(out.screen_points, i, 3);
   if (out.mode == GradientMode::accumulate) return;
   clear_row(out.points, i, 3 * static_cast<std::size_t>(convexes.points_per_convex));
   clear_row(out.smoothness, i, 1);
@@ -88,6 +89,7 @@ void backward_one(const ConvexFrame& frame, const Convexes& convexes, const Conv
   write(out.opacities, adds, i, &g.opacity, 1);
   write(out.view_sharpness, false, i, &g.geometry.sharpness, 1);
   write(out.view_sharpness_abs, false, i, &g.view_sharpness_abs, 1);
+  write(out.screen_points, false, i, g.geometry.screen, 3);
   if (!convexes.colors.empty()) {
     write(out.colors, adds, i, g.color, 3);
     return;
