@@ -289,6 +289,9 @@ assert "diff_gaussian_rasterization" not in sys.modules
 splatboost.install_drop_ins("surfels")
 import diff_surfel_rasterization
 assert diff_surfel_rasterization.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("surfels")
+splatboost.install_drop_ins("convexes")
+import diff_convex_rasterization
+assert diff_convex_rasterization.ConvexRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("convexes")
 for layout in LAYOUTS:
     names = splatboost.install_drop_ins(layout)
     assert splatboost.install_drop_ins(layout) == names

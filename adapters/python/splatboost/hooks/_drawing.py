@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Iterator, Optional
 
 import torch
 
@@ -25,6 +26,17 @@ from ..compat import (
 
 #: Beside the host's cfg_args: how the model was trained, for whoever draws it.
 MODEL_FILE = "splatboost.json"
+
+
+@contextlib.contextmanager
+def box_of(beta: Optional[float]) -> Iterator[None]:
+    """Drop-ins draw with this beta within."""
+    before = get_beta()
+    set_beta(beta)
+    try:
+        yield
+    finally:
+        set_beta(before)
 
 
 class Drawing:
@@ -60,12 +72,8 @@ class Drawing:
             means2D = self.screen_points = torch.nn.functional.pad(means2D, (0, 1))
             means2D.retain_grad()
         ours = module.GaussianRasterizer(module.GaussianRasterizationSettings(**settings._asdict()))
-        before = get_beta()
-        set_beta(self.beta)
-        try:
+        with box_of(self.beta):
             return ours(means2D=means2D, **given)
-        finally:
-            set_beta(before)
 
 
 def see(model: Any, host: Any, **given: Any) -> torch.Tensor:
