@@ -8,7 +8,7 @@ import pathlib
 
 #: layout → recipe that fits it
 RECIPES = {"3dgs-2023": "3dgs", "3dgs-2024-08": "3dgs", "3dgs-2024-10": "3dgs", "mip": "mip-splatting",
-           "drop": "dropgaussian", "deform": "deformable-3dgs", "absgs": "absgs", "2dgs": "2dgs",
+           "drop": "dropgaussian", "deform": "deformable-3dgs", "deform-paper": "deformable-3dgs", "absgs": "absgs", "2dgs": "2dgs",
            "gof": "gaussian-opacity-fields"}
 
 ARGUMENTS = '''
@@ -327,7 +327,7 @@ def lines(depth, *texts):
 def parts(layout):
     """What stands where a layout differs."""
     mip, drop, late = layout in ("mip", "gof"), layout == "drop", layout == "3dgs-2024-10"
-    deform = layout == "deform"
+    deform = layout.startswith("deform")
     images = "rendered_image, radii, depth_image" if layout.startswith("3dgs-2024") else "rendered_image, radii"
     found = dict.fromkeys(
         "SIGNATURE SETTINGS FILTERED DROPOUT MIP_PROPERTIES MIP_START MIP_PRUNE MIP_STATS RADII_PRUNE RADII_CLONE "
@@ -335,7 +335,7 @@ def parts(layout):
         "ARGUMENTS REFILTER MOVED TURNED STRETCHED DENSIFY DENSIFY_POINTS DENSIFY_RESULT DEFORM_MODEL DEFORM_IMPORT "
         "DEFORM_MADE DEFORM_LOADED DELTAS".split(), "")
     found.update(RESULT=images, POINTS="viewspace_points", EARLY_RATE=lines(8, "gaussians.update_learning_rate(iteration)"))
-    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform", "absgs", "2dgs", "gof") else "(radii > 0).nonzero()",
+    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform", "deform-paper", "absgs", "2dgs", "gof") else "(radii > 0).nonzero()",
                  UNTIL="10_000" if drop else "15_000", THRESHOLD="0.0005" if drop else "0.0002",
                  STEP=lines(16, *STEP))
     if layout.startswith("3dgs-2024"):
@@ -374,11 +374,7 @@ def parts(layout):
     if deform:
         found.update(
             SIGNATURE=", d_xyz, d_rotation, d_scaling, is_6dof=False", RESULT="rendered_image, radii, depth",
-            MOVED=" + d_xyz", TURNED=" + d_rotation", STRETCHED=" + d_scaling", DENSIFY=" means2D_densify=on_screen_too,",
-            DENSIFY_POINTS="\n" + lines(4, 'on_screen_too = torch.zeros_like(on_screen, requires_grad=True, device="cuda") * 1.0',
-                                 "if torch.is_grad_enabled():", "    on_screen_too.retain_grad()"),
-            DENSIFY_RESULT=' "viewspace_points_densify": on_screen_too,', POINTS="viewspace_points_densify",
-            THRESHOLD="0.0007", DEFORM_MODEL=DEFORM_MODEL, DEFORM_IMPORT=", DeformModel",
+            MOVED=" + d_xyz", TURNED=" + d_rotation", STRETCHED=" + d_scaling", DEFORM_MODEL=DEFORM_MODEL, DEFORM_IMPORT=", DeformModel",
             DEFORM_MADE="\n" + lines(4, "deform = DeformModel()"),
             DEFORM_LOADED="\n" + lines(8, "deform = DeformModel()",
                                 "d_xyz, d_rotation, d_scaling = deform.step(gaussians.get_xyz, scene.getTrainCameras()[0].fid)"),
@@ -388,6 +384,13 @@ def parts(layout):
             ARGUMENTS=", d_xyz, d_rotation, d_scaling, dataset.is_6dof", EARLY_RATE="",
             STEP=lines(16, STEP[0], "gaussians.update_learning_rate(iteration)", "deform.optimizer.step()", STEP[1],
                        "deform.optimizer.zero_grad()"))
+    if layout == "deform":
+        found.update(
+            DENSIFY=" means2D_densify=on_screen_too,",
+            DENSIFY_POINTS="\n" + lines(4, 'on_screen_too = torch.zeros_like(on_screen, requires_grad=True, device="cuda") * 1.0',
+                                 "if torch.is_grad_enabled():", "    on_screen_too.retain_grad()"),
+            DENSIFY_RESULT=' "viewspace_points_densify": on_screen_too,', POINTS="viewspace_points_densify",
+            THRESHOLD="0.0007")
     if drop:
         found.update(SIGNATURE=", is_train=False, iteration=None", ARGUMENTS=", is_train=True, iteration=iteration",
                      DROPOUT=lines(4, "if is_train:", "    drop_rate = 0.2 * (iteration / 10000)",

@@ -152,7 +152,7 @@ def detect_layout(folder: str) -> Optional[str]:
         return "opacity-fields"
     if "kernel_size" in text and "subpixel_offset" in text:
         return "mip-splatting"
-    if "means2D_densify" in text:
+    if "means2D_densify" in text or "d_scaling, is_6dof=False" in text:
         return "deformable-3dgs"
     if "visible_filter" in text or "def prefilter_voxel(" in text:
         return "anchors"
