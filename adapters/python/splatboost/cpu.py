@@ -148,6 +148,8 @@ def detect_layout(folder: str) -> Optional[str]:
         return None
     with open(path, encoding="utf-8", errors="replace") as file:
         text = file.read()
+    if "diff_plane_rasterization" in text:
+        return "pgsr"
     if "view2gaussian" in text:
         return "opacity-fields"
     if "kernel_size" in text and "subpixel_offset" in text:

@@ -20,6 +20,7 @@ from ..compat import (
     diff_gaussian_rasterization_anchors,
     diff_gaussian_rasterization_deformable,
     diff_gaussian_rasterization_mip_splatting,
+    diff_plane_rasterization,
     get_beta,
     set_beta,
 )
@@ -57,6 +58,8 @@ class Drawing:
         module: Any = diff_gaussian_rasterization_absgs if weights else diff_gaussian_rasterization_2023
         if hasattr(settings, "kernel_size"):
             module = diff_gaussian_rasterization_mip_splatting
+        elif hasattr(settings, "render_geo"):
+            module = diff_plane_rasterization
         elif "dc" in given:
             module = diff_gaussian_rasterization_accelerated
         elif depth:
