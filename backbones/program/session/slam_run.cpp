@@ -25,8 +25,9 @@ constexpr double kShownEvery = 2;         ///< s
 constexpr std::size_t kMostProblems = 5;  ///< lines about single frames
 constexpr float kLeastExtent = 0.1f;      ///< metres: of a camera that only turns
 constexpr int kCurvePoints = 40;
-constexpr int kTimedIterations = 20;     ///< that first say how many there will be in a time
-constexpr int kPlannedIterations = 100;  ///< after which that is reckoned again
+constexpr std::size_t kCheckedKeyframes = 6;  ///< of which the calibration is checked
+constexpr int kTimedIterations = 20;          ///< that first say how many there will be in a time
+constexpr int kPlannedIterations = 100;       ///< after which that is reckoned again
 constexpr auto kIdle = std::chrono::milliseconds(2);
 
 double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
@@ -98,6 +99,17 @@ void SlamRun::tell(const TrackedFrame& frame, const Frame& picture) {
   if (frame.state != TrackState::dropped) last_state_ = frame.state;
 }
 
+void SlamRun::check_focal_lengths() const {
+  const std::optional<double> factor = tracker_.better_focal_factor();
+  if (!factor) return;
+  const Calibration& c = sequence_.calibration();
+  std::fprintf(
+      stderr,
+      "warning: pictures and depth fit focal lengths of about %.0f and %.0f px better than the %.0f and %.0f of "
+      "the calibration; check fx, fy and the size that they are for\n",
+      *factor * c.fx, *factor * c.fy, c.fx, c.fy);
+}
+
 std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
   const double start = now();
   Frame frame = sequence_.read(number);
@@ -114,6 +126,7 @@ std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
     for (std::size_t i = 0; i <= keyframe; ++i) update->poses.push_back(tracker_.camera_from_world(i));
     update->change = tracker_.take_change();
     outcome_.keyframe_frames.push_back(number);
+    if (outcome_.keyframe_frames.size() == kCheckedKeyframes) check_focal_lengths();
   }
   outcome_.tracking_seconds += now() - start;
   return update;

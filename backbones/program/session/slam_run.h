@@ -84,6 +84,7 @@ class SlamRun {
   void run_in_lockstep();
   void run_at_once();
   void finish_mapping();
+  void check_focal_lengths() const;
   void tell(const TrackedFrame& frame, const Frame& picture);
   void show_progress(bool last);
   double seconds() const;

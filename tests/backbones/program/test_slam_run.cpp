@@ -4,11 +4,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <functional>
 #include <new>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 #include "photo_slam/photo_slam.h"
@@ -48,11 +50,11 @@ const std::vector<Frame>& walk() {
 /// The walk, forward and backward in turn for as long as it is asked for.
 class Walk final : public Sequence {
  public:
-  explicit Walk(std::size_t size) : size_(size) {
+  explicit Walk(std::size_t size, double focal_factor = 1) : size_(size) {
     const synthetic::Intrinsics camera(kWidth, kHeight);
     calibration_.width = kWidth;
     calibration_.height = kHeight;
-    calibration_.fx = calibration_.fy = camera.focal;
+    calibration_.fx = calibration_.fy = focal_factor * camera.focal;
     calibration_.cx = camera.cx - 0.5;
     calibration_.cy = camera.cy - 0.5;
     calibration_.depth_scale = 1000;
@@ -67,10 +69,12 @@ class Walk final : public Sequence {
     Frame frame = walk()[way % 2 == 0 ? step : kFrames - 1 - step];
     frame.number = number;
     frame.time = time_of(number);
+    if (changed) changed(frame);
     return frame;
   }
 
   std::function<void(std::size_t)> before_frame;
+  std::function<void(Frame&)> changed;  ///< what is wrong with a frame
 
  private:
   std::size_t size_;
@@ -78,7 +82,7 @@ class Walk final : public Sequence {
 };
 
 struct Mapping {
-  explicit Mapping(std::size_t frames = kFrames) : sequence(frames), threads(2) {
+  explicit Mapping(std::size_t frames = kFrames, double focal_factor = 1) : sequence(frames, focal_factor), threads(2) {
     slam.tracker.features = 400;
     slam.initial_keyframes = 2;
     options.iterations = 20;
@@ -95,6 +99,24 @@ struct Mapping {
     return slam_run->run();
   }
 
+  /// What a run says on the way.
+  std::string lines() {
+    slam.lockstep = 1;
+    options.iterations = 1;
+    ::testing::internal::CaptureStderr();
+    try {
+      outcome = run();
+    } catch (const InputError& error) {
+      return ::testing::internal::GetCapturedStderr() + error.what();
+    }
+    return ::testing::internal::GetCapturedStderr();
+  }
+  std::size_t count(TrackState state) const {
+    return static_cast<std::size_t>(
+        std::ranges::count_if(outcome.frames, [&](const TrackedFrame& f) { return f.state == state; }));
+  }
+
+  SlamOutcome outcome;
   Walk sequence;
   SlamOptions slam;
   RunOptions options;
@@ -180,6 +202,111 @@ TEST(SlamRun, what_a_user_must_mend_is_not_kept) {
     if (number == 9) throw InputError("the card was pulled");
   };
   EXPECT_THROW(mapping.run(), InputError);
+}
+
+void expect_in(const std::string& text, const std::string& part) {
+  EXPECT_NE(text.find(part), std::string::npos) << text;
+}
+
+void blur(Frame& frame, int radius) {
+  const std::vector<std::uint8_t> sharp = frame.color;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        int sum = 0;
+        for (int i = -radius; i <= radius; ++i) {
+          sum += sharp[static_cast<std::size_t>(3 * (y * kWidth + std::clamp(x + i, 0, kWidth - 1)) + c)];
+        }
+        frame.color[static_cast<std::size_t>(3 * (y * kWidth + x) + c)] =
+            static_cast<std::uint8_t>(sum / (2 * radius + 1));
+      }
+    }
+  }
+}
+
+TEST(HardInput, a_good_walk_needs_no_word) {
+  Mapping mapping;
+  EXPECT_EQ(mapping.lines(), "");
+  EXPECT_EQ(mapping.count(TrackState::tracked), static_cast<std::size_t>(kFrames));
+}
+
+TEST(HardInput, wrong_focal_lengths_are_told) {
+  const synthetic::Intrinsics camera(kWidth, kHeight);
+  for (const double factor : {0.5, 2.0}) {
+    Mapping mapping(2 * kFrames, factor);
+    const std::string lines = mapping.lines();
+    expect_in(lines, "fit focal lengths of about ");
+    const double told = std::stod(lines.substr(lines.find("of about ") + 9));
+    EXPECT_NEAR(told, camera.focal, 0.15 * camera.focal);
+  }
+}
+
+TEST(HardInput, no_depth_at_all) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    frame.depth.clear();
+    frame.problem = "has no picture of depth";
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 0 (0.png): has no picture of depth; tracked by colour alone");
+  expect_in(lines, "no more such lines follow");
+  expect_in(lines, "nothing could be tracked: no frame has enough features with depth");
+}
+
+TEST(HardInput, depth_for_every_third_frame) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number % 3 != 0) frame.depth.clear();
+  };
+  mapping.lines();
+  EXPECT_EQ(mapping.count(TrackState::tracked), static_cast<std::size_t>(kFrames));
+  for (const std::size_t keyframe : mapping.outcome.keyframe_frames) EXPECT_EQ(keyframe % 3, 0u);
+}
+
+TEST(HardInput, frames_that_were_dropped) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number < 4 || frame.number > 6) return;
+    frame.color.clear();
+    frame.problem = "cannot be read";
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 5 (5.png): cannot be read; left out");
+  EXPECT_EQ(mapping.count(TrackState::dropped), 3u);
+  EXPECT_EQ(mapping.count(TrackState::tracked), static_cast<std::size_t>(kFrames - 3));
+}
+
+TEST(HardInput, blurred_frames_are_lost_and_tracking_goes_on) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number >= 5 && frame.number <= 6) blur(frame, 20);
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 5 (5.png): tracking is lost");
+  expect_in(lines, "frame 7 (7.png): tracking goes on");
+  EXPECT_EQ(mapping.count(TrackState::lost), 2u);
+  EXPECT_EQ(mapping.outcome.frames.back().state, TrackState::tracked);
+}
+
+TEST(HardInput, a_little_blur_does_no_harm) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number >= 5 && frame.number <= 6) blur(frame, 1);
+  };
+  EXPECT_EQ(mapping.lines(), "");
+  EXPECT_EQ(mapping.count(TrackState::tracked), static_cast<std::size_t>(kFrames));
+}
+
+TEST(HardInput, lost_for_good) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number >= 4) std::ranges::fill(frame.color, std::uint8_t{90});
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 4 (4.png): tracking is lost");
+  EXPECT_EQ(std::ranges::count(lines, '\n'), 1);
+  EXPECT_EQ(mapping.count(TrackState::lost), static_cast<std::size_t>(kFrames - 4));
+  EXPECT_TRUE(mapping.outcome.complete);
 }
 
 }  // namespace
