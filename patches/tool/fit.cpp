@@ -90,7 +90,7 @@ std::string unmet(const Need& need, const std::string& text) {
 
 std::string unknown_name(const Edit& edit, const Change& change, const std::string& original,
                          const std::string& patched) {
-  if (language_of(edit.file) == Language::cpp) return "";  // its compiler will tell
+  if (language_of(edit.file) != Language::python) return "";  // a compiler will tell
   std::string snippet;
   for (const std::string& line : edit.snippet) snippet += line + "\n";
   const SourceCode own(snippet);

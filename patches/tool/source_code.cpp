@@ -190,7 +190,9 @@ std::set<std::string, std::less<>> bound_names(std::string_view code) {
 Language language_of(const std::string& file) {
   static const std::set<std::string, std::less<>> endings{".c", ".cc", ".cpp", ".cu", ".cuh", ".cxx", ".h", ".hpp"};
   const std::size_t dot = file.rfind('.');
-  return dot != std::string::npos && endings.contains(file.substr(dot)) ? Language::cpp : Language::python;
+  const std::string ending = dot == std::string::npos ? "" : file.substr(dot);
+  if (ending == ".py") return Language::python;
+  return endings.contains(ending) ? Language::cpp : Language::other;
 }
 
 SourceCode::SourceCode(std::string text, Language language) : text_(std::move(text)), code_(text_) {

@@ -11,8 +11,9 @@
 namespace splatboost::patch {
 
 enum class Language {
-  python,  ///< and whatever has its comments, brackets and strings, such as CMake
-  cpp      ///< and CUDA
+  python,
+  cpp,   ///< and CUDA
+  other  ///< comments, brackets and strings as in Python, such as CMake
 };
 
 /// By the ending of a file's name.

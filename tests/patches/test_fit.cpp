@@ -35,7 +35,7 @@ TEST(SourceCode, TellsLanguagesByTheirFiles) {
   EXPECT_EQ(language_of("src/a.cpp"), Language::cpp);
   EXPECT_EQ(language_of("include/a.h"), Language::cpp);
   EXPECT_EQ(language_of("scene/a.py"), Language::python);
-  EXPECT_EQ(language_of("CMakeLists.txt"), Language::python);
+  EXPECT_EQ(language_of("CMakeLists.txt"), Language::other);
 }
 
 TEST(Fit, DeclarationsAreSoughtAsTheyAreWritten) {
