@@ -2,6 +2,7 @@
 #include "convex_splatting/convex_file.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "convex_splatting/convex_shapes.h"
@@ -78,8 +79,9 @@ ConvexCloud read_convexes(const std::filesystem::path& folder) {
   }
   const ArchiveReader archive(folder / kScreenFile);
   cloud.focal_lengths = archive.floats("focal_lengths");
-  require(!cloud.focal_lengths.empty() && std::ranges::all_of(cloud.focal_lengths, [](float f) { return f > 0; }),
-          archive.path().string() + ": 'focal_lengths' must be at least one number above 0");
+  const auto usable = [](float focal) { return focal > 0 && std::isfinite(focal); };
+  require(!cloud.focal_lengths.empty() && std::ranges::all_of(cloud.focal_lengths, usable),
+          archive.path().string() + ": 'focal_lengths' must be at least one finite number above 0");
   return cloud;
 }
 

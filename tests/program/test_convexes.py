@@ -2,6 +2,7 @@
 """convex-splatting by every command: trained, resumed, rendered, measured again, exported; and broken settings."""
 
 import json
+import shutil
 import struct
 
 import pytest
@@ -100,6 +101,62 @@ def test_a_model_of_gaussians_has_no_triangles(scene, tmp_path):
     assert done.returncode == 2
     assert "vanilla" in done.stderr
     assert not (tmp_path / "x.ply").exists()
+
+
+def floats_of(ply):
+    """Where the numbers of a model's .ply begin, and the names of its columns."""
+    end = ply.index(b"end_header\n") + len(b"end_header\n")
+    return end, [line.split()[-1].decode() for line in ply[:end].splitlines() if line.startswith(b"property float ")]
+
+
+def with_number(ply, column, number):
+    begin, names = floats_of(ply)
+    at = begin + 4 * (len(names) + names.index(column))  # of the second convex
+    return ply[:at] + struct.pack("<f", number) + ply[at + 4:]
+
+
+def with_count(ply, count):
+    head, rest = ply.split(b"element vertex ", 1)
+    return head + b"element vertex " + count + rest[rest.index(b"\n"):]
+
+
+def with_focal(archive, number):
+    return archive.replace(struct.pack("<f", 500), struct.pack("<f", number), 1)
+
+
+@pytest.mark.parametrize("file, damage", [
+    ("point_cloud.ply", lambda ply: ply[:len(ply) // 2]),
+    ("point_cloud.ply", lambda ply: ply[:-1]),
+    ("point_cloud.ply", lambda ply: ply[:40]),
+    ("point_cloud.ply", lambda ply: b""),
+    ("point_cloud.ply", lambda ply: with_count(ply, b"1000000")),
+    ("point_cloud.ply", lambda ply: with_count(ply, b"18446744073709551615")),
+    ("point_cloud.ply", lambda ply: with_count(ply, b"99999999999999999999999")),
+    ("point_cloud.ply", lambda ply: with_count(ply, b"-1")),
+    ("point_cloud.ply", lambda ply: with_count(ply, b"many")),
+    ("point_cloud.ply", lambda ply: ply.replace(b"property float point_3_y\n", b"")),
+    ("point_cloud.ply", lambda ply: ply.replace(b"point_3_y", b"point_9_y")),
+    ("point_cloud.ply", lambda ply: with_number(ply, "point_0_x", float("nan"))),
+    ("point_cloud.ply", lambda ply: with_number(ply, "smoothness", float("inf"))),
+    ("point_cloud.ply", lambda ply: with_number(ply, "f_rest_7", -float("inf"))),
+    ("convexes.bin", lambda archive: archive[:len(archive) // 2]),
+    ("convexes.bin", lambda archive: b""),
+    ("convexes.bin", lambda archive: with_focal(archive, 0)),
+    ("convexes.bin", lambda archive: with_focal(archive, float("nan"))),
+    ("convexes.bin", lambda archive: with_focal(archive, float("inf"))),
+])
+def test_damaged_models_are_refused(both, tmp_path, file, damage):
+    model = tmp_path / "model"
+    shutil.copytree(both / "baseline", model)
+    path = model / "point_cloud/iteration_60" / file
+    whole = path.read_bytes()
+    path.write_bytes(damage(whole))
+    assert path.read_bytes() != whole
+    done = run_program("export", "-m", model, "-o", tmp_path / "out.glb")
+    assert done.returncode == 2, done.stderr
+    assert file in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert [entry.name for entry in tmp_path.iterdir()] == ["model"]
 
 
 @pytest.mark.parametrize("constants, word", [

@@ -225,7 +225,8 @@ def readers_of(source):
             [*of_model("run")[0], "-s", source], ["compare", "-s", source, "-m", "out", *RUN]]
 
 
-BACKBONES = ["vanilla", "mip-splatting", "scaffold-gs", "octree-gs"]
+BACKBONES = ["vanilla", "mip-splatting", "scaffold-gs", "octree-gs", "convex-splatting"]
+WITH_NETS = ["scaffold-gs", "octree-gs"]
 TARGETS = {
     "COLMAP binary": Target([f"colmap/sparse/0/{name}.bin" for name in ("cameras", "images", "points3D")], by(BYTES),
                             readers_of("colmap")),
@@ -242,8 +243,11 @@ TARGETS = {
     "packed scene": Target(["packed.sbscene"], damage_packed, readers_of("packed.sbscene")),
     "model": Target([f"of-{name}/{PLY}" for name in BACKBONES], by(HEAD_AND_BYTES),
                     {f"of-{name}": of_model(f"of-{name}") for name in BACKBONES}),
-    "nets": Target([f"of-{name}/point_cloud/iteration_4/nets.bin" for name in BACKBONES[2:]], by(BYTES),
-                   {f"of-{name}": of_model(f"of-{name}") for name in BACKBONES[2:]}),
+    "nets": Target([f"of-{name}/point_cloud/iteration_4/nets.bin" for name in WITH_NETS], by(BYTES),
+                   {f"of-{name}": of_model(f"of-{name}") for name in WITH_NETS}),
+    "convexes": Target([f"of-convex-splatting/point_cloud/iteration_4/{name}" for name in ("point_cloud.ply", "convexes.bin")],
+                       by(HEAD_AND_BYTES), [*of_model("of-convex-splatting"),
+                                            ["export", "-m", "of-convex-splatting", "-o", "out.glb"]]),
     "config.json of a run": Target([f"of-{name}/config.json" for name in BACKBONES], mostly_json,
                                    {f"of-{name}": of_model(f"of-{name}") for name in BACKBONES}),
     "results.json": Target(["run/results.json"], mostly_json, [of_model("run")[1]]),
@@ -410,7 +414,7 @@ def attack(name, whole, first, cases, seed, keep=None):
                     (pathlib.Path(keep) / f"{name}-{seed}-{number}-{pathlib.Path(file).name}".replace(" ", "-")).write_bytes(data)
             # What a command left must not change the next case.
             for used in {file.split("/")[0], command[command.index("-m") + 1] if "-m" in command else "out", "out",
-                         "out.sbscene", "plain", "host"}:
+                         "out.sbscene", "out.glb", "plain", "host"}:
                 if (work / used).is_dir():
                     shutil.rmtree(work / used)
                 else:
