@@ -177,6 +177,17 @@ sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb_tensor
   });
 }
 
+sb_status sb_rasterizer_count_observed(sb_rasterizer* rasterizer, float min_transmittance, const sb_tensor* counts,
+                                       void* stream) {
+  return guarded([&] {
+    sb_rasterizer& r = need(rasterizer, "rasterizer");
+    const Place::Call call(r.place, stream);
+    r.check_drawn("count_observed");
+    r.rasterizer.count_observed(
+        min_transmittance, r.place.view<std::int32_t>(counts, "counts", {static_cast<std::int64_t>(r.shape.count)}));
+  });
+}
+
 sb_status sb_rasterizer_settle(sb_rasterizer* rasterizer, int32_t* redrawn, void* stream) {
   return guarded([&] {
     sb_rasterizer& r = need(rasterizer, "rasterizer");

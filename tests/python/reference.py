@@ -86,10 +86,12 @@ def render(
     compensate_opacity=False,
     near_plane=0.2,
     shift=None,
+    observed_above=None,
 ):
     """color, features, inverse depth, alpha and per-pixel counts [N,H,W]; all inputs float64.
 
     shift [N,2]: pixels added to the projected means, to differentiate by them.
+    observed_above: counts are only where the transmittance before a Gaussian is above it.
     """
     world = torch.tensor(camera.camera_from_world, dtype=torch.float64).view(4, 4)
     rotation, translation = world[:3, :3], world[:3, 3]
@@ -147,7 +149,7 @@ def render(
     extra = None if features is None else torch.einsum("nhw,nc->chw", weights, features[order])
     depth = torch.einsum("nhw,n->hw", weights, 1 / z[order])[None]
     counts = torch.zeros_like(blended)
-    counts[order] = blended
+    counts[order] = blended if observed_above is None else blended & (before[:-1] > observed_above)
     return image, extra, depth, (1 - final)[None], counts
 
 

@@ -181,6 +181,26 @@ def test_convexes_from_patch_to_revert(tmp_path):
 
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+def test_pgsr_reads_cameras_of_one_focal_length_and_its_cap_holds(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "tree", "pgsr")
+    readers = tree / "scene/dataset_readers.py"
+
+    def focals():
+        scope = {}
+        exec(readers.read_text(encoding="utf-8"), scope)
+        return scope["focals"]("SIMPLE_PINHOLE", [50.0], 100)
+
+    with pytest.raises(UnboundLocalError):
+        focals()
+    patch("apply", "pgsr", tree)
+    assert focals() == (50.0, 50.0, 2.0)
+    # Where there is no room for all, the most wanted grow; the host's own functions would choose others.
+    capped = train(tree, tmp_path / "model", "--max_all_points", "75", "--boost_max_gaussians", "900")
+    assert 60 < max(capped["counts"]) <= 75
+    assert capped["told"].startswith("SplatBoost: default rules of pgsr, beta 0.5")
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
 def test_options_of_the_patch(tmp_path):
     tree = miniature_host.write_host(tmp_path / "tree", "3dgs-2023")
     patch("apply", "3dgs", tree)

@@ -200,6 +200,7 @@ _ENTRIES = {
         [c_void_p, POINTER(Gaussians), POINTER(ImageGradients), POINTER(GaussianGradients), c_void_p],
     ),
     "sb_rasterizer_count_flagged": (_STATUS, [c_void_p, _T, _T, c_void_p]),
+    "sb_rasterizer_count_observed": (_STATUS, [c_void_p, c_float, _T, c_void_p]),
     "sb_rasterizer_settle": (_STATUS, [c_void_p, _I32, c_void_p]),
     "sb_rasterizer_counts": (_STATUS, [c_void_p, _I64, _I64, c_void_p]),
     "sb_convex_rasterizer_create": (_STATUS, [_DEVICE, POINTER(c_void_p)]),

@@ -254,9 +254,24 @@ class Render:
         self._add_counts(place.view(flagged, "flagged"), place.target(counts, "counts"), place)
         return counts
 
-    def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
+    def count_observed(self, min_transmittance: float = 0.5) -> torch.Tensor:
+        """int32 [N]: pixels where each Gaussian was blended while the transmittance before it was above this one.
+
+        Replays the tile lists of this render, so it must come before the next render.
+        """
+        counts = torch.zeros_like(self.radii)
+        place = Place(self.radii, "radii")
+        self._check_held("count_observed")
+        target = place.target(counts, "counts")
+        lib.call("sb_rasterizer_count_observed", self._lease.workspace.handle, min_transmittance, target, place.stream)
+        return counts
+
+    def _check_held(self, what: str) -> None:
         if not self._lease.held:
-            raise RuntimeError("count_flagged: this render's tile lists are gone, another view was drawn since")
+            raise RuntimeError("%s: this render's tile lists are gone, another view was drawn since" % what)
+
+    def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
+        self._check_held("count_flagged")
         workspace = self._lease.workspace
         lib.call(workspace.entries + "_count_flagged", workspace.handle, flagged, counts, place.stream)
 

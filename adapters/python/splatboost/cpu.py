@@ -148,11 +148,13 @@ def detect_layout(folder: str) -> Optional[str]:
         return None
     with open(path, encoding="utf-8", errors="replace") as file:
         text = file.read()
+    if "diff_plane_rasterization" in text:
+        return "pgsr"
     if "view2gaussian" in text:
         return "opacity-fields"
     if "kernel_size" in text and "subpixel_offset" in text:
         return "mip-splatting"
-    if "means2D_densify" in text:
+    if "means2D_densify" in text or "d_scaling, is_6dof=False" in text:
         return "deformable-3dgs"
     if "visible_filter" in text or "def prefilter_voxel(" in text:
         return "anchors"

@@ -187,6 +187,10 @@ SB_API sb_status sb_rasterizer_backward(sb_rasterizer* rasterizer, const sb_gaus
  *  its tile lists. @param flagged uint8 [H,W] @param counts int32 [N] */
 SB_API sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb_tensor* flagged,
                                              const sb_tensor* counts, void* stream);
+/** Adds to counts the pixels where each Gaussian was blended in the last forward while the transmittance before it was
+ *  above min_transmittance: the pixels that observe it (PGSR: 0.5). @param counts int32 [N] */
+SB_API sb_status sb_rasterizer_count_observed(sb_rasterizer* rasterizer, float min_transmittance,
+                                              const sb_tensor* counts, void* stream);
 /** For scores and evaluation, where every splat counts: waits for the last forward and, if it had too little room,
  * draws it again into the same images; the tensors of that call must still be there, unchanged. Does nothing on the
  * CPU.

@@ -14,7 +14,7 @@ from ..operations import keep_largest, spare_one
 from ..schedule import PUBLISHED_ITERATIONS
 from . import _drawing
 
-_SPLIT_CHILDREN = 2
+SPLIT_CHILDREN = 2
 
 
 def is_on(options: Any) -> bool:
@@ -196,8 +196,9 @@ class Boost:
             self.iteration, views, scene_extent=float(extent), gradients=gradients,
             gradients_abs=self._absolute_gradients(), max_scales=max_scales, opacities=g.get_opacity.detach(),
             **self._own_growth(gradients, max_scales, float(extent)))
-        if self.options.boost_max_gaussians > 0:
-            room = max(0, self.options.boost_max_gaussians - n)
+        most = self._max_gaussians()
+        if most > 0:
+            room = max(0, most - n)
             growing = keep_largest(gradients.reshape(-1), room, clone | split)
             clone, split = clone & growing, split & growing
 
@@ -213,6 +214,10 @@ class Boost:
         if radii:
             g.tmp_radii = None
         self._restart_statistics()
+
+    def _max_gaussians(self) -> int:
+        """Growth never exceeds so many; 0: no cap."""
+        return int(self.options.boost_max_gaussians)
 
     def _own_growth(self, gradients: torch.Tensor, max_scales: torch.Tensor, extent: float) -> Dict[str, torch.Tensor]:
         """clone and split as the host's own rule has them, for an adapter without absolute gradients."""
@@ -236,7 +241,7 @@ class Boost:
             g.percent_dense = percent_dense
         kept = torch.ones_like(origins, dtype=torch.bool)
         kept[:n] = ~split
-        origins = torch.cat([origins[kept]] + [torch.arange(n, device=clone.device)[split]] * _SPLIT_CHILDREN)
+        origins = torch.cat([origins[kept]] + [torch.arange(n, device=clone.device)[split]] * SPLIT_CHILDREN)
         self._check_count(origins, "split")
         return origins
 
@@ -250,7 +255,7 @@ class Boost:
         self.gaussians.densify_and_clone(mask.float().unsqueeze(1), 0.5, extent)
 
     def _host_split(self, mask: torch.Tensor, extent: float) -> None:
-        self.gaussians.densify_and_split(mask.float().unsqueeze(1), 0.5, extent, _SPLIT_CHILDREN)
+        self.gaussians.densify_and_split(mask.float().unsqueeze(1), 0.5, extent, SPLIT_CHILDREN)
 
     def _remove(self, mask: torch.Tensor) -> torch.Tensor:
         mask = spare_one(self.gaussians.get_opacity.detach().reshape(-1), mask)
