@@ -137,6 +137,71 @@ static sb_status call_count(const Entry* e) {
   return sb_rasterizer_count_flagged(rasterizer, e->p[0], e->p[1], NULL);
 }
 
+static sb_convex_rasterizer* convex_rasterizer;
+static const sb_convex_options convex_options = {SB_CONVEX_BOX_COMPACT, 0.5f, 0.2f, 1, {0, 0, 0}, 0};
+
+static sb_convexes convexes_of(const Entry* e) { /* points smoothness sharpness opacities sh_dc sh_rest */
+  sb_convexes c;
+  memset(&c, 0, sizeof c);
+  c.points = e->p[0];
+  c.smoothness = e->p[1];
+  c.sharpness = e->p[2];
+  c.opacities = e->p[3];
+  c.sh_dc = e->p[4];
+  c.sh_rest = e->p[5];
+  c.sh_degree = 1;
+  return c;
+}
+
+static sb_status draw_convexes(const sb_convexes* c) {
+  static float image[3 * W * H];
+  const sb_tensor color = floats(image, 3, 3, H, W);
+  const sb_convex_outputs outputs = {&color, NULL, NULL};
+  return sb_convex_rasterizer_forward(convex_rasterizer, &camera, c, &convex_options, &outputs, NULL);
+}
+
+static sb_status call_convexes_forward_inputs(const Entry* e) {
+  const sb_convexes c = convexes_of(e);
+  return draw_convexes(&c);
+}
+
+static Entry convex_scene; /* valid inputs of call_convexes_forward_inputs */
+
+static sb_status call_convexes_forward_outputs(const Entry* e) {
+  const sb_convexes c = convexes_of(&convex_scene);
+  const sb_convex_outputs o = {e->p[0], e->p[1], e->p[2]};
+  return sb_convex_rasterizer_forward(convex_rasterizer, &camera, &c, &convex_options, &o, NULL);
+}
+
+static sb_status call_convexes_backward_inputs(const Entry* e) {
+  const sb_convexes c = convexes_of(e), drawn = convexes_of(&convex_scene);
+  const sb_convex_gradients to = {0};
+  CHECK(draw_convexes(&drawn) == SB_OK);
+  return sb_convex_rasterizer_backward(convex_rasterizer, &c, e->p[6], e->p[7], &to, NULL);
+}
+
+static sb_status call_convexes_backward_outputs(const Entry* e) {
+  const sb_convexes c = convexes_of(&convex_scene);
+  sb_convex_gradients to;
+  memset(&to, 0, sizeof to);
+  to.points = e->p[0];
+  to.smoothness = e->p[1];
+  to.sharpness = e->p[2];
+  to.opacities = e->p[3];
+  to.sh_dc = e->p[4];
+  to.sh_rest = e->p[5];
+  to.sharpness_abs = e->p[6];
+  to.screen_points = e->p[7];
+  CHECK(draw_convexes(&c) == SB_OK);
+  return sb_convex_rasterizer_backward(convex_rasterizer, &c, NULL, NULL, &to, NULL);
+}
+
+static sb_status call_convexes_count(const Entry* e) {
+  const sb_convexes c = convexes_of(&convex_scene);
+  CHECK(draw_convexes(&c) == SB_OK);
+  return sb_convex_rasterizer_count_flagged(convex_rasterizer, e->p[0], e->p[1], NULL);
+}
+
 static sb_status call_observed(const Entry* e) {
   draw_scene();
   return sb_rasterizer_count_observed(rasterizer, 0.5f, e->p[0], NULL);
@@ -284,6 +349,15 @@ static void add_gaussians(Entry* e) {
   add(e, SB_FLOAT32, 2, N, 2, 0, 1, 1);
 }
 
+static void add_convexes(Entry* e) {
+  add(e, SB_FLOAT32, 3, N, 6, 3, 0, 0);
+  add(e, SB_FLOAT32, 2, N, 1, 0, 0, 0);
+  add(e, SB_FLOAT32, 1, N, 0, 0, 0, 0);
+  add(e, SB_FLOAT32, 2, N, 1, 0, 0, 0);
+  add(e, SB_FLOAT32, 3, N, 1, 3, 0, 0);
+  add(e, SB_FLOAT32, 3, N, 3, 3, 0, 1);
+}
+
 /** What a call with the scene writes must not lie where the scene does. */
 static void move_from_scene(Entry* e) {
   int i;
@@ -331,6 +405,38 @@ static int make_entries(Entry* e) {
   move_from_scene(&e[n]);
   ++n;
   e[n] = entry("sb_rasterizer_count_flagged", call_count);
+  add(&e[n], SB_UINT8, 2, H, W, 0, 0, 0);
+  add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
+  move_from_scene(&e[n]);
+  ++n;
+  e[n] = entry("sb_convex_rasterizer_forward, inputs", call_convexes_forward_inputs);
+  add_convexes(&e[n]);
+  convex_scene = e[n];
+  repoint(&convex_scene);
+  ++n;
+  e[n] = entry("sb_convex_rasterizer_forward, outputs", call_convexes_forward_outputs);
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_FLOAT32, 3, 1, H, W, 1, 0);
+  add(&e[n], SB_UINT8, 1, N, 0, 0, 1, 0);
+  move_from_scene(&e[n]);
+  ++n;
+  e[n] = entry("sb_convex_rasterizer_backward, inputs", call_convexes_backward_inputs);
+  add_convexes(&e[n]);
+  e[n].any_size[5] = 0; /* that of the forward pass */
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 1, 0);
+  add(&e[n], SB_FLOAT32, 2, H, W, 0, 1, 0);
+  ++n;
+  e[n] = entry("sb_convex_rasterizer_backward, outputs", call_convexes_backward_outputs);
+  add_convexes(&e[n]);
+  add(&e[n], SB_FLOAT32, 1, N, 0, 0, 1, 0);
+  add(&e[n], SB_FLOAT32, 2, N, 3, 0, 1, 0);
+  for (i = 0; i < 6; ++i) {
+    e[n].optional[i] = 1;
+    e[n].any_size[i] = 0;
+  }
+  move_from_scene(&e[n]);
+  ++n;
+  e[n] = entry("sb_convex_rasterizer_count_flagged", call_convexes_count);
   add(&e[n], SB_UINT8, 2, H, W, 0, 0, 0);
   add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
   move_from_scene(&e[n]);
@@ -770,6 +876,50 @@ static void fuzz_structs(void) {
 }
 
 /** Gaussians that are no numbers, or too large for any: drawn or not, nothing breaks. */
+/** What is no tensor: options, numbers of points, handles. */
+static void refuses_convexes(void) {
+  static float image[3 * W * H];
+  const sb_tensor color = floats(image, 3, 3, H, W);
+  const sb_convex_outputs outputs = {&color, NULL, NULL};
+  const sb_convex_gradients to = {0};
+  sb_convexes c = convexes_of(&convex_scene);
+  sb_convex_rasterizer* r = NULL;
+  sb_convex_options o;
+  int i;
+  fill_memory();
+  REFUSED(sb_convex_rasterizer_create(TEST_DEVICE, NULL));
+  CHECK(sb_convex_rasterizer_create(TEST_DEVICE, &r) == SB_OK);
+  REFUSED(sb_convex_rasterizer_backward(r, &c, NULL, NULL, &to, NULL)); /* nothing drawn yet */
+  REFUSED(sb_convex_rasterizer_forward(NULL, &camera, &c, &convex_options, &outputs, NULL));
+  REFUSED(sb_convex_rasterizer_forward(r, NULL, &c, &convex_options, &outputs, NULL));
+  REFUSED(sb_convex_rasterizer_forward(r, &camera, NULL, &convex_options, &outputs, NULL));
+  REFUSED(sb_convex_rasterizer_forward(r, &camera, &c, NULL, &outputs, NULL));
+  REFUSED(sb_convex_rasterizer_forward(r, &camera, &c, &convex_options, NULL, NULL));
+  for (i = 0; i < 7; ++i) {
+    o = convex_options;
+    if (i == 0) o.box = 2;
+    if (i == 1) o.beta = 0;
+    if (i == 2) o.beta = NAN;
+    if (i == 3) o.near_plane = -1;
+    if (i == 4) o.pixel_size = 0;
+    if (i == 5) o.pixel_size = INFINITY;
+    if (i == 6) c.sh_degree = 2;
+    REFUSED(sb_convex_rasterizer_forward(r, &camera, &c, &o, &outputs, NULL));
+  }
+  c.sh_degree = 1;
+  for (i = 1; i < 12; ++i) { /* points a convex */
+    sb_tensor points = floats(memory[0].f, 3, N, i, 3);
+    c.points = &points;
+    if (i >= 3 && i <= 8) {
+      CHECK(sb_convex_rasterizer_forward(r, &camera, &c, &convex_options, &outputs, NULL) == SB_OK);
+    } else {
+      REFUSED(sb_convex_rasterizer_forward(r, &camera, &c, &convex_options, &outputs, NULL));
+    }
+  }
+  sb_convex_rasterizer_destroy(r);
+  sb_convex_rasterizer_destroy(NULL);
+}
+
 static void fuzz_values(void) {
   const float odd[] = {NAN, INFINITY, -INFINITY, 0.0f, -0.0f, -1.0f, 3e38f, -3e38f, 1e-38f, 1e-45f, 1e9f, 1e20f, 0.2f};
   static float ones[3 * W * H], gradients[MOST][256];
@@ -901,6 +1051,7 @@ int main(void) {
   camera.height = H;
   CHECK(sb_raster_options_default(&raster_options) == SB_OK);
   CHECK(sb_rasterizer_create(&one_thread, &rasterizer) == SB_OK);
+  CHECK(sb_convex_rasterizer_create(&one_thread, &convex_rasterizer) == SB_OK);
   CHECK(sb_boost_create("vanilla", 0, &boost) == SB_OK);
   CHECK(sb_adapter_create(boost, 0, &one_thread, &adapter) == SB_OK);
   sb_boost_destroy(boost);
@@ -908,8 +1059,10 @@ int main(void) {
   fill_memory();
   fuzz_devices();
   fuzz_structs();
+  refuses_convexes();
   fuzz_values();
   fuzz_numbers();
+  sb_convex_rasterizer_destroy(convex_rasterizer);
   sb_rasterizer_destroy(rasterizer);
   sb_adapter_destroy(adapter);
   if (failures == 0) printf("nothing broke\n");

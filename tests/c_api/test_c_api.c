@@ -157,6 +157,93 @@ static void renders_and_differentiates(void) {
   sb_rasterizer_destroy(NULL);
 }
 
+/* ---- one convex, whose image is a formula: a square of 8 pixels a side around the centre of pixel (16, 12) ---- */
+
+static float corners[12] = {-0.25f, -0.25f, 2, 0.25f, -0.25f, 2, 0.25f, 0.25f, 2, -0.25f, 0.25f, 2},
+             smooth[1] = {0.05f}, sharp[1] = {1};
+
+static double formula_inside(double dx, double dy) {
+  const double z = 2, side = 8; /* a line of an edge: its length times the distance from it */
+  const double sum = exp(z * 0.05 * side * (dx - 4)) + exp(z * 0.05 * side * (-dx - 4)) +
+                     exp(z * 0.05 * side * (dy - 4)) + exp(z * 0.05 * side * (-dy - 4));
+  return 1 / (1 + exp(z * log(sum)));
+}
+
+static double draw_convex(sb_convex_rasterizer* rasterizer, const sb_convexes* convexes) {
+  const sb_convex_options options = {SB_CONVEX_BOX_COMPACT, 1, 0.2f, 1, {0, 0, 1}, 0};
+  const sb_camera camera = test_camera();
+  const sb_tensor c = floats(image, 3, 3, H, W), a = floats(alpha, 2, H, W, 0), v = tensor(seen, SB_UINT8, 1, 1, 0, 0);
+  const sb_convex_outputs outputs = {&c, &a, &v};
+  double sum = 0;
+  int i;
+  CHECK(sb_convex_rasterizer_forward(rasterizer, &camera, convexes, &options, &outputs, NULL) == SB_OK);
+  for (i = 0; i < 3 * PIXELS; ++i) sum += image[i];
+  return sum;
+}
+
+static void draws_convexes(void) {
+  static float ones[3 * PIXELS];
+  static uint8_t flags[PIXELS];
+  const sb_tensor points = floats(corners, 3, 1, 4, 3), smoothness = floats(smooth, 1, 1, 0, 0),
+                  sharpness = floats(sharp, 2, 1, 1, 0), opacities = floats(opacity, 1, 1, 0, 0),
+                  colors = floats(color, 2, 1, 3, 0);
+  const sb_convexes convexes = {&points, &smoothness, &sharpness, &opacities, NULL, NULL, &colors, 0};
+  float g_corners[12], g_smooth[1], g_sharp[1], g_opacity[1], g_color[3], g_abs[1], g_screen[3];
+  const sb_tensor gp = floats(g_corners, 3, 1, 4, 3), gs = floats(g_smooth, 1, 1, 0, 0),
+                  gh = floats(g_sharp, 1, 1, 0, 0), go = floats(g_opacity, 1, 1, 0, 0),
+                  gc = floats(g_color, 2, 1, 3, 0), ga = floats(g_abs, 1, 1, 0, 0), g2 = floats(g_screen, 2, 1, 3, 0),
+                  up = floats(ones, 3, 3, H, W);
+  const sb_convex_gradients to = {0, &gp, &gs, &gh, &go, NULL, NULL, &gc, &ga, &g2};
+  const sb_tensor f = tensor(flags, SB_UINT8, 2, H, W, 0);
+  sb_convex_rasterizer* rasterizer = NULL;
+  int32_t count[1] = {1000};
+  const sb_tensor counts = tensor(count, SB_INT32, 1, 1, 0, 0);
+  double sum_alpha = 0;
+  int x, y, i, inside = 0;
+  CHECK(sb_convex_rasterizer_create(TEST_DEVICE, &rasterizer) == SB_OK);
+  draw_convex(rasterizer, &convexes);
+  CHECK(seen[0] == 1);
+  for (y = 0; y < H; ++y) {
+    for (x = 0; x < W; ++x) {
+      const double expected = 0.8 * formula_inside(x - 16, y - 12), a = expected >= 1.0 / 255 ? expected : 0;
+      const int p = y * W + x;
+      CHECK(fabs(expected - 1.0 / 255) > 1e-5);
+      inside += a > 0;
+      sum_alpha += a;
+      CHECK_NEAR(alpha[p], a, 1e-5);
+      CHECK_NEAR(image[p], a, 1e-5);
+      CHECK_NEAR(image[2 * PIXELS + p], 0.25 * a + (1 - a), 1e-5);
+    }
+  }
+  memset(flags, 1, sizeof flags);
+  CHECK(sb_convex_rasterizer_count_flagged(rasterizer, &f, &counts, NULL) == SB_OK && count[0] == 1000 + inside);
+  CHECK(inside > 60 && inside < PIXELS);
+
+  for (i = 0; i < 3 * PIXELS; ++i) ones[i] = 1;
+  CHECK(sb_convex_rasterizer_backward(rasterizer, &convexes, &up, NULL, &to, NULL) == SB_OK);
+  CHECK_NEAR(g_opacity[0], (1 + 0.5 + 0.25 - 1) * sum_alpha / 0.8, 1e-3);
+  for (i = 0; i < 3; ++i) CHECK_NEAR(g_color[i], sum_alpha, 2e-3);
+  CHECK(g_abs[0] >= fabsf(g_sharp[0]));
+  /* On screen the corners are 16 pixels a unit apart, and pull outwards, each as much. */
+  CHECK_NEAR(g_screen[0], 0, 1e-3);
+  CHECK_NEAR(g_screen[2], 4 * (fabs(g_corners[0]) + fabs(g_corners[1])) / 16, 1e-3 * fabs(g_corners[0]));
+  CHECK(g_corners[0] < -1 && fabsf(g_corners[0] + g_corners[3]) < 1e-3f);
+  for (i = 0; i < 3; ++i) {
+    float* const moved = i == 0 ? &corners[3] : i == 1 ? smooth : sharp;
+    const double given = i == 0 ? g_corners[3] : i == 1 ? g_smooth[0] : g_sharp[0], step = i == 0 ? 2e-3 : 1e-3;
+    const float was = *moved;
+    double above, below;
+    *moved = (float)(was + step);
+    above = draw_convex(rasterizer, &convexes);
+    *moved = (float)(was - step);
+    below = draw_convex(rasterizer, &convexes);
+    *moved = was;
+    /* Pixels that pass the 1/255 threshold between the two make the difference uneven. */
+    CHECK_NEAR(given, (above - below) / (2 * step), 0.03 * fabs((above - below) / (2 * step)) + 0.05);
+  }
+  sb_convex_rasterizer_destroy(rasterizer);
+}
+
 static void tells_what_is_seen(void) {
   const sb_camera camera = test_camera();
   float means[6] = {0, 0, 2, 0, 0, -2}, scales[6] = {0.1f, 0.1f, 0.1f, 0.1f, 0.1f, 0.1f},
@@ -417,6 +504,7 @@ int main(void) {
   CHECK(sb_has_device(SB_CUDA) == 0 || strlen(sb_cuda_architectures()) > 0);
   CHECK(sb_has_device(TEST_KIND) == 1);
   renders_and_differentiates();
+  draws_convexes();
   tells_what_is_seen();
   measures_errors();
   scores_and_selects();
