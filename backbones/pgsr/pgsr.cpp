@@ -84,6 +84,7 @@ class Pgsr final : public GaussianMethod {
     plane_depth(camera, features, depth, device_);
     return true;
   }
+  bool trains_surfaces() const override { return true; }
 
   // Density control.
 

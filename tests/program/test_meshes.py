@@ -3,6 +3,7 @@
 
 import json
 import struct
+import zlib
 
 import pytest
 
@@ -40,6 +41,16 @@ def test_a_mesh_is_written_and_measured(meshed, tmp_path):
     assert numbers["chamfer"] == 0 and numbers["f1"] == 1 and numbers["mesh_points"] > 100
 
 
+def test_report_and_picture_show_surfaces_and_mesh(meshed):
+    page = (meshed / "report.html").read_text()
+    surfaces = sorted(p.name for p in meshed.glob("*/surfaces/*.png"))
+    assert len(surfaces) in (2, 4) and all(name.endswith(("_depth.png", "_normals.png")) for name in surfaces)
+    assert (meshed / "mesh.png").read_bytes()[:4] == b"\x89PNG"
+    assert page.count('<section id="mesh">') == 1
+    if "<h2>Pictures</h2>" in page and "without OpenCV" not in page:
+        assert "<h2>Surfaces</h2>" in page and "mesh, shaded by its normals" in page
+
+
 def test_a_mesh_as_gltf_of_fewer_parts(meshed, tmp_path):
     whole = run_well("mesh", "-m", meshed, "--voxel-size", "0.05", "-o", tmp_path / "whole.glb")
     part = run_well("mesh", "-m", meshed, "--voxel-size", "0.05", "-o", tmp_path / "part.glb", "--parts", "1")
@@ -54,6 +65,60 @@ def test_the_same_mesh_for_any_number_of_threads(meshed, tmp_path):
     for threads in ("1", "3"):
         run_well("mesh", "-m", meshed, "--voxel-size", "0.05", "-o", tmp_path / f"{threads}.ply", "--threads", threads)
     assert (tmp_path / "1.ply").read_bytes() == (tmp_path / "3.ply").read_bytes()
+
+
+def matlab_file(arrays, packed):
+    """MATLAB's version 5. arrays: name → (shape, doubles, the first of the shape runs fastest)."""
+    def element(kind, data):
+        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    file = b"MATLAB 5.0".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    for name, (shape, values) in arrays.items():
+        inner = (element(6, struct.pack("<II", 6, 0)) + element(5, struct.pack(f"<{len(shape)}i", *shape)) +
+                 element(1, name.encode()) + element(9, struct.pack(f"<{len(values)}d", *values)))
+        matrix = struct.pack("<II", 14, len(inner)) + inner
+        if packed:
+            matrix = zlib.compress(matrix)
+            matrix = struct.pack("<II", 15, len(matrix)) + matrix
+        file += matrix
+    return file
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_dtu_counts_what_was_observed_and_stands_on_the_table(tmp_path, packed):
+    # The mask's grid: 10 mm apart from the origin, observed for x up to 20.
+    grid = [1.0 if x <= 2 else 0.0 for z in range(4) for y in range(5) for x in range(5)]
+    (tmp_path / "mask.mat").write_bytes(matlab_file(
+        {"BB": ((2, 3), [0, 40, 0, 40, 0, 30]), "Res": ((1, 1), [10]), "ObsMask": ((5, 5, 4), grid)}, packed))
+    (tmp_path / "plane.mat").write_bytes(matlab_file({"P": ((4, 1), [0, 0, 1, -5])}, packed))
+    scan = [(x, y, 10) for x in range(0, 41, 2) for y in range(0, 41, 2)]  # above the table, and the table
+    write_points(tmp_path / "scan.ply", scan + [(x, y, 0) for x in range(0, 41, 2) for y in range(0, 41, 2)])
+    # 1 above the scan where x is below 24, 9 above it beyond; the first were observed. One point more is an outlier, one
+    # lies where another does and is thinned away, and one is out of all bounds.
+    found = [(x, y, 11 if x <= 24 else 19) for x in range(0, 41, 2) for y in range(0, 41, 2)]
+    write_points(tmp_path / "found.ply", found + [(0, 0, 34), (0, 0, 11), (0, 0, 900)])
+    arguments = ["mesh-eval", tmp_path / "found.ply", tmp_path / "scan.ply", "--dtu-mask", tmp_path / "mask.mat",
+                 "--dtu-plane", tmp_path / "plane.mat", "-o", tmp_path / "numbers.json"]
+    done = run_program(*arguments)
+    if done.returncode == 2 and "libmatio" in done.stderr:
+        pytest.skip("this build reads no MATLAB files")
+    assert done.returncode == 0, done.stderr
+    numbers = json.loads((tmp_path / "numbers.json").read_text())
+    columns = [x for x in range(0, 41, 2)]
+    observed = [x for x in columns if x <= 24]  # 25 would be nearer to the fourth grid point
+    # The outlier is 24 away from the scan.
+    assert numbers["mesh_points"] == 21 * len(observed) + 1 and numbers["truth_points"] == 21 * 21
+    assert numbers["accuracy"] == pytest.approx(1.0)
+    # Of the scan's columns those beyond 24 have what is 9 above, or the nearest column that is 1 above.
+    wanted = [1 if x <= 24 else min(9, ((x - 24) ** 2 + 1) ** 0.5) for x in columns]
+    assert numbers["completeness"] == pytest.approx(sum(wanted) / 21)
+    assert numbers["spacing"] == 0.2
+    whole = json.loads((run_well(*arguments, "--cut", "100"), (tmp_path / "numbers.json").read_text())[1])
+    assert whole["accuracy"] == pytest.approx((21 * len(observed) + 24) / (21 * len(observed) + 1))
+    for wrong, words in [(arguments[:5], "come together"), (arguments + ["--crop", "x.json"], "Tanks and Temples"),
+                         (arguments[:4] + [tmp_path / "plane.mat"] + arguments[5:], "BB is missing")]:
+        refused = run_program(*wrong)
+        assert refused.returncode == 2 and words in refused.stderr and refused.stderr.count("\n") == 1, refused.stderr
 
 
 def test_broken_requests_are_told_in_one_line(meshed, tmp_path):

@@ -152,6 +152,8 @@ class GaussianMethod {
     (void)features, (void)camera, (void)depth;
     return false;
   }
+  /// Whether the loss is of surfaces too.
+  virtual bool trains_surfaces() const { return false; }
 
   // Density control.
 

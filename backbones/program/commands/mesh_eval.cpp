@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
 #include "program/commands/commands.h"
 #include "program/session/options.h"
+#include "trainer/mesh/dtu.h"
 #include "trainer/mesh/surface_distance.h"
 #include "trainer/mesh/tanks_and_temples.h"
 #include "trainer/mesh/triangle_mesh.h"
@@ -38,6 +41,11 @@ struct MeshEval {
         ->type_name("FILE");
     add_checked_option(app, "--crop", crop, "volume of Tanks and Temples' SCENE.json that counts, in the truth's frame")
         ->type_name("FILE");
+    add_checked_option(app, "--dtu-mask", dtu_mask,
+                       "ObsMaskN_10.mat: what DTU's scanner observed, in mm; with it --spacing is 0.2 and --cut 20")
+        ->type_name("FILE");
+    add_checked_option(app, "--dtu-plane", dtu_plane, "PlaneN.mat: the table, above which DTU's scan counts")
+        ->type_name("FILE");
     app.add_flag("--vertices", vertices, "of the mesh alone become points, as Tanks and Temples has it");
     add_checked_option(app, "-o,--output", output, "the numbers as JSON, too")->type_name("FILE");
     add_checked_option(app, "--threads", threads, "threads that work at a time; 0: all CPUs")
@@ -51,8 +59,16 @@ struct MeshEval {
       const CLI::Option* option = given->get_option(name);
       if (option->count() > 0 && !(option->as<double>() > 0)) throw UsageError(std::string(name) + " must be above 0");
     }
+    if (dtu_mask.empty() != dtu_plane.empty()) throw UsageError("--dtu-mask and --dtu-plane come together");
+    if (!dtu_mask.empty() && !crop.empty())
+      throw UsageError("--crop is of Tanks and Temples, --dtu-mask of DTU: give one");
     if (threads < 0 || threads > kMostThreads) throw UsageError("--threads must lie in [0, 4096]");
     Threads workers(threads);
+    const bool dtu = !dtu_mask.empty();
+    const DtuMask mask = dtu ? read_dtu_mask(dtu_mask) : DtuMask{};
+    const std::array<double, 4> table = dtu ? read_dtu_plane(dtu_plane) : std::array<double, 4>{};
+    if (dtu && !(spacing > 0)) spacing = kDtuSpacing;
+    if (dtu && !(cut > 0)) cut = kDtuCut;
     TriangleMesh found = read_mesh(mesh);
     const TriangleMesh known = read_mesh(truth);
     if (!align.empty()) transform_points(read_transform(align), found.positions);
@@ -60,16 +76,19 @@ struct MeshEval {
     require(threshold > 0, truth.string() + ": its points are all one; give --threshold");
     if (!(spacing > 0)) spacing = kVertexSpacing * threshold;
     if (vertices) found.triangles.clear();
-    std::vector<float> points = sample_surface(found, spacing), others = sample_surface(known, spacing);
+    // DTU's scan counts as it is, without more points and without fewer.
+    std::vector<float> points = sample_surface(found, spacing);
+    std::vector<float> others = dtu ? known.positions : sample_surface(known, spacing);
     if (!crop.empty()) {
       const CropVolume volume = read_crop_volume(crop);
       points = cropped(points, volume);
       others = cropped(others, volume);
     }
     points = thin_points(points, spacing, 0);
-    others = thin_points(others, spacing, 0);
-    const SurfaceDistance d =
-        compare_surfaces(points, others, threshold, cut > 0 ? std::optional<double>(cut) : std::nullopt, workers);
+    if (!dtu) others = thin_points(others, spacing, 0);
+    const std::optional<double> most = cut > 0 ? std::optional<double>(cut) : std::nullopt;
+    const SurfaceDistance d = dtu ? compare_as_dtu(points, others, mask, table, workers)
+                                  : compare_surfaces(points, others, threshold, most, workers);
     const double diagonal = diagonal_of(known);
     std::printf("accuracy      %.6g  (median %.6g, %.4f %% of the truth's diagonal)\n", d.accuracy, d.median_accuracy,
                 100 * d.median_accuracy / diagonal);
@@ -96,6 +115,18 @@ struct MeshEval {
   }
 
  private:
+  /// What was observed is compared with the whole scan, and the scan above the table with all that is near the box.
+  SurfaceDistance compare_as_dtu(const std::vector<float>& points, const std::vector<float>& scan, const DtuMask& mask,
+                                 const std::array<double, 4>& table, Threads& workers) const {
+    const std::vector<float> near = near_mask(points, mask), seen = observed(near, mask);
+    const std::vector<float> standing = above_plane(scan, table);
+    require(!seen.empty(),
+            "nothing of the mesh lies where DTU's scanner observed: is it in DTU's frame, in mm? (--align)");
+    require(!standing.empty(), truth.string() + ": none of its points lies above the plane of --dtu-plane");
+    return summarize_distances(nearest_distances(seen, scan, workers), nearest_distances(standing, near, workers),
+                               threshold, cut);
+  }
+
   static double diagonal_of(const TriangleMesh& mesh) {
     double squared = 0;
     for (std::size_t c = 0; c < 3; ++c) {
@@ -110,7 +141,7 @@ struct MeshEval {
   }
 
   CLI::App* given;
-  fs::path mesh, truth, align, crop, output;
+  fs::path mesh, truth, align, crop, dtu_mask, dtu_plane, output;
   double threshold = 0, spacing = 0, cut = 0;
   bool vertices = false;
   int threads = 0;

@@ -12,7 +12,9 @@
 #include <cstdio>
 
 #include "program/session/model_folder.h"
+#include "program/session/surface_picture.h"
 #include "trainer/backbone_api/memory_estimate.h"
+#include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/multi_scale.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"
@@ -97,6 +99,27 @@ std::vector<fs::path> write_moments(Backbone& backbone, const Scene& scene, cons
     write_png(files.back(), color, camera.width, camera.height);
   }
   return files;
+}
+
+/// Depth and normals of some measured views, beside their renders.
+std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene, const fs::path& folder,
+                                          const std::vector<ReportView>& truths, Threads& threads) {
+  constexpr std::size_t kViews = 2;
+  const std::vector<View>& views = measured_views(scene);
+  std::vector<ReportSurface> surfaces;
+  for (std::size_t k = 0; k < std::min(kViews, views.size()); ++k) {
+    const std::size_t v = k * (views.size() - 1);  // the first and the last
+    const SurfacePicture picture = draw_surface(backbone, views[v], threads);
+    const std::string stem = truths[v].truth.stem().string();
+    make_folder(folder / "surfaces");
+    ReportSurface surface{views[v].name, truths[v].truth, folder / "surfaces" / (stem + "_depth.png"),
+                          folder / "surfaces" / (stem + "_normals.png")};
+    const Camera& camera = views[v].camera;
+    write_png(surface.depth, camera.width, camera.height, 1, std::span<const std::uint8_t>(picture.depth));
+    write_png(surface.normals, camera.width, camera.height, 3, std::span<const std::uint8_t>(picture.normals));
+    surfaces.push_back(std::move(surface));
+  }
+  return surfaces;
 }
 
 }  // namespace
@@ -214,6 +237,10 @@ RunOutcome measure_run(Workbench& bench, Backbone& backbone, const fs::path& fol
   outcome.views = write_truth(bench.scene, folder);
   if (backbone.uses_time())
     outcome.run.moments = write_moments(backbone, bench.scene, outcome.run.renders.parent_path());
+  if (backbone.trains_surfaces()) {
+    outcome.run.surfaces = write_surfaces(backbone, bench.scene, outcome.run.renders.parent_path(), outcome.views,
+                                          bench.device->threads());
+  }
   write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + outcome.run.label,
                {outcome.run}, outcome.views);
   write_results(folder / "results.json", results);

@@ -71,6 +71,8 @@ class Backbone {
 
   /// Whether it knows surfaces.
   virtual bool has_surfaces() const { return false; }
+  /// Whether surfaces are part of what it is trained for, so that pictures of them belong into its report.
+  virtual bool trains_surfaces() const { return false; }
   /// Renders as render() does, with the depth of what is there; only where has_surfaces().
   virtual void render_surface(const Camera& camera, float time, std::optional<float> beta,
                               const SurfaceImages& images) {

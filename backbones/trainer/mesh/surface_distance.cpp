@@ -16,6 +16,7 @@
 namespace splatboost {
 namespace {
 
+constexpr const char* kNothingCounts = "one of the surfaces holds no point that counts";
 constexpr std::size_t kGrain = 1024;
 constexpr int kMostSteps = 100000;  ///< along a side of a triangle
 
@@ -126,9 +127,14 @@ std::vector<float> cropped(std::span<const float> points, const CropBox& box) {
 
 SurfaceDistance compare_surfaces(std::span<const float> found, std::span<const float> truth, double threshold,
                                  std::optional<double> cut, Threads& threads) {
-  require(!found.empty() && !truth.empty(), "one of the surfaces holds no point that counts");
-  std::vector<double> to_truth = nearest_distances(found, truth, threads);
-  const std::vector<double> to_found = nearest_distances(truth, found, threads);
+  require(!found.empty() && !truth.empty(), kNothingCounts);
+  return summarize_distances(nearest_distances(found, truth, threads), nearest_distances(truth, found, threads),
+                             threshold, cut);
+}
+
+SurfaceDistance summarize_distances(std::vector<double> to_truth, const std::vector<double>& to_found, double threshold,
+                                    std::optional<double> cut) {
+  require(!to_truth.empty() && !to_found.empty(), kNothingCounts);
   SurfaceDistance out;
   out.found_points = to_truth.size();
   out.true_points = to_found.size();

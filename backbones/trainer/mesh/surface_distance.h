@@ -44,4 +44,9 @@ struct SurfaceDistance {
 SurfaceDistance compare_surfaces(std::span<const float> found, std::span<const float> truth, double threshold,
                                  std::optional<double> cut, Threads& threads);
 
+/// The same of distances that are known already, where not all of one surface is compared with all of the other.
+/// @param to_truth of points that were found @param to_found of points of the truth; neither may be empty
+SurfaceDistance summarize_distances(std::vector<double> to_truth, const std::vector<double>& to_found, double threshold,
+                                    std::optional<double> cut);
+
 }  // namespace splatboost

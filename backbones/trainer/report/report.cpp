@@ -4,11 +4,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <set>
 #include <stdexcept>
 
 #include "trainer/evaluation/result_tables.h"
+#include "trainer/images/image_codec.h"
 #include "trainer/report/report_curves.h"
 #include "trainer/report/report_markup.h"
 #include "trainer/report/report_style.h"
@@ -191,11 +194,26 @@ void write_report(const std::filesystem::path& path, const std::string& title, c
   }
   page += "</p></header>\n";
   page += headline(rows, runs.size() == 2) + result_table(runs, rows) + curves(runs) + report::tracks(tracks) +
-          pictures(runs, views, max_views) + moments(runs) + stages(runs) + how_it_was_run(runs) + all_views(runs);
+          pictures(runs, views, max_views) + surfaces(runs) + (runs.size() == 1 ? mesh_place() : "") + moments(runs) +
+          stages(runs) + how_it_was_run(runs) + all_views(runs);
   page +=
       "<footer><p>Look around in a browser: in the folder of this page, <code>python -m splatboost view .</code></p>"
       "<p>Made by SplatBoost " +
       escape(first.version) + ".</p></footer>\n</main></body></html>\n";
+  write_text_atomically(path, page);
+}
+
+void show_mesh_in_report(const std::filesystem::path& path, const std::filesystem::path& picture) {
+  if (!have_opencv() || !std::filesystem::is_regular_file(path)) return;
+  std::ifstream in(path, std::ios::binary);
+  std::string page{std::istreambuf_iterator<char>(in), {}};
+  const std::string place = report::mesh_place(), end = "</section>\n";
+  const std::string begin = place.substr(0, place.size() - end.size());
+  const std::size_t at = page.find(begin);
+  if (at == std::string::npos) return;
+  const std::size_t after = page.find(end, at);
+  if (after == std::string::npos) return;
+  page.replace(at, after + end.size() - at, report::mesh_section(picture));
   write_text_atomically(path, page);
 }
 

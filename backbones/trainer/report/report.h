@@ -11,6 +11,14 @@
 
 namespace splatboost {
 
+/// The surface that a view shows, as PNGs.
+struct ReportSurface {
+  std::string name;               ///< of the view
+  std::filesystem::path truth;    ///< the photo
+  std::filesystem::path depth;    ///< grey, nearer is brighter
+  std::filesystem::path normals;  ///< x, y, z as colours
+};
+
 /// One run in a report, and where its test renders are.
 struct ReportRun {
   std::string label;  ///< "baseline", "boosted"
@@ -18,6 +26,7 @@ struct ReportRun {
   std::filesystem::path renders;  ///< folder of PNG renders, named as the views' truth files
   /// PNGs of one camera at times from 0 to 1, evenly spread; empty: the model does not change with time.
   std::vector<std::filesystem::path> moments;
+  std::vector<ReportSurface> surfaces = {};  ///< of some views; empty: it was not trained for surfaces
 };
 
 /// One measured view: its truth as a PNG on disk.
@@ -37,5 +46,9 @@ struct ReportTrack {
 /// then renamed.
 void write_report(const std::filesystem::path& path, const std::string& title, const std::vector<ReportRun>& runs,
                   const std::vector<ReportView>& views, int max_views = 4, const std::vector<ReportTrack>& tracks = {});
+
+/// Puts the picture of a mesh into the page of one run, in place of an earlier one. Does nothing where there is no such
+/// page, or no picture.
+void show_mesh_in_report(const std::filesystem::path& path, const std::filesystem::path& picture);
 
 }  // namespace splatboost

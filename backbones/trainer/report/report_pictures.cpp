@@ -43,6 +43,14 @@ ReportPicture report_picture(const fs::path& path) {
   return picture.empty() ? ReportPicture{} : encode(shrink(picture));
 }
 
+ReportPicture report_depth_picture(const fs::path& path) {
+  const cv::Mat picture = read_picture(path);
+  if (picture.empty()) return {};
+  cv::Mat colored;
+  cv::applyColorMap(shrink(picture), colored, kErrorMap);
+  return encode(colored);
+}
+
 ReportPicture report_error_picture(const fs::path& render, const fs::path& truth) {
   const cv::Mat a = read_picture(render), b = read_picture(truth);
   if (a.empty() || a.size() != b.size()) return {};

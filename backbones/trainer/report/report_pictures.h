@@ -21,6 +21,9 @@ struct ReportPicture {
 /// A picture from disk, shrunk to what a page needs.
 ReportPicture report_picture(const std::filesystem::path& path);
 
+/// Grey values from disk through the same colour map as errors, shrunk.
+ReportPicture report_depth_picture(const std::filesystem::path& path);
+
 /// Mean over channels of |render − truth| through the colour map; empty where the two cannot be compared.
 ReportPicture report_error_picture(const std::filesystem::path& render, const std::filesystem::path& truth);
 

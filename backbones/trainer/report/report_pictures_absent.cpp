@@ -5,6 +5,7 @@
 namespace splatboost {
 
 ReportPicture report_picture(const std::filesystem::path&) { return {}; }
+ReportPicture report_depth_picture(const std::filesystem::path&) { return {}; }
 ReportPicture report_error_picture(const std::filesystem::path&, const std::filesystem::path&) { return {}; }
 std::string report_error_colors() { return ""; }
 

@@ -129,6 +129,34 @@ std::string moments(const std::vector<ReportRun>& runs) {
   return strips.empty() ? strips : "<section><h2>Over time</h2>\n" + strips + "</section>\n";
 }
 
+std::string surfaces(const std::vector<ReportRun>& runs) {
+  if (!have_opencv()) return "";
+  std::string out;
+  for (const ReportRun& run : runs) {
+    for (const ReportSurface& surface : run.surfaces) {
+      out += "<article class=\"card view\"><div class=\"head\"><h3>" + escape(surface.name) + "</h3><p>" +
+             escape(runs.size() > 1 ? run.label : "") + "</p></div>\n<div class=\"grid\" style=\"--columns:3\">\n" +
+             picture_cell(report_picture(surface.truth), "photo", "", "truth") +
+             picture_cell(report_depth_picture(surface.depth), "depth", "", "render") +
+             picture_cell(report_picture(surface.normals), "normals", "", "render") + "</div></article>\n";
+    }
+  }
+  if (out.empty()) return out;
+  return "<section><h2>Surfaces</h2>\n<p class=\"note\">Depth is brighter where it is nearer. Normals are as the "
+         "camera sees "
+         "them: red to the right, green up, blue towards it.</p>\n" +
+         out + "</section>\n";
+}
+
+std::string mesh_place() { return "<section id=\"mesh\"></section>\n"; }
+
+std::string mesh_section(const fs::path& picture) {
+  return "<section id=\"mesh\"><h2>Mesh</h2>\n<article class=\"card view\"><div class=\"grid\" "
+         "style=\"--columns:1\">\n" +
+         picture_cell(report_picture(picture), picture.stem().string() + ", shaded by its normals", "", "render") +
+         "</div></article></section>\n";
+}
+
 std::string all_views(const std::vector<ReportRun>& runs) {
   std::vector<std::string> names;
   for (const ReportRun& run : runs) {

@@ -176,6 +176,37 @@ TEST_F(Report, ShowsModelsThatChangeWithTimeOverIt) {
   EXPECT_EQ(count(page, ">no picture<"), 1u);
 }
 
+TEST_F(Report, ShowsSurfacesAndTheMeshOnceThereIsOne) {
+  if (!have_opencv()) GTEST_SKIP() << "pictures in a report need OpenCV";
+  const auto page_of = [&] {
+    std::ifstream in(folder_ / "report.html");
+    return std::string{std::istreambuf_iterator<char>(in), {}};
+  };
+  ReportRun planes = run("boosted");
+  EXPECT_EQ(count(write({planes}, {}), "Surfaces"), 0u);
+  planes.surfaces = {{"<a>.jpg", folder_ / "boosted/a.png", folder_ / "boosted/b.png", folder_ / "none.png"}};
+  const std::string before = write({planes}, {});
+  EXPECT_EQ(count(before, "<h2>Surfaces</h2>"), 1u);
+  EXPECT_EQ(count(before, "data:image/"), 2u);
+  EXPECT_EQ(count(before, ">no picture<"), 1u);
+  EXPECT_EQ(count(before, "<h2>Mesh</h2>"), 0u);
+  picture(folder_ / "mesh.png", 20, 10, 200);
+  for (int times = 0; times < 2; ++times) {  // a second mesh takes the place of the first
+    show_mesh_in_report(folder_ / "report.html", folder_ / "mesh.png");
+    const std::string page = page_of();
+    EXPECT_EQ(xml_problem(page), "");
+    EXPECT_EQ(count(page, "<h2>Mesh</h2>"), 1u);
+    EXPECT_EQ(count(page, "data:image/"), 3u);
+    EXPECT_EQ(count(page, "<h2>How it was run</h2>"), 1u);
+  }
+  // No place for it: a comparison, no page.
+  const std::string two = write({planes, run("baseline")}, {});
+  show_mesh_in_report(folder_ / "report.html", folder_ / "mesh.png");
+  EXPECT_EQ(page_of(), two);
+  show_mesh_in_report(folder_ / "nowhere.html", folder_ / "mesh.png");
+  EXPECT_FALSE(fs::exists(folder_ / "nowhere.html"));
+}
+
 TEST_F(Report, EscapesWhatUsersName) {
   ReportRun evil = run("boosted");
   Results& r = evil.results;
