@@ -59,8 +59,8 @@ struct SequenceOptions {
 };
 
 /// Replica (results/frame*.jpg, depth*.png, traj.txt, cam_params.json), TUM RGB-D (rgb.txt, depth.txt,
-/// groundtruth.txt), or a folder of pictures (images/ and depth/, or colour alone) with calibration.json. Throws
-/// InputError in one line.
+/// groundtruth.txt), EuRoC (mav0/: pairs of pictures, of which depth is made), or a folder of pictures (images/ and
+/// depth/, or colour alone) with calibration.json. Throws InputError in one line.
 std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
 
 /// Reads {"width", "height", "fx", "fy", "cx", "cy", "k1", …, "depth_scale"}; Replica's "camera" with "w", "h" and
