@@ -33,7 +33,8 @@ struct Slam {
   explicit Slam(CLI::App& app) : set(app), own(app) {
     options.backbone = "photo-slam";
     own.set_group("Data");
-    own.add("-s,--source", options.scene.source, "sequence: Replica, TUM RGB-D, or pictures with calibration.json")
+    own.add("-s,--source", options.scene.source,
+            "sequence: Replica, TUM RGB-D, EuRoC (stereo), or pictures with calibration.json")
         ->type_name("DIR");
     add_model_option(set, options, "output folder");
     own.add("--calibration", slam.sequence.calibration, "camera, in place of the dataset's own")->type_name("JSON");

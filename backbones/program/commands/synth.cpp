@@ -30,6 +30,10 @@ Command add_synth(CLI::App& program) {
   add_checked_option(*app, "--cameras", options->cameras, "moving: of a rig; 0: one that walks around")
       ->type_name("N")
       ->capture_default_str();
+  add_checked_option(*app, "--baseline", options->baseline,
+                     "walk: metres between two cameras, a stereo pair in EuRoC's layout; 0: one with depth")
+      ->type_name("X")
+      ->capture_default_str();
   add_checked_option(*app, "--points", options->points, "points of the sparse cloud")
       ->type_name("N")
       ->capture_default_str();

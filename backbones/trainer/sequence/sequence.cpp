@@ -6,6 +6,7 @@
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <optional>
 #include <utility>
 
 #include "trainer/images/image_codec.h"
@@ -43,13 +44,21 @@ std::vector<float> distorted_places(const Calibration& c) {
 
 class FileSequence final : public Sequence {
  public:
-  explicit FileSequence(SequenceFiles files) : files_(std::move(files)) {
+  explicit FileSequence(SequenceFiles files) : files_(std::move(files)), calibration_(files_.calibration) {
     const Calibration& c = files_.calibration;
+    if (files_.stereo) {
+      stereo_.emplace(*files_.stereo);
+      calibration_ = stereo_->calibration();
+      for (FrameFiles& frame : files_.frames) {
+        if (frame.truth) *frame.truth = *frame.truth * stereo_->left_from_rectified();
+      }
+      return;
+    }
     if (c.k1 != 0 || c.k2 != 0 || c.k3 != 0 || c.p1 != 0 || c.p2 != 0) places_ = distorted_places(c);
   }
 
   std::size_t size() const override { return files_.frames.size(); }
-  const Calibration& calibration() const override { return files_.calibration; }
+  const Calibration& calibration() const override { return calibration_; }
   std::vector<std::string> notes() const override { return files_.notes; }
   double time_of(std::size_t number) const override { return files_.frames[number].time; }
   std::optional<glm::dmat4> truth(std::size_t number) const override { return files_.frames[number].truth; }
@@ -63,16 +72,24 @@ class FileSequence final : public Sequence {
     frame.width = files_.calibration.width;
     frame.height = files_.calibration.height;
     try {
-      read_color(files.color, frame);
+      frame.color = read_color(files.color);
+      if (stereo_) stereo_->rectify_left(frame.color, frame.valid);
+      if (!places_.empty()) mark_valid(frame);
     } catch (const std::exception& error) {
       frame.color.clear();
       frame.problem = error.what();
       return frame;
     }
-    if (files_.calibration.depth_scale <= 0) return frame;
+    if (calibration_.depth_scale <= 0) return frame;
     try {
-      if (files.depth.empty()) throw InputError(files.color.string() + ": has no picture of depth");
-      read_depth(files.depth, frame);
+      if (files.depth.empty()) {
+        throw InputError(files.color.string() + (stereo_ ? ": has no second picture" : ": has no picture of depth"));
+      }
+      if (stereo_) {
+        frame.depth = stereo_->depth(frame.color, read_color(files.depth));
+      } else {
+        read_depth(files.depth, frame);
+      }
     } catch (const std::exception& error) {
       frame.depth.clear();
       frame.problem = error.what();
@@ -88,22 +105,24 @@ class FileSequence final : public Sequence {
                 " pixels, the calibration says " + std::to_string(c.width) + "x" + std::to_string(c.height));
   }
 
-  void read_color(const fs::path& file, Frame& frame) const {
+  /// [H,W,3]
+  std::vector<std::uint8_t> read_color(const fs::path& file) const {
     Pixels pixels = decode_image(bytes_of(file), file.string());
     require_size(pixels, file);
     require(pixels.bits == 8, file.string() + ": pictures of colour must have 8 bits");
     if (!places_.empty()) pixels = resample_image(pixels, places_, file.string());
-    const std::size_t count = static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height);
+    const std::size_t count = static_cast<std::size_t>(pixels.width) * static_cast<std::size_t>(pixels.height);
     const auto channels = static_cast<std::size_t>(pixels.channels);
-    frame.color.resize(3 * count);
+    std::vector<std::uint8_t> color(3 * count);
     for (std::size_t i = 0; i < count; ++i) {
-      for (std::size_t c = 0; c < 3; ++c) {
-        frame.color[3 * i + c] = pixels.bytes[channels * i + (channels < 3 ? 0 : c)];
-      }
+      for (std::size_t c = 0; c < 3; ++c) color[3 * i + c] = pixels.bytes[channels * i + (channels < 3 ? 0 : c)];
     }
-    if (places_.empty()) return;
-    frame.valid.resize(count);
-    for (std::size_t i = 0; i < count; ++i) frame.valid[i] = inside(i) ? 255 : 0;
+    return color;
+  }
+
+  void mark_valid(Frame& frame) const {
+    frame.valid.resize(frame.color.size() / 3);
+    for (std::size_t i = 0; i < frame.valid.size(); ++i) frame.valid[i] = inside(i) ? 255 : 0;
   }
 
   bool inside(std::size_t pixel) const {
@@ -136,7 +155,9 @@ class FileSequence final : public Sequence {
   }
 
   SequenceFiles files_;
-  std::vector<float> places_;  ///< empty: the camera has no distortion
+  Calibration calibration_;            ///< of what is handed out
+  std::optional<StereoDepth> stereo_;  ///< of pairs
+  std::vector<float> places_;          ///< empty: the camera has no distortion
 };
 
 }  // namespace

@@ -23,6 +23,9 @@ struct Calibration {
   double depth_scale = 0;  ///< what a metre is in pictures of depth; 0: there are none
 };
 
+// The core has a Frame of its own: without a namespace around this one, the linker would take the two for one.
+inline namespace sequences {
+
 /// One picture, undistorted.
 struct Frame {
   std::size_t number = 0;  ///< in the sequence, from 0
@@ -34,6 +37,8 @@ struct Frame {
   std::vector<float> depth;         ///< [H,W] metres along z, 0: not known; empty: none
   std::string problem;              ///< why there is no colour or no depth, a line; empty: all is well
 };
+
+}  // namespace sequences
 
 class Sequence {
  public:
@@ -59,8 +64,8 @@ struct SequenceOptions {
 };
 
 /// Replica (results/frame*.jpg, depth*.png, traj.txt, cam_params.json), TUM RGB-D (rgb.txt, depth.txt,
-/// groundtruth.txt), or a folder of pictures (images/ and depth/, or colour alone) with calibration.json. Throws
-/// InputError in one line.
+/// groundtruth.txt), EuRoC (mav0/: pairs of pictures, of which depth is made), or a folder of pictures (images/ and
+/// depth/, or colour alone) with calibration.json. Throws InputError in one line.
 std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
 
 /// Reads {"width", "height", "fx", "fy", "cx", "cy", "k1", …, "depth_scale"}; Replica's "camera" with "w", "h" and

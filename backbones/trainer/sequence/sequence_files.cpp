@@ -7,6 +7,7 @@
 #include <map>
 #include <sstream>
 
+#include "trainer/sequence/euroc.h"
 #include "trainer/sequence/trajectory.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
@@ -242,11 +243,14 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
   require(fs::exists(source, error), source.string() + ": no such file or folder");
   require(fs::is_directory(source, error),
           source.string() + ": is no folder; a video has no depth, and a camera alone is not tracked yet");
-  require(!fs::is_directory(source / "mav0", error),
-          source.string() + ": is a sequence of EuRoC's, which has no depth; a stereo pair is not tracked yet");
-  SequenceFiles files = fs::is_directory(source / "results", error) ? find_replica(options)
-                        : is_file(source / "rgb.txt")               ? find_tum(options)
-                                                                    : find_folder(options);
+  const bool pairs = fs::is_directory(source / "mav0", error);
+  require(!pairs || options.calibration.empty(), source.string() +
+                                                     ": a pair has its cameras in mav0/cam0/sensor.yaml and "
+                                                     "mav0/cam1/sensor.yaml; --calibration is of one camera");
+  SequenceFiles files = pairs                                         ? find_euroc(source)
+                        : fs::is_directory(source / "results", error) ? find_replica(options)
+                        : is_file(source / "rgb.txt")                 ? find_tum(options)
+                                                                      : find_folder(options);
   if (!options.calibration.empty()) files.calibration = read_calibration(options.calibration);
   const std::size_t total = files.frames.size();
   std::vector<FrameFiles> chosen;
@@ -261,7 +265,8 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
   const auto without = std::ranges::count_if(files.frames, [](const FrameFiles& f) { return f.depth.empty(); });
   if (without > 0 && static_cast<std::size_t>(without) < files.frames.size()) {
     files.notes.push_back(std::to_string(without) + " of " + std::to_string(files.frames.size()) +
-                          " frames have no depth; they are tracked by colour alone");
+                          (pairs ? " frames have no second picture" : " frames have no depth") +
+                          "; they are tracked by colour alone");
   }
   return files;
 }

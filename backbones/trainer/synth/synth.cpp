@@ -38,6 +38,9 @@ void check(const SynthOptions& options) {
           std::to_string(options.cameras) +
               " cameras of a rig are not possible; use 1 to --views, or 0 for one that moves");
   require(options.scene == "moving" || options.cameras == 0, "only the scene 'moving' is filmed by a rig of cameras");
+  require(std::isfinite(options.baseline) && options.baseline >= 0 && options.baseline <= 1,
+          "two cameras stand at most 1 m apart; 0: there is one, with depth");
+  require(options.scene == "walk" || options.baseline == 0, "only the scene 'walk' is filmed by a pair of cameras");
   require(options.scene != "moving" || options.views >= 2, "a scene that moves needs 2 views or more");
   require(options.width >= 16 && options.height >= 16 && options.width <= 8192 && options.height <= 8192,
           "the size " + std::to_string(options.width) + "x" + std::to_string(options.height) +
@@ -61,7 +64,7 @@ void check(const SynthOptions& options) {
 void write_synthetic_scene(const SynthOptions& options) {
   check(options);
   if (options.scene == "moving") return write_moving_scene(options);
-  if (options.scene == "walk") return write_walk(options);
+  if (options.scene == "walk") return options.baseline > 0 ? write_stereo_walk(options) : write_walk(options);
   for (const char* folder : {"images", "sparse/0", "depth", "normals", "masks"}) {
     make_picture_folder(options.output / folder);
   }

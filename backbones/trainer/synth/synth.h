@@ -18,6 +18,7 @@ struct SynthOptions {
   int height = 240;
   int views = 48;             ///< cameras, all COLMAP images; of "moving" those to train on
   int cameras = 0;            ///< of "moving": of a rig that films from still places; 0: one camera, which walks around
+  double baseline = 0;        ///< of "walk": metres between two cameras, which then take the place of depth; 0: one
   int points = 4000;          ///< of the sparse cloud
   float point_noise = 0.01f;  ///< standard deviation of the points, world units (metres)
   int samples = 2;            ///< per pixel and axis, for antialiasing

@@ -20,4 +20,8 @@ double depth_sigma(double z);
 /// has the noise of a sensor, and none at edges, at grazing angles and beyond 8 m.
 void write_walk(const SynthOptions& options);
 
+/// Writes the same walk with two cameras, options.baseline apart, in EuRoC's layout: mav0/cam0, mav0/cam1 and the
+/// true poses of the body in mav0/state_groundtruth_estimate0.
+void write_stereo_walk(const SynthOptions& options);
+
 }  // namespace splatboost

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/sequence/euroc.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <utility>
+
+#include <glm/gtc/quaternion.hpp>
+
+#include "trainer/sequence/trajectory.h"
+#include "trainer/support/atomic_file.h"
+#include "trainer/support/input_error.h"
+
+namespace splatboost {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kMostSecondsApart = 0.005;   ///< of a pair
+constexpr double kMostSecondsToTruth = 0.02;  ///< of a picture and its true pose
+constexpr double kMostRigidError = 1e-3;      ///< of R Rᵀ and the identity
+
+/// Fields of a line of numbers and names between commas.
+std::vector<std::string> fields_of(const std::string& line) {
+  std::vector<std::string> fields(1);
+  for (const char c : line) {
+    if (c == ',') {
+      fields.emplace_back();
+    } else if (c != ' ' && c != '\r' && c != '\t') {
+      fields.back() += c;
+    }
+  }
+  return fields;
+}
+
+double number_of(const std::string& text, const std::string& where) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  require(error == std::errc() && end == text.data() + text.size() && std::isfinite(value),
+          where + ": '" + text + "' is no number");
+  return value;
+}
+
+/// Calls row(fields, where) for the lines that are no comments.
+template <class Row>
+void read_csv(const fs::path& file, std::size_t fields, const Row& row) {
+  std::ifstream in(file);
+  require(in.good(), file.string() + ": cannot be read");
+  std::string line;
+  for (int number = 1; std::getline(in, line); ++number) {
+    if (line.empty() || line[0] == '#' || line[0] == '\r') continue;
+    const std::string where = file.string() + ":" + std::to_string(number);
+    const std::vector<std::string> found = fields_of(line);
+    require(found.size() >= fields, where + ": expected " + std::to_string(fields) + " fields between commas");
+    row(found, where);
+  }
+}
+
+double seconds_of(const std::string& nanoseconds, const std::string& where) {
+  return number_of(nanoseconds, where) * 1e-9;
+}
+
+/// The numbers in the brackets that follow `key:` (after `inside:`, where that is given) in sensor.yaml.
+std::vector<double> list_of(const std::string& text, const std::string& inside, const std::string& key,
+                            std::size_t count, const fs::path& file) {
+  const std::string where = file.string() + ": " + key;
+  const auto find = [&](const std::string& name, std::size_t from) {
+    for (std::size_t at = text.find(name + ":", from); at != std::string::npos; at = text.find(name + ":", at + 1)) {
+      if (at == 0 || text[at - 1] == '\n' || text[at - 1] == ' ') return at;
+    }
+    throw InputError(file.string() + ": has no '" + name + "'");
+  };
+  const std::size_t begin = text.find('[', find(key, inside.empty() ? 0 : find(inside, 0)));
+  const std::size_t end = text.find(']', begin);
+  require(begin != std::string::npos && end != std::string::npos, where + ": expected numbers in brackets");
+  std::string line;
+  for (const char c : text.substr(begin + 1, end - begin - 1)) {
+    if (c != '\n') line += c;
+  }
+  std::vector<double> numbers;
+  for (const std::string& field : fields_of(line)) numbers.push_back(number_of(field, where));
+  require(numbers.size() == count, where + ": expected " + std::to_string(count) + " numbers");
+  return numbers;
+}
+
+struct EurocCamera {
+  Calibration calibration;
+  glm::dmat4 body_from_camera{1.0};
+};
+
+EurocCamera read_camera(const fs::path& file) {
+  std::ifstream in(file);
+  require(in.good(), file.string() + ": cannot be read");
+  const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  EurocCamera camera;
+  Calibration& c = camera.calibration;
+  const std::vector<double> size = list_of(text, "", "resolution", 2, file);
+  c.width = static_cast<int>(std::clamp(size[0], 0.0, 1e6));
+  c.height = static_cast<int>(std::clamp(size[1], 0.0, 1e6));
+  const std::vector<double> intrinsics = list_of(text, "", "intrinsics", 4, file);
+  c.fx = intrinsics[0], c.fy = intrinsics[1], c.cx = intrinsics[2], c.cy = intrinsics[3];
+  const std::vector<double> distortion = list_of(text, "", "distortion_coefficients", 4, file);
+  c.k1 = distortion[0], c.k2 = distortion[1], c.p1 = distortion[2], c.p2 = distortion[3];
+  check_calibration(c, file.string());
+  const std::vector<double> pose = list_of(text, "T_BS", "data", 16, file);
+  for (int row = 0; row < 4; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      camera.body_from_camera[column][row] = pose[static_cast<std::size_t>(4 * row + column)];
+    }
+  }
+  const glm::dmat3 r(camera.body_from_camera), off = r * glm::transpose(r) - glm::dmat3(1.0);
+  require(glm::length(off[0]) + glm::length(off[1]) + glm::length(off[2]) < kMostRigidError,
+          file.string() + ": T_BS is no rigid motion");
+  return camera;
+}
+
+std::vector<std::pair<double, fs::path>> read_pictures(const fs::path& camera) {
+  std::vector<std::pair<double, fs::path>> pictures;
+  read_csv(camera / "data.csv", 2, [&](const std::vector<std::string>& fields, const std::string& where) {
+    pictures.emplace_back(seconds_of(fields[0], where), camera / "data" / fields[1]);
+  });
+  require(!pictures.empty(), (camera / "data.csv").string() + ": names no picture");
+  std::ranges::sort(pictures);
+  return pictures;
+}
+
+/// world_from_body, ascending in time.
+std::vector<TimedPose> read_truth(const fs::path& file) {
+  std::vector<TimedPose> poses;
+  read_csv(file, 8, [&](const std::vector<std::string>& fields, const std::string& where) {
+    double v[7];
+    for (std::size_t i = 0; i < 7; ++i) v[i] = number_of(fields[i + 1], where);
+    const glm::dquat q(v[3], v[4], v[5], v[6]);
+    require(glm::length(q) > 0.5, where + ": the rotation is no quaternion of length 1");
+    TimedPose pose{seconds_of(fields[0], where), glm::mat4_cast(glm::normalize(q))};
+    pose.world_from_camera[3] = glm::dvec4(v[0], v[1], v[2], 1);
+    poses.push_back(pose);
+  });
+  std::ranges::sort(poses, {}, &TimedPose::time);
+  return poses;
+}
+
+std::vector<double> times_of(const auto& list, const auto& time) {
+  std::vector<double> times;
+  for (const auto& entry : list) times.push_back(std::invoke(time, entry));
+  return times;
+}
+
+}  // namespace
+
+SequenceFiles find_euroc(const fs::path& source) {
+  const fs::path mav = source / "mav0";
+  SequenceFiles files;
+  files.form = "EuRoC";
+  require(fs::exists(mav / "cam1"),
+          source.string() + ": has no mav0/cam1; a camera alone is not tracked yet, it needs the second one or depth");
+  const EurocCamera left = read_camera(mav / "cam0" / "sensor.yaml"), right = read_camera(mav / "cam1" / "sensor.yaml");
+  require(left.calibration.width == right.calibration.width && left.calibration.height == right.calibration.height,
+          (mav / "cam1" / "sensor.yaml").string() + ": the two cameras have different sizes");
+  files.calibration = left.calibration;
+  files.stereo =
+      StereoRig{left.calibration, right.calibration, glm::inverse(right.body_from_camera) * left.body_from_camera};
+  const auto pictures = read_pictures(mav / "cam0"), others = read_pictures(mav / "cam1");
+  const auto first = &std::pair<double, fs::path>::first;
+  const std::vector<double> times = times_of(pictures, first);
+  const auto other_of = nearest_in_time(times, times_of(others, first), kMostSecondsApart);
+  std::vector<TimedPose> truth;
+  const fs::path truth_file = mav / "state_groundtruth_estimate0" / "data.csv";
+  if (is_file(truth_file)) truth = read_truth(truth_file);
+  const auto truth_of = nearest_in_time(times, times_of(truth, &TimedPose::time), kMostSecondsToTruth);
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    FrameFiles frame;
+    frame.time = pictures[i].first;
+    frame.color = pictures[i].second;
+    if (other_of[i] >= 0) frame.depth = others[static_cast<std::size_t>(other_of[i])].second;
+    if (truth_of[i] >= 0) {
+      frame.truth = truth[static_cast<std::size_t>(truth_of[i])].world_from_camera * left.body_from_camera;
+    }
+    files.frames.push_back(std::move(frame));
+  }
+  return files;
+}
+
+}  // namespace splatboost

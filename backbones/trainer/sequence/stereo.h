@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Depth from two cameras side by side: rectified by their calibration, matched semi-globally (OpenCV's
+/// StereoSGBM, after Hirschmüller 2008).
+#pragma once
+
+#include <memory>
+
+#include <glm/mat4x4.hpp>
+
+#include "trainer/sequence/sequence.h"
+
+namespace splatboost {
+
+/// @param right_from_left metres
+struct StereoRig {
+  Calibration left, right;
+  glm::dmat4 right_from_left{1.0};
+};
+
+/// A rig after rectification: rows of the two pictures match.
+class StereoDepth {
+ public:
+  /// Throws InputError where the cameras do not stand side by side, and in a build without OpenCV.
+  explicit StereoDepth(const StereoRig& rig);
+  ~StereoDepth();
+
+  /// Of the rectified left camera, without distortion. Its depth_scale is 1: depth is made in metres.
+  const Calibration& calibration() const;
+  glm::dmat4 left_from_rectified() const;
+  /// Rectifies. @param rgb [H,W,3] as taken; rectified on return @param valid gets [H,W]
+  void rectify_left(std::vector<std::uint8_t>& rgb, std::vector<std::uint8_t>& valid) const;
+  /// @param left rectified, RGB @param right as taken, RGB @return [H,W] metres along z, 0: not known
+  std::vector<float> depth(const std::vector<std::uint8_t>& left, std::vector<std::uint8_t> right) const;
+
+ private:
+  struct Rectified;
+  std::unique_ptr<Rectified> rectified_;
+};
+
+}  // namespace splatboost
