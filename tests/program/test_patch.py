@@ -266,9 +266,7 @@ def test_an_installed_program_finds_its_recipes(tmp_path):
     (tmp_path / "bin").mkdir()
     program = shutil.copy(PROGRAM, tmp_path / "bin/splatboost")
     for recipe in (ROOT / "patches").glob("*/recipe.json"):
-        target = tmp_path / "share/splatboost/patches" / recipe.parent.name
-        target.mkdir(parents=True)
-        shutil.copy(recipe, target)
+        shutil.copytree(recipe.parent, tmp_path / "share/splatboost/patches" / recipe.parent.name)
     done = subprocess.run([program, "patch", "list"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "mip-splatting" in done.stdout

@@ -128,11 +128,14 @@ struct Patch {
                   edit.layouts.empty() ? "" : (" [" + list_of(edit.layouts) + "]").c_str(), edit.why.c_str());
       for (const std::string& line : edit.snippet) std::printf("      %s\n", line.c_str());
     }
+    if (!found.files.empty()) std::printf("\nfiles\n");
+    for (const patch::OwnFile& file : found.files) std::printf("  %s: %s\n", file.file.c_str(), file.why.c_str());
     if (!found.needs.empty()) std::printf("\nneeds\n");
     for (const patch::Need& need : found.needs) {
-      std::printf("  %s, %s %s%s\n    %s\n", need.file.c_str(),
-                  need.kind == patch::Need::Kind::call ? "calls of" : "def", need.name.c_str(),
-                  need.layouts.empty() ? "" : (" [" + list_of(need.layouts) + "]").c_str(), need.why.c_str());
+      const char* kind = need.kind == patch::Need::Kind::call ? "calls of " : "def ";
+      std::printf("  %s, %s%s%s\n    %s\n", need.file.c_str(), need.kind == patch::Need::Kind::text ? "" : kind,
+                  need.name.c_str(), need.layouts.empty() ? "" : (" [" + list_of(need.layouts) + "]").c_str(),
+                  need.why.c_str());
     }
     return 0;
   }
@@ -149,9 +152,13 @@ struct Patch {
     } else {
       std::printf("%s: patched with %s (layout %s), %s\n", path.c_str(), found.name.c_str(), outcome.layout.c_str(),
                   size_of(outcome).c_str());
-      const bool has_switch = !found.options.empty();  // a recipe may only offer what the host did not have
-      std::printf("Train as ever%s. To undo: splatboost patch revert %s\n",
-                  has_switch ? "; --boost off trains as before the patch" : "", path.c_str());
+      // A recipe may only offer what the host did not have, or have its switch elsewhere.
+      const bool has_switch = std::any_of(found.options.begin(), found.options.end(),
+                                          [](const patch::HostOption& option) { return option.name == "--boost"; });
+      const std::string how = has_switch               ? "; --boost off trains as before the patch"
+                              : !found.options.empty() ? "; splatboost patch show " + found.name + " tells its options"
+                                                       : "";
+      std::printf("Train as ever%s. To undo: splatboost patch revert %s\n", how.c_str(), path.c_str());
     }
     return 0;
   }

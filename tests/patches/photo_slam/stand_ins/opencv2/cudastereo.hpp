@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What Photo-SLAM uses of OpenCV's module of this name. Stereo is not run on the CPU.
+/// @file What Photo-SLAM uses of OpenCV's module of this name. After on_cpu.h; stereo is not run.
 #pragma once
-
-#include "on_cpu.h"
 
 namespace cv::cuda {
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What Photo-SLAM uses of OpenCV's module of this name, on the CPU.
+/// @file What Photo-SLAM uses of OpenCV's module of this name, on the CPU, after on_cpu.h.
 #pragma once
-
-#include "on_cpu.h"
 
 namespace cv::cuda {
 

@@ -1,0 +1,689 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "splatboost/boost.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <exception>
+#include <iostream>
+#include <limits>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "c/adapters_c.h"
+#include "include/gaussian_model.h"
+#include "include/gaussian_rasterizer.h"
+#include "include/gaussian_renderer.h"
+#include "include/gaussian_scene.h"
+#include "splatboost/c_api.h"
+
+namespace splatboost {
+namespace {
+
+using torch::Tensor;
+
+constexpr int kSplitChildren = 2;
+constexpr int kPublishedIterations = 30000;  // of which the adapter's numbers are
+constexpr double kAbsoluteThreshold = 3;     // of the adapter's: times that of signed gradients
+constexpr int kProtectedIterations = 200;    // as in the in-tree photo-slam
+constexpr std::size_t kMostOnHost = 4096;    // poses move, and each has a tensor of its own
+constexpr const char* kGroups[] = {"xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation"};  // in the host's order
+constexpr const char* kPrefix = "SplatBoost.";
+
+void require(sb_status status) {
+  if (status != SB_OK) throw std::runtime_error(std::string("SplatBoost: ") + sb_last_error());
+}
+
+sb_device device_of(const torch::Device& device) {
+  sb_device given{};
+  given.kind = device.is_cuda() ? SB_CUDA : SB_CPU;
+  given.index = device.has_index() ? device.index() : 0;
+  return given;
+}
+
+std::int32_t type_of(const Tensor& tensor) {
+  if (tensor.scalar_type() == torch::kFloat) return SB_FLOAT32;
+  if (tensor.scalar_type() == torch::kInt) return SB_INT32;
+  if (tensor.scalar_type() == torch::kByte) return SB_UINT8;
+  throw std::runtime_error("SplatBoost: a tensor of a type that the library has not");
+}
+
+/// A tensor, made dense, and the library's view of it; the pointer is null where the tensor is undefined.
+class Given {
+ public:
+  Given() = default;
+  explicit Given(const Tensor& tensor) : tensor_(tensor.defined() ? tensor.detach().contiguous() : tensor) {
+    if (!tensor_.defined()) return;
+    const sb_device device = device_of(tensor_.device());
+    view_.data = tensor_.data_ptr();
+    view_.type = type_of(tensor_);
+    view_.dimensions = static_cast<std::int32_t>(tensor_.dim());
+    for (int i = 0; i < view_.dimensions; ++i) {
+      view_.shape[i] = tensor_.size(i);
+      view_.strides[i] = tensor_.stride(i);
+    }
+    view_.device_kind = device.kind;
+    view_.device_index = device.index;
+  }
+  const Tensor& tensor() const { return tensor_; }
+  operator const sb_tensor*() const { return tensor_.defined() ? &view_ : nullptr; }
+
+ private:
+  Tensor tensor_;
+  sb_tensor view_{};
+};
+
+/// A dense tensor that the library made a view of.
+Tensor tensor_of(const sb_tensor& view, const torch::Device& device) {
+  const auto type = view.type == SB_UINT8 ? torch::kByte : torch::kInt;
+  return torch::from_blob(view.data, std::vector<std::int64_t>(view.shape, view.shape + view.dimensions),
+                          torch::TensorOptions().dtype(type).device(device));
+}
+
+/// What the library is given of N Gaussians.
+struct Gaussians {
+  Given means, scales, rotations, covariances, opacities, sh_dc, sh_rest, colors;
+  sb_gaussians view{};
+
+  /// @param inputs means, opacities, sh, colors, scales, rotations, covariances; of the last five those of one
+  /// dimension are not given
+  Gaussians(const std::vector<Tensor>& inputs, int sh_degree)
+      : means(inputs[0]),
+        scales(given(inputs[4])),
+        rotations(given(inputs[5])),
+        covariances(given(inputs[6])),
+        opacities(inputs[1]),
+        colors(given(inputs[3])) {
+    if (const Tensor sh = given(inputs[2]); sh.defined()) {
+      sh_dc = Given(sh.slice(1, 0, 1));
+      if (sh.size(1) > 1) sh_rest = Given(sh.slice(1, 1));
+    }
+    view.means = means;
+    view.scales = scales;
+    view.rotations = rotations;
+    view.covariances = covariances;
+    view.opacities = opacities;
+    view.sh_dc = sh_dc;
+    view.sh_rest = sh_rest;
+    view.colors = colors;
+    view.sh_degree = sh_degree;
+  }
+
+ private:
+  static Tensor given(const Tensor& tensor) { return tensor.dim() > 1 ? tensor : Tensor(); }
+};
+
+}  // namespace
+
+class Drawing {
+ public:
+  /// @param beta of the compact box; 0: 3DGS's square
+  explicit Drawing(float beta) : beta_(beta) {}
+  Drawing(const Drawing&) = delete;
+  Drawing& operator=(const Drawing&) = delete;
+  ~Drawing() { sb_rasterizer_destroy(rasterizer_); }
+
+  struct Image {
+    Tensor color, radii;
+    std::uint64_t number = 0;  ///< of the draw
+  };
+
+  Image draw(const sb_camera& camera, const sb_raster_options& options, const Gaussians& gaussians) {
+    const Tensor& means = gaussians.means.tensor();
+    if (rasterizer_ == nullptr) {
+      const sb_device device = device_of(means.device());
+      require(sb_rasterizer_create(&device, &rasterizer_));
+    }
+    Image image;
+    image.color = torch::empty({3, camera.height, camera.width}, means.options());
+    image.radii = torch::empty({means.size(0)}, means.options().dtype(torch::kInt));
+    const Given color(image.color), radii(image.radii);
+    sb_raster_outputs outputs{};
+    outputs.color = color;
+    outputs.radii = radii;
+    require(sb_rasterizer_forward(rasterizer_, &camera, &gaussians.view, &options, &outputs, nullptr));
+    image.number = ++number_;
+    return image;
+  }
+  /// Whether this draw is still the last one.
+  bool is_last(std::uint64_t number) const { return number == number_; }
+  sb_rasterizer* rasterizer() const { return rasterizer_; }
+
+  sb_raster_options options(const Tensor& background) {
+    sb_raster_options options;
+    require(sb_raster_options_default(&options));
+    options.box = beta_ > 0 ? SB_BOX_ELLIPSE : SB_BOX_SQUARE;
+    if (beta_ > 0) options.beta = beta_;
+    const std::vector<float>& color = on_host(background);
+    std::copy_n(color.begin(), 3, options.background);
+    return options;
+  }
+
+  /// The host's matrices are for rows, and its principal point is the centre of the image.
+  sb_camera camera(const GaussianRasterizationSettings& settings) {
+    sb_camera camera{};
+    camera.width = settings.image_width_;
+    camera.height = settings.image_height_;
+    camera.cx = 0.5f * static_cast<float>(camera.width);
+    camera.cy = 0.5f * static_cast<float>(camera.height);
+    camera.fx = camera.cx / settings.tanfovx_;
+    camera.fy = camera.cy / settings.tanfovy_;
+    const std::vector<float>& rows = on_host(settings.viewmatrix_);
+    for (int i = 0; i < 16; ++i) camera.camera_from_world[i] = rows[static_cast<std::size_t>(4 * (i % 4) + i / 4)];
+    return camera;
+  }
+
+  /// [N,2] sums over pixels of the last backward pass's absolute gradients on screen, in NDC units.
+  Tensor absolute_gradients;
+
+ private:
+  /// A small tensor's numbers. Those of the same tensor are fetched from a GPU once.
+  const std::vector<float>& on_host(const Tensor& tensor) {
+    if (on_host_.size() > kMostOnHost) on_host_.clear();
+    Fetched& fetched = on_host_[tensor.unsafeGetTensorImpl()];
+    if (!fetched.tensor.defined() || fetched.version != tensor._version()) {
+      const Tensor dense = tensor.detach().to(torch::kCPU).contiguous();
+      const float* numbers = dense.data_ptr<float>();
+      fetched = {tensor, tensor._version(), std::vector<float>(numbers, numbers + dense.numel())};
+    }
+    return fetched.numbers;
+  }
+
+  struct Fetched {
+    Tensor tensor;  // held, so that no other has its address
+    std::uint64_t version = 0;
+    std::vector<float> numbers;
+  };
+
+  float beta_;
+  sb_rasterizer* rasterizer_ = nullptr;
+  std::uint64_t number_ = 0;
+  std::unordered_map<const void*, Fetched> on_host_;
+};
+
+namespace {
+
+/// What of a render is no tensor.
+struct Call : torch::CustomClassHolder {
+  std::shared_ptr<Drawing> drawing;
+  sb_camera camera{};
+  sb_raster_options options{};
+  int sh_degree = 0;
+  std::uint64_t number = 0;
+};
+
+class Rasterize : public torch::autograd::Function<Rasterize> {
+ public:
+  /// As for Gaussians; libtorch takes no undefined tensors here.
+  static torch::autograd::variable_list forward(torch::autograd::AutogradContext* context, const Tensor& screen,
+                                                const Tensor& means, const Tensor& opacities, const Tensor& sh,
+                                                const Tensor& colors, const Tensor& scales, const Tensor& rotations,
+                                                const Tensor& covariances, const c10::intrusive_ptr<Call>& call,
+                                                bool differentiable) {
+    (void)screen;
+    const std::vector<Tensor> inputs{means, opacities, sh, colors, scales, rotations, covariances};
+    const Drawing::Image image = call->drawing->draw(call->camera, call->options, Gaussians(inputs, call->sh_degree));
+    // Where nothing is learned from it every splat counts; training does not wait for that.
+    if (!differentiable) require(sb_rasterizer_settle(call->drawing->rasterizer(), nullptr, nullptr));
+    call->number = image.number;
+    context->saved_data["call"] = c10::IValue::make_capsule(call);
+    context->save_for_backward(inputs);
+    context->mark_non_differentiable({image.radii});
+    return {image.color, image.radii};
+  }
+
+  static torch::autograd::variable_list backward(torch::autograd::AutogradContext* context,
+                                                 const torch::autograd::variable_list& of_images) {
+    const auto call = c10::static_intrusive_pointer_cast<Call>(context->saved_data["call"].toCapsule());
+    const std::vector<Tensor> inputs = context->get_saved_variables();
+    const Gaussians gaussians(inputs, call->sh_degree);
+    // Another view was drawn since.
+    if (!call->drawing->is_last(call->number)) call->drawing->draw(call->camera, call->options, gaussians);
+
+    const Given of_color(of_images[0]);
+    sb_image_gradients image_gradients{};
+    image_gradients.color = of_color;
+    const auto like = [](const Given& input) {
+      return input.tensor().defined() ? Given(torch::empty_like(input.tensor())) : Given();
+    };
+    const Given means = like(gaussians.means), scales = like(gaussians.scales), rotations = like(gaussians.rotations);
+    const Given covariances = like(gaussians.covariances), opacities = like(gaussians.opacities);
+    const Given sh_dc = like(gaussians.sh_dc), sh_rest = like(gaussians.sh_rest), colors = like(gaussians.colors);
+    const std::int64_t n = inputs[0].size(0);
+    const Given screen(torch::empty({n, 2}, inputs[0].options())), absolute(torch::empty({n, 2}, inputs[0].options()));
+    sb_gaussian_gradients gradients{};
+    gradients.means = means;
+    gradients.scales = scales;
+    gradients.rotations = rotations;
+    gradients.covariances = covariances;
+    gradients.opacities = opacities;
+    gradients.sh_dc = sh_dc;
+    gradients.sh_rest = sh_rest;
+    gradients.colors = colors;
+    gradients.screen_means = screen;
+    gradients.screen_means_abs = absolute;
+    require(
+        sb_rasterizer_backward(call->drawing->rasterizer(), &gaussians.view, &image_gradients, &gradients, nullptr));
+
+    // From pixels to 3DGS's NDC units, and to the host's three columns.
+    const float half[] = {0.5f * static_cast<float>(call->camera.width),
+                          0.5f * static_cast<float>(call->camera.height)};
+    Tensor of_screen = torch::zeros({n, 3}, inputs[0].options());
+    for (int axis = 0; axis < 2; ++axis) {
+      of_screen.select(1, axis).copy_(screen.tensor().select(1, axis) * half[axis]);
+      absolute.tensor().select(1, axis).mul_(half[axis]);
+    }
+    call->drawing->absolute_gradients = absolute.tensor();
+    Tensor of_sh = sh_dc.tensor();
+    if (sh_rest.tensor().defined()) of_sh = torch::cat({of_sh, sh_rest.tensor()}, 1);
+    return {of_screen,       means.tensor(),     opacities.tensor(),   of_sh,    colors.tensor(),
+            scales.tensor(), rotations.tensor(), covariances.tensor(), Tensor(), Tensor()};
+  }
+};
+
+}  // namespace
+
+std::tuple<Tensor, Tensor> draw(const std::shared_ptr<Drawing>& drawing, GaussianRasterizer& host, Tensor means3D,
+                                Tensor means2D, Tensor opacities, bool has_shs, bool has_colors, bool has_scales,
+                                bool has_rotations, bool has_covariances, Tensor shs, Tensor colors, Tensor scales,
+                                Tensor rotations, Tensor covariances) {
+  if (!drawing) {
+    return host.forward(means3D, means2D, opacities, has_shs, has_colors, has_scales, has_rotations, has_covariances,
+                        shs, colors, scales, rotations, covariances);
+  }
+  const GaussianRasterizationSettings& settings = host.raster_settings_;
+  const Tensor none = torch::empty(0, means3D.options());
+  const auto given = [&](bool has, const Tensor& tensor) { return has ? tensor : none; };
+  const auto call = c10::make_intrusive<Call>();
+  call->drawing = drawing;
+  call->camera = drawing->camera(settings);
+  call->options = drawing->options(settings.bg_);
+  call->sh_degree = settings.sh_degree_;
+  const bool scaled = has_scales && settings.scale_modifier_ != 1.0f;
+  const auto images = Rasterize::apply(means2D, means3D, opacities, given(has_shs, shs), given(has_colors, colors),
+                                       given(has_scales, scaled ? scales * settings.scale_modifier_ : scales),
+                                       given(has_rotations, rotations), given(has_covariances, covariances), call,
+                                       torch::GradMode::is_enabled());
+  return {images[0], images[1]};
+}
+
+struct Boost::Parts {
+  Host host;
+  sb_adapter* adapter = nullptr;
+  std::int32_t total = 0;
+  std::int64_t max_gaussians = 0;  // 0: no cap
+  torch::Device device = torch::kCPU;
+  Tensor no_color;
+  Tensor signed_sum, absolute_sum, seen;  // float [N] since the last growth
+
+  explicit Parts(const Host& given) : host(given) {}
+  Parts(const Parts&) = delete;
+  Parts& operator=(const Parts&) = delete;
+  ~Parts() { sb_adapter_destroy(adapter); }
+
+  GaussianModel& model() const { return *host.gaussians; }
+  std::int64_t count() const { return model().xyz_.size(0); }
+  Tensor opacities() const { return model().getOpacityActivation().detach().reshape({-1}); }
+  Tensor max_scales() const { return std::get<0>(model().getScalingActivation().detach().max(1)); }
+  Tensor indices(std::int64_t n) const {
+    return torch::arange(n, torch::TensorOptions().dtype(torch::kLong).device(device));
+  }
+
+  void restart() {
+    const auto zeros = [&] { return torch::zeros({count()}, torch::TensorOptions().device(device)); };
+    signed_sum = zeros();
+    absolute_sum = zeros();
+    seen = zeros();
+  }
+  /// Of Gaussians that were inserted since, at the end, nothing is known yet.
+  void extend() {
+    if (!seen.defined() || seen.size(0) > count()) return restart();
+    const std::int64_t missing = count() - seen.size(0);
+    if (missing == 0) return;
+    for (Tensor* sum : {&signed_sum, &absolute_sum, &seen}) {
+      *sum = torch::cat({*sum, torch::zeros({missing}, sum->options())});
+    }
+  }
+  /// What was only just inserted is faint because it is new, and stays; so does one at least. @param mask bool [N]
+  /// @return those that went
+  Tensor remove(const Tensor& mask, int iteration) {
+    const Tensor inserted = model().exist_since_iter_.to(device).reshape({-1});
+    const Tensor old = (inserted == 0) | (inserted <= iteration - kProtectedIterations);
+    const Given removals((mask & old).to(torch::kByte)), priorities(opacities());
+    const sb_device where = device_of(device);
+    std::int64_t removed = 0;
+    require(sb_spare_one(&where, priorities, removals, &removed));
+    Tensor gone = removals.tensor().to(torch::kBool);
+    if (removed > 0) model().prunePoints(gone);
+    return gone;
+  }
+};
+
+namespace {
+
+/// The keyframes as the library sees them, from the oldest to the newest.
+class Views {
+ public:
+  Views(const Boost::Host& host, Tensor& no_color, const torch::Device& device)
+      : host_(host), no_color_(no_color), device_(device) {
+    for (const auto& [id, keyframe] : host.scene->keyframes()) keyframes_.push_back(keyframe);
+    views_.context = this;
+    views_.primitives = host.gaussians->xyz_.size(0);
+    views_.views = static_cast<std::int64_t>(keyframes_.size());
+    views_.render = [](void* self, std::int64_t view, sb_scored_view* scored) {
+      return static_cast<Views*>(self)->guarded([&](Views& me) { me.render(view, *scored); });
+    };
+    views_.count_flagged = [](void* self, const sb_tensor* flagged, const sb_tensor* counts) {
+      return static_cast<Views*>(self)->guarded([&](Views& me) {
+        require(sb_rasterizer_count_flagged(me.host_.gaussians->splatboost_->rasterizer(), flagged, counts, nullptr));
+      });
+    };
+  }
+
+  const sb_views* c_views() const { return &views_; }
+  /// Throws what a call of the host threw, or else what the library says.
+  void check(sb_status status) {
+    if (error_) std::rethrow_exception(error_);
+    require(status);
+  }
+
+ private:
+  template <class Do>
+  std::int32_t guarded(Do&& act) {
+    try {
+      act(*this);
+      return 0;
+    } catch (...) {  // it must not pass through C
+      error_ = std::current_exception();
+      return 1;
+    }
+  }
+
+  /// As the loss sees it at full size: without what undistortion left black. Uses no turn of the keyframe.
+  void render(std::int64_t view, sb_scored_view& scored) {
+    torch::NoGradGuard no_grad;
+    const std::shared_ptr<GaussianKeyframe>& keyframe = keyframes_.at(static_cast<std::size_t>(view));
+    const Tensor image =
+        std::get<0>(GaussianRenderer::render(keyframe, keyframe->image_height_, keyframe->image_width_, host_.gaussians,
+                                             host_.pipeline, host_.background, no_color_));
+    const Tensor truth = keyframe->original_image_.to(device_).clamp(0, 1).mul(255).round().to(torch::kByte);
+    color_ = Given(image);
+    truth_ = Given(truth);
+    valid_ = Given();
+    const auto mask = host_.masks.find(keyframe->camera_id_);
+    if (mask != host_.masks.end()) {
+      const Tensor counts = mask->second.dim() == 3 ? mask->second.select(0, 0) : mask->second;
+      valid_ = Given((counts.to(device_) > 0.5).to(torch::kByte));
+    }
+    scored.color = color_;
+    scored.truth.color = truth_;
+    scored.truth.valid = valid_;
+  }
+
+  const Boost::Host& host_;
+  Tensor& no_color_;
+  torch::Device device_;
+  std::vector<std::shared_ptr<GaussianKeyframe>> keyframes_;
+  sb_views views_{};
+  Given color_, truth_, valid_;
+  std::exception_ptr error_;
+};
+
+/// The adapter's settings, as long as they are set.
+class Settings {
+ public:
+  explicit Settings(bool literal) { require(sb_boost_create("photo-slam", literal, &boost_)); }
+  Settings(const Settings&) = delete;
+  Settings& operator=(const Settings&) = delete;
+  ~Settings() { sb_boost_destroy(boost_); }
+
+  void set(const std::string& name, double value) { require(sb_boost_set(boost_, name.c_str(), value)); }
+  double get(const std::string& name) const {
+    double value = 0;
+    require(sb_boost_get(boost_, name.c_str(), &value));
+    return value;
+  }
+  sb_boost* boost() const { return boost_; }
+
+ private:
+  sb_boost* boost_ = nullptr;
+};
+
+/// The keys SplatBoost.… of a file of settings, without the prefix.
+std::map<std::string, double> read_keys(const std::filesystem::path& path) {
+  const cv::FileStorage file(path.string(), cv::FileStorage::READ);
+  if (!file.isOpened()) throw std::runtime_error("SplatBoost: " + path.string() + " cannot be read");
+  std::map<std::string, double> keys;
+  for (const cv::FileNode node : file.root()) {
+    const std::string name = node.name();
+    if (name.rfind(kPrefix, 0) != 0) continue;
+    if (!node.isInt() && !node.isReal()) throw std::runtime_error(path.string() + ": " + name + ": a number wanted");
+    keys[name.substr(std::string(kPrefix).size())] = node.real();
+  }
+  return keys;
+}
+
+double take(std::map<std::string, double>& keys, const std::string& name, double otherwise) {
+  const auto found = keys.find(name);
+  if (found == keys.end()) return otherwise;
+  const double value = found->second;
+  keys.erase(found);
+  return value;
+}
+
+}  // namespace
+
+Boost::Boost(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+Boost::~Boost() = default;
+
+std::shared_ptr<Boost> Boost::make(const std::filesystem::path& path, const Host& host) {
+  if (sb_abi_version() != SB_ABI_VERSION) {
+    throw std::runtime_error("SplatBoost: the library and its headers are of two versions: build anew");
+  }
+  std::map<std::string, double> keys = read_keys(path);
+  if (take(keys, "on", 1) == 0) return nullptr;
+
+  auto parts = std::make_unique<Parts>(host);
+  const GaussianOptimizationParams& optimization = host.optimization;
+  parts->total = optimization.iterations_;
+  parts->device = host.background.device();
+  parts->no_color = torch::empty(0, torch::TensorOptions().device(parts->device));
+  parts->max_gaussians = static_cast<std::int64_t>(take(keys, "max_gaussians", 0));
+
+  // The host's numbers are the user's wishes; all others are the adapter's, unless the file has them too.
+  const bool literal = take(keys, "literal", 0) != 0;
+  Settings settings(literal);
+  const auto published = [&](int iteration) {
+    return std::round(static_cast<double>(iteration) * kPublishedIterations / std::max(1, optimization.iterations_));
+  };
+  settings.set("gradient_threshold", optimization.densify_grad_threshold_);
+  settings.set("gradient_abs_threshold", kAbsoluteThreshold * optimization.densify_grad_threshold_);
+  settings.set("percent_dense", optimization.percent_dense_);
+  settings.set("lambda_dssim", optimization.lambda_dssim_);
+  if (optimization.densification_interval_ > 0) settings.set("densify_interval", optimization.densification_interval_);
+  if (optimization.densify_from_iter_ > 0) settings.set("densify_from", published(optimization.densify_from_iter_));
+  settings.set("densify_until", published(optimization.densify_until_iter_));
+  if (!host.online) settings.set("recent_share", 0);  // all views are there from the first iteration on
+  for (const auto& [name, value] : keys) {
+    if (sb_boost_set(settings.boost(), name.c_str(), value) != SB_OK) {
+      throw std::runtime_error(path.string() + ": " + kPrefix + name + ": " + sb_last_error());
+    }
+  }
+  const sb_device device = device_of(parts->device);
+  require(sb_adapter_create(settings.boost(), 0, &device, &parts->adapter));
+
+  float beta = 0;
+  require(sb_adapter_beta(parts->adapter, &beta));
+  parts->model().splatboost_ = std::make_shared<Drawing>(beta);
+  std::cout << "SplatBoost: " << (literal ? "literal" : "default") << " rules of photo-slam, "
+            << (beta > 0 ? "beta " + std::to_string(beta) : std::string("published box")) << ", tau_d "
+            << settings.get("tau_d") << ", " << parts->total << " iterations" << std::endl;
+  return std::shared_ptr<Boost>(new Boost(std::move(parts)));
+}
+
+void Boost::gather(const Tensor& screen, const Tensor& seen) {
+  Parts& p = *parts_;
+  p.extend();
+  const Tensor mask = seen.to(torch::kFloat);
+  p.seen += mask;
+  p.signed_sum += screen.grad().slice(1, 0, 2).norm(2, 1) * mask;
+  p.absolute_sum += p.model().splatboost_->absolute_gradients.norm(2, 1) * mask;
+}
+
+bool Boost::grows(int iteration, int interval) const {
+  std::int32_t grows = 0;
+  const bool host_would = interval > 0 && iteration % interval == 0;
+  require(sb_adapter_grows_at(parts_->adapter, iteration, parts_->total, host_would, &grows));
+  return grows != 0;
+}
+
+void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int max_screen_size) {
+  Parts& p = *parts_;
+  GaussianModel& g = p.model();
+  torch::NoGradGuard no_grad;
+  applyGradients();
+  p.extend();
+  const std::int64_t n = p.count();
+  const Tensor views_of = p.seen.clamp_min(1);
+  const Given signed_gradients(p.signed_sum / views_of), absolute(p.absolute_sum / views_of);
+  const Given opacities(p.opacities()), scales(p.max_scales());
+  const auto none = [&] { return torch::zeros({n}, torch::TensorOptions().dtype(torch::kByte).device(p.device)); };
+  // The host's own decisions, for an adapter without absolute gradients.
+  const float border = g.percentDense() * extent;
+  const Tensor large = scales.tensor() > border;
+  const Tensor high = signed_gradients.tensor() >= p.host.optimization.densify_grad_threshold_;
+  const Given cloned((high & ~large).to(torch::kByte)), split((high & large).to(torch::kByte));
+  sb_density density{};
+  density.iteration = iteration;
+  density.total = p.total;
+  density.scene_extent = extent;
+  density.gradients = signed_gradients;
+  density.gradients_abs = absolute;
+  density.opacities = opacities;
+  density.max_scales = scales;
+  Views views(p.host, p.no_color, p.device);
+  views.check(sb_adapter_grow(p.adapter, &density, views.c_views(), cloned, split, nullptr));
+  Tensor clones = cloned.tensor().to(torch::kBool), splits = split.tensor().to(torch::kBool);
+  if (p.max_gaussians > 0) {
+    const Given growing((clones | splits).to(torch::kByte));
+    const sb_device device = device_of(p.device);
+    require(sb_keep_largest(&device, signed_gradients, std::max<std::int64_t>(0, p.max_gaussians - n), growing));
+    clones = clones & growing.tensor().to(torch::kBool);
+    splits = splits & growing.tensor().to(torch::kBool);
+  }
+
+  // The host tests sizes too; here every Gaussian is small, then large, so that the masks alone decide.
+  const auto check_count = [&](const Tensor& origins, const char* what) {
+    if (p.count() != origins.size(0)) {
+      throw std::runtime_error("SplatBoost: " + std::to_string(origins.size(0)) +
+                               " Gaussians expected after the host " + what + " some, there are " +
+                               std::to_string(p.count()) + ": its densify functions were changed");
+    }
+  };
+  const float percent_dense = g.percentDense();
+  const Tensor all = p.indices(n);
+  Tensor origins = torch::cat({all, all.index({clones})});
+  Tensor chosen = clones.to(torch::kFloat).unsqueeze(1);
+  g.setPercentDense(std::numeric_limits<float>::infinity());
+  g.densifyAndClone(chosen, 0.5f, 1.0f);
+  check_count(origins, "cloned");
+  chosen = splits.to(torch::kFloat).unsqueeze(1);
+  g.setPercentDense(-1.0f);
+  g.densifyAndSplit(chosen, 0.5f, 1.0f, kSplitChildren);
+  g.setPercentDense(percent_dense);
+  Tensor kept = torch::ones_like(origins, torch::TensorOptions().dtype(torch::kBool));
+  kept.slice(0, 0, n).copy_(~splits);
+  origins = torch::cat({origins.index({kept}), all.index({splits}).repeat({kSplitChildren})});
+  check_count(origins, "split");
+
+  Tensor candidates = p.opacities() < min_opacity;
+  if (max_screen_size != 0) candidates = candidates | (p.max_scales() > 0.1f * extent);
+  const Given removed(candidates.to(torch::kByte)), from(origins.to(torch::kInt)), now(p.opacities());
+  sb_density after{};
+  after.iteration = iteration;
+  after.total = p.total;
+  after.scene_extent = extent;
+  after.opacities = now;
+  Views views_after(p.host, p.no_color, p.device);
+  views_after.check(sb_adapter_prune(p.adapter, &after, views_after.c_views(), removed, from, nullptr));
+  p.remove(removed.tensor().to(torch::kBool), iteration);
+  p.restart();
+}
+
+void Boost::pruneLate(int iteration) {
+  Parts& p = *parts_;
+  std::int32_t prunes = 0;
+  require(sb_adapter_prunes_at(p.adapter, iteration, p.total, 0, &prunes));
+  if (prunes == 0) return;
+  torch::NoGradGuard no_grad;
+  applyGradients();
+  p.extend();
+  const Given removed(torch::zeros({p.count()}, torch::TensorOptions().dtype(torch::kByte).device(p.device)));
+  const Given opacities(p.opacities());
+  sb_density density{};
+  density.iteration = iteration;
+  density.total = p.total;
+  density.opacities = opacities;
+  Views views(p.host, p.no_color, p.device);
+  views.check(sb_adapter_prune(p.adapter, &density, views.c_views(), removed, nullptr, nullptr));
+  const Tensor gone = p.remove(removed.tensor().to(torch::kBool), iteration);
+  for (Tensor* sum : {&p.signed_sum, &p.absolute_sum, &p.seen}) *sum = sum->index({~gone});
+}
+
+bool Boost::resets(int iteration) {
+  std::int32_t resets = 0;
+  require(sb_adapter_resets_opacities_at(parts_->adapter, iteration, parts_->total, 1, &resets));
+  if (resets != 0) applyGradients();
+  return resets != 0;
+}
+
+void Boost::step(int iteration) {
+  auto& groups = parts_->model().optimizer_->param_groups();
+  std::vector<std::pair<Tensor, Tensor>> waiting;
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    std::int32_t steps = 1;
+    // The host's last step is one iteration before its last.
+    if (iteration < parts_->total - 1) {
+      require(sb_adapter_steps_at(parts_->adapter, kGroups[i], iteration, parts_->total, &steps));
+    }
+    for (Tensor& parameter : groups[i].params()) {
+      if (steps == 0 && parameter.grad().defined()) {
+        waiting.emplace_back(parameter, parameter.grad());
+        parameter.mutable_grad() = Tensor();
+      }
+    }
+  }
+  applyGradients();
+  for (auto& [parameter, gradient] : waiting) parameter.mutable_grad() = gradient;
+}
+
+void Boost::applyGradients() {
+  torch::optim::Adam* optimizer = parts_->model().optimizer_.get();
+  if (optimizer == nullptr) return;
+  optimizer->step();
+  for (auto& group : optimizer->param_groups()) {
+    for (Tensor& parameter : group.params()) parameter.mutable_grad() = Tensor();
+  }
+}
+
+void densifyAndPrune(const std::shared_ptr<Boost>& boost, const std::shared_ptr<GaussianModel>& gaussians,
+                     int iteration, float max_grad, float min_opacity, float extent, int max_screen_size) {
+  if (boost) {
+    boost->densifyAndPrune(iteration, min_opacity, extent, max_screen_size);
+  } else {
+    gaussians->densifyAndPrune(max_grad, min_opacity, extent, max_screen_size);
+  }
+}
+
+const std::shared_ptr<GaussianModel>& settled(const std::shared_ptr<Boost>& boost,
+                                              const std::shared_ptr<GaussianModel>& gaussians) {
+  if (boost) boost->applyGradients();
+  return gaussians;
+}
+
+}  // namespace splatboost

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The patch of Photo-SLAM: its recipe, and train_colmap of a patched checkout on the CPU.
+
+The second needs SPLATBOOST_PHOTO_SLAM, a pristine checkout of HuajianUP/Photo-SLAM, and libtorch's headers and
+libraries: of /usr (libtorch-dev, libjsoncpp-dev), or of SPLATBOOST_TORCH, a folder with include/ and lib/. It compiles
+libtorch twice, for several minutes; SPLATBOOST_PHOTO_SLAM_BUILDS names a folder that keeps the builds.
+"""
+
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+
+import pytest
+from conftest import PROGRAM, ROOT, run_program, run_well
+
+RECIPE = json.loads((ROOT / "patches/photo-slam/recipe.json").read_text())
+CHECKOUT = os.environ.get("SPLATBOOST_PHOTO_SLAM")
+TORCH = pathlib.Path(os.environ.get("SPLATBOOST_TORCH", "/usr"))
+PARTS = ["CMakeLists.txt", "include", "src", "examples", "third_party", "cfg", "ORB-SLAM3/include", "ORB-SLAM3/Thirdparty"]
+
+
+def files_of(tree):
+    return {p.relative_to(tree): p.read_bytes() for p in tree.rglob("*") if p.is_file()}
+
+
+def write_miniature(tree):
+    """Files that have what the recipe looks for, in functions, and nothing else of Photo-SLAM."""
+    lines = {}
+    for layout in RECIPE["layouts"]:
+        for sign in layout["detect"]:
+            lines.setdefault(sign["file"], []).append(sign["contains"])
+    for edit in RECIPE["edits"]:
+        lines.setdefault(edit["file"], []).extend([edit["anchor"]] * edit.get("count", 1))
+    for need in RECIPE["needs"]:
+        lines.setdefault(need["file"], []).append(need["text"].replace(", ", ",\n        "))
+    for name, own in lines.items():
+        text = ""
+        for line in dict.fromkeys(own):
+            count = max(1, next((e.get("count", 1) for e in RECIPE["edits"] if e["anchor"] == line), 1))
+            line += ")" * (line.count("(") - line.count(")"))
+            line += "" if name == "CMakeLists.txt" or line.startswith("#") or line.endswith((";", "()")) else ";"
+            text += (line if line.startswith("#") else "    " + line) * 1 + "\n"
+            text += ("    " + line + "\n") * (count - 1)
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
+        (tree / name).write_text(text)
+    return tree
+
+
+def test_a_miniature_from_apply_to_revert(tmp_path):
+    tree = write_miniature(tmp_path / "host")
+    before = files_of(tree)
+    assert "photo-slam fits" in run_well("patch", "status", tree).stdout
+    diff = run_well("patch", "apply", "photo-slam", tree, "--dry-run").stdout
+    assert files_of(tree) == before
+    assert "patch show photo-slam tells its options" in run_well("patch", "apply", "photo-slam", tree).stdout
+    after = files_of(tree)
+    for edit in RECIPE["edits"]:
+        assert "+" in diff and after[pathlib.Path(edit["file"])].decode().count(edit["snippet"][0]) >= edit.get("count", 1)
+    for own in RECIPE["files"]:
+        assert after[pathlib.Path(own["file"])] == (ROOT / "patches/photo-slam" / own["source"]).read_bytes()
+    run_well("patch", "verify", tree)
+    run_well("patch", "revert", tree)
+    assert files_of(tree) == before
+    assert not (tree / "splatboost").exists()
+
+
+def test_a_changed_signature_is_refused(tmp_path):
+    tree = write_miniature(tmp_path / "host")
+    header = tree / "include/gaussian_model.h"
+    header.write_text(header.read_text().replace("int N = 2", "int N, bool more"))
+    before = files_of(tree)
+    done = run_program("patch", "apply", "photo-slam", tree)
+    assert done.returncode == 2
+    assert "densifyAndSplit" in done.stderr and "the patch lets it do the surgery" in done.stderr
+    assert files_of(tree) == before
+
+
+def copy_checkout(to):
+    for part in PARTS:
+        source = pathlib.Path(CHECKOUT) / part
+        if source.is_dir():
+            shutil.copytree(source, to / part)
+        else:
+            to.mkdir(parents=True, exist_ok=True)
+            shutil.copy(source, to / part)
+    return to
+
+
+def build(host, folder):
+    configure = ["cmake", "-S", ROOT / "tests/patches/photo_slam", "-B", folder, "-G", "Ninja", f"-DHOST={host}",
+                 f"-DTORCH={TORCH}", f"-DSPLATBOOST={PROGRAM.parent.parent}"]
+    for command in (configure, ["cmake", "--build", folder, "-j1"]):
+        done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    return folder / "train_colmap"
+
+
+def write_settings(path, own, **keys):
+    """The checkout's own settings for COLMAP scenes, with these keys instead, and then lines of ours."""
+    text = own.read_text()
+    for key, value in keys.items():
+        text, found = re.subn(rf"(?m)^(\w+\.{key}):.*$", rf"\1: {value}", text)
+        assert found == 1, key
+    path.write_text(text)
+    return path
+
+
+def train(program, settings, scene, out):
+    """Photo-SLAM's train_colmap saves the model and then fails on sparse points, which only SLAM gives it."""
+    done = subprocess.run([program, settings, scene, out, "no_viewer"], capture_output=True, text=True, check=False,
+                          env=dict(os.environ, OMP_NUM_THREADS="1"), timeout=1200)
+    models = list(out.glob("*_shutdown/ply/point_cloud/*/point_cloud.ply"))
+    assert len(models) == 1, done.stdout[-2000:] + done.stderr[-2000:]
+    model = models[0].read_bytes()
+    psnr = [float(line.split()[1]) for line in next(out.glob("*_shutdown/psnr.txt")).read_text().splitlines()[1:]]
+    return {"model": model, "count": int(re.search(rb"element vertex (\d+)", model)[1]), "told": done.stdout,
+            "psnr": sum(psnr) / len(psnr)}
+
+
+@pytest.mark.skipif(not CHECKOUT, reason="SPLATBOOST_PHOTO_SLAM does not name a checkout of HuajianUP/Photo-SLAM")
+@pytest.mark.skipif(not (TORCH / "include/torch/csrc/api/include/torch/torch.h").exists(),
+                    reason="no headers of libtorch in /usr/include (apt-get install libtorch-dev) or SPLATBOOST_TORCH")
+def test_train_colmap_of_a_checkout(tmp_path):
+    builds = pathlib.Path(os.environ.get("SPLATBOOST_PHOTO_SLAM_BUILDS", tmp_path / "builds"))
+    hosts = {}
+    for name in ("unpatched", "patched"):
+        hosts[name] = builds / f"{name}_host"
+        if not hosts[name].exists():
+            copy_checkout(hosts[name])
+    before = files_of(hosts["unpatched"])
+    run_well("patch", "apply", "photo-slam", hosts["patched"])
+    try:
+        run_well("patch", "verify", hosts["patched"])
+        programs = {name: build(host, builds / name) for name, host in hosts.items()}
+    finally:
+        run_well("patch", "revert", hosts["patched"])
+    assert files_of(hosts["patched"]) == before
+
+    scene = tmp_path / "room"
+    run_well("synth", scene, "--width", "96", "--height", "72", "--views", "16", "--points", "800")
+    # Growth every 20 iterations to 60, late pruning at 72, 84, …
+    own = write_settings(tmp_path / "own.yaml", hosts["unpatched"] / "cfg/colmap/gaussian_splatting.yaml",
+                         max_num_iterations=120, densification_interval=20, densify_until_iter=61,
+                         opacity_reset_interval=0, training_report_interval=0, record_rendered_image=0)
+    off = tmp_path / "off.yaml"
+    off.write_text(own.read_text() + "\nSplatBoost.on: 0\n")
+
+    # Off, the host's own code runs, to the same bytes.
+    unpatched = train(programs["unpatched"], own, scene, tmp_path / "out_unpatched")
+    as_before = train(programs["patched"], off, scene, tmp_path / "out_off")
+    assert as_before["model"] == unpatched["model"]
+    assert "SplatBoost: " not in as_before["told"]
+
+    on = train(programs["patched"], own, scene, tmp_path / "out_on")
+    assert "SplatBoost: default rules of photo-slam, beta 0.5" in on["told"]
+    assert on["count"] > 800 and on["model"] != unpatched["model"]
+    assert on["psnr"] > unpatched["psnr"] - 1
+    capped_settings = tmp_path / "capped.yaml"
+    capped_settings.write_text(own.read_text() + "\nSplatBoost.max_gaussians: 1500\n")
+    assert 800 < train(programs["patched"], capped_settings, scene, tmp_path / "out_capped")["count"] <= 1500
+
+    # A key is a setting of the adapter.
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(own.read_text() + "\nSplatBoost.bta: 0.7\n")
+    done = subprocess.run([programs["patched"], wrong, scene, tmp_path / "out_wrong", "no_viewer"],
+                          capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode != 0 and "SplatBoost.bta" in done.stderr
