@@ -267,6 +267,11 @@ def test_views_of_a_data_set_and_masks(strategy_module):
     strategy_module.score_views(config, Dataset())
     strategy = trainer.strategy
     assert (strategy.max_steps, strategy.antialiased, strategy.adapter().total_iterations) == (77, True, 77)
+    # Its adjust_steps() has scaled reset_every as it scales max_steps; a second look changes nothing.
+    strategy.reset_every, config.steps_scaler = 750, 0.25
+    for _ in range(2):
+        strategy_module.score_views(config, Dataset())
+        assert strategy.reset_every == 3000
     strategy.antialiased = False
     from_items = strategy._sources(trainer.params)[1]()
     strategy.score_on(trainer.views)

@@ -110,6 +110,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
     seed: int = 0
 
     def __post_init__(self) -> None:
+        self._scaled_by = 1.0
         self._adapter: Optional[Adapter] = None
         self._shard: Optional[Shard] = None
         self._views: Any = ()
@@ -123,7 +124,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
 
         views   Views; or a data set as that of gsplat's simple_trainer, whose items have camtoworld, K, image (to 255)
                 and maybe mask
-        config  that trainer's: max_steps, near_plane and antialiased are taken from it
+        config  that trainer's: max_steps, near_plane and antialiased are taken from it, and steps_scaler out of reset_every
         """
         if len(views) == 0:
             raise ValueError("views: at least one training view wanted")
@@ -133,6 +134,10 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         for name in ("max_steps", "near_plane", "antialiased"):
             if config is not None and hasattr(config, name):
                 setattr(self, name, getattr(config, name))
+        # That trainer has scaled its strategies' iterations, too; here reset_every stays one of a run of 30 000.
+        scaler = float(getattr(config, "steps_scaler", self._scaled_by))
+        self.reset_every = round(self.reset_every * self._scaled_by / scaler)
+        self._scaled_by = scaler
         self._adapter = None
 
     def initialize_state(self, scene_scale: float = 1.0) -> Dict[str, Any]:

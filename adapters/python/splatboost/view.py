@@ -12,7 +12,7 @@ import os
 import sys
 import threading
 import time
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 VISER = "pip install viser 'typing_extensions>=4.5'"
 
@@ -33,7 +33,7 @@ for (const frame of document.querySelectorAll("iframe"))
 class _Shown:
     """A model on a page of its own."""
 
-    def __init__(self, model: str, label: str, host: str, port: int):
+    def __init__(self, model: str, label: str, host: str, port: int, small: bool):
         import viser
 
         from . import _models
@@ -46,12 +46,15 @@ class _Shown:
         self._splats: Any = None
         self._eye: Any = None
         self._near = 0.0
+        self.up: Any = None
         self._frusta: List[Tuple[Any, Any]] = []  # with their positions
         self._lock = threading.Lock()
         with contextlib.redirect_stdout(io.StringIO()):  # its banner names ports that are not the page's
             self.server = viser.ViserServer(host=host, port=port, label="SplatBoost: " + label, verbose=False)
         self.port = int(self.server.get_port())
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        if small:
+            self.server.gui.main_panel.minimize()
         white = _models.has_white_background(self.folder)
         import numpy as np
 
@@ -118,7 +121,8 @@ class _Shown:
             spread = float(np.median(np.linalg.norm(gaussians.means - middle, axis=1)))
             up, reach = np.array([0.0, -1.0, 0.0]), max(spread, 1e-3)  # COLMAP's y is down, more or less
         start = self.server.initial_camera
-        self.server.scene.set_up_direction(up / np.linalg.norm(up))
+        self.up = up / np.linalg.norm(up)
+        self.server.scene.set_up_direction(self.up)
         start.near, start.far = 0.01 * reach, 1000 * reach
         if not cameras:
             start.position, start.look_at = middle + reach * np.array([0.0, -1.0, -2.5]), middle
@@ -185,45 +189,60 @@ class _Shown:
 class _Linked:
     """Moves the cameras of all pages with the one that a user moves, and lets colours follow when it rests."""
 
-    #: seconds for which a page that was moved with another one has no say: what it reports then are echoes
-    ECHO = 0.5
+    #: seconds after which a page that was told where to go has its say even if it did not get there
+    PATIENCE = 10.0
 
     def __init__(self, shown: Sequence[_Shown]):
         self._shown = shown
-        self._moved_at = {one: 0.0 for one in shown}
+        self._pose: Any = None  # position, look_at, up and field of view that all should have
+        self._told: Dict[Any, Tuple[float, Any]] = {}  # by client: when it was told to go where, until it reports that it is there
         self._lock = threading.Lock()
         self._latest = 0
         for one in shown:
-            one.server.on_client_connect(self._follower(one))
+            one.server.on_client_connect(self._follow)
 
-    def _follower(self, one: _Shown) -> Callable[[Any], None]:
-        def follow(client: Any) -> None:
-            client.camera.on_update(lambda camera: self._moved(one, camera))
-
-        return follow
-
-    def _moved(self, one: _Shown, camera: Any) -> None:
+    def _follow(self, client: Any) -> None:
+        """Puts a new page where the others are. What a page reports before it is there is where it was, and moves none."""
         with self._lock:
-            now = time.monotonic()
-            if now - self._moved_at[one] < self.ECHO:
-                return
+            if self._pose is None:
+                start = self._shown[0].server.initial_camera
+                if self._shown[0].gaussians is not None:
+                    self._pose = (start.position, start.look_at, self._shown[0].up, start.fov)
+            if self._pose is not None:
+                self._tell(client)
+        client.camera.on_update(lambda camera: self._moved(client, camera))
+
+    def _tell(self, client: Any) -> None:
+        position, look_at, up, fov = self._pose
+        self._told[client.client_id, id(client)] = (time.monotonic(), position)
+        with client.atomic():
+            client.camera.position = position
+            client.camera.up_direction = up
+            client.camera.look_at = look_at
+            client.camera.fov = fov
+
+    def _moved(self, client: Any, camera: Any) -> None:
+        key = (client.client_id, id(client))
+        with self._lock:
+            if key in self._told:
+                when, where = self._told[key]
+                reach = abs(camera.look_at - camera.position).max()
+                arrived = abs(camera.position - where).max() < 1e-3 * reach
+                if arrived or time.monotonic() - when > self.PATIENCE:
+                    del self._told[key]
+                if arrived or key in self._told:
+                    return
+            self._pose = (camera.position.copy(), camera.look_at.copy(), camera.up_direction.copy(), camera.fov)
             self._latest += 1
-            turn = self._latest
-            for other in self._shown:
-                if other is one:
-                    continue
-                self._moved_at[other] = now
-                for client in other.server.get_clients().values():
-                    with client.atomic():
-                        client.camera.position = camera.position
-                        client.camera.up_direction = camera.up_direction
-                        client.camera.look_at = camera.look_at
-                        client.camera.fov = camera.fov
-            eye = camera.position.copy()
+            turn, eye = self._latest, self._pose[0]
+            for one in self._shown:
+                for other in one.server.get_clients().values():
+                    if other is not client:
+                        self._tell(other)
         time.sleep(0.15)
         if turn == self._latest:  # it rests
-            for each in self._shown:
-                each.look_from(eye)
+            for one in self._shown:
+                one.look_from(eye)
 
 
 def _models_of(given: List[str]) -> List[Tuple[str, str]]:
@@ -258,7 +277,8 @@ class Viewer:
         self.shown: List[_Shown] = []
         try:
             for model, label in named:
-                one = _Shown(model, label, host, port if self._page is None else self._page.server_port + 1 + len(self.shown))
+                own = port if self._page is None else self._page.server_port + 1 + len(self.shown)
+                one = _Shown(model, label, host, own, small=len(named) > 1)
                 self.shown.append(one)
                 one.reload(waits=False) if not live else self._wait_for_whole(one)
         except BaseException:

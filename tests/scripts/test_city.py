@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""scripts/city: which block owns what, what each trains on, and one model of all."""
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+np = pytest.importorskip("numpy")
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = Path(os.environ.get("SPLATBOOST_BIN", ROOT / "build/release/bin")) / "splatboost"
+SNAKEMAKE = next((found for found in (os.environ.get("SNAKEMAKE"), shutil.which("snakemake"),
+                                      str(ROOT / "build/suite-venv/bin/snakemake")) if found and os.access(found, os.X_OK)), None)
+sys.path.insert(0, str(ROOT / "scripts/city"))
+import blocks  # noqa: E402
+
+pytestmark = pytest.mark.skipif(not PROGRAM.is_file(), reason="the program is not built")
+
+
+def run(*command, code=0):
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, timeout=300,
+                          env={**os.environ, "SPLATBOOST_BIN": str(PROGRAM.parent)})
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("city") / "street"
+    run(PROGRAM, "synth", folder, "--scene", "street", "--views", 24, "--width", 32, "--height", 24, "--points", 600, "--samples", 1)
+    return folder
+
+
+def city(street, out, *arguments, code=0):
+    return run(sys.executable, ROOT / "scripts/city/run", "-s", street, "-o", out, *arguments, code=code)
+
+
+def test_every_place_has_one_owner(street):
+    scene = blocks.Scene(street)
+    grid = blocks.Grid.around(scene, 3, 2)
+    assert grid.names() == ["0_0", "0_1", "1_0", "1_1", "2_0", "2_1"]
+    assert np.bincount(grid.owners(scene.centres), minlength=6).tolist() == [4] * 6
+    # The street's length is the first axis, and the ground holds both.
+    assert np.ptp(scene.centres @ grid.axes[0]) > np.ptp(scene.centres @ grid.axes[1])
+    assert np.allclose(grid.axes @ grid.axes.T, np.eye(2), atol=1e-6)
+    places = np.random.default_rng(0).uniform(-100, 100, (500, 3))
+    owners = grid.owners(places)
+    for block in range(6):
+        assert (grid.near(places, block, 0) == (owners == block)).all()
+        assert grid.near(places, block, 5).sum() > (owners == block).sum()
+    again = blocks.Grid(**json.loads(json.dumps(grid.to_json())))
+    assert (again.owners(places) == owners).all()
+
+
+def test_points_of_a_frustum(street):
+    scene = blocks.Scene(street)
+    for view in (0, 7):
+        width, height, fx, fy = scene.cameras[scene.view_cameras[view]]
+        seen = []
+        for point in scene.points:
+            x, y, z = scene.rotations[view] @ (point - scene.centres[view])
+            seen.append(z > 0 and abs(fx * x / z) < width / 2 and abs(fy * y / z) < height / 2)
+        assert scene.seen_by(view).tolist() == seen and any(seen) and not all(seen)
+
+
+def test_blocks_train_alone_and_become_one(street, tmp_path):
+    out = tmp_path / "city"
+    told = city(street, out, "--grid", 2, 1, "--border", 1, "--share", 0.6, "--split-only", "--", "--iterations", 8)
+    assert "block 0_0:" in told and "block 1_0:" in told
+    plan = json.loads((out / "plan.json").read_text())
+    whole = blocks.Scene(street)
+    for block in plan["blocks"]:
+        part = blocks.Scene(out / "blocks" / block["name"] / "scene")
+        assert 0 < len(part.names) < 21 and len(part.names) == block["views"]
+        assert not set(part.names) & set(whole.names[::8])  # held out everywhere
+        at = whole.names.index(part.names[0])
+        assert np.allclose(part.centres[0], whole.centres[at]) and 0 < len(part.points) <= len(whole.points)
+    for block in plan["blocks"]:
+        folder = out / "blocks" / block["name"]
+        run(PROGRAM, "train", "-s", folder / "scene", "-m", folder / "model", "--iterations", 8, "--threads", 1, "--quiet")
+    run(sys.executable, ROOT / "scripts/city/run", "--merge", out / "plan.json")
+    run(PROGRAM, "eval", "-m", out / "merged", "--threads", 1)
+    results = json.loads((out / "merged/results.json").read_text())
+    assert [view["name"] for view in results["views"]] == whole.names[::8] and results["psnr"] > 5
+    # Of each block's model exactly what it owns, bit by bit.
+    grid = blocks.Grid(**plan["grid"])
+    _, merged = blocks.read_ply(out / "merged/point_cloud/iteration_8/point_cloud.ply")
+    owners = grid.owners(np.stack([merged[a] for a in "xyz"], 1).astype(float))
+    assert results["primitives"] == len(merged)
+    for number, block in enumerate(plan["blocks"]):
+        _, rows = blocks.read_ply(out / "blocks" / block["name"] / "model/point_cloud/iteration_8/point_cloud.ply")
+        own = grid.owners(np.stack([rows[a] for a in "xyz"], 1).astype(float)) == number
+        assert 0 < own.sum() < len(rows) and merged[owners == number].tobytes() == rows[own].tobytes()
+
+
+@pytest.mark.skipif(SNAKEMAKE is None, reason="Snakemake is not installed")
+def test_the_workflow(street, tmp_path):
+    arguments = (street, tmp_path / "city", "--grid", 2, 1, "--threads", 1, "--", "--iterations", 4)
+    told = city(*arguments)
+    assert "Gaussians, PSNR" in told and (tmp_path / "city/merged/report.html").is_file()
+    before = (tmp_path / "city/blocks/0_0/model/results.json").stat().st_mtime_ns
+    city(*arguments)
+    assert (tmp_path / "city/blocks/0_0/model/results.json").stat().st_mtime_ns == before  # not trained again
+
+
+def test_what_cannot_be_is_told_in_one_line(street, tmp_path):
+    for arguments, words in ((("--grid", 20, 20), "cannot be cut into"), (("--", "--eval"), "--eval: is not for the blocks"),
+                             (("--grid", 0, 1), "--grid must be at least 1 1")):
+        assert words in city(street, tmp_path / "a", "--split-only", *arguments, code=2)
+        assert not (tmp_path / "a/plan.json").exists()
+    assert "no sparse/0/images.bin" in city(tmp_path, tmp_path / "b", "--split-only", code=2)
+    broken = tmp_path / "broken"
+    shutil.copytree(street, broken)
+    images = broken / "sparse/0/images.bin"
+    images.write_bytes(images.read_bytes()[:-100])
+    assert "is no whole COLMAP model" in city(broken, tmp_path / "c", "--split-only", code=2)
+    city(street, tmp_path / "d", "--split-only", "--grid", 2, 1)
+    assert "holds blocks of another command" in city(street, tmp_path / "d", "--split-only", "--grid", 1, 2, code=2)
