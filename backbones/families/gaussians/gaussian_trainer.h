@@ -152,8 +152,6 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   void control_density();
   DensityStatistics statistics();
   void grow();
-  void hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
-                std::vector<std::uint8_t>& split) const;
   void prune(PruneRule rule);
   void append_children(std::span<const std::uint32_t> parents);
   /// A point of each one's own distribution, relative to its mean. @param scales [n,3] @param rotations [n,4]
