@@ -39,20 +39,20 @@ void GaussianTrainer::control_density() {
       iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
   // No statistics are gathered after the end of growth, whatever a hook says.
   if (density_ != nullptr ? iteration_ < until && density_->grows_at(moment(), own) : own) {
-    step_all(iteration_);
+    step_all();
     grow();
     prune(PruneRule::growth);
     reorder();
     restart_statistics();
   }
   if (method_->trims_at(moment())) {
-    step_all(iteration_);
+    step_all();
     prune(PruneRule::trim);
     restart_statistics();
   }
   // A method that grows to the end of the run may have just grown.
   if (density_ != nullptr && density_->prunes_at(moment(), false)) {
-    step_all(iteration_);
+    step_all();
     prune(PruneRule::late);
     restart_statistics();
   }
@@ -60,7 +60,7 @@ void GaussianTrainer::control_density() {
       context_.scene.white_background && config_.densify_from > 0 && iteration_ == at(config_.densify_from);
   const bool own_reset = iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start);
   if (density_ != nullptr ? density_->resets_opacities_at(moment(), own_reset) : own_reset) {
-    step_all(iteration_);
+    step_all();
     reset_opacities();
   }
 }

@@ -16,7 +16,7 @@
 #include "splatboost/hooks.h"
 #include "splatboost/rasterizer.h"
 #include "trainer/backbone_api/draw_context.h"
-#include "families/gaussians/trained_group.h"
+#include "trainer/backbone_api/trained_group.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/support/archive.h"
 
