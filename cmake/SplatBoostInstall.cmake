@@ -19,7 +19,7 @@ install(DIRECTORY ${PROJECT_SOURCE_DIR}/adapters/ DESTINATION ${CMAKE_INSTALL_IN
 if(TARGET splatboost_program)
   install(TARGETS splatboost_program RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/patches/ DESTINATION ${CMAKE_INSTALL_DATADIR}/splatboost/patches
-    FILES_MATCHING PATTERN "recipe.json" PATTERN tool EXCLUDE)
+    PATTERN tool EXCLUDE)
 endif()
 
 set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/SplatBoost)

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/c_api.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "c/c_api_edge.h"
@@ -35,15 +34,6 @@ struct DrawnShape {
 
 DrawnShape shape_of(const splatboost::Gaussians& g) {
   return {g.count, !g.covariances.empty(), !g.colors.empty(), g.sh_degree, g.sh_rest_rows, g.features_per_gaussian};
-}
-
-template <class T>
-void copy(std::span<const T> from, std::span<T> to, splatboost::Device device) {
-  if (device.is_cuda()) {
-    device.stream().copy_on_device(to.data(), from.data(), from.size_bytes());
-  } else {
-    std::copy(from.begin(), from.end(), to.begin());
-  }
 }
 
 }  // namespace
@@ -127,8 +117,8 @@ sb_status sb_rasterizer_forward(sb_rasterizer* rasterizer, const sb_camera* came
 
     r.drawn = false;
     r.rasterizer.forward(view, in, how, images);
-    if (!radii.empty()) copy(r.rasterizer.screen_radii(), radii, place.device());
-    if (!visible.empty()) copy(r.rasterizer.visible(), visible, place.device());
+    if (!radii.empty()) edge::copy(r.rasterizer.screen_radii(), radii, place.device());
+    if (!visible.empty()) edge::copy(r.rasterizer.visible(), visible, place.device());
     r.shape = shape_of(in);
     r.width = w;
     r.height = h;
@@ -184,6 +174,17 @@ sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb_tensor
     r.rasterizer.count_flagged(
         r.place.view<const std::uint8_t>(flagged, "flagged", {r.height, r.width}),
         r.place.view<std::int32_t>(counts, "counts", {static_cast<std::int64_t>(r.shape.count)}));
+  });
+}
+
+sb_status sb_rasterizer_count_observed(sb_rasterizer* rasterizer, float min_transmittance, const sb_tensor* counts,
+                                       void* stream) {
+  return guarded([&] {
+    sb_rasterizer& r = need(rasterizer, "rasterizer");
+    const Place::Call call(r.place, stream);
+    r.check_drawn("count_observed");
+    r.rasterizer.count_observed(
+        min_transmittance, r.place.view<std::int32_t>(counts, "counts", {static_cast<std::int64_t>(r.shape.count)}));
   });
 }
 

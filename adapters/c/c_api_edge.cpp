@@ -236,27 +236,8 @@ Gaussians Place::gaussians(const sb_gaussians* gaussians, bool drawn) const {
   if (!drawn) return out;
 
   out.opacities = view<const float>(g.opacities, "opacities", {{n}, {n, 1}});
-  out.sh_dc = optional_view<const float>(g.sh_dc, "sh_dc", {{n, 3}, {n, 1, 3}});
-  out.sh_rest = optional_view<const float>(g.sh_rest, "sh_rest", {n, kAny, 3});
-  out.colors = optional_view<const float>(g.colors, "colors", {n, 3});
+  colors_of(*this, g, n, out);
   out.features = optional_view<const float>(g.features, "features", {n, kAny});
-  if ((g.sh_dc != nullptr) == (g.colors != nullptr)) {
-    throw ArgumentError("give either spherical harmonics (sh_dc, sh_rest) or colors");
-  }
-  if (g.sh_dc != nullptr) {
-    SPLATBOOST_CHECK(g.sh_degree >= 0 && g.sh_degree <= kMaxShDegree,
-                     "sh_degree must be 0 to 3, not " + std::to_string(g.sh_degree));
-    out.sh_degree = g.sh_degree;
-  }
-  if (g.sh_rest != nullptr) {
-    SPLATBOOST_CHECK(g.sh_dc != nullptr, "sh_rest needs sh_dc");
-    SPLATBOOST_CHECK(g.sh_rest->shape[1] <= 1024, "sh_rest: at most 1024 coefficients");
-    out.sh_rest_rows = static_cast<int>(g.sh_rest->shape[1]);
-  }
-  SPLATBOOST_CHECK(out.sh_rest_rows >= sh_coefficients(out.sh_degree) - 1,
-                   "sh_rest: " + std::to_string(sh_coefficients(out.sh_degree) - 1) +
-                       " coefficients wanted for sh_degree " + std::to_string(out.sh_degree) + ", " +
-                       std::to_string(out.sh_rest_rows) + " given");
   if (g.features != nullptr) {
     SPLATBOOST_CHECK(g.features->shape[1] <= kMaxFeatures, "features: at most 8 channels");
     out.features_per_gaussian = static_cast<int>(g.features->shape[1]);

@@ -2,6 +2,7 @@
 /// @file The edge between C and C++: exceptions become codes, tensors become spans, devices become threads or streams.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <initializer_list>
 #include <memory>
@@ -166,6 +167,41 @@ sb_status guarded_on(const sb_device* device, Body&& body) noexcept {
 
 /// The size of a dimension that other tensors must follow, such as the number of rows. Throws where there is none.
 std::int64_t size_of(const sb_tensor* tensor, const char* name, int dimension = 0);
+
+/// Spherical harmonics or colours of n given primitives, from `given` (sb_gaussians, sb_convexes) into `out`.
+template <class Given, class Primitives>
+void colors_of(const Place& place, const Given& given, std::int64_t n, Primitives& out) {
+  out.sh_dc = place.optional_view<const float>(given.sh_dc, "sh_dc", {{n, 3}, {n, 1, 3}});
+  out.sh_rest = place.optional_view<const float>(given.sh_rest, "sh_rest", {n, kAny, 3});
+  out.colors = place.optional_view<const float>(given.colors, "colors", {n, 3});
+  if ((given.sh_dc != nullptr) == (given.colors != nullptr)) {
+    throw ArgumentError("give either spherical harmonics (sh_dc, sh_rest) or colors");
+  }
+  if (given.sh_dc != nullptr) {
+    SPLATBOOST_CHECK(given.sh_degree >= 0 && given.sh_degree <= kMaxShDegree,
+                     "sh_degree must be 0 to 3, not " + std::to_string(given.sh_degree));
+    out.sh_degree = given.sh_degree;
+  }
+  if (given.sh_rest != nullptr) {
+    SPLATBOOST_CHECK(given.sh_dc != nullptr, "sh_rest needs sh_dc");
+    SPLATBOOST_CHECK(given.sh_rest->shape[1] <= 1024, "sh_rest: at most 1024 coefficients");
+    out.sh_rest_rows = static_cast<int>(given.sh_rest->shape[1]);
+  }
+  SPLATBOOST_CHECK(out.sh_rest_rows >= sh_coefficients(out.sh_degree) - 1,
+                   "sh_rest: " + std::to_string(sh_coefficients(out.sh_degree) - 1) +
+                       " coefficients wanted for sh_degree " + std::to_string(out.sh_degree) + ", " +
+                       std::to_string(out.sh_rest_rows) + " given");
+}
+
+/// Copies within the device.
+template <class T>
+void copy(std::span<const T> from, std::span<T> to, Device device) {
+  if (device.is_cuda()) {
+    device.stream().copy_on_device(to.data(), from.data(), from.size_bytes());
+  } else {
+    std::copy(from.begin(), from.end(), to.begin());
+  }
+}
 
 Camera camera_of(const sb_camera* camera);
 RasterOptions options_of(const sb_raster_options* options);

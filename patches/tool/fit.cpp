@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "tool/python_source.h"
+#include "tool/source_code.h"
 
 namespace splatboost::patch {
 namespace {
@@ -14,7 +14,7 @@ std::string list_of(const std::vector<std::string>& names) {
   return list;
 }
 
-std::string place_of(const PythonSource& source, std::size_t statement) {
+std::string place_of(const SourceCode& source, std::size_t statement) {
   return "line " + std::to_string(source.statements()[statement].line) + ": '" + source.show(statement) + "'";
 }
 
@@ -62,10 +62,15 @@ std::string misfit(const Call& call, const Need& need) {
 }  // namespace
 
 std::string unmet(const Need& need, const std::string& text) {
-  const PythonSource source(text);
+  if (need.kind == Need::Kind::text) {
+    const Language language = language_of(need.file);
+    if (!anchor_places(text, need.name, 1, language).empty()) return "";
+    return "'" + need.name + "' is missing" + nearest_place(text, need.name, language);
+  }
+  const SourceCode source(text);
   if (need.kind == Need::Kind::function) {
     const std::vector<Function> functions = source.functions(need.name);
-    if (functions.empty()) return "there is no def " + need.name + nearest_place(text, "def " + need.name);
+    if (functions.empty()) return "there is no def " + need.name + nearest_place(text, "def " + need.name, Language::python);
     for (const Function& function : functions) {
       const std::string wrong = misfit(function, need);
       if (!wrong.empty()) return place_of(source, function.statement) + ": " + wrong;
@@ -73,7 +78,9 @@ std::string unmet(const Need& need, const std::string& text) {
     return "";
   }
   const std::vector<Call> calls = source.calls(need.name);
-  if (calls.empty()) return "there is no call of " + need.name + nearest_place(text, need.name);
+  if (calls.empty()) {
+    return "there is no call of " + need.name + nearest_place(text, need.name, Language::python);
+  }
   for (const Call& call : calls) {
     const std::string wrong = misfit(call, need);
     if (!wrong.empty()) return place_of(source, call.statement) + ": " + wrong;
@@ -83,11 +90,12 @@ std::string unmet(const Need& need, const std::string& text) {
 
 std::string unknown_name(const Edit& edit, const Change& change, const std::string& original,
                          const std::string& patched) {
+  if (language_of(edit.file) != Language::python) return "";  // a compiler will tell
   std::string snippet;
   for (const std::string& line : edit.snippet) snippet += line + "\n";
-  const PythonSource own(snippet);
+  const SourceCode own(snippet);
   const std::vector<std::string> names = own.names_used(0, own.statements().size() - 1);
-  const PythonSource source(patched);
+  const SourceCode source(patched);
   for (std::size_t at = patched.find(change.added); at != std::string::npos;
        at = patched.find(change.added, at + change.added.size())) {
     const std::size_t first = patched.find_first_not_of(" \t\r\n", at);
@@ -97,7 +105,7 @@ std::string unknown_name(const Edit& edit, const Change& change, const std::stri
       const std::string what = "'" + name + "', which the patch uses, is not defined ";
       const std::optional<Function> function = source.function_around(statement);
       if (!function) return what + "at the top";
-      const PythonSource before(original);
+      const SourceCode before(original);
       return what + "in " + function->name + "(), " +
              place_of(before, before.functions(function->name).at(0).statement);
     }

@@ -22,10 +22,12 @@ enum class State {
 
 struct PatchedFile {
   std::string file;
-  std::string before;           ///< SHA-256 without the patch
+  std::string before;           ///< SHA-256 without the patch; empty: the patch brings the file along
   std::string after;            ///< SHA-256 with it
   std::string reverted;         ///< SHA-256 that a revert under way leads to: `before`, unless the user edited the file
   std::vector<Change> changes;  ///< in the order they were made
+
+  bool brought() const { return before.empty(); }
 };
 
 struct Manifest {

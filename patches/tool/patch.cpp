@@ -98,6 +98,12 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
   outcome.recipe = recipe.name;
   outcome.layout = layout.name;
   std::vector<FileChange> writes;
+  for (const OwnFile& own : recipe.files_of(layout.name)) {  // first, so that no host needs what is not there yet
+    tree.require_free(own.file);
+    manifest.files.push_back({own.file, "", sha256(own.content), "", {}});
+    add_diff(outcome, "", own.content, own.file);
+    writes.push_back({own.file, own.content});
+  }
   for (const std::string& file : files) {
     const auto& [before, after] = texts[file];
     PatchedFile patched{file, sha256(before), sha256(after), sha256(before), changes[file]};
@@ -130,6 +136,15 @@ Outcome revert(const SourceTree& tree, Writing writing) {
   outcome.layout = manifest->layout;
   std::vector<FileChange> writes;
   for (PatchedFile& file : manifest->files) {
+    if (file.brought()) {
+      const std::optional<std::string> text = tree.read(file.file);
+      if (!text) continue;
+      require(sha256(*text) == file.after, file.file + ": is the patch's file, with changes: move it away, then revert");
+      tree.require_writable(file.file);
+      add_diff(outcome, *text, "", file.file);
+      writes.push_back({file.file, std::nullopt});
+      continue;
+    }
     const std::string text = content_of(tree, file.file);
     const std::string hash = sha256(text);
     if (hash == file.before || (manifest->state == State::reverting && hash == file.reverted)) continue;
@@ -165,10 +180,10 @@ Outcome verify(const SourceTree& tree) {
     const std::string hash = sha256(text);
     require(hash != file.before,
             file.file + ": is as it was before the patch: splatboost patch revert PATH, then apply anew");
-    const std::string without = without_changes(text, file);
+    const std::string without = file.brought() ? "" : without_changes(text, file);
     if (hash != file.after) {
       outcome.edited_by_user.push_back(file.file);
-    } else {
+    } else if (!file.brought()) {
       require(sha256(without) == file.before, std::string(kManifestFile) + ": does not fit " + file.file);
     }
     add_diff(outcome, without, text, file.file);

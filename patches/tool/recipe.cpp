@@ -137,12 +137,14 @@ Edit read_edit(Fields fields, const std::vector<Layout>& layouts) {
 Need read_need(Fields fields, const std::vector<Layout>& layouts) {
   Need need;
   need.file = fields.file("file");
-  need.kind = fields.has("call") ? Need::Kind::call : Need::Kind::function;
-  need.name = fields.text(need.kind == Need::Kind::call ? "call" : "def");
+  need.kind = fields.has("text") ? Need::Kind::text : fields.has("call") ? Need::Kind::call : Need::Kind::function;
+  need.name = fields.text(need.kind == Need::Kind::text   ? "text"
+                          : need.kind == Need::Kind::call ? "call"
+                                                          : "def");
   if (fields.has("keywords")) need.keywords = fields.texts("keywords");
   if (need.kind == Need::Kind::function) {
     need.parameters = fields.texts("parameters");
-  } else {
+  } else if (need.kind == Need::Kind::call) {
     need.arguments = fields.whole("arguments", -1, 0);
     need.results = fields.whole("results", -1, 1);
     require(need.arguments >= 0 || need.results >= 0 || !need.keywords.empty(),
@@ -152,6 +154,26 @@ Need read_need(Fields fields, const std::vector<Layout>& layouts) {
   if (fields.has("layouts")) need.layouts = fields.layouts(layouts);
   fields.close();
   return need;
+}
+
+std::string content_of(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  require(in.good(), path.string() + ": cannot be read");
+  return text.str();
+}
+
+/// @param folder of the recipe
+OwnFile read_file(Fields fields, const fs::path& folder, const std::vector<Layout>& layouts) {
+  OwnFile file;
+  file.file = fields.file("file");
+  file.content = content_of(folder / fields.file("source"));
+  file.why = fields.text("why");
+  if (fields.has("layouts")) file.layouts = fields.layouts(layouts);
+  fields.close();
+  require(!file.content.empty(), fields.name("source") + " must not be empty");
+  return file;
 }
 
 /// Why a tree is not of this layout; empty if it is.
@@ -170,8 +192,8 @@ std::string list_of(const std::vector<std::string>& names) {
 }
 
 /// Brackets that code opens and does not close, less those that it closes and does not open.
-int open_brackets(const std::string& code) {
-  const PythonSource source(code);
+int open_brackets(const std::string& code, Language language) {
+  const SourceCode source(code, language);
   int depth = 0;
   for (const char c : source.code()) {
     depth += c == '(' || c == '[' || c == '{';
@@ -195,6 +217,7 @@ std::vector<T> of_layout(const std::vector<T>& all, const std::string& layout) {
 
 std::vector<Edit> Recipe::edits_of(const std::string& layout) const { return of_layout(edits, layout); }
 std::vector<Need> Recipe::needs_of(const std::string& layout) const { return of_layout(needs, layout); }
+std::vector<OwnFile> Recipe::files_of(const std::string& layout) const { return of_layout(files, layout); }
 
 std::vector<std::string> mistakes(const Recipe& recipe) {
   std::vector<std::string> found;
@@ -205,7 +228,8 @@ std::vector<std::string> mistakes(const Recipe& recipe) {
     const std::string removed = edit.place == Place::replace ? edit.anchor : "";
     std::string added;
     for (const std::string& line : edit.snippet) added += line + "\n";
-    if (open_brackets(added) != open_brackets(removed)) {
+    const Language language = language_of(edit.file);
+    if (open_brackets(added, language) != open_brackets(removed, language)) {
       found.push_back(place + "the snippet leaves a bracket open or closes one too many");
     }
     if (edit.place == Place::replace && edit.snippet.front() == edit.anchor)
@@ -219,7 +243,11 @@ std::vector<std::string> mistakes(const Recipe& recipe) {
         return std::any_of(edit.snippet.begin(), edit.snippet.end(),
                            [&](const std::string& line) { return line.find(name) != std::string::npos; });
       });
-      if (!added) found.push_back("options: no edit of layout '" + layout.name + "' adds " + option.name);
+      const std::vector<OwnFile> files = recipe.files_of(layout.name);
+      const bool brought = std::any_of(files.begin(), files.end(), [&](const OwnFile& file) {
+        return file.content.find(name) != std::string::npos;
+      });
+      if (!added && !brought) found.push_back("options: no edit of layout '" + layout.name + "' adds " + option.name);
     }
     for (const Layout& other : recipe.layouts) {
       const bool within = std::all_of(layout.signs.begin(), layout.signs.end(), [&](const Sign& sign) {
@@ -235,7 +263,7 @@ std::vector<std::string> mistakes(const Recipe& recipe) {
 
 std::string misses(const Sign& sign, const std::optional<std::string>& text) {
   if (!text) return "there is no " + sign.file;
-  const bool found = !anchor_places(*text, sign.text, 1).empty();
+  const bool found = !anchor_places(*text, sign.text, 1, language_of(sign.file)).empty();
   return found == sign.present ? "" : sign.file + (sign.present ? " lacks '" : " has '") + sign.text + "'";
 }
 
@@ -244,12 +272,8 @@ Recipe load_recipe(const fs::path& folder, const std::string& name) {
   require(std::find(names.begin(), names.end(), name) != names.end(),
           "there is no recipe '" + name + "'; there are: " + list_of(names));
   const fs::path path = folder / name / kRecipeFile;
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  require(in.good(), path.string() + ": cannot be read");
-
-  const json parsed = json::parse(text.str(), nullptr, false);
+  const std::string text = content_of(path);
+  const json parsed = json::parse(text, nullptr, false);
   require(!parsed.is_discarded(), path.string() + ": is not JSON");
   Fields fields(parsed, path.string());
   require(fields.whole("format", 0, 0) == kFormat,
@@ -258,7 +282,6 @@ Recipe load_recipe(const fs::path& folder, const std::string& name) {
   recipe.name = name;
   recipe.title = fields.text("title");
   recipe.upstream = fields.text("upstream");
-  recipe.sha256 = sha256(text.str());
   fields.each("layouts", [&](Fields layout) { recipe.layouts.push_back(read_layout(std::move(layout))); });
   require(!recipe.layouts.empty(), fields.name("layouts") + " must not be empty");
   fields.each("options", [&](Fields option) {
@@ -269,6 +292,14 @@ Recipe load_recipe(const fs::path& folder, const std::string& name) {
   if (fields.has("needs")) {
     fields.each("needs", [&](Fields need) { recipe.needs.push_back(read_need(std::move(need), recipe.layouts)); });
   }
+  std::string all = text;
+  if (fields.has("files")) {
+    fields.each("files", [&](Fields file) {
+      recipe.files.push_back(read_file(std::move(file), path.parent_path(), recipe.layouts));
+      all += recipe.files.back().content;
+    });
+  }
+  recipe.sha256 = sha256(all);
   fields.close();
   for (const Layout& layout : recipe.layouts) {
     require(!recipe.edits_of(layout.name).empty(), path.string() + ": layout '" + layout.name + "' has no edits");

@@ -38,14 +38,22 @@ struct HostOption {
 
 /// What the snippets and their hooks rely on, besides the names that snippets use.
 struct Need {
-  enum class Kind { function, call };
+  enum class Kind { function, call, text };
   std::string file;
   Kind kind = Kind::function;
-  std::string name;                     ///< of the function, or what is called as it is written
+  std::string name;                     ///< of the function, what is called as it is written, or the text itself
   std::vector<std::string> parameters;  ///< a function's first ones in order, "*" for any name; more must be optional
   std::vector<std::string> keywords;    ///< a function: must know them; a call: takes these by name and nothing else
   int arguments = -1;                   ///< of each call; -1: any number
   int results = -1;                     ///< names that each call is assigned to; -1: any number
+  std::string why;
+  std::vector<std::string> layouts;  ///< names of the layouts it belongs to; empty: all
+};
+
+/// A file that the patch brings along.
+struct OwnFile {
+  std::string file;  ///< where it goes in the tree; nothing may be there
+  std::string content;
   std::string why;
   std::vector<std::string> layouts;  ///< names of the layouts it belongs to; empty: all
 };
@@ -58,10 +66,12 @@ struct Recipe {
   std::vector<HostOption> options;
   std::vector<Edit> edits;  ///< in the order they are made
   std::vector<Need> needs;
-  std::string sha256;  ///< of the recipe file
+  std::vector<OwnFile> files;
+  std::string sha256;  ///< of the recipe file and of those that it brings along
 
   std::vector<Edit> edits_of(const std::string& layout) const;
   std::vector<Need> needs_of(const std::string& layout) const;
+  std::vector<OwnFile> files_of(const std::string& layout) const;
 };
 
 /// Text of a file of a tree, by its path there; nullopt where there is none.

@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
+#include <set>
 #include <sstream>
 #include <utility>
 
@@ -87,6 +88,19 @@ void SourceTree::require_writable(const std::string& file) const {
           file + ": its folder is read-only: allow writing with chmod u+w " + path.parent_path().string());
 }
 
+void SourceTree::require_free(const std::string& file) const {
+  std::error_code error;
+  const fs::path path = resolve(file);
+  require(!fs::exists(fs::symlink_status(path, error)),
+          file + ": is there already, and the patch brings its own: move it away, then patch");
+  const fs::path folder = path.parent_path();
+  require(!fs::exists(folder, error) || fs::is_directory(folder, error), file + ": its folder is a file: move it away");
+  const fs::path above = fs::exists(folder, error) ? folder : folder.parent_path();
+  require(fs::is_directory(above, error), file + ": there is no folder " + above.string());
+  require(::access(above.c_str(), W_OK) == 0,
+          file + ": its folder is read-only: allow writing with chmod u+w " + above.string());
+}
+
 int SourceTree::begin(FileOperation operation, const fs::path& path) const {
   return hook_ ? hook_(operation, path) : 0;
 }
@@ -137,20 +151,22 @@ int SourceTree::remove_folder_if_empty(const fs::path& folder) const {
 void SourceTree::commit(const Transaction& transaction) const {
   struct Step {
     fs::path path;
-    std::string old_content;
+    std::optional<std::string> old_content;  // nullopt: it is not there
   };
   std::vector<Step> steps;
   for (const FileChange& change : transaction.changes) {
-    require_writable(change.file);
+    const std::optional<std::string> old_content = read(change.file);
+    old_content ? require_writable(change.file) : require_free(change.file);
     const fs::path path = resolve(change.file);
     for (const Step& step : steps) require(step.path != path, change.file + ": two names of one file");
-    steps.push_back({path, content_of(path)});
+    steps.push_back({path, old_content});
   }
   const fs::path record = resolve(transaction.record);
   const fs::path folder = record.parent_path();
   const std::optional<std::string> old_record = read(transaction.record);
 
-  std::vector<fs::path> staged;  // also those that were begun only
+  std::vector<fs::path> staged;   // also those that were begun only
+  std::vector<fs::path> folders;  // that were made
   const auto stage = [&](const fs::path& path, const char* ending, const std::string& content) {
     staged.push_back(beside(path, ending));
     if (const int error = write(staged.back(), content, mode_of(path))) fail(path, error);
@@ -163,13 +179,17 @@ void SourceTree::commit(const Transaction& transaction) const {
   /// @return whether the tree is as it was
   const auto go_back = [&] {
     bool whole = true;
-    for (std::size_t i = 0; i < renamed; ++i) whole = rename(beside(steps[i].path, kOld), steps[i].path) == 0 && whole;
+    for (std::size_t i = 0; i < renamed; ++i) {
+      const fs::path& path = steps[i].path;
+      whole = (steps[i].old_content ? rename(beside(path, kOld), path) : remove(path)) == 0 && whole;
+    }
     if (!whole) return false;  // the record stays, for revert
     // The record goes last, so that whatever is left beside a file has one.
     const fs::path old_record_file = beside(record, kOld);
     for (const fs::path& path : staged) {
       if (path != old_record_file || !recorded) whole = remove(path) == 0 && whole;
     }
+    for (const fs::path& made : folders) whole = remove_folder_if_empty(made) == 0 && whole;
     if (!whole) return false;
     if (recorded) whole = old_record ? rename(old_record_file, record) == 0 : remove(record) == 0;
     return whole && remove_folder_if_empty(folder) == 0;
@@ -183,11 +203,23 @@ void SourceTree::commit(const Transaction& transaction) const {
     sync_folder(folder);
     sync_folder(folder.parent_path());
     for (std::size_t i = 0; i < steps.size(); ++i) {
-      stage(steps[i].path, kOld, steps[i].old_content);
-      stage(steps[i].path, kNew, transaction.changes[i].content);
+      const fs::path parent = steps[i].path.parent_path();
+      if (std::error_code error; !fs::exists(parent, error)) {
+        folders.push_back(parent);
+        if (const int refused = make_folder(parent)) fail(parent, refused);
+      }
+      if (steps[i].old_content) stage(steps[i].path, kOld, *steps[i].old_content);
+      if (transaction.changes[i].content) stage(steps[i].path, kNew, *transaction.changes[i].content);
     }
     if (transaction.afterwards) stage(record, kNew, *transaction.afterwards);
-    for (; renamed < steps.size(); ++renamed) put(steps[renamed].path, kNew);
+    for (; renamed < steps.size(); ++renamed) {
+      const fs::path& path = steps[renamed].path;
+      if (transaction.changes[renamed].content) {
+        put(path, kNew);
+      } else if (const int error = remove(path)) {
+        fail(path, error);
+      }
+    }
     for (const Step& step : steps) sync_folder(step.path.parent_path());
     if (transaction.afterwards) put(record, kNew);
   } catch (const std::exception& error) {
@@ -199,6 +231,14 @@ void SourceTree::commit(const Transaction& transaction) const {
   for (const fs::path& path : staged) {
     if (const int error = remove(path)) {
       throw WriteError(path.string() + ": cannot be removed: " + std::strerror(error) +
+                       "; all else is done, the same command again removes it");
+    }
+  }
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    const fs::path parent = steps[i].path.parent_path();
+    if (transaction.changes[i].content || parent == root_) continue;
+    if (const int error = remove_folder_if_empty(parent)) {
+      throw WriteError(parent.string() + ": cannot be removed: " + std::strerror(error) +
                        "; all else is done, the same command again removes it");
     }
   }
@@ -228,13 +268,16 @@ std::vector<std::string> SourceTree::leftovers(const std::vector<std::string>& f
   };
   for (const std::string& file : files) look_beside(file);
   look_beside(record);
-  std::error_code error;
-  const fs::path folder = resolve(record).parent_path();
-  const auto inside = std::distance(fs::directory_iterator(folder, error), fs::directory_iterator());
-  if (!error && inside == std::count_if(names.begin(), names.end(), [&](const std::string& name) {
-                  return (root_ / name).parent_path() == folder;
-                })) {
-    names.push_back(folder.lexically_relative(root_).string());
+  std::set<fs::path> folders{resolve(record).parent_path()};
+  for (const std::string& file : files) folders.insert(resolve(file).parent_path());
+  for (const fs::path& folder : folders) {
+    std::error_code error;
+    const auto inside = std::distance(fs::directory_iterator(folder, error), fs::directory_iterator());
+    if (!error && inside == std::count_if(names.begin(), names.end(), [&](const std::string& name) {
+                    return (root_ / name).parent_path() == folder;
+                  })) {
+      names.push_back(folder.lexically_relative(root_).string());
+    }
   }
   return names;
 }

@@ -12,13 +12,13 @@ namespace splatboost::patch {
 
 /// New content of a file.
 struct FileChange {
-  std::string file;  ///< relative to the tree
-  std::string content;
+  std::string file;                    ///< relative to the tree; one that is not there is made, with its folder
+  std::optional<std::string> content;  ///< nullopt removes the file, and its folder if that is left empty
 };
 
 /// A change of several files, with a record in the tree that tells what is under way while it is.
 struct Transaction {
-  std::vector<FileChange> changes;        ///< new contents of files that are there
+  std::vector<FileChange> changes;
   std::string record;                     ///< its file, relative to the tree
   std::string under_way;                  ///< its content from the first change of a file to the last
   std::optional<std::string> afterwards;  ///< its content then; nullopt removes it
@@ -43,6 +43,9 @@ class SourceTree {
   /// PatchError unless the file is a regular one that may be replaced.
   void require_writable(const std::string& file) const;
 
+  /// PatchError if the file is there, or cannot be made since its folder is none.
+  void require_free(const std::string& file) const;
+
   /// Puts all contents in place, or none. New and old contents, and the last record, are on disk beside their files
   /// before the first file is renamed, so that neither going on nor going back needs space after that. WriteError if
   /// the disk refuses: the tree is as it was, or the message says what is left to do. Links and permissions stay.
@@ -51,7 +54,7 @@ class SourceTree {
   /// Removes a record, and its folder if that is left empty.
   void remove_record(const std::string& record) const;
 
-  /// What interrupted commits left beside these files and the record; the record's folder if nothing else is there.
+  /// What interrupted commits left beside these files and the record; folders of them where nothing else is.
   std::vector<std::string> leftovers(const std::vector<std::string>& files, const std::string& record) const;
 
   /// Removes these. WriteError if the disk refuses.

@@ -61,26 +61,27 @@ std::string line_end(const std::string& text, std::size_t near) {
 
 }  // namespace
 
-std::string nearest_place(const std::string& text, const std::string& code) {
-  const PythonSource source(text);
+std::string nearest_place(const std::string& text, const std::string& code, Language language) {
+  const SourceCode source(text, language);
   const std::optional<std::size_t> nearest = nearest_statement(source, code);
   if (!nearest) return "";
   return "; nearest is line " + std::to_string(source.statements()[*nearest].line) + ": '" + source.show(*nearest) +
          "'";
 }
 
-std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count) {
+std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count, Language language) {
   std::vector<Match> exact;
   for (const std::size_t at : places_of(text, anchor)) exact.push_back({at, at + anchor.size()});
   if (static_cast<int>(exact.size()) == count) return exact;
-  const std::vector<Match> matches = find_words(PythonSource(text), anchor);
+  const std::vector<Match> matches = find_words(SourceCode(text, language), anchor);
   return exact.empty() || static_cast<int>(matches.size()) == count ? matches : exact;
 }
 
 std::string anchor_problem(const std::string& text, const Edit& edit) {
-  const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count);
+  const Language language = language_of(edit.file);
+  const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count, language);
   const std::string anchor = "'" + edit.anchor + "'";
-  if (places.empty()) return anchor + " is missing" + nearest_place(text, edit.anchor);
+  if (places.empty()) return anchor + " is missing" + nearest_place(text, edit.anchor, language);
   if (static_cast<int>(places.size()) == edit.count) return "";
   return anchor + " stands on " + (places.size() == 1 ? "line " : "lines ") + line_numbers(text, places) +
          ", expected " + times(edit.count);
@@ -89,8 +90,9 @@ std::string anchor_problem(const std::string& text, const Edit& edit) {
 Change apply_edit(std::string& text, const Edit& edit) {
   const std::string problem = anchor_problem(text, edit);
   require(problem.empty(), edit.file + ": " + problem + "; " + kForkAdvice);
-  const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count);
-  const PythonSource source(text);
+  const Language language = language_of(edit.file);
+  const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count, language);
+  const SourceCode source(text, language);
   const Statement statement = source.statements()[source.statement_at(places.front().begin)];
   const std::size_t end = text.find('\n', std::max(statement.end, places.front().end));
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "tool/python_source.h"
+#include "tool/source_code.h"
 
 namespace splatboost::patch {
 
@@ -42,12 +42,12 @@ inline constexpr const char* kForkAdvice =
     "a fork needs a recipe of its own: splatboost patch doctor PATH shows what "
     "else differs, docs/patching.md how to write one";
 
-/// The statement of a Python file that is most like a piece of code, as "; nearest is line 7: '…'"; else empty.
-std::string nearest_place(const std::string& text, const std::string& code);
+/// The statement of a file that is most like a piece of code, as "; nearest is line 7: '…'"; else empty.
+std::string nearest_place(const std::string& text, const std::string& code, Language language);
 
 /// Where an anchor stands in a text: as it is written, else with other line breaks. @return places as often as wanted
 /// or, where it stands more or less often, those there are
-std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count);
+std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count, Language language);
 
 /// Why an edit cannot be made: its anchor is missing, with the nearest place, or stands there too often; empty if it
 /// can.

@@ -137,6 +137,11 @@ static sb_status call_count(const Entry* e) {
   return sb_rasterizer_count_flagged(rasterizer, e->p[0], e->p[1], NULL);
 }
 
+static sb_status call_observed(const Entry* e) {
+  draw_scene();
+  return sb_rasterizer_count_observed(rasterizer, 0.5f, e->p[0], NULL);
+}
+
 static sb_status call_mark_visible(const Entry* e) {
   return sb_mark_visible(TEST_DEVICE, &camera, e->p[0], 0.2f, e->p[1]);
 }
@@ -327,6 +332,10 @@ static int make_entries(Entry* e) {
   ++n;
   e[n] = entry("sb_rasterizer_count_flagged", call_count);
   add(&e[n], SB_UINT8, 2, H, W, 0, 0, 0);
+  add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
+  move_from_scene(&e[n]);
+  ++n;
+  e[n] = entry("sb_rasterizer_count_observed", call_observed);
   add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
   move_from_scene(&e[n]);
   ++n;

@@ -99,6 +99,11 @@ static void renders_and_differentiates(void) {
     memset(flags, 1, sizeof flags);
     CHECK(sb_rasterizer_count_flagged(rasterizer, &f, &c, NULL) == SB_OK);
     CHECK(count[0] == 1000 + inside);
+    /* One Gaussian is in front everywhere: its pixels observe it, unless more than all the light is asked for. */
+    CHECK(sb_rasterizer_count_observed(rasterizer, 0.5f, &c, NULL) == SB_OK && count[0] == 1000 + 2 * inside);
+    CHECK(sb_rasterizer_count_observed(rasterizer, 1.0f, &c, NULL) == SB_ERROR_ARGUMENT);
+    CHECK(sb_rasterizer_count_observed(rasterizer, 0.5f, &f, NULL) == SB_ERROR_ARGUMENT);
+    CHECK(count[0] == 1000 + 2 * inside);
     int32_t redrawn = -1;
     CHECK(sb_rasterizer_settle(rasterizer, &redrawn, NULL) == SB_OK && redrawn == 0);
     CHECK(sb_rasterizer_counts(rasterizer, &visible, &entries, NULL) == SB_OK && visible == 1 && entries >= 1);

@@ -84,6 +84,12 @@ inline const std::string kPatchedTrain =
     "        boost.optimizer.zero_grad()\n";
 inline const std::string kPatchedModel = kModel + "\n        hooks.count(self)";
 
+/// What the recipe of a host in C++ brings along.
+inline const std::string kBrought = "// ours\n";
+inline const std::string kRecipeThatBrings =
+    kRecipe.substr(0, kRecipe.rfind('}')) +
+    R"json(, "files": [{"file": "boost/boost.h", "source": "boost.h", "why": "our part"}]})json";
+
 /// A tree beside a folder of recipes.
 struct Miniature {
   Miniature() {
@@ -97,6 +103,12 @@ struct Miniature {
   Recipe recipe() const { return load_recipe(folder / "recipes", "mini"); }
   std::string train() const { return read_file(tree() / "train.py"); }
   std::string model() const { return read_file(tree() / "scene/model.py"); }
+  /// Lets the recipe bring boost/boost.h.
+  void bring_a_file() const {
+    write_recipe(kRecipeThatBrings);
+    write_file(folder / "recipes/mini/boost.h", kBrought);
+  }
+  std::filesystem::path brought() const { return tree() / "boost/boost.h"; }
   bool has_manifest() const { return std::filesystem::exists(tree() / ".splatboost"); }
   /// Nothing but the two files, as they were written.
   void expect_pristine() const {

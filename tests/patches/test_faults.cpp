@@ -94,21 +94,28 @@ std::size_t files_in(const std::filesystem::path& folder) {
   return files;
 }
 
+/// Of the edited files and one that is brought along.
+struct Brings : Miniature {
+  Brings() { bring_a_file(); }
+};
+
 bool is_pristine(const Miniature& mini) {
-  return mini.train() == kTrain && mini.model() == kModel && files_in(mini.tree()) == 2 && !mini.has_manifest();
+  return mini.train() == kTrain && mini.model() == kModel && files_in(mini.tree()) == 2 && !mini.has_manifest() &&
+         !std::filesystem::exists(mini.brought().parent_path());
 }
 
 /// Patched, with nothing else in the tree.
 bool is_patched(const Miniature& mini) {
   const std::optional<Manifest> manifest = read_manifest(SourceTree(mini.tree()));
   return manifest && manifest->state == State::applied && mini.train() == kPatchedTrain &&
-         mini.model() == kPatchedModel && files_in(mini.tree()) == 3;
+         mini.model() == kPatchedModel && read_file(mini.brought()) == kBrought && files_in(mini.tree()) == 4;
 }
 
 /// Each file as before or as after, and what is under way or left is found.
 void expect_whole_and_told(const Miniature& mini) {
   EXPECT_TRUE(mini.train() == kTrain || mini.train() == kPatchedTrain);
   EXPECT_TRUE(mini.model() == kModel || mini.model() == kPatchedModel);
+  EXPECT_TRUE(!std::filesystem::exists(mini.brought()) || read_file(mini.brought()) == kBrought);
   if (is_pristine(mini) || is_patched(mini)) return;
   const SourceTree tree(mini.tree());
   const std::optional<Manifest> manifest = read_manifest(tree);
@@ -120,7 +127,7 @@ TEST_F(Faults, OfApplyLeaveFilesWholeAreToldAndMended) {
     int n = 0;
     for (; n < kMost; ++n) {
       SCOPED_TRACE(std::string(kNames[static_cast<int>(fault)]) + " at " + std::to_string(n));
-      const Miniature mini;
+      const Brings mini;
       std::string said;
       if (!strike(fault, n, said, [&](FileHook hook) { apply_to(mini, std::move(hook)); })) {
         EXPECT_EQ(said, "");
@@ -157,7 +164,7 @@ TEST_F(Faults, OfRevertLeaveFilesWholeAreToldAndMended) {
     int n = 0;
     for (; n < kMost; ++n) {
       SCOPED_TRACE(std::string(kNames[static_cast<int>(fault)]) + " at " + std::to_string(n));
-      const Miniature mini;
+      const Brings mini;
       apply_to(mini);
       std::string said;
       if (!strike(fault, n, said, [&](FileHook hook) { revert_of(mini, std::move(hook)); })) {
@@ -180,7 +187,7 @@ TEST_F(Faults, ARevertOfAnInterruptedApplyMayBeInterruptedToo) {
   for (int first = 0; first < kMost; ++first) {
     for (int second = 0; second < kMost; ++second) {
       SCOPED_TRACE(std::to_string(first) + ", " + std::to_string(second));
-      const Miniature mini;
+      const Brings mini;
       std::string said;
       if (!strike(Fault::power_cut, first, said, [&](FileHook hook) { apply_to(mini, std::move(hook)); })) return;
       const bool cut = strike(Fault::power_cut, second, said, [&](FileHook hook) { revert_of(mini, std::move(hook)); });
@@ -193,13 +200,13 @@ TEST_F(Faults, ARevertOfAnInterruptedApplyMayBeInterruptedToo) {
 }
 
 TEST_F(Faults, InterruptedCommandsAreNotGoneOnWith) {
-  const Miniature mini;
+  const Brings mini;
   std::string said;
   int renames = 0;
   const pid_t child = fork();
   if (child == 0) {
     apply_to(mini, [&](FileOperation operation, const std::filesystem::path&) {
-      if (operation == FileOperation::rename && renames++ == 2) _exit(kCut);  // after the record and train.py
+      if (operation == FileOperation::rename && renames++ == 3) _exit(kCut);  // after the record, boost.h and train.py
       return 0;
     });
     _exit(0);

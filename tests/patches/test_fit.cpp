@@ -6,15 +6,15 @@
 #include "miniature.h"
 #include "tool/doctor.h"
 #include "tool/patch.h"
-#include "tool/python_source.h"
+#include "tool/source_code.h"
 
 namespace splatboost::patch::test {
 namespace {
 
 using Names = std::vector<std::string>;
 
-TEST(PythonSource, JoinsTheLinesOfAStatement) {
-  const PythonSource source(
+TEST(SourceCode, JoinsTheLinesOfAStatement) {
+  const SourceCode source(
       "a = f(1,  # (one\n"
       "      '''two\n"
       "three)''')\n"
@@ -31,8 +31,25 @@ TEST(PythonSource, JoinsTheLinesOfAStatement) {
   EXPECT_EQ(source.statement_at(source.text().find("three")), 0u);
 }
 
-TEST(PythonSource, ReadsSignatures) {
-  const PythonSource source(
+TEST(SourceCode, TellsLanguagesByTheirFiles) {
+  EXPECT_EQ(language_of("src/a.cpp"), Language::cpp);
+  EXPECT_EQ(language_of("include/a.h"), Language::cpp);
+  EXPECT_EQ(language_of("scene/a.py"), Language::python);
+  EXPECT_EQ(language_of("CMakeLists.txt"), Language::other);
+}
+
+TEST(Fit, DeclarationsAreSoughtAsTheyAreWritten) {
+  Need need;
+  need.kind = Need::Kind::text;
+  need.file = "a.h";
+  need.name = "void grow(float a, int b);";
+  EXPECT_EQ(unmet(need, "struct A {\n  void grow(\n      float a,\n      int b);\n};\n"), "");
+  expect_contains(unmet(need, "struct A {\n  void grow(float a);\n};\n"),
+                  "is missing; nearest is line 2: 'void grow(float a);'");
+}
+
+TEST(SourceCode, ReadsSignatures) {
+  const SourceCode source(
       "class A:\n    def f(self, a: Dict[str, int], b=(1, 2),\n          *c, d=None, **e) -> int:\n        pass\n");
   const std::vector<Function> found = source.functions("f");
   ASSERT_EQ(found.size(), 1u);
@@ -47,8 +64,8 @@ TEST(PythonSource, ReadsSignatures) {
   EXPECT_TRUE(source.functions("g").empty());
 }
 
-TEST(PythonSource, ReadsCallsAndWhatTheyAreAssignedTo) {
-  const PythonSource source(
+TEST(SourceCode, ReadsCallsAndWhatTheyAreAssignedTo) {
+  const SourceCode source(
       "x, (y) = draw(a, b == c, [1, 2],\n    key = f(1, 2))\n"
       "z = draw(*many)[0]\n"
       "self.draw(1)\n"
@@ -65,8 +82,8 @@ TEST(PythonSource, ReadsCallsAndWhatTheyAreAssignedTo) {
   EXPECT_EQ(calls[2].results, 3);
 }
 
-TEST(PythonSource, KnowsWhatIsDefinedWhere) {
-  const PythonSource source(
+TEST(SourceCode, KnowsWhatIsDefinedWhere) {
+  const SourceCode source(
       "import os.path as path, torch\n"
       "from a import (b,\n    c as d)\n"
       "try:\n    FAST = True\nexcept ImportError as error:\n    FAST = False\n"
@@ -88,8 +105,8 @@ TEST(PythonSource, KnowsWhatIsDefinedWhere) {
   for (const char* name : {"i", "j", "file"}) EXPECT_TRUE(source.knows(name, later)) << name;
 }
 
-TEST(PythonSource, TellsWhichNamesASnippetUses) {
-  const PythonSource source(
+TEST(SourceCode, TellsWhichNamesASnippetUses) {
+  const SourceCode source(
       "boost = hooks.Boost(\n"
       "    g, scene, lambda camera: render(camera, pipe, exp=data.exp)[\"render\"] * camera.mask.cuda(),\n"
       "    data.path)\n"
@@ -97,22 +114,22 @@ TEST(PythonSource, TellsWhichNamesASnippetUses) {
       "count += more\n");
   EXPECT_EQ(source.names_used(0, source.statements().size() - 1),
             (Names{"hooks", "g", "scene", "render", "pipe", "data", "iteration", "count", "more"}));
-  const PythonSource alone("if iteration not in [x for x in steps]:\n    self.a = f\"{x}\"\n");
+  const SourceCode alone("if iteration not in [x for x in steps]:\n    self.a = f\"{x}\"\n");
   EXPECT_EQ(alone.names_used(0, alone.statements().size() - 1), (Names{"iteration", "steps", "self"}));
 }
 
-TEST(PythonSource, FindsWordsWhateverTheLineBreaks) {
-  const PythonSource source("if (\n    a > b.c\n    and d == 0\n):\n    x = a > b.c\nand_d = 0\n");
+TEST(SourceCode, FindsWordsWhateverTheLineBreaks) {
+  const SourceCode source("if (\n    a > b.c\n    and d == 0\n):\n    x = a > b.c\nand_d = 0\n");
   EXPECT_EQ(find_words(source, "a > b.c and d == 0").size(), 1u);
   EXPECT_EQ(find_words(source, "a>b.c").size(), 2u);
   EXPECT_TRUE(find_words(source, "b.c and_d").empty());  // two statements
   EXPECT_TRUE(find_words(source, "a n d").empty());
 }
 
-TEST(PythonSource, DamagedTextIsReadToItsEnd) {
+TEST(SourceCode, DamagedTextIsReadToItsEnd) {
   const std::string whole = "def f(a, b='x', *c):\n    g(a)[{1: \"\"\"y\"\"\"}] = \\\n  h(# z\n)\n";
   for (std::size_t size = 0; size <= whole.size(); ++size) {
-    const PythonSource source(whole.substr(0, size));
+    const SourceCode source(whole.substr(0, size));
     for (const char* name : {"f", "g", "h"}) {
       (void)source.functions(name);
       (void)source.calls(name);

@@ -57,6 +57,43 @@ TEST(Patch, DryRunsOnlyTell) {
   expect_patched(mini);
 }
 
+TEST(Patch, BringsFilesAlongAndTakesThemAway) {
+  const Miniature mini;
+  mini.bring_a_file();
+  EXPECT_EQ(apply_to(mini).files, (std::vector<std::string>{"boost/boost.h", "train.py", "scene/model.py"}));
+  EXPECT_EQ(read_file(mini.brought()), kBrought);
+  EXPECT_TRUE(apply_to(mini).nothing_to_do);
+  expect_contains(verify(SourceTree(mini.tree())).diff, "+// ours\n");
+  // A file of the user's in its folder stays.
+  write_file(mini.tree() / "boost/mine.h", "mine");
+  revert_of(mini);
+  EXPECT_FALSE(fs::exists(mini.brought()));
+  EXPECT_TRUE(fs::remove(mini.tree() / "boost/mine.h"));
+  fs::remove(mini.tree() / "boost");
+  mini.expect_pristine();
+}
+
+TEST(Patch, FilesThatAreBroughtAreNotOverwritten) {
+  const Miniature mini;
+  mini.bring_a_file();
+  write_file(mini.brought(), "mine");
+  expect_contains(error_of([&] { apply_to(mini); }), "boost/boost.h: is there already");
+  EXPECT_EQ(mini.train(), kTrain);
+  fs::remove_all(mini.tree() / "boost");
+  apply_to(mini);
+  write_file(mini.brought(), "changed");
+  EXPECT_EQ(verify(SourceTree(mini.tree())).edited_by_user, std::vector<std::string>{"boost/boost.h"});
+  expect_contains(error_of([&] { revert_of(mini); }), "boost/boost.h: is the patch's file, with changes");
+  expect_patched(mini);
+  // Another text of it is another version of the recipe.
+  write_file(mini.folder / "recipes/mini/boost.h", "// newer\n");
+  expect_contains(error_of([&] { apply_to(mini); }), "another version of mini");
+  // A file that is gone needs no taking away.
+  fs::remove(mini.brought());
+  revert_of(mini);
+  mini.expect_pristine();
+}
+
 TEST(Patch, EditsElsewhereStay) {
   const Miniature mini;
   const std::string mine = replaced(kTrain, "loss = model.loss()", "loss = 2 * model.loss()");

@@ -41,6 +41,32 @@ TEST(TextEdit, InsertsAboveAndBelowWithTheAnchorsIndentation) {
   expect_edit(text, edit_of("def f", Place::before, {"import a"}), "import a\n" + text);
 }
 
+/// A statement of C++ goes up to its semicolon or brace, and neither comments nor literals count.
+TEST(TextEdit, KnowsTheStatementsOfCpp) {
+  const auto edit = [](const std::string& anchor, Place place, const std::string& snippet, int indent = 0) {
+    Edit one = edit_of(anchor, place, {snippet}, indent);
+    one.file = "a.cpp";
+    return one;
+  };
+  const std::string head = "#include \"a.h\"\n\nvoid A::f(\n    int a)  // don't {\n{\n";
+  const std::string body =
+      "    auto loss = 0.5 * a\n        + b(\"};\", '{', 1'000);  /* it's\n    f( */\n    if (a\n        && b) {\n        "
+      "grow(\n            a);\n    }\n}";
+  const std::string text = head + body;
+  expect_edit(text, edit("auto loss", Place::after, "c();"),
+              head + replaced(body, "    f( */\n", "    f( */\n    c();\n"));
+  expect_edit(text, edit("+ b(", Place::before, "c();"), head + "    c();\n" + body);
+  expect_edit(text, edit("grow(", Place::after, "c();"), head + replaced(body, "            a);\n", "            a);\n        c();\n"));
+  expect_edit(text, edit("if (a && b)", Place::after, "c();", 1),
+              head + replaced(body, "&& b) {\n", "&& b) {\n        c();\n"));
+  expect_edit(text, edit("if (a && b)", Place::replace, "if (c)"), head + replaced(body, "if (a\n        && b)", "if (c)"));
+  expect_edit(text, edit("#include", Place::after, "#include \"b.h\""),
+              replaced(text, "a.h\"\n", "a.h\"\n#include \"b.h\"\n"));
+  Edit missing = edit("shrink(a)", Place::before, "c();");
+  std::string same = text;
+  expect_contains(error_of([&] { apply_edit(same, missing); }), "nearest is line");
+}
+
 TEST(TextEdit, KeepsTabsAndCarriageReturns) {
   expect_edit("def f():\r\n\tstep()\r\n", edit_of("def f", Place::after, {"a()", "", "b()"}, 1),
               "def f():\r\n    a()\r\n\r\n    b()\r\n\tstep()\r\n");

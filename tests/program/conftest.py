@@ -3,7 +3,9 @@
 
 import os
 import pathlib
+import signal
 import subprocess
+import time
 
 import pytest
 
@@ -20,6 +22,22 @@ def run_well(*arguments, cwd=None):
     done = run_program(*arguments, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return done
+
+
+def start(*arguments):
+    # Where the tests are a background job, signals may be ignored, and what they start would go on ignoring them.
+    def default_signals():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
+            signal.signal(number, signal.SIG_DFL)
+    return subprocess.Popen([str(PROGRAM), *map(str, arguments)], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
+                            text=True, preexec_fn=default_signals)
+
+
+def wait_for(path, process):
+    deadline = time.monotonic() + 60
+    while not path.exists():
+        assert time.monotonic() < deadline and process.poll() is None, path
+        time.sleep(0.005)
 
 
 @pytest.fixture(scope="session")

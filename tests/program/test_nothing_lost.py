@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from conftest import PROGRAM, SHORT_RUN, run_program, run_well
+from conftest import SHORT_RUN, run_program, run_well, start, wait_for
 
 
 def content(folder):
@@ -23,22 +23,6 @@ def refused(*arguments):
     assert done.returncode == 2, done.stderr
     assert len(done.stderr.splitlines()) == 1, done.stderr
     return done.stderr
-
-
-def start(*arguments):
-    # Where the tests are a background job, signals may be ignored, and what they start would go on ignoring them.
-    def default_signals():
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
-            signal.signal(number, signal.SIG_DFL)
-    return subprocess.Popen([str(PROGRAM), *map(str, arguments)], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
-                            text=True, preexec_fn=default_signals)
-
-
-def wait_for(path, process):
-    deadline = time.monotonic() + 60
-    while not path.exists():
-        assert time.monotonic() < deadline and process.poll() is None, path
-        time.sleep(0.005)
 
 
 @pytest.fixture

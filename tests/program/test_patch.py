@@ -12,6 +12,7 @@ from conftest import PROGRAM, ROOT, run_program, run_well
 
 sys.path.append(str(ROOT / "tests/python"))
 import miniature_anchors  # noqa: E402
+import miniature_convexes  # noqa: E402
 import miniature_host  # noqa: E402
 
 RECIPES = ["3dgs", "deformable-3dgs", "dropgaussian", "mip-splatting"]
@@ -39,10 +40,10 @@ def host(request, tmp_path):
     return miniature_host.write_host(tmp_path / "host", request.param), miniature_host.RECIPES[request.param]
 
 
-@pytest.fixture(params=[*miniature_host.RECIPES, *miniature_anchors.RECIPES])
+@pytest.fixture(params=[*miniature_host.RECIPES, *miniature_anchors.RECIPES, *miniature_convexes.RECIPES])
 def any_host(request, tmp_path):
     """The same, also of hosts that have other classes than 3DGS."""
-    hosts = miniature_anchors if request.param in miniature_anchors.RECIPES else miniature_host
+    hosts = next(m for m in (miniature_anchors, miniature_convexes, miniature_host) if request.param in m.RECIPES)
     return hosts.write_host(tmp_path / "host", request.param), hosts.RECIPES[request.param]
 
 

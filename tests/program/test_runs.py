@@ -36,10 +36,18 @@ def png_size(path):
 def test_train_leaves_a_full_folder(trained):
     files = {str(path.relative_to(trained)) for path in trained.rglob("*") if path.is_file()}
     tests = ["0000", "0004", "0008"]
-    assert files == {"config.json", "results.json", "report.html", "point_cloud/iteration_60/point_cloud.ply",
+    assert files == {"config.json", "cameras.json", "results.json", "report.html", "point_cloud/iteration_60/point_cloud.ply",
                      "checkpoints/iteration_25.ckpt", *(f"test/renders/{name}.png" for name in tests),
                      *(f"test/truth/{name}.png" for name in tests)}
     assert png_size(trained / "test/renders/0000.png") == (80, 60)
+
+    cameras = json.loads((trained / "cameras.json").read_text())
+    assert [camera["split"] for camera in cameras] == ["test"] * 3 + ["train"] * (len(cameras) - 3)
+    assert cameras[0]["img_name"] == "0000.png" and (cameras[0]["width"], cameras[0]["height"]) == (80, 60)
+    rows = cameras[0]["rotation"]
+    assert all(abs(sum(a * b for a, b in zip(rows[i], rows[j])) - (i == j)) < 1e-5 for i in range(3) for j in range(3))
+    # The room's cameras stand around its middle and look there.
+    assert sum(rows[i][2] * cameras[0]["position"][i] for i in range(3)) < -1
 
     found = results(trained)
     assert RESULT_KEYS <= set(found)

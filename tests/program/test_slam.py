@@ -4,10 +4,12 @@
 import json
 import re
 import shutil
+import signal
+import time
 
 import pytest
 
-from conftest import run_program, run_well
+from conftest import run_program, run_well, start, wait_for
 
 FRAMES = 12
 
@@ -23,8 +25,8 @@ def walk(tmp_path_factory):
     return folder
 
 
-SHORT = ["--lockstep", 3, "--iterations", 40, "--features", 400, "--initial-keyframes", 3, "--quiet"]
-
+SMALL = ["--features", 400, "--initial-keyframes", 3, "--quiet"]
+SHORT = ["--lockstep", 3, "--iterations", 40, *SMALL]
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +96,32 @@ def test_bad_frames_are_told_and_left_out(walk, mapped, tmp_path):
     assert re.search(r"frame 5 .*tracked by colour alone", done.stderr)
     slam = json.loads((tmp_path / "model/results.json").read_text())["slam"]
     assert slam["dropped"] == 1 and slam["tracked"] == FRAMES - 1
+
+
+@pytest.mark.parametrize("stop, endless", [(signal.SIGINT, ["--lockstep", 100000]),  # in the sequence
+                                           (signal.SIGTERM, ["--iterations", 1000000])])  # in it or after it
+def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, endless):
+    del mapped
+    model = tmp_path / "model"
+    running = start("slam", "-s", walk, "-m", model, *SMALL, *endless)
+    wait_for(model / "config.json", running)
+    time.sleep(1)
+    running.send_signal(stop)
+    output, errors = running.communicate(timeout=60)
+    assert running.returncode == 128 + stop, errors
+    [line] = errors.splitlines()
+    assert "interrupted after frame" in line and "keyframes, model and results so far are in" in line
+    assert output == ""
+    results = json.loads((model / "results.json").read_text())
+    slam = results["slam"]
+    assert slam["complete"] is False and slam["tracked"] >= 3 and slam["ate_rmse"] < 0.1 and results["psnr"] is None
+    assert slam["tracked"] < FRAMES or stop == signal.SIGTERM
+    assert len((model / "trajectory.txt").read_text().splitlines()) == slam["tracked"]
+    assert len(list((model / "keyframes/images").iterdir())) == slam["keyframes"]["frames"] >= 3
+    assert (model / f"point_cloud/iteration_{results['iterations']}/point_cloud.ply").is_file()
+    run_well("eval", "-m", model)
+    measured = json.loads((model / "results.json").read_text())
+    assert measured["psnr"] > 12 and measured["slam"] == slam
 
 
 @pytest.mark.parametrize("arguments, words", [

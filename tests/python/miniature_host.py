@@ -8,8 +8,8 @@ import pathlib
 
 #: layout → recipe that fits it
 RECIPES = {"3dgs-2023": "3dgs", "3dgs-2024-08": "3dgs", "3dgs-2024-10": "3dgs", "mip": "mip-splatting",
-           "drop": "dropgaussian", "deform": "deformable-3dgs", "absgs": "absgs", "2dgs": "2dgs",
-           "gof": "gaussian-opacity-fields"}
+           "drop": "dropgaussian", "deform": "deformable-3dgs", "deform-paper": "deformable-3dgs", "absgs": "absgs", "2dgs": "2dgs",
+           "gof": "gaussian-opacity-fields", "pgsr": "pgsr"}
 
 ARGUMENTS = '''
 class Options:
@@ -327,7 +327,7 @@ def lines(depth, *texts):
 def parts(layout):
     """What stands where a layout differs."""
     mip, drop, late = layout in ("mip", "gof"), layout == "drop", layout == "3dgs-2024-10"
-    deform = layout == "deform"
+    deform = layout.startswith("deform")
     images = "rendered_image, radii, depth_image" if layout.startswith("3dgs-2024") else "rendered_image, radii"
     found = dict.fromkeys(
         "SIGNATURE SETTINGS FILTERED DROPOUT MIP_PROPERTIES MIP_START MIP_PRUNE MIP_STATS RADII_PRUNE RADII_CLONE "
@@ -335,7 +335,7 @@ def parts(layout):
         "ARGUMENTS REFILTER MOVED TURNED STRETCHED DENSIFY DENSIFY_POINTS DENSIFY_RESULT DEFORM_MODEL DEFORM_IMPORT "
         "DEFORM_MADE DEFORM_LOADED DELTAS".split(), "")
     found.update(RESULT=images, POINTS="viewspace_points", EARLY_RATE=lines(8, "gaussians.update_learning_rate(iteration)"))
-    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform", "absgs", "2dgs", "gof") else "(radii > 0).nonzero()",
+    found.update(SEEN="radii > 0" if layout in ("3dgs-2023", "mip", "deform", "deform-paper", "absgs", "2dgs", "gof") else "(radii > 0).nonzero()",
                  UNTIL="10_000" if drop else "15_000", THRESHOLD="0.0005" if drop else "0.0002",
                  STEP=lines(16, *STEP))
     if layout.startswith("3dgs-2024"):
@@ -374,11 +374,7 @@ def parts(layout):
     if deform:
         found.update(
             SIGNATURE=", d_xyz, d_rotation, d_scaling, is_6dof=False", RESULT="rendered_image, radii, depth",
-            MOVED=" + d_xyz", TURNED=" + d_rotation", STRETCHED=" + d_scaling", DENSIFY=" means2D_densify=on_screen_too,",
-            DENSIFY_POINTS="\n" + lines(4, 'on_screen_too = torch.zeros_like(on_screen, requires_grad=True, device="cuda") * 1.0',
-                                 "if torch.is_grad_enabled():", "    on_screen_too.retain_grad()"),
-            DENSIFY_RESULT=' "viewspace_points_densify": on_screen_too,', POINTS="viewspace_points_densify",
-            THRESHOLD="0.0007", DEFORM_MODEL=DEFORM_MODEL, DEFORM_IMPORT=", DeformModel",
+            MOVED=" + d_xyz", TURNED=" + d_rotation", STRETCHED=" + d_scaling", DEFORM_MODEL=DEFORM_MODEL, DEFORM_IMPORT=", DeformModel",
             DEFORM_MADE="\n" + lines(4, "deform = DeformModel()"),
             DEFORM_LOADED="\n" + lines(8, "deform = DeformModel()",
                                 "d_xyz, d_rotation, d_scaling = deform.step(gaussians.get_xyz, scene.getTrainCameras()[0].fid)"),
@@ -388,6 +384,13 @@ def parts(layout):
             ARGUMENTS=", d_xyz, d_rotation, d_scaling, dataset.is_6dof", EARLY_RATE="",
             STEP=lines(16, STEP[0], "gaussians.update_learning_rate(iteration)", "deform.optimizer.step()", STEP[1],
                        "deform.optimizer.zero_grad()"))
+    if layout == "deform":
+        found.update(
+            DENSIFY=" means2D_densify=on_screen_too,",
+            DENSIFY_POINTS="\n" + lines(4, 'on_screen_too = torch.zeros_like(on_screen, requires_grad=True, device="cuda") * 1.0',
+                                 "if torch.is_grad_enabled():", "    on_screen_too.retain_grad()"),
+            DENSIFY_RESULT=' "viewspace_points_densify": on_screen_too,', POINTS="viewspace_points_densify",
+            THRESHOLD="0.0007")
     if drop:
         found.update(SIGNATURE=", is_train=False, iteration=None", ARGUMENTS=", is_train=True, iteration=iteration",
                      DROPOUT=lines(4, "if is_train:", "    drop_rate = 0.2 * (iteration / 10000)",
@@ -490,6 +493,101 @@ OPACITY_FIELDS = [
 ]
 
 
+#: What PGSR has beside 3DGS of 2023: planes, absolute gradients, a trim of its own, exposures, a room for growth.
+PLANES = [
+    ("arguments/__init__.py", "        self.offer(parser, \"Optimization Parameters\")", """        self.densify_abs_grad_threshold, self.percent_dense, self.max_all_points = 0.0008, 0.001, 6000
+        self.use_multi_view_trim, self.planes_from, self.exposure_compensation = 1, 30, 1
+        self.offer(parser, "Optimization Parameters")"""),
+    ("gaussian_renderer/__init__.py", "from diff_gaussian_rasterization import GaussianRasterizer, GaussianRasterizationSettings",
+     """from diff_plane_rasterization import GaussianRasterizationSettings as PlaneGaussianRasterizationSettings
+from diff_plane_rasterization import GaussianRasterizer as PlaneGaussianRasterizer"""),
+    ("gaussian_renderer/__init__.py", "def render(cam, pc, pipe, bg_color):",
+     "def render(cam, pc, pipe, bg_color, app_model=None, return_plane=True, return_depth_normal=True):"),
+    ("gaussian_renderer/__init__.py", "    view = GaussianRasterizationSettings(", """    on_screen_abs = torch.zeros_like(on_screen, requires_grad=True) * 1.0
+    if torch.is_grad_enabled():
+        on_screen_abs.retain_grad()
+    normals = pc.get_normal(cam) @ cam.view[:3, :3]
+    distances = ((pc.get_xyz @ cam.view[:3, :3] + cam.view[3, :3]) * normals).sum(dim=1, keepdim=True).abs()
+    planes = torch.cat([normals, torch.ones_like(distances), distances], dim=1)
+    view = PlaneGaussianRasterizationSettings("""),
+    ("gaussian_renderer/__init__.py", "prefiltered=False,", "prefiltered=False, render_geo=return_plane,"),
+    ("gaussian_renderer/__init__.py", "rasterizer = GaussianRasterizer(view)", "rasterizer = PlaneGaussianRasterizer(raster_settings=view)"),
+    ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, observed, maps, depth = rasterizer("),
+    ("gaussian_renderer/__init__.py", "means2D=on_screen,", "means2D=on_screen, means2D_abs=on_screen_abs, all_map=planes,"),
+    ("gaussian_renderer/__init__.py", "\"visibility_filter\":", "\"viewspace_points_abs\": on_screen_abs, \"out_observe\": observed, \"normals\": maps[:3], \"plane_depth\": depth, **({} if app_model is None else {\"app_image\": rendered_image + app_model.shift}), \"visibility_filter\":"),
+    ("scene/gaussian_model.py", "from simple_knn._C import distCUDA2", """from simple_knn._C import distCUDA2
+from pytorch3d.transforms import quaternion_to_matrix"""),
+    ("scene/gaussian_model.py", "    def create(self, points):", """    def get_normal(self, cam):
+        shortest = self.get_scaling.min(dim=-1)[1][:, None, None].expand(-1, 3, -1)
+        normals = quaternion_to_matrix(self.get_rotation).gather(2, shortest).squeeze(2)
+        return torch.where(((cam.centre - self._xyz) * normals).sum(dim=1, keepdim=True) < 0, -normals, normals)
+
+    def create(self, points):"""),
+    ("scene/gaussian_model.py", "self.percent_dense = 0.01", "self.percent_dense, self.max_all_points = opt.percent_dense, opt.max_all_points"),
+    ("scene/gaussian_model.py", "        self.denom = torch.zeros((n, 1), device=\"cuda\")", """        self.denom = torch.zeros((n, 1), device="cuda")
+        self.denom_abs = torch.zeros((n, 1), device="cuda")
+        self.xyz_gradient_accum_abs = torch.zeros((n, 1), device="cuda")"""),
+    ("scene/gaussian_model.py", "        self.denom = self.denom[~mask]", """        self.denom = self.denom[~mask]
+        self.denom_abs = self.denom_abs[~mask]
+        self.xyz_gradient_accum_abs = self.xyz_gradient_accum_abs[~mask]"""),
+    ("scene/gaussian_model.py", "    def add_densification_stats(self, on_screen, seen):", "    def add_densification_stats(self, on_screen, on_screen_abs, seen):"),
+    ("scene/gaussian_model.py", "        self.denom[seen] += 1.0", """        self.xyz_gradient_accum_abs[seen] += torch.norm(on_screen_abs.grad[seen, :2], dim=-1, keepdim=True)
+        self.denom_abs[seen] += 1.0
+        self.denom[seen] += 1.0"""),
+    ("scene/gaussian_model.py", "def densify_and_split(self, grads, grad_threshold, scene_extent, N=2):",
+     "def densify_and_split(self, grads, grad_threshold, grads_abs, grad_abs_threshold, scene_extent, max_radii2D, N=2):"),
+    ("scene/gaussian_model.py", "        mask = mask >= grad_threshold\n", """        mask = mask >= grad_threshold
+        if int(mask.sum()) + n > self.max_all_points:
+            mask = torch.zeros_like(mask)
+        mask[:grads.shape[0]] |= (grads_abs.reshape(-1) >= grad_abs_threshold) & (max_radii2D.reshape(-1) > 20)
+"""),
+    ("scene/gaussian_model.py", "def densify_and_prune(self, max_grad, min_opacity,", "def densify_and_prune(self, max_grad, abs_max_grad, min_opacity,"),
+    ("scene/gaussian_model.py", "self.densify_and_split(grads, max_grad, extent)",
+     "self.densify_and_split(grads, max_grad, grads_abs, abs_max_grad, extent, max_radii2D)"),
+    ("scene/gaussian_model.py", "        grads = torch.nan_to_num(self.xyz_gradient_accum / self.denom)", """        grads = torch.nan_to_num(self.xyz_gradient_accum / self.denom)
+        grads_abs, max_radii2D = torch.nan_to_num(self.xyz_gradient_accum_abs / self.denom_abs), self.max_radii2D.clone()"""),
+    ("scene/__init__.py", "class Camera:", "from scene.cameras import Photo\n\n\nclass Camera(Photo):"),
+    ("scene/__init__.py", "self.original_image =", "self._photo ="),
+    ("train.py", "    iter_start, iter_end =", """    app_model = types.SimpleNamespace(shift=torch.zeros((), requires_grad=True))
+    app_model.optimizer = torch.optim.Adam([app_model.shift], lr=1e-3)
+    iter_start, iter_end ="""),
+    ("train.py", "gaussians, pipe, background)\n", "gaussians, pipe, background, app_model=app_model, return_plane=iteration > opt.planes_from)\n"),
+    ("train.py", "loss = (drawn[\"render\"] -", "loss = 0.01 * (1 - drawn[\"normals\"].pow(2).sum(dim=0)).mean() + (drawn[\"app_image\"] -"),
+    ("train.py", "viewpoint_cam.original_image.cuda()", "viewpoint_cam.get_image()[0]"),
+    ("train.py", "drawn[\"viewspace_points\"], drawn", "drawn[\"viewspace_points\"], drawn[\"viewspace_points_abs\"], drawn"),
+    ("train.py", "densify_and_prune(opt.densify_grad_threshold, 0.005,",
+     "densify_and_prune(opt.densify_grad_threshold, opt.densify_abs_grad_threshold, 0.005,"),
+    ("train.py", "                if iteration % opt.opacity_reset_interval == 0:", """                mask = (drawn["out_observe"] > 0) & drawn["visibility_filter"]
+                if len(mask) == len(gaussians.max_radii2D):
+                    gaussians.max_radii2D[mask] = torch.max(gaussians.max_radii2D[mask], radii[mask].float())
+            if opt.use_multi_view_trim and iteration % 35 == 0 and iteration < opt.densify_until_iter:
+                observed = sum((render(view, gaussians, pipe, background)["out_observe"] > 0).int() for view in scene.getTrainCameras())
+                gaussians.prune_points(observed < 2)
+            if iteration < opt.densify_until_iter:
+                if iteration % opt.opacity_reset_interval == 0:"""),
+    ("train.py", "gaussians.optimizer.step()", "gaussians.optimizer.step()\n                app_model.optimizer.step()\n                app_model.optimizer.zero_grad()"),
+]
+PLANES_CAMERAS = """
+class Photo:
+    def get_image(self):
+        return self._photo.cuda(), self._photo.mean(dim=0, keepdim=True).cuda()
+"""
+PLANES_READERS = """
+def focals(model, params, height):
+    if model == "SIMPLE_PINHOLE":
+        focal_length_x = params[0]
+        FovY = focal2fov(focal_length_x, height)
+    else:
+        focal_length_x, focal_length_y = params[:2]
+        FovY = focal2fov(focal_length_y, height)
+    return focal_length_x, focal_length_y, FovY
+
+
+def focal2fov(focal, pixels):
+    return pixels / focal
+"""
+
+
 def change(folder, changes):
     for file, what, by in changes:
         text = (folder / file).read_text(encoding="utf-8")
@@ -517,5 +615,10 @@ def write_host(folder, layout):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text.rstrip("\n"), encoding="utf-8")
-    change(folder, {"absgs": ABSGS, "2dgs": SURFELS, "gof": OPACITY_FIELDS}.get(layout, []))
+    change(folder, {"absgs": ABSGS, "2dgs": SURFELS, "gof": OPACITY_FIELDS, "pgsr": PLANES}.get(layout, []))
+    if layout == "pgsr":
+        (folder / "scene/dataset_readers.py").write_text(PLANES_READERS, encoding="utf-8")
+        (folder / "scene/cameras.py").write_text(PLANES_CAMERAS, encoding="utf-8")
+        (folder / "scripts").mkdir()
+        (folder / "scripts/render_tnt.py").write_text((folder / "render.py").read_text(encoding="utf-8"), encoding="utf-8")
     return folder

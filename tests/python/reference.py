@@ -86,10 +86,12 @@ def render(
     compensate_opacity=False,
     near_plane=0.2,
     shift=None,
+    observed_above=None,
 ):
     """color, features, inverse depth, alpha and per-pixel counts [N,H,W]; all inputs float64.
 
     shift [N,2]: pixels added to the projected means, to differentiate by them.
+    observed_above: counts are only where the transmittance before a Gaussian is above it.
     """
     world = torch.tensor(camera.camera_from_world, dtype=torch.float64).view(4, 4)
     rotation, translation = world[:3, :3], world[:3, 3]
@@ -147,8 +149,66 @@ def render(
     extra = None if features is None else torch.einsum("nhw,nc->chw", weights, features[order])
     depth = torch.einsum("nhw,n->hw", weights, 1 / z[order])[None]
     counts = torch.zeros_like(blended)
-    counts[order] = blended
+    counts[order] = blended if observed_above is None else blended & (before[:-1] > observed_above)
     return image, extra, depth, (1 - final)[None], counts
+
+
+def hull(points):
+    """Corners of the convex hull of points [K,2], in order (Jarvis's march)."""
+    xy = points.detach().tolist()
+    start = min(range(len(xy)), key=lambda i: xy[i])
+    corners, at = [], start
+    while True:
+        corners.append(at)
+        to = (at + 1) % len(xy)
+        for i in range(len(xy)):
+            cross = (xy[to][0] - xy[at][0]) * (xy[i][1] - xy[at][1]) - (xy[to][1] - xy[at][1]) * (xy[i][0] - xy[at][0])
+            to = i if cross < 0 else to
+        at = to
+        if at == start:
+            return corners
+
+
+def render_convexes(camera, points, smoothness, sharpness, opacities, sh=None, sh_degree=0, colors=None,
+                    background=(0.0, 0.0, 0.0), released_view_direction=False):
+    """Smooth convexes in double precision, listed everywhere. Returns the image, the points on screen [N,K,2] whose gradient
+    autograd keeps, where each convex is blended [N,H,W], and the pixels [H,W] that no rounding decides otherwise."""
+    world = torch.tensor(camera.camera_from_world, dtype=torch.float64).view(4, 4)
+    rotation, translation = world[:3, :3], world[:3, 3]
+    view = points @ rotation.T + translation
+    centres = points.mean(dim=1)
+    depth = view[..., 2].mean(dim=1)
+    screen = torch.stack([camera.fx * view[..., 0] / view[..., 2] + camera.cx,
+                          camera.fy * view[..., 1] / view[..., 2] + camera.cy], dim=-1)
+    if screen.requires_grad:
+        screen.retain_grad()
+    rows, columns = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
+    pixels = torch.stack([columns + 0.5, rows + 0.5], dim=-1).double()
+    direction = centres + rotation.T @ translation
+    if released_view_direction:  # the z of a centre is taken for its x and y
+        direction = centres[:, 2:] + rotation.T @ translation
+    shades = colors if sh is None else sh_colors(sh, sh_degree, direction / direction.norm(dim=1, keepdim=True))
+
+    shape = (camera.height, camera.width)
+    image, after = torch.zeros(3, *shape, dtype=torch.float64), torch.ones(shape, dtype=torch.float64)
+    is_open, certain = torch.ones(shape, dtype=torch.bool), torch.ones(shape, dtype=torch.bool)
+    blended = torch.zeros((len(points),) + shape, dtype=torch.bool)
+    for i in torch.argsort(depth.detach()).tolist():
+        a = screen[i][hull(screen[i])]
+        normals = torch.stack([a.roll(-1, 0)[:, 1] - a[:, 1], a[:, 0] - a.roll(-1, 0)[:, 0]], dim=1)
+        lines = torch.einsum("ehwc,ec->ehw", pixels[None] - a[:, None, None], normals)
+        phi = torch.logsumexp(depth[i] * smoothness[i] * lines, dim=0)
+        raw = opacities[i] * torch.sigmoid(-depth[i] * sharpness[i] * phi)
+        alpha = torch.where(raw < 0.99, raw, torch.full_like(raw, 0.99))
+        next_after = after * (1 - alpha)
+        here = (alpha >= 1 / 255) & is_open & (next_after >= 1e-4)
+        blended[i] = here
+        is_open = is_open & ~((alpha >= 1 / 255) & (next_after < 1e-4))
+        certain &= ((alpha - 1 / 255).abs() > 1e-6) & ((next_after - 1e-4).abs() > 1e-7) & ((raw - 0.99).abs() > 1e-5)
+        weight = torch.where(here, alpha * after, torch.zeros_like(alpha))
+        image = image + weight * shades[i][:, None, None]
+        after = torch.where(here, next_after, after)
+    return image + after * torch.as_tensor(background, dtype=torch.float64)[:, None, None], screen, blended, certain
 
 
 def ssim(a, b, padding="same"):

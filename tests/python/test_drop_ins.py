@@ -286,9 +286,15 @@ splatboost.install_drop_ins("absgs")
 import diff_gaussian_rasterization_abs, simple_knn._C
 assert diff_gaussian_rasterization_abs.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("absgs")
 assert "diff_gaussian_rasterization" not in sys.modules
+splatboost.install_drop_ins("pgsr")
+import diff_plane_rasterization
+assert diff_plane_rasterization.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("pgsr")
 splatboost.install_drop_ins("surfels")
 import diff_surfel_rasterization
 assert diff_surfel_rasterization.GaussianRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("surfels")
+splatboost.install_drop_ins("convexes")
+import diff_convex_rasterization
+assert diff_convex_rasterization.ConvexRasterizer.__module__ == "splatboost.compat." + LAYOUTS.pop("convexes")
 for layout in LAYOUTS:
     names = splatboost.install_drop_ins(layout)
     assert splatboost.install_drop_ins(layout) == names
@@ -356,3 +362,106 @@ def test_maps_where_nothing_is_drawn_pass_no_nan_on(layout, channel):
     assert (alpha == 0).any() and (alpha > 0.5).any()
     torch.nan_to_num(maps[channel] / alpha).sum().backward()
     assert torch.isfinite(means.grad).all() and means.grad[:, 2].abs().sum() > 0
+
+
+def plane_settings(camera, render_geo=True):
+    values = settings("3dgs-2023", camera)._asdict()
+    return module("pgsr").GaussianRasterizationSettings(render_geo=render_geo, **values)
+
+
+def plane_inputs():
+    given = inputs(3)
+    given["means2D_abs"] = torch.zeros(N, 3, requires_grad=True)
+    maps = torch.rand(N, 5, generator=torch.Generator().manual_seed(4)) - torch.tensor([0.5, 0.5, 1.5, 0, -1])
+    given["all_map"] = maps.requires_grad_()  # normals that face the camera
+    given["scales"] = (given["scales"].detach() * 1.5).requires_grad_()
+    return given
+
+
+def exact_planes(camera, given, moved=None, **options):
+    """Maps, depth of planes and counts of the double-precision renderer; the depth by its formula, pixel by pixel."""
+    names = {"means": "means3D", "opacities": "opacities", "scales": "scales", "rotations": "rotations", "features": "all_map"}
+    exact = {k: given[v].detach().double() for k, v in names.items()}
+    for name, change in (moved or {}).items():
+        exact[name] = exact[name] + change
+    _, maps, _, alpha, counts = reference.render(camera, **exact, colors=torch.zeros(N, 3, dtype=torch.float64), **options)
+    depth = torch.zeros(camera.height, camera.width, dtype=torch.float64)
+    for j in range(camera.height):
+        for i in range(camera.width):
+            # The host takes the ray through a pixel's corner.
+            ray = torch.tensor([(i - 0.5 * camera.width) / camera.fx, (j - 0.5 * camera.height) / camera.fy, 1.0]).double()
+            depth[j, i] = -maps[4, j, i] / (maps[:3, j, i] @ ray + 1e-8)
+    return maps, depth, alpha, counts
+
+
+def test_planes_are_the_reference_s():
+    camera, given = reference.turned_camera(20, 15), plane_inputs()
+    splatboost.set_beta(1.0)
+    color, radii, observed, maps, depth = module("pgsr").GaussianRasterizer(plane_settings(camera))(**given)
+    exact_maps, exact_depth, alpha, counts = exact_planes(camera, given, observed_above=0.5)
+    seen = alpha[0] > 0.3
+    assert maps.shape == (5, 15, 20) and depth.shape == (1, 15, 20) and seen.sum() > 100
+    assert (maps - exact_maps).abs().max() < 1e-4
+    assert ((depth[0] - exact_depth).abs() / exact_depth.abs())[seen].max() < 1e-3
+    # Pixels at a threshold may fall on either side.
+    assert observed.dtype == torch.int32 and (observed - counts.sum(dim=(1, 2))).abs().max() <= 2
+    assert 0 < (observed > 0).sum() and observed.sum() < 0.8 * splatboost.last_render().count_flagged(
+        torch.ones(15, 20, dtype=torch.bool)).sum()
+    plain = module("3dgs-2023").GaussianRasterizer(settings("3dgs-2023", camera))(
+        **{k: v for k, v in given.items() if k not in ("means2D_abs", "all_map")})
+    assert torch.equal(plain[0], color) and torch.equal(plain[1], radii)
+
+
+def test_gradients_go_through_planes():
+    """Against differences of the double-precision renderer: each input moves along a direction of its own."""
+    camera, given = reference.turned_camera(12, 9), plane_inputs()
+    splatboost.set_beta(1.0)
+    _, _, alpha, _ = exact_planes(camera, given)
+    random = torch.Generator().manual_seed(8)
+    of_maps = torch.randn(5, 9, 12, generator=random)
+    of_depth = torch.randn(9, 12, generator=random) * (alpha[0] > 0.3)
+
+    def loss(maps, depth):
+        return (maps * of_maps.to(maps)).sum() + (depth * of_depth.to(depth)).sum()
+
+    done = module("pgsr").GaussianRasterizer(plane_settings(camera))(**given)
+    loss(done[3], done[4][0]).backward()
+    for name, argument in (("features", "all_map"), ("means", "means3D"), ("opacities", "opacities"), ("scales", "scales"),
+                           ("rotations", "rotations")):
+        direction = torch.randn(given[argument].shape, generator=random).double()
+        h = 1e-6
+        up, down = (loss(*exact_planes(camera, given, {name: sign * h * direction})[:2]) for sign in (1, -1))
+        wanted = ((up - down) / (2 * h)).item()
+        found = (given[argument].grad.double() * direction).sum().item()
+        assert abs(wanted) > 0.1 and abs(found - wanted) < 2e-3 * (1 + abs(wanted)), (argument, found, wanted)
+    # What the density control of the host reads.
+    signed, absolute = given["means2D"].grad, given["means2D_abs"].grad
+    assert signed[:, :2].abs().max() > 0 and (absolute[:, :2] >= 0.999 * signed[:, :2].abs()).all()
+    assert not signed[:, 2].any() and not absolute[:, 2].any() and not torch.equal(absolute[:, :2], signed[:, :2].abs())
+
+
+def test_without_planes_their_maps_are_zero():
+    camera, given = reference.turned_camera(), plane_inputs()
+    _, _, observed, maps, depth = module("pgsr").GaussianRasterizer(plane_settings(camera, False))(**given)
+    assert observed.any() and maps.shape == (5, 22, 30) and depth.shape == (1, 22, 30)
+    assert not maps.any() and not depth.any() and not maps.requires_grad
+    given["all_map"] = given["all_map"].detach()[:, :4]
+    with pytest.raises(ValueError, match=r"all_map: shape \[N,5\] wanted"):
+        module("pgsr").GaussianRasterizer(plane_settings(camera))(**given)
+    del given["all_map"]
+    with pytest.raises(ValueError, match="all_map: .* wanted with render_geo"):
+        module("pgsr").GaussianRasterizer(plane_settings(camera))(**given)
+
+
+def test_stand_ins_of_pgsr():
+    from splatboost import _stand_ins
+
+    q = torch.randn(5, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    turned = _stand_ins.quaternion_to_matrix(q)
+    assert torch.allclose(turned, reference.rotation_matrices(q)) and torch.allclose(turned.det(), torch.ones(5).double())
+    root = _stand_ins._Missing("open3d")
+    _stand_ins._open3d(root)
+    integration = root.pipelines.integration
+    volume = integration.ScalableTSDFVolume(voxel_length=1, sdf_trunc=4, color_type=integration.TSDFVolumeColorType.RGB8)
+    with pytest.raises(ModuleNotFoundError, match="open3d is not installed"):
+        volume.integrate(1)

@@ -9,7 +9,7 @@ import sys
 import conftest
 import pytest
 
-FILES = ("operations", "rasterize", "drop_ins", "adapter", "hooks", "gsplat", "cuda")
+FILES = ("operations", "rasterize", "convexes", "drop_ins", "adapter", "hooks", "gsplat", "cuda")
 LIBRARY = conftest.BUILD / "lib/libsplatboost_emulated.so"
 
 

@@ -226,6 +226,10 @@ def test_needs(strategy_module, monkeypatch):
     optimizers = {k: v for k, v in trainer.optimizers.items() if k != "sh0"}
     with pytest.raises(ValueError, match="params: sh0 wanted"):
         trainer.strategy.check_sanity(params, optimizers)
+    # Rows that came and went otherwise would be taken for others.
+    trainer.strategy._rows(trainer.params)
+    with pytest.raises(ValueError, match="params: 15 Gaussians, but 16 came of"):
+        trainer.strategy._rows({name: p[1:] for name, p in trainer.params.items()})
     forget_gsplat()
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(ImportError, match="needs gsplat, which is not there: pip install gsplat"):
@@ -298,7 +302,7 @@ def test_what_lies_beside_parameters_follows(strategy_module):
         for name in kept:
             setattr(ops, name, lambda name=name, **named: calls.append((name, named["scene"])))
         trainer.strategy._scene = {"scene": "a scene"}
-        trainer.strategy._remove(trainer.params, {}, {}, torch.arange(16) < 3, torch.ones(16))
+        trainer.strategy._remove(trainer.params, {}, {}, torch.arange(16) < 3)
     finally:
         for name, operation in kept.items():
             setattr(ops, name, operation)

@@ -269,3 +269,28 @@ def test_rates_of_anchors_fall_for_one_step_only():
     _anchors._WithRates(boost).step()
     assert torch.allclose((before - model.slow).abs(), torch.full((2,), 0.025))
     assert [group["lr"] for group in model.optimizer.param_groups] == [0.1, 0.1]
+
+
+def test_pgsr_draws_scored_views_without_planes_and_with_their_exposure():
+    from splatboost.hooks import pgsr
+
+    asked = []
+
+    def render(camera, gaussians, pipe, background, **named):
+        asked.append(named)
+        return {"render": torch.zeros(2), **({"app_image": torch.ones(2)} if gaussians == "exposed" else {})}
+
+    for gaussians, value in (("plain", 0.0), ("exposed", 1.0)):
+        seen = pgsr.as_the_loss_sees(render, None, gaussians, None, None, "app")
+        assert torch.equal(seen, torch.full((2,), value))
+    assert asked == 2 * [{"app_model": "app", "return_plane": False, "return_depth_normal": False}]
+
+
+def test_pgsr_without_tracked_points_says_so(capsys):
+    from splatboost.hooks import pgsr
+
+    with pytest.raises(SystemExit) as stopped:
+        pgsr.Boost(types.SimpleNamespace(get_xyz=torch.zeros(0, 3)), None, types.SimpleNamespace(boost="on"), None, "")
+    assert stopped.value.code == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and "three photos" in told and "point_triangulator" in told

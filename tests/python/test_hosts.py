@@ -9,6 +9,7 @@ import sys
 import conftest
 import host_runner
 import miniature_anchors
+import miniature_convexes
 import miniature_host
 import pytest
 import torch
@@ -17,6 +18,8 @@ PROGRAM = conftest.BUILD / "bin/splatboost"
 LAYOUTS = list(miniature_host.RECIPES)
 # Growth every 10 iterations from 20 to 60; late pruning after 60.
 RUN = "--iterations 120 --densification_interval 10 --densify_from_iter 10 --densify_until_iter 61".split()
+# Growth at 15, 30 and 45; the host's own removal and late pruning after that.
+RUN_OF_CONVEXES = "--iterations 90 --densification_interval 15 --densify_from_iter 10 --densify_until_iter 50".split()
 RUN_OF_ANCHORS = "--iterations 90 --start_stat 3 --update_interval 10 --update_from 9 --update_until 61".split()
 
 
@@ -130,6 +133,71 @@ def test_a_layout_of_anchors_from_patch_to_revert(tmp_path, layout):
 
     patch("revert", tree)
     assert files_of(tree) == before
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+def test_convexes_from_patch_to_revert(tmp_path):
+    tree = miniature_convexes.write_host(tmp_path / "tree")
+    before = files_of(tree)
+    unpatched = train(tree, tmp_path / "unpatched", run=RUN_OF_CONVEXES)
+    assert unpatched["counts"][-1] > 3 * unpatched["counts"][0]
+
+    assert "convex-splatting fits" in patch("status", tree)
+    patch("apply", "convex-splatting", tree)
+    patch("verify", tree)
+
+    off = train(tree, tmp_path / "off", "--boost", "off", run=RUN_OF_CONVEXES)
+    assert (off["losses"], off["counts"]) == (unpatched["losses"], unpatched["counts"])
+    assert (tmp_path / "off/model.npz").read_bytes() == (tmp_path / "unpatched/model.npz").read_bytes()
+    assert not (tmp_path / "off/splatboost.json").exists()
+
+    # Importance of images this small is scaled down, and convexes cover much of them.
+    on = train(tree, tmp_path / "on", "--boost_tau_d", "30000", run=RUN_OF_CONVEXES)
+    assert on["counts"][0] < on["counts"][-1] < 0.6 * off["counts"][-1]
+    assert sum(on["losses"][-20:]) < 0.7 * sum(on["losses"][:20]), "it does not learn"
+    assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {"backbone": "convex-splatting", "beta": 0.5}
+    assert ("SplatBoost: default rules of convex-splatting, beta 0.5, tau_d 30000, growth at 15 to 45 every 15, late pruning at 54 to "
+            "81, steps by schedule") in on["told"]
+    assert max(a - b for a, b in zip(on["counts"][54:], on["counts"][55:])) > 0, "late pruning removed nothing"
+
+    capped = train(tree, tmp_path / "capped", "--boost_max_convexes", "90", "--boost_tau_d", "0", run=RUN_OF_CONVEXES)
+    assert 80 < max(capped["counts"]) <= 90
+    # Nothing passes: nothing but growth changes, and what the host gathers starts again as with growth.
+    closed = train(tree, tmp_path / "closed", "--boost_tau_d", "1e9", run=RUN_OF_CONVEXES)
+    assert max(closed["counts"]) == 60
+
+    # The host's render script draws with the beta of the model, and as published without it.
+    drawn = []
+    for keep in (True, False):
+        if not keep:
+            (tmp_path / "on/splatboost.json").unlink()
+        done = host_runner.run(tree, "render.py", "--model_path", tmp_path / "on")
+        assert done.returncode == 0, done.stderr
+        drawn.append(torch.load(str(tmp_path / "on/render.pt")))
+    assert not torch.equal(*drawn) and (drawn[0] - drawn[1]).abs().mean() < 0.1
+
+    patch("revert", tree)
+    assert files_of(tree) == before
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+def test_pgsr_reads_cameras_of_one_focal_length_and_its_cap_holds(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "tree", "pgsr")
+    readers = tree / "scene/dataset_readers.py"
+
+    def focals():
+        scope = {}
+        exec(readers.read_text(encoding="utf-8"), scope)
+        return scope["focals"]("SIMPLE_PINHOLE", [50.0], 100)
+
+    with pytest.raises(UnboundLocalError):
+        focals()
+    patch("apply", "pgsr", tree)
+    assert focals() == (50.0, 50.0, 2.0)
+    # Where there is no room for all, the most wanted grow; the host's own functions would choose others.
+    capped = train(tree, tmp_path / "model", "--max_all_points", "75", "--boost_max_gaussians", "900")
+    assert 60 < max(capped["counts"]) <= 75
+    assert capped["told"].startswith("SplatBoost: default rules of pgsr, beta 0.5")
 
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")

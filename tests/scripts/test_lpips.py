@@ -4,6 +4,7 @@
 SPLATBOOST_BIN names the folder with the built `lpips_distance` (default: build/release/bin).
 """
 
+import json
 import os
 import pathlib
 import struct
@@ -253,3 +254,29 @@ def test_converter_help():
     result = subprocess.run([sys.executable, SCRIPT, "--help"], capture_output=True, text=True, check=False)
     assert result.returncode == 0
     assert "WEIGHTS.npz" in result.stdout and "OUT.onnx" in result.stdout
+
+
+def test_slam_measures_it_on_its_frames(network, tmp_path):
+    splatboost = PROGRAM.with_name("splatboost")
+    if not splatboost.exists():
+        pytest.skip(f"{splatboost} is not built")
+
+    def run(*arguments):
+        return subprocess.run([splatboost, *map(str, arguments)], capture_output=True, text=True, check=False)
+
+    walk, model = tmp_path / "walk", tmp_path / "model"
+    assert run("synth", walk, "--scene", "walk", "--width", 160, "--height", 120, "--views", 60,
+               "--samples", 1).returncode == 0
+    done = run("slam", "-s", walk, "-m", model, "--frames", 4, "--lockstep", 2, "--iterations", 10, "--features", 400,
+               "--quiet", "--lpips", network[1])
+    if "cannot track a camera" in done.stderr:
+        pytest.skip("this build has no Ceres")
+    assert done.returncode == 0, done.stderr
+    results = json.loads((model / "results.json").read_text())
+    pictures = [model / "test" / kind / view["name"] for view in results["views"] for kind in ("renders", "truth")]
+    result = subprocess.run([PROGRAM, network[1], *pictures], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    measured = [view["lpips"] for view in results["views"]]
+    np.testing.assert_allclose(measured, [float(line) for line in result.stdout.split()], rtol=0.02)  # 8-bit pictures
+    np.testing.assert_allclose(results["lpips"], np.mean(measured), rtol=1e-6)
+    assert results["slam"]["keyframes"]["lpips"] > 0

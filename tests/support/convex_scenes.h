@@ -126,7 +126,7 @@ inline reference::ConvexOptions reference_options(const ConvexOptions& options) 
 /// Memory for every gradient that the scene has.
 struct ConvexGradientData {
   std::vector<float> points, smoothness, sharpness, opacities, sh_dc, sh_rest, colors, view_sharpness,
-      view_sharpness_abs;
+      view_sharpness_abs, screen_points;
 
   explicit ConvexGradientData(const ConvexSceneData& scene, float value = std::nanf(""))
       : points(scene.points.size(), value),
@@ -137,15 +137,17 @@ struct ConvexGradientData {
         sh_rest(scene.sh_rest.size(), value),
         colors(scene.colors.size(), value),
         view_sharpness(scene.count, value),
-        view_sharpness_abs(scene.count, value) {}
+        view_sharpness_abs(scene.count, value),
+        screen_points(3 * scene.count, value) {}
 
   ConvexGradients view(GradientMode mode = GradientMode::overwrite) {
-    return {mode, points, smoothness, sharpness, opacities, sh_dc, sh_rest, colors, view_sharpness, view_sharpness_abs};
+    return {mode,    points, smoothness,     sharpness,          opacities,    sh_dc,
+            sh_rest, colors, view_sharpness, view_sharpness_abs, screen_points};
   }
   /// All of them.
   std::vector<const std::vector<float>*> all() const {
-    return {&points,  &smoothness, &sharpness,      &opacities,         &sh_dc,
-            &sh_rest, &colors,     &view_sharpness, &view_sharpness_abs};
+    return {&points,  &smoothness, &sharpness,      &opacities,          &sh_dc,
+            &sh_rest, &colors,     &view_sharpness, &view_sharpness_abs, &screen_points};
   }
 };
 

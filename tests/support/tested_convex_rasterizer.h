@@ -34,14 +34,14 @@ class ConvexRasterizer {
                 const ConvexGradients& gradients) {
     EXPECT_EQ(convexes.count, convexes_.count);
     Carried<float> image, opacity;
-    Carried<float> out[9];
+    Carried<float> out[10];
     rasterizer_.backward(
         convexes_, image.there(color), opacity.there(alpha),
         {gradients.mode, out[0].there_and_back(gradients.points), out[1].there_and_back(gradients.smoothness),
          out[2].there_and_back(gradients.sharpness), out[3].there_and_back(gradients.opacities),
          out[4].there_and_back(gradients.sh_dc), out[5].there_and_back(gradients.sh_rest),
          out[6].there_and_back(gradients.colors), out[7].there_and_back(gradients.view_sharpness),
-         out[8].there_and_back(gradients.view_sharpness_abs)});
+         out[8].there_and_back(gradients.view_sharpness_abs), out[9].there_and_back(gradients.screen_points)});
     for (Carried<float>& rows : out) rows.back();
   }
 

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m splatboost doctor [CHECKOUT]`."""
+"""`python -m splatboost doctor [CHECKOUT]` and `python -m splatboost view MODEL`."""
 
 from __future__ import annotations
 
 import sys
 
-from . import doctor
+from . import doctor, view
 
 _USAGE = """usage: python -m splatboost doctor [CHECKOUT]
+       python -m splatboost view MODEL [MODEL] [--live] [--port N] [--host ADDRESS]
 
   doctor   what of SplatBoost, torch and CUDA is there, what is missing, and how to get it; with the folder of a
            backbone's checkout, also the Python modules that its scripts need
+  view     shows a trained model in a browser, or the two of a comparison side by side (--help tells more)
 
 python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (--help tells more)
 """
@@ -19,6 +21,8 @@ python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (--hel
 def main() -> int:
     if sys.argv[1:2] == ["doctor"] and len(sys.argv) <= 3 and not sys.argv[-1].startswith("-"):
         return doctor.main(*sys.argv[2:])
+    if sys.argv[1:2] == ["view"]:
+        return view.main(sys.argv[2:])
     if sys.argv[1:] in (["-h"], ["--help"]):
         print(_USAGE, end="")
         return 0

@@ -17,6 +17,7 @@ CPU, CUDA = 0, 1
 FLOAT32, FLOAT64, INT32, INT64, UINT8 = range(5)
 MAX_DIMENSIONS = 4
 BOX_SQUARE, BOX_ELLIPSE = 0, 1
+CONVEX_BOX_SQUARE, CONVEX_BOX_COMPACT = 0, 1
 
 
 class LibraryError(RuntimeError):
@@ -99,6 +100,32 @@ class GaussianGradients(ctypes.Structure):
     _fields_ = [("accumulate", c_int32)] + _GAUSSIANS + _tensors("screen_means screen_means_abs")
 
 
+_CONVEXES = _tensors("points smoothness sharpness opacities sh_dc sh_rest colors")
+
+
+class Convexes(ctypes.Structure):
+    _fields_ = _CONVEXES + [("sh_degree", c_int32)]
+
+
+class ConvexOptions(ctypes.Structure):
+    _fields_ = [
+        ("box", c_int32),
+        ("beta", c_float),
+        ("near_plane", c_float),
+        ("pixel_size", c_float),
+        ("background", c_float * 3),
+        ("released_view_direction", c_int32),
+    ]
+
+
+class ConvexOutputs(ctypes.Structure):
+    _fields_ = _tensors("color alpha visible")
+
+
+class ConvexGradients(ctypes.Structure):
+    _fields_ = [("accumulate", c_int32)] + _CONVEXES + _tensors("sharpness_abs screen_points")
+
+
 class Truth(ctypes.Structure):
     _fields_ = _tensors("color valid")
 
@@ -173,8 +200,20 @@ _ENTRIES = {
         [c_void_p, POINTER(Gaussians), POINTER(ImageGradients), POINTER(GaussianGradients), c_void_p],
     ),
     "sb_rasterizer_count_flagged": (_STATUS, [c_void_p, _T, _T, c_void_p]),
+    "sb_rasterizer_count_observed": (_STATUS, [c_void_p, c_float, _T, c_void_p]),
     "sb_rasterizer_settle": (_STATUS, [c_void_p, _I32, c_void_p]),
     "sb_rasterizer_counts": (_STATUS, [c_void_p, _I64, _I64, c_void_p]),
+    "sb_convex_rasterizer_create": (_STATUS, [_DEVICE, POINTER(c_void_p)]),
+    "sb_convex_rasterizer_destroy": (None, [c_void_p]),
+    "sb_convex_rasterizer_forward": (
+        _STATUS,
+        [c_void_p, _CAMERA, POINTER(Convexes), POINTER(ConvexOptions), POINTER(ConvexOutputs), c_void_p],
+    ),
+    "sb_convex_rasterizer_backward": (
+        _STATUS,
+        [c_void_p, POINTER(Convexes), _T, _T, POINTER(ConvexGradients), c_void_p],
+    ),
+    "sb_convex_rasterizer_count_flagged": (_STATUS, [c_void_p, _T, _T, c_void_p]),
     "sb_mark_visible": (_STATUS, [_DEVICE, _CAMERA, _T, c_float, _T]),
     "sb_visible_radii": (_STATUS, [_DEVICE, _CAMERA, POINTER(Gaussians), POINTER(RasterOptions), _T]),
     "sb_flag_errors": (_STATUS, [_DEVICE, _T, POINTER(Truth), c_float, _T, _T, _I64]),

@@ -36,27 +36,30 @@ class _Lease:
 
 
 class _Workspace:
-    def __init__(self, place: Place):
+    """entries: how the names of the rasterizer's entries begin, "sb_rasterizer" or "sb_convex_rasterizer"."""
+
+    def __init__(self, entries: str, place: Place):
         handle = ctypes.c_void_p()
-        place.call("sb_rasterizer_create", place.c_device(), ctypes.byref(handle))
+        place.call(entries + "_create", place.c_device(), ctypes.byref(handle))
+        self.entries = entries
         self.handle = handle
         self.lease: Any = lambda: None
-        weakref.finalize(self, lib.load().sb_rasterizer_destroy, handle)
+        weakref.finalize(self, getattr(lib.load(), entries + "_destroy"), handle)
 
 
-_workspaces: Dict[Tuple[int, int, int], List[_Workspace]] = {}
+_workspaces: Dict[Tuple[str, int, int, int], List[_Workspace]] = {}
 _lock = threading.Lock()
 
 
-def _take_workspace(place: Place) -> _Lease:
+def _take_workspace(entries: str, place: Place) -> _Lease:
     with _lock:
-        pool = _workspaces.setdefault((place.kind, place.index, place.threads), [])
+        pool = _workspaces.setdefault((entries, place.kind, place.index, place.threads), [])
         for workspace in pool:
             owner = workspace.lease()
             if owner is None or not owner.pending:
                 break
         else:
-            workspace = _Workspace(place)
+            workspace = _Workspace(entries, place)
             pool.append(workspace)
         lease = _Lease(workspace)
         workspace.lease = weakref.ref(lease)
@@ -102,7 +105,7 @@ def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]])
     }
     outputs = lib.RasterOutputs(**{name: place.target(image, name) for name, image in images.items()})
     gaussians = _gaussians(place, tensors, call.sh_degree)
-    call.lease = _take_workspace(place)
+    call.lease = _take_workspace("sb_rasterizer", place)
     place.call(
         "sb_rasterizer_forward",
         call.lease.workspace.handle,
@@ -251,10 +254,26 @@ class Render:
         self._add_counts(place.view(flagged, "flagged"), place.target(counts, "counts"), place)
         return counts
 
-    def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
+    def count_observed(self, min_transmittance: float = 0.5) -> torch.Tensor:
+        """int32 [N]: pixels where each Gaussian was blended while the transmittance before it was above this one.
+
+        Replays the tile lists of this render, so it must come before the next render.
+        """
+        counts = torch.zeros_like(self.radii)
+        place = Place(self.radii, "radii")
+        self._check_held("count_observed")
+        target = place.target(counts, "counts")
+        lib.call("sb_rasterizer_count_observed", self._lease.workspace.handle, min_transmittance, target, place.stream)
+        return counts
+
+    def _check_held(self, what: str) -> None:
         if not self._lease.held:
-            raise RuntimeError("count_flagged: this render's tile lists are gone, another view was drawn since")
-        lib.call("sb_rasterizer_count_flagged", self._lease.workspace.handle, flagged, counts, place.stream)
+            raise RuntimeError("%s: this render's tile lists are gone, another view was drawn since" % what)
+
+    def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
+        self._check_held("count_flagged")
+        workspace = self._lease.workspace
+        lib.call(workspace.entries + "_count_flagged", workspace.handle, flagged, counts, place.stream)
 
 
 def rasterize(

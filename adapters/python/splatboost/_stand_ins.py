@@ -14,11 +14,11 @@ import warnings
 from typing import Any, List, Optional, Tuple
 
 #: Packages that hosts import but do not use in training, rendering and metrics.
-_OPTIONAL = ("open3d", "joblib", "wandb")
+_OPTIONAL = ("open3d", "joblib", "wandb", "matplotlib")
 #: What a host need not have installed.
 PROVIDED = _OPTIONAL + ("torchvision", "torch_scatter", "lpips", "lpipsPyTorch", "diff_gaussian_rasterization",
-                        "diff_gaussian_rasterization_abs", "diff_surfel_rasterization", "simple_knn",
-                        "fused_ssim")
+                        "diff_gaussian_rasterization_abs", "diff_surfel_rasterization", "diff_convex_rasterization",
+                        "diff_plane_rasterization", "simple_knn", "fused_ssim", "pytorch3d")
 
 
 def install() -> None:
@@ -26,12 +26,19 @@ def install() -> None:
     for name in _OPTIONAL:
         if _lacks(name):
             sys.modules[name] = _Missing(name)
+            if name == "matplotlib":
+                setattr(sys.modules[name], "pyplot", _Missing("matplotlib.pyplot"))
+                sys.modules["matplotlib.pyplot"] = getattr(sys.modules[name], "pyplot")
+            if name == "open3d":
+                _open3d(sys.modules[name])
     if _lacks("torchvision"):
         _torchvision()
     if _lacks("torch_scatter"):
         scatter: Any = types.ModuleType("torch_scatter")
         scatter.scatter_max = scatter_max
         sys.modules["torch_scatter"] = scatter
+    if _lacks("pytorch3d"):
+        _pytorch3d()
     _numpy_names()
     _lpips()
     if shutil.which("nvidia-smi") is None:
@@ -59,6 +66,46 @@ class _Missing(types.ModuleType):
             raise AttributeError(name)
         raise ModuleNotFoundError("%s.%s is used, but %s is not installed" % (self.__name__, name, self.__name__),
                                   name=self.__name__)
+
+
+def _open3d(root: Any) -> None:
+    """PGSR's render.py makes a volume also where nothing is fused into it."""
+
+    class ScalableTSDFVolume:
+        def __init__(self, *_: Any, **__: Any):
+            pass
+
+        def __getattr__(self, name: str) -> Any:
+            raise ModuleNotFoundError("open3d: a mesh is wanted, but open3d is not installed", name="open3d")
+
+    integration: Any = types.ModuleType("open3d.pipelines.integration")
+    integration.ScalableTSDFVolume = ScalableTSDFVolume
+    integration.TSDFVolumeColorType = types.SimpleNamespace(RGB8="RGB8")
+    root.pipelines = types.SimpleNamespace(integration=integration)
+
+
+def quaternion_to_matrix(quaternions: Any) -> Any:
+    """[…,3,3] rotations of quaternions (w,x,y,z) […,4] of any length but 0."""
+    import torch
+
+    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=-1).unbind(dim=-1)
+    rows = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], dim=-1),
+        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], dim=-1),
+        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], dim=-1),
+    ]
+    return torch.stack(rows, dim=-2)
+
+
+def _pytorch3d() -> None:
+    """What PGSR uses of it."""
+    root: Any = types.ModuleType("pytorch3d")
+    root.__path__ = []
+    transforms: Any = types.ModuleType("pytorch3d.transforms")
+    transforms.quaternion_to_matrix = quaternion_to_matrix
+    root.transforms = transforms
+    for module in (root, transforms):
+        sys.modules[module.__name__] = module
 
 
 def scatter_max(values: Any, index: Any, dim: int = -1, *_: Any) -> Tuple[Any, Any]:

@@ -141,16 +141,20 @@ def map_cuda() -> None:
 
 def detect_layout(folder: str) -> Optional[str]:
     """Which drop-in layout the checkout in a folder draws with; None where it is no 3DGS checkout."""
+    if os.path.exists(os.path.join(folder, "convex_renderer", "__init__.py")):
+        return "convexes"
     path = os.path.join(folder, "gaussian_renderer", "__init__.py")
     if not os.path.exists(path):
         return None
     with open(path, encoding="utf-8", errors="replace") as file:
         text = file.read()
+    if "diff_plane_rasterization" in text:
+        return "pgsr"
     if "view2gaussian" in text:
         return "opacity-fields"
     if "kernel_size" in text and "subpixel_offset" in text:
         return "mip-splatting"
-    if "means2D_densify" in text:
+    if "means2D_densify" in text or "d_scaling, is_6dof=False" in text:
         return "deformable-3dgs"
     if "visible_filter" in text or "def prefilter_voxel(" in text:
         return "anchors"

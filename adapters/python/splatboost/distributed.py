@@ -96,6 +96,17 @@ class Shard:
         self.ids = torch.arange(rows, dtype=torch.int64, device=device)[self.mine]
         self._next = rows
 
+    @classmethod
+    def dealt(cls, rows_here: int, processes: Optional[Processes] = None, device: Any = "cpu") -> "Shard":
+        """Of rows that were dealt out in turn, as tensor[rank::count]: row i here is row i · count + rank of all."""
+        shard = cls(0, processes, device)
+        count, rank = shard.processes.count, shard.processes.rank
+        shard.mine = slice(rank, None, count)
+        shard.ids = torch.arange(rows_here, dtype=torch.int64, device=device) * count + rank
+        most = int(shard.processes.rows(torch.tensor([rows_here], dtype=torch.int64, device=device)).max())
+        shard._next = most * count
+        return shard
+
     def all_rows(self, tensor: torch.Tensor) -> torch.Tensor:
         """Rows of all processes in the order of their ids."""
         _, order = torch.sort(self.processes.rows(self.ids))
@@ -222,16 +233,17 @@ class SharedAdapter:
 
     def grow(self, iteration: int, views: Sequence[Callable[[], ScoredView]], *, scene_extent: float,
              gradients: torch.Tensor, gradients_abs: Optional[torch.Tensor] = None,
-             max_scales: Optional[torch.Tensor] = None) -> Tuple[torch.Tensor, torch.Tensor]:
+             max_scales: Optional[torch.Tensor] = None, clone: Optional[torch.Tensor] = None,
+             split: Optional[torch.Tensor] = None) -> Tuple[torch.Tensor, torch.Tensor]:
         """As Adapter.grow, of the rows held here; statistics are means over the views of all processes (ExactSum)."""
         every = self._all(gradients)
-        clone, split = self.adapter.grow(
+        grows, splits = self.adapter.grow(
             iteration, shared_views(views, self.processes, self.adapter.device), scene_extent=scene_extent,
             gradients=every, gradients_abs=self._all(gradients_abs), max_scales=self._all(max_scales),
-            max_primitives=self.max_gaussians)
+            clone=self._all(clone), split=self._all(split), max_primitives=self.max_gaussians)
         if self.shard is not None:
             self._before, _ = torch.sort(self.processes.rows(self.shard.ids))
-        return self._own(clone), self._own(split)
+        return self._own(grows), self._own(splits)
 
     def prune(self, iteration: int, views: Sequence[Callable[[], ScoredView]], *, candidates: torch.Tensor,
               opacities: torch.Tensor, origins: Optional[torch.Tensor] = None) -> torch.Tensor:

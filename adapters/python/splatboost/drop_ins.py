@@ -19,10 +19,13 @@ LAYOUTS = {
     "opacity-fields": "diff_gaussian_rasterization_opacity_fields",
     "surfels": "diff_surfel_rasterization",
     "anchors": "diff_gaussian_rasterization_anchors",
+    "convexes": "diff_convex_rasterization",
+    "pgsr": "diff_plane_rasterization",
 }
 
 #: layout → the name that its host imports, where it is another than diff_gaussian_rasterization
-_NAMES = {"absgs": "diff_gaussian_rasterization_abs", "surfels": "diff_surfel_rasterization"}
+_NAMES = {"absgs": "diff_gaussian_rasterization_abs", "surfels": "diff_surfel_rasterization",
+          "convexes": "diff_convex_rasterization", "pgsr": "diff_plane_rasterization"}
 
 
 def install_drop_ins(layout: str) -> List[str]:

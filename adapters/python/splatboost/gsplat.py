@@ -15,7 +15,8 @@ import torch
 from ._rasterize import rasterize
 from .adapter import Adapter, ScoredView
 from .camera import Camera
-from .operations import as_bytes, spare_one
+from .distributed import Processes, Shard, SharedAdapter
+from .operations import as_bytes
 
 try:
     from gsplat.strategy import DefaultStrategy, ops
@@ -79,7 +80,12 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
 
     max_steps    length of the run
     settings     of splatboost.Adapter: vcd, vcp, schedule, tau_d, views (K), … Whole numbers for True, False and counts
+    max_gaussians  growth never makes more of them, in all processes together; 0: no cap
     eps2d, near_plane, antialiased, background   as gsplat's rasterization() is called
+
+    Several processes: as gsplat's rasterization(..., distributed=True) has it, each holds Gaussians of its own, dealt out in turn
+    (points[rank::count]), and all of them the same views. The decisions are those of one process that draws as many cameras a step.
+    At an event each process gathers all Gaussians, and draws its share of the views.
 
     Give it the training views, call rasterization(..., absgrad=strategy.absgrad), and step the optimizers that
     optimizers_at() names, before or after step_post_backward:
@@ -95,6 +101,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
 
     absgrad: bool = True
     max_steps: int = 30_000
+    max_gaussians: int = 0
     settings: Dict[str, float] = field(default_factory=dict)
     eps2d: float = 0.3
     near_plane: float = 0.01
@@ -104,6 +111,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
 
     def __post_init__(self) -> None:
         self._adapter: Optional[Adapter] = None
+        self._shard: Optional[Shard] = None
         self._views: Any = ()
         self._lists_views = True
         self._device: Any = None
@@ -129,6 +137,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
 
     def initialize_state(self, scene_scale: float = 1.0) -> Dict[str, Any]:
         """State of a run. Its tensors have a row a Gaussian, and gsplat's operations carry them along."""
+        self._shard = None
         return {"scene_scale": scene_scale, "grad2d": None, "absgrad2d": None, "count": None}
 
     def check_sanity(self, params: Params, optimizers: Optimizers) -> None:
@@ -172,8 +181,6 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         """scene: gsplat 1.6's, which keeps what is beside the parameters of Gaussians."""
         if not self._views:
             raise ValueError("no views to score: call score_on(views) before training")
-        if torch.distributed.is_available() and torch.distributed.is_initialized() and torch.distributed.get_world_size() > 1:
-            raise ValueError("this strategy is for one process; for several see splatboost.distributed")
         iteration = step + 1
         self._device = params["means"].device
         self._scene = {} if scene is None else {"scene": scene}
@@ -191,6 +198,21 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         if adapter.resets_opacities_at(iteration, iteration < until and iteration % self._at(self.reset_every) == 0):
             self._apply_pending(params, optimizers)
             ops.reset_opa(params=params, optimizers=optimizers, state=state, value=2 * self.prune_opa)
+
+    def _rows(self, params: Params) -> Shard:
+        """Which Gaussians are held here."""
+        n = params["means"].shape[0]
+        if self._shard is None:
+            self._shard = Shard.dealt(n, Processes(), params["means"].device)
+        elif self._shard.ids.shape[0] != n:
+            raise ValueError("params: %d Gaussians, but %d came of this strategy's own growth; what else adds or removes some?"
+                             % (n, self._shard.ids.shape[0]))
+        return self._shard
+
+    def _shared(self, params: Params) -> SharedAdapter:
+        shard = self._rows(params)
+        several = shard.processes.count > 1  # one holds its rows in the order of ids
+        return SharedAdapter(self.adapter(), shard if several else None, shard.processes, self.max_gaussians)
 
     def _at(self, published: int) -> int:
         from .schedule import PUBLISHED_ITERATIONS, scaled_iteration
@@ -231,6 +253,10 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
                 optimizer.zero_grad(set_to_none=True)
 
     def _sources(self, params: Params) -> List[Callable[[], ScoredView]]:
+        shard = self._rows(params)
+        if shard.processes.count > 1:
+            params = {name: shard.all_rows(params[name].detach()) for name in _REQUIRED}
+
         def source(index: int) -> Callable[[], ScoredView]:
             return lambda: self._score(params, index)
 
@@ -273,7 +299,8 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         gradients = state["grad2d"] / count
         border = self.adapter().settings["percent_dense"] * state["scene_scale"]
         large = gradients >= self.adapter().settings["gradient_threshold"]  # 3DGS's own rule, where absgrad is off
-        clone, split = self.adapter().grow(
+        shared, shard = self._shared(params), self._rows(params)
+        clone, split = shared.grow(
             iteration,
             self._sources(params),
             scene_extent=float(state["scene_scale"]),
@@ -286,20 +313,25 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         state["origins"] = torch.arange(n, device=device)
         if clone.any():
             ops.duplicate(params=params, optimizers=optimizers, state=state, mask=clone, **self._scene)
+        made_from = shard.grow(clone, split)
         if split.any():
             whole = torch.cat([split, torch.zeros(int(clone.sum()), dtype=torch.bool, device=device)])
+            places = self._children(params, whole, shard, iteration, self.seed)
             ops.split(params=params, optimizers=optimizers, state=state, mask=whole,
                       revised_opacity=self.revised_opacity, **self._scene)
+            params["means"][-places.shape[0]:] = places
         origins = state.pop("origins")
+        if shared.shard is not None:
+            origins = made_from
 
         opacities = torch.sigmoid(params["opacities"]).reshape(-1)
         candidates = opacities < self.prune_opa
         if iteration > self._at(self.reset_every):
             candidates |= torch.exp(params["scales"]).amax(dim=-1) > self.prune_scale3d * state["scene_scale"]
-        removed = self.adapter().prune(
+        removed = shared.prune(
             iteration, self._sources(params), candidates=candidates, origins=origins, opacities=opacities
         )
-        self._remove(params, optimizers, state, removed, opacities)
+        self._remove(params, optimizers, state, removed)
         for name in ("grad2d", "absgrad2d", "count"):
             if state[name] is not None:
                 state[name].zero_()
@@ -312,19 +344,22 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
     def _prune_late(self, params: Params, optimizers: Optimizers, state: Dict[str, Any], iteration: int) -> None:
         opacities = torch.sigmoid(params["opacities"]).reshape(-1)
         none = torch.zeros_like(opacities, dtype=torch.bool)
-        removed = self.adapter().prune(iteration, self._sources(params), candidates=none, opacities=opacities)
-        self._remove(params, optimizers, state, removed, opacities)
+        removed = self._shared(params).prune(iteration, self._sources(params), candidates=none, opacities=opacities)
+        self._remove(params, optimizers, state, removed)
         if self.verbose:
             print("Step %d: %d pruned, %d Gaussians now" % (iteration - 1, removed.sum(), params["means"].shape[0]))
 
-    def _remove(
-        self,
-        params: Params,
-        optimizers: Optimizers,
-        state: Dict[str, Any],
-        removed: torch.Tensor,
-        opacities: torch.Tensor,
-    ) -> None:
-        removed = spare_one(opacities, removed)
+    @staticmethod
+    def _children(params: Params, mask: torch.Tensor, shard: Shard, iteration: int, seed: int) -> torch.Tensor:
+        """[2 n, 3] places for the children of split Gaussians, drawn by their ids: the same in any process."""
+        parents = torch.where(mask)[0].repeat(2)
+        turn = torch.nn.functional.normalize(params["quats"][parents], dim=-1)
+        away = shard.normal(seed, iteration, 3)[-parents.shape[0]:] * torch.exp(params["scales"][parents])
+        w, axis = turn[:, :1], turn[:, 1:]
+        twice = 2 * torch.cross(axis, away, dim=-1)
+        return params["means"][parents] + away + w * twice + torch.cross(axis, twice, dim=-1)
+
+    def _remove(self, params: Params, optimizers: Optimizers, state: Dict[str, Any], removed: torch.Tensor) -> None:
+        self._rows(params).remove(removed)
         if removed.any():
             ops.remove(params=params, optimizers=optimizers, state=state, mask=removed, **self._scene)

@@ -12,6 +12,20 @@ namespace {
 
 constexpr const char* kGroupsFile = "parameters.bin";  ///< of a model: the method's groups
 
+/// Where memory ran out while Gaussians were added, some arrays are longer than others.
+void keep_whole_rows(SplatCloud& cloud) {
+  const std::size_t rest = 3 * static_cast<std::size_t>(cloud.sh_rest_rows);
+  const std::size_t n =
+      std::min({cloud.means.size() / 3, cloud.sh_dc.size() / 3, cloud.sh_rest.size() / rest,
+                cloud.logit_opacities.size(), cloud.log_scales.size() / 3, cloud.rotations.size() / 4});
+  cloud.means.resize(3 * n);
+  cloud.sh_dc.resize(3 * n);
+  cloud.sh_rest.resize(rest * n);
+  cloud.logit_opacities.resize(n);
+  cloud.log_scales.resize(3 * n);
+  cloud.rotations.resize(4 * n);
+}
+
 }  // namespace
 
 void GaussianTrainer::export_moment(float time, const std::filesystem::path& file) {
@@ -43,6 +57,7 @@ std::uint64_t GaussianTrainer::export_model(const std::filesystem::path& folder)
   cloud.logit_opacities = opacity_.values.to_host();
   cloud.log_scales = scaling_.values.to_host();
   cloud.rotations = rotation_.values.to_host();
+  keep_whole_rows(cloud);
   method_->export_to(cloud);
   const std::filesystem::path path = folder / "point_cloud.ply";
   write_splat_ply(path, cloud);

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <set>
 
+#include "families/tracking/focal_check.h"
 #include "families/tracking/loop_closing.h"
 #include "families/tracking/sparse_map.h"
 
@@ -315,6 +316,7 @@ glm::dmat4 Tracker::camera_from_world(std::size_t keyframe) const {
 }
 std::size_t Tracker::frame_of(std::size_t keyframe) const { return state_->map.keyframes()[keyframe].frame; }
 int Tracker::loops() const { return state_->loops; }
+std::optional<double> Tracker::better_focal_factor() const { return tracking::better_focal_factor(state_->map); }
 
 std::size_t Tracker::map_points() const {
   const std::vector<MapPoint>& points = state_->map.points();

@@ -64,6 +64,8 @@ class Tracker {
   /// The whole map, for a model of it.
   PointCloud cloud() const;
   int loops() const;
+  /// What the focal lengths should be multiplied by, where pictures and depth clearly say that they are wrong.
+  std::optional<double> better_focal_factor() const;
   /// What has come since the last call. The keyframes are its views.
   MapChange take_change();
 

@@ -21,6 +21,7 @@ std::size_t Tracker::frame_of(std::size_t) const { return 0; }
 std::size_t Tracker::map_points() const { return 0; }
 PointCloud Tracker::cloud() const { return {}; }
 int Tracker::loops() const { return 0; }
+std::optional<double> Tracker::better_focal_factor() const { return {}; }
 MapChange Tracker::take_change() { return {}; }
 
 }  // namespace splatboost

@@ -50,7 +50,8 @@ struct Eval {
     const fs::path training_path = options.model / kTrainingFile;
     const bool measured = fs::exists(results_path);
     require(measured || fs::exists(training_path), results_path.string() + kDidNotEnd);
-    Results results = results_of(measured ? results_path : training_path);
+    const nlohmann::json before = read_json_file(measured ? results_path : training_path);
+    Results results = results_of(before, measured ? results_path : training_path);
     // A model saved on the way is shown, but results.json speaks of the run's end.
     const bool of_the_end = saved_iteration(saved) == results.iterations;
     require(measured || of_the_end || iteration == 0, results_path.string() + kDidNotEnd);
@@ -79,15 +80,19 @@ struct Eval {
     plugged.backbone->rasterizer_hook().set_beta(1.0f);
     evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, exact);
 
-    if (of_the_end && measured) write_results(results_path, results);
+    if (of_the_end && measured) {
+      nlohmann::json json = to_json(results);
+      if (before.contains("slam"))
+        json["slam"] = before.at("slam");  // how the camera was tracked is not measured again
+      write_text_atomically(results_path, json.dump(2) + "\n");
+    }
     print(results, exact, beta);
     if (of_the_end) std::printf("\nresults: %s\n", results_path.c_str());
     return 0;
   }
 
  private:
-  static Results results_of(const fs::path& path) {
-    const nlohmann::json document = read_json_file(path);
+  static Results results_of(const nlohmann::json& document, const fs::path& path) {
     try {
       return results_from_json(document);
     } catch (const InputError& error) {

@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
 #include <cstdio>
+#include <exception>
+#include <functional>
 #include <memory>
+#include <new>
 #include <optional>
+#include <stdexcept>
+#include <string>
 
 #include "program/commands/commands.h"
 #include "program/session/chosen_device.h"
@@ -10,11 +15,13 @@
 #include "program/session/run.h"
 #include "program/session/slam_results.h"
 #include "program/session/slam_run.h"
+#include "splatboost/errors.h"
 #include "trainer/evaluation/metrics.h"
 #include "trainer/report/report.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/process_info.h"
 #include "trainer/support/text.h"
+#include "trainer/training/stop_signals.h"
 
 namespace splatboost::program {
 namespace {
@@ -125,24 +132,77 @@ struct Slam {
 
     reset_peak_memory();
     std::optional<FolderLock> lock;
-    SlamRun mapping(*sequence, slam, options, [&](const Scene& scene) {
-      const BackboneContext context{
-          scene, device.threads(), options.seed, options.iterations.value(), options.max_primitives, device.device()};
-      PluggedBackbone plugged =
-          make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
-      require(dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
-              "--backbone: " + options.backbone + " cannot train while its views come in; photo-slam can");
-      lock = take_model_folder(options.model, false);
-      write_config(options.model, config_of(plugged));
-      return plugged;
-    });
+    const StopSignals signals;
+    const auto stopped = [&] { return signals.caught() != 0; };
+    SlamRun mapping(
+        *sequence, slam, options,
+        [&](const Scene& scene) {
+          const BackboneContext context{
+              scene,          device.threads(), options.seed, options.iterations.value(), options.max_primitives,
+              device.device()};
+          PluggedBackbone plugged =
+              make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
+          require(dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
+                  "--backbone: " + options.backbone + " cannot train while its views come in; photo-slam can");
+          lock = take_model_folder(options.model, false);
+          write_config(options.model, config_of(plugged));
+          return plugged;
+        },
+        stopped);
     const SlamOutcome outcome = mapping.run();
-    write(mapping, outcome, *sequence, device, lpips.get(), command_line);
-    return 0;
+    if (outcome.failure) keep_after_failure(mapping, outcome, *sequence, device, command_line);
+    if (mapping.scene().train.empty()) {
+      std::fprintf(stderr, "interrupted before the first keyframe; nothing was written\n");
+      return exit_code_of_signal(signals.caught());
+    }
+    const std::size_t measured = write(mapping, outcome, *sequence, device, lpips.get(), command_line, stopped);
+    if (!stopped()) return 0;
+    const std::string when = outcome.complete ? "while measuring, after " + std::to_string(measured) + " frames"
+                                              : place_of(outcome, *sequence);
+    std::fprintf(stderr, "interrupted %s; %s; measure the model with: splatboost eval -m %s\n", when.c_str(),
+                 kept(mapping).c_str(), options.model.c_str());
+    return exit_code_of_signal(signals.caught());
   }
 
-  void write(SlamRun& mapping, const SlamOutcome& outcome, Sequence& sequence, ChosenDevice& device, Lpips* lpips,
-             const std::string& command_line) const {
+  static std::string place_of(const SlamOutcome& outcome, const Sequence& sequence) {
+    return "after frame " + std::to_string(outcome.frames.size()) + " of " + std::to_string(sequence.size()) +
+           ", iteration " + std::to_string(outcome.iterations);
+  }
+
+  std::string kept(const SlamRun& mapping) const {
+    return "trajectory, " + std::to_string(mapping.scene().train.size()) +
+           " keyframes, model and results so far are in " + options.model.string();
+  }
+
+  /// Writes what there is and throws what the run failed with, with a word about that.
+  [[noreturn]] void keep_after_failure(SlamRun& mapping, const SlamOutcome& outcome, Sequence& sequence,
+                                       ChosenDevice& device, const std::string& command_line) const {
+    std::string what = "out of memory";
+    bool memory = true;
+    try {
+      std::rethrow_exception(outcome.failure);
+    } catch (const std::bad_alloc&) {
+    } catch (const DeviceMemoryError& error) {
+      what = error.what();
+    } catch (const std::exception& error) {
+      what = error.what();
+      memory = false;
+    }
+    std::string saved = kept(mapping);
+    try {
+      write(mapping, outcome, sequence, device, nullptr, command_line, [] { return true; });
+    } catch (const std::exception& reason) {
+      saved = "not all that there was could be saved: " + std::string(reason.what());
+    }
+    what += " " + place_of(outcome, sequence) + ", with " + std::to_string(mapping.backbone().primitives()) +
+            " primitives; " + saved;
+    if (memory) what += "; lower --resolution or set --max-primitives";
+    throw std::runtime_error(what);
+  }
+
+  /// @return frames that were measured
+  std::size_t write(SlamRun& mapping, const SlamOutcome& outcome, Sequence& sequence, ChosenDevice& device,
+                    Lpips* lpips, const std::string& command_line, const std::function<bool()>& stopped) const {
     const fs::path& folder = options.model;
     Results results;
     results.backbone = options.backbone;
@@ -163,13 +223,13 @@ struct Slam {
     results.height = mapping.scene().train[0].camera.height;
     results.stage_seconds = outcome.stage_seconds;
     results.curve = outcome.curve;
+    write_tracking(mapping, outcome, sequence, folder);  // first: a model may fail for want of memory
     const fs::path model = folder / "point_cloud" / ("iteration_" + std::to_string(outcome.iterations));
     make_folder(model);
     results.storage_bytes = mapping.backbone().export_model(model);
-    write_tracking(mapping, outcome, sequence, folder);
     std::vector<ReportView> views;
     const Json keyframes = measure_frames(mapping, outcome, sequence, options.scene.resolution.value_or(-1), lpips,
-                                          folder, results, views);
+                                          folder, stopped, results, views);
     const std::optional<TrajectoryError> error = trajectory_error(mapping, outcome, sequence);
     write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + run_label(options.boost),
                  {{run_label(options.boost), results, folder / "test" / "renders", {}}}, views, 4,
@@ -177,14 +237,16 @@ struct Slam {
     Json json = to_json(results);
     json["slam"] = slam_json(mapping, outcome, sequence, error, keyframes);
     write_text_atomically(folder / "results.json", json.dump(2) + "\n");
-    print(json, results);
+    if (outcome.complete && !stopped()) print(json, results);
+    return results.views.size();
   }
 
   Json slam_json(const SlamRun& mapping, const SlamOutcome& outcome, const Sequence& sequence,
                  const std::optional<TrajectoryError>& error, const Json& keyframes) const {
     std::map<TrackState, std::size_t> states;
     for (const TrackedFrame& frame : outcome.frames) ++states[frame.state];
-    return {{"frames", sequence.size()},
+    return {{"complete", outcome.complete},
+            {"frames", sequence.size()},
             {"tracked", states[TrackState::tracked]},
             {"lost", states[TrackState::lost]},
             {"dropped", states[TrackState::dropped]},

@@ -32,6 +32,25 @@ bool is_ours(const fs::path& folder) {
   }
 }
 
+Json camera_json(const View& view, std::size_t id, const char* split) {
+  const Camera& camera = view.camera;
+  const glm::mat3 world_from_camera = glm::transpose(camera.rotation());
+  const glm::vec3 position = camera.centre();
+  Json rows = Json::array();
+  for (int row = 0; row < 3; ++row) {
+    rows.push_back({world_from_camera[0][row], world_from_camera[1][row], world_from_camera[2][row]});
+  }
+  return {{"id", id},
+          {"img_name", view.name},
+          {"split", split},
+          {"width", camera.width},
+          {"height", camera.height},
+          {"position", {position.x, position.y, position.z}},
+          {"rotation", rows},
+          {"fx", camera.fx},
+          {"fy", camera.fy}};
+}
+
 }  // namespace
 
 void require_ours_or_empty(const fs::path& folder) {
@@ -59,7 +78,7 @@ FolderLock take_model_folder(const fs::path& folder, bool keep_results) {
   if (keep_results) return lock;
   // What is there when a run ends must be of that run. Checkpoints are hours of work and say whose they are: they stay.
   for (const char* name : {"point_cloud", "test", "train", kTrainingFile, "results.json", "compare.json", "report.html",
-                           "mesh.ply", "keyframes", "keyframes.txt", "trajectory.txt"}) {
+                           "cameras.json", "mesh.ply", "keyframes", "keyframes.txt", "trajectory.txt"}) {
     fs::remove_all(folder / name, error);
     require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
   }
@@ -84,6 +103,13 @@ std::string config_text(const OptionSet& set, const RunOptions& options, bool bo
 
 void write_config(const fs::path& folder, const std::string& text) {
   write_text_atomically(folder / "config.json", text);
+}
+
+void write_cameras(const fs::path& folder, const Scene& scene) {
+  Json cameras = Json::array();
+  for (const View& view : scene.test) cameras.push_back(camera_json(view, cameras.size(), "test"));
+  for (const View& view : scene.train) cameras.push_back(camera_json(view, cameras.size(), "train"));
+  write_text_atomically(folder / "cameras.json", cameras.dump() + "\n");
 }
 
 Json read_config(const fs::path& folder) {

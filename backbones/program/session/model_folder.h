@@ -11,6 +11,7 @@
 
 #include "program/session/options.h"
 #include "program/session/plugged_backbone.h"
+#include "trainer/dataset/scene.h"
 #include "trainer/support/atomic_file.h"
 
 namespace splatboost::program {
@@ -36,6 +37,9 @@ FolderLock take_model_folder(const std::filesystem::path& folder, bool keep_resu
 std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged);
 
 void write_config(const std::filesystem::path& folder, const std::string& text);
+
+/// cameras.json in 3DGS's form, which viewers read: test views, then training views, with "split" as one key more.
+void write_cameras(const std::filesystem::path& folder, const Scene& scene);
 
 /// config.json of a run; throws InputError where there is none.
 nlohmann::json read_config(const std::filesystem::path& folder);

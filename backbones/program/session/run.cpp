@@ -155,6 +155,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   train_options.on_start = [&](std::size_t primitives) {
     take_folder();
     write_config(folder, config);
+    write_cameras(folder, bench.scene);
     if (on_host) tell_memory(memory, primitives, options, train_options.label, resident);
   };
   train_options.quiet = options.quiet;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -28,21 +27,15 @@ constexpr std::size_t kFewestPositions = 3;  ///< that an alignment needs
 struct Means {
   double psnr = 0, ssim = 0, lpips = 0, psnr_beta1 = 0;
   std::size_t count = 0;
-  void add(const ViewResult& result, double beta1) {
-    psnr += result.psnr;
-    ssim += result.ssim;
-    lpips += result.lpips.value_or(0);
-    psnr_beta1 += beta1;
+  void add(const MeasuredView& view) {
+    psnr += view.result.psnr;
+    ssim += view.result.ssim;
+    lpips += view.result.lpips.value_or(0);
+    psnr_beta1 += view.psnr_beta1;
     ++count;
   }
   double mean(double sum) const { return count > 0 ? sum / static_cast<double>(count) : std::nan(""); }
 };
-
-void render(Backbone& backbone, const View& view, std::optional<float> beta, std::vector<float>& color) {
-  color.resize(view.color.size());
-  backbone.render(view.camera, 0, beta, color);
-  for (float& value : color) value = std::clamp(value, 0.0f, 1.0f);
-}
 
 std::vector<TrackedFrame> tracked_frames(const SlamOutcome& outcome) {
   std::vector<TrackedFrame> tracked;
@@ -114,7 +107,8 @@ void write_tracking(const SlamRun& run, const SlamOutcome& outcome, Sequence& se
 }
 
 Json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence, int resolution, Lpips* lpips,
-                    const fs::path& folder, Results& results, std::vector<ReportView>& views) {
+                    const fs::path& folder, const std::function<bool()>& stopped, Results& results,
+                    std::vector<ReportView>& views) {
   const std::vector<TrackedFrame> tracked = tracked_frames(outcome);
   const std::set<std::size_t> keyframes(outcome.keyframe_frames.begin(), outcome.keyframe_frames.end());
   std::set<std::size_t> pictured;
@@ -126,29 +120,21 @@ Json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence
   Means all, of_keyframes;
   std::vector<float> color;
   double render_seconds = 0;
-  for (std::size_t i = 0; i < tracked.size(); ++i) {
+  for (std::size_t i = 0; i < tracked.size() && !stopped(); ++i) {
     const Frame frame = sequence.read(tracked[i].frame);
     if (frame.color.empty()) continue;
     const View view = view_of(frame, sequence.calibration(), resolution, pose_of(run, tracked[i]));
-    render(run.backbone(), view, 1.0f, color);
-    const double beta1 = psnr(color, view.truth());
-    const auto start = std::chrono::steady_clock::now();
-    render(run.backbone(), view, std::nullopt, color);
-    render_seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    ViewResult result;
-    result.name = frame.name;
-    result.psnr = psnr(color, view.truth());
-    result.ssim = ssim(color, view.truth());
-    if (lpips != nullptr) result.lpips = lpips->distance(color, view.truth());
-    all.add(result, beta1);
-    if (keyframes.contains(tracked[i].frame)) of_keyframes.add(result, beta1);
+    MeasuredView measured = measure_view(run.backbone(), view, lpips, color);
+    render_seconds += measured.render_seconds;
+    all.add(measured);
+    if (keyframes.contains(tracked[i].frame)) of_keyframes.add(measured);
     if (pictured.contains(i)) {
       const std::string name = fs::path(frame.name).stem().string() + ".png";
       write_png(folder / "test" / "renders" / name, color, view.camera.width, view.camera.height);
       write_png(folder / "test" / "truth" / name, view.color, view.camera.width, view.camera.height);
       views.push_back({frame.name, folder / "test" / "truth" / name});
     }
-    results.views.push_back(std::move(result));
+    results.views.push_back(std::move(measured.result));
   }
   results.split = "tracked";
   results.psnr = all.mean(all.psnr);
@@ -157,7 +143,7 @@ Json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence
   if (lpips != nullptr && all.count > 0) results.lpips = all.mean(all.lpips);
   results.fps = render_seconds > 0 ? static_cast<double>(all.count) / render_seconds : std::nan("");
   const auto shown = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
-  return {{"frames", of_keyframes.count},
+  return {{"frames", outcome.keyframe_frames.size()},
           {"psnr", shown(of_keyframes.mean(of_keyframes.psnr))},
           {"ssim", shown(of_keyframes.mean(of_keyframes.ssim))},
           {"lpips", lpips != nullptr ? shown(of_keyframes.mean(of_keyframes.lpips)) : Json(nullptr)}};

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -37,11 +38,11 @@ void write_tracking(const SlamRun& run, const SlamOutcome& outcome, Sequence& se
                     const std::filesystem::path& folder);
 
 /// Renders and measures every tracked frame; fills the quality part of `results` with the means over all of them.
-/// Pictures of some go to folder/test.
+/// Pictures of some go to folder/test. Once `stopped` says so, the rest of the frames is left out.
 /// @return of the keyframes alone, for results.json
 nlohmann::json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence, int resolution,
-                              Lpips* lpips, const std::filesystem::path& folder, Results& results,
-                              std::vector<ReportView>& views);
+                              Lpips* lpips, const std::filesystem::path& folder, const std::function<bool()>& stopped,
+                              Results& results, std::vector<ReportView>& views);
 
 /// The paths as the report draws them, along the axis of the least motion.
 std::vector<ReportTrack> report_tracks(const SlamRun& run, const SlamOutcome& outcome, const Sequence& sequence,

@@ -6,9 +6,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <deque>
-#include <exception>
-#include <mutex>
 #include <stdexcept>
 #include <thread>
 #include <utility>
@@ -28,8 +25,9 @@ constexpr double kShownEvery = 2;         ///< s
 constexpr std::size_t kMostProblems = 5;  ///< lines about single frames
 constexpr float kLeastExtent = 0.1f;      ///< metres: of a camera that only turns
 constexpr int kCurvePoints = 40;
-constexpr int kTimedIterations = 20;     ///< that first say how many there will be in a time
-constexpr int kPlannedIterations = 100;  ///< after which that is reckoned again
+constexpr std::size_t kCheckedKeyframes = 6;  ///< of which the calibration is checked
+constexpr int kTimedIterations = 20;          ///< that first say how many there will be in a time
+constexpr int kPlannedIterations = 100;       ///< after which that is reckoned again
 constexpr auto kIdle = std::chrono::milliseconds(2);
 
 double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
@@ -73,11 +71,12 @@ View view_of(const Frame& frame, const Calibration& calibration, int resolution,
 }
 
 SlamRun::SlamRun(Sequence& sequence, const SlamOptions& slam, const RunOptions& options,
-                 std::function<PluggedBackbone(const Scene&)> make_backbone)
+                 std::function<PluggedBackbone(const Scene&)> make_backbone, std::function<bool()> stopped)
     : sequence_(sequence),
       slam_(slam),
       options_(options),
       make_backbone_(std::move(make_backbone)),
+      stopped_(std::move(stopped)),
       tracker_(sequence.calibration(), slam.tracker) {
   scene_.white_background = options.scene.white_background;
 }
@@ -100,6 +99,17 @@ void SlamRun::tell(const TrackedFrame& frame, const Frame& picture) {
   if (frame.state != TrackState::dropped) last_state_ = frame.state;
 }
 
+void SlamRun::check_focal_lengths() const {
+  const std::optional<double> factor = tracker_.better_focal_factor();
+  if (!factor) return;
+  const Calibration& c = sequence_.calibration();
+  std::fprintf(
+      stderr,
+      "warning: pictures and depth fit focal lengths of about %.0f and %.0f px better than the %.0f and %.0f of "
+      "the calibration; check fx, fy and the size that they are for\n",
+      *factor * c.fx, *factor * c.fy, c.fx, c.fy);
+}
+
 std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
   const double start = now();
   Frame frame = sequence_.read(number);
@@ -116,6 +126,7 @@ std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
     for (std::size_t i = 0; i <= keyframe; ++i) update->poses.push_back(tracker_.camera_from_world(i));
     update->change = tracker_.take_change();
     outcome_.keyframe_frames.push_back(number);
+    if (outcome_.keyframe_frames.size() == kCheckedKeyframes) check_focal_lengths();
   }
   outcome_.tracking_seconds += now() - start;
   return update;
@@ -153,6 +164,19 @@ void SlamRun::take(Update update) {
   if (scene_.train.size() >= static_cast<std::size_t>(slam_.initial_keyframes)) begin_mapping();
 }
 
+void SlamRun::take_waiting() {
+  for (;;) {
+    Update update;
+    {
+      const std::lock_guard guard(waiting_mutex_);
+      if (waiting_.empty()) return;
+      update = std::move(waiting_.front());
+      waiting_.pop_front();
+    }
+    take(std::move(update));
+  }
+}
+
 void SlamRun::iterate() {
   ++iteration_;
   const View& view = online_->next_view(iteration_);
@@ -179,26 +203,24 @@ void SlamRun::show_progress(bool last) {
 }
 
 void SlamRun::run_in_lockstep() {
-  for (std::size_t number = 0; number < sequence_.size(); ++number) {
+  for (std::size_t number = 0; number < sequence_.size() && !stopped_(); ++number) {
     if (std::optional<Update> update = track(number)) {
       take(std::move(*update));
-      for (int i = 0; online_ != nullptr && i < *slam_.lockstep; ++i) iterate();
+      for (int i = 0; online_ != nullptr && i < *slam_.lockstep && !stopped_(); ++i) iterate();
     }
     show_progress(number + 1 == sequence_.size());
   }
 }
 
 void SlamRun::run_at_once() {
-  std::mutex mutex;
-  std::deque<Update> updates;
-  std::atomic<bool> ended = false, stopped = false;
+  std::atomic<bool> ended = false, given_up = false;
   std::exception_ptr failure;
   std::thread tracking([&] {
     try {
-      for (std::size_t number = 0; number < sequence_.size() && !stopped; ++number) {
+      for (std::size_t number = 0; number < sequence_.size() && !given_up && !stopped_(); ++number) {
         if (std::optional<Update> update = track(number)) {
-          const std::lock_guard guard(mutex);
-          updates.push_back(std::move(*update));
+          const std::lock_guard guard(waiting_mutex_);
+          waiting_.push_back(std::move(*update));
         }
         show_progress(number + 1 == sequence_.size());
       }
@@ -207,21 +229,9 @@ void SlamRun::run_at_once() {
     }
     ended = true;
   });
-  const auto take_all = [&] {
-    for (;;) {
-      Update update;
-      {
-        const std::lock_guard guard(mutex);
-        if (updates.empty()) return;
-        update = std::move(updates.front());
-        updates.pop_front();
-      }
-      take(std::move(update));
-    }
-  };
   try {
     while (!ended) {
-      take_all();
+      take_waiting();
       if (online_ != nullptr) {
         iterate();
       } else {
@@ -229,16 +239,17 @@ void SlamRun::run_at_once() {
       }
     }
   } catch (...) {
-    stopped = true;
+    given_up = true;
     tracking.join();
     throw;
   }
   tracking.join();
   if (failure) std::rethrow_exception(failure);
-  take_all();
+  take_waiting();
 }
 
 void SlamRun::finish_mapping() {
+  if (stopped_()) return;
   if (online_ == nullptr) {
     require(!scene_.train.empty(), options_.scene.source.string() +
                                        ": nothing could be tracked: no frame has enough features with depth; check "
@@ -260,13 +271,13 @@ void SlamRun::finish_mapping() {
     planned_since = now;
   };
   if (slam_.seconds) {
-    for (int i = 0; i < kTimedIterations && in_time(); ++i) iterate();
+    for (int i = 0; i < kTimedIterations && in_time() && !stopped_(); ++i) iterate();
     plan();
   }
   online_->views_complete(total);
   Progress progress("mapping", total, iteration_, options_.quiet);
   const int shown_every = std::max(1, (total - iteration_) / kCurvePoints);
-  while (slam_.seconds ? in_time() : iteration_ < total) {
+  while (!stopped_() && (slam_.seconds ? in_time() : iteration_ < total)) {
     iterate();
     if (slam_.seconds && iteration_ - planned_at == kPlannedIterations) {
       plan();
@@ -277,11 +288,9 @@ void SlamRun::finish_mapping() {
       outcome_.curve.push_back({iteration_, seconds(), loss_, plugged_.backbone->primitives(), std::nullopt});
     }
   }
-  plugged_.backbone->finish();
 }
 
-SlamOutcome SlamRun::run() {
-  began_ = shown_ = now();
+void SlamRun::follow_sequence() {
   if (slam_.lockstep) {
     run_in_lockstep();
   } else {
@@ -289,10 +298,41 @@ SlamOutcome SlamRun::run() {
   }
   outcome_.sequence_seconds = seconds();
   outcome_.iterations_in_sequence = iteration_;
-  finish_mapping();
+}
+
+/// Of a run that ends early. What cannot be taken any more is left out.
+void SlamRun::keep_what_there_is() {
+  try {
+    take_waiting();
+    if (online_ == nullptr && !scene_.train.empty()) begin_mapping();
+  } catch (const InputError&) {
+    throw;
+  } catch (const std::exception&) {
+    if (online_ == nullptr) throw;
+  }
+}
+
+SlamOutcome SlamRun::run() {
+  began_ = shown_ = now();
+  try {
+    follow_sequence();
+    finish_mapping();
+    outcome_.complete = !stopped_();
+    if (!outcome_.complete) keep_what_there_is();
+    if (iteration_ > 0) plugged_.backbone->finish();
+  } catch (const InputError&) {
+    throw;
+  } catch (const std::exception&) {
+    outcome_.complete = false;
+    outcome_.failure = std::current_exception();
+    keep_what_there_is();
+    if (scene_.train.empty()) throw;
+  }
   outcome_.iterations = iteration_;
   outcome_.mapping_seconds = seconds();
-  for (const auto& [stage, spent] : plugged_.backbone->stages().seconds()) outcome_.stage_seconds[stage] = spent;
+  if (online_ != nullptr) {
+    for (const auto& [stage, spent] : plugged_.backbone->stages().seconds()) outcome_.stage_seconds[stage] = spent;
+  }
   return outcome_;
 }
 

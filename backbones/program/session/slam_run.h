@@ -3,8 +3,11 @@
 #pragma once
 
 #include <cstddef>
+#include <deque>
+#include <exception>
 #include <functional>
 #include <map>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -40,6 +43,8 @@ struct SlamOutcome {
   double mapping_seconds = 0;      ///< from the first frame to the last iteration
   std::vector<CurvePoint> curve;
   std::map<std::string, double> stage_seconds;
+  bool complete = true;        ///< false: it was stopped, or failed, before its end
+  std::exception_ptr failure;  ///< why it failed, null: it did not
 };
 
 /// A run. What it makes of the scene and the backbone is there afterwards.
@@ -47,10 +52,12 @@ class SlamRun {
  public:
   /// @param make_backbone called once, when there are enough keyframes, with the scene to train on; its backbone is an
   /// OnlineBackbone
+  /// @param stopped asked by both threads after every frame and iteration: whether the run is to end now
   SlamRun(Sequence& sequence, const SlamOptions& slam, const RunOptions& options,
-          std::function<PluggedBackbone(const Scene&)> make_backbone);
+          std::function<PluggedBackbone(const Scene&)> make_backbone, std::function<bool()> stopped);
 
-  /// Throws InputError where nothing could be tracked.
+  /// Throws InputError where nothing could be tracked or a setting is wrong. Where the run is stopped or fails once
+  /// there is a keyframe, it returns with all there is of trajectory, keyframes and model; stopped before, without any.
   SlamOutcome run();
 
   const Scene& scene() const { return scene_; }
@@ -69,11 +76,15 @@ class SlamRun {
   /// Tracks one frame. @return what is new on the map, if anything is
   std::optional<Update> track(std::size_t number);
   void take(Update update);
+  void take_waiting();
   void begin_mapping();
   void iterate();
+  void follow_sequence();
+  void keep_what_there_is();
   void run_in_lockstep();
   void run_at_once();
   void finish_mapping();
+  void check_focal_lengths() const;
   void tell(const TrackedFrame& frame, const Frame& picture);
   void show_progress(bool last);
   double seconds() const;
@@ -82,7 +93,10 @@ class SlamRun {
   SlamOptions slam_;
   const RunOptions& options_;
   std::function<PluggedBackbone(const Scene&)> make_backbone_;
+  std::function<bool()> stopped_;
   Tracker tracker_;
+  std::mutex waiting_mutex_;
+  std::deque<Update> waiting_;  ///< from the tracking thread to the mapper's
   Scene scene_;
   SeenPoints first_points_;  ///< before there is a backbone
   PluggedBackbone plugged_;

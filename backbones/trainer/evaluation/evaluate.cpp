@@ -100,6 +100,20 @@ void write_planar(const std::filesystem::path& path, std::span<const T> color, i
 
 const std::vector<View>& measured_views(const Scene& scene) { return scene.test.empty() ? scene.train : scene.test; }
 
+MeasuredView measure_view(Backbone& backbone, const View& view, Lpips* lpips, std::vector<float>& color) {
+  MeasuredView measured;
+  render_clamped(backbone, view, 1.0f, color);
+  measured.psnr_beta1 = psnr(color, view.truth());
+  const auto start = std::chrono::steady_clock::now();
+  render_clamped(backbone, view, std::nullopt, color);
+  measured.render_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  measured.result.name = view.name;
+  measured.result.psnr = psnr(color, view.truth());
+  measured.result.ssim = ssim(color, view.truth());
+  if (lpips) measured.result.lpips = lpips->distance(color, view.truth());
+  return measured;
+}
+
 double quick_psnr(Backbone& backbone, const Scene& scene, int count) {
   const std::vector<View>& views = measured_views(scene);
   const std::size_t n = std::min(views.size(), static_cast<std::size_t>(count));
@@ -128,19 +142,13 @@ void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::f
   std::vector<float> color;
   for (std::size_t i = 0; i < views.size(); ++i) {
     const View& view = views[i];
-    render_clamped(backbone, view, 1.0f, color);
-    psnr_beta1_sum += psnr(color, view.truth());
-    render_clamped(backbone, view, std::nullopt, color);
+    MeasuredView measured = measure_view(backbone, view, lpips, color);
     if (!renders.empty()) write_png(renders / (names[i] + ".png"), color, view.camera.width, view.camera.height);
-    ViewResult result;
-    result.name = view.name;
-    result.psnr = psnr(color, view.truth());
-    result.ssim = ssim(color, view.truth());
-    if (lpips) result.lpips = lpips->distance(color, view.truth());
-    psnr_sum += result.psnr;
-    ssim_sum += result.ssim;
-    lpips_sum += result.lpips.value_or(0);
-    results.views.push_back(std::move(result));
+    psnr_sum += measured.result.psnr;
+    psnr_beta1_sum += measured.psnr_beta1;
+    ssim_sum += measured.result.ssim;
+    lpips_sum += measured.result.lpips.value_or(0);
+    results.views.push_back(std::move(measured.result));
   }
   const double n = static_cast<double>(views.size());
   results.psnr = psnr_sum / n;

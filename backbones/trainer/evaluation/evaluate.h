@@ -24,6 +24,16 @@ const std::vector<View>& measured_views(const Scene& scene);
 void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::filesystem::path& renders,
               Results& results);
 
+/// What a view is measured by.
+struct MeasuredView {
+  ViewResult result;
+  double psnr_beta1 = 0;
+  double render_seconds = 0;
+};
+
+/// Renders one view as trained into `color`, [3,H,W] clamped to [0,1], and measures it. Lpips may be null.
+MeasuredView measure_view(Backbone& backbone, const View& view, Lpips* lpips, std::vector<float>& color);
+
 /// Mean PSNR of up to `count` measured views, evenly spread, rendered as trained.
 double quick_psnr(Backbone& backbone, const Scene& scene, int count);
 

@@ -192,7 +192,10 @@ void write_report(const std::filesystem::path& path, const std::string& title, c
   page += "</p></header>\n";
   page += headline(rows, runs.size() == 2) + result_table(runs, rows) + curves(runs) + report::tracks(tracks) +
           pictures(runs, views, max_views) + moments(runs) + stages(runs) + how_it_was_run(runs) + all_views(runs);
-  page += "<footer>Made by SplatBoost " + escape(first.version) + ".</footer>\n</main></body></html>\n";
+  page +=
+      "<footer><p>Look around in a browser: in the folder of this page, <code>python -m splatboost view .</code></p>"
+      "<p>Made by SplatBoost " +
+      escape(first.version) + ".</p></footer>\n</main></body></html>\n";
   write_text_atomically(path, page);
 }
 

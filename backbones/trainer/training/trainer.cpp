@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <csignal>
-#include <iterator>
 #include <numeric>
 #include <stdexcept>
 #include <type_traits>
@@ -19,6 +17,7 @@
 #include "trainer/support/json_values.h"
 #include "trainer/training/data_identity.h"
 #include "trainer/training/progress.h"
+#include "trainer/training/stop_signals.h"
 
 namespace splatboost {
 namespace {
@@ -30,48 +29,6 @@ constexpr double kLossWeight = 0.05;
 
 constexpr std::string_view kTrainerEntry = "trainer";
 constexpr char kDataKey[] = "data";  // of the identity
-
-// SIGHUP: the terminal was closed. SIGPIPE: nobody reads the progress any more.
-constexpr int kStopSignals[] = {SIGINT, SIGTERM, SIGHUP, SIGPIPE};
-
-volatile std::sig_atomic_t g_stop_signal = 0;
-
-extern "C" void note_stop_signal(int signal_number) {
-  g_stop_signal = signal_number;
-  // The second one kills at once. More lines for the closed pipe are no reason to.
-  for (const int stop : kStopSignals) std::signal(stop, stop == SIGPIPE ? SIG_IGN : SIG_DFL);
-}
-
-/// Takes these signals while it lives. One that was ignored before (nohup, a background job) stays so.
-class StopSignals {
- public:
-  StopSignals() {
-    g_stop_signal = 0;
-    struct sigaction action {};
-    action.sa_handler = note_stop_signal;
-    sigemptyset(&action.sa_mask);
-    action.sa_flags = SA_RESTART;
-    for (std::size_t i = 0; i < kCount; ++i) {
-      sigaction(kStopSignals[i], nullptr, &previous_[i]);
-      if (previous_[i].sa_handler != SIG_IGN) sigaction(kStopSignals[i], &action, nullptr);
-    }
-  }
-  ~StopSignals() {
-    for (std::size_t i = 0; i < kCount; ++i) {
-      // The caller still has to say what happened, and may do so into the closed pipe.
-      if (kStopSignals[i] == SIGPIPE && g_stop_signal == SIGPIPE) continue;
-      sigaction(kStopSignals[i], &previous_[i], nullptr);
-    }
-  }
-  StopSignals(const StopSignals&) = delete;
-  StopSignals& operator=(const StopSignals&) = delete;
-
-  int caught() const { return g_stop_signal; }
-
- private:
-  static constexpr std::size_t kCount = std::size(kStopSignals);
-  struct sigaction previous_[kCount] = {};
-};
 
 /// The order in which the views of one epoch are seen.
 void shuffle_epoch(std::uint64_t epoch, std::size_t views, std::uint64_t seed, std::vector<std::size_t>& order) {

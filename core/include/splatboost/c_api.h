@@ -187,6 +187,10 @@ SB_API sb_status sb_rasterizer_backward(sb_rasterizer* rasterizer, const sb_gaus
  *  its tile lists. @param flagged uint8 [H,W] @param counts int32 [N] */
 SB_API sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb_tensor* flagged,
                                              const sb_tensor* counts, void* stream);
+/** Adds to counts the pixels where each Gaussian was blended in the last forward while the transmittance before it was
+ *  above min_transmittance: the pixels that observe it (PGSR: 0.5). @param counts int32 [N] */
+SB_API sb_status sb_rasterizer_count_observed(sb_rasterizer* rasterizer, float min_transmittance,
+                                              const sb_tensor* counts, void* stream);
 /** For scores and evaluation, where every splat counts: waits for the last forward and, if it had too little room,
  * draws it again into the same images; the tensors of that call must still be there, unchanged. Does nothing on the
  * CPU.
@@ -195,6 +199,74 @@ SB_API sb_status sb_rasterizer_settle(sb_rasterizer* rasterizer, int32_t* redraw
 /** Figures of the last forward, which it settles (waits); each pointer is optional. @param visible Gaussians
  *  @param entries (tile, Gaussian) pairs */
 SB_API sb_status sb_rasterizer_counts(sb_rasterizer* rasterizer, int64_t* visible, int64_t* entries, void* stream);
+
+/* ---- rasterizer of smooth convexes (convex_rasterizer.h, convexes.h) ---- */
+
+/** N convexes of K points each (3 to 8), activated, float32. Either sh_dc (and sh_rest), or colors. */
+typedef struct sb_convexes {
+  const sb_tensor* points;     /**< [N,K,3] world */
+  const sb_tensor* smoothness; /**< [N] or [N,1] δ */
+  const sb_tensor* sharpness;  /**< [N] or [N,1] σ */
+  const sb_tensor* opacities;  /**< [N] or [N,1] */
+  const sb_tensor* sh_dc;      /**< [N,3] or [N,1,3] */
+  const sb_tensor* sh_rest;    /**< [N,R,3]; optional: R = 0 */
+  const sb_tensor* colors;     /**< [N,3] */
+  int32_t sh_degree;           /**< active degree 0 .. 3, (degree + 1)² - 1 <= R */
+} sb_convexes;
+
+enum { SB_CONVEX_BOX_SQUARE = 0, SB_CONVEX_BOX_COMPACT = 1 };
+
+typedef struct sb_convex_options {
+  int32_t box;      /**< SB_CONVEX_BOX_SQUARE: the released square; SB_CONVEX_BOX_COMPACT: the compact box */
+  float beta;       /**< (0,1], of the compact box */
+  float near_plane; /**< 0.2 in the release */
+  float pixel_size; /**< side of a pixel in those that δ and σ are of: 1 in the release */
+  float background[3];
+  int32_t released_view_direction; /**< 1: harmonics are evaluated as the release does by a slip */
+} sb_convex_options;
+
+/** Images as of sb_rasterizer_forward. */
+typedef struct sb_convex_outputs {
+  const sb_tensor* color;   /**< float32 [3,H,W], background added, not clamped */
+  const sb_tensor* alpha;   /**< float32 [1,H,W] 1 − final transmittance; optional */
+  const sb_tensor* visible; /**< uint8 [N] 1 where listed in at least one tile; optional */
+} sb_convex_outputs;
+
+/** Where a backward pass writes, float32, of the inputs' shapes; each is optional: not wanted. */
+typedef struct sb_convex_gradients {
+  int32_t accumulate; /**< 0: overwrite; 1: add (screen_points and sharpness_abs are overwritten in any case) */
+  const sb_tensor* points;
+  const sb_tensor* smoothness;
+  const sb_tensor* sharpness;
+  const sb_tensor* opacities;
+  const sb_tensor* sh_dc;
+  const sb_tensor* sh_rest;
+  const sb_tensor* colors;
+  const sb_tensor* sharpness_abs; /**< [N] sum over pixels of the absolute gradient of the sharpness */
+  const sb_tensor* screen_points; /**< [N,3] of the points on screen, pixels: Σ along x, Σ along y, Σ of both's absolute
+                                       values over the convex's points */
+} sb_convex_gradients;
+
+/** Workspace of one view of convexes; all entries are as those of sb_rasterizer, with convexes for Gaussians. */
+typedef struct sb_convex_rasterizer sb_convex_rasterizer;
+
+/** @param rasterizer receives the handle */
+SB_API sb_status sb_convex_rasterizer_create(const sb_device* device, sb_convex_rasterizer** rasterizer);
+/** NULL is allowed. */
+SB_API void sb_convex_rasterizer_destroy(sb_convex_rasterizer* rasterizer);
+/** On a GPU it waits, to learn how many (tile, convex) pairs there are; every convex is drawn. */
+SB_API sb_status sb_convex_rasterizer_forward(sb_convex_rasterizer* rasterizer, const sb_camera* camera,
+                                              const sb_convexes* convexes, const sb_convex_options* options,
+                                              const sb_convex_outputs* outputs, void* stream);
+/** @param convexes those of the last forward, unchanged @param color,alpha gradients of the images; optional: zero */
+SB_API sb_status sb_convex_rasterizer_backward(sb_convex_rasterizer* rasterizer, const sb_convexes* convexes,
+                                               const sb_tensor* color, const sb_tensor* alpha,
+                                               const sb_convex_gradients* gradients, void* stream);
+/** @param flagged uint8 [H,W] @param counts int32 [N] */
+SB_API sb_status sb_convex_rasterizer_count_flagged(sb_convex_rasterizer* rasterizer, const sb_tensor* flagged,
+                                                    const sb_tensor* counts, void* stream);
+
+/* ---- visibility (visibility.h) ---- */
 
 /** Which means lie beyond the near plane: what 3DGS calls markVisible. @param means float32 [N,3]
  *  @param visible uint8 [N] receives 1 or 0 */

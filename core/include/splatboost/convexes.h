@@ -56,6 +56,9 @@ struct ConvexGradients {
   std::span<float> view_sharpness;
   /// [N] sum over pixels of that gradient's absolute value; always overwritten.
   std::span<float> view_sharpness_abs;
+  /// [N,3] of the points' positions on screen, in pixels: Σ along x, Σ along y, and Σ of both absolute values, over the
+  /// convex's points; always overwritten.
+  std::span<float> screen_points;
 };
 
 }  // namespace splatboost

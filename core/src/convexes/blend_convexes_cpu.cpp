@@ -157,9 +157,9 @@ HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, 
       sums.steepness = hn::Add(sums.steepness, by_phi);
       sums.steepness_abs = hn::Add(sums.steepness_abs, hn::Abs(by_phi));
       if (hn::AllTrue(d, hn::Eq(u, hn::Zero(d)))) continue;
+      const Vec per_part = hn::Div(u, step.sum);
       for (int k = 0; k < kEdges; ++k) {
-        const Vec share = exp2_of(hn::Max(hn::Sub(step.term[k], step.phi), hn::Set(d, kLeastExponent)));
-        const Vec part = hn::Mul(u, share);
+        const Vec part = hn::Mul(per_part, step.part[k]);
         column_edge[k] = hn::Add(column_edge[k], part);
         sums.edge_y[k] = hn::MulAdd(part, step.dy, sums.edge_y[k]);
       }

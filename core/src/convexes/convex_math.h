@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file From one convex to the edges of its hull on the screen and back, and the tiles that it may reach. Plain
-/// floats, because every convex takes its own way through these; the arithmetic of pixels is where vectors are.
+/// @file From one convex to the edges of its hull on the screen and back, and the tiles that it may reach, one convex at
+/// a time: the way of a GPU's thread. convex_blocks-inl.h has the same for the lanes of a CPU.
 #pragma once
 
 #include <cmath>
@@ -258,6 +258,7 @@ struct ConvexSums {
 struct ConvexGeometryGradient {
   float smoothness, sharpness;
   float points[kMaxConvexPoints][3];
+  float screen[3];  ///< ConvexGradients::screen_points
 };
 
 /// @param pixel_area pixel_size²
@@ -266,6 +267,7 @@ SPLATBOOST_HOST_DEVICE ConvexGeometryGradient project_convex_backward(const Proj
                                                                       float smoothness, float sharpness,
                                                                       float pixel_area, const ConvexSums& sums) {
   ConvexGeometryGradient g;
+  g.screen[0] = g.screen[1] = g.screen[2] = 0.0f;
   float g_x[kMaxConvexPoints] = {}, g_y[kMaxConvexPoints] = {};
   const float scale = p.depth * smoothness * pixel_area;
   float g_scale = 0.0f;
@@ -285,6 +287,9 @@ SPLATBOOST_HOST_DEVICE ConvexGeometryGradient project_convex_backward(const Proj
   g.smoothness = p.depth * pixel_area * g_scale;
   const float g_depth = (sharpness * sums.steepness + smoothness * pixel_area * g_scale) / static_cast<float>(count);
   for (int i = 0; i < count; ++i) {
+    g.screen[0] += g_x[i];
+    g.screen[1] += g_y[i];
+    g.screen[2] += abs_of(g_x[i]) + abs_of(g_y[i]);
     const float inverse = 1.0f / p.view[i][2];
     const float v_x = camera.fx * g_x[i] * inverse, v_y = camera.fy * g_y[i] * inverse;
     const float v_z = g_depth - (v_x * p.view[i][0] + v_y * p.view[i][1]) * inverse;

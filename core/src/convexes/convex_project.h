@@ -1,27 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file One convex from its parameters to the record that blending reads and the tiles that list it, and back: what
-/// the CPU and CUDA share. Plain floats.
+/// @file One convex from its parameters to the record that blending reads and the tiles that list it, and back, as a
+/// thread of a GPU does it. On the CPU, project_convexes_cpu.cpp takes blocks of them.
 #pragma once
-
-#if !defined(__CUDACC__) && !defined(SPLATBOOST_CUDA_ON_CPU)
-#include <hwy/highway.h>  // for the namespace that the formulas live in
-#endif
 
 #include "convexes/convex_frame.h"
 #include "convexes/convex_math.h"
+#include "convexes/convex_viewpoint.h"
 #include "projection/sh_math.h"
 #include "projection/tile_math.h"
 
 namespace splatboost {
-
-#if defined(__CUDACC__) || defined(SPLATBOOST_CUDA_ON_CPU)
-namespace formulas = ::splatboost;
-#else
-namespace formulas = ::splatboost::HWY_NAMESPACE;
-#endif
-
-/// Behind every edge of a hull: what a record's arrays are filled up with.
-inline constexpr float kNeverNear = -1e30f;
 
 /// Parameters of one convex, rows of Convexes.
 struct ConvexRows {
@@ -34,28 +22,6 @@ struct ConvexRows {
   int sh_degree;
 };
 
-/// What is the same for all convexes of a view.
-struct ConvexViewpoint {
-  ProjectionCamera camera;
-  int width, height, tiles_x, tiles_y;
-  bool square;
-  float beta, near_plane, pixel_area;
-  bool released_view_direction;
-};
-
-inline ConvexViewpoint make_viewpoint(const Camera& camera, const ConvexOptions& options) {
-  return {make_projection_camera(camera),
-          camera.width,
-          camera.height,
-          camera.tiles_x(),
-          camera.tiles_y(),
-          options.box == ConvexBox::square,
-          options.beta,
-          options.near_plane,
-          options.pixel_size * options.pixel_size,
-          options.released_view_direction};
-}
-
 /// The tiles that list a convex.
 struct ConvexTiles {
   bool square = false;
@@ -67,8 +33,8 @@ struct ConvexTiles {
 template <class Visit>
 SPLATBOOST_HOST_DEVICE void for_tile_rows(const ConvexTiles& tiles, const ConvexViewpoint& view, const Visit& visit) {
   if (tiles.square) {
-    const auto x = formulas::square_tiles(tiles.centre_x, tiles.radius, view.tiles_x);
-    const auto y = formulas::square_tiles(tiles.centre_y, tiles.radius, view.tiles_y);
+    const auto x = square_tiles(tiles.centre_x, tiles.radius, view.tiles_x);
+    const auto y = square_tiles(tiles.centre_y, tiles.radius, view.tiles_y);
     for (int row = static_cast<int>(y.begin); row < static_cast<int>(y.end); ++row) {
       visit(row, static_cast<int>(x.begin), static_cast<int>(x.end));
     }
@@ -76,18 +42,18 @@ SPLATBOOST_HOST_DEVICE void for_tile_rows(const ConvexTiles& tiles, const Convex
   }
   if (tiles.footprint.corners == 0) return;
   const Extent height = height_of(tiles.footprint);
-  const auto y = formulas::tiles_meeting(height.low, height.high, view.tiles_y);
+  const auto y = tiles_meeting(height.low, height.high, view.tiles_y);
   for (int row = static_cast<int>(y.begin); row < static_cast<int>(y.end); ++row) {
     const float top = static_cast<float>(row * kTileSize) + 0.5f;
     const Extent width = width_within(tiles.footprint, top, top + (kTileSize - 1));
-    const auto x = formulas::tiles_meeting(width.low, width.high, view.tiles_x);
+    const auto x = tiles_meeting(width.low, width.high, view.tiles_x);
     visit(row, static_cast<int>(x.begin), static_cast<int>(x.end));
   }
 }
 
 /// Where the camera looks at a convex from.
 struct ConvexRay {
-  formulas::Vec3<float> direction;
+  Vec3<float> direction;
   float inverse_length;
 };
 
@@ -97,8 +63,8 @@ SPLATBOOST_HOST_DEVICE ConvexRay ray_to(const ConvexRows& convex, const ConvexVi
   for (int c = 0; c < 3; ++c) centre[c] /= static_cast<float>(convex.count);
   if (view.released_view_direction) centre[0] = centre[1] = centre[2];
   const float* const eye = view.camera.centre;
-  const formulas::Vec3<float> ray{centre[0] - eye[0], centre[1] - eye[1], centre[2] - eye[2]};
-  const float inverse_length = 1.0f / sqrt_of(formulas::dot(ray, ray));
+  const Vec3<float> ray{centre[0] - eye[0], centre[1] - eye[1], centre[2] - eye[2]};
+  const float inverse_length = 1.0f / sqrt_of(dot(ray, ray));
   return {inverse_length * ray, inverse_length};
 }
 
@@ -108,7 +74,7 @@ SPLATBOOST_HOST_DEVICE void color_of(const ConvexRows& convex, const ConvexViewp
     return;
   }
   float basis[kMaxShCoefficients];
-  formulas::sh_basis(convex.sh_degree, ray_to(convex, view).direction, basis);
+  sh_basis(convex.sh_degree, ray_to(convex, view).direction, basis);
   for (int c = 0; c < 3; ++c) color[c] = 0.5f + basis[0] * convex.sh_dc[c];
   for (int k = 1; k < sh_coefficients(convex.sh_degree); ++k) {
     for (int c = 0; c < 3; ++c) color[c] += basis[k] * convex.sh_rest[3 * (k - 1) + c];
@@ -195,14 +161,14 @@ SPLATBOOST_HOST_DEVICE ConvexRowGradients gradients_of(const ConvexRows& convex,
   if (!(record.green > 0.0f)) g.color[1] = 0.0f;
   if (!(record.blue > 0.0f)) g.color[2] = 0.0f;
   const ConvexRay ray = ray_to(convex, view);
-  formulas::sh_basis(convex.sh_degree, ray.direction, g.sh_basis);
+  sh_basis(convex.sh_degree, ray.direction, g.sh_basis);
   if (convex.sh_degree == 0) return g;
   float weights[kMaxShCoefficients] = {};
   for (int k = 1; k < sh_coefficients(convex.sh_degree); ++k) {
     for (int c = 0; c < 3; ++c) weights[k] += convex.sh_rest[3 * (k - 1) + c] * g.color[c];
   }
-  const formulas::Vec3<float> of_centre = formulas::through_normalise(
-      ray.direction, ray.inverse_length, formulas::sh_basis_gradient(convex.sh_degree, ray.direction, weights));
+  const Vec3<float> of_centre = through_normalise(
+      ray.direction, ray.inverse_length, sh_basis_gradient(convex.sh_degree, ray.direction, weights));
   const float share = 1.0f / static_cast<float>(convex.count);
   for (int k = 0; k < convex.count; ++k) {
     g.geometry.points[k][0] += share * of_centre.x;

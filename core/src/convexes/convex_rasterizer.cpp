@@ -85,6 +85,7 @@ void ConvexRasterizer::backward(const Convexes& convexes, std::span<const float>
   check_optional(gradients.colors, given_colors ? 3 * n : 0, "gradients.colors");
   check_optional(gradients.view_sharpness, n, "gradients.view_sharpness");
   check_optional(gradients.view_sharpness_abs, n, "gradients.view_sharpness_abs");
+  check_optional(gradients.screen_points, 3 * n, "gradients.screen_points");
   state_->backend->backward(convexes, color, alpha, gradients);
 }
 

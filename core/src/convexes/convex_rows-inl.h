@@ -26,7 +26,7 @@ namespace splatboost {
 namespace HWY_NAMESPACE {
 
 /// An edge whose term lies this far below the greatest adds nothing to the sum of all: less than half a unit in the
-/// last place, seven times.
+/// last place, seven times. Its share of the gradient is taken for nothing too.
 inline constexpr float kNoPart = -28.0f;
 /// Powers of two are of exponents in this range.
 inline constexpr float kLeastExponent = -126.0f, kMostExponent = 100.0f;
@@ -36,7 +36,9 @@ template <class Body>
 HWY_INLINE void with_edges(const ConvexRecord& convex, const Body& body) {
   if (convex.edges <= 4) {
     body(std::integral_constant<int, 4>());
-  } else if (convex.edges <= 6) {
+  } else if (convex.edges == 5) {
+    body(std::integral_constant<int, 5>());
+  } else if (convex.edges == 6) {
     body(std::integral_constant<int, 6>());
   } else {
     body(std::integral_constant<int, kMaxConvexPoints>());
@@ -94,12 +96,32 @@ struct EdgeColumns {
   }
 };
 
+/// log2 of x in [1, 8]; polynomial of log2(m)/(m - 1) for the mantissa m from √½ to √2, absolute error 1e-7.
+HWY_INLINE Vec log2_of_sum(Vec x) {
+  const Lanes d;
+  const hn::RebindToSigned<Lanes> di;
+  const auto bits = hn::BitCast(di, x);
+  const auto exponent = hn::ShiftRight<23>(hn::Sub(bits, hn::Set(di, 0x3F3504F3)));  // of the float at √½
+  const Vec f = hn::Sub(hn::BitCast(d, hn::Sub(bits, hn::ShiftLeft<23>(exponent))), hn::Set(d, 1.0f));
+  Vec p = hn::Set(d, 0.12569394707679749f);
+  p = hn::MulAdd(p, f, hn::Set(d, -0.21005961298942566f));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.2171337902545929f));
+  p = hn::MulAdd(p, f, hn::Set(d, -0.23855076730251312f));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.2876938283443451f));
+  p = hn::MulAdd(p, f, hn::Set(d, -0.360720157623291f));
+  p = hn::MulAdd(p, f, hn::Set(d, 0.4809206426143646f));
+  p = hn::MulAdd(p, f, hn::Set(d, -0.7213471531867981f));
+  p = hn::MulAdd(p, f, hn::Set(d, 1.442694902420044f));
+  return hn::MulAdd(p, f, hn::ConvertTo(d, exponent));
+}
+
 /// What one convex does to one row of pixels, beyond what pass_row() needs.
 template <int kEdges>
 struct ConvexStep : RowStep {
-  Vec term[kEdges];  ///< t_k
   Vec phi;           ///< φ₂
   Vec inside;        ///< I
+  Vec part[kEdges];  ///< share w_k of an edge in φ₂, times sum
+  Vec sum;
 };
 
 /// Takes a row of transmittances behind a convex. Nothing but transmittances that stay as they are, and alpha = 0, are
@@ -112,22 +134,27 @@ HWY_INLINE bool step_convex(const ConvexRecord& convex, const EdgeColumns<kEdges
   const float offset = y - convex.centre_y;
   step.dy = hn::Set(d, offset);
   Vec greatest = hn::Set(d, -1e30f), second = greatest;
+  Vec term[kEdges];
   for (int k = 0; k < kEdges; ++k) {
-    step.term[k] = hn::MulAdd(step.dy, hn::Set(d, convex.edge_y[k]), columns.constant[k]);
-    second = hn::Max(second, hn::Min(greatest, step.term[k]));
-    greatest = hn::Max(greatest, step.term[k]);
+    term[k] = hn::MulAdd(step.dy, hn::Set(d, convex.edge_y[k]), columns.constant[k]);
+    second = hn::Max(second, hn::Min(greatest, term[k]));
+    greatest = hn::Max(greatest, term[k]);
   }
   const Mask open = hn::Gt(hn::Load(d, transmittance), hn::Zero(d));
   const Mask near = hn::And(open, hn::Le(greatest, hn::Set(d, convex.farthest)));
   if (hn::AllFalse(d, near)) return false;
-  step.phi = greatest;
-  const Mask apart = hn::Lt(hn::Sub(second, greatest), hn::Set(d, kNoPart));
-  if (!hn::AllTrue(d, apart)) {
-    Vec sum = hn::Zero(d);
+  // Where one edge decides at every pixel that matters, there is nothing to sum.
+  if (hn::AllFalse(d, hn::And(near, hn::Ge(hn::Sub(second, greatest), hn::Set(d, kNoPart))))) {
+    step.phi = greatest;
+    step.sum = hn::Set(d, 1.0f);
+    for (int k = 0; k < kEdges; ++k) step.part[k] = hn::IfThenElseZero(hn::Eq(term[k], greatest), step.sum);
+  } else {
+    step.sum = hn::Zero(d);
     for (int k = 0; k < kEdges; ++k) {
-      sum = hn::Add(sum, exp2_of(hn::Max(hn::Sub(step.term[k], greatest), hn::Set(d, kLeastExponent))));
+      step.part[k] = exp2_of(hn::Max(hn::Sub(term[k], greatest), hn::Set(d, kLeastExponent)));
+      step.sum = hn::Add(step.sum, step.part[k]);
     }
-    step.phi = hn::Add(greatest, hn::Log2(d, sum));
+    step.phi = hn::Add(greatest, log2_of_sum(step.sum));
   }
   const Vec exponent = hn::Mul(step.phi, hn::Set(d, convex.steepness));
   const Vec power = exp2_of(hn::Min(hn::Max(exponent, hn::Set(d, kLeastExponent)), hn::Set(d, kMostExponent)));

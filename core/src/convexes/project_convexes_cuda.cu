@@ -63,7 +63,7 @@ __global__ void __launch_bounds__(kBlockThreads)
 struct GradientViews {
   bool adds;
   DeviceView<float> points, smoothness, sharpness, opacities, sh_dc, sh_rest, colors, view_sharpness,
-      view_sharpness_abs;
+      view_sharpness_abs, screen_points;
 
   explicit GradientViews(const ConvexGradients& g)
       : adds(g.mode == GradientMode::accumulate),
@@ -75,7 +75,8 @@ struct GradientViews {
         sh_rest(g.sh_rest),
         colors(g.colors),
         view_sharpness(g.view_sharpness),
-        view_sharpness_abs(g.view_sharpness_abs) {}
+        view_sharpness_abs(g.view_sharpness_abs),
+        screen_points(g.screen_points) {}
 
   __device__ static void put(const DeviceView<float>& rows, bool add, std::size_t at, float value) {
     if (!rows.empty()) rows[at] = add ? rows[at] + value : value;
@@ -107,6 +108,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   Views::put(out.view_sharpness, false, i, g.geometry.sharpness);
   Views::put(out.view_sharpness_abs, false, i, g.view_sharpness_abs);
   for (int c = 0; c < 3; ++c) {
+    Views::put(out.screen_points, false, 3 * i + c, g.geometry.screen[c]);
     Views::put(out.colors, out.adds, 3 * i + c, g.color[c]);
     Views::put(out.sh_dc, out.adds, 3 * i + c, g.sh_basis[0] * g.color[c]);
   }

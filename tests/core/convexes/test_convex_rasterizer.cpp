@@ -59,6 +59,35 @@ std::vector<Case> cases() {
   return all;
 }
 
+/// [N,3] ConvexGradients::screen_points of the gradients of the points, where colours do not depend on these: a point
+/// that moves in a plane of constant depth moves nothing but its position on screen.
+std::vector<double> screen_sums(const ConvexSceneData& scene, const Camera& camera, const std::vector<double>& points) {
+  const glm::mat3 rotation = camera.rotation();
+  const glm::vec3 eye = camera.centre();
+  const auto per_convex = static_cast<std::size_t>(scene.points_per_convex);
+  std::vector<double> sums(3 * scene.count, 0.0);
+  for (std::size_t p = 0; p < scene.count * per_convex; ++p) {
+    double view[3] = {};
+    double along[2] = {};
+    for (int axis = 0; axis < 3; ++axis) {
+      for (int c = 0; c < 3; ++c) {
+        const std::size_t at = 3 * p + static_cast<std::size_t>(c);
+        const auto component = static_cast<double>(rotation[c][axis]);
+        view[axis] += component * (static_cast<double>(scene.points[at]) - static_cast<double>(eye[c]));
+        if (axis < 2) along[axis] += component * points[at];
+      }
+    }
+    const double focal[2] = {static_cast<double>(camera.fx), static_cast<double>(camera.fy)};
+    double* const sum = &sums[3 * (p / per_convex)];
+    for (int axis = 0; axis < 2; ++axis) {
+      const double on_screen = along[axis] * view[2] / focal[axis];
+      sum[axis] += on_screen;
+      sum[2] += std::abs(on_screen);
+    }
+  }
+  return sums;
+}
+
 class ConvexReference : public ::testing::TestWithParam<Case> {
  protected:
   ConvexReference() : scene(random_convexes(camera, GetParam().spec, 11)), options(GetParam().options) {
@@ -125,6 +154,10 @@ TEST_P(ConvexReference, Gradients) {
   EXPECT_TRUE(is_close(gradients.sharpness, sharpness.sum, tolerance));
   EXPECT_EQ(gradients.view_sharpness, gradients.sharpness);
   EXPECT_TRUE(is_close(gradients.view_sharpness_abs, sharpness.absolute_sum, tolerance));
+  if (GetParam().spec.colors) {
+    const std::vector<double> of_points = exact(reference::ConvexInput::points).sum;
+    EXPECT_TRUE(is_close(gradients.screen_points, screen_sums(scene, camera, of_points), tolerance));
+  }
 
   // Accumulated over what is there; of this view alone where that is said.
   ConvexGradientData twice = gradients;
@@ -133,6 +166,7 @@ TEST_P(ConvexReference, Gradients) {
     EXPECT_NEAR(twice.points[k], 2 * gradients.points[k], 1e-4f * std::abs(gradients.points[k]) + 1e-6f);
   }
   expect_same_gradients(twice.view_sharpness, gradients.view_sharpness);
+  expect_same_gradients(twice.screen_points, gradients.screen_points);
 }
 
 TEST_P(ConvexReference, Counts) {

@@ -35,6 +35,17 @@ def last_render() -> Render:
     return _last
 
 
+def forget() -> None:
+    """The workspace of the last render is free for the next one."""
+    global _last
+    _last = None
+
+
+def remember(done: Render) -> None:
+    global _last
+    _last = Render(done.color.detach(), done.radii, None, None, None, done._lease)
+
+
 def camera_of(settings: Any) -> Camera:
     s = settings
     return Camera.from_3dgs(
@@ -68,7 +79,6 @@ def render(
     **options: Any,
 ) -> Render:
     """Draws as `settings` say and remembers the render. dc: degree 0 apart, shs then holds the rest."""
-    global _last
     if (shs is None and dc is None) == (colors_precomp is None):
         raise ValueError("give either shs or colors_precomp")
     if (scales is None or rotations is None) == (cov3D_precomp is None):
@@ -76,7 +86,7 @@ def render(
     if means3D.shape[0] > 0:
         dc, shs, colors_precomp = given(dc), given(shs), given(colors_precomp)
         scales, rotations, cov3D_precomp = given(scales), given(rotations), given(cov3D_precomp)
-    _last = None  # its workspace is free for this render
+    forget()
     if scales is not None and settings.scale_modifier != 1.0:
         scales = scales * settings.scale_modifier
     done = rasterize(
@@ -96,7 +106,7 @@ def render(
         screen_points=means2D,
         **options,
     )
-    _last = Render(done.color.detach(), done.radii, None, None, None, done._lease)
+    remember(done)
     return done
 
 

@@ -14,7 +14,7 @@ from ..operations import spare_one
 from ..schedule import PUBLISHED_ITERATIONS
 from . import _drawing
 
-_SPLIT_CHILDREN = 2
+SPLIT_CHILDREN = 2
 
 
 def is_on(options: Any) -> bool:
@@ -78,7 +78,7 @@ class Boost:
         self._scene = scene
         self._render = render
         self._checkpoints = frozenset(checkpoints)
-        self._device = gaussians.get_xyz.device
+        self._device = self._means().device
         settings = self._settings()
         self.adapter = Adapter(self.backbone, total_iterations=options.iterations, device=self._device, **settings)
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
@@ -86,10 +86,17 @@ class Boost:
         _drawing.save(model_path, self.backbone, self.adapter.beta)
         announce(self.adapter, self._schedule())
 
+    def _means(self) -> torch.Tensor:
+        """[N,3], or what else the host has N rows of."""
+        return self.gaussians.get_xyz  # type: ignore[no-any-return]
+
+    def _grows_at(self, iteration: int) -> bool:
+        return self.adapter.grows_at(iteration, False)
+
     def _schedule(self) -> str:
         """In iterations of this run."""
-        total, host_would = self.options.iterations, False
-        grows = [i for i in range(1, total + 1) if self.adapter.grows_at(i, host_would)]
+        total = self.options.iterations
+        grows = [i for i in range(1, total + 1) if self._grows_at(i)]
         late = [i for i in range(1, total + 1) if self.adapter.prunes_at(i, False)]
         told = "no growth" if not grows else "growth at %d to %d every %d" % (
             grows[0], grows[-1], grows[1] - grows[0] if len(grows) > 1 else total)
@@ -151,7 +158,7 @@ class Boost:
         return self._absolute / self._seen.clamp_min(1.0)
 
     def _restart_statistics(self) -> None:
-        n = self.gaussians.get_xyz.shape[0]
+        n = self._means().shape[0]
         self._absolute = torch.zeros((n, 1), device=self._device)
         self._seen = torch.zeros((n, 1), device=self._device)
 
@@ -187,7 +194,7 @@ class Boost:
         clone, split = self.adapter.grow(
             self.iteration, views, scene_extent=float(extent), gradients=gradients,
             gradients_abs=self._absolute_gradients(), max_scales=max_scales, opacities=g.get_opacity.detach(),
-            max_primitives=self.options.boost_max_gaussians, **self._own_growth(gradients, max_scales, float(extent)))
+            max_primitives=self._max_gaussians(), **self._own_growth(gradients, max_scales, float(extent)))
         if radii:
             g.tmp_radii = radii[0]
         origins = self._grow(clone, split, float(extent))
@@ -200,6 +207,10 @@ class Boost:
         if radii:
             g.tmp_radii = None
         self._restart_statistics()
+
+    def _max_gaussians(self) -> int:
+        """Growth never exceeds so many; 0: no cap."""
+        return int(self.options.boost_max_gaussians)
 
     def _own_growth(self, gradients: torch.Tensor, max_scales: torch.Tensor, extent: float) -> Dict[str, torch.Tensor]:
         """clone and split as the host's own rule has them, for an adapter without absolute gradients."""
@@ -223,21 +234,21 @@ class Boost:
             g.percent_dense = percent_dense
         kept = torch.ones_like(origins, dtype=torch.bool)
         kept[:n] = ~split
-        origins = torch.cat([origins[kept]] + [torch.arange(n, device=clone.device)[split]] * _SPLIT_CHILDREN)
+        origins = torch.cat([origins[kept]] + [torch.arange(n, device=clone.device)[split]] * SPLIT_CHILDREN)
         self._check_count(origins, "split")
         return origins
 
     def _check_count(self, origins: torch.Tensor, what: str) -> None:
-        n = self.gaussians.get_xyz.shape[0]
+        n = self._means().shape[0]
         if n != origins.shape[0]:
-            raise RuntimeError("splatboost: %d Gaussians expected after the host %s some, there are %d: its "
+            raise RuntimeError("splatboost: %d primitives expected after the host %s some, there are %d: its "
                                "densify functions were changed" % (origins.shape[0], what, n))
 
     def _host_clone(self, mask: torch.Tensor, extent: float) -> None:
         self.gaussians.densify_and_clone(mask.float().unsqueeze(1), 0.5, extent)
 
     def _host_split(self, mask: torch.Tensor, extent: float) -> None:
-        self.gaussians.densify_and_split(mask.float().unsqueeze(1), 0.5, extent, _SPLIT_CHILDREN)
+        self.gaussians.densify_and_split(mask.float().unsqueeze(1), 0.5, extent, SPLIT_CHILDREN)
 
     def _remove(self, mask: torch.Tensor) -> torch.Tensor:
         mask = spare_one(self.gaussians.get_opacity.detach().reshape(-1), mask)

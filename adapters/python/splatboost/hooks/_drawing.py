@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Iterator, Optional
 
 import torch
 
@@ -19,12 +20,24 @@ from ..compat import (
     diff_gaussian_rasterization_anchors,
     diff_gaussian_rasterization_deformable,
     diff_gaussian_rasterization_mip_splatting,
+    diff_plane_rasterization,
     get_beta,
     set_beta,
 )
 
 #: Beside the host's cfg_args: how the model was trained, for whoever draws it.
 MODEL_FILE = "splatboost.json"
+
+
+@contextlib.contextmanager
+def box_of(beta: Optional[float]) -> Iterator[None]:
+    """Drop-ins draw with this beta within."""
+    before = get_beta()
+    set_beta(beta)
+    try:
+        yield
+    finally:
+        set_beta(before)
 
 
 class Drawing:
@@ -40,17 +53,21 @@ class Drawing:
         self.screen_points: Optional[torch.Tensor] = None
         self.gate: Optional[torch.Tensor] = None  # bool [N·k], of hosts with anchors: slots that may grow now
 
-    def __call__(self, settings: Any, depth: bool, weights: bool, means2D: torch.Tensor, given: Any) -> Any:
+    def __call__(self, settings: Any, depth: bool, weights: bool, plain_depth: bool, means2D: torch.Tensor,
+                 given: Any) -> Any:
         module: Any = diff_gaussian_rasterization_absgs if weights else diff_gaussian_rasterization_2023
         if hasattr(settings, "kernel_size"):
             module = diff_gaussian_rasterization_mip_splatting
+        elif hasattr(settings, "render_geo"):
+            module = diff_plane_rasterization
         elif "dc" in given:
             module = diff_gaussian_rasterization_accelerated
         elif depth:
             module = diff_gaussian_rasterization_2024
+        elif plain_depth:
+            module = diff_gaussian_rasterization_deformable
         densify = given.pop("means2D_densify", None)
         if densify is not None:
-            module = diff_gaussian_rasterization_deformable
             means2D = module.screen_points(means2D, densify)
             if means2D.requires_grad:
                 self.screen_points = means2D
@@ -60,12 +77,8 @@ class Drawing:
             means2D = self.screen_points = torch.nn.functional.pad(means2D, (0, 1))
             means2D.retain_grad()
         ours = module.GaussianRasterizer(module.GaussianRasterizationSettings(**settings._asdict()))
-        before = get_beta()
-        set_beta(self.beta)
-        try:
+        with box_of(self.beta):
             return ours(means2D=means2D, **given)
-        finally:
-            set_beta(before)
 
 
 def see(model: Any, host: Any, **given: Any) -> torch.Tensor:
@@ -76,10 +89,12 @@ def see(model: Any, host: Any, **given: Any) -> torch.Tensor:
     return diff_gaussian_rasterization_anchors.GaussianRasterizer(settings).visible_filter(**given)
 
 
-def rasterizer(model: Any, host: Any, depth: bool = False, weights: bool = False) -> Callable[..., Any]:
+def rasterizer(model: Any, host: Any, depth: bool = False, weights: bool = False,
+               plain_depth: bool = False) -> Callable[..., Any]:
     """The host's own rasterizer, or ours for a model that is trained or was saved with boost.
 
     depth: whether the host's returns inverse depth as a third image. weights: whether it returns a weight a Gaussian.
+    plain_depth: whether the third image is a depth that is not inverse.
     """
     drawing = getattr(model, "splatboost", None)
     if drawing is None:
@@ -87,7 +102,7 @@ def rasterizer(model: Any, host: Any, depth: bool = False, weights: bool = False
     settings = host.raster_settings
 
     def draw(means2D: torch.Tensor, **given: Any) -> Any:
-        return drawing(settings, depth, weights, means2D, given)
+        return drawing(settings, depth, weights, plain_depth, means2D, given)
 
     return draw
 

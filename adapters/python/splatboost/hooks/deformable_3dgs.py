@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of Deformable-3DGS, whose Gaussians a net moves. It gathers absolute gradients itself, in place of signed ones."""
+"""Hooks of Deformable-3DGS, whose Gaussians a net moves. Its branch main gathers absolute gradients itself, in place of
+signed ones; its branch paper signed ones, as 3DGS does."""
 
 from __future__ import annotations
 
+import functools
 from typing import Any, Callable
 
 import torch
 
-from . import _boost
-from ._drawing import load, rasterizer
+from . import _boost, _drawing
+from ._drawing import load
 
-__all__ = ["Boost", "at_its_time", "load", "rasterizer"]
+__all__ = ["Boost", "BoostOfPaper", "at_its_time", "load", "rasterizer"]
+
+#: The host's rasterizer returns a depth that is not inverse.
+rasterizer = functools.partial(_drawing.rasterizer, plain_depth=True)
 
 
 def at_its_time(render: Callable[..., Any], camera: Any, gaussians: Any, pipe: Any, background: torch.Tensor,
@@ -32,9 +37,16 @@ def at_its_time(render: Callable[..., Any], camera: Any, gaussians: Any, pipe: A
     return image
 
 
-class Boost(_boost.Boost):
+class BoostOfPaper(_boost.Boost):
+    """Of the branch paper."""
+
     backbone = "deformable-3dgs"
     published_iterations = 40000
+
+
+class Boost(BoostOfPaper):
+    """Of the branch main."""
+
     host_options = {**_boost.Boost.host_options,
                     "densify_grad_threshold": ("gradient_abs_threshold", 0.0007)}
 

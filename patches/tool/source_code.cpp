@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tool/python_source.h"
+#include "tool/source_code.h"
 
 #include <algorithm>
 #include <map>
@@ -187,7 +187,91 @@ std::set<std::string, std::less<>> bound_names(std::string_view code) {
 
 }  // namespace
 
-PythonSource::PythonSource(std::string text) : text_(std::move(text)), code_(text_) {
+Language language_of(const std::string& file) {
+  static const std::set<std::string, std::less<>> endings{".c", ".cc", ".cpp", ".cu", ".cuh", ".cxx", ".h", ".hpp"};
+  const std::size_t dot = file.rfind('.');
+  const std::string ending = dot == std::string::npos ? "" : file.substr(dot);
+  if (ending == ".py") return Language::python;
+  return endings.contains(ending) ? Language::cpp : Language::other;
+}
+
+SourceCode::SourceCode(std::string text, Language language) : text_(std::move(text)), code_(text_) {
+  language == Language::cpp ? read_cpp() : read_python();
+}
+
+void SourceCode::read_cpp() {
+  const std::size_t size = text_.size();
+  std::set<std::size_t> within;  // line ends in comments and strings
+  const auto blank = [&](std::size_t from, std::size_t to) {
+    for (std::size_t i = from; i < to && i < size; ++i) {
+      if (code_[i] == '\n') {
+        within.insert(i);
+      } else if (code_[i] != '\r') {
+        code_[i] = ' ';
+      }
+    }
+  };
+  for (std::size_t at = 0; at < size;) {
+    const char c = text_[at];
+    if (text_.compare(at, 2, "//") == 0) {
+      const std::size_t end = std::min(text_.find('\n', at), size);
+      blank(at, end);
+      at = end;
+    } else if (text_.compare(at, 2, "/*") == 0) {
+      const std::size_t close = text_.find("*/", at + 2);
+      const std::size_t end = close == std::string::npos ? size : close + 2;
+      blank(at, end);
+      at = end;
+    } else if (c == '"' && at > 0 && text_[at - 1] == 'R') {
+      const std::size_t open = std::min(text_.find('(', at), size);
+      const std::string mark = ")" + text_.substr(at + 1, open - at - 1) + "\"";
+      const std::size_t end = std::min(text_.find(mark, open), size);
+      blank(at + 1, end);
+      at = std::min(end + mark.size(), size);
+    } else if (c == '"' || (c == '\'' && (at == 0 || !is_word(text_[at - 1])))) {  // 1'000 has no character
+      std::size_t end = at + 1;
+      while (end < size && text_[end] != c && text_[end] != '\n') end += text_[end] == '\\' ? 2 : 1;
+      end = std::min(end, size);
+      blank(at + 1, end);
+      at = std::min(end + 1, size);
+    } else {
+      ++at;
+    }
+  }
+  Statement now;
+  int depth = 0;    // of ( and [
+  char last = ' ';  // of its code
+  std::size_t begin = 0;
+  for (int line = 1; begin < size || statements_.empty(); ++line) {
+    const std::size_t end = std::min(code_.find('\n', begin), size);
+    const std::string_view code = trimmed(std::string_view(code_).substr(begin, end - begin));
+    for (const char c : code) {
+      depth += c == '(' || c == '[';
+      depth -= c == ')' || c == ']';
+    }
+    depth = std::max(depth, 0);
+    if (now.empty) {
+      now.begin = begin;
+      now.line = line;
+      now.indent = static_cast<int>(std::min(text_.find_first_not_of(" \t", begin), end) - begin);
+      now.empty = code.empty();
+    }
+    const bool directive = text_[std::min(text_.find_first_not_of(" \t", now.begin), size - 1)] == '#';
+    if (!code.empty()) last = code.back();
+    const bool ends =
+        !within.contains(end) &&
+        (directive ? last != '\\' : depth == 0 && (last == ';' || last == '{' || last == '}' || last == ':'));
+    if (now.empty || ends || end == size) {
+      now.end = end > begin && text_[end - 1] == '\r' ? end - 1 : end;
+      statements_.push_back(now);
+      now = {};
+      last = ' ';
+    }
+    begin = end + 1;
+  }
+}
+
+void SourceCode::read_python() {
   // Statements, and code without comments and strings, in one pass.
   Statement now;
   int depth = 0, line = 1;
@@ -262,22 +346,22 @@ PythonSource::PythonSource(std::string text) : text_(std::move(text)), code_(tex
   if (now.begin < size || statements_.empty()) finish(size);
 }
 
-std::size_t PythonSource::statement_at(std::size_t place) const {
+std::size_t SourceCode::statement_at(std::size_t place) const {
   const auto above = std::upper_bound(statements_.begin(), statements_.end(), place,
                                       [](std::size_t at, const Statement& one) { return at < one.begin; });
   return static_cast<std::size_t>(above - statements_.begin()) - 1;
 }
 
-std::string PythonSource::code_of(std::size_t statement) const {
+std::string SourceCode::code_of(std::size_t statement) const {
   const Statement& one = statements_[statement];
   return code_.substr(one.begin, one.end - one.begin);
 }
 
-std::string PythonSource::show(std::size_t statement) const {
+std::string SourceCode::show(std::size_t statement) const {
   const Statement& one = statements_[statement];
   std::string shown;
   for (std::size_t at = one.begin; at < one.end; ++at) {
-    const bool comment = text_[at] == '#' && code_[at] == ' ' && !one.empty;
+    const bool comment = (text_[at] == '#' || text_.compare(at, 2, "//") == 0) && code_[at] == ' ' && !one.empty;
     if (comment) {
       at = std::min(text_.find('\n', at), one.end);
       if (at >= one.end) break;
@@ -298,7 +382,7 @@ std::string PythonSource::show(std::size_t statement) const {
   return shown;
 }
 
-Function PythonSource::read_function(std::size_t statement) const {
+Function SourceCode::read_function(std::size_t statement) const {
   Function function;
   function.statement = statement;
   const std::string code = code_of(statement);
@@ -335,7 +419,7 @@ Function PythonSource::read_function(std::size_t statement) const {
   return function;
 }
 
-std::vector<Function> PythonSource::functions(const std::string& name) const {
+std::vector<Function> SourceCode::functions(const std::string& name) const {
   std::vector<Function> found;
   for (std::size_t i = 0; i < statements_.size(); ++i) {
     const std::string code = code_of(i);
@@ -348,7 +432,7 @@ std::vector<Function> PythonSource::functions(const std::string& name) const {
   return found;
 }
 
-std::vector<Call> PythonSource::calls(const std::string& name) const {
+std::vector<Call> SourceCode::calls(const std::string& name) const {
   std::vector<Call> found;
   for (std::size_t i = 0; i < statements_.size(); ++i) {
     const std::string code = code_of(i);
@@ -388,7 +472,7 @@ std::vector<Call> PythonSource::calls(const std::string& name) const {
   return found;
 }
 
-std::vector<std::string> PythonSource::names_used(std::size_t first_statement, std::size_t last_statement) const {
+std::vector<std::string> SourceCode::names_used(std::size_t first_statement, std::size_t last_statement) const {
   std::vector<std::string> used;
   std::set<std::string, std::less<>> set;
   for (std::size_t i = first_statement; i <= last_statement && i < statements_.size(); ++i) {
@@ -425,12 +509,12 @@ std::vector<std::string> PythonSource::names_used(std::size_t first_statement, s
   return used;
 }
 
-bool PythonSource::binds(std::size_t statement, const std::string& name) const {
+bool SourceCode::binds(std::size_t statement, const std::string& name) const {
   const std::set<std::string, std::less<>> names = bound_names(code_of(statement));
   return names.contains(name) || names.contains("*");
 }
 
-std::optional<Function> PythonSource::function_around(std::size_t statement) const {
+std::optional<Function> SourceCode::function_around(std::size_t statement) const {
   int indent = statements_[statement].indent;
   for (std::size_t i = statement; i-- > 0;) {
     if (statements_[i].empty || statements_[i].indent >= indent) continue;
@@ -442,7 +526,7 @@ std::optional<Function> PythonSource::function_around(std::size_t statement) con
   return std::nullopt;
 }
 
-bool PythonSource::knows(const std::string& name, std::size_t statement) const {
+bool SourceCode::knows(const std::string& name, std::size_t statement) const {
   if (builtins().contains(name)) return true;
   // In the functions around it: as a parameter, or set above.
   std::size_t inner = statement;
@@ -464,7 +548,7 @@ bool PythonSource::knows(const std::string& name, std::size_t statement) const {
   return false;
 }
 
-std::vector<Match> find_words(const PythonSource& source, const std::string& anchor) {
+std::vector<Match> find_words(const SourceCode& source, const std::string& anchor) {
   const std::string& text = source.text();
   std::vector<Match> matches;
   if (anchor.empty()) return matches;
@@ -494,7 +578,7 @@ std::vector<Match> find_words(const PythonSource& source, const std::string& anc
   return matches;
 }
 
-std::optional<std::size_t> nearest_statement(const PythonSource& source, const std::string& anchor) {
+std::optional<std::size_t> nearest_statement(const SourceCode& source, const std::string& anchor) {
   const auto words_of = [](std::string_view code) {
     std::map<std::string, int> words;
     for (const Token& token : tokens_of(code)) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file As much of a Python file's structure as checks of a host need: statements, functions, calls, names. Nothing is
-/// run; what is no valid Python gives some answer and never fails.
+/// @file As much of a file's structure as edits and checks of a host need: statements of Python, C++ and CMake, and of
+/// Python functions, calls and names too. Nothing is run; what is no valid code gives some answer and never fails.
 #pragma once
 
 #include <optional>
@@ -10,7 +10,18 @@
 
 namespace splatboost::patch {
 
-/// A statement: one line, or several joined by brackets, backslashes or a string over several lines.
+enum class Language {
+  python,
+  cpp,   ///< and CUDA
+  other  ///< comments, brackets and strings as in Python, such as CMake
+};
+
+/// By the ending of a file's name.
+Language language_of(const std::string& file);
+
+/// A statement: one line, or several joined by brackets, backslashes or a string over several lines. In C++ lines are
+/// joined up to a semicolon or a brace, which end a statement where they end a line: a function's head is one statement,
+/// and so is each of its body's.
 struct Statement {
   std::size_t begin = 0;  ///< of its first line
   std::size_t end = 0;    ///< past its last character, before the line end
@@ -40,9 +51,9 @@ struct Call {
   std::size_t statement = 0;
 };
 
-class PythonSource {
+class SourceCode {
  public:
-  explicit PythonSource(std::string text);
+  explicit SourceCode(std::string text, Language language = Language::python);
 
   const std::string& text() const { return text_; }
   const std::vector<Statement>& statements() const { return statements_; }
@@ -53,6 +64,7 @@ class PythonSource {
   /// The text with comments and the insides of strings blanked out.
   const std::string& code() const { return code_; }
 
+  // Of Python.
   std::vector<Function> functions(const std::string& name) const;
   /// Calls of `name` or `a.name`, as it is written.
   std::vector<Call> calls(const std::string& name) const;
@@ -65,6 +77,8 @@ class PythonSource {
   std::optional<Function> function_around(std::size_t statement) const;
 
  private:
+  void read_python();
+  void read_cpp();
   std::string code_of(std::size_t statement) const;
   bool binds(std::size_t statement, const std::string& name) const;
   Function read_function(std::size_t statement) const;
@@ -78,9 +92,9 @@ struct Match {
   std::size_t begin = 0;
   std::size_t end = 0;
 };
-std::vector<Match> find_words(const PythonSource& source, const std::string& anchor);
+std::vector<Match> find_words(const SourceCode& source, const std::string& anchor);
 
 /// The statement most like a piece of code; nullopt where none is like it at all.
-std::optional<std::size_t> nearest_statement(const PythonSource& source, const std::string& anchor);
+std::optional<std::size_t> nearest_statement(const SourceCode& source, const std::string& anchor);
 
 }  // namespace splatboost::patch

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The differentiable rasterizer of smooth convexes on tensors."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any, Dict, Optional, Sequence, Union
+
+import torch
+from torch.autograd.function import once_differentiable
+
+from . import _library as lib
+from ._rasterize import Render, _Lease, _take_workspace
+from ._tensors import Place, check
+from .camera import Camera, host_rows
+
+_F32 = torch.float32
+_NAMES = ("points", "smoothness", "sharpness", "opacities", "sh_dc", "sh_rest", "colors")
+
+
+@dataclass
+class _Call:
+    """What of a render is no tensor, and the render's lease."""
+
+    camera: Camera
+    options: Any
+    sh_degree: int
+    differentiable: bool
+    lease: Optional[_Lease] = None
+
+
+def _convexes(place: Place, tensors: Dict[str, Optional[torch.Tensor]], sh_degree: int) -> lib.Convexes:
+    views = {name: place.view(tensors[name], name) for name in _NAMES}
+    return lib.Convexes(sh_degree=sh_degree, **views)
+
+
+def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]]) -> Any:
+    """Takes a workspace and draws; returns color and visible."""
+    points = tensors["points"]
+    assert points is not None
+    color = place.empty((3, call.camera.height, call.camera.width))
+    visible = place.empty((points.shape[0],), torch.uint8)
+    outputs = lib.ConvexOutputs(color=place.target(color, "color"), visible=place.target(visible, "visible"))
+    convexes = _convexes(place, tensors, call.sh_degree)
+    call.lease = _take_workspace("sb_convex_rasterizer", place)
+    place.call(
+        "sb_convex_rasterizer_forward",
+        call.lease.workspace.handle,
+        ctypes.byref(call.camera.c_struct()),
+        ctypes.byref(convexes),
+        ctypes.byref(call.options),
+        ctypes.byref(outputs),
+        place.stream,
+    )
+    return color, visible
+
+
+class _Rasterize(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, call: _Call, screen_points: Any, sh: Any, *inputs: Any) -> Any:
+        tensors = dict(zip(_NAMES, inputs))
+        if sh is not None:  # one tensor of all coefficients
+            tensors["sh_dc"], tensors["sh_rest"] = sh[:, :1].contiguous(), sh[:, 1:].contiguous()
+        place = Place(tensors["points"], "points")
+        color, visible = _draw(place, call, tensors)
+        assert call.lease is not None
+        call.lease.pending = call.differentiable and any(ctx.needs_input_grad)
+        ctx.call = call
+        ctx.together = sh is not None
+        ctx.given = [name for name in _NAMES if tensors[name] is not None]
+        ctx.save_for_backward(*[tensors[name] for name in ctx.given])
+        ctx.mark_non_differentiable(visible)
+        return color, visible
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, g_color: Any, _: Any) -> Any:
+        call: _Call = ctx.call
+        tensors: Dict[str, Optional[torch.Tensor]] = dict.fromkeys(_NAMES)
+        tensors.update(zip(ctx.given, ctx.saved_tensors))
+        points = tensors["points"]
+        assert points is not None and call.lease is not None
+        place = Place(points, "points")
+        if not call.lease.held:
+            _draw(place, call, tensors)
+
+        needs = dict(zip(_NAMES, ctx.needs_input_grad[3:]))
+        if ctx.together:
+            needs["sh_dc"] = needs["sh_rest"] = ctx.needs_input_grad[2]
+        gradients: Dict[str, Optional[torch.Tensor]] = {
+            name: torch.empty_like(tensor, memory_format=torch.contiguous_format)
+            if tensor is not None and needs[name]
+            else None
+            for name, tensor in tensors.items()
+        }
+        g_screen = place.empty((points.shape[0], 3)) if ctx.needs_input_grad[1] else None
+        targets = lib.ConvexGradients(
+            accumulate=0,
+            screen_points=place.target(g_screen, "screen_points"),
+            **{name: place.target(gradient, name) for name, gradient in gradients.items()},
+        )
+        place.call(
+            "sb_convex_rasterizer_backward",
+            call.lease.workspace.handle,
+            ctypes.byref(_convexes(place, tensors, call.sh_degree)),
+            place.view(g_color, "gradient of color"),
+            None,
+            ctypes.byref(targets),
+            place.stream,
+        )
+        call.lease.pending = False
+        g_sh = None
+        if ctx.together and gradients["sh_dc"] is not None:
+            g_sh = torch.cat([gradients["sh_dc"], gradients["sh_rest"]], dim=1)  # type: ignore[list-item]
+            gradients["sh_dc"] = gradients["sh_rest"] = None
+        return (None, g_screen, g_sh) + tuple(gradients[name] for name in _NAMES)
+
+
+def rasterize_convexes(
+    camera: Camera,
+    points: torch.Tensor,
+    smoothness: torch.Tensor,
+    sharpness: torch.Tensor,
+    opacities: torch.Tensor,
+    *,
+    sh: Optional[torch.Tensor] = None,
+    sh_degree: int = 0,
+    colors: Optional[torch.Tensor] = None,
+    background: Union[Sequence[float], torch.Tensor] = (0.0, 0.0, 0.0),
+    beta: Optional[float] = None,
+    near_plane: float = 0.2,
+    pixel_size: float = 1.0,
+    released_view_direction: bool = False,
+    screen_points: Optional[torch.Tensor] = None,
+) -> Render:
+    """Draws N smooth convexes of K points each, 3 to 8; gradients flow to every tensor of them. All are float32, on one
+    device. `radii` of the result is 1 where a convex is visible, else 0.
+
+    points         [N,K,3] world
+    smoothness     [N,1] or [N] δ, activated; sharpness: σ
+    opacities      [N,1] or [N], activated
+    sh             [N,K,3] spherical harmonics of all degrees, or colors [N,3]. sh_degree: the active one, 0 to 3
+    background     three numbers; no gradient
+    beta           of the compact box, in (0, 1]; None: the released square
+    pixel_size     side of a pixel in those that δ and σ are of
+    released_view_direction   evaluates harmonics as the release does by a slip (convex_rasterizer.h)
+    screen_points  [N,3], its values are not read: its gradient receives Σ along x, Σ along y, and Σ of both absolute
+                   values of the gradients of the convex's points on screen, in pixels, as the release has it
+    """
+    n = points.shape[0] if isinstance(points, torch.Tensor) and points.dim() > 0 else 0
+    check(points, "points", _F32, ("N", "K", 3))
+    for tensor, name, shapes in (
+        (smoothness, "smoothness", [(n, 1), (n,)]),
+        (sharpness, "sharpness", [(n, 1), (n,)]),
+        (opacities, "opacities", [(n, 1), (n,)]),
+        (sh, "sh", [(n, "K", 3)]),
+        (colors, "colors", [(n, 3)]),
+        (screen_points, "screen_points", [(n, 3)]),
+    ):
+        if tensor is not None:
+            check(tensor, name, _F32, *shapes)  # type: ignore[arg-type]
+    if (sh is None) == (colors is None):
+        raise ValueError("give either sh or colors")
+    if sh is not None and sh.shape[1] < 1:
+        raise ValueError("sh: shape [%d,K,3] with K > 0 wanted, %s given" % (n, list(sh.shape)))
+    options = lib.ConvexOptions(
+        box=lib.CONVEX_BOX_SQUARE if beta is None else lib.CONVEX_BOX_COMPACT,
+        beta=1.0 if beta is None else beta,
+        near_plane=near_plane,
+        pixel_size=pixel_size,
+        released_view_direction=int(released_view_direction),
+    )
+    shade = host_rows(background)[0]
+    if len(shade) != 3:
+        raise ValueError("background: 3 numbers wanted, %d given" % len(shade))
+    options.background[:] = shade
+    if screen_points is not None:
+        Place(points, "points").check_here(screen_points, "screen_points")
+    call = _Call(camera, options, int(sh_degree), torch.is_grad_enabled())
+    color, visible = _Rasterize.apply(
+        call, screen_points, sh, points, smoothness, sharpness, opacities, None, None, colors
+    )
+    assert call.lease is not None
+    return Render(color, visible.to(torch.int32), None, None, None, call.lease)

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hooks of 3D Convex Splatting, whose primitives are convexes that split into six. When it grows stays the host's."""
+
+from __future__ import annotations
+
+from typing import Any, Callable
+
+import torch
+
+from ..compat import diff_convex_rasterization
+from ..operations import keep_largest
+from . import _boost
+from ._drawing import box_of, load
+
+__all__ = ["Boost", "load", "rasterizer"]
+
+
+def rasterizer(model: Any, host: Any) -> Callable[..., Any]:
+    """The host's own rasterizer, or ours for a model that is trained or was saved with boost."""
+    drawing = getattr(model, "splatboost", None)
+    if drawing is None:
+        return host  # type: ignore[no-any-return]
+    settings = diff_convex_rasterization.ConvexRasterizationSettings(**host.raster_settings._asdict())
+
+    def draw(**given: Any) -> Any:
+        with box_of(drawing.beta):
+            return diff_convex_rasterization.ConvexRasterizer(settings)(**given)
+
+    return draw
+
+
+class Boost(_boost.Boost):
+    backbone = "convex-splatting"
+    host_options = {}
+    gathers_absolute = False
+
+    def _means(self) -> torch.Tensor:
+        return self.gaussians.get_convex_points  # type: ignore[no-any-return]
+
+    def _grows_at(self, iteration: int) -> bool:
+        o = self.options
+        return o.densify_from_iter < iteration < o.densify_until_iter and iteration % o.densification_interval == 0
+
+    def _restart_statistics(self) -> None:
+        """The host's are all that there are."""
+
+    def _keep(self, kept: torch.Tensor) -> None:
+        """The host's follow what it prunes."""
+
+    def _signed_gradients(self) -> torch.Tensor:
+        """[N] of the sharpness."""
+        g = self.gaussians
+        return (g.sigma_accumulation_gradient_accum / g.denom.clamp_min(1.0)).reshape(-1)
+
+    def _densify_and_prune(  # type: ignore[override]
+        self, min_opacity: float, mask_threshold: float, extent: float, max_screen_size: Any
+    ) -> None:
+        g = self.gaussians
+        self._apply_gradients()
+        n = self._means().shape[0]
+        views = self._views()
+        gradients = self._signed_gradients()
+        own = gradients >= g.max_grad
+        _, split = self.adapter.grow(self.iteration, views, scene_extent=float(extent), gradients=gradients, split=own)
+        children = int(g.nb_points)
+        if self.options.boost_max_convexes > 0:
+            room = max(0, self.options.boost_max_convexes - n) // (children - 1)
+            split = keep_largest(gradients, room, split)
+
+        before = torch.arange(n, device=split.device)
+        if bool(split.any()):
+            g.densify_and_split_sigma_big(split)
+        elif bool(own.any()):
+            self._restart_hosts_statistics()  # as growth does
+        origins = torch.cat([before[~split]] + [before[split]] * children)
+        self._check_count(origins, "split")
+
+        candidates = ((torch.sigmoid(g._mask) <= mask_threshold) | (g.get_opacity < min_opacity)).reshape(-1)
+        if max_screen_size:
+            candidates |= g.get_max_scaling > max_screen_size * extent
+        self._remove(self.adapter.prune(self.iteration, views, candidates=candidates, origins=origins,
+                                        opacities=g.get_opacity.detach()))
+        torch.cuda.empty_cache()
+
+    def _restart_hosts_statistics(self) -> None:
+        g = self.gaussians
+        for sums in (g.convex_accumulation_gradient_accum, g.sigma_accumulation_gradient_accum, g.denom, g.max_radii2D,
+                     g.max_density_factor):
+            sums.zero_()
+
+    def only_prune(self, *given: Any, **named: Any) -> Any:
+        """The host's own removal after growth; the arguments are the host's."""
+        if self.on:
+            self._apply_gradients()
+        return self.gaussians.only_prune(*given, **named)

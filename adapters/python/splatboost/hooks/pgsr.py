@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hooks of PGSR, whose Gaussians are planes. It gathers absolute gradients itself and trims by what views observe, which stays
+its own."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, Callable
+
+import torch
+
+from ..adapter import ScoredView
+from . import _boost
+from ._drawing import load, rasterizer
+
+__all__ = ["Boost", "as_the_loss_sees", "load", "rasterizer"]
+
+
+def as_the_loss_sees(render: Callable[..., Any], camera: Any, gaussians: Any, pipe: Any, background: torch.Tensor,
+                     app_model: Any) -> torch.Tensor:
+    """The image of a camera without planes, its exposure compensated where the host does."""
+    drawn = render(camera, gaussians, pipe, background, app_model=app_model, return_plane=False, return_depth_normal=False)
+    return drawn.get("app_image", drawn["render"])  # type: ignore[no-any-return]
+
+
+class Boost(_boost.Boost):
+    backbone = "pgsr"
+    gathers_absolute = False
+    host_options = {**_boost.Boost.host_options,
+                    "densify_abs_grad_threshold": ("gradient_abs_threshold", 0.0008),
+                    "percent_dense": ("percent_dense", 0.001)}
+
+    def __init__(self, gaussians: Any, scene: Any, options: Any, *rest: Any):
+        if options.boost == "on" and gaussians.get_xyz.shape[0] == 0:
+            sys.stderr.write("PGSR begins with no Gaussians: it takes only points that three photos or more saw, and the scene's "
+                             "have no such tracks; triangulate them, as colmap point_triangulator does\n")
+            sys.exit(2)
+        super().__init__(gaussians, scene, options, *rest)
+
+    def _absolute_gradients(self) -> torch.Tensor:
+        g = self.gaussians
+        return g.xyz_gradient_accum_abs / g.denom_abs.clamp_min(1.0)  # type: ignore[no-any-return]
+
+    def _score(self, camera: Any) -> ScoredView:
+        # The host's loss counts every pixel, also of photos with a mask.
+        return ScoredView(self._render(camera).contiguous(), camera.get_image()[0])
+
+    def _max_gaussians(self) -> int:
+        own, asked = int(self.gaussians.max_all_points), super()._max_gaussians()
+        return min(own, asked) if asked > 0 else own
+
+    def _densify_and_prune(self, max_grad: float, abs_max_grad: float, *rest: Any) -> None:  # type: ignore[override]
+        super()._densify_and_prune(max_grad, *rest)
+
+    def _grow(self, clone: torch.Tensor, split: torch.Tensor, extent: float) -> torch.Tensor:
+        # Its functions would choose others where there is no room for all; what is chosen here has room.
+        g = self.gaussians
+        most, g.max_all_points = g.max_all_points, float("inf")
+        try:
+            return super()._grow(clone, split, extent)
+        finally:
+            g.max_all_points = most
+
+    def _host_split(self, mask: torch.Tensor, extent: float) -> None:
+        gradients = mask.float().unsqueeze(1)
+        none = torch.zeros_like(gradients)
+        self.gaussians.densify_and_split(gradients, 0.5, none, 1.0, extent, none, _boost.SPLIT_CHILDREN)
+
+    def _keep(self, kept: torch.Tensor) -> None:
+        """The host keeps its own, also in its trim."""

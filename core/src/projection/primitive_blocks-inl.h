@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file A block of primitives, one a lane, from its rows in memory to vectors and back: what the projections of
+/// Gaussians and of convexes share. Colours of spherical harmonics and their gradient, rows of gradients, the tiles
+/// that a block is listed in. A block may be shorter at the end of a range.
+///
+/// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
+
+#if defined(SPLATBOOST_PRIMITIVE_BLOCKS_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef SPLATBOOST_PRIMITIVE_BLOCKS_INL_H_
+#undef SPLATBOOST_PRIMITIVE_BLOCKS_INL_H_
+#else
+#define SPLATBOOST_PRIMITIVE_BLOCKS_INL_H_
+#endif
+
+#include <algorithm>
+#include <cstring>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include <hwy/highway.h>
+
+#include "device/buffer.h"
+#include "device/lanes-inl.h"
+#include "projection/project_math.h"
+#include "projection/sh_math.h"
+#include "projection/tile_lists.h"
+#include "projection/tile_math.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace splatboost {
+namespace HWY_NAMESPACE {
+
+inline constexpr std::size_t kMostLanes = kTileSize;
+inline constexpr std::size_t kRestColumns = 3 * (kMaxShCoefficients - 1);
+
+inline Vec3<Float> vec3_at(std::span<const float> rows, std::size_t i, std::size_t count) {
+  Float v[3];
+  load_rows(rows.data() + 3 * i, count, v);
+  return {v[0], v[1], v[2]};
+}
+
+/// Where the camera looks at a block from.
+struct Ray {
+  Vec3<Float> direction;
+  Float inverse_length;
+};
+
+inline Ray ray_to(Vec3<Float> mean, const ProjectionCamera& camera) {
+  const Vec3<Float> ray = mean - widen<Float>(camera.centre);
+  const Float inverse_length = Float(1.0f) / sqrt_of(dot(ray, ray));
+  return {inverse_length * ray, inverse_length};
+}
+
+/// Coefficients of degree 1 and above, [3 · used, lanes].
+template <class Primitives>
+void sh_rest_at(const Primitives& primitives, std::size_t i, std::size_t count, float* columns) {
+  const std::size_t stride = 3 * static_cast<std::size_t>(primitives.sh_rest_rows);
+  const auto used = static_cast<std::size_t>(sh_coefficients(primitives.sh_degree) - 1);
+  rows_to_columns(primitives.sh_rest.data() + stride * i, stride, count, 3 * used, columns);
+}
+
+/// Colours of a block towards the camera.
+/// @param primitives Gaussians or Convexes
+template <class Primitives>
+Vec3<Float> color_at(const Primitives& primitives, std::size_t i, std::size_t count, Vec3<Float> direction) {
+  if (!primitives.colors.empty()) return vec3_at(primitives.colors, i, count);
+  Float basis[kMaxShCoefficients];
+  sh_basis(primitives.sh_degree, direction, basis);
+  Float color[3];
+  load_rows(primitives.sh_dc.data() + 3 * i, count, color);
+  for (Float& c : color) c = Float(0.5f) + basis[0] * c;
+  alignas(64) float rest[kRestColumns * kMostLanes];
+  sh_rest_at(primitives, i, count, rest);
+  const int used = sh_coefficients(primitives.sh_degree) - 1;
+  const float* coefficient = rest;
+  for (int k = 1; k <= used; ++k) {
+    for (Float& c : color) {
+      c += basis[k] * load(coefficient);
+      coefficient += lanes();
+    }
+  }
+  return {max_of(color[0], Float(0.0f)), max_of(color[1], Float(0.0f)), max_of(color[2], Float(0.0f))};
+}
+
+inline void store_whole(Float a, std::int32_t* to) {
+  const hn::RebindToSigned<Lanes> d;
+  hn::StoreU(hn::ConvertTo(d, a.v), d, to);
+}
+
+/// Numbers of a block's rows of tiles: [rows, lanes] where the tiles of a row begin and end.
+struct RowTilesScratch {
+  Buffer<std::int32_t> begin, end;
+};
+
+inline RowTilesScratch& row_tiles_of_thread() {
+  thread_local RowTilesScratch scratch;
+  return scratch;
+}
+
+/// Lists the tiles of a block's primitives.
+/// @param first_row,row_count [lanes] rows of tiles that they may meet
+template <class RowTiles>
+void list_tiles(TileLists& lists, std::size_t i, std::size_t count, Float first_row, Float row_count,
+                std::vector<std::uint32_t>& listed, RowTiles&& tiles_in_row) {
+  alignas(64) std::int32_t first[kMostLanes], rows[kMostLanes], totals[kMostLanes] = {};
+  store_whole(first_row, first);
+  store_whole(row_count, rows);
+  const std::int32_t most = *std::max_element(rows, rows + count);
+  RowTilesScratch& scratch = row_tiles_of_thread();
+  scratch.begin.ensure(static_cast<std::size_t>(most) * lanes());
+  scratch.end.ensure(static_cast<std::size_t>(most) * lanes());
+  Float total(0.0f);
+  for (std::int32_t row = 0; row < most; ++row) {
+    const Float at(static_cast<float>(row));
+    TileRange<Float> tiles = tiles_in_row(first_row + at);
+    tiles.begin = select(at < row_count, tiles.begin, Float(0.0f));
+    tiles.end = select(at < row_count, max_of(tiles.end, tiles.begin), Float(0.0f));
+    total += tiles.end - tiles.begin;
+    store_whole(tiles.begin, scratch.begin.data() + static_cast<std::size_t>(row) * lanes());
+    store_whole(tiles.end, scratch.end.data() + static_cast<std::size_t>(row) * lanes());
+  }
+  store_whole(total, totals);
+
+  // Tiles are written eight at a time, whatever their number: rows are short, and so nothing is left to be guessed of
+  // where a loop ends. What is too much, the next row writes over.
+  constexpr std::size_t kAtATime = 8;
+  std::size_t at = listed.size() < kAtATime ? 0 : listed.size() - kAtATime;
+  std::size_t end = at;
+  for (std::size_t lane = 0; lane < count; ++lane) end += static_cast<std::size_t>(totals[lane]);
+  check_entries(end);
+  listed.resize(end + kAtATime);
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    TileListing& listing = lists.listings[i + lane];
+    listing.first = static_cast<std::uint32_t>(at);
+    listing.tiles = static_cast<std::uint32_t>(totals[lane]);
+    auto row_start = static_cast<std::uint32_t>(first[lane] * lists.tiles_x);
+    const std::int32_t* begin = scratch.begin.data() + lane;
+    const std::int32_t* row_end = scratch.end.data() + lane;
+    for (std::int32_t row = 0; row < rows[lane]; ++row) {
+      const std::uint32_t tile = row_start + static_cast<std::uint32_t>(*begin);
+      const auto n = static_cast<std::size_t>(*row_end - *begin);
+      for (std::size_t done = 0; done < n; done += kAtATime) {
+        std::uint32_t* to = listed.data() + at + done;
+        for (std::uint32_t k = 0; k < kAtATime; ++k) to[k] = tile + static_cast<std::uint32_t>(done) + k;
+      }
+      at += n;
+      row_start += static_cast<std::uint32_t>(lists.tiles_x);
+      begin += lanes();
+      row_end += lanes();
+    }
+  }
+}
+
+/// Where a block's gradients go: written, or added to what is there; zero where the primitive is not visible.
+struct BlockWriter {
+  std::size_t i, count;
+  bool adds;
+  Bool visible;
+
+  template <std::size_t W>
+  HWY_INLINE void write(std::span<float> rows, Float (&&columns)[W], bool add) const {
+    if (rows.empty()) return;
+    for (Float& c : columns) c = select(visible, c, Float(0.0f));
+    store_rows(columns, count, add, rows.data() + W * i);
+  }
+  template <std::size_t W>
+  HWY_INLINE void write(std::span<float> rows, Float (&&columns)[W]) const {
+    write(rows, std::move(columns), adds);
+  }
+};
+
+/// Gradient through spherical harmonics: writes the coefficients', returns the mean's.
+/// @param primitives Gaussians or Convexes, of which out has the gradients
+template <class Primitives, class Gradients>
+Vec3<Float> sh_backward(const Primitives& primitives, const Gradients& out, const BlockWriter& writer,
+                        const Ray& ray, Vec3<Float> g_color) {
+  const int degree = primitives.sh_degree, used = sh_coefficients(degree) - 1;
+  Float basis[kMaxShCoefficients];
+  sh_basis(degree, ray.direction, basis);
+  writer.write(out.sh_dc, {basis[0] * g_color.x, basis[0] * g_color.y, basis[0] * g_color.z});
+
+  alignas(64) float columns[kRestColumns * kMostLanes];
+  const Float g[3] = {select(writer.visible, g_color.x, Float(0.0f)), select(writer.visible, g_color.y, Float(0.0f)),
+                      select(writer.visible, g_color.z, Float(0.0f))};
+  const std::size_t width = 3 * static_cast<std::size_t>(primitives.sh_rest_rows);
+  if (!out.sh_rest.empty()) {
+    float* column = columns;
+    for (int k = 1; k <= used; ++k) {
+      for (const Float& c : g) {
+        store(select(writer.visible, basis[k] * c, Float(0.0f)), column);
+        column += lanes();
+      }
+    }
+    float* const rows = out.sh_rest.data() + width * writer.i;
+    const std::size_t written = 3 * static_cast<std::size_t>(used);
+    if (used > 0) columns_to_rows(columns, written, writer.count, writer.adds, rows, width);
+    for (std::size_t lane = 0; !writer.adds && written < width && lane < writer.count; ++lane) {
+      std::memset(rows + width * lane + written, 0, (width - written) * sizeof(float));
+    }
+  }
+  if (degree == 0) return {Float(0.0f), Float(0.0f), Float(0.0f)};
+  sh_rest_at(primitives, writer.i, writer.count, columns);
+  Float weights[kMaxShCoefficients];
+  weights[0] = Float(0.0f);
+  const float* coefficient = columns;
+  for (int k = 1; k <= used; ++k) {
+    weights[k] = Float(0.0f);
+    for (const Float& c : g) {
+      weights[k] += load(coefficient) * c;
+      coefficient += lanes();
+    }
+  }
+  return through_normalise(ray.direction, ray.inverse_length, sh_basis_gradient(degree, ray.direction, weights));
+}
+
+inline void clear_rows(std::span<float> rows, std::size_t width, std::size_t i, std::size_t count) {
+  if (!rows.empty()) std::memset(rows.data() + width * i, 0, width * count * sizeof(float));
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace splatboost
+HWY_AFTER_NAMESPACE();
+
+#endif  // per-target include guard

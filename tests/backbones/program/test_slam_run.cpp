@@ -1,0 +1,313 @@
+// SPDX-License-Identifier: Apache-2.0
+// Tracking and mapping together, on the beginning of a ray-traced walk: runs that end early keep what they have.
+#include "program/session/slam_run.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <functional>
+#include <new>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "photo_slam/photo_slam.h"
+#include "splatboost/threads.h"
+#include "trainer/support/input_error.h"
+#include "trainer/synth/synth_view.h"
+#include "trainer/synth/synth_walk.h"
+
+namespace splatboost::program {
+namespace {
+
+constexpr int kWidth = 160, kHeight = 120, kFrames = 12;
+
+/// Made once: ray tracing takes most of the time here.
+const std::vector<Frame>& walk() {
+  static const std::vector<Frame> frames = [] {
+    const auto world = synthetic::make_room();
+    const synthetic::Intrinsics camera(kWidth, kHeight);
+    Threads threads;
+    std::vector<Frame> made;
+    for (int i = 0; i < kFrames; ++i) {
+      synthetic::Picture picture(camera);
+      synthetic::render_view(*world, camera, walk_pose(i, 120), 1, threads, picture);
+      Frame frame;
+      frame.name = std::to_string(i) + ".png";
+      frame.width = kWidth;
+      frame.height = kHeight;
+      frame.color = picture.color;
+      frame.depth.assign(picture.depth.begin(), picture.depth.end());
+      made.push_back(std::move(frame));
+    }
+    return made;
+  }();
+  return frames;
+}
+
+/// The walk, forward and backward in turn for as long as it is asked for.
+class Walk final : public Sequence {
+ public:
+  explicit Walk(std::size_t size, double focal_factor = 1) : size_(size) {
+    const synthetic::Intrinsics camera(kWidth, kHeight);
+    calibration_.width = kWidth;
+    calibration_.height = kHeight;
+    calibration_.fx = calibration_.fy = focal_factor * camera.focal;
+    calibration_.cx = camera.cx - 0.5;
+    calibration_.cy = camera.cy - 0.5;
+    calibration_.depth_scale = 1000;
+  }
+  std::size_t size() const override { return size_; }
+  const Calibration& calibration() const override { return calibration_; }
+  double time_of(std::size_t number) const override { return static_cast<double>(number) / 30; }
+  std::optional<glm::dmat4> truth(std::size_t) const override { return std::nullopt; }
+  Frame read(std::size_t number) override {
+    if (before_frame) before_frame(number);
+    const std::size_t way = number / (kFrames - 1), step = number % (kFrames - 1);
+    Frame frame = walk()[way % 2 == 0 ? step : kFrames - 1 - step];
+    frame.number = number;
+    frame.time = time_of(number);
+    if (changed) changed(frame);
+    return frame;
+  }
+
+  std::function<void(std::size_t)> before_frame;
+  std::function<void(Frame&)> changed;  ///< what is wrong with a frame
+
+ private:
+  std::size_t size_;
+  Calibration calibration_;
+};
+
+struct Mapping {
+  explicit Mapping(std::size_t frames = kFrames, double focal_factor = 1) : sequence(frames, focal_factor), threads(2) {
+    slam.tracker.features = 400;
+    slam.initial_keyframes = 2;
+    options.iterations = 20;
+    options.quiet = true;
+  }
+  SlamOutcome run() {
+    slam_run.emplace(
+        sequence, slam, options,
+        [&](const Scene& scene) {
+          return PluggedBackbone{
+              nullptr, make_photo_slam({scene, threads, 0, *options.iterations, 0, threads}, {}), {}};
+        },
+        stopped);
+    return slam_run->run();
+  }
+
+  /// What a run says on the way.
+  std::string lines() {
+    slam.lockstep = 1;
+    options.iterations = 1;
+    ::testing::internal::CaptureStderr();
+    try {
+      outcome = run();
+    } catch (const InputError& error) {
+      return ::testing::internal::GetCapturedStderr() + error.what();
+    }
+    return ::testing::internal::GetCapturedStderr();
+  }
+  std::size_t count(TrackState state) const {
+    return static_cast<std::size_t>(
+        std::ranges::count_if(outcome.frames, [&](const TrackedFrame& f) { return f.state == state; }));
+  }
+
+  SlamOutcome outcome;
+  Walk sequence;
+  SlamOptions slam;
+  RunOptions options;
+  Threads threads;
+  std::function<bool()> stopped = [] { return false; };
+  std::optional<SlamRun> slam_run;
+};
+
+TEST(SlamRun, goes_to_its_end) {
+  Mapping mapping;
+  const SlamOutcome outcome = mapping.run();
+  EXPECT_TRUE(outcome.complete);
+  EXPECT_EQ(outcome.failure, nullptr);
+  EXPECT_EQ(outcome.frames.size(), static_cast<std::size_t>(kFrames));
+  EXPECT_GE(outcome.iterations, 20);
+  EXPECT_EQ(mapping.slam_run->scene().train.size(), outcome.keyframe_frames.size());
+}
+
+TEST(SlamRun, stops_when_it_is_told) {
+  Mapping mapping;
+  mapping.slam.lockstep = 3;
+  int asked = 0;
+  mapping.stopped = [&] { return ++asked > 12; };
+  const SlamOutcome outcome = mapping.run();
+  EXPECT_FALSE(outcome.complete);
+  EXPECT_EQ(outcome.failure, nullptr);
+  EXPECT_GE(outcome.frames.size(), 3u);
+  EXPECT_LT(outcome.frames.size(), static_cast<std::size_t>(kFrames));
+  EXPECT_LT(outcome.iterations, 20);
+  EXPECT_GT(mapping.slam_run->backbone().primitives(), 0u);
+}
+
+TEST(SlamRun, a_stop_before_mapping_keeps_the_keyframes) {
+  Mapping mapping;
+  std::atomic<bool> stop = false;
+  mapping.slam.initial_keyframes = 100;
+  mapping.sequence.before_frame = [&](std::size_t number) { stop = number == 8; };
+  mapping.stopped = [&] { return stop.load(); };
+  const SlamOutcome outcome = mapping.run();
+  EXPECT_EQ(outcome.frames.size(), 9u);
+  EXPECT_EQ(outcome.iterations, 0);
+  EXPECT_GE(mapping.slam_run->scene().train.size(), 2u);
+  EXPECT_GT(mapping.slam_run->backbone().primitives(), 0u);
+}
+
+TEST(SlamRun, a_stop_before_the_first_keyframe_leaves_nothing) {
+  Mapping mapping;
+  mapping.stopped = [] { return true; };
+  EXPECT_FALSE(mapping.run().complete);
+  EXPECT_TRUE(mapping.slam_run->scene().train.empty());
+}
+
+TEST(SlamRun, keeps_what_it_has_where_memory_runs_out_for_the_tracker) {
+  Mapping mapping;
+  mapping.sequence.before_frame = [](std::size_t number) {
+    if (number == 9) throw std::bad_alloc();
+  };
+  const SlamOutcome outcome = mapping.run();
+  EXPECT_THROW(std::rethrow_exception(outcome.failure), std::bad_alloc);
+  EXPECT_EQ(outcome.frames.size(), 9u);
+  EXPECT_EQ(mapping.slam_run->scene().train.size(), outcome.keyframe_frames.size());
+  EXPECT_GT(mapping.slam_run->backbone().primitives(), 0u);
+}
+
+TEST(SlamRun, keeps_what_it_has_where_memory_runs_out_for_the_mapper) {
+  Mapping mapping;
+  mapping.slam.lockstep = 5;
+  int asked = 0;
+  mapping.stopped = [&] {
+    if (++asked == 12) throw std::bad_alloc();
+    return false;
+  };
+  const SlamOutcome outcome = mapping.run();
+  EXPECT_THROW(std::rethrow_exception(outcome.failure), std::bad_alloc);
+  EXPECT_FALSE(outcome.complete);
+  EXPECT_GT(outcome.iterations, 0);
+  EXPECT_GE(mapping.slam_run->scene().train.size(), 2u);
+}
+
+TEST(SlamRun, what_a_user_must_mend_is_not_kept) {
+  Mapping mapping;
+  mapping.sequence.before_frame = [](std::size_t number) {
+    if (number == 9) throw InputError("the card was pulled");
+  };
+  EXPECT_THROW(mapping.run(), InputError);
+}
+
+void expect_in(const std::string& text, const std::string& part) {
+  EXPECT_NE(text.find(part), std::string::npos) << text;
+}
+
+void blur(Frame& frame, int radius) {
+  const std::vector<std::uint8_t> sharp = frame.color;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        int sum = 0;
+        for (int i = -radius; i <= radius; ++i) {
+          sum += sharp[static_cast<std::size_t>(3 * (y * kWidth + std::clamp(x + i, 0, kWidth - 1)) + c)];
+        }
+        frame.color[static_cast<std::size_t>(3 * (y * kWidth + x) + c)] =
+            static_cast<std::uint8_t>(sum / (2 * radius + 1));
+      }
+    }
+  }
+}
+
+TEST(HardInput, a_good_walk_needs_no_word) {
+  Mapping mapping;
+  EXPECT_EQ(mapping.lines(), "");
+  EXPECT_EQ(mapping.count(TrackState::tracked), static_cast<std::size_t>(kFrames));
+}
+
+TEST(HardInput, wrong_focal_lengths_are_told) {
+  const synthetic::Intrinsics camera(kWidth, kHeight);
+  for (const double factor : {0.5, 2.0}) {
+    Mapping mapping(2 * kFrames, factor);
+    const std::string lines = mapping.lines();
+    expect_in(lines, "fit focal lengths of about ");
+    const double told = std::stod(lines.substr(lines.find("of about ") + 9));
+    EXPECT_NEAR(told, camera.focal, 0.15 * camera.focal);
+  }
+}
+
+TEST(HardInput, no_depth_at_all) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    frame.depth.clear();
+    frame.problem = "has no picture of depth";
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 0 (0.png): has no picture of depth; tracked by colour alone");
+  expect_in(lines, "no more such lines follow");
+  expect_in(lines, "nothing could be tracked: no frame has enough features with depth");
+}
+
+TEST(HardInput, depth_for_every_third_frame) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number % 3 != 0) frame.depth.clear();
+  };
+  mapping.lines();
+  EXPECT_EQ(mapping.count(TrackState::tracked), static_cast<std::size_t>(kFrames));
+  for (const std::size_t keyframe : mapping.outcome.keyframe_frames) EXPECT_EQ(keyframe % 3, 0u);
+}
+
+TEST(HardInput, frames_that_were_dropped) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number < 4 || frame.number > 6) return;
+    frame.color.clear();
+    frame.problem = "cannot be read";
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 5 (5.png): cannot be read; left out");
+  EXPECT_EQ(mapping.count(TrackState::dropped), 3u);
+  EXPECT_EQ(mapping.count(TrackState::tracked), static_cast<std::size_t>(kFrames - 3));
+}
+
+TEST(HardInput, blurred_frames_are_lost_and_tracking_goes_on) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number >= 5 && frame.number <= 6) blur(frame, 20);
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 5 (5.png): tracking is lost");
+  expect_in(lines, "frame 7 (7.png): tracking goes on");
+  EXPECT_EQ(mapping.count(TrackState::lost), 2u);
+  EXPECT_EQ(mapping.outcome.frames.back().state, TrackState::tracked);
+}
+
+TEST(HardInput, a_little_blur_does_no_harm) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number >= 5 && frame.number <= 6) blur(frame, 1);
+  };
+  EXPECT_EQ(mapping.lines(), "");
+  EXPECT_EQ(mapping.count(TrackState::tracked), static_cast<std::size_t>(kFrames));
+}
+
+TEST(HardInput, lost_for_good) {
+  Mapping mapping;
+  mapping.sequence.changed = [](Frame& frame) {
+    if (frame.number >= 4) std::ranges::fill(frame.color, std::uint8_t{90});
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 4 (4.png): tracking is lost");
+  EXPECT_EQ(std::ranges::count(lines, '\n'), 1);
+  EXPECT_EQ(mapping.count(TrackState::lost), static_cast<std::size_t>(kFrames - 4));
+  EXPECT_TRUE(mapping.outcome.complete);
+}
+
+}  // namespace
+}  // namespace splatboost::program

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Included before each of Photo-SLAM's files, so that what they ask of CUDA happens on the CPU.
+#pragma once
+
+#include <opencv2/opencv.hpp>
+#include <random>
+#include <torch/torch.h>
+
+namespace cv::cuda {
+
+/// An image in memory of the host.
+struct HostMat : cv::Mat {
+  using cv::Mat::Mat;
+  HostMat(const cv::Mat& mat) : cv::Mat(mat) {}
+  void upload(const cv::Mat& mat) { mat.copyTo(*this); }
+  void download(cv::Mat& mat) const { copyTo(mat); }
+};
+
+}  // namespace cv::cuda
+
+namespace std {
+
+/// Draws the same in every run, so that two builds can be compared.
+struct fixed_random_device {
+  using result_type = unsigned;
+  static constexpr result_type min() { return 0; }
+  static constexpr result_type max() { return ~0u; }
+  result_type operator()() { return 20240612; }
+};
+
+}  // namespace std
+
+#define GpuMat HostMat
+#define random_device fixed_random_device
+#define kCUDA kCPU
+// Of tensors and of torch::cuda, as calls only: the namespaces stay.
+#define cuda() cpu()
+#define synchronize() is_available()
+// libtorch before 2.0 knows no argument.
+#define zero_grad(...) zero_grad()

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file What Photo-SLAM uses of OpenCV's module of this name. Stereo is not run on the CPU.
+#pragma once
+
+#include "on_cpu.h"
+
+namespace cv::cuda {
+
+struct StereoSGM {
+  void compute(const HostMat&, const HostMat&, HostMat&) { throw std::logic_error("no stereo on the CPU"); }
+  int getMinDisparity() const { return 0; }
+  int getNumDisparities() const { return 0; }
+};
+
+inline cv::Ptr<StereoSGM> createStereoSGM(int, int) { return cv::makePtr<StereoSGM>(); }
+inline void reprojectImageTo3D(const HostMat&, HostMat&, const cv::Mat&, int) {
+  throw std::logic_error("no stereo on the CPU");
+}
+
+}  // namespace cv::cuda

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""SplatBoostStrategy in two processes, with Gaussians dealt out as gsplat's simple_trainer does, leaves what one process does."""
+
+import os
+import pathlib
+import subprocess
+import sys
+
+import conftest
+import gsplat_double
+import pytest
+import torch
+
+import splatboost
+from splatboost import distributed
+
+pytestmark = pytest.mark.skipif(conftest.EMULATED, reason="processes of their own, on the CPU")
+STEPS, LENGTH, CAMERAS, CAP = 135, 220, 2, 28
+
+
+def run(processes):
+    """Trains with two cameras a step, as two processes of one camera each do; all Gaussians in the order of their ids, and how
+    many there were on the way. What gsplat's rasterization() does among processes is done by every process here."""
+    gsplat_double.install()
+    import test_gsplat
+
+    import splatboost.gsplat as module
+
+    trainer = test_gsplat.Trainer(module, LENGTH, tau_d=0.5, gradient_threshold=1e-5, gradient_abs_threshold=1e-4,
+                                  percent_dense=0.15)
+    trainer.strategy.max_gaussians = CAP
+    for name, p in trainer.params.items():
+        own = torch.nn.Parameter(p.detach()[processes.rank::processes.count].clone())
+        trainer.params[name] = own
+        trainer.optimizers[name].param_groups[0]["params"] = [own]
+    shard = trainer.strategy._rows(trainer.params)
+    sizes = []
+    for step in range(STEPS):
+        everyone = {n: shard.all_rows(p.detach()).requires_grad_() for n, p in trainer.params.items()}
+        grads, absolute, radii = [], [], []
+        for j in range(CAMERAS):
+            view = (CAMERAS * step + j) % 3
+            done, points = trainer.draw(trainer.cameras[view], everyone)
+            (done.color - trainer.truths[view]).abs().mean().backward()
+            info = trainer.info_of(done)
+            trainer.fill(info, points)
+            for found, values in ((grads, info["means2d"].grad), (absolute, info["means2d"].absgrad), (radii, info["radii"])):
+                found.append(shard.own_rows(values[0]))
+        for name, p in trainer.params.items():
+            grad = shard.own_rows(everyone[name].grad)
+            p.grad = grad if p.grad is None else p.grad + grad  # what waits between steps accumulates
+        means2d = torch.zeros_like(torch.stack(grads), requires_grad=True)
+        means2d.grad, means2d.absgrad = torch.stack(grads), torch.stack(absolute)
+        info.update(means2d=means2d, radii=torch.stack(radii), n_cameras=CAMERAS)
+        trainer.strategy.step_post_backward(trainer.params, trainer.optimizers, trainer.state, step, info)
+        for optimizer in module.optimizers_at(trainer.strategy, trainer.optimizers, step):
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
+        sizes.append(processes.rows(shard.ids).shape[0])
+    return {n: shard.all_rows(p.detach()) for n, p in trainer.params.items()}, sizes
+
+
+def main(rank, count, folder):
+    torch.distributed.init_process_group("gloo", init_method="file://%s/meet" % folder, rank=rank, world_size=count)
+    torch.set_num_threads(1)
+    splatboost.set_threads(1)
+    torch.save(run(distributed.Processes()), os.path.join(folder, "%d.pt" % rank))
+    torch.distributed.destroy_process_group()
+
+
+def test_two_processes_leave_what_one_does(tmp_path):
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(conftest.PACKAGE), str(pathlib.Path(__file__).parent)]),
+                       OMP_NUM_THREADS="1", GLOO_SOCKET_IFNAME="lo")
+    started = []
+    for count in (1, 2):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        started += [subprocess.Popen([sys.executable, __file__, str(rank), str(count), str(folder)],
+                                     env=environment, stderr=subprocess.PIPE, text=True) for rank in range(count)]
+    try:
+        for process in started:
+            _, said = process.communicate(timeout=300)
+            assert process.returncode == 0, said
+    finally:
+        for process in started:
+            process.kill()
+    alone, sizes = torch.load(str(tmp_path / "1/0.pt"))
+    assert max(sizes) == CAP and sizes[0] == 16 and sizes[-1] < CAP, "nothing grew, or nothing went"
+    for rank in range(2):
+        rows, several = torch.load(str(tmp_path / ("2/%d.pt" % rank)))
+        assert several == sizes
+        for name, value in alone.items():
+            assert torch.equal(rows[name], value), (rank, name)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])
