@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "c/adapters_c.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -14,6 +15,7 @@
 #include "c/c_api_edge.h"
 #include "registry/boost_settings.h"
 #include "splatboost/hooks.h"
+#include "splatboost/select.h"
 
 namespace edge = splatboost::edge;
 using edge::guarded;
@@ -282,9 +284,17 @@ sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const 
     }
     OnHost clones(a.place.view<std::uint8_t>(clone, "clone", {n}), device);
     OnHost splits(a.place.view<std::uint8_t>(split, "split", {n}), device);
-    splatboost::GrowDecisions decisions{clones.span(), splits.span()};
+    SPLATBOOST_CHECK(d.max_primitives >= 0, "max_primitives must not be negative");
+    std::vector<float> priorities(statistics.gradients.begin(), statistics.gradients.end());
+    splatboost::GrowDecisions decisions{clones.span(), splits.span(), priorities};
     a.grown_at = -1;
     a.adapter->grow(statistics, renderer, decisions);
+    if (d.max_primitives > 0) {
+      for (const float v : priorities)
+        SPLATBOOST_CHECK(!std::isnan(v), "gradients must be numbers where there is a cap");
+      const auto room = static_cast<std::size_t>(std::max<std::int64_t>(0, d.max_primitives - n));
+      splatboost::hold_cap(priorities, room, clones.span(), splits.span());
+    }
     clones.write_back();
     splits.write_back();
     a.grown = n;

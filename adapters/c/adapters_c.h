@@ -51,6 +51,7 @@ typedef struct sb_density {
   const sb_tensor* gradients_abs; /**< of the absolute one (Mip-Splatting: its sums); for growth with absgrad */
   const sb_tensor* opacities;     /**< activated; for late pruning */
   const sb_tensor* max_scales;    /**< longest standard deviation, world units; for growth with absgrad */
+  int64_t max_primitives;         /**< growth makes no more of them, a clone or split adding one; 0: no cap */
 } sb_density;
 
 /** A view as rendered without anything random, and settled (sb_rasterizer_settle). The tensors live until the next

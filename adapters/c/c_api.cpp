@@ -282,11 +282,7 @@ sb_status sb_importance_scores(const sb_device* device, const sb_tensor* counts,
     const std::int64_t n = size_of(counts, "counts");
     const auto from = place.view<const std::int64_t>(counts, "counts", {n});
     const auto to = place.view<std::int64_t>(scores, "scores", {n});
-    if (place.is_cuda()) return splatboost::importance_scores(from, views, to, place.device().stream());
-    splatboost::ScoreSums sums;
-    sums.views = views;
-    sums.counts.assign(from.begin(), from.end());
-    splatboost::importance_scores(sums, to);
+    splatboost::importance_scores(from, views, to, place.device());
   });
 }
 
@@ -295,11 +291,10 @@ sb_status sb_pruning_scores(const sb_device* device, const sb_tensor* weighted_c
     const std::int64_t n = size_of(weighted_counts, "weighted_counts");
     const auto from = place.view<const double>(weighted_counts, "weighted_counts", {n});
     const auto to = place.view<float>(scores, "scores", {n});
-    if (place.is_cuda()) return splatboost::pruning_scores(from, to, place.device().stream());
-    for (const double v : from) SPLATBOOST_CHECK(std::isfinite(v), "weighted_counts must be finite");
-    splatboost::ScoreSums sums;
-    sums.weighted_counts.assign(from.begin(), from.end());
-    splatboost::pruning_scores(sums, to);
+    if (!place.is_cuda()) {
+      for (const double v : from) SPLATBOOST_CHECK(std::isfinite(v), "weighted_counts must be finite");
+    }
+    splatboost::pruning_scores(from, to, place.device());
   });
 }
 
@@ -309,8 +304,7 @@ sb_status sb_keep_important(const sb_device* device, const sb_tensor* importance
     const std::int64_t n = size_of(importance, "importance");
     const auto by = place.view<const std::int64_t>(importance, "importance", {n});
     const auto mask = place.view<std::uint8_t>(candidates, "candidates", {n});
-    const std::size_t left = place.is_cuda() ? splatboost::keep_important(by, threshold, mask, place.device().stream())
-                                             : splatboost::keep_important(by, threshold, mask);
+    const std::size_t left = splatboost::keep_important(by, threshold, mask, place.device());
     if (kept != nullptr) *kept = static_cast<std::int64_t>(left);
   });
 }
@@ -324,8 +318,7 @@ sb_status sb_keep_weighted_sample(const sb_device* device, const sb_tensor* weig
     const auto mask = place.view<std::uint8_t>(candidates, "candidates", {n});
     const splatboost::RandomStream random(seed, iteration, splatboost::RandomPurpose::prune);
     const auto room = static_cast<std::size_t>(keep);
-    if (place.is_cuda()) return splatboost::keep_weighted_sample(by, room, random, mask, place.device().stream());
-    splatboost::keep_weighted_sample(by, room, random, mask);
+    splatboost::keep_weighted_sample(by, room, random, mask, place.device());
   });
 }
 
@@ -337,9 +330,10 @@ sb_status sb_keep_largest(const sb_device* device, const sb_tensor* priorities, 
     const auto from = place.view<const float>(priorities, "priorities", {n});
     const auto mask = place.view<std::uint8_t>(candidates, "candidates", {n});
     const auto room = static_cast<std::size_t>(keep);
-    if (place.is_cuda()) return splatboost::keep_largest(from, room, mask, place.device().stream());
-    for (const float v : from) SPLATBOOST_CHECK(!std::isnan(v), "priorities must be numbers");
-    splatboost::keep_largest(from, room, mask);
+    if (!place.is_cuda()) {
+      for (const float v : from) SPLATBOOST_CHECK(!std::isnan(v), "priorities must be numbers");
+    }
+    splatboost::keep_largest(from, room, mask, place.device());
   });
 }
 
@@ -349,8 +343,7 @@ sb_status sb_spare_one(const sb_device* device, const sb_tensor* priorities, con
     const std::int64_t n = size_of(priorities, "priorities");
     const auto by = place.view<const float>(priorities, "priorities", {n});
     const auto mask = place.view<std::uint8_t>(removals, "removals", {n});
-    const std::size_t left =
-        place.is_cuda() ? splatboost::spare_one(by, mask, place.device().stream()) : splatboost::spare_one(by, mask);
+    const std::size_t left = splatboost::spare_one(by, mask, place.device());
     if (removed != nullptr) *removed = static_cast<std::int64_t>(left);
   });
 }

@@ -95,6 +95,10 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
       const bool small = statistics.max_scales[i] <= border;
       decisions.clone[i] = small && statistics.gradients[i] >= clone_from;
       decisions.split[i] = !small && statistics.gradients_abs[i] >= split_from;
+      if (!decisions.priorities.empty()) {
+        decisions.priorities[i] = small ? growth_priority(statistics.gradients[i], clone_from)
+                                        : growth_priority(statistics.gradients_abs[i], split_from);
+      }
     }
   }
   if (boost_.vcd) {

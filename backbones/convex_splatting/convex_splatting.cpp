@@ -10,8 +10,6 @@
 #include "convex_splatting/convex_file.h"
 #include "convex_splatting/convex_mesh.h"
 #include "convex_splatting/convex_shapes.h"
-#include "families/gaussians/trained_group.h"
-#include "splatboost/activations.h"
 #include "splatboost/array.h"
 #include "splatboost/convex_rasterizer.h"
 #include "splatboost/convex_training.h"
@@ -20,6 +18,8 @@
 #include "splatboost/select.h"
 #include "splatboost/spatial_order.h"
 #include "trainer/backbone_api/backbone_entry.h"
+#include "trainer/backbone_api/raster_laps.h"
+#include "trainer/backbone_api/trained_group.h"
 #include "trainer/backbone_api/training_truths.h"
 #include "trainer/support/input_error.h"
 
@@ -47,7 +47,7 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
     if (device_.is_cuda()) device_.stream().synchronize();
   }
   void finish() override {
-    step_all(iteration_);
+    step_all();
     wait();
   }
   std::size_t primitives() const override { return opacity_.rows(); }
@@ -89,12 +89,8 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
   }
   int sh_degree() const { return std::min(config_.sh_degree, iteration_ / at(config_.sh_interval)); }
   Moment moment() const { return {iteration_, context_.iterations}; }
-  /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
-  template <class... Stages>
-  void lap_rasterizer(const char* all, const Stages&... stages);
 
-  void step_group(TrainedGroup& group, int iteration);
-  void step_all(int iteration);
+  void step_all();
 
   void control_density();
   DensityStatistics statistics();
@@ -221,12 +217,7 @@ void ConvexSplatting::restart_statistics() {
 
 void ConvexSplatting::activate() {
   if (!stale_) return;
-  for (TrainedGroup* group : groups_) {
-    if (group->activation == Activation::none) continue;
-    group->activated.ensure(group->values.size());
-    const auto activate_values = group->activation == Activation::exponential ? exponentials : sigmoids;
-    activate_values(group->values, group->activated, device_);
-  }
+  splatboost::activate(groups_, device_);
   drawn_opacities_.ensure(primitives());
   mask_opacities(opacity_.activated, mask_.activated, drawn_opacities_, device_);
   stale_ = false;
@@ -272,13 +263,6 @@ ConvexOptions ConvexSplatting::raster_options(std::optional<float> beta, float p
   return options;
 }
 
-template <class... Stages>
-void ConvexSplatting::lap_rasterizer(const char* all, const Stages&... stages) {
-  if (device_.is_cuda()) return clock_.lap(all);
-  const RasterSeconds& seconds = rasterizer_.seconds();
-  (clock_.add(stages.first, seconds.*stages.second), ...);
-}
-
 /// @return the photometric loss; that of the masks, λ · mean, is in the gradients alone
 double ConvexSplatting::train_step(int iteration, const View& view) {
   clock_.restart();
@@ -288,8 +272,7 @@ double ConvexSplatting::train_step(int iteration, const View& view) {
   clock_.lap("activate");
   color_.ensure(view.color.size());
   rasterizer_.forward(view.camera, convexes, raster_options(beta_, pixel_size_of(view)), color_);
-  lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
-                 std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
+  lap_forward(rasterizer_, device_, clock_);
 
   color_gradients_.ensure(view.color.size());
   const auto lambda = static_cast<float>(config_.lambda_dssim);
@@ -323,37 +306,22 @@ double ConvexSplatting::train_step(int iteration, const View& view) {
   mask_opacities_backward(opacity_.activated, mask_.activated, drawn_opacity_gradients_, mask_slope, opacity_.gradients,
                           mask_.gradients, device_);
   for (TrainedGroup* group : groups_) group->pending = true;
-  lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
-                 std::pair("project_backward", &RasterSeconds::project_backward));
+  lap_backward(rasterizer_, device_, clock_);
 
   if (growing) {
     add_sharpness_gradients(rasterizer_.visible(), gradients.view_sharpness, gradients.view_sharpness_abs,
                             {gradient_sum_, gradient_abs_sum_, seen_}, device_);
   }
   clock_.lap("statistics");
-  for (TrainedGroup* group : groups_) {
-    if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group, iteration);
-  }
+  if (step_due_groups(groups_, optimizer_, moment(), device_)) stale_ = true;
   clock_.lap("optimizer");
   control_density();
   clock_.lap("density");
   return loss.total;
 }
 
-void ConvexSplatting::step_group(TrainedGroup& group, int iteration) {
-  if (!group.pending) return;
-  // The gradients are of activated values; these have not changed since the last step of the group.
-  if (group.activation == Activation::exponential) exponential_gradients(group.activated, group.gradients, device_);
-  if (group.activation == Activation::sigmoid) sigmoid_gradients(group.activated, group.gradients, device_);
-  AdamOptions options;
-  options.learning_rate = static_cast<float>(group.rate(iteration));
-  if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
-  group.step(options, device_);
-  stale_ = true;
-}
-
-void ConvexSplatting::step_all(int iteration) {
-  for (TrainedGroup* group : groups_) step_group(*group, iteration);
+void ConvexSplatting::step_all() {
+  if (step_groups(groups_, optimizer_, moment(), device_)) stale_ = true;
   activate();
 }
 
@@ -384,26 +352,26 @@ void ConvexSplatting::control_density() {
   const bool own =
       iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
   if (density_ != nullptr ? density_->grows_at(moment(), own) : own) {
-    step_all(iteration_);
+    step_all();
     grow();
     prune(PruneRule::growth);
     reorder();
     restart_statistics();
   }
   if (iteration_ >= until && iteration_ % at(config_.trim_interval) == 0) {
-    step_all(iteration_);
+    step_all();
     prune(PruneRule::trim);
     restart_statistics();
   }
   if (density_ != nullptr && density_->prunes_at(moment(), false)) {
-    step_all(iteration_);
+    step_all();
     prune(PruneRule::late);
     restart_statistics();
   }
   const bool white_start = context_.scene.white_background && iteration_ == at(config_.densify_from);
   const bool own_reset = iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start);
   if (density_ != nullptr ? density_->resets_opacities_at(moment(), own_reset) : own_reset) {
-    step_all(iteration_);
+    step_all();
     reset_opacities();
   }
   if (stale_) activate();
@@ -500,7 +468,7 @@ void ConvexSplatting::select(const Array<std::uint32_t>& rows) {
   stale_ = true;
 }
 
-/// Growth appends; here neighbours in space become neighbours in memory again, which the rasterizer's caches thank.
+/// Growth appends; here neighbours in space become neighbours in memory again, to improve cache locality.
 void ConvexSplatting::reorder() {
   std::vector<float> copy;
   std::vector<std::uint32_t> order(primitives());

@@ -7,6 +7,7 @@
 
 #include "families/gaussians/gaussian_backbone.h"
 #include "splatboost/array.h"
+#include "splatboost/select.h"
 #include "splatboost/smoothing.h"
 #include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/support/input_error.h"
@@ -90,7 +91,8 @@ class MipSplatting final : public GaussianMethod {
 
   bool needs_absolute_gradients() const override { return true; }
   AbsoluteNorm absolute_norm() const override { return AbsoluteNorm::sum; }
-  void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const override;
+  void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing,
+                   std::span<float> priorities) const override;
   std::span<const float> opacity_factors() const override { return factors_; }
 
   void save(ArchiveWriter& archive) const override {
@@ -120,13 +122,17 @@ class MipSplatting final : public GaussianMethod {
   Array<float> scale_gradients_, opacity_gradients_;
 };
 
-void MipSplatting::add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const {
+void MipSplatting::add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing,
+                               std::span<float> priorities) const {
   // As many grow by the absolute gradient as by the signed one.
   const auto by_signed = static_cast<double>(std::count(growing.begin(), growing.end(), 1));
   const float threshold =
       quantile(statistics.gradients_abs, 1 - by_signed / static_cast<double>(std::max<std::size_t>(growing.size(), 1)));
   for (std::size_t i = 0; i < growing.size(); ++i) {
-    if (statistics.gradients_abs[i] >= threshold) growing[i] = 1;
+    if (statistics.gradients_abs[i] < threshold) continue;
+    const float priority = growth_priority(statistics.gradients_abs[i], threshold);
+    priorities[i] = growing[i] != 0 ? std::max(priorities[i], priority) : priority;
+    growing[i] = 1;
   }
 }
 

@@ -89,7 +89,8 @@ class Pgsr final : public GaussianMethod {
   // Density control.
 
   bool needs_absolute_gradients() const override { return true; }
-  void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const override;
+  void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing,
+                   std::span<float> priorities) const override;
   void gather(Rasterizer& rasterizer) override;
   void restart_statistics(std::size_t count) override { radii_.assign_zeros(count); }
   bool scatters_clones() const override { return true; }
@@ -267,7 +268,8 @@ void Pgsr::gather(Rasterizer& rasterizer) {
   add_screen_radii(rasterizer.screen_radii(), std::as_const(observed_), radii_, device_);
 }
 
-void Pgsr::add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const {
+void Pgsr::add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing,
+                       std::span<float> priorities) const {
   const std::vector<std::int32_t> radii = radii_.to_host();
   const auto border = static_cast<float>(config_.percent_dense * static_cast<double>(statistics.scene_extent));
   std::vector<std::uint8_t> blurred(growing.size());
@@ -277,7 +279,9 @@ void Pgsr::add_growing(const DensityStatistics& statistics, std::span<std::uint8
   }
   keep_largest(statistics.gradients_abs, static_cast<std::size_t>(config_.max_abs_splits), blurred);
   for (std::size_t i = 0; i < growing.size(); ++i) {
-    if (blurred[i] != 0) growing[i] = 1;
+    if (blurred[i] == 0) continue;
+    growing[i] = 1;
+    priorities[i] = growth_priority(statistics.gradients_abs[i], static_cast<float>(config_.gradient_abs_threshold));
   }
 }
 

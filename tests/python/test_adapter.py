@@ -81,6 +81,31 @@ def test_growth_is_the_paper_s():
     assert torch.equal(removed, wanted)
 
 
+def test_a_cap_ranks_by_what_accepts():
+    """Clones by the signed gradient and splits by the absolute one, each over its threshold: not by the signed alone."""
+    adapter = Adapter("vanilla", total_iterations=30000, vcd=False, vcp=False)
+    host = Host([3])
+    gradients, absolute = torch.zeros(N), torch.zeros(N)
+    scales = torch.full((N,), 0.0005)
+    scales[12:] = 0.005
+    gradients[:4] = 2e-4 * torch.tensor([2.0, 4.0, 1.1, 6.0])  # clones
+    gradients[12:16] = 1e-3  # larger than those of all clones, but splits are not accepted by it
+    absolute[12:16] = 6e-4 * torch.tensor([5.0, 1.2, 3.0, 1.5])
+    absolute[:4] = 1.0
+
+    def grown(most):
+        clone, split = adapter.grow(1000, host.views(), scene_extent=1.0, gradients=gradients, gradients_abs=absolute,
+                                    max_scales=scales, max_primitives=most)
+        return clone.nonzero().reshape(-1).tolist(), split.nonzero().reshape(-1).tolist()
+
+    assert grown(0) == grown(N + 8) == ([0, 1, 2, 3], [12, 13, 14, 15])
+    assert grown(N + 4) == ([1, 3], [12, 14])
+    assert grown(N + 1) == ([3], [])
+    assert grown(N) == grown(N - 5) == ([], [])
+    with pytest.raises(ValueError, match="max_primitives"):
+        grown(-1)
+
+
 def test_late_pruning():
     host = Host([3, 4])
     scores = splatboost.pruning_scores(host.sums()[1])

@@ -156,7 +156,7 @@ _MOMENT: List[Tuple[str, Any]] = [("iteration", c_int32), ("total", c_int32), ("
 
 
 class Density(ctypes.Structure):
-    _fields_ = _MOMENT + _tensors("gradients gradients_abs opacities max_scales")
+    _fields_ = _MOMENT + _tensors("gradients gradients_abs opacities max_scales") + [("max_primitives", c_int64)]
 
 
 class ScoredView(ctypes.Structure):

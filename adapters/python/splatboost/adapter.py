@@ -144,6 +144,7 @@ class Adapter:
         opacities: Optional[torch.Tensor] = None,
         clone: Optional[torch.Tensor] = None,
         split: Optional[torch.Tensor] = None,
+        max_primitives: int = 0,
     ) -> Tuple[torch.Tensor, torch.Tensor]:
         """Scores up to K of the views and decides growth. Returns clone and split, bool [N].
 
@@ -151,6 +152,7 @@ class Adapter:
         gradients_abs  of the absolute one (Mip-Splatting: of its sums); needed unless absgrad is off
         max_scales     longest standard deviation, world units; needed unless absgrad is off
         clone, split   bool [N] the host's own decisions; needed where absgrad is off, which decides from them
+        max_primitives growth makes no more of them, the strongest candidates first; 0: no cap
         """
         n = self._rows(gradients, "gradients")
         masks = []
@@ -170,6 +172,7 @@ class Adapter:
             max_scales=max_scales,
             opacities=opacities,
         )
+        density.max_primitives = max_primitives
         with _Host(views, n, self.device) as host:
             host.call(
                 "sb_adapter_grow",

@@ -16,7 +16,7 @@ import torch.distributed as dist
 
 from ._tensors import Place, counts_of
 from .adapter import Adapter, ScoredView
-from .operations import as_bytes, keep_largest, spare_one
+from .operations import as_bytes, spare_one
 
 #: Sums are of multiples of 2^-40: of gradients up to 8e6, exact in any order.
 _UNIT = 2.0**-40
@@ -240,10 +240,7 @@ class SharedAdapter:
         grows, splits = self.adapter.grow(
             iteration, shared_views(views, self.processes, self.adapter.device), scene_extent=scene_extent,
             gradients=every, gradients_abs=self._all(gradients_abs), max_scales=self._all(max_scales),
-            clone=self._all(clone), split=self._all(split))
-        if self.max_gaussians > 0:
-            growing = keep_largest(every.reshape(-1), max(0, self.max_gaussians - every.shape[0]), grows | splits)
-            grows, splits = grows & growing, splits & growing
+            clone=self._all(clone), split=self._all(split), max_primitives=self.max_gaussians)
         if self.shard is not None:
             self._before, _ = torch.sort(self.processes.rows(self.shard.ids))
         return self._own(grows), self._own(splits)

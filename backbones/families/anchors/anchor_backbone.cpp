@@ -10,6 +10,7 @@
 #include "splatboost/random.h"
 #include "splatboost/rows.h"
 #include "splatboost/select.h"
+#include "trainer/backbone_api/raster_laps.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/support/input_error.h"
 
@@ -33,13 +34,24 @@ AnchorBackbone::AnchorBackbone(const BackboneContext& context, const AnchorConfi
       photometric_(device_),
       view_(shape, device_),
       statistics_(shape.offsets, device_),
-      offsets_("offset", 3 * shape.offsets, device_),
-      features_("anchor_feat", shape.features, device_),
-      scaling_("scaling", 6, device_),
-      embedding_("embedding_appearance", std::max<std::size_t>(shape.appearance, 1), device_) {
+      offsets_("offset", 3 * shape.offsets, device_,
+               [this, rate = falling(config.offset_rate_initial, config.offset_rate_final)](int iteration) {
+                 return static_cast<double>(context_.scene.extent * static_cast<float>(rate(iteration)));
+               }),
+      features_("anchor_feat", shape.features, device_, [this](int) { return config_.feature_rate; }),
+      scaling_("scaling", 6, device_, [this](int) { return config_.scaling_rate; }),
+      opacity_net_("mlp_opacity", 1, device_, falling(config.opacity_net_rate_initial, config.opacity_net_rate_final)),
+      cov_net_("mlp_cov", 1, device_, falling(config.cov_net_rate_initial, config.cov_net_rate_final)),
+      color_net_("mlp_color", 1, device_, falling(config.color_net_rate_initial, config.color_net_rate_final)),
+      bank_net_("mlp_featurebank", 1, device_, falling(config.feat_bank_rate_initial, config.feat_bank_rate_final)),
+      embedding_("embedding_appearance", std::max<std::size_t>(shape.appearance, 1), device_,
+                 falling(config.appearance_rate_initial, config.appearance_rate_final)),
+      groups_{&offsets_, &features_, &scaling_, &opacity_net_, &cov_net_, &color_net_} {
+  if (shape.feature_bank) groups_.push_back(&bank_net_);
+  if (shape.appearance > 0) groups_.push_back(&embedding_);
   const RandomStream random(context.seed, 0, RandomPurpose::net_parameters);
   std::uint64_t next = 0;
-  const auto start = [&](ParameterGroup& group, const NetShape& net) {
+  const auto start = [&](TrainedGroup& group, const NetShape& net) {
     group.assign(initial_net_parameters(net, random, next));
     next += net.parameters();
   };
@@ -78,18 +90,6 @@ void AnchorBackbone::set_anchors(std::span<const float> positions, std::span<con
   scaling_.assign(std::move(scaling));
   statistics_.reset(n);
   stale_ = anchors_changed_ = true;
-}
-
-std::vector<ParameterGroup*> AnchorBackbone::groups() {
-  std::vector<ParameterGroup*> all{&offsets_, &features_, &scaling_, &opacity_net_, &cov_net_, &color_net_};
-  if (shape_.feature_bank) all.push_back(&bank_net_);
-  if (shape_.appearance > 0) all.push_back(&embedding_);
-  return all;
-}
-
-std::vector<const ParameterGroup*> AnchorBackbone::groups() const {
-  const std::vector<ParameterGroup*> all = const_cast<AnchorBackbone*>(this)->groups();
-  return {all.begin(), all.end()};
 }
 
 void AnchorBackbone::activate() {
@@ -186,13 +186,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   decode(view.camera, true);
   clock_.lap("decode");
   draw(view.camera, beta_, image_);
-  if (device_.is_cuda()) {  // where asking for the parts would wait
-    clock_.lap("render");
-  } else {
-    clock_.add("project", rasterizer_.seconds().project);
-    clock_.add("tile_lists", rasterizer_.seconds().tile_lists);
-    clock_.add("blend", rasterizer_.seconds().blend);
-  }
+  lap_forward(rasterizer_, device_, clock_);
 
   const auto lambda = static_cast<float>(config_.lambda_dssim);
   const TruthImage truth = truths_.of(view);
@@ -222,12 +216,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   RasterImageGradients image_gradients;
   image_gradients.color = image_gradient_;
   rasterizer_.backward(gaussians(), image_gradients, gradients);
-  if (device_.is_cuda()) {
-    clock_.lap("render_backward");
-  } else {
-    clock_.add("blend_backward", rasterizer_.seconds().blend_backward);
-    clock_.add("project_backward", rasterizer_.seconds().project_backward);
-  }
+  lap_backward(rasterizer_, device_, clock_);
 
   const double volume = view_.add_volume_loss(config_.volume_weight, gaussian_gradients_.scales, !last);
   std::span<float> embedding_gradient;
@@ -239,7 +228,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
                   gaussian_gradients_.opacities, gaussian_gradients_.colors},
                  {offsets_.gradients, features_.gradients, scaling_.gradients, opacity_net_.gradients,
                   cov_net_.gradients, color_net_.gradients, bank_net_.gradients, embedding_gradient});
-  for (ParameterGroup* group : groups()) group->pending = true;
+  for (TrainedGroup* group : groups_) group->pending = true;
   clock_.lap("decode_backward");
 
   if (gathering) {
@@ -247,9 +236,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
     statistics_.add_gaussians(decoded_->slots, rasterizer_.visible(), screen_, view.camera.width, view.camera.height);
   }
   clock_.lap("statistics");
-  for (ParameterGroup* group : groups()) {
-    if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group);
-  }
+  if (step_due_groups(groups_, optimizer_, moment(), device_)) parameters_moved();
   clock_.lap("optimizer");
   const bool own = gathering && iteration > at(config_.grow_from) && iteration % config_.grow_interval == 0;
   if (density_ != nullptr ? density_->grows_at(moment(), own) : own) change_anchors();
@@ -257,33 +244,19 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   return loss.total + volume;
 }
 
-float AnchorBackbone::learning_rate(const ParameterGroup& group) const {
-  const auto falling = [&](double initial, double final_value) {
-    return static_cast<float>(exponential_rate(initial, final_value, iteration_, context_.iterations));
+std::function<double(int)> AnchorBackbone::falling(double initial, double final_value) const {
+  return [initial, final_value, total = context_.iterations](int iteration) {
+    return exponential_rate(initial, final_value, iteration, total);
   };
-  const AnchorConfig& c = config_;
-  if (&group == &offsets_) return context_.scene.extent * falling(c.offset_rate_initial, c.offset_rate_final);
-  if (&group == &features_) return static_cast<float>(c.feature_rate);
-  if (&group == &scaling_) return static_cast<float>(c.scaling_rate);
-  if (&group == &opacity_net_) return falling(c.opacity_net_rate_initial, c.opacity_net_rate_final);
-  if (&group == &cov_net_) return falling(c.cov_net_rate_initial, c.cov_net_rate_final);
-  if (&group == &color_net_) return falling(c.color_net_rate_initial, c.color_net_rate_final);
-  if (&group == &bank_net_) return falling(c.feat_bank_rate_initial, c.feat_bank_rate_final);
-  return falling(c.appearance_rate_initial, c.appearance_rate_final);
-}
-
-void AnchorBackbone::step_group(ParameterGroup& group) {
-  if (!group.pending) return;
-  AdamOptions options;
-  options.learning_rate = learning_rate(group);
-  if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
-  group.step(options, device_);
-  if (&group == &embedding_) mean_embedding_.ensure(0);
-  stale_ = true;
 }
 
 void AnchorBackbone::step_all() {
-  for (ParameterGroup* group : groups()) step_group(*group);
+  if (step_groups(groups_, optimizer_, moment(), device_)) parameters_moved();
+}
+
+void AnchorBackbone::parameters_moved() {
+  mean_embedding_.ensure(0);
+  stale_ = true;
 }
 
 void AnchorBackbone::change_anchors() {
@@ -333,10 +306,10 @@ std::size_t AnchorBackbone::append_anchors(std::span<const float> positions, flo
   if (added == 0) return 0;
   const std::size_t first = primitives();
   // All or none: where memory is short the model stays whole.
-  for (ParameterGroup* group : anchor_groups()) group->reserve_rows(first + added);
+  for (TrainedGroup* group : anchor_groups()) group->reserve_rows(first + added);
   statistics_.reserve(first + added);
   const Array<std::uint32_t> any(device_, std::vector<std::uint32_t>(added, 0));
-  for (ParameterGroup* group : anchor_groups()) group->append_copies(any);
+  for (TrainedGroup* group : anchor_groups()) group->append_copies(any);
   for (const SideRow& row : side_rows_) append_zero_rows(*row.values, 1, added);
   statistics_.append(added);
   const auto fill = [&](ParameterGroup& group, float value) {
@@ -374,10 +347,8 @@ std::span<const float> AnchorBackbone::anchor_feature(std::size_t anchor) const 
 
 void AnchorBackbone::remove_anchors(std::span<const std::uint8_t> removed) {
   const Array<std::uint32_t> kept(device_, kept_rows(removed));
-  // Room for the widest tensor first: where memory is short the model stays whole. The CPU needs none.
   Array<float> workspace(device_);
-  if (device_.is_cuda()) workspace.ensure(kept.size() * std::max({offsets_.width, features_.width, scaling_.width}));
-  for (ParameterGroup* group : anchor_groups()) group->select(kept, workspace);
+  select_rows(anchor_groups(), kept, workspace, device_);
   statistics_.select(kept, workspace);
   remove_rows(positions_, 3, removed);
   for (const SideRow& row : side_rows_) remove_rows(*row.values, 1, removed);
@@ -450,7 +421,7 @@ std::uint64_t AnchorBackbone::export_model(const std::filesystem::path& folder) 
   const std::filesystem::path anchors = folder / "point_cloud.ply", nets = folder / kNetsFile;
   write_float_ply(anchors, table);
   ArchiveWriter archive;
-  for (const ParameterGroup* group : groups()) {
+  for (const TrainedGroup* group : groups_) {
     if (group->width == 1 || group == &embedding_) archive.put(group->name, group->values.on_host(copy));
   }
   for (const Constant& constant : constants_) archive.put(constant.name, std::span<const float>(constant.value, 1));
@@ -482,7 +453,7 @@ void AnchorBackbone::import_model(const std::filesystem::path& folder) {
   scaling_.assign(std::move(scaling));
 
   const ArchiveReader archive(folder / kNetsFile);
-  for (ParameterGroup* group : groups()) {
+  for (TrainedGroup* group : groups_) {
     if (group->width != 1 && group != &embedding_) continue;
     std::vector<float> values = archive.floats(group->name);
     // A model may be shown with other views than it was trained on: they need no embedding of their own.
@@ -507,7 +478,7 @@ void AnchorBackbone::save(ArchiveWriter& archive) const {
   archive.put("anchors.iteration", std::int64_t{iteration_});
   archive.put("anchors.config", config().dump());
   archive.put("anchors.positions", std::span<const float>(positions_));
-  for (const ParameterGroup* group : groups()) group->save(archive);
+  for (const TrainedGroup* group : groups_) group->save(archive);
   for (const SideRow& row : side_rows_) archive.put("anchors." + row.name, std::span<const float>(*row.values));
   for (const Constant& constant : constants_) {
     archive.put("anchors." + constant.name, std::span<const float>(constant.value, 1));
@@ -523,7 +494,7 @@ void AnchorBackbone::load(ArchiveReader& archive) {
   positions_ = archive.floats("anchors.positions");
   const std::size_t n = primitives();
   bool fits = n > 0 && positions_.size() == 3 * n;
-  for (ParameterGroup* group : groups()) {
+  for (TrainedGroup* group : groups_) {
     const std::size_t size = group->values.size();
     const bool of_anchors = group == &offsets_ || group == &features_ || group == &scaling_;
     group->load(archive);

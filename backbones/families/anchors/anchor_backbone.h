@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -15,7 +16,7 @@
 #include "splatboost/array.h"
 #include "splatboost/rasterizer.h"
 #include "trainer/backbone_api/backbone.h"
-#include "trainer/backbone_api/parameter_group.h"
+#include "trainer/backbone_api/trained_group.h"
 #include "trainer/backbone_api/training_truths.h"
 
 namespace splatboost {
@@ -123,12 +124,11 @@ class AnchorBackbone : public Backbone {
     Array<std::int32_t> view_counts_{owner_.device_};
   };
 
-  std::vector<ParameterGroup*> anchor_groups() { return {&offsets_, &features_, &scaling_}; }
-  std::vector<ParameterGroup*> groups();
-  std::vector<const ParameterGroup*> groups() const;
-  float learning_rate(const ParameterGroup& group) const;
-  void step_group(ParameterGroup& group);
+  std::vector<TrainedGroup*> anchor_groups() { return {&offsets_, &features_, &scaling_}; }
+  /// A learning rate that falls over the run.
+  std::function<double(int)> falling(double initial, double final_value) const;
   void step_all();
+  void parameters_moved();
   void activate();
   DecoderInputs<float> decoder_inputs() const;
   void use_embedding_of(const View* view);
@@ -159,10 +159,9 @@ class AnchorBackbone : public Backbone {
   std::vector<float> positions_;            ///< [N,3]
   Array<float> device_positions_{device_};  ///< the same for a GPU, which they are copied to
   // Names of the groups are Scaffold-GS's.
-  ParameterGroup offsets_, features_, scaling_;
-  ParameterGroup opacity_net_{"mlp_opacity", 1, device_}, cov_net_{"mlp_cov", 1, device_};
-  ParameterGroup color_net_{"mlp_color", 1, device_}, bank_net_{"mlp_featurebank", 1, device_};
-  ParameterGroup embedding_;  ///< a row a training view
+  TrainedGroup offsets_, features_, scaling_, opacity_net_, cov_net_, color_net_, bank_net_;
+  TrainedGroup embedding_;             ///< a row a training view
+  std::vector<TrainedGroup*> groups_;  ///< of these, those that there are
   std::vector<SideRow> side_rows_;
   std::vector<Constant> constants_;
 

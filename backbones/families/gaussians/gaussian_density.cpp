@@ -39,20 +39,20 @@ void GaussianTrainer::control_density() {
       iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
   // No statistics are gathered after the end of growth, whatever a hook says.
   if (density_ != nullptr ? iteration_ < until && density_->grows_at(moment(), own) : own) {
-    step_all(iteration_);
+    step_all();
     grow();
     prune(PruneRule::growth);
     reorder();
     restart_statistics();
   }
   if (method_->trims_at(moment())) {
-    step_all(iteration_);
+    step_all();
     prune(PruneRule::trim);
     restart_statistics();
   }
   // A method that grows to the end of the run may have just grown.
   if (density_ != nullptr && density_->prunes_at(moment(), false)) {
-    step_all(iteration_);
+    step_all();
     prune(PruneRule::late);
     restart_statistics();
   }
@@ -60,7 +60,7 @@ void GaussianTrainer::control_density() {
       context_.scene.white_background && config_.densify_from > 0 && iteration_ == at(config_.densify_from);
   const bool own_reset = iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start);
   if (density_ != nullptr ? density_->resets_opacities_at(moment(), own_reset) : own_reset) {
-    step_all(iteration_);
+    step_all();
     reset_opacities();
   }
 }
@@ -71,18 +71,26 @@ void GaussianTrainer::grow() {
   std::vector<std::uint8_t> growing(n), clone(n), split(n);
   const std::span<const float> gradients =
       method_->grows_by_absolute_gradients() ? known.gradients_abs : known.gradients;
-  for (std::size_t i = 0; i < n; ++i) growing[i] = gradients[i] >= static_cast<float>(config_.gradient_threshold);
-  method_->add_growing(known, growing);
+  const auto threshold = static_cast<float>(config_.gradient_threshold);
+  std::vector<float> priorities(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    growing[i] = gradients[i] >= threshold;
+    priorities[i] = growth_priority(gradients[i], threshold);
+  }
+  method_->add_growing(known, growing, priorities);
   const auto border = static_cast<float>(config_.percent_dense * static_cast<double>(context_.scene.extent));
   for (std::size_t i = 0; i < n; ++i) {
     clone[i] = growing[i] != 0 && known.max_scales[i] <= border;
     split[i] = growing[i] != 0 && known.max_scales[i] > border;
   }
   if (density_ != nullptr) {
-    GrowDecisions decisions{clone, split};
+    GrowDecisions decisions{clone, split, priorities};
     density_->grow(known, *this, decisions);
   }
-  hold_cap(gradients, clone, split);
+  if (context_.max_primitives > 0) {
+    // Clones and splits alike add one each.
+    hold_cap(priorities, context_.max_primitives - std::min(context_.max_primitives, n), clone, split);
+  }
 
   origins_.resize(n);
   std::iota(origins_.begin(), origins_.end(), 0u);
@@ -114,20 +122,6 @@ void GaussianTrainer::grow() {
   append_children(parents);
   split.resize(primitives(), 0);  // parents go, clones and children stay
   remove(split);
-}
-
-void GaussianTrainer::hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
-                               std::vector<std::uint8_t>& split) const {
-  if (context_.max_primitives == 0) return;
-  // Clones and splits alike add one each.
-  const std::size_t room = context_.max_primitives - std::min(context_.max_primitives, primitives());
-  std::vector<std::uint8_t> growing(clone.size());
-  for (std::size_t i = 0; i < growing.size(); ++i) growing[i] = clone[i] != 0 || split[i] != 0;
-  keep_largest(gradients, room, growing);
-  for (std::size_t i = 0; i < growing.size(); ++i) {
-    clone[i] = clone[i] != 0 && growing[i] != 0;
-    split[i] = split[i] != 0 && growing[i] != 0;
-  }
 }
 
 std::vector<float> GaussianTrainer::scattered(std::span<const float> scales, std::span<const float> rotations,

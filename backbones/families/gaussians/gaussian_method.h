@@ -11,12 +11,12 @@
 #include <nlohmann/json.hpp>
 
 #include "families/gaussians/gaussian_set.h"
-#include "families/gaussians/trained_group.h"
 #include "splatboost/density_statistics.h"
 #include "splatboost/gaussians.h"
 #include "splatboost/hooks.h"
 #include "splatboost/rasterizer.h"
 #include "trainer/backbone_api/draw_context.h"
+#include "trainer/backbone_api/trained_group.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/support/archive.h"
 
@@ -167,9 +167,12 @@ class GaussianMethod {
     return 1;
   }
   /// Adds Gaussians to those that grow since their mean gradient reaches the threshold.
-  virtual void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing) const {
+  /// @param priorities [N] of all Gaussians under a cap; those that are added get theirs (growth_priority())
+  virtual void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing,
+                           std::span<float> priorities) const {
     (void)statistics;
     (void)growing;
+    (void)priorities;
   }
   /// Statistics of its own, after the backward pass of the view that a step is given, while Gaussians may grow.
   /// @param rasterizer that drew it

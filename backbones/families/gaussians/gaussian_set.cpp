@@ -100,7 +100,7 @@ std::vector<std::uint32_t> GaussianTrainer::insert(const PointCloud& points) {
 
 void GaussianTrainer::transform(std::span<const std::int32_t> which, std::span<const Similarity> transforms) {
   SPLATBOOST_CHECK(which.size() == primitives(), "there must be a transform, or -1, for each Gaussian");
-  step_all(iteration_);
+  step_all();
   const auto for_each_moved = [&](std::span<float> values, std::size_t width, const auto& move) {
     for (std::size_t i = 0; i < which.size(); ++i) {
       if (which[i] >= 0) move(&values[width * i], transforms[static_cast<std::size_t>(which[i])]);
@@ -140,15 +140,11 @@ void GaussianTrainer::select(const Array<std::uint32_t>& rows) {
   stale_ = set_changed_ = true;
 }
 
-/// Growth appends; here neighbours in space become neighbours in memory again, which the rasterizer's caches thank.
+/// Growth appends; here neighbours in space become neighbours in memory again, to improve cache locality.
 void GaussianTrainer::reorder() {
   Array<std::uint32_t> order(device_);
   order.ensure(primitives());
-  if (device_.is_cuda()) {
-    spatial_order(xyz_.values, order, device_.stream());
-  } else {
-    spatial_order(xyz_.values, order);
-  }
+  spatial_order(xyz_.values, order, device_);
   select(order);
 }
 

@@ -2,11 +2,10 @@
 #include "families/gaussians/gaussian_trainer.h"
 
 #include <algorithm>
-#include <utility>
 
-#include "splatboost/activations.h"
 #include "splatboost/elementwise.h"
 #include "splatboost/rows.h"
+#include "trainer/backbone_api/raster_laps.h"
 
 namespace splatboost {
 
@@ -29,12 +28,7 @@ void GaussianTrainer::restart_statistics() {
 
 void GaussianTrainer::activate() {
   if (!stale_ && !set_changed_) return;
-  for (TrainedGroup* group : groups_) {
-    if (group->activation == Activation::none) continue;
-    group->activated.ensure(group->values.size());
-    const auto activate_values = group->activation == Activation::exponential ? exponentials : sigmoids;
-    activate_values(group->values, group->activated, device_);
-  }
+  splatboost::activate(groups_, device_);
   if (set_changed_) method_->gaussians_changed(xyz_.values);
   method_->activated(scaling_.activated, opacity_.activated);
   stale_ = set_changed_ = false;
@@ -75,13 +69,6 @@ RasterOptions GaussianTrainer::raster_options(std::optional<float> beta) const {
   }
   options.background = glm::vec3(context_.scene.white_background ? 1.0f : 0.0f);
   return options;
-}
-
-template <class... Stages>
-void GaussianTrainer::lap_rasterizer(const char* all, const Stages&... stages) {
-  if (device_.is_cuda()) return clock_.lap(all);
-  const RasterSeconds& seconds = rasterizer_.seconds();
-  (clock_.add(stages.first, seconds.*stages.second), ...);
 }
 
 RasterImages GaussianTrainer::ImageSet::of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs) {
@@ -163,10 +150,7 @@ void GaussianTrainer::backward(Rasterizer& rasterizer, const Gaussians& gaussian
       {image_gradients.color, image_gradients.features, image_gradients.inverse_depth, image_gradients.alpha},
       gradients);
   const bool of_first = &rasterizer == &rasterizer_;
-  if (of_first) {
-    lap_rasterizer("render_backward", std::pair("blend_backward", &RasterSeconds::blend_backward),
-                   std::pair("project_backward", &RasterSeconds::project_backward));
-  }
+  if (of_first) lap_backward(rasterizer_, device_, clock_);
   method_->add_gradients(of_activated);
   if (const char* const stage = method_->stages().add_gradients; of_first && stage != nullptr) clock_.lap(stage);
 }
@@ -194,8 +178,7 @@ double GaussianTrainer::train_step(int iteration, const View& view) {
   first.gradients = gradients_.of(view.camera, gaussians, inputs);
   if (stages.draw == nullptr) clock_.lap("activate");
   rasterizer_.forward(view.camera, gaussians, raster_options(beta_), first.images);
-  lap_rasterizer("render", std::pair("project", &RasterSeconds::project),
-                 std::pair("tile_lists", &RasterSeconds::tile_lists), std::pair("blend", &RasterSeconds::blend));
+  lap_forward(rasterizer_, device_, clock_);
 
   first.truth = truths_.of(view);
   first.visible = rasterizer_.visible();
@@ -226,7 +209,7 @@ double GaussianTrainer::train_step(int iteration, const View& view) {
     backward(second_->rasterizer, drawn_second(views[1].context, inputs), views[1].gradients, {});
     clock_.lap("second_view");
   }
-  step_scheduled(iteration);
+  if (step_due_groups(groups_, optimizer_, moment(), device_)) stale_ = true;
   clock_.lap("optimizer");
   control_density();
   // Now rather than before the next view, so that a checkpoint holds it.
@@ -236,27 +219,9 @@ double GaussianTrainer::train_step(int iteration, const View& view) {
   return loss;
 }
 
-void GaussianTrainer::step_group(TrainedGroup& group, int iteration) {
-  if (!group.pending) return;
-  // The rasterizer's gradients are of activated values; these have not changed since the last step of the group.
-  if (group.activation == Activation::exponential) exponential_gradients(group.activated, group.gradients, device_);
-  if (group.activation == Activation::sigmoid) sigmoid_gradients(group.activated, group.gradients, device_);
-  AdamOptions options;
-  options.learning_rate = static_cast<float>(group.rate(iteration));
-  if (optimizer_ != nullptr) options.learning_rate *= optimizer_->rate_factor(group.name, moment());
-  group.step(options, device_);
-  stale_ = true;
-}
-
-void GaussianTrainer::step_all(int iteration) {
-  for (TrainedGroup* group : groups_) step_group(*group, iteration);
+void GaussianTrainer::step_all() {
+  if (step_groups(groups_, optimizer_, moment(), device_)) stale_ = true;
   activate();
-}
-
-void GaussianTrainer::step_scheduled(int iteration) {
-  for (TrainedGroup* group : groups_) {
-    if (optimizer_ == nullptr || optimizer_->steps_at(group->name, moment())) step_group(*group, iteration);
-  }
 }
 
 ScoredView GaussianTrainer::render_for_score(std::size_t view) {

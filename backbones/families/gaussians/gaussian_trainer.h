@@ -54,7 +54,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
     if (device_.is_cuda()) device_.stream().synchronize();
   }
   void finish() override {
-    step_all(iteration_);
+    step_all();
     wait();
   }
   std::size_t primitives() const override { return opacity_.rows(); }
@@ -127,9 +127,6 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
     return method_->needs_absolute_gradients() || method_->grows_by_absolute_gradients() ||
            (density_ != nullptr && density_->needs_absolute_gradients());
   }
-  /// What the rasterizer timed itself; on a GPU, where asking would wait, `all` of it as one stage.
-  template <class... Stages>
-  void lap_rasterizer(const char* all, const Stages&... stages);
   /// The method's that models hold.
   std::vector<TrainedGroup*> model_groups() const {
     std::vector<TrainedGroup*> kept;
@@ -146,15 +143,11 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   /// Adds a view's gradients to those of the parameters. @param gradients where those of density control go
   void backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
                 GaussianGradients gradients);
-  void step_group(TrainedGroup& group, int iteration);
-  void step_all(int iteration);
-  void step_scheduled(int iteration);
+  void step_all();
 
   void control_density();
   DensityStatistics statistics();
   void grow();
-  void hold_cap(std::span<const float> gradients, std::vector<std::uint8_t>& clone,
-                std::vector<std::uint8_t>& split) const;
   void prune(PruneRule rule);
   void append_children(std::span<const std::uint32_t> parents);
   /// A point of each one's own distribution, relative to its mean. @param scales [n,3] @param rotations [n,4]

@@ -62,6 +62,9 @@ struct DensityStatistics {
 struct GrowDecisions {
   std::span<std::uint8_t> clone;  ///< [N] duplicate (for an anchor backbone: grow from this slot)
   std::span<std::uint8_t> split;  ///< [N] replace by smaller ones; empty where the backbone cannot
+  /// [N] which of them grow where a cap does not let all, largest first (growth_priority() of what accepts each); empty
+  /// where the backbone ranks otherwise
+  std::span<float> priorities = {};
 };
 
 /// Whose candidates for removal these are.

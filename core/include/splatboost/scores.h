@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "splatboost/cuda_stream.h"
+#include "splatboost/device.h"
 
 namespace splatboost {
 
@@ -30,11 +30,10 @@ void importance_scores(const ScoreSums& sums, std::span<std::int64_t> scores);
 /// @param scores [N]
 void pruning_scores(const ScoreSums& sums, std::span<float> scores);
 
-// The same in the memory of a CUDA device.
+// The same in the memory of a device.
 /// @param counts Σ_j n_ij of that many views
-void importance_scores(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores,
-                       CudaStream& stream);
+void importance_scores(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores, Device device);
 /// @param weighted_counts Σ_j E_j · n_ij, finite
-void pruning_scores(std::span<const double> weighted_counts, std::span<float> scores, CudaStream& stream);
+void pruning_scores(std::span<const double> weighted_counts, std::span<float> scores, Device device);
 
 }  // namespace splatboost

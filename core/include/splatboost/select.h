@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file From scores to decisions: which primitives grow and which go. Masks are bytes, non-zero = selected.
+/// @file From scores to decisions: which primitives grow and which go. Masks are bytes, non-zero = selected. Operations
+/// without a device work in memory of the host.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <span>
 
-#include "splatboost/cuda_stream.h"
+#include "splatboost/device.h"
 #include "splatboost/random.h"
 
 namespace splatboost {
@@ -22,21 +23,32 @@ std::size_t keep_important(std::span<const std::int64_t> importance, double thre
 void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
                           std::span<std::uint8_t> candidates);
 
-/// Keeps the `keep` candidates of the largest priority, ties to the lower index: how a hard cap is held.
+/// Keeps the `keep` candidates of the largest priority, ties to the lower index.
 void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates);
+
+/// How strongly a candidate asks to grow: its gradient, relative to the threshold that accepts it. Clones and splits
+/// are accepted by different gradients, whose values say nothing about each other.
+inline float growth_priority(float gradient, float threshold) {
+  return threshold > 0 ? gradient / threshold : gradient;
+}
+
+/// Holds a cap: of all that clone or split keeps the `keep` of the largest priority, ties to the lower index.
+/// @param priorities [N] @param clone,split [N]
+void hold_cap(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> clone,
+              std::span<std::uint8_t> split);
 
 /// A pass never removes all: if every primitive is selected, the one of the largest priority (ties: lowest index)
 /// is deselected. @return number selected afterwards
 std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals);
 
-// The same decisions in the memory of a CUDA device. Those that return a number wait for it.
+// The same decisions in the memory of a device. On a GPU those that return a number wait for it.
 std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
-                           std::span<std::uint8_t> candidates, CudaStream& stream);
+                           std::span<std::uint8_t> candidates, Device device);
 /// The logarithm is the device's: keys may differ from the CPU's in their last bit.
 void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
-                          std::span<std::uint8_t> candidates, CudaStream& stream);
+                          std::span<std::uint8_t> candidates, Device device);
 void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates,
-                  CudaStream& stream);
-std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, CudaStream& stream);
+                  Device device);
+std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, Device device);
 
 }  // namespace splatboost

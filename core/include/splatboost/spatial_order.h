@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <span>
 
-#include "splatboost/cuda_stream.h"
+#include "splatboost/device.h"
 
 namespace splatboost {
 
@@ -14,7 +14,7 @@ namespace splatboost {
 /// @param means [N,3]; points that are not finite come last
 /// @param order [N], written: the point that goes to each place
 void spatial_order(std::span<const float> means, std::span<std::uint32_t> order);
-/// The same order in the memory of a CUDA device.
-void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, CudaStream& stream);
+/// The same order in the memory of a device.
+void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, Device device);
 
 }  // namespace splatboost

@@ -23,30 +23,41 @@ void ScoreSums::add_view(std::span<const std::int32_t> view_counts, double photo
   }
 }
 
-void importance_scores(const ScoreSums& sums, std::span<std::int64_t> scores) {
-  SPLATBOOST_CHECK(scores.size() == sums.counts.size(), "scores must have one number a primitive");
-  for (std::size_t i = 0; i < scores.size(); ++i) scores[i] = sums.views > 0 ? sums.counts[i] / sums.views : 0;
+namespace {
+
+void importance_on_host(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores) {
+  SPLATBOOST_CHECK(scores.size() == counts.size(), "scores must have one number a primitive");
+  for (std::size_t i = 0; i < scores.size(); ++i) scores[i] = views > 0 ? counts[i] / views : 0;
 }
 
-void pruning_scores(const ScoreSums& sums, std::span<float> scores) {
-  SPLATBOOST_CHECK(scores.size() == sums.weighted_counts.size(), "scores must have one number a primitive");
+void pruning_on_host(std::span<const double> weighted_counts, std::span<float> scores) {
+  SPLATBOOST_CHECK(scores.size() == weighted_counts.size(), "scores must have one number a primitive");
   if (scores.empty()) return;
-  const auto [low, high] = std::minmax_element(sums.weighted_counts.begin(), sums.weighted_counts.end());
+  const auto [low, high] = std::minmax_element(weighted_counts.begin(), weighted_counts.end());
   const double range = *high - *low;
   for (std::size_t i = 0; i < scores.size(); ++i) {
-    scores[i] = range > 0 ? static_cast<float>((sums.weighted_counts[i] - *low) / range) : 0.0f;
+    scores[i] = range > 0 ? static_cast<float>((weighted_counts[i] - *low) / range) : 0.0f;
   }
 }
 
-void importance_scores(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores,
-                       CudaStream& stream) {
-  SPLATBOOST_CHECK(scores.size() == counts.size(), "scores must have one number a primitive");
-  cuda::importance_scores(counts, views, scores, stream);
+}  // namespace
+
+void importance_scores(const ScoreSums& sums, std::span<std::int64_t> scores) {
+  importance_on_host(sums.counts, sums.views, scores);
 }
 
-void pruning_scores(std::span<const double> weighted_counts, std::span<float> scores, CudaStream& stream) {
+void pruning_scores(const ScoreSums& sums, std::span<float> scores) { pruning_on_host(sums.weighted_counts, scores); }
+
+void importance_scores(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores, Device device) {
+  if (!device.is_cuda()) return importance_on_host(counts, views, scores);
+  SPLATBOOST_CHECK(scores.size() == counts.size(), "scores must have one number a primitive");
+  cuda::importance_scores(counts, views, scores, device.stream());
+}
+
+void pruning_scores(std::span<const double> weighted_counts, std::span<float> scores, Device device) {
+  if (!device.is_cuda()) return pruning_on_host(weighted_counts, scores);
   SPLATBOOST_CHECK(scores.size() == weighted_counts.size(), "scores must have one number a primitive");
-  cuda::pruning_scores(weighted_counts, scores, stream);
+  cuda::pruning_scores(weighted_counts, scores, device.stream());
 }
 
 }  // namespace splatboost

@@ -57,6 +57,17 @@ void keep_largest(std::span<const float> priorities, std::size_t keep, std::span
   keep_smallest(ranked, keep, candidates);
 }
 
+void hold_cap(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> clone,
+              std::span<std::uint8_t> split) {
+  SPLATBOOST_CHECK(clone.size() == split.size(), "clone and split must be of one size");
+  std::vector<std::uint8_t> growing(clone.size());
+  for (std::size_t i = 0; i < growing.size(); ++i) growing[i] = clone[i] != 0 || split[i] != 0;
+  keep_largest(priorities, keep, growing);
+  for (std::size_t i = 0; i < growing.size(); ++i) {
+    if (growing[i] == 0) clone[i] = split[i] = 0;
+  }
+}
+
 std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals) {
   SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must be of one size");
   std::size_t removed = 0;
@@ -68,26 +79,30 @@ std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t>
 }
 
 std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
-                           std::span<std::uint8_t> candidates, CudaStream& stream) {
+                           std::span<std::uint8_t> candidates, Device device) {
+  if (!device.is_cuda()) return keep_important(importance, threshold, candidates);
   SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must be of one size");
-  return cuda::keep_important(importance, threshold, candidates, stream);
+  return cuda::keep_important(importance, threshold, candidates, device.stream());
 }
 
 void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
-                          std::span<std::uint8_t> candidates, CudaStream& stream) {
+                          std::span<std::uint8_t> candidates, Device device) {
+  if (!device.is_cuda()) return keep_weighted_sample(weights, keep, random, candidates);
   SPLATBOOST_CHECK(weights.size() == candidates.size(), "weights and candidates must be of one size");
-  cuda::keep_weighted_sample(weights, keep, random, candidates, stream);
+  cuda::keep_weighted_sample(weights, keep, random, candidates, device.stream());
 }
 
 void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates,
-                  CudaStream& stream) {
+                  Device device) {
+  if (!device.is_cuda()) return keep_largest(priorities, keep, candidates);
   SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must be of one size");
-  cuda::keep_largest(priorities, keep, candidates, stream);
+  cuda::keep_largest(priorities, keep, candidates, device.stream());
 }
 
-std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, CudaStream& stream) {
+std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, Device device) {
+  if (!device.is_cuda()) return spare_one(priorities, removals);
   SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must be of one size");
-  return cuda::spare_one(priorities, removals, stream);
+  return cuda::spare_one(priorities, removals, device.stream());
 }
 
 }  // namespace splatboost

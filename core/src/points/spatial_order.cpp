@@ -37,9 +37,10 @@ void spatial_order(std::span<const float> means, std::span<std::uint32_t> order)
   for (std::size_t i = 0; i < n; ++i) order[i] = codes[i].second;
 }
 
-void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, CudaStream& stream) {
+void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, Device device) {
+  if (!device.is_cuda()) return spatial_order(means, order);
   SPLATBOOST_CHECK(means.size() == 3 * order.size(), "means must be [N,3] where order is [N]");
-  cuda::spatial_order(means, order, stream);
+  cuda::spatial_order(means, order, device.stream());
 }
 
 }  // namespace splatboost

@@ -55,6 +55,28 @@ TEST_F(VanillaAdapterTest, without_absolute_gradients_the_backbones_rule_stands)
   EXPECT_FALSE(adapter.needs_absolute_gradients());
 }
 
+TEST_F(VanillaAdapterTest, a_cap_ranks_by_what_accepts_relative_to_its_threshold) {
+  VanillaBoost boost = boost_at_paper_size();
+  boost.vcd = boost.vcp = false;
+  VanillaAdapter adapter(boost, threads_);
+  // Thresholds are 2e-4 signed for small Gaussians and 6e-4 absolute for large ones.
+  const Hand hand{{4e-4f, 5e-4f, 1e-3f}, {9e-3f, 1.8e-3f, 6e-4f}, {0.5f, 0.5f, 0.5f}, {0.05f, 0.2f, 0.2f}};
+  std::vector<std::uint8_t> clone(3), split(3);
+  std::vector<float> priorities{7, 7, 7};
+  GrowDecisions decisions{clone, split, priorities};
+  FakeRasterizer rasterizer({0, 0, 0});
+  adapter.grow(hand.at(1000), rasterizer, decisions);
+  EXPECT_FLOAT_EQ(priorities[0], 2);
+  EXPECT_FLOAT_EQ(priorities[1], 3);
+  EXPECT_FLOAT_EQ(priorities[2], 1);
+
+  boost.absgrad = false;  // the backbone's rule stands, and so does its order
+  VanillaAdapter same(boost, threads_);
+  priorities = {7, 8, 9};
+  same.grow(hand.at(1000), rasterizer, decisions);
+  EXPECT_EQ(priorities, (std::vector<float>{7, 8, 9}));
+}
+
 TEST_F(VanillaAdapterTest, tau_d_is_the_papers_at_the_papers_sizes_and_shrinks_with_the_area_below) {
   const Hand hand{{1, 1, 1, 1, 1}, {}, {}, {}};
   const auto grown = [&](int width, int height) {

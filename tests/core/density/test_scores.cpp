@@ -14,12 +14,20 @@ using Counts = std::vector<std::int32_t>;
 std::vector<std::int64_t> importance(const ScoreSums& sums) {
   std::vector<std::int64_t> scores(sums.counts.size(), -1);
   importance_scores(sums, scores);
+  Threads threads(1);
+  std::vector<std::int64_t> of_a_device(scores.size(), -1);
+  importance_scores(sums.counts, sums.views, of_a_device, threads);
+  EXPECT_EQ(of_a_device, scores);
   return scores;
 }
 
 std::vector<float> pruning(const ScoreSums& sums) {
   std::vector<float> scores(sums.counts.size(), -1);
   pruning_scores(sums, scores);
+  Threads threads(1);
+  std::vector<float> of_a_device(scores.size(), -1);
+  pruning_scores(sums.weighted_counts, of_a_device, threads);
+  EXPECT_EQ(of_a_device, scores);
   return scores;
 }
 

@@ -166,6 +166,49 @@ TEST(KeepLargest, AgreesWithASort) {
   }
 }
 
+TEST(HoldCap, KeepsTheLargestOfBothMasksTogether) {
+  const std::vector<float> priorities{1, 5, 2, 9, 2, 3};
+  const Mask clones{1, 0, 1, 0, 0, 1}, splits{0, 1, 0, 0, 1, 1};  // 3 does not grow, 5 is in both
+  const auto held = [&](std::size_t keep) {
+    Mask clone = clones, split = splits;
+    hold_cap(priorities, keep, clone, split);
+    return std::pair(clone, split);
+  };
+  EXPECT_EQ(held(9), std::pair(clones, splits));
+  EXPECT_EQ(held(5), std::pair(clones, splits));
+  EXPECT_EQ(held(3), std::pair(Mask{0, 0, 1, 0, 0, 1}, Mask{0, 1, 0, 0, 0, 1})) << "ties go to the lower index";
+  EXPECT_EQ(held(1), std::pair(Mask{0, 0, 0, 0, 0, 0}, Mask{0, 1, 0, 0, 0, 0}));
+  EXPECT_EQ(held(0), std::pair(Mask(6, 0), Mask(6, 0)));
+  Mask clone = clones, shorter{1, 1};
+  EXPECT_THROW(hold_cap(priorities, 1, clone, shorter), ArgumentError);
+}
+
+TEST(Select, OnTheCpuADeviceIsTheHost) {
+  Threads threads(2);
+  const std::vector<std::int64_t> importance{1, 7, 3, 9};
+  const std::vector<float> priorities{1, 7, 3, 9};
+  const auto same = [](const auto& host, const auto& device) {
+    Mask a{1, 1, 0, 1}, b = a;
+    host(a);
+    device(b);
+    EXPECT_EQ(a, b);
+    EXPECT_NE(a, (Mask{1, 1, 0, 1}));
+  };
+  same([&](Mask& m) { EXPECT_EQ(keep_important(importance, 2, m), 2u); },
+       [&](Mask& m) { EXPECT_EQ(keep_important(importance, 2, m, threads), 2u); });
+  same([&](Mask& m) { keep_weighted_sample(priorities, 1, stream(2), m); },
+       [&](Mask& m) { keep_weighted_sample(priorities, 1, stream(2), m, threads); });
+  same([&](Mask& m) { keep_largest(priorities, 2, m); }, [&](Mask& m) { keep_largest(priorities, 2, m, threads); });
+  Mask all(4, 1);
+  EXPECT_EQ(spare_one(priorities, all, threads), 3u);
+  EXPECT_EQ(all, (Mask{1, 1, 1, 0}));
+}
+
+TEST(GrowthPriority, IsRelativeToTheThresholdWhereThereIsOne) {
+  EXPECT_EQ(growth_priority(6, 2), 3);
+  EXPECT_EQ(growth_priority(6, 0), 6);
+}
+
 TEST(SpareOne, SparesTheLargestOnlyIfAllWouldGo) {
   const std::vector<float> priorities{1, 7, 7, 2};
   Mask all(4, 1);

@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 import torch
 
 from ..adapter import Adapter, ScoredView
-from ..operations import keep_largest, spare_one
+from ..operations import spare_one
 from ..schedule import PUBLISHED_ITERATIONS
 from . import _drawing
 
@@ -188,20 +188,13 @@ class Boost:
         """radii: where the host keeps them through growth."""
         g = self.gaussians
         self._apply_gradients()
-        n = g.get_xyz.shape[0]
         views = self._views()
         gradients = self._signed_gradients()
         max_scales = g.get_scaling.detach().max(dim=1).values
         clone, split = self.adapter.grow(
             self.iteration, views, scene_extent=float(extent), gradients=gradients,
             gradients_abs=self._absolute_gradients(), max_scales=max_scales, opacities=g.get_opacity.detach(),
-            **self._own_growth(gradients, max_scales, float(extent)))
-        most = self._max_gaussians()
-        if most > 0:
-            room = max(0, most - n)
-            growing = keep_largest(gradients.reshape(-1), room, clone | split)
-            clone, split = clone & growing, split & growing
-
+            max_primitives=self._max_gaussians(), **self._own_growth(gradients, max_scales, float(extent)))
         if radii:
             g.tmp_radii = radii[0]
         origins = self._grow(clone, split, float(extent))

@@ -35,6 +35,40 @@ class GaussianMethodRun : public ::testing::Test {
   Scene scene_ = testing::tiny_scene(threads_);
 };
 
+/// Lets all Gaussians clone, ranked by a priority of its own.
+class Ranking : public DensityHook {
+ public:
+  void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& d) override {
+    count = d.clone.size();
+    for (std::size_t i = 0; i < count; ++i) {
+      d.clone[i] = 1;
+      d.split[i] = 0;
+      d.priorities[i] = static_cast<float>(i * 37 % count);  // 37 divides no count that occurs
+    }
+  }
+  void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions& d) override {
+    std::ranges::fill(d.remove, std::uint8_t{0});
+    if (grown.empty()) grown.assign(d.origins.begin() + static_cast<std::ptrdiff_t>(count), d.origins.end());
+  }
+  std::size_t count = 0;
+  std::vector<std::uint32_t> grown;  ///< those that the first growth let clone
+};
+
+TEST_F(GaussianMethodRun, a_cap_ranks_by_what_the_hook_says) {
+  BackboneContext capped = context();
+  constexpr std::size_t kRoom = 3;
+  capped.max_primitives = scene_.points.size() + kRoom;
+  const auto backbone =
+      make_gaussian_backbone(capped, testing::eager_toy_config(), std::make_unique<testing::ToyMethod>());
+  Ranking ranking;
+  backbone->set_hooks(&ranking, nullptr);
+  for (int i = 1; i <= 8; ++i) backbone->train_step(i, scene_.train[0]);
+  const std::size_t n = scene_.points.size();
+  ASSERT_EQ(ranking.grown.size(), kRoom);
+  for (const std::uint32_t i : ranking.grown) EXPECT_GE(i * 37 % n, n - kRoom);
+  EXPECT_EQ(backbone->primitives(), capped.max_primitives);
+}
+
 TEST_F(GaussianMethodRun, a_scored_view_is_drawn_at_its_own_time) {
   auto method = std::make_unique<MovingMethod>(threads_);
   MovingMethod& moving = *method;

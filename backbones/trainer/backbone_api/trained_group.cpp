@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/backbone_api/trained_group.h"
+
+#include <algorithm>
+
+#include "splatboost/activations.h"
+
+namespace splatboost {
+
+void activate(std::span<TrainedGroup* const> groups, Device device) {
+  for (TrainedGroup* group : groups) {
+    if (group->activation == Activation::none) continue;
+    group->activated.ensure(group->values.size());
+    const auto activate_values = group->activation == Activation::exponential ? exponentials : sigmoids;
+    activate_values(group->values, group->activated, device);
+  }
+}
+
+bool step_group(TrainedGroup& group, OptimizerHook* hook, Moment moment, Device device) {
+  if (!group.pending) return false;
+  if (group.activation == Activation::exponential) exponential_gradients(group.activated, group.gradients, device);
+  if (group.activation == Activation::sigmoid) sigmoid_gradients(group.activated, group.gradients, device);
+  AdamOptions options;
+  options.learning_rate = static_cast<float>(group.rate(moment.iteration));
+  if (hook != nullptr) options.learning_rate *= hook->rate_factor(group.name, moment);
+  group.step(options, device);
+  return true;
+}
+
+bool step_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook, Moment moment, Device device) {
+  bool stepped = false;
+  for (TrainedGroup* group : groups) stepped = step_group(*group, hook, moment, device) || stepped;
+  return stepped;
+}
+
+bool step_due_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook, Moment moment, Device device) {
+  bool stepped = false;
+  for (TrainedGroup* group : groups) {
+    if (hook != nullptr && !hook->steps_at(group->name, moment)) continue;
+    stepped = step_group(*group, hook, moment, device) || stepped;
+  }
+  return stepped;
+}
+
+void select_rows(std::span<TrainedGroup* const> groups, const Array<std::uint32_t>& rows, Array<float>& workspace,
+                 Device device) {
+  std::size_t widest = 0;
+  for (const TrainedGroup* group : groups) widest = std::max(widest, group->width);
+  if (device.is_cuda()) workspace.ensure(rows.size() * widest);  // the CPU needs none
+  for (TrainedGroup* group : groups) group->select(rows, workspace);
+}
+
+void drop_removed(std::span<const std::uint8_t> removed, std::vector<std::uint32_t>& list) {
+  if (list.size() != removed.size()) return;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < removed.size(); ++i) {
+    if (removed[i] == 0) list[kept++] = list[i];
+  }
+  list.resize(kept);
+}
+
+}  // namespace splatboost
