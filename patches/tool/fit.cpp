@@ -70,7 +70,8 @@ std::string unmet(const Need& need, const std::string& text) {
   const SourceCode source(text);
   if (need.kind == Need::Kind::function) {
     const std::vector<Function> functions = source.functions(need.name);
-    if (functions.empty()) return "there is no def " + need.name + nearest_place(text, "def " + need.name, Language::python);
+    if (functions.empty())
+      return "there is no def " + need.name + nearest_place(text, "def " + need.name, Language::python);
     for (const Function& function : functions) {
       const std::string wrong = misfit(function, need);
       if (!wrong.empty()) return place_of(source, function.statement) + ": " + wrong;

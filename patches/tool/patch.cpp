@@ -139,7 +139,8 @@ Outcome revert(const SourceTree& tree, Writing writing) {
     if (file.brought()) {
       const std::optional<std::string> text = tree.read(file.file);
       if (!text) continue;
-      require(sha256(*text) == file.after, file.file + ": is the patch's file, with changes: move it away, then revert");
+      require(sha256(*text) == file.after,
+              file.file + ": is the patch's file, with changes: move it away, then revert");
       tree.require_writable(file.file);
       add_diff(outcome, *text, "", file.file);
       writes.push_back({file.file, std::nullopt});

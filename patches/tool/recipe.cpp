@@ -138,9 +138,7 @@ Need read_need(Fields fields, const std::vector<Layout>& layouts) {
   Need need;
   need.file = fields.file("file");
   need.kind = fields.has("text") ? Need::Kind::text : fields.has("call") ? Need::Kind::call : Need::Kind::function;
-  need.name = fields.text(need.kind == Need::Kind::text   ? "text"
-                          : need.kind == Need::Kind::call ? "call"
-                                                          : "def");
+  need.name = fields.text(need.kind == Need::Kind::text ? "text" : need.kind == Need::Kind::call ? "call" : "def");
   if (fields.has("keywords")) need.keywords = fields.texts("keywords");
   if (need.kind == Need::Kind::function) {
     need.parameters = fields.texts("parameters");

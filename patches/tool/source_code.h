@@ -20,8 +20,8 @@ enum class Language {
 Language language_of(const std::string& file);
 
 /// A statement: one line, or several joined by brackets, backslashes or a string over several lines. In C++ lines are
-/// joined up to a semicolon or a brace, which end a statement where they end a line: a function's head is one statement,
-/// and so is each of its body's.
+/// joined up to a semicolon or a brace, which end a statement where they end a line: a function's head is one
+/// statement, and so is each of its body's.
 struct Statement {
   std::size_t begin = 0;  ///< of its first line
   std::size_t end = 0;    ///< past its last character, before the line end

@@ -50,16 +50,19 @@ TEST(TextEdit, KnowsTheStatementsOfCpp) {
   };
   const std::string head = "#include \"a.h\"\n\nvoid A::f(\n    int a)  // don't {\n{\n";
   const std::string body =
-      "    auto loss = 0.5 * a\n        + b(\"};\", '{', 1'000);  /* it's\n    f( */\n    if (a\n        && b) {\n        "
+      "    auto loss = 0.5 * a\n        + b(\"};\", '{', 1'000);  /* it's\n    f( */\n    if (a\n        && b) {\n     "
+      "   "
       "grow(\n            a);\n    }\n}";
   const std::string text = head + body;
   expect_edit(text, edit("auto loss", Place::after, "c();"),
               head + replaced(body, "    f( */\n", "    f( */\n    c();\n"));
   expect_edit(text, edit("+ b(", Place::before, "c();"), head + "    c();\n" + body);
-  expect_edit(text, edit("grow(", Place::after, "c();"), head + replaced(body, "            a);\n", "            a);\n        c();\n"));
+  expect_edit(text, edit("grow(", Place::after, "c();"),
+              head + replaced(body, "            a);\n", "            a);\n        c();\n"));
   expect_edit(text, edit("if (a && b)", Place::after, "c();", 1),
               head + replaced(body, "&& b) {\n", "&& b) {\n        c();\n"));
-  expect_edit(text, edit("if (a && b)", Place::replace, "if (c)"), head + replaced(body, "if (a\n        && b)", "if (c)"));
+  expect_edit(text, edit("if (a && b)", Place::replace, "if (c)"),
+              head + replaced(body, "if (a\n        && b)", "if (c)"));
   expect_edit(text, edit("#include", Place::after, "#include \"b.h\""),
               replaced(text, "a.h\"\n", "a.h\"\n#include \"b.h\"\n"));
   Edit missing = edit("shrink(a)", Place::before, "c();");

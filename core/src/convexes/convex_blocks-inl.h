@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A block of convexes, one a lane, on the screen: the formulas of convex_math.h, without branches. Where a lane's
-/// convex is not valid, its numbers are anything.
+/// @file A block of convexes, one a lane, on the screen: the formulas of convex_math.h, without branches. Where a
+/// lane's convex is not valid, its numbers are anything.
 ///
 /// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
 

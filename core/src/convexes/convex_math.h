@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file From one convex to the edges of its hull on the screen and back, and the tiles that it may reach, one convex at
-/// a time: the way of a GPU's thread. convex_blocks-inl.h has the same for the lanes of a CPU.
+/// @file From one convex to the edges of its hull on the screen and back, and the tiles that it may reach, one convex
+/// at a time: the way of a GPU's thread. convex_blocks-inl.h has the same for the lanes of a CPU.
 #pragma once
 
 #include <cmath>

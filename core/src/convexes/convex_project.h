@@ -167,8 +167,8 @@ SPLATBOOST_HOST_DEVICE ConvexRowGradients gradients_of(const ConvexRows& convex,
   for (int k = 1; k < sh_coefficients(convex.sh_degree); ++k) {
     for (int c = 0; c < 3; ++c) weights[k] += convex.sh_rest[3 * (k - 1) + c] * g.color[c];
   }
-  const Vec3<float> of_centre = through_normalise(
-      ray.direction, ray.inverse_length, sh_basis_gradient(convex.sh_degree, ray.direction, weights));
+  const Vec3<float> of_centre =
+      through_normalise(ray.direction, ray.inverse_length, sh_basis_gradient(convex.sh_degree, ray.direction, weights));
   const float share = 1.0f / static_cast<float>(convex.count);
   for (int k = 0; k < convex.count; ++k) {
     g.geometry.points[k][0] += share * of_centre.x;

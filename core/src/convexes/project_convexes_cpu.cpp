@@ -209,9 +209,8 @@ void clear_block(const ConvexGradients& g, const Convexes& convexes, std::size_t
 /// @param record_columns [kShapeFields + 1, lanes] a record's fields from `edges` on
 void drawn_hulls(const ConvexBlock& p, int points, const float* record_columns, HullBlock& hulls) {
   const hn::RebindToSigned<Lanes> d;
-  const auto bits_at = [&](std::size_t column) HWY_ATTR {
-    return hn::BitCast(d, load(record_columns + column * lanes()).v);
-  };
+  const auto bits_at = [&](std::size_t column)
+                           HWY_ATTR { return hn::BitCast(d, load(record_columns + column * lanes()).v); };
   hulls.edges = Float(hn::ConvertTo(Lanes(), bits_at(0)));
   Whole bytes = bits_at(1);
   for (int k = 0; k < points; ++k) {
@@ -284,8 +283,8 @@ void backward_block(const ConvexFrame& frame, const Convexes& convexes, const Co
     v_x[k + 1] = v_x[k + 1] - select(goes_on, n_y, zero);
     v_y[k + 1] += select(goes_on, n_x, zero);
   }
-  const Float g_depth = (sharpness * of_steepness + smoothness * area * of_scale) *
-                        Float(1.0f / static_cast<float>(points));
+  const Float g_depth =
+      (sharpness * of_steepness + smoothness * area * of_scale) * Float(1.0f / static_cast<float>(points));
 
   Vec3<Float> of_centre{zero, zero, zero};  // through the direction, for each point
   const Vec3<Float> g_color{moment(SPLATBOOST_COLUMN(ConvexMoments, red)),

@@ -178,7 +178,10 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
 
 TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
-  EXPECT_FALSE(adapter.prunes_at({15000, 30000}, false));
+  EXPECT_FALSE(adapter.prunes_at({14999, 30000}, false));
+  EXPECT_TRUE(adapter.prunes_at({15000, 30000}, false)) << "growth has ended";
+  EXPECT_FALSE(adapter.prunes_at({15001, 30000}, false));
+  EXPECT_FALSE(VanillaAdapter(literal_boost(), threads_).prunes_at({15000, 30000}, false));
   EXPECT_TRUE(adapter.prunes_at({18000, 30000}, false));
   EXPECT_TRUE(adapter.prunes_at({27000, 30000}, false));
   EXPECT_FALSE(adapter.prunes_at({18001, 30000}, false));
@@ -210,6 +213,28 @@ TEST_F(VanillaAdapterTest, late_pruning_is_milder_where_views_are_seen_few_times
   EXPECT_EQ(removed(600, false), (Mask{1, 0, 1, 1}));
   EXPECT_EQ(removed(6000, false), (Mask{0, 0, 1, 0}));
   EXPECT_EQ(removed(6000, true), (Mask{1, 0, 1, 1})) << "the paper's threshold is the same everywhere";
+}
+
+TEST_F(VanillaAdapterTest, what_shows_least_goes_when_growth_has_ended) {
+  const Hand hand{{0, 0, 0, 0, 0}, {}, {0.5f, 0.5f, 0.5f, 0.5f, 0.05f}, {}};
+  const auto removed = [&](int iteration, std::size_t views, double share) {
+    VanillaBoost boost = boost_at_paper_size();
+    boost.late_share = share;
+    VanillaAdapter adapter(boost, threads_);
+    FakeRasterizer rasterizer({1, 1, 1, 1, 1}, views);
+    rasterizer.weights = {60, 10, 0, 20, 10};
+    std::vector<std::uint8_t> remove(5, 0);
+    PruneDecisions prune{remove, PruneRule::late, {}};
+    adapter.prune(hand.at(iteration), rasterizer, prune);
+    return remove;
+  };
+  using Mask = std::vector<std::uint8_t>;
+  EXPECT_EQ(removed(15000, 10, 0.1), (Mask{0, 1, 0, 0, 1})) << "a tenth of 100; the last is faint";
+  EXPECT_EQ(removed(15000, 10, 0.3), (Mask{0, 1, 0, 1, 1}));
+  EXPECT_EQ(removed(18000, 10, 0.3), (Mask{0, 0, 0, 0, 1})) << "once";
+  EXPECT_EQ(removed(15000, 10, 0), (Mask{0, 0, 0, 0, 1}));
+  EXPECT_EQ(removed(15000, 1200, 0.3), (Mask{0, 1, 0, 0, 0}))
+      << "views seen 25 times: half the share, half the opacity";
 }
 
 TEST_F(VanillaAdapterTest, removal_that_is_not_the_papers_passes_untouched) {

@@ -113,11 +113,10 @@ std::tuple<torch::Tensor, torch::Tensor, torch::Tensor, torch::Tensor, torch::Te
            torch::Tensor>
 RasterizeGaussiansBackwardCUDA(const torch::Tensor& background, const torch::Tensor& means3D, const torch::Tensor&,
                                const torch::Tensor&, const torch::Tensor& scales, const torch::Tensor& rotations,
-                               const float, const torch::Tensor&, const torch::Tensor& viewmatrix,
-                               const torch::Tensor&, const float tan_fovx, const float tan_fovy,
-                               const torch::Tensor& dL_dout_color, const torch::Tensor& sh, const int degree,
-                               const torch::Tensor&, const torch::Tensor& geomBuffer, const int, const torch::Tensor&,
-                               const torch::Tensor&) {
+                               const float, const torch::Tensor&, const torch::Tensor& viewmatrix, const torch::Tensor&,
+                               const float tan_fovx, const float tan_fovy, const torch::Tensor& dL_dout_color,
+                               const torch::Tensor& sh, const int degree, const torch::Tensor&,
+                               const torch::Tensor& geomBuffer, const int, const torch::Tensor&, const torch::Tensor&) {
   const Scene scene(means3D, scales, rotations, geomBuffer, sh, degree);
   const int height = static_cast<int>(dL_dout_color.size(1)), width = static_cast<int>(dL_dout_color.size(2));
   torch::Tensor radii;

@@ -2,9 +2,9 @@
 /// @file Included before each of Photo-SLAM's files, so that what they ask of CUDA happens on the CPU.
 #pragma once
 
+#include <torch/torch.h>
 #include <opencv2/opencv.hpp>
 #include <random>
-#include <torch/torch.h>
 
 namespace cv::cuda {
 
