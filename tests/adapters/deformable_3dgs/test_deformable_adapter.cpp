@@ -43,6 +43,26 @@ TEST(DeformableAdapter, the_net_steps_at_every_iteration) {
   EXPECT_LT(of_rest, 3000);
 }
 
+TEST(DeformableAdapter, growth_is_of_the_backbones_own_candidates) {
+  Threads threads(1);
+  const std::vector<float> gradients(4, 1.0f), opacities(4, 0.5f), scales{0.001f, 0.5f, 0.001f, 0.5f};
+  const DensityStatistics statistics{{600, 40000}, 1, gradients, gradients, opacities, scales};
+  testing::FakeRasterizer rasterizer({9, 9, 0, 9});
+  const auto grown = [&](const VanillaBoost& boost) {
+    DeformableAdapter adapter(boost, threads);
+    std::vector<std::uint8_t> clone{1, 0, 1, 0}, split{0, 1, 0, 0};
+    GrowDecisions decisions{clone, split};
+    adapter.grow(statistics, rasterizer, decisions);
+    return std::pair(clone, split);
+  };
+  using Mask = std::vector<std::uint8_t>;
+  EXPECT_EQ(grown(deformable_boost()), std::pair(Mask({1, 0, 0, 0}), Mask({0, 1, 0, 0})))
+      << "those that errors ask for";
+  VanillaBoost vanilla = deformable_boost();
+  vanilla.absgrad = true;
+  EXPECT_EQ(grown(vanilla).second, Mask({0, 1, 0, 1})) << "by vanilla's borders there would be more";
+}
+
 TEST(DeformableAdapter, candidates_that_no_pixel_shows_all_go_and_half_of_the_others) {
   Threads threads(1);
   constexpr std::size_t kCount = 100;
