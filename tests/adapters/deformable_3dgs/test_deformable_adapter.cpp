@@ -76,7 +76,7 @@ TEST(DeformableAdapter, candidates_that_no_pixel_shows_all_go_and_half_of_the_ot
   std::vector<std::uint32_t> origins(kCount);
   std::iota(origins.begin(), origins.end(), 0u);
   testing::FakeRasterizer rasterizer(std::vector<std::int32_t>(kCount, 1));
-  const DensityStatistics statistics{{600, 40000}, 1, gradients, gradients, opacities, scales};
+  DensityStatistics statistics{{600, 40000}, 1, gradients, gradients, opacities, scales};
   const auto removed = [&](const VanillaBoost& boost, PruneRule rule) {
     DeformableAdapter adapter(boost, threads);
     std::vector<std::uint8_t> remove = candidates;
@@ -100,6 +100,9 @@ TEST(DeformableAdapter, candidates_that_no_pixel_shows_all_go_and_half_of_the_ot
   VanillaBoost without = deformable_boost();
   without.vcp = false;
   EXPECT_EQ(removed(without, PruneRule::growth), std::pair(30, 10));
+  statistics.opacities = {};
+  const auto [some, others] = removed(deformable_boost(), PruneRule::growth);
+  EXPECT_EQ(some + others, 20) << "a host that tells no opacities: half of all";
 }
 
 }  // namespace
