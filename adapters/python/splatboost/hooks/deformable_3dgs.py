@@ -55,6 +55,9 @@ class Boost(_boost.Boost):
     host_options = {name: known for name, known in _boost.Boost.host_options.items() if name != "densify_grad_threshold"}
     gathers_absolute = False
 
+    def _settings(self) -> Dict[str, Any]:
+        return dict(super()._settings(), absgrad=False)
+
     def _absolute_gradients(self) -> None:  # type: ignore[override]
         return None
 
