@@ -43,6 +43,26 @@ TEST(DeformableAdapter, the_net_steps_at_every_iteration) {
   EXPECT_LT(of_rest, 3000);
 }
 
+TEST(DeformableAdapter, growth_is_of_the_backbones_own_candidates) {
+  Threads threads(1);
+  const std::vector<float> gradients(4, 1.0f), opacities(4, 0.5f), scales{0.001f, 0.5f, 0.001f, 0.5f};
+  const DensityStatistics statistics{{600, 40000}, 1, gradients, gradients, opacities, scales};
+  testing::FakeRasterizer rasterizer({9, 9, 0, 9});
+  const auto grown = [&](const VanillaBoost& boost) {
+    DeformableAdapter adapter(boost, threads);
+    std::vector<std::uint8_t> clone{1, 0, 1, 0}, split{0, 1, 0, 0};
+    GrowDecisions decisions{clone, split};
+    adapter.grow(statistics, rasterizer, decisions);
+    return std::pair(clone, split);
+  };
+  using Mask = std::vector<std::uint8_t>;
+  EXPECT_EQ(grown(deformable_boost()), std::pair(Mask({1, 0, 0, 0}), Mask({0, 1, 0, 0})))
+      << "those that errors ask for";
+  VanillaBoost vanilla = deformable_boost();
+  vanilla.absgrad = true;
+  EXPECT_EQ(grown(vanilla).second, Mask({0, 1, 0, 1})) << "by vanilla's borders there would be more";
+}
+
 TEST(DeformableAdapter, candidates_that_no_pixel_shows_all_go_and_half_of_the_others) {
   Threads threads(1);
   constexpr std::size_t kCount = 100;
@@ -56,7 +76,7 @@ TEST(DeformableAdapter, candidates_that_no_pixel_shows_all_go_and_half_of_the_ot
   std::vector<std::uint32_t> origins(kCount);
   std::iota(origins.begin(), origins.end(), 0u);
   testing::FakeRasterizer rasterizer(std::vector<std::int32_t>(kCount, 1));
-  const DensityStatistics statistics{{600, 40000}, 1, gradients, gradients, opacities, scales};
+  DensityStatistics statistics{{600, 40000}, 1, gradients, gradients, opacities, scales};
   const auto removed = [&](const VanillaBoost& boost, PruneRule rule) {
     DeformableAdapter adapter(boost, threads);
     std::vector<std::uint8_t> remove = candidates;
@@ -80,6 +100,9 @@ TEST(DeformableAdapter, candidates_that_no_pixel_shows_all_go_and_half_of_the_ot
   VanillaBoost without = deformable_boost();
   without.vcp = false;
   EXPECT_EQ(removed(without, PruneRule::growth), std::pair(30, 10));
+  statistics.opacities = {};
+  const auto [some, others] = removed(deformable_boost(), PruneRule::growth);
+  EXPECT_EQ(some + others, 20) << "a host that tells no opacities: half of all";
 }
 
 }  // namespace
