@@ -98,7 +98,7 @@ TEST_F(VanillaAdapterTest, an_appended_primitive_is_judged_by_what_it_was_made_f
   VanillaAdapter adapter(boost, threads_);
   // Of two candidates one goes. Primitive 0 has all of the score, primitive 1 none; after growth the candidates are
   // row 0 (made from 1) and row 1 (made from 0): row 1 must be the one removed, whatever the draw.
-  const Hand hand{{0, 0}, {0, 0}, {0.001f, 0.001f}, {0.05f, 0.05f}};
+  const Hand hand{{0, 0}, {0, 0}, {0.0045f, 0.0045f}, {0.05f, 0.05f}};
   std::vector<std::uint8_t> clone(2), split(2), remove{1, 1};
   const std::vector<std::uint32_t> origins{1, 0};
   GrowDecisions grow{clone, split};
@@ -120,7 +120,7 @@ TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
   Hand hand;
   hand.gradients.assign(n, 0);
   hand.gradients_abs.assign(n, 0);
-  hand.opacities.assign(n, 0.001f);
+  hand.opacities.assign(n, 0.0045f);
   hand.max_scales.assign(n, 0.05f);
   std::vector<std::int32_t> counts(n);
   std::iota(counts.begin(), counts.end(), 0);
@@ -136,6 +136,48 @@ TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
   adapter.prune(hand.at(1000), rasterizer, prune);
   EXPECT_EQ(std::count(remove.begin(), remove.end(), 1), 20);
   for (std::size_t i = 0; i < n; ++i) EXPECT_LE(remove[i], candidates[i]);
+}
+
+TEST_F(VanillaAdapterTest, candidates_that_no_pixel_shows_all_go_and_half_of_the_others) {
+  constexpr std::size_t kCount = 100;
+  // 40 candidates: 30 that cannot reach an alpha of 1/255, 10 that can. And 20 as faint ones that the backbone keeps.
+  Hand hand{std::vector<float>(kCount), std::vector<float>(kCount), std::vector<float>(kCount, 0.5f),
+            std::vector<float>(kCount, 0.05f)};
+  std::vector<std::uint8_t> candidates(kCount, 0), clone(kCount), split(kCount);
+  for (std::size_t i = 0; i < 60; ++i) {
+    hand.opacities[i] = i < 30 || i >= 40 ? 0.0039f : 0.0045f;
+    candidates[i] = i < 40;
+  }
+  std::vector<std::uint32_t> origins(kCount);
+  std::iota(origins.begin(), origins.end(), 0u);
+  FakeRasterizer rasterizer(std::vector<std::int32_t>(kCount, 1));
+  const auto removed = [&](const VanillaBoost& boost, PruneRule rule) {
+    VanillaAdapter adapter(boost, threads_);
+    std::vector<std::uint8_t> remove = candidates;
+    GrowDecisions grow{clone, split};
+    PruneDecisions prune{remove, rule, origins};
+    adapter.grow(hand.at(600), rasterizer, grow);
+    adapter.prune(hand.at(600), rasterizer, prune);
+    for (std::size_t i = 0; i < kCount; ++i) EXPECT_LE(remove[i], candidates[i]);
+    const auto count = [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      return std::accumulate(remove.begin() + begin, remove.begin() + end, 0);
+    };
+    return std::pair(count(0, 30), count(30, 40));
+  };
+  const VanillaBoost boost = boost_at_paper_size();
+  EXPECT_EQ(removed(boost, PruneRule::growth), std::pair(30, 5));
+  EXPECT_EQ(removed(boost, PruneRule::trim), std::pair(30, 10)) << "as the backbone says";
+  VanillaBoost literal = boost;
+  literal.literal = true;
+  const auto [unseen, seen] = removed(literal, PruneRule::growth);
+  EXPECT_EQ(unseen + seen, 20) << "the paper keeps half, whoever they are";
+  EXPECT_LT(unseen, 30);
+  VanillaBoost without = boost;
+  without.vcp = false;
+  EXPECT_EQ(removed(without, PruneRule::growth), std::pair(30, 10));
+  hand.opacities = {};
+  const auto [some, others] = removed(boost, PruneRule::growth);
+  EXPECT_EQ(some + others, 20) << "a host that tells no opacities: half of all";
 }
 
 TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
