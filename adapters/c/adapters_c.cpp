@@ -108,6 +108,12 @@ class HostRenderer final : public splatboost::RasterizerHook {
     }
   }
 
+  void add_weights(std::span<std::int32_t> weights) override {
+    need(views_.add_weights, "views.add_weights");
+    const sb_tensor sums = tensor_of(weights, SB_INT32, {views_.primitives}, place_);
+    if (views_.add_weights(views_.context, &sums) != 0) throw edge::CallbackFailed("views.add_weights failed");
+  }
+
  private:
   const sb_views& views_;
   const Place& place_;

@@ -61,15 +61,19 @@ typedef struct sb_scored_view {
   sb_truth truth;
 } sb_scored_view;
 
-/** The host's renderer. Both functions return 0, or anything else to fail the call with SB_ERROR_CALLBACK. */
+/** The host's renderer. The functions return 0, or anything else to fail the call with SB_ERROR_CALLBACK. */
 typedef struct sb_views {
-  void* context;      /**< given to both */
+  void* context;      /**< given to each */
   int64_t primitives; /**< N */
   int64_t views;      /**< training views that may be scored, numbered from 0 */
   int32_t (*render)(void* context, int64_t view, sb_scored_view* scored);
   /** Adds to counts (int32 [N]) the flagged pixels (uint8 [H,W]) where each primitive was blended in the last render.
    */
   int32_t (*count_flagged)(void* context, const sb_tensor* flagged, const sb_tensor* counts);
+  /** Adds to weights (int32 [N]) each primitive's blending weights in the last render, as sb_rasterizer_add_weights.
+   *  Adapters of Gaussians ask for them when growth has ended (late_share); those of anchors and convexes never do, and
+   *  it may be NULL. */
+  int32_t (*add_weights)(void* context, const sb_tensor* weights);
 } sb_views;
 
 /** @param beta of the compact box; 0 where the box is to stay the host's own */

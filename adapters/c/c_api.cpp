@@ -188,6 +188,16 @@ sb_status sb_rasterizer_count_observed(sb_rasterizer* rasterizer, float min_tran
   });
 }
 
+sb_status sb_rasterizer_add_weights(sb_rasterizer* rasterizer, const sb_tensor* weights, void* stream) {
+  return guarded([&] {
+    sb_rasterizer& r = need(rasterizer, "rasterizer");
+    const Place::Call call(r.place, stream);
+    r.check_drawn("add_weights");
+    r.rasterizer.add_weights(
+        r.place.view<std::int32_t>(weights, "weights", {static_cast<std::int64_t>(r.shape.count)}));
+  });
+}
+
 sb_status sb_rasterizer_settle(sb_rasterizer* rasterizer, int32_t* redrawn, void* stream) {
   return guarded([&] {
     sb_rasterizer& r = need(rasterizer, "rasterizer");

@@ -2,7 +2,6 @@
 #include "deformable_3dgs/deformable_adapter.h"
 
 #include "registry/boost_settings.h"
-#include "splatboost/constants.h"
 
 namespace splatboost {
 namespace {
@@ -16,21 +15,9 @@ VanillaBoost deformable_boost() {
   boost.published_iterations = kDeformableIterations;
   // As vanilla's, every tenth of the run. (The release stops at 27 000, whatever the length of the run.)
   boost.late_prune_interval = kDeformableIterations / 10;
+  // The backbone's own candidates for growth are by absolute gradients. Vanilla's borders make twice as many of them.
+  boost.absgrad = false;
   return boost;
-}
-
-void DeformableAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer,
-                              PruneDecisions& decisions) {
-  const bool literally = is_literal() || decisions.rule != PruneRule::growth;
-  unseen_.assign(decisions.remove.size(), 0);
-  for (std::size_t i = 0; !literally && i < unseen_.size(); ++i) {
-    unseen_[i] = decisions.remove[i] != 0 && statistics.opacities[i] < kMinAlpha;
-    if (unseen_[i] != 0) decisions.remove[i] = 0;
-  }
-  VanillaAdapter::prune(statistics, rasterizer, decisions);
-  for (std::size_t i = 0; i < unseen_.size(); ++i) {
-    if (unseen_[i] != 0) decisions.remove[i] = 1;
-  }
 }
 
 bool DeformableAdapter::steps_at(std::string_view group, Moment moment) const {

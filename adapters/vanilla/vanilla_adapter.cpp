@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "registry/boost_settings.h"
+#include "splatboost/constants.h"
 #include "splatboost/errors.h"
 #include "splatboost/select.h"
 
@@ -37,6 +38,7 @@ void check(const VanillaBoost& boost) {
   check_setting(boost.late_prune_interval >= 1, "late_prune_interval must be at least 1");
   check_setting(boost.late_min_opacity >= 0 && boost.late_min_opacity <= 1, "late_min_opacity must be in [0, 1]");
   check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
+  check_setting(boost.late_share >= 0 && boost.late_share < 1, "late_share must be in [0, 1)");
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
 }
 
@@ -45,11 +47,13 @@ VanillaBoost literal_boost() {
   boost.literal = true;
   boost.gradient_abs_threshold = 1.2e-3;
   boost.densify_interval = 500;
+  boost.late_share = 0;
   boost.coarse = false;
   return boost;
 }
 
-VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Device device) : boost_(boost), scorer_(device) {
+VanillaAdapter::VanillaAdapter(const VanillaBoost& boost, Device device)
+    : boost_(boost), scorer_(device), weights_(device) {
   check(boost);
 }
 
@@ -114,8 +118,13 @@ double VanillaAdapter::least_importance(double pixels) const {
   return std::max(1.0, (boost_.tau_d + 1) * std::min(1.0, pixels / kTauDPixels));
 }
 
+bool VanillaAdapter::growth_ended_at(Moment moment) const {
+  return !boost_.literal && moment.iteration == at(boost_.late_prune_from, moment);
+}
+
 bool VanillaAdapter::prunes_late_at(Moment moment) const {
   if (!boost_.vcp) return false;
+  if (growth_ended_at(moment)) return moment.iteration < moment.total;
   const int from = at(boost_.late_prune_from, moment);
   const int interval = at(boost_.late_prune_interval, moment);
   return moment.iteration > from && moment.iteration < moment.total && moment.iteration % interval == 0;
@@ -131,13 +140,22 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
-    // Of the backbone's candidates half go, drawn by the scores of what they were made from.
+    // Of the backbone's candidates half go, drawn by the scores of what they were made from. Those that no pixel shows
+    // get no gradient either and only cost time, so all of them go, which the paper does not say. A host may leave out
+    // opacities where they are not needed.
+    unseen_.assign(n, 0);
+    const bool known = !boost_.literal && statistics.opacities.size() == n;
+    std::size_t candidates = 0;
     std::vector<float> weights(n);
-    for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
-    const auto candidates = static_cast<std::size_t>(
-        std::count_if(decisions.remove.begin(), decisions.remove.end(), [](std::uint8_t r) { return r != 0; }));
+    for (std::size_t i = 0; i < n; ++i) {
+      unseen_[i] = known && decisions.remove[i] != 0 && statistics.opacities[i] < kMinAlpha;
+      if (unseen_[i] != 0) decisions.remove[i] = 0;
+      candidates += decisions.remove[i] != 0 ? 1 : 0;
+      weights[i] = pruning_[decisions.origins[i]];
+    }
     keep_weighted_sample(weights, candidates / 2, RandomStream(boost_.seed, iteration, RandomPurpose::prune),
                          decisions.remove);
+    for (std::size_t i = 0; i < n; ++i) decisions.remove[i] |= unseen_[i];
     return;
   }
   if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
@@ -145,18 +163,21 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   pruning_.resize(n);
   pruning_scores(score(rasterizer, true, random), pruning_);
-  const auto min_opacity = static_cast<float>(late_min_opacity_at(statistics.moment, rasterizer.scorable_views()));
+  const double settled_share = settled(statistics.moment, rasterizer.scorable_views());
+  const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled_share);
   for (std::size_t i = 0; i < n; ++i) {
     if (statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score)) {
       decisions.remove[i] = 1;
     }
   }
+  if (boost_.late_share <= 0 || !growth_ended_at(statistics.moment)) return;
+  select_least(weights_.mean(rasterizer, kWeighedViews, random), boost_.late_share * settled_share, decisions.remove);
 }
 
-double VanillaAdapter::late_min_opacity_at(Moment moment, std::size_t views) const {
-  if (boost_.literal) return boost_.late_min_opacity;
+double VanillaAdapter::settled(Moment moment, std::size_t views) const {
+  if (boost_.literal) return 1;
   const double visits = static_cast<double>(moment.total) / static_cast<double>(std::max<std::size_t>(views, 1));
-  return boost_.late_min_opacity * std::min(1.0, visits / kSettledVisits);
+  return std::min(1.0, visits / kSettledVisits);
 }
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {

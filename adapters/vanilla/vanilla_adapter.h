@@ -7,6 +7,7 @@
 #include <type_traits>
 
 #include "registry/adapter.h"
+#include "splatboost/blending_weights.h"
 #include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/multi_view_scores.h"
@@ -43,6 +44,9 @@ struct VanillaBoost {
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
   double late_max_score = 0.9;
+  /// When growth has ended, once: the Gaussians of the smallest blending weights go, as many as have this share of the
+  /// sum of all together. Not the paper's.
+  double late_share = 0.05;
   /// An in-tree trainer begins with views of half the size. Not the paper's.
   bool coarse = false;        ///< growth from the first iterations on needs their full size
   double coarse_until = 0.3;  ///< share of the run
@@ -78,6 +82,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("late_prune_interval", boost.late_prune_interval);
   visit("late_min_opacity", boost.late_min_opacity);
   visit("late_max_score", boost.late_max_score);
+  visit("late_share", boost.late_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
 }
@@ -94,8 +99,12 @@ inline constexpr int kMinGrowthInterval = 100;
 
 /// Iterations for each training view after which opacities have settled; the paper's runs have at least twice as many.
 /// Below that late_min_opacity shrinks in proportion: a run that sees its views fewer times leaves more Gaussians near
-/// the opacity of 0.1 that all begin with, and needs them.
+/// the opacity of 0.1 that all begin with, and needs them. So does late_share, because what is left has fewer visits to
+/// take the place of what went.
 inline constexpr double kSettledVisits = 50;
+
+/// Views that tell what they show of each Gaussian, once a run: as many as keep that below a hundredth of its time.
+inline constexpr int kWeighedViews = 50;
 
 /// Images of the paper have about a megapixel. Importance counts pixels: below that, what growth asks for shrinks with
 /// the area, down to one pixel a view, and the mean over views is compared without being cut to a whole number.
@@ -135,8 +144,11 @@ class VanillaAdapter : public Adapter {
   /// Flagged pixels a view, Σ_j n_ij / K, that growth asks for.
   /// @param pixels of a view
   double least_importance(double pixels) const;
+  /// 1, or less where views are seen too few times for opacities to settle.
   /// @param views the backbone's training views
-  double late_min_opacity_at(Moment moment, std::size_t views) const;
+  double settled(Moment moment, std::size_t views) const;
+  /// Whether growth has just ended: the first moment of late pruning, unless literally.
+  bool growth_ended_at(Moment moment) const;
   bool prunes_late_at(Moment moment) const;
   int at(int published, Moment moment) const {
     return scaled_iteration(published, moment.total, boost_.published_iterations);
@@ -144,8 +156,10 @@ class VanillaAdapter : public Adapter {
 
   VanillaBoost boost_;
   MultiViewScorer scorer_;
-  std::vector<float> pruning_;  ///< of the primitives as they were at the last scoring
-  int scored_at_ = -1;          ///< iteration of that scoring
+  BlendingWeights weights_;
+  std::vector<std::uint8_t> unseen_;  ///< of the candidates of this growth
+  std::vector<float> pruning_;        ///< of the primitives as they were at the last scoring
+  int scored_at_ = -1;                ///< iteration of that scoring
 };
 
 }  // namespace splatboost

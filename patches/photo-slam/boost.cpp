@@ -383,6 +383,11 @@ class Views {
         require(sb_rasterizer_count_flagged(me.host_.gaussians->splatboost_->rasterizer(), flagged, counts, nullptr));
       });
     };
+    views_.add_weights = [](void* self, const sb_tensor* weights) {
+      return static_cast<Views*>(self)->guarded([&](Views& me) {
+        require(sb_rasterizer_add_weights(me.host_.gaussians->splatboost_->rasterizer(), weights, nullptr));
+      });
+    };
   }
 
   const sb_views* c_views() const { return &views_; }

@@ -269,6 +269,11 @@ static int32_t host_count(void* context, const sb_tensor* flagged, const sb_tens
   ((int32_t*)counts->data)[0] += 1;
   return 0;
 }
+static int32_t host_weigh(void* context, const sb_tensor* weights) {
+  (void)context;
+  (void)weights;
+  return 0;
+}
 static sb_views host_views(void) {
   sb_views v;
   memset(&v, 0, sizeof v);
@@ -276,6 +281,7 @@ static sb_views host_views(void) {
   v.views = 2;
   v.render = host_render;
   v.count_flagged = host_count;
+  v.add_weights = host_weigh;
   return v;
 }
 static sb_density host_density(const Entry* e) {

@@ -102,3 +102,23 @@ def test_still_scenes_and_still_models_are_refused_in_one_line(scene, trained, t
     done = run_program("render", "-m", trained, "--sequence", "3", "-o", tmp_path / "x", "--quiet")
     assert done.returncode == 2
     assert "does not change with time" in done.stderr
+
+
+def test_a_packed_scene_carries_the_times_that_it_was_packed_with(scene, tmp_path):
+    """COLMAP's scenes have times where they are asked for; the runs on both give the same bytes."""
+    run = ["--backbone", "deformable-3dgs", "--eval", "--iterations", "12", "--quiet", "--frame-times"]
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps({"backbone": {"net_layers": 2, "net_width": 16, "warm_up": 0}}))
+    run_well("pack", scene, tmp_path / "moving.sbscene", "--frame-times")
+    models = {}
+    for name, source in (("folder", scene), ("file", tmp_path / "moving.sbscene")):
+        run_well("train", "-s", source, "-m", tmp_path / name, "--config", config, *run)
+        folder = tmp_path / name / "point_cloud/iteration_12"
+        models[name] = (folder / "point_cloud.ply").read_bytes() + (folder / "parameters.bin").read_bytes()
+    assert models["file"] == models["folder"]
+    run_well("pack", scene, tmp_path / "still.sbscene", "--frames", "3")  # of rigs only, as for a run
+    done = run_program("train", "-s", tmp_path / "still.sbscene", "-m", tmp_path / "x", *run)
+    assert done.returncode == 2
+    assert "packed without times" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "x").exists()

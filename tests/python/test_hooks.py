@@ -155,19 +155,22 @@ def test_statistics_take_masks_and_indices_and_weigh_views(seen, kind, views):
     assert torch.allclose(boost._absolute, 5 * (expected > 0).float())
 
 
-def test_signed_gradients_are_gathered_beside_the_hosts_absolute_ones():
-    boost = boost_of(deformable_3dgs, Adapter(remove=[1]), iteration=5000)
-    points = torch.zeros(N, 4, requires_grad=True)
-    points.grad = torch.tensor([[5.0, 12, 3, 4]]).repeat(N, 1)
-    boost.gaussians.splatboost = _drawing.Drawing(0.5, absolute=True)
-    boost.gaussians.splatboost.screen_points = points
-    seen = torch.tensor([True, True, False, True, False, False])
-    for _ in range(2):
-        boost.add_densification_stats(torch.zeros(N, 3), seen)
-    assert torch.allclose(boost._signed_gradients(), 13 * seen.float().reshape(-1, 1))
-    assert torch.allclose(boost._absolute_gradients(), 5 * seen.float().reshape(-1, 1))
-    boost.prune_late()
-    assert boost._signed.shape == (N - 1, 1)
+def test_candidates_by_absolute_gradients_are_the_hosts_own():
+    boost = boost_of(deformable_3dgs)
+    boost.options.densify_grad_threshold, boost.gaussians.percent_dense = 0.0007, 0.01
+    gradients = torch.tensor([[0.0006], [0.0008], [0.0009], [0.0], [0.001], [0.0001]])
+    scales = torch.tensor([0.01, 0.02, 0.03, 0.03, 0.02, 0.01])
+    own = boost._own_growth(gradients, scales, 2.0)
+    assert own["clone"].tolist() == [False, True, False, False, True, False]
+    assert own["split"].tolist() == [False, False, True, False, False, False]
+    boost.options.boost_beta, boost.options.boost_tau_d = 0.5, 5.0
+    boost.options.densify_from_iter, boost.options.densify_until_iter = 500, 15000
+    boost.options.densification_interval = 100
+    assert boost._settings()["absgrad"] is False
+    boost.options.densify_grad_threshold = 0.0002
+    paper = deformable_3dgs.BoostOfPaper.__new__(deformable_3dgs.BoostOfPaper)
+    paper.options = boost.options
+    assert paper._settings()["absgrad"] is True, "on the branch paper they are 3DGS's"
 
 
 @pytest.mark.parametrize("moves", [False, True])

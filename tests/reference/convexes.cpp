@@ -373,7 +373,7 @@ ConvexRendering<Scalar> render(const ConvexScene<Scalar>& scene, const Camera& c
             const Scalar weight = alpha * transmittance;
             for (std::size_t c = 0; c < 3; ++c) result.color[c * pixels + pixel] += weight * shape.color[c];
             transmittance = after;
-            if (blended) blended(pixel, entry.convex);
+            if (blended) blended(pixel, entry.convex, value_of(weight));
           }
           for (std::size_t c = 0; c < 3; ++c) {
             result.color[c * pixels + pixel] += transmittance * options.background[c];
@@ -389,7 +389,7 @@ ConvexRendering<Scalar> render(const ConvexScene<Scalar>& scene, const Camera& c
 std::vector<std::int64_t> count_flagged(const ConvexScene<double>& scene, const Camera& camera,
                                         const ConvexOptions& options, const std::vector<std::uint8_t>& flagged) {
   std::vector<std::int64_t> counts(scene.count, 0);
-  render<double>(scene, camera, options, [&](std::size_t pixel, std::size_t convex) {
+  render<double>(scene, camera, options, [&](std::size_t pixel, std::size_t convex, double) {
     if (flagged[pixel] != 0) ++counts[convex];
   });
   return counts;

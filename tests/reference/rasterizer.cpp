@@ -425,7 +425,7 @@ Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const
             }
             inverse_depth += weight / splat.depth;
             transmittance = after;
-            if (blended) blended(pixel, entry.gaussian);
+            if (blended) blended(pixel, entry.gaussian, value_of(weight));
           }
           for (std::size_t c = 0; c < 3; ++c) {
             result.color[c * pixels + pixel] = color[c] + transmittance * options.background[c];
@@ -443,10 +443,22 @@ Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const
 std::vector<std::int64_t> count_flagged(const Scene<double>& scene, const Camera& camera, const Options& options,
                                         const std::vector<std::uint8_t>& flagged) {
   std::vector<std::int64_t> counts(scene.count, 0);
-  render<double>(scene, camera, options, [&](std::size_t pixel, std::size_t gaussian) {
+  render<double>(scene, camera, options, [&](std::size_t pixel, std::size_t gaussian, double) {
     if (flagged[pixel] != 0) ++counts[gaussian];
   });
   return counts;
+}
+
+std::vector<std::int64_t> blending_weights(const Scene<double>& scene, const Camera& camera, const Options& options,
+                                           std::vector<std::uint8_t>& certain) {
+  std::vector<std::int64_t> sums(scene.count, 0);
+  certain.assign(scene.count, 1);
+  render<double>(scene, camera, options, [&](std::size_t, std::size_t gaussian, double weight) {
+    const double units = 256 * weight;
+    sums[gaussian] += std::llround(units);
+    if (std::abs(units - std::floor(units) - 0.5) < 1e-3) certain[gaussian] = 0;
+  });
+  return sums;
 }
 
 Gradient gradient(const Scene<double>& scene, const Camera& camera, const Options& options,

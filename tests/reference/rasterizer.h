@@ -131,8 +131,8 @@ struct Rendering {
   std::size_t uncertain_entries = 0;
 };
 
-/// Called for each splat blended in each pixel.
-using BlendObserver = std::function<void(std::size_t pixel, std::size_t gaussian)>;
+/// Called for each splat blended in each pixel. The weight is α·T.
+using BlendObserver = std::function<void(std::size_t pixel, std::size_t gaussian, double weight)>;
 
 template <class Scalar>
 Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const Options& options,
@@ -141,6 +141,11 @@ Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const
 /// Number of flagged pixels where each Gaussian is blended.
 std::vector<std::int64_t> count_flagged(const Scene<double>& scene, const Camera& camera, const Options& options,
                                         const std::vector<std::uint8_t>& flagged);
+
+/// Blending weights of each Gaussian, each rounded to 1/256 and summed over the pixels, in that unit.
+/// @param certain [N] receives 0 where rounding of a weight may go either way
+std::vector<std::int64_t> blending_weights(const Scene<double>& scene, const Camera& camera, const Options& options,
+                                           std::vector<std::uint8_t>& certain);
 
 /// dL/d image; empty means zero.
 struct ImageGradients {

@@ -36,7 +36,11 @@ class GivenCounts : public RasterizerHook {
       counts[i] += given[i].size() == 1 ? given[i][0] : given[i][rendered.back()];
     }
   }
-  std::vector<std::uint8_t> valid;  ///< of every view's pixels; empty: all
+  void add_weights(std::span<std::int32_t> added) override {
+    for (std::size_t i = 0; i < added.size() && !weights.empty(); ++i) added[i] += weights[i];
+  }
+  std::vector<std::int32_t> weights;  ///< of each primitive in every view; empty: none
+  std::vector<std::uint8_t> valid;    ///< of every view's pixels; empty: all
   /// Counts where every valid pixel is flagged; empty: the same.
   std::vector<std::vector<std::int32_t>> drawn;
   std::vector<std::size_t> rendered;

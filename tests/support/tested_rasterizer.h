@@ -152,6 +152,12 @@ class Rasterizer {
     sums.back();
   }
 
+  void add_weights(std::span<std::int32_t> weights) {
+    Carried<std::int32_t> sums;
+    rasterizer_.add_weights(sums.there_and_back(weights));
+    sums.back();
+  }
+
   const std::vector<std::uint8_t>& visible() { return fetch(rasterizer_.visible(), visible_); }
   const std::vector<std::int32_t>& screen_radii() { return fetch(rasterizer_.screen_radii(), radii_); }
   RasterCounts counts() const { return rasterizer_.counts(); }

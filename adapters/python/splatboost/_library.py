@@ -165,6 +165,7 @@ class ScoredView(ctypes.Structure):
 
 RenderFunction = ctypes.CFUNCTYPE(c_int32, c_void_p, c_int64, POINTER(ScoredView))
 CountFunction = ctypes.CFUNCTYPE(c_int32, c_void_p, TensorPointer, TensorPointer)
+WeighFunction = ctypes.CFUNCTYPE(c_int32, c_void_p, TensorPointer)
 
 
 class Views(ctypes.Structure):
@@ -174,6 +175,7 @@ class Views(ctypes.Structure):
         ("views", c_int64),
         ("render", RenderFunction),
         ("count_flagged", CountFunction),
+        ("add_weights", WeighFunction),
     ]
 
 
@@ -200,6 +202,7 @@ _ENTRIES = {
         [c_void_p, POINTER(Gaussians), POINTER(ImageGradients), POINTER(GaussianGradients), c_void_p],
     ),
     "sb_rasterizer_count_flagged": (_STATUS, [c_void_p, _T, _T, c_void_p]),
+    "sb_rasterizer_add_weights": (_STATUS, [c_void_p, _T, c_void_p]),
     "sb_rasterizer_count_observed": (_STATUS, [c_void_p, c_float, _T, c_void_p]),
     "sb_rasterizer_settle": (_STATUS, [c_void_p, _I32, c_void_p]),
     "sb_rasterizer_counts": (_STATUS, [c_void_p, _I64, _I64, c_void_p]),

@@ -266,9 +266,23 @@ class Render:
         lib.call("sb_rasterizer_count_observed", self._lease.workspace.handle, min_transmittance, target, place.stream)
         return counts
 
+    def weights(self) -> torch.Tensor:
+        """int32 [N]: blending weights of each Gaussian, summed over pixels, in 1/256 (rounded a pixel).
+
+        Replays the tile lists of this render, so it must come before the next render.
+        """
+        weights = torch.zeros_like(self.radii)
+        place = Place(self.radii, "radii")
+        self._add_weights(place.target(weights, "weights"), place)
+        return weights
+
     def _check_held(self, what: str) -> None:
         if not self._lease.held:
             raise RuntimeError("%s: this render's tile lists are gone, another view was drawn since" % what)
+
+    def _add_weights(self, weights: Any, place: Place) -> None:
+        self._check_held("weights")
+        lib.call("sb_rasterizer_add_weights", self._lease.workspace.handle, weights, place.stream)
 
     def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
         self._check_held("count_flagged")

@@ -30,7 +30,7 @@ class ScoredView:
     color: torch.Tensor
     truth: torch.Tensor
     valid: Optional[torch.Tensor] = None
-    render: Any = None  # a Render, or what has its _add_counts
+    render: Any = None  # a Render, or what has its _add_counts and _add_weights
 
 
 #: views[j]() renders training view j
@@ -258,7 +258,7 @@ class _Host:
         self._view = self._place = None
 
     def c_views(self) -> Any:
-        self._functions = (lib.RenderFunction(self._render), lib.CountFunction(self._count))
+        self._functions = (lib.RenderFunction(self._render), lib.CountFunction(self._count), lib.WeighFunction(self._weigh))
         return ctypes.byref(lib.Views(None, self._primitives, len(self._sources), *self._functions))
 
     def call(self, entry: str, *arguments: Any) -> None:
@@ -298,6 +298,16 @@ class _Host:
             view, place = self._view, self._place
             assert view is not None and view.render is not None and place is not None
             view.render._add_counts(flagged, counts, place)
+            return 0
+        except BaseException as e:
+            self._error = e
+            return 1
+
+    def _weigh(self, _: Any, weights: Any) -> int:
+        try:
+            view, place = self._view, self._place
+            assert view is not None and view.render is not None and place is not None
+            view.render._add_weights(weights, place)
             return 0
         except BaseException as e:
             self._error = e

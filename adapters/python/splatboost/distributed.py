@@ -154,7 +154,7 @@ def _mixed(x: torch.Tensor) -> torch.Tensor:
 
 
 class _FromOwner:
-    """What counts flagged pixels of a view that one process drew."""
+    """What counts and weighs in a view that one process drew."""
 
     def __init__(self, processes: Processes, owner: int, render: Any):
         self._processes, self._owner, self._render = processes, owner, render
@@ -164,6 +164,13 @@ class _FromOwner:
         here = torch.zeros_like(sums)
         if self._render is not None:
             self._render._add_counts(flagged, place.target(here, "counts"), place)
+        sums += self._processes.from_owner(here, self._owner)
+
+    def _add_weights(self, weights: Any, place: Place) -> None:
+        sums = counts_of(weights, place)
+        here = torch.zeros_like(sums)
+        if self._render is not None:
+            self._render._add_weights(place.target(here, "weights"), place)
         sums += self._processes.from_owner(here, self._owner)
 
 

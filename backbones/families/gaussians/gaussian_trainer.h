@@ -86,6 +86,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     rasterizer_.count_flagged(flagged, counts);
   }
+  void add_weights(std::span<std::int32_t> weights) override { rasterizer_.add_weights(weights); }
 
   // ViewDrawer
   std::size_t views() const override { return context_.scene.train.size(); }

@@ -43,11 +43,14 @@ Command add_pack(CLI::App& program) {
   CLI::App* app = program.add_subcommand("pack", "Put a scene into one file that is read fast, and without OpenCV");
   app->footer("Example: splatboost pack SCENE scene.sbscene && splatboost train -s scene.sbscene -m OUT --eval");
   const auto options = std::make_shared<PackOptions>();
-  add_checked_option(*app, "-s,--source,source", options->scene.source, "scene folder: COLMAP, Blender or nerfstudio")
+  add_checked_option(*app, "-s,--source,source", options->scene.source,
+                     "scene folder: COLMAP, Blender, nerfstudio, Nerfies or rig of videos")
       ->type_name("DIR");
   add_checked_option(*app, "-o,--output,output", options->output, "file to write")->type_name("FILE.sbscene");
   add_checked_option(*app, "-r,--resolution", options->scene.resolution, kResolutionHelp)->type_name("N");
   add_checked_option(*app, "-i,--images", options->scene.images, kImagesHelp)->type_name("NAME");
+  app->add_flag("--frame-times", options->scene.frame_times, kFrameTimesHelp);
+  add_checked_option(*app, "--frames", options->scene.frames, kFramesHelp)->type_name("N");
   return {app, [options](const std::string&) { return run_pack(*options); }};
 }
 

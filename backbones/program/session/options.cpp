@@ -103,10 +103,8 @@ void add_data_options(OptionSet& set, RunOptions& options) {
   set.add("--eval", scene.eval, "hold out test views (every llffhold-th, or the dataset's own)");
   set.add("--llffhold", scene.llffhold, "every so many views is a test view")->type_name("N")->capture_default_str();
   set.add("--test-list", scene.test_list, "file naming the test images, one a line")->type_name("FILE");
-  set.add("--frame-times", scene.frame_times, "COLMAP: the last number in a name is the frame, so the time");
-  set.add("--frames", scene.frames, "so many frames of each camera of a rig of videos; 0: all")
-      ->type_name("N")
-      ->capture_default_str();
+  set.add("--frame-times", scene.frame_times, kFrameTimesHelp);
+  set.add("--frames", scene.frames, kFramesHelp)->type_name("N");
   set.add("--n-views", scene.n_views, "train on so many views, evenly spread; 0: all")
       ->type_name("N")
       ->capture_default_str();
@@ -240,7 +238,7 @@ void check_options(RunOptions& options) {
   usage(resolution == -1 || resolution >= 1, "--resolution must be -1 or at least 1");
   usage(options.scene.llffhold >= 1, "--llffhold must be at least 1");
   usage(options.scene.n_views >= 0, "--n-views must be at least 0");
-  usage(options.scene.frames >= 0, "--frames must be at least 0");
+  usage(options.scene.frames.value_or(0) >= 0, "--frames must be at least 0");
   usage(!options.beta || (*options.beta > 0 && *options.beta <= 1), "--beta must be in (0, 1]");
   usage(!options.tau_d || *options.tau_d >= 0, "--tau-d must be at least 0");
   usage(!options.views || *options.views >= 1, "--views must be at least 1");

@@ -137,7 +137,9 @@ inline constexpr int kMostThreads = 4096;
 
 inline constexpr char kResolutionHelp[] =
     "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide [-1]";
-inline constexpr char kImagesHelp[] = "image folder of a COLMAP scene [images]";
+inline constexpr char kImagesHelp[] = "image folder of a COLMAP scene [images], or of a Nerfies capture [rgb/1x]";
+inline constexpr char kFrameTimesHelp[] = "COLMAP: the last number in a name is the frame, so the time";
+inline constexpr char kFramesHelp[] = "so many frames of each camera of a rig of videos; 0: all [24]";
 
 /// What a run is told.
 struct RunOptions {

@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <utility>
 
 #include <glm/geometric.hpp>
 #include <glm/mat3x3.hpp>
 #include <glm/matrix.hpp>
 
+#include "splatboost/threads.h"
 #include "trainer/dataset/npy.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
@@ -20,6 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kRow = 17;  // of poses_bounds.npy: [3,5] of axes, centre and size, then two depths
+
+bool is_video(const fs::path& camera) { return camera.extension() == ".mp4"; }
 
 bool is_picture(const fs::path& file) {
   const std::string extension = file.extension().string();
@@ -46,7 +50,7 @@ std::vector<fs::path> cameras_of(const fs::path& folder) {
   for (const auto& entry : fs::directory_iterator(folder, error)) {
     const fs::path& path = entry.path();
     if (!path.filename().string().starts_with("cam")) continue;
-    const bool video = path.extension() == ".mp4" && is_file(path);
+    const bool video = is_video(path) && is_file(path);
     std::error_code ignored;
     if (video && !fs::is_directory(folder / path.stem(), ignored)) cameras.push_back(path);
     if (fs::is_directory(path, ignored) && !pictures_of(path).empty()) cameras.push_back(path);
@@ -80,6 +84,32 @@ void read_pose(const double* row, const std::string& where, Photo& photo) {
   check_lens(photo.lens, where);
 }
 
+/// How long each camera's video is, as far as `frames` of them are asked for; nothing where it is a folder.
+std::vector<VideoLength> measure_videos(const std::vector<fs::path>& cameras, int frames) {
+  std::vector<VideoLength> lengths(cameras.size());
+  Threads().for_range(cameras.size(), 1, [&](std::size_t c, std::size_t) {
+    if (is_video(cameras[c])) lengths[c] = measure_video(cameras[c], static_cast<std::size_t>(frames));
+  });
+  return lengths;
+}
+
+/// One line where videos hold fewer of the frames asked for than they say; else none.
+std::string note_on_lengths(const std::vector<fs::path>& cameras, const std::vector<VideoLength>& lengths, int frames) {
+  std::size_t count = 0, first = 0;
+  for (std::size_t c = cameras.size(); c-- > 0;) {
+    const std::size_t claimed = lengths[c].claimed;
+    const std::size_t wanted = frames == 0 ? claimed : std::min(claimed, static_cast<std::size_t>(frames));
+    if (lengths[c].readable >= wanted) continue;
+    ++count;
+    first = c;
+  }
+  if (count == 0) return {};
+  const std::string others = count == 1 ? "" : " (and " + std::to_string(count - 1) + " more videos fewer than theirs)";
+  return cameras[first].filename().string() + " says that it has " + std::to_string(lengths[first].claimed) +
+         " frames, of which " + std::to_string(lengths[first].readable) + " can be read" + others +
+         "; training takes those";
+}
+
 }  // namespace
 
 bool is_neural_video(const fs::path& folder) {
@@ -95,14 +125,18 @@ NeuralVideo read_neural_video(const fs::path& folder, int frames) {
                                                 " cameras, but there are " + std::to_string(cameras.size()) +
                                                 " videos or folders cam* beside it");
 
+  const std::vector<VideoLength> lengths = measure_videos(cameras, frames);
   NeuralVideo rig;
   std::vector<std::vector<Photo>> of_cameras;
   std::size_t most = 0;
   for (std::size_t c = 0; c < cameras.size(); ++c) {
-    const bool video = cameras[c].extension() == ".mp4";
+    const bool video = is_video(cameras[c]);
     const std::vector<fs::path> files = video ? std::vector<fs::path>{} : pictures_of(cameras[c]);
-    const std::size_t there = video ? count_video_frames(cameras[c]) : files.size();
-    const std::size_t count = frames == 0 ? there : std::min(there, static_cast<std::size_t>(frames));
+    const std::size_t readable = video ? lengths[c].readable : files.size();
+    const std::size_t count = frames == 0 ? readable : std::min(readable, static_cast<std::size_t>(frames));
+    // What lies behind the frames that were asked for is not decoded.
+    const bool all_known = !video || frames == 0 || count < static_cast<std::size_t>(frames);
+    const std::size_t there = all_known ? readable : std::max(readable, lengths[c].claimed);
     require(count > 0, cameras[c].string() + ": holds no frames");
     most = std::max(most, there);
     Photo photo;
@@ -128,6 +162,7 @@ NeuralVideo read_neural_video(const fs::path& folder, int frames) {
     rig.notes.push_back("the first " + std::to_string(longest) + " of " + std::to_string(most) +
                         " frames of each camera; --frames takes more");
   }
+  if (std::string note = note_on_lengths(cameras, lengths, frames); !note.empty()) rig.notes.push_back(std::move(note));
   rig.test = of_cameras.front().size();
   for (std::size_t c = 1; c < of_cameras.size(); ++c) std::ranges::move(of_cameras[c], std::back_inserter(rig.photos));
   std::ranges::move(of_cameras.front(), std::back_inserter(rig.photos));

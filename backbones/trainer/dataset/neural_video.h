@@ -21,7 +21,7 @@ struct NeuralVideo {
 /// still LLFF scene has the former too.)
 bool is_neural_video(const std::filesystem::path& folder);
 
-/// Lists the first frames of each camera. The first camera is the test split.
+/// Lists the first frames of each camera, of a video those that can be read. The first camera is the test split.
 /// @param frames how many; 0: all
 /// Throws InputError in one line.
 NeuralVideo read_neural_video(const std::filesystem::path& folder, int frames);

@@ -111,9 +111,11 @@ Json listing_to_json(const PackedListing& dataset) {
   Json few = Json::array();
   for (const auto& [views, cloud] : dataset.few_view_points)
     few.push_back({{"views", views}, {"points", cloud.size()}});
-  return {{"photos", photos},           {"own_test", dataset.own_test}, {"has_test_split", dataset.has_test_split},
-          {"blender", dataset.blender}, {"images", dataset.images},     {"points", dataset.points.size()},
-          {"few_view_points", few}};
+  Json listing{{"photos", photos},           {"own_test", dataset.own_test}, {"has_test_split", dataset.has_test_split},
+               {"blender", dataset.blender}, {"images", dataset.images},     {"points", dataset.points.size()},
+               {"few_view_points", few}};
+  if (dataset.frames) listing["frames"] = *dataset.frames;
+  return listing;
 }
 
 template <class T>
@@ -216,6 +218,7 @@ PackedScene::PackedScene(fs::path path) : path_(std::move(path)) {
     listing_.has_test_split = take<bool>(json, "has_test_split");
     listing_.blender = take<bool>(json, "blender");
     listing_.images = take<std::string>(json, "images");
+    if (json.contains("frames")) listing_.frames = take<int>(json, "frames");
     points = take<std::uint64_t>(json, "points");
     require(json.contains("few_view_points") && json["few_view_points"].is_array(), "'few_view_points' must be a list");
     for (const Json& cloud : json["few_view_points"]) {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -29,8 +30,9 @@ struct PackedListing {
   std::vector<PackedPhoto> photos;  ///< in the dataset's order; those of a test split of its own come last
   std::size_t own_test = 0;         ///< how many these are
   bool has_test_split = false;
-  bool blender = false;  ///< points are drawn in the box of NeRF-synthetic, where there are none
-  std::string images;    ///< image folder of a COLMAP scene
+  bool blender = false;       ///< points are drawn in the box of NeRF-synthetic, where there are none
+  std::string images;         ///< image folder of a COLMAP scene or a Nerfies capture
+  std::optional<int> frames;  ///< that were asked for of a rig of videos, 0: all; none: another dataset, or not known
   PointCloud points;
   std::map<int, PointCloud> few_view_points;  ///< by the number of views they were made of
 };

@@ -41,6 +41,8 @@ constexpr float kBlenderBox = 1.3f;  // 3DGS's for NeRF-synthetic, whose objects
 // what a training adds. No survey is that large, even one of the earth in millimetres.
 constexpr float kFarthest = 1e12f;
 constexpr char kImages[] = "images";
+constexpr char kCaptureImages[] = "rgb/1x";  // of Nerfies
+constexpr int kFrames = 24;
 constexpr int kResolution = -1;
 
 /// What a dataset lists, before any photo is read.
@@ -50,6 +52,8 @@ struct Dataset {
   std::size_t own_test = 0;        ///< how many these are
   bool has_test_split = false;
   bool blender = false;
+  std::string images = kImages;  ///< folder of the photos, where --images names it
+  std::optional<int> frames;     ///< that were asked for of a rig of videos
   PointCloud points;
   std::vector<std::string> notes;
   std::vector<Photo> photos;                  ///< of a folder
@@ -60,7 +64,8 @@ Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& fo
   ColmapModel model = read_colmap_model(folder);
   Dataset dataset;
   dataset.listing = model.images_file;
-  const std::filesystem::path images = options.source / options.images.value_or(kImages);
+  dataset.images = options.images.value_or(kImages);
+  const std::filesystem::path images = options.source / dataset.images;
   std::error_code ignored;
   if (!model.images.empty() && !std::filesystem::is_directory(images, ignored)) {
     throw InputError(images.string() + ": the image folder does not exist; name the right one with --images");
@@ -104,7 +109,8 @@ Dataset read_frames(const std::filesystem::path& file) {
 Dataset read_capture(const SceneOptions& options) {
   Dataset dataset;
   dataset.listing = options.source / "dataset.json";
-  NerfiesCapture capture = read_nerfies(options.source, options.images.value_or("rgb/1x"));
+  dataset.images = options.images.value_or(kCaptureImages);
+  NerfiesCapture capture = read_nerfies(options.source, dataset.images);
   dataset.photos = std::move(capture.photos);
   dataset.own_test = capture.test;
   dataset.has_test_split = true;
@@ -115,7 +121,8 @@ Dataset read_capture(const SceneOptions& options) {
 Dataset read_rig(const SceneOptions& options) {
   Dataset dataset;
   dataset.listing = options.source / "poses_bounds.npy";
-  NeuralVideo rig = read_neural_video(options.source, options.frames);
+  dataset.frames = options.frames.value_or(kFrames);
+  NeuralVideo rig = read_neural_video(options.source, *dataset.frames);
   dataset.photos = std::move(rig.photos);
   dataset.own_test = rig.test;
   dataset.has_test_split = true;
@@ -165,6 +172,15 @@ void check_packed_pictures(const SceneOptions& options, const PackedListing& lis
   if (options.images && *options.images != listing.images) {
     throw InputError(options.source.string() + ": was packed from the image folder '" + listing.images +
                      "', --images asks for '" + *options.images + "'" + again);
+  }
+  if (options.frames && listing.frames && *options.frames != *listing.frames) {
+    throw InputError(options.source.string() + ": was packed with --frames " + std::to_string(*listing.frames) +
+                     ", --frames " + std::to_string(*options.frames) + " asks for others" + again);
+  }
+  const auto is_moving = [](const PackedPhoto& photo) { return photo.view.time > 0; };
+  if (options.frame_times && std::ranges::none_of(listing.photos, is_moving)) {
+    throw InputError(options.source.string() +
+                     ": its pictures were packed without times; pack the scene again with --frame-times to get those");
   }
   if (!options.resolution) return;
   for (const PackedPhoto& photo : listing.photos) {
@@ -454,8 +470,8 @@ void check_options(const SceneOptions& options) {
     throw InputError("llffhold " + std::to_string(options.llffhold) +
                      " is not possible: every N-th image is held out, N at least 2");
   }
-  if (options.frames < 0)
-    throw InputError("frames " + std::to_string(options.frames) + " is not possible: use 0 for all frames");
+  if (options.frames && *options.frames < 0)
+    throw InputError("frames " + std::to_string(*options.frames) + " is not possible: use 0 for all frames");
   if (options.n_views < 0)
     throw InputError("n-views " + std::to_string(options.n_views) + " is not possible: use 0 for all views");
 }
@@ -506,7 +522,7 @@ std::vector<std::string> pack_scene(const SceneOptions& options, const std::file
   ImageOptions pictures = image_options(options);
   pictures.white_background = false;
   std::vector<LoadedView> loaded = load_photos(dataset.photos, pictures);
-  std::vector<std::string> notes;
+  std::vector<std::string> notes = dataset.notes;
   note_images(loaded, notes);
 
   std::vector<Photo> transparent;
@@ -532,7 +548,8 @@ std::vector<std::string> pack_scene(const SceneOptions& options, const std::file
   listing.own_test = dataset.own_test;
   listing.has_test_split = dataset.has_test_split;
   listing.blender = dataset.blender;
-  listing.images = options.images.value_or(kImages);
+  listing.images = dataset.images;
+  listing.frames = dataset.frames;
   listing.points = dataset.points;
   listing.few_view_points = all_few_view_points(options.source);
   write_packed_scene(file, listing);

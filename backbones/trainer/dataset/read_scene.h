@@ -15,14 +15,14 @@ namespace splatboost {
 
 struct SceneOptions {
   std::filesystem::path source;  ///< a folder, or a packed scene
-  /// Image folder of a COLMAP scene; none: "images", or what was packed.
+  /// Image folder of a COLMAP scene or a Nerfies capture; none: "images" or "rgb/1x", or what was packed.
   std::optional<std::string> images;
   /// -1: full, but at most 1600 px wide (with a note); 1, 2, 4, 8: divisor; larger: width in px; none: -1, or as packed
   std::optional<int> resolution;
   bool eval = false;  ///< hold out test views: every llffhold-th by name, or a Blender test split
   int llffhold = 8;
-  bool frame_times = false;         ///< of a COLMAP scene: the last number in an image's name tells its time
-  int frames = 24;                  ///< of each camera of a rig of videos, from the beginning; 0: all
+  bool frame_times = false;   ///< of a COLMAP scene: the last number in an image's name tells its time
+  std::optional<int> frames;  ///< of each camera of a rig of videos, from the beginning; 0: all; none: 24, or as packed
   std::filesystem::path test_list;  ///< file with one image name a line; instead of llffhold
   /// > 0: keep that many training views, evenly spread (sparse-view protocol), and start from the points of
   /// N_views/dense/fused.ply where there is this file
@@ -37,7 +37,7 @@ struct SceneOptions {
 Scene read_scene(const SceneOptions& options);
 
 /// Packs the dataset of a folder with all its views, so that read_scene() of `file` gives what it gives of the folder.
-/// Of the options, `source`, `images` and `resolution` count. Throws InputError likewise.
+/// Of the options, `source`, `images`, `resolution`, `frames` and `frame_times` count. Throws InputError likewise.
 /// @return what a user should know about how the data was read, a line each
 std::vector<std::string> pack_scene(const SceneOptions& options, const std::filesystem::path& file);
 

@@ -23,6 +23,20 @@ fs::path unfinished_name(const fs::path& path) {
   return path.parent_path() / ("." + path.stem().string() + ".part" + path.extension().string());
 }
 
+cv::VideoCapture open_video(const fs::path& path) {
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // FFmpeg has lines of its own
+  cv::VideoCapture capture;
+  try {
+    if (capture.open(path.string())) return capture;
+  } catch (const cv::Exception&) {
+    // told below
+  }
+  throw InputError(path.string() +
+                   ": this OpenCV cannot read the video (damaged, or no codec); give a folder of its frames of the "
+                   "same name in its place");
+}
+
 }  // namespace
 
 struct VideoFile::State {
@@ -102,20 +116,8 @@ struct VideoFrames::State {
 };
 
 VideoFrames::VideoFrames(const fs::path& path) : state_(std::make_unique<State>()) {
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // FFmpeg has lines of its own
   state_->path = path;
-  bool opened = false;
-  try {
-    opened = state_->capture.open(path.string());
-  } catch (const cv::Exception&) {
-    // told below
-  }
-  if (!opened) {
-    throw InputError(path.string() +
-                     ": this OpenCV cannot read the video (damaged, or no codec); give a folder of its frames of the "
-                     "same name in its place");
-  }
+  state_->capture = open_video(path);
 }
 
 VideoFrames::~VideoFrames() = default;
@@ -139,13 +141,13 @@ Pixels VideoFrames::next() {
   return pixels;
 }
 
-std::size_t count_video_frames(const fs::path& path) {
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  static_cast<void>(VideoFrames(path));
-  cv::VideoCapture capture(path.string());
-  const double frames = capture.get(cv::CAP_PROP_FRAME_COUNT);
-  if (!(frames >= 1 && frames < 1e7)) throw InputError(path.string() + ": the video does not say how long it is");
-  return static_cast<std::size_t>(frames);
+VideoLength measure_video(const fs::path& path, std::size_t most) {
+  cv::VideoCapture capture = open_video(path);
+  VideoLength length;
+  const double claimed = capture.get(cv::CAP_PROP_FRAME_COUNT);
+  if (claimed >= 1 && claimed < 1e7) length.claimed = static_cast<std::size_t>(claimed);
+  while ((most == 0 || length.readable < most) && capture.grab()) ++length.readable;
+  return length;
 }
 
 }  // namespace splatboost

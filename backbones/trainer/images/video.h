@@ -46,7 +46,13 @@ class VideoFrames {
   std::unique_ptr<State> state_;
 };
 
-/// How many frames a video says that it has.
-std::size_t count_video_frames(const std::filesystem::path& path);
+struct VideoLength {
+  std::size_t readable = 0;  ///< frames from the beginning on that VideoFrames gives
+  std::size_t claimed = 0;   ///< that the file says it has; 0: it does not say
+};
+
+/// Decodes a video to tell how long it is. Throws InputError where it cannot be read at all.
+/// @param most frames to look for; 0: all
+VideoLength measure_video(const std::filesystem::path& path, std::size_t most);
 
 }  // namespace splatboost

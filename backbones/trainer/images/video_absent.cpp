@@ -26,9 +26,9 @@ VideoFrames::VideoFrames(const std::filesystem::path& path) {
 VideoFrames::~VideoFrames() = default;
 Pixels VideoFrames::next() { return {}; }
 
-std::size_t count_video_frames(const std::filesystem::path& path) {
+VideoLength measure_video(const std::filesystem::path& path, std::size_t) {
   const VideoFrames refused(path);
-  return 0;
+  return {};
 }
 
 }  // namespace splatboost

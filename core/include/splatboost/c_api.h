@@ -191,6 +191,9 @@ SB_API sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb
  *  above min_transmittance: the pixels that observe it (PGSR: 0.5). @param counts int32 [N] */
 SB_API sb_status sb_rasterizer_count_observed(sb_rasterizer* rasterizer, float min_transmittance,
                                               const sb_tensor* counts, void* stream);
+/** Adds each Gaussian's blending weights in the last forward, summed over pixels, in 1/256 (Rasterizer::add_weights).
+ *  @param weights int32 [N] */
+SB_API sb_status sb_rasterizer_add_weights(sb_rasterizer* rasterizer, const sb_tensor* weights, void* stream);
 /** For scores and evaluation, where every splat counts: waits for the last forward and, if it had too little room,
  * draws it again into the same images; the tensors of that call must still be there, unchanged. Does nothing on the
  * CPU.

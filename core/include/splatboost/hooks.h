@@ -20,6 +20,7 @@
 #include <span>
 #include <string_view>
 
+#include "splatboost/errors.h"
 #include "splatboost/photometric.h"
 #include "splatboost/schedule.h"
 
@@ -45,6 +46,12 @@ class RasterizerHook {
   /// Adds to counts [N] the flagged pixels where each primitive was blended in the view just rendered, by replaying
   /// its tile lists. A backbone whose Gaussians differ from view to view maps them to its primitives here.
   virtual void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) = 0;
+  /// Adds to weights [N] the blending weights of each primitive in the view just rendered, as
+  /// Rasterizer::add_weights(). Only backbones of Gaussians, whose adapters ask for them, have them.
+  virtual void add_weights(std::span<std::int32_t> weights) {
+    (void)weights;
+    throw ArgumentError("this backbone tells no blending weights");
+  }
 };
 
 /// What a backbone knows about its primitives when it would grow or prune. Spans are [N] unless said otherwise, read

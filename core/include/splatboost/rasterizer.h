@@ -53,6 +53,9 @@ struct RasterCounts {
   std::size_t tile_entries = 0;  ///< (tile, Gaussian) pairs
 };
 
+/// Unit of add_weights(): less than half of it shows in no picture of 8 bits. A view of 8 megapixels fits 31 bits.
+inline constexpr float kWeightUnit = 1.0f / 256;
+
 /// Wall time of each stage of the last forward(), backward() and count_flagged().
 struct RasterSeconds {
   double project = 0;
@@ -95,6 +98,11 @@ class Rasterizer {
   /// pixels that are so far open.
   /// @param counts [N]
   void count_observed(float min_transmittance, std::span<std::int32_t> counts);
+
+  /// Adds to weights[i] the blending weights α·T of Gaussian i, summed over the pixels where it was blended, in units
+  /// of kWeightUnit and rounded a pixel: exact integers. A replay as count_flagged() is.
+  /// @param weights [N]
+  void add_weights(std::span<std::int32_t> weights);
 
   /// On a GPU forward() does not wait to learn how much room the tile lists take: it makes room by the frames before,
   /// and up to half as much again. A view that outgrows it is drawn without some of its splats. This waits for the last

@@ -41,6 +41,11 @@ void hold_cap(std::span<const float> priorities, std::size_t keep, std::span<std
 /// is deselected. @return number selected afterwards
 std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals);
 
+/// Selects those of the smallest weights, in ascending order and ties by index, as long as all that this call selects
+/// have together at most `share` of the sum of all weights. What has weight 0 is left as it is.
+/// @param weights at least 0 and finite
+void select_least(std::span<const double> weights, double share, std::span<std::uint8_t> removals);
+
 // The same decisions in the memory of a device. On a GPU those that return a number wait for it.
 std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
                            std::span<std::uint8_t> candidates, Device device);

@@ -78,6 +78,23 @@ std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t>
   return removed - 1;
 }
 
+void select_least(std::span<const double> weights, double share, std::span<std::uint8_t> removals) {
+  SPLATBOOST_CHECK(weights.size() == removals.size(), "weights and removals must be of one size");
+  std::vector<Ranked> ranked;
+  double sum = 0;
+  for (std::size_t i = 0; i < weights.size(); ++i) {
+    sum += weights[i];
+    if (weights[i] > 0 && removals[i] == 0) ranked.push_back({weights[i], i});
+  }
+  std::sort(ranked.begin(), ranked.end());
+  double selected = 0;
+  for (const Ranked& next : ranked) {
+    selected += next.key;
+    if (selected > share * sum) break;
+    removals[next.index] = 1;
+  }
+}
+
 std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
                            std::span<std::uint8_t> candidates, Device device) {
   if (!device.is_cuda()) return keep_important(importance, threshold, candidates);

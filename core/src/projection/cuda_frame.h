@@ -153,5 +153,7 @@ void count_flagged_pixels(const CudaFrame& frame, std::span<const std::uint8_t> 
 /// (count_cuda.cu)
 void count_observed_pixels(const CudaFrame& frame, float min_transmittance, std::span<std::int32_t> counts,
                            CudaStream& stream);
+/// Adds each splat's blending weights in units of kWeightUnit. (count_cuda.cu)
+void add_blending_weights(const CudaFrame& frame, std::span<std::int32_t> weights, CudaStream& stream);
 
 }  // namespace splatboost::cuda

@@ -74,5 +74,7 @@ void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flag
 /// (count_cpu.cpp)
 void count_observed_pixels(const Frame& frame, float min_transmittance, std::span<std::int32_t> counts,
                            Threads& threads);
+/// Adds each splat's blending weights in units of kWeightUnit. (count_cpu.cpp)
+void add_blending_weights(const Frame& frame, std::span<std::int32_t> weights, Threads& threads);
 
 }  // namespace splatboost

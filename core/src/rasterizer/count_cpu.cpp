@@ -3,6 +3,7 @@
 
 #include "projection/frame.h"
 #include "rasterizer/flagged_tiles.h"
+#include "splatboost/rasterizer.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "rasterizer/count_cpu.cpp"
@@ -100,6 +101,40 @@ void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance,
   }
 }
 
+/// Sums one tile's blending weights a splat.
+void weigh_tile(const Frame& frame, std::size_t tile, std::int32_t* weights) {
+  const Lanes d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int blocks = kTileSize / lanes;
+  const Vec units = hn::Set(d, 1 / kWeightUnit);
+  TileRows<1> pixels(frame, tile);
+
+  const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
+  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
+  for (std::uint32_t at = begin; at < stop; ++at) {
+    prefetch_record(frame, at, stop);
+    const BlendRecord& splat = frame.records[frame.entries[at].primitive];
+    const RowOffsets offsets(splat, pixels.first_y);
+    Vec sum = hn::Zero(d);  // whole numbers below 2^17: exact
+    for (int b = 0; b < blocks; ++b) {
+      const std::uint32_t mask = *reached_rows++;
+      if (mask == 0) continue;
+      const Columns columns(splat, pixels.x0 + b * lanes);
+      const RowRange rows(mask);
+      float* at_pair = pixels.at(rows.first, b * lanes);
+      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+        for (int k = 0; k < 2; ++k) {
+          const RowStep step = step_row(columns, offsets.dy[row + k], at_pair + k * pixels.kStride);
+          const Vec weight = hn::Round(hn::Mul(hn::Mul(step.before, step.alpha), units));
+          sum = hn::Add(sum, hn::IfThenElseZero(step.open, weight));
+        }
+      }
+    }
+    const auto weight = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
+    if (weight > 0) std::atomic_ref(weights[frame.entries[at].primitive]).fetch_add(weight, std::memory_order_relaxed);
+  }
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace splatboost
 HWY_AFTER_NAMESPACE();
@@ -109,6 +144,7 @@ namespace splatboost {
 namespace {
 HWY_EXPORT(count_tile);
 HWY_EXPORT(observe_tile);
+HWY_EXPORT(weigh_tile);
 }  // namespace
 
 void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
@@ -124,6 +160,12 @@ void count_observed_pixels(const Frame& frame, float min_transmittance, std::spa
     for (std::size_t tile = begin; tile < end; ++tile) {
       HWY_DYNAMIC_DISPATCH(observe_tile)(frame, tile, min_transmittance, counts.data());
     }
+  });
+}
+
+void add_blending_weights(const Frame& frame, std::span<std::int32_t> weights, Threads& threads) {
+  threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t tile = begin; tile < end; ++tile) HWY_DYNAMIC_DISPATCH(weigh_tile)(frame, tile, weights.data());
   });
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "device/launch.h"
 #include "rasterizer/blend_cuda.h"
+#include "splatboost/rasterizer.h"
 
 namespace splatboost::cuda {
 namespace {
@@ -46,6 +47,26 @@ __global__ void __launch_bounds__(kTileThreads)
   });
 }
 
+__global__ void __launch_bounds__(kTileThreads) weigh_kernel(TileLists lists, DeviceView<std::int32_t> weights) {
+  ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
+  float transmittance[kThreadPixels];
+#pragma unroll
+  for (int p = 0; p < kThreadPixels; ++p) transmittance[p] = 1.0f;
+  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+    int weight = 0;
+#pragma unroll
+    for (int p = 0; p < kThreadPixels; ++p) {
+      const PixelStep step = step_pixel(splat, pixels.at[p], transmittance[p], pixels.open[p]);
+      if (!step.blended) continue;
+      weight += __float2int_rn(transmittance[p] * step.alpha * (1 / kWeightUnit));
+      transmittance[p] = step.after;
+    }
+#pragma unroll
+    for (int distance = 16; distance > 0; distance /= 2) weight += __shfl_xor_sync(kWholeWarp, weight, distance);
+    if (weight != 0 && threadIdx.x % 32 == 0) atomicAdd(&weights[splat.gaussian], weight);
+  });
+}
+
 }  // namespace
 
 void count_flagged_pixels(const CudaFrame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
@@ -58,6 +79,11 @@ void count_observed_pixels(const CudaFrame& frame, float min_transmittance, std:
                            CudaStream& stream) {
   launch(stream, "count_observed", observe_kernel, dim3(static_cast<std::uint32_t>(frame.tiles())), dim3(kTileThreads),
          TileLists(frame), min_transmittance, counts);
+}
+
+void add_blending_weights(const CudaFrame& frame, std::span<std::int32_t> weights, CudaStream& stream) {
+  launch(stream, "add_weights", weigh_kernel, dim3(static_cast<std::uint32_t>(frame.tiles())), dim3(kTileThreads),
+         TileLists(frame), weights);
 }
 
 }  // namespace splatboost::cuda

@@ -125,6 +125,13 @@ void Rasterizer::count_observed(float min_transmittance, std::span<std::int32_t>
   state_->backend->count_observed(min_transmittance, counts);
 }
 
+void Rasterizer::add_weights(std::span<std::int32_t> weights) {
+  const State& state = *state_;
+  SPLATBOOST_CHECK(state.drawn, "add_weights() needs a forward() before it");
+  SPLATBOOST_CHECK(weights.size() == state.gaussians, "weights must have one number a Gaussian");
+  state_->backend->add_weights(weights);
+}
+
 bool Rasterizer::settle() { return state_->drawn && state_->backend->settle(); }
 
 std::span<const std::uint8_t> Rasterizer::visible() const { return state_->backend->visible(); }

@@ -18,6 +18,7 @@ class RasterizerBackend {
                         const GaussianGradients& gradients) = 0;
   virtual void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) = 0;
   virtual void count_observed(float min_transmittance, std::span<std::int32_t> counts) = 0;
+  virtual void add_weights(std::span<std::int32_t> weights) = 0;
   virtual bool settle() = 0;
   virtual std::span<const std::uint8_t> visible() const = 0;
   virtual std::span<const std::int32_t> screen_radii() const = 0;

@@ -49,6 +49,10 @@ class CpuRasterizer : public RasterizerBackend {
     timed(seconds_.count, [&] { count_observed_pixels(frame_, min_transmittance, counts, threads_); });
   }
 
+  void add_weights(std::span<std::int32_t> weights) override {
+    timed(seconds_.count, [&] { add_blending_weights(frame_, weights, threads_); });
+  }
+
   bool settle() override { return false; }
   std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }
   std::span<const std::int32_t> screen_radii() const override { return frame_.radii.span(); }

@@ -94,6 +94,12 @@ class CudaRasterizer : public RasterizerBackend {
     counted_.record();
   }
 
+  void add_weights(std::span<std::int32_t> weights) override {
+    count_start_.record();
+    add_blending_weights(frame_, weights, stream_);
+    counted_.record();
+  }
+
   void count_observed(float min_transmittance, std::span<std::int32_t> counts) override {
     count_start_.record();
     count_observed_pixels(frame_, min_transmittance, counts, stream_);

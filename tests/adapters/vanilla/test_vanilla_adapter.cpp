@@ -120,7 +120,7 @@ TEST_F(VanillaAdapterTest, an_appended_primitive_is_judged_by_what_it_was_made_f
   VanillaAdapter adapter(boost, threads_);
   // Of two candidates one goes. Primitive 0 has all of the score, primitive 1 none; after growth the candidates are
   // row 0 (made from 1) and row 1 (made from 0): row 1 must be the one removed, whatever the draw.
-  const Hand hand{{0, 0}, {0, 0}, {0.001f, 0.001f}, {0.05f, 0.05f}};
+  const Hand hand{{0, 0}, {0, 0}, {0.0045f, 0.0045f}, {0.05f, 0.05f}};
   std::vector<std::uint8_t> clone(2), split(2), remove{1, 1};
   const std::vector<std::uint32_t> origins{1, 0};
   GrowDecisions grow{clone, split};
@@ -142,7 +142,7 @@ TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
   Hand hand;
   hand.gradients.assign(n, 0);
   hand.gradients_abs.assign(n, 0);
-  hand.opacities.assign(n, 0.001f);
+  hand.opacities.assign(n, 0.0045f);
   hand.max_scales.assign(n, 0.05f);
   std::vector<std::int32_t> counts(n);
   std::iota(counts.begin(), counts.end(), 0);
@@ -158,6 +158,48 @@ TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
   adapter.prune(hand.at(1000), rasterizer, prune);
   EXPECT_EQ(std::count(remove.begin(), remove.end(), 1), 20);
   for (std::size_t i = 0; i < n; ++i) EXPECT_LE(remove[i], candidates[i]);
+}
+
+TEST_F(VanillaAdapterTest, candidates_that_no_pixel_shows_all_go_and_half_of_the_others) {
+  constexpr std::size_t kCount = 100;
+  // 40 candidates: 30 that cannot reach an alpha of 1/255, 10 that can. And 20 as faint ones that the backbone keeps.
+  Hand hand{std::vector<float>(kCount), std::vector<float>(kCount), std::vector<float>(kCount, 0.5f),
+            std::vector<float>(kCount, 0.05f)};
+  std::vector<std::uint8_t> candidates(kCount, 0), clone(kCount), split(kCount);
+  for (std::size_t i = 0; i < 60; ++i) {
+    hand.opacities[i] = i < 30 || i >= 40 ? 0.0039f : 0.0045f;
+    candidates[i] = i < 40;
+  }
+  std::vector<std::uint32_t> origins(kCount);
+  std::iota(origins.begin(), origins.end(), 0u);
+  FakeRasterizer rasterizer(std::vector<std::int32_t>(kCount, 1));
+  const auto removed = [&](const VanillaBoost& boost, PruneRule rule) {
+    VanillaAdapter adapter(boost, threads_);
+    std::vector<std::uint8_t> remove = candidates;
+    GrowDecisions grow{clone, split};
+    PruneDecisions prune{remove, rule, origins};
+    adapter.grow(hand.at(600), rasterizer, grow);
+    adapter.prune(hand.at(600), rasterizer, prune);
+    for (std::size_t i = 0; i < kCount; ++i) EXPECT_LE(remove[i], candidates[i]);
+    const auto count = [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      return std::accumulate(remove.begin() + begin, remove.begin() + end, 0);
+    };
+    return std::pair(count(0, 30), count(30, 40));
+  };
+  const VanillaBoost boost = boost_at_paper_size();
+  EXPECT_EQ(removed(boost, PruneRule::growth), std::pair(30, 5));
+  EXPECT_EQ(removed(boost, PruneRule::trim), std::pair(30, 10)) << "as the backbone says";
+  VanillaBoost literal = boost;
+  literal.literal = true;
+  const auto [unseen, seen] = removed(literal, PruneRule::growth);
+  EXPECT_EQ(unseen + seen, 20) << "the paper keeps half, whoever they are";
+  EXPECT_LT(unseen, 30);
+  VanillaBoost without = boost;
+  without.vcp = false;
+  EXPECT_EQ(removed(without, PruneRule::growth), std::pair(30, 10));
+  hand.opacities = {};
+  const auto [some, others] = removed(boost, PruneRule::growth);
+  EXPECT_EQ(some + others, 20) << "a host that tells no opacities: half of all";
 }
 
 TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
@@ -200,7 +242,10 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
 
 TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
-  EXPECT_FALSE(adapter.prunes_at({15000, 30000}, false));
+  EXPECT_FALSE(adapter.prunes_at({14999, 30000}, false));
+  EXPECT_TRUE(adapter.prunes_at({15000, 30000}, false)) << "growth has ended";
+  EXPECT_FALSE(adapter.prunes_at({15001, 30000}, false));
+  EXPECT_FALSE(VanillaAdapter(literal_boost(), threads_).prunes_at({15000, 30000}, false));
   EXPECT_TRUE(adapter.prunes_at({18000, 30000}, false));
   EXPECT_TRUE(adapter.prunes_at({27000, 30000}, false));
   EXPECT_FALSE(adapter.prunes_at({18001, 30000}, false));
@@ -232,6 +277,28 @@ TEST_F(VanillaAdapterTest, late_pruning_is_milder_where_views_are_seen_few_times
   EXPECT_EQ(removed(600, false), (Mask{1, 0, 1, 1}));
   EXPECT_EQ(removed(6000, false), (Mask{0, 0, 1, 0}));
   EXPECT_EQ(removed(6000, true), (Mask{1, 0, 1, 1})) << "the paper's threshold is the same everywhere";
+}
+
+TEST_F(VanillaAdapterTest, what_shows_least_goes_when_growth_has_ended) {
+  const Hand hand{{0, 0, 0, 0, 0}, {}, {0.5f, 0.5f, 0.5f, 0.5f, 0.05f}, {}};
+  const auto removed = [&](int iteration, std::size_t views, double share) {
+    VanillaBoost boost = boost_at_paper_size();
+    boost.late_share = share;
+    VanillaAdapter adapter(boost, threads_);
+    FakeRasterizer rasterizer({1, 1, 1, 1, 1}, views);
+    rasterizer.weights = {60, 10, 0, 20, 10};
+    std::vector<std::uint8_t> remove(5, 0);
+    PruneDecisions prune{remove, PruneRule::late, {}};
+    adapter.prune(hand.at(iteration), rasterizer, prune);
+    return remove;
+  };
+  using Mask = std::vector<std::uint8_t>;
+  EXPECT_EQ(removed(15000, 10, 0.1), (Mask{0, 1, 0, 0, 1})) << "a tenth of 100; the last is faint";
+  EXPECT_EQ(removed(15000, 10, 0.3), (Mask{0, 1, 0, 1, 1}));
+  EXPECT_EQ(removed(18000, 10, 0.3), (Mask{0, 0, 0, 0, 1})) << "once";
+  EXPECT_EQ(removed(15000, 10, 0), (Mask{0, 0, 0, 0, 1}));
+  EXPECT_EQ(removed(15000, 1200, 0.3), (Mask{0, 1, 0, 0, 0}))
+      << "views seen 25 times: half the share, half the opacity";
 }
 
 TEST_F(VanillaAdapterTest, removal_that_is_not_the_papers_passes_untouched) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "reference/photometric.h"
+#include "splatboost/blending_weights.h"
 #include "splatboost/errors.h"
 #include "splatboost/multi_view_scores.h"
 #include "support/scenes.h"
@@ -43,6 +44,11 @@ class Cardboard : public RasterizerHook {
       counts[0] += flagged[p] != 0 ? 1 : 0;
       counts[1] += flagged[p] != 0 && p % kWidth < kWidth / 2 ? 1 : 0;
     }
+  }
+
+  void add_weights(std::span<std::int32_t> weights) override {
+    weights[0] += 10;
+    if (rendered.back() % 2 == 0) weights[1] += static_cast<std::int32_t>(rendered.back());
   }
 
   /// What the sums should be over some views.
@@ -151,6 +157,20 @@ TEST(DrawViews, DrawsWithoutReplacementAndFairly) {
   }
   EXPECT_TRUE(draw_views(0, 3, RandomStream(7, 1, RandomPurpose::scored_views)).empty());
   EXPECT_EQ(draw_views(2, 9, RandomStream(7, 1, RandomPurpose::scored_views)).size(), 2u);
+}
+
+TEST(BlendingWeights, AreMeansOverTheViewsWithAny) {
+  Threads threads(1);
+  BlendingWeights weights(threads);
+  Cardboard backbone(8);
+  const RandomStream random(3, 600, RandomPurpose::scored_views);
+  const auto means = weights.mean(backbone, 50, random);
+  EXPECT_EQ(backbone.rendered.size(), 8u);
+  EXPECT_EQ(std::vector<double>(means.begin(), means.end()),
+            (std::vector<double>{10, 4, 0}));  // 2, 4 and 6: 0 shows none
+  backbone.rendered.clear();
+  EXPECT_DOUBLE_EQ(weights.mean(backbone, 3, random)[0], 10) << "sums start anew";
+  EXPECT_EQ(backbone.rendered.size(), 3u);
 }
 
 }  // namespace

@@ -226,5 +226,22 @@ TEST(SpareOne, SparesTheLargestOnlyIfAllWouldGo) {
   EXPECT_EQ(spare_one({}, {}), 0u);
 }
 
+TEST(SelectLeast, SelectsTheShareOfTheSmallest) {
+  const std::vector<double> weights{5, 1, 0, 2, 40, 2, 50};  // 100 together
+  const auto selected = [&](double share, Mask removals) {
+    select_least(weights, share, removals);
+    return removals;
+  };
+  EXPECT_EQ(selected(0, Mask(7, 0)), Mask(7, 0));
+  EXPECT_EQ(selected(0.03, Mask(7, 0)), (Mask{0, 1, 0, 1, 0, 0, 0})) << "of equals the first";
+  EXPECT_EQ(selected(0.099, Mask(7, 0)), (Mask{0, 1, 0, 1, 0, 1, 0})) << "the next would be more than the share";
+  EXPECT_EQ(selected(0.1, Mask(7, 0)), (Mask{1, 1, 0, 1, 0, 1, 0})) << "weight 0 was seen by nobody, and stays";
+  EXPECT_EQ(selected(0.03, Mask{0, 1, 0, 0, 0, 0, 1}), (Mask{0, 1, 0, 1, 0, 0, 1}))
+      << "what goes anyway is not charged";
+  Mask none;
+  select_least({}, 0.5, none);
+  EXPECT_THROW(select_least(weights, 0.5, none), ArgumentError);
+}
+
 }  // namespace
 }  // namespace splatboost::test

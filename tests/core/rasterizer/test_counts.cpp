@@ -210,5 +210,46 @@ TEST_P(Counts, ObservedAreThoseBlendedInFrontOfTheThreshold) {
   }
 }
 
+// Five of one pixel, one behind the other: α is 0.3 and the transmittance before them 1, 0.7, 0.49, 0.343, 0.2401.
+TEST(Counts, WeightsAreOpacityTimesTransmittance) {
+  Camera camera;
+  camera.width = camera.height = 1;
+  camera.fx = camera.fy = 1;
+  SceneData scene;
+  scene.count = 5;
+  for (int i = 0; i < 5; ++i) {
+    const float z = static_cast<float>(i + 1);
+    for (const float v : {0.5f * z, 0.5f * z, z}) scene.means.push_back(v);
+    for (const float v : {100.f, 0.f, 0.f, 100.f, 0.f, 0.f}) scene.covariances.push_back(v);
+    scene.opacities.push_back(0.3f);
+    for (int c = 0; c < 3; ++c) scene.colors.push_back(1);
+  }
+  Threads threads(1);
+  Rasterizer rasterizer(threads);
+  ImageData images(camera, 0);
+  rasterizer.forward(camera, scene.view(), RasterOptions{}, images.view());
+  std::vector<std::int32_t> weights(5, 1);
+  rasterizer.add_weights(weights);
+  EXPECT_EQ(weights, (std::vector<std::int32_t>{78, 55, 39, 27, 19}));  // 1 + 76.8, 53.76, 37.6, 26.3, 18.4
+}
+
+TEST_P(Counts, WeightsEqualTheWitness) {
+  std::vector<std::int32_t> weights(scene.count, 0), blended(scene.count, 0);
+  rasterizer.add_weights(weights);
+  rasterizer.count_flagged(std::vector<std::uint8_t>(pixels, 1), blended);
+  std::vector<std::uint8_t> certain;
+  const auto truth =
+      reference::blending_weights(scene.reference(), reference_camera(camera), reference_options(options), certain);
+  const auto exact_counts = exact(std::vector<std::uint8_t>(pixels, 1));
+  std::size_t compared = 0;
+  for (std::size_t i = 0; i < scene.count; ++i) {
+    // A pixel that only one of them blends, and a weight that rounds the other way, change what follows by little.
+    EXPECT_NEAR(weights[i], static_cast<double>(truth[i]), 2 + 0.002 * blended[i]) << i;
+    EXPECT_LE(weights[i], 256 * blended[i]) << i;
+    compared += certain[i] != 0 && blended[i] == exact_counts[i] && weights[i] == truth[i] ? 1 : 0;
+  }
+  EXPECT_GT(compared, scene.count / 4) << "equal to the last unit where no rounding is doubtful";
+}
+
 }  // namespace
 }  // namespace splatboost::test

@@ -66,13 +66,7 @@ class Drawing:
             module = diff_gaussian_rasterization_2024
         elif plain_depth:
             module = diff_gaussian_rasterization_deformable
-        densify = given.pop("means2D_densify", None)
-        if densify is not None:
-            means2D = module.screen_points(means2D, densify)
-            if means2D.requires_grad:
-                self.screen_points = means2D
-                means2D.retain_grad()
-        elif self.absolute and means2D.requires_grad:
+        if self.absolute and means2D.requires_grad:
             # The host's three columns lead, so that its own statistics read what they always did.
             means2D = self.screen_points = torch.nn.functional.pad(means2D, (0, 1))
             means2D.retain_grad()

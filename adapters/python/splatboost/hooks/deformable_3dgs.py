@@ -5,7 +5,7 @@ signed ones; its branch paper signed ones, as 3DGS does."""
 from __future__ import annotations
 
 import functools
-from typing import Any, Callable
+from typing import Any, Callable, Dict
 
 import torch
 
@@ -38,31 +38,30 @@ def at_its_time(render: Callable[..., Any], camera: Any, gaussians: Any, pipe: A
 
 
 class BoostOfPaper(_boost.Boost):
-    """Of the branch paper."""
+    """Of the branch paper, which grows as 3DGS does."""
 
     backbone = "deformable-3dgs"
     published_iterations = 40000
 
+    def _settings(self) -> Dict[str, Any]:
+        return dict(super()._settings(), absgrad=True)
 
-class Boost(BoostOfPaper):
-    """Of the branch main."""
 
-    host_options = {**_boost.Boost.host_options,
-                    "densify_grad_threshold": ("gradient_abs_threshold", 0.0007)}
+class Boost(_boost.Boost):
+    """Of the branch main, whose own candidates for growth are by absolute gradients: they are scored as they are."""
 
-    def _restart_statistics(self) -> None:
-        super()._restart_statistics()
-        self._signed = torch.zeros_like(self._absolute)
+    backbone = BoostOfPaper.backbone
+    published_iterations = BoostOfPaper.published_iterations
+    host_options = {name: known for name, known in _boost.Boost.host_options.items() if name != "densify_grad_threshold"}
+    gathers_absolute = False
 
-    def _gather(self, viewspace_points: torch.Tensor, seen: torch.Tensor) -> None:
-        """viewspace_points: those whose gradients are absolute, which the host gathers."""
-        super()._gather(viewspace_points, seen)
-        gradients = self.gaussians.splatboost.screen_points.grad
-        self._signed += torch.norm(gradients[:, :2], dim=-1, keepdim=True).masked_fill_(~seen.reshape(-1, 1), 0)
+    def _settings(self) -> Dict[str, Any]:
+        return dict(super()._settings(), absgrad=False)
 
-    def _signed_gradients(self) -> torch.Tensor:
-        return self._signed / self._seen.clamp_min(1.0)
+    def _absolute_gradients(self) -> None:  # type: ignore[override]
+        return None
 
-    def _keep(self, kept: torch.Tensor) -> None:
-        super()._keep(kept)
-        self._signed = self._signed[kept]
+    def _own_growth(self, gradients: torch.Tensor, max_scales: torch.Tensor, extent: float) -> Dict[str, torch.Tensor]:
+        growing = gradients.reshape(-1) >= self.options.densify_grad_threshold
+        small = max_scales <= self.gaussians.percent_dense * extent
+        return {"clone": growing & small, "split": growing & ~small}

@@ -3,6 +3,7 @@
 // a folder is taken for.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <string>
@@ -247,11 +248,109 @@ TEST(NeuralVideo, VideosReadAsWritten) {
   expect_contains(input_error_of([&] { read_scene(options_of(disk.folder)); }), "cam01.mp4: ");
 }
 
+/// Makes the last frames of a video unreadable, and leaves what its container says of them.
+void damage_last_frames(const std::filesystem::path& video) {
+  std::string bytes = read_file(video);
+  const std::size_t media = bytes.find("mdat");
+  ASSERT_NE(media, std::string::npos);
+  std::size_t size = 0;  // of the box, which begins four bytes before its name
+  for (std::size_t i = 0; i < 4; ++i) size = 256 * size + static_cast<std::uint8_t>(bytes[media - 4 + i]);
+  const std::size_t end = media - 4 + size, whole = measure_video(video, 0).readable;
+  for (std::size_t damaged = 1; measure_video(video, 0).readable == whole; ++damaged) {
+    ASSERT_LT(damaged, size / 2);
+    bytes[end - damaged] = '\0';
+    if (damaged % 10 == 0) write_file(video, bytes);
+  }
+}
+
+TEST(NeuralVideo, FramesThatCannotBeReadAreLeftOutWithALine) {
+  if (!have_opencv()) GTEST_SKIP() << "no OpenCV";
+  const Rig disk(true);
+  damage_last_frames(disk.folder / "cam02.mp4");
+  const VideoLength length = measure_video(disk.folder / "cam02.mp4", 0);
+  ASSERT_EQ(length.claimed, 5u);
+  ASSERT_LT(length.readable, 5u);
+  ASSERT_GE(length.readable, 1u);
+  EXPECT_EQ(measure_video(disk.folder / "cam02.mp4", 1).readable, 1u);
+  EXPECT_EQ(measure_video(disk.folder / "cam01.mp4", 0).readable, 5u);
+
+  for (const int frames : {0, 5, 24}) {
+    SceneOptions options = options_of(disk.folder);
+    options.frames = frames;
+    const Scene scene = read_scene(options);
+    EXPECT_EQ(scene.test.size(), 5u);
+    ASSERT_EQ(scene.train.size(), 5u + length.readable);
+    EXPECT_FLOAT_EQ(scene.train.back().time, static_cast<float>(length.readable - 1) / 4) << "by those of the others";
+    ASSERT_EQ(scene.notes.size(), 2u) << "and one on points";
+    EXPECT_EQ(scene.notes[0], "cam02.mp4 says that it has 5 frames, of which " + std::to_string(length.readable) +
+                                  " can be read; training takes those");
+  }
+  SceneOptions options = options_of(disk.folder);
+  options.frames = 1;
+  const Scene scene = read_scene(options);
+  EXPECT_EQ(scene.train.size(), 2u);
+  expect_contains(scene.notes.at(0), "the first 1 of 5 frames");
+  EXPECT_EQ(scene.notes.size(), 2u) << "what was not asked for is not missed";
+
+  damage_last_frames(disk.folder / "cam01.mp4");
+  options.frames = 0;
+  expect_contains(read_scene(options).notes.at(0), "(and 1 more videos fewer than theirs)");
+}
+
 TEST(NeuralVideo, CamerasAndPosesMustAgree) {
   const Rig disk;
   write_grey(disk.folder / "cam07/0000.png", 3);
   expect_contains(input_error_of([&] { read_scene(options_of(disk.folder)); }),
                   "holds 3 cameras, but there are 4 videos or folders");
+}
+
+// Packed scenes of what moves.
+
+/// Reads a packed scene as its folder was read.
+Scene read_packed(SceneOptions options, const std::filesystem::path& file) {
+  options.source = file;
+  return read_scene(options);
+}
+
+void expect_same_times(const std::vector<View>& a, const std::vector<View>& b) {
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    EXPECT_EQ(a[i].name, b[i].name);
+    EXPECT_EQ(a[i].time, b[i].time);
+    EXPECT_EQ(a[i].color, b[i].color);
+  }
+}
+
+TEST(PackedMotion, ARigHasTheFramesThatItWasPackedWith) {
+  const Rig disk;
+  const std::filesystem::path file = disk.folder / "rig.sbscene";
+  SceneOptions options = options_of(disk.folder);
+  options.frames = 3;
+  const std::vector<std::string> notes = pack_scene(options, file);
+  ASSERT_EQ(notes.size(), 1u);
+  expect_contains(notes[0], "the first 3 of 5 frames");
+  const Scene folder = read_scene(options);
+  ASSERT_EQ(folder.train.size(), 6u);
+  expect_same_times(folder.train, read_packed(options, file).train);
+  options.frames.reset();
+  expect_same_times(folder.test, read_packed(options, file).test);
+  options.frames = 0;
+  const std::string message = input_error_of([&] { read_packed(options, file); });
+  expect_contains(message, "was packed with --frames 3, --frames 0 asks for others; pack the scene again");
+}
+
+TEST(PackedMotion, ACaptureHasItsTimesAndItsFolder) {
+  const Capture disk;
+  const std::filesystem::path file = disk.folder / "capture.sbscene";
+  std::filesystem::rename(disk.folder / "rgb/2x", disk.folder / "rgb/1x");
+  SceneOptions options = options_of(disk.folder);
+  pack_scene(options, file);
+  const Scene folder = read_scene(options);
+  expect_same_times(folder.train, read_packed(options, file).train);
+  options.images = "rgb/1x";  // where the pictures are looked for unless told
+  expect_same_times(folder.test, read_packed(options, file).test);
+  options.images = "images";
+  expect_contains(input_error_of([&] { read_packed(options, file); }), "'rgb/1x', --images asks for 'images'");
 }
 
 // What is found first decides what a scene is.
@@ -313,8 +412,8 @@ TEST(FrameTimes, AreTheLastNumbersOfNames) {
   expect_contains(input_error_of([&] { set_frame_times(photos, "here"); }), "all images are of frame 3");
 }
 
-TEST(FrameTimes, AreOfColmapScenesWhereAskedFor) {
-  const TemporaryFolder folder;
+/// Two cameras that take a picture each as frames 10 and 11.
+void write_frames_of_colmap(const std::filesystem::path& folder) {
   ColmapModel model;
   model.cameras.push_back({1, 1, kWidth, kHeight, {30, 30, 20, 12}});
   for (int i = 0; i < 4; ++i) {
@@ -330,6 +429,11 @@ TEST(FrameTimes, AreOfColmapScenesWhereAskedFor) {
   model.points.colors = {9, 9, 9};
   std::filesystem::create_directories(folder / "sparse/0");
   write_colmap_model(folder / "sparse/0", model);
+}
+
+TEST(FrameTimes, AreOfColmapScenesWhereAskedFor) {
+  const TemporaryFolder folder;
+  write_frames_of_colmap(folder.path());
   SceneOptions options = options_of(folder);
   options.eval = false;
   for (const View& view : read_scene(options).train) EXPECT_EQ(view.time, 0);
@@ -339,6 +443,21 @@ TEST(FrameTimes, AreOfColmapScenesWhereAskedFor) {
   for (const View& view : scene.train) {
     EXPECT_EQ(view.time, view.name.find("_11") != std::string::npos ? 1 : 0) << "not the camera's number";
   }
+}
+
+TEST(PackedMotion, NumbersOfFramesAreTakenWhenAColmapSceneIsPacked) {
+  const TemporaryFolder folder;
+  write_frames_of_colmap(folder.path());
+  SceneOptions options = options_of(folder);
+  options.eval = false;
+  pack_scene(options, folder / "still.sbscene");
+  options.frame_times = true;
+  pack_scene(options, folder / "moving.sbscene");
+  expect_same_times(read_scene(options).train, read_packed(options, folder / "moving.sbscene").train);
+  expect_contains(input_error_of([&] { read_packed(options, folder / "still.sbscene"); }),
+                  "its pictures were packed without times; pack the scene again with --frame-times");
+  options.frame_times = false;
+  EXPECT_EQ(read_packed(options, folder / "moving.sbscene").train.back().time, 1) << "what was packed is what there is";
 }
 
 TEST(DynamicScenes, DNerfReadsWithItsTimes) {
