@@ -140,16 +140,15 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
-    // Of the backbone's candidates half go, drawn by the scores of what they were made from. Those that no pixel shows
-    // get no gradient either and only cost time, so all of them go, which the paper does not say. A host may leave out
-    // opacities where they are not needed.
+    // Of the backbone's candidates half go, drawn by the scores of what they were made from. So do those that no pixel
+    // shows: they get no gradient either and only cost time. (The paper keeps half of all, these among them.) A host may
+    // leave out opacities where they are not needed.
     unseen_.assign(n, 0);
     const bool known = !boost_.literal && statistics.opacities.size() == n;
     std::size_t candidates = 0;
     std::vector<float> weights(n);
     for (std::size_t i = 0; i < n; ++i) {
       unseen_[i] = known && decisions.remove[i] != 0 && statistics.opacities[i] < kMinAlpha;
-      if (unseen_[i] != 0) decisions.remove[i] = 0;
       candidates += decisions.remove[i] != 0 ? 1 : 0;
       weights[i] = pruning_[decisions.origins[i]];
     }

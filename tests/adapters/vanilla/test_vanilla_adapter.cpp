@@ -160,7 +160,7 @@ TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
   for (std::size_t i = 0; i < n; ++i) EXPECT_LE(remove[i], candidates[i]);
 }
 
-TEST_F(VanillaAdapterTest, candidates_that_no_pixel_shows_all_go_and_half_of_the_others) {
+TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_those_that_no_pixel_shows) {
   constexpr std::size_t kCount = 100;
   // 40 candidates: 30 that cannot reach an alpha of 1/255, 10 that can. And 20 as faint ones that the backbone keeps.
   Hand hand{std::vector<float>(kCount), std::vector<float>(kCount), std::vector<float>(kCount, 0.5f),
@@ -172,7 +172,9 @@ TEST_F(VanillaAdapterTest, candidates_that_no_pixel_shows_all_go_and_half_of_the
   }
   std::vector<std::uint32_t> origins(kCount);
   std::iota(origins.begin(), origins.end(), 0u);
-  FakeRasterizer rasterizer(std::vector<std::int32_t>(kCount, 1));
+  std::vector<std::int32_t> counts(kCount, 0);
+  std::fill(counts.begin() + 30, counts.begin() + 34, 9);  // of what is shown, four have errors
+  FakeRasterizer rasterizer(counts);
   const auto removed = [&](const VanillaBoost& boost, PruneRule rule) {
     VanillaAdapter adapter(boost, threads_);
     std::vector<std::uint8_t> remove = candidates;
@@ -187,7 +189,12 @@ TEST_F(VanillaAdapterTest, candidates_that_no_pixel_shows_all_go_and_half_of_the
     return std::pair(count(0, 30), count(30, 40));
   };
   const VanillaBoost boost = boost_at_paper_size();
-  EXPECT_EQ(removed(boost, PruneRule::growth), std::pair(30, 5));
+  {
+    const auto [unseen, seen] = removed(boost, PruneRule::growth);
+    EXPECT_EQ(unseen, 30);
+    EXPECT_GE(seen, 4) << "the draw takes those with errors first";
+    EXPECT_LT(seen, 10);
+  }
   EXPECT_EQ(removed(boost, PruneRule::trim), std::pair(30, 10)) << "as the backbone says";
   VanillaBoost literal = boost;
   literal.literal = true;
