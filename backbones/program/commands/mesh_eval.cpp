@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "program/commands/commands.h"
+#include "program/session/chosen_device.h"
 #include "program/session/options.h"
 #include "trainer/mesh/surface_distance.h"
 #include "trainer/mesh/tanks_and_temples.h"
@@ -51,7 +52,7 @@ struct MeshEval {
       const CLI::Option* option = given->get_option(name);
       if (option->count() > 0 && !(option->as<double>() > 0)) throw UsageError(std::string(name) + " must be above 0");
     }
-    if (threads < 0 || threads > kMostThreads) throw UsageError("--threads must lie in [0, 4096]");
+    check_threads(threads);
     Threads workers(threads);
     TriangleMesh found = read_mesh(mesh);
     const TriangleMesh known = read_mesh(truth);
