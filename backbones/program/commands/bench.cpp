@@ -178,9 +178,7 @@ struct Bench {
     if (repeats < 1 || repeats > kMostRepeats) {
       throw UsageError("--repeats must be 1 to " + std::to_string(kMostRepeats));
     }
-    if (threads < 0 || threads > kMostThreads) {
-      throw UsageError("--threads must be 0 to " + std::to_string(kMostThreads));
-    }
+    check_threads(threads);
     check_device_name(device);
     if (scaling && device != "cpu") throw UsageError("--scaling is of the CPU: leave out --device");
     std::vector<BenchSize> chosen;

@@ -15,24 +15,14 @@ namespace fs = std::filesystem;
 
 struct Compare {
   explicit Compare(CLI::App& app) : set(app) {
-    add_source_option(set, options);
-    add_model_option(set, options, "output folder; gets baseline/ and boosted/");
-    add_data_options(set, options);
-    add_training_options(set, options, false);
-    add_boost_options(set, options);
-    add_machine_options(set, options);
-    add_lpips_option(set, options);
-    add_config_option(set, options);
+    add_run_options(set, options, "output folder; gets baseline/ and boosted/", false);
   }
 
   int run(const std::string& command_line) {
     if (!options.config.empty()) {
       apply_settings(read_settings_file(options.config), options.config.string(), set, options);
     }
-    require_source(options);
-    if (options.model.empty()) throw UsageError("no output folder given: name it with -m/--model");
-    check_options(options);
-    boost_settings(options);
+    check_run_options(options);
     const auto folder_of = [&](bool boost) { return options.model / run_label(boost); };
     for (const fs::path& folder : {options.model, folder_of(false), folder_of(true)}) require_ours_or_empty(folder);
     Workbench bench = make_workbench(options);

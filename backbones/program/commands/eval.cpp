@@ -5,7 +5,7 @@
 
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
-#include "program/session/run.h"
+#include "program/session/saved_model.h"
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/evaluation/result_tables.h"
 #include "trainer/support/atomic_file.h"
@@ -26,26 +26,12 @@ std::string fixed(double value, int digits) {
 
 struct Eval {
   explicit Eval(CLI::App& app) : set(app) {
-    add_source_option(set, options);
-    add_model_option(set, options, "model folder of a run");
-    set.add("--iteration", iteration, "model saved at this iteration; 0: the last", false)
-        ->type_name("N")
-        ->capture_default_str();
-    add_machine_options(set, options);
-    add_lpips_option(set, options);
-    set.add("--quiet", options.quiet, "no notes", false);
-    set.files_only();
-    add_data_options(set, options);
-    add_training_options(set, options, true);
+    add_saved_model_options(set, options);
+    add_measuring_options(set, options);
   }
 
   int run() {
-    if (options.model.empty()) throw UsageError("no model folder given: name it with -m/--model");
-    const nlohmann::json config = read_config(options.model);
-    apply_settings(config, (options.model / "config.json").string(), set, options);
-    check_options(options);
-    const std::optional<float> beta = trained_beta(config);
-    const fs::path saved = saved_model(options.model, iteration);
+    const SavedModel saved = find_saved_model(set, options);
     const fs::path results_path = options.model / "results.json";
     const fs::path training_path = options.model / kTrainingFile;
     const bool measured = fs::exists(results_path);
@@ -53,32 +39,33 @@ struct Eval {
     const nlohmann::json before = read_json_file(measured ? results_path : training_path);
     Results results = results_of(before, measured ? results_path : training_path);
     // A model saved on the way is shown, but results.json speaks of the run's end.
-    const bool of_the_end = saved_iteration(saved) == results.iterations;
-    require(measured || of_the_end || iteration == 0, results_path.string() + kDidNotEnd);
+    const bool of_the_end = saved_iteration(saved.folder) == results.iterations;
+    require(measured || of_the_end || options.iteration == 0, results_path.string() + kDidNotEnd);
     require(measured || of_the_end, results_path.string() +
                                         ": missing: the run was stopped while it measured; measure "
                                         "the model at its end first, without --iteration");
 
-    Workbench bench = make_workbench(options);
-    const PluggedBackbone plugged = load_model(bench, options, saved, beta);
+    OpenModel model(saved, options);
+    Backbone& backbone = model.backbone();
+    Lpips* const lpips = model.bench().lpips.get();
     std::optional<FolderLock> lock;
     if (of_the_end) {
       lock.emplace(options.model);
       remove_stale_files(options.model);
     }
     if (measured) {
-      evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, results);
+      evaluate(backbone, model.scene(), lpips, {}, results);
     } else {
       // The run was killed after its last iteration: what it would have left is made now.
       results.storage_bytes = 0;
-      for (const auto& file : fs::directory_iterator(saved)) {
+      for (const auto& file : fs::directory_iterator(saved.folder)) {
         if (!is_working_file(file.path())) results.storage_bytes += file.file_size();
       }
-      results = measure_run(bench, *plugged.backbone, options.model, std::move(results)).run.results;
+      results = measure_run(model.bench(), backbone, options.model, std::move(results)).run.results;
     }
     Results exact;
-    plugged.backbone->rasterizer_hook().set_beta(1.0f);
-    evaluate(*plugged.backbone, bench.scene, bench.lpips.get(), {}, exact);
+    backbone.rasterizer_hook().set_beta(1.0f);
+    evaluate(backbone, model.scene(), lpips, {}, exact);
 
     if (of_the_end && measured) {
       nlohmann::json json = to_json(results);
@@ -86,7 +73,7 @@ struct Eval {
         json["slam"] = before.at("slam");  // how the camera was tracked is not measured again
       write_text_atomically(results_path, json.dump(2) + "\n");
     }
-    print(results, exact, beta);
+    print(results, exact, saved.beta);
     if (of_the_end) std::printf("\nresults: %s\n", results_path.c_str());
     return 0;
   }
@@ -119,7 +106,6 @@ struct Eval {
 
   RunOptions options;
   OptionSet set;
-  int iteration = 0;
 };
 
 }  // namespace

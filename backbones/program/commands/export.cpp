@@ -52,9 +52,7 @@ Command add_export(CLI::App& program) {
   app->footer("Example: splatboost export -m OUT -o convexes.glb");
   const auto options = std::make_shared<ExportOptions>();
   add_checked_option(*app, "-m,--model", options->model, "model folder of a run")->type_name("DIR");
-  add_checked_option(*app, "--iteration", options->iteration, "model saved at this iteration; 0: the last")
-      ->type_name("N")
-      ->capture_default_str();
+  add_checked_option(*app, "--iteration", options->iteration, kIterationHelp)->type_name("N")->capture_default_str();
   add_checked_option(*app, "-o,--output", options->output, "file to write")->type_name("FILE.ply|FILE.glb");
   return {app, [options](const std::string&) { return run_export(*options); }};
 }

@@ -10,8 +10,7 @@
 #include <unistd.h>
 
 #include "program/commands/commands.h"
-#include "program/session/model_folder.h"
-#include "program/session/run.h"
+#include "program/session/saved_model.h"
 #include "splatboost/surface_depth.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/evaluate.h"
@@ -55,11 +54,7 @@ double far_depth(const Scene& scene) {
 
 struct Mesh {
   explicit Mesh(CLI::App& app) : set(app) {
-    add_source_option(set, options);
-    add_model_option(set, options, "model folder of a run");
-    set.add("--iteration", iteration, "model saved at this iteration; 0: the last", false)
-        ->type_name("N")
-        ->capture_default_str();
+    add_saved_model_options(set, options);
     set.set_group("Output");
     set.add("-o,--output", output, "mesh to write, .ply or .glb [mesh.ply in the model folder]", false)
         ->type_name("FILE");
@@ -82,19 +77,11 @@ struct Mesh {
     set.add("--masks", masks, "folder of PNG masks named as the views; what is black is left out", false)
         ->type_name("DIR");
     set.add("--max-memory", max_memory, "of the volume, MiB", false)->type_name("N")->capture_default_str();
-    set.add("--beta", options.beta, "compact box instead of the one in training, in (0, 1]; 1: exact", false)
-        ->type_name("X");
-    add_machine_options(set, options);
-    set.set_group("Output");
-    set.add("--quiet", options.quiet, "no notes", false);
-    set.files_only();
-    add_data_options(set, options);
-    add_training_options(set, options, true);
-    add_lpips_option(set, options);
+    add_drawing_options(set, options);
   }
 
   int run() {
-    if (options.model.empty()) throw UsageError("no model folder given: name it with -m/--model");
+    require_model(options);
     if (set.given("voxel-size") && !(voxel > 0)) throw UsageError("--voxel-size must be above 0");
     if (!(max_depth >= 0)) throw UsageError("--max-depth must be at least 0");
     if (!(max_angle > 0 && max_angle <= 90)) throw UsageError("--max-angle must lie in (0, 90]");
@@ -104,19 +91,13 @@ struct Mesh {
     }
     require(masks.empty() || fs::is_directory(masks), masks.string() + ": there is no such folder of masks");
     if (!has_tsdf_volumes()) TsdfVolume absent({});  // says what to install
-    const nlohmann::json config = read_config(options.model);
-    apply_settings(config, (options.model / "config.json").string(), set, options);
-    check_options(options);
-    std::optional<float> beta = trained_beta(config);
-    if (options.beta) beta = static_cast<float>(*options.beta);
-    const fs::path saved = saved_model(options.model, iteration);
-    options.lpips.clear();
-    Workbench bench = make_workbench(options);
-    const PluggedBackbone plugged = load_model(bench, options, saved, beta);
-    require(plugged.backbone->has_surfaces(), "backbone " + options.backbone + " gives no depth to make a mesh of");
+    const SavedModel saved = find_saved_model(set, options);
+    options.lpips.clear();  // nothing is measured
+    OpenModel model(saved, options);
+    require(model.backbone().has_surfaces(), "backbone " + options.backbone + " gives no depth to make a mesh of");
     if (output.empty()) output = options.model / "mesh.ply";
 
-    const double far = far_depth(bench.scene);
+    const double far = far_depth(model.scene());
     if (!set.given("max-depth")) max_depth = far;
     if (!set.given("voxel-size")) {
       const double reach = max_depth > 0 ? max_depth : far;
@@ -124,8 +105,8 @@ struct Mesh {
       voxel = reach / kVoxelsAcross;
     }
     TsdfVolume volume({static_cast<float>(voxel), static_cast<float>(kTruncation * voxel), max_memory << 20});
-    Threads threads(options.threads);
-    fuse(*plugged.backbone, bench.scene, volume, threads);
+    Threads& threads = model.bench().device->threads();
+    fuse(model.backbone(), model.scene(), volume, threads);
     TriangleMesh mesh = volume.mesh(least_views, threads);
     const std::size_t all_parts = keep_largest_parts(mesh, least_triangles, parts);
     require(mesh.size() > 0, "no surface was found: give a larger --voxel-size or --max-depth");
@@ -205,7 +186,6 @@ struct Mesh {
   RunOptions options;
   OptionSet set;
   fs::path output, masks;
-  int iteration = 0;
   double voxel = 0, max_depth = 0, max_angle = 80;
   int least_views = 1;
   std::size_t least_triangles = 50, parts = 0;

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "program/commands/commands.h"
+#include "program/session/chosen_device.h"
 #include "program/session/options.h"
 #include "trainer/mesh/dtu.h"
 #include "trainer/mesh/surface_distance.h"
@@ -62,7 +63,7 @@ struct MeshEval {
     if (dtu_mask.empty() != dtu_plane.empty()) throw UsageError("--dtu-mask and --dtu-plane come together");
     if (!dtu_mask.empty() && !crop.empty())
       throw UsageError("--crop is of Tanks and Temples, --dtu-mask of DTU: give one");
-    if (threads < 0 || threads > kMostThreads) throw UsageError("--threads must lie in [0, 4096]");
+    check_threads(threads);
     Threads workers(threads);
     const bool dtu = !dtu_mask.empty();
     const DtuMask mask = dtu ? read_dtu_mask(dtu_mask) : DtuMask{};

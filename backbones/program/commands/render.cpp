@@ -8,11 +8,10 @@
 
 #include "program/commands/commands.h"
 #include "program/commands/orbit.h"
-#include "program/session/model_folder.h"
-#include "program/session/run.h"
+#include "program/session/saved_model.h"
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/images/video.h"
-#include "trainer/training/trainer.h"
+#include "trainer/support/atomic_file.h"
 
 namespace splatboost::program {
 namespace {
@@ -23,11 +22,7 @@ constexpr int kVideoFrames = 120;
 
 struct Render {
   explicit Render(CLI::App& app) : set(app) {
-    add_source_option(set, options);
-    add_model_option(set, options, "model folder of a run");
-    set.add("--iteration", iteration, "model saved at this iteration; 0: the last", false)
-        ->type_name("N")
-        ->capture_default_str();
+    add_saved_model_options(set, options);
     set.set_group("Output");
     set.add("-o,--output", output, "folder of the PNG files [the model folder]", false)->type_name("DIR");
     set.add("--orbit", orbit, "instead of the scene's views, so many on a circle around it", false)->type_name("N");
@@ -39,22 +34,11 @@ struct Render {
     set.add("--sequence", sequence, "instead of pictures: N standard .ply files from time 0 to 1", false)
         ->type_name("N");
     set.add("--fps", frames_per_second, "of the video", false)->type_name("N")->capture_default_str();
-    set.add("--beta", options.beta, "compact box instead of the one in training, in (0, 1]; 1: exact", false)
-        ->type_name("X");
-    add_machine_options(set, options);
-    set.set_group("Output");
-    set.add("--quiet", options.quiet, "no notes", false);
-    set.files_only();
-    add_data_options(set, options);
-    add_training_options(set, options, true);
-    add_lpips_option(set, options);
+    add_drawing_options(set, options);
   }
 
   int run() {
-    if (options.model.empty()) throw UsageError("no model folder given: name it with -m/--model");
-    const nlohmann::json config = read_config(options.model);
-    apply_settings(config, (options.model / "config.json").string(), set, options);
-    check_options(options);
+    require_model(options);
     if (orbit < 0 || (set.given("orbit") && orbit == 0)) throw UsageError("--orbit must be at least 1");
     if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
     if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
@@ -64,16 +48,15 @@ struct Render {
     if (!view.empty() && video.empty() && orbit == 0)
       throw UsageError("--view is of --video and --orbit; give one of them");
     if (!view.empty() && time) throw UsageError("with --view time runs; leave out --time");
-    std::optional<float> beta = trained_beta(config);
-    if (options.beta) beta = static_cast<float>(*options.beta);
-    const fs::path saved = saved_model(options.model, iteration);
-    options.lpips.clear();
-    Workbench bench = make_workbench(options);
-    const PluggedBackbone plugged = load_model(bench, options, saved, beta);
+    const SavedModel saved = find_saved_model(set, options);
+    options.lpips.clear();  // nothing is measured
+    OpenModel model(saved, options);
+    Backbone& backbone = model.backbone();
+    const Scene& scene = model.scene();
     const std::pair<const char*, bool> of_time[] = {
         {"--time", time.has_value()}, {"--view", !view.empty()}, {"--sequence", sequence > 0}};
     for (const auto& [name, asked] : of_time) {
-      require(!asked || plugged.backbone->uses_time(),
+      require(!asked || backbone.uses_time(),
               std::string(name) + ": a model of backbone " + options.backbone + " does not change with time");
     }
     std::optional<FolderLock> lock;
@@ -82,12 +65,12 @@ struct Render {
       lock.emplace(options.model);  // a run that measures writes pictures of the same names
     }
     if (sequence > 0) {
-      export_sequence(*plugged.backbone);
+      export_sequence(backbone);
     } else if (!video.empty() || orbit > 0) {
-      render_orbit(*plugged.backbone, bench.scene);
+      render_orbit(backbone, scene);
     } else {
-      render_views(*plugged.backbone, bench.scene.train, output / "train" / "renders");
-      render_views(*plugged.backbone, bench.scene.test, output / "test" / "renders");
+      render_views(backbone, scene.train, output / "train" / "renders");
+      render_views(backbone, scene.test, output / "test" / "renders");
     }
     return 0;
   }
@@ -175,7 +158,6 @@ struct Render {
   OptionSet set;
   fs::path output;
   fs::path video;
-  int iteration = 0;
   int orbit = 0;
   std::optional<float> time;
   std::string view;

@@ -205,23 +205,10 @@ struct Slam {
   std::size_t write(SlamRun& mapping, const SlamOutcome& outcome, Sequence& sequence, ChosenDevice& device,
                     Lpips* lpips, const std::string& command_line, const std::function<bool()>& stopped) const {
     const fs::path& folder = options.model;
-    Results results;
-    results.backbone = options.backbone;
-    results.boost = options.boost;
+    Results results = results_of_run(options, options.boost, mapping.scene(), device, command_line);
     results.iterations = outcome.iterations;
     results.primitives = mapping.backbone().primitives();
     results.train_seconds = outcome.mapping_seconds;
-    results.peak_memory_bytes = peak_memory_bytes();
-    results.device = device.name();
-    results.machine = machine_name();
-    results.threads = device.threads().count();
-    results.seed = options.seed;
-    results.version = SPLATBOOST_VERSION;
-    results.command = command_line;
-    results.date = utc_now();
-    results.source = fs::absolute(options.scene.source).lexically_normal().filename().string();
-    results.width = mapping.scene().train[0].camera.width;
-    results.height = mapping.scene().train[0].camera.height;
     results.stage_seconds = outcome.stage_seconds;
     results.curve = outcome.curve;
     write_tracking(mapping, outcome, sequence, folder);  // first: a model may fail for want of memory

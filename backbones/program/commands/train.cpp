@@ -13,17 +13,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Train {
-  explicit Train(CLI::App& app) : set(app) {
-    add_source_option(set, options);
-    add_model_option(set, options, "output folder");
-    add_data_options(set, options);
-    add_training_options(set, options, true);
-    set.add("--resume", options.resume, "go on from a checkpoint, with its run's settings", false)->type_name("CKPT");
-    add_boost_options(set, options);
-    add_machine_options(set, options);
-    add_lpips_option(set, options);
-    add_config_option(set, options);
-  }
+  explicit Train(CLI::App& app) : set(app) { add_run_options(set, options, "output folder", true); }
 
   /// MODEL/checkpoints/iteration_N.ckpt → MODEL
   fs::path folder_of_checkpoint() const { return fs::absolute(options.resume).parent_path().parent_path(); }
@@ -50,10 +40,7 @@ struct Train {
 
   int run(const std::string& command_line) {
     read_settings();
-    require_source(options);
-    if (options.model.empty()) throw UsageError("no output folder given: name it with -m/--model");
-    check_options(options);
-    boost_settings(options);
+    check_run_options(options);
     require_ours_or_empty(options.model);
     Workbench bench = make_workbench(options);
     std::error_code ignored;

@@ -29,6 +29,12 @@ std::optional<int> ordinal_of(const std::string& name) {
 
 void check_device_name(const std::string& name) { static_cast<void>(ordinal_of(name)); }
 
+void check_threads(int threads) {
+  if (threads < 0 || threads > kMostThreads) {
+    throw UsageError("--threads must be 0 to " + std::to_string(kMostThreads));
+  }
+}
+
 ChosenDevice::ChosenDevice(const std::string& name, int threads) : threads_(threads) {
   const std::optional<int> ordinal = ordinal_of(name);
   if (!ordinal) return;

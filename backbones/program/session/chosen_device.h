@@ -13,6 +13,8 @@ namespace splatboost::program {
 
 /// Throws UsageError unless it is one of "cpu", "cuda" and "cuda:N".
 void check_device_name(const std::string& name);
+/// Throws UsageError unless so many threads can be asked for.
+void check_threads(int threads);
 
 /// Owns the threads and, on a GPU, the stream. Backbones keep references: it outlives them.
 class ChosenDevice {

@@ -172,6 +172,20 @@ void add_config_option(OptionSet& set, RunOptions& options) {
   set.add("--quiet", options.quiet, "no progress line", false);
 }
 
+void add_run_options(OptionSet& set, RunOptions& options, const std::string& model_help, bool one_run) {
+  add_source_option(set, options);
+  add_model_option(set, options, model_help);
+  add_data_options(set, options);
+  add_training_options(set, options, one_run);
+  if (one_run) {
+    set.add("--resume", options.resume, "go on from a checkpoint, with its run's settings", false)->type_name("CKPT");
+  }
+  add_boost_options(set, options);
+  add_machine_options(set, options);
+  add_lpips_option(set, options);
+  add_config_option(set, options);
+}
+
 Json read_settings_file(const std::filesystem::path& path) {
   Json settings = read_json_file(path);
   if (settings.contains("backbone") && settings["backbone"].is_string()) {
@@ -231,8 +245,7 @@ void check_options(RunOptions& options) {
     if (!holds) throw UsageError(what);
   };
   check_device_name(options.device);
-  usage(options.threads >= 0 && options.threads <= kMostThreads,
-        "--threads must be 0 to " + std::to_string(kMostThreads));
+  check_threads(options.threads);
   usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
   const int resolution = options.scene.resolution.value_or(-1);
   usage(resolution == -1 || resolution >= 1, "--resolution must be -1 or at least 1");
@@ -255,6 +268,17 @@ void require_source(const RunOptions& options) {
   if (options.scene.source.empty()) {
     throw UsageError("no scene given: name its folder with -s/--source; 'splatboost synth DIR' makes one to try");
   }
+}
+
+void require_model(const RunOptions& options, const std::string& kind) {
+  if (options.model.empty()) throw UsageError("no " + kind + " folder given: name it with -m/--model");
+}
+
+void check_run_options(RunOptions& options) {
+  require_source(options);
+  require_model(options, "output");
+  check_options(options);
+  boost_settings(options);  // throws on what it refuses
 }
 
 }  // namespace splatboost::program

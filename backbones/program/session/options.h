@@ -137,6 +137,7 @@ inline constexpr int kMostThreads = 4096;
 
 inline constexpr char kResolutionHelp[] =
     "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide [-1]";
+inline constexpr char kIterationHelp[] = "model saved at this iteration; 0: the last";
 inline constexpr char kImagesHelp[] = "image folder of a COLMAP scene [images], or of a Nerfies capture [rgb/1x]";
 inline constexpr char kFrameTimesHelp[] = "COLMAP: the last number in a name is the frame, so the time";
 inline constexpr char kFramesHelp[] = "so many frames of each camera of a rig of videos; 0: all [24]";
@@ -167,6 +168,7 @@ struct RunOptions {
   std::vector<int> save_iterations;
   std::vector<int> checkpoint_iterations;
   std::filesystem::path resume;
+  int iteration = 0;  ///< of a saved model; 0: the last
   bool quiet = false;
 
   /// Constants that files give to the backbone and to its acceleration.
@@ -177,12 +179,15 @@ struct RunOptions {
 void add_source_option(OptionSet& set, RunOptions& options);
 void add_model_option(OptionSet& set, RunOptions& options, const std::string& help);
 void add_data_options(OptionSet& set, RunOptions& options);
-/// @param choose_boost whether the run is either boosted or not; compare does both
+/// @param choose_boost whether there is --boost
 void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost);
 void add_boost_options(OptionSet& set, RunOptions& options);
 void add_machine_options(OptionSet& set, RunOptions& options);
 void add_lpips_option(OptionSet& set, RunOptions& options);
 void add_config_option(OptionSet& set, RunOptions& options);
+/// All of these, as commands that train have them.
+/// @param one_run which is either boosted or not and may go on from a checkpoint; compare does both
+void add_run_options(OptionSet& set, RunOptions& options, const std::string& model_help, bool one_run);
 
 /// A settings file as an object: {"backbone": {"name", constants…}, "boost": {"enabled", settings…}, options…}.
 /// "backbone" may be just the name and "boost" just true or false; both come out as objects.
@@ -200,5 +205,10 @@ void check_options(RunOptions& options);
 
 /// Throws UsageError unless a source is given.
 void require_source(const RunOptions& options);
+/// Throws UsageError unless --model is given. @param kind of folder that is missing
+void require_model(const RunOptions& options, const std::string& kind = "model");
+
+/// All that can be checked of a run before its data are read.
+void check_run_options(RunOptions& options);
 
 }  // namespace splatboost::program

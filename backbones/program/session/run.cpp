@@ -183,26 +183,13 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   };
   train_options.quiet = options.quiet;
   const auto results_of = [&](const TrainOutcome& trained) {
-    Results results;
+    Results results = results_of_run(options, boost, bench.scene, *bench.device, command);
     results.psnr = results.ssim = results.psnr_beta1 = results.fps = std::nan("");  // not measured yet
-    results.backbone = options.backbone;
-    results.boost = boost;
     results.iterations = options.iterations.value();
     results.primitives = backbone.primitives();
     results.train_seconds = trained.seconds;
-    results.peak_memory_bytes = peak_memory_bytes();
     if (on_host) results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
     results.storage_bytes = trained.storage_bytes;
-    results.device = bench.device->name();
-    results.machine = machine_name();
-    results.threads = bench.device->threads().count();
-    results.seed = options.seed;
-    results.version = SPLATBOOST_VERSION;
-    results.command = command;
-    results.date = utc_now();
-    results.source = scene_name(options.scene.source);
-    results.width = bench.scene.train[0].camera.width;
-    results.height = bench.scene.train[0].camera.height;
     results.stage_seconds = trained.stage_seconds;
     results.curve = trained.curve;
     return results;
@@ -225,6 +212,25 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   Results results = results_of(trained);
   if (!noted) write_results(folder / kTrainingFile, results);
   return measure_run(bench, backbone, folder, std::move(results));
+}
+
+Results results_of_run(const RunOptions& options, bool boost, const Scene& scene, ChosenDevice& device,
+                       const std::string& command) {
+  Results results;
+  results.backbone = options.backbone;
+  results.boost = boost;
+  results.peak_memory_bytes = peak_memory_bytes();
+  results.device = device.name();
+  results.machine = machine_name();
+  results.threads = device.threads().count();
+  results.seed = options.seed;
+  results.version = SPLATBOOST_VERSION;
+  results.command = command;
+  results.date = utc_now();
+  results.source = scene_name(options.scene.source);
+  results.width = scene.train[0].camera.width;
+  results.height = scene.train[0].camera.height;
+  return results;
 }
 
 RunOutcome measure_run(Workbench& bench, Backbone& backbone, const fs::path& folder, Results trained) {

@@ -47,6 +47,11 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
                     const std::filesystem::path& folder, const std::string& command,
                     const std::function<void()>& take_folder);
 
+/// What results say of any run that just ended: options, machine, time and place. What it made is to be filled in.
+/// @param command as typed
+Results results_of_run(const RunOptions& options, bool boost, const Scene& scene, ChosenDevice& device,
+                       const std::string& command);
+
 /// Measures the model at the end of a run and writes the pictures, the report and, last, results.json.
 /// @param trained what kTrainingFile holds
 RunOutcome measure_run(Workbench& bench, Backbone& backbone, const std::filesystem::path& folder, Results trained);
