@@ -58,7 +58,7 @@ __global__ void __launch_bounds__(kTileThreads) weigh_kernel(TileLists lists, De
     for (int p = 0; p < kThreadPixels; ++p) {
       const PixelStep step = step_pixel(splat, pixels.at[p], transmittance[p], pixels.open[p]);
       if (!step.blended) continue;
-      weight += __float2int_rn(transmittance[p] * step.alpha * (1 / kWeightUnit));
+      weight += static_cast<int>(rintf(transmittance[p] * step.alpha * (1 / kWeightUnit)));
       transmittance[p] = step.after;
     }
 #pragma unroll
