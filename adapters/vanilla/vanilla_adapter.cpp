@@ -141,8 +141,8 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
     // Of the backbone's candidates half go, drawn by the scores of what they were made from. So do those that no pixel
-    // shows: they get no gradient either and only cost time. (The paper keeps half of all, these among them.) A host may
-    // leave out opacities where they are not needed.
+    // shows: they get no gradient either and only cost time. (The paper keeps half of all, these among them.) A host
+    // may leave out opacities where they are not needed.
     unseen_.assign(n, 0);
     const bool known = !boost_.literal && statistics.opacities.size() == n;
     std::size_t candidates = 0;

@@ -111,7 +111,7 @@ struct Mesh {
     const std::size_t all_parts = keep_largest_parts(mesh, least_triangles, parts);
     require(mesh.size() > 0, "no surface was found: give a larger --voxel-size or --max-depth");
     write_mesh(output, mesh);
-    const fs::path picture = write_picture(mesh, bench.scene);
+    const fs::path picture = write_picture(mesh, model.scene());
     std::printf(
         "mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones went; voxel %.4g, depth up to %.4g)\n",
         output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
