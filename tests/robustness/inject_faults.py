@@ -30,7 +30,7 @@ KINDS = ["error", "full", "kill"]
 VARYING = {"train_seconds", "fps", "peak_memory_bytes", "estimated_memory_bytes", "date", "command", "stage_seconds",
            "seconds", "stages", "ratios"}
 #: what a new run takes away before it begins
-RESULTS = ("point_cloud", "test", "train", "training.json", "results.json", "compare.json", "report.html")
+RESULTS = ("point_cloud", "test", "train", "training.json", "results.json", "compare.json", "report.html", "cameras.json")
 
 
 def without_varying(value):

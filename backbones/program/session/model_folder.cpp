@@ -78,7 +78,7 @@ FolderLock take_model_folder(const fs::path& folder, bool keep_results) {
   if (keep_results) return lock;
   // What is there when a run ends must be of that run. Checkpoints are hours of work and say whose they are: they stay.
   for (const char* name : {"point_cloud", "test", "train", kTrainingFile, "results.json", "compare.json", "report.html",
-                           "cameras.json", "mesh.ply", "keyframes", "keyframes.txt", "trajectory.txt"}) {
+                           "cameras.json", "mesh.ply", "mesh.png", "keyframes", "keyframes.txt", "trajectory.txt"}) {
     fs::remove_all(folder / name, error);
     require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
   }

@@ -26,7 +26,7 @@ TEST(DropGaussianAdapter, plan_is_of_the_published_run_of_10000) {
   }
   EXPECT_EQ(growths, (std::vector<int>{832, 1248, 1664, 2080, 2496, 2912, 3328, 3744, 4160, 4576, 4992}))
       << "twelve intervals in the half of the run that grows";
-  EXPECT_EQ(prunes, (std::vector<int>{6000, 7000, 8000, 9000}));
+  EXPECT_EQ(prunes, (std::vector<int>{5000, 6000, 7000, 8000, 9000}));
   EXPECT_TRUE(adapter.prunes_at({2400, 3000}, false)) << "it scales with the run";
   EXPECT_EQ(resets, std::vector<int>{3000}) << "none after growth has ended";
   VanillaBoost boost = dropgaussian_boost();
