@@ -325,6 +325,10 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
     decisions.remove = removals.span();
     std::vector<std::uint32_t> parents;
     std::optional<OnHost<const float>> opacities;
+    if (d.opacities != nullptr) {
+      opacities.emplace(a.place.view<const float>(d.opacities, "opacities", {{n}, {n, 1}}), device);
+      statistics.opacities = opacities->span();
+    }
     if (origins != nullptr) {
       SPLATBOOST_CHECK(a.grown_at == d.iteration, "origins need a grow at the same iteration before");
       OnHost from(a.place.view<const std::int32_t>(origins, "origins", {n}), device);
@@ -336,10 +340,6 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
       decisions.origins = parents;
     } else {
       SPLATBOOST_CHECK(views->primitives == n, "views.primitives must be the number of rows of remove");
-      if (d.opacities != nullptr) {
-        opacities.emplace(a.place.view<const float>(d.opacities, "opacities", {{n}, {n, 1}}), device);
-        statistics.opacities = opacities->span();
-      }
     }
     a.adapter->prune(statistics, renderer, decisions);
     removals.write_back();

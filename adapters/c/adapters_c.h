@@ -49,7 +49,7 @@ typedef struct sb_density {
   float scene_extent;             /**< radius of the camera positions, world units */
   const sb_tensor* gradients;     /**< mean norm of the signed screen gradient, NDC units; for growth */
   const sb_tensor* gradients_abs; /**< of the absolute one (Mip-Splatting: its sums); for growth with absgrad */
-  const sb_tensor* opacities;     /**< activated; for late pruning */
+  const sb_tensor* opacities;     /**< activated; for pruning, of the M primitives that are there then */
   const sb_tensor* max_scales;    /**< longest standard deviation, world units; for growth with absgrad */
   int64_t max_primitives;         /**< growth makes no more of them, a clone or split adding one; 0: no cap */
 } sb_density;

@@ -119,7 +119,7 @@ double VanillaAdapter::least_importance(double pixels) const {
 }
 
 bool VanillaAdapter::growth_ended_at(Moment moment) const {
-  return !boost_.literal && moment.iteration == at(boost_.late_prune_from, moment);
+  return !boost_.literal && moment.iteration == at(std::max(boost_.late_prune_from, boost_.densify_until), moment);
 }
 
 bool VanillaAdapter::prunes_late_at(Moment moment) const {

@@ -147,7 +147,7 @@ class VanillaAdapter : public Adapter {
   /// 1, or less where views are seen too few times for opacities to settle.
   /// @param views the backbone's training views
   double settled(Moment moment, std::size_t views) const;
-  /// Whether growth has just ended: the first moment of late pruning, unless literally.
+  /// Whether growth has just ended and late pruning begins. Never literally.
   bool growth_ended_at(Moment moment) const;
   bool prunes_late_at(Moment moment) const;
   int at(int published, Moment moment) const {

@@ -18,6 +18,7 @@
 #include "trainer/mesh/mesh_picture.h"
 #include "trainer/mesh/tsdf_volume.h"
 #include "trainer/report/report.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/training/trainer.h"
 
 namespace splatboost::program {
@@ -111,19 +112,19 @@ struct Mesh {
     const std::size_t all_parts = keep_largest_parts(mesh, least_triangles, parts);
     require(mesh.size() > 0, "no surface was found: give a larger --voxel-size or --max-depth");
     write_mesh(output, mesh);
-    const fs::path picture = write_picture(mesh, model.scene());
     std::printf(
         "mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones went; voxel %.4g, depth up to %.4g)\n",
         output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
-    std::printf("picture: %s\n", picture.c_str());
+    std::printf("picture: %s\n", write_picture(mesh, model.scene()).c_str());
     return 0;
   }
 
  private:
-  /// The mesh as the first measured view sees it, beside its file and in the run's report.
+  /// The mesh as the first measured view sees it, in the run's folder and its report.
   fs::path write_picture(const TriangleMesh& mesh, const Scene& scene) const {
     const Camera& camera = measured_views(scene).front().camera;
-    const fs::path picture = fs::path(output).replace_extension(".png");
+    const fs::path picture = options.model / "mesh.png";
+    const FolderLock lock(options.model);
     write_png(picture, camera.width, camera.height, 1, std::span<const std::uint8_t>(draw_mesh(mesh, camera)));
     show_mesh_in_report(options.model / "report.html", picture);
     return picture;

@@ -133,12 +133,13 @@ std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
 }
 
 void SlamRun::begin_mapping() {
-  scene_.points = std::move(first_points_.points);
+  scene_.points = first_points_.points;  // a copy: where memory does not do for the backbone, they are still there
   scene_.extent = std::max(camera_extent(scene_.train), kLeastExtent);
   plugged_ = make_backbone_(scene_);
   online_ = dynamic_cast<OnlineBackbone*>(plugged_.backbone.get());
   SPLATBOOST_CHECK(online_ != nullptr, "the backbone must be an online one");
   online_->map_changed({});
+  first_points_ = {};
 }
 
 void SlamRun::take(Update update) {

@@ -23,9 +23,15 @@ fs::path unfinished_name(const fs::path& path) {
   return path.parent_path() / ("." + path.stem().string() + ".part" + path.extension().string());
 }
 
-cv::VideoCapture open_video(const fs::path& path) {
+/// Nothing but ours is printed. Before main(), because videos are opened by several threads and the environment is
+/// theirs to read.
+const bool kQuiet = [] {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // FFmpeg has lines of its own
+  return true;
+}();
+
+cv::VideoCapture open_video(const fs::path& path) {
   cv::VideoCapture capture;
   try {
     if (capture.open(path.string())) return capture;

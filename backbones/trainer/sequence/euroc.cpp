@@ -7,6 +7,7 @@
 #include <fstream>
 #include <functional>
 #include <iterator>
+#include <regex>
 #include <utility>
 
 #include <glm/gtc/quaternion.hpp>
@@ -98,6 +99,11 @@ EurocCamera read_camera(const fs::path& file) {
   const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
   EurocCamera camera;
   Calibration& c = camera.calibration;
+  for (const char* unread : {"equidistant", "omnidirectional", "omni", "fov", "ds", "eucm"}) {
+    require(!std::regex_search(text, std::regex("(camera|distortion)_model:[ \t]*" + std::string(unread) + "\\b")),
+            file.string() + ": the camera model '" + unread +
+                "' is not read; undistort the pictures, and give pinhole with radial-tangential");
+  }
   const std::vector<double> size = list_of(text, "", "resolution", 2, file);
   c.width = static_cast<int>(std::clamp(size[0], 0.0, 1e6));
   c.height = static_cast<int>(std::clamp(size[1], 0.0, 1e6));

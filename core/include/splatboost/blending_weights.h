@@ -18,8 +18,8 @@ class BlendingWeights {
  public:
   explicit BlendingWeights(Device device) : view_weights_(device) {}
   /// Draws min(views, those there are) views without replacement and renders each once.
-  /// @return [N] blending weights of each primitive (RasterizerHook::add_weights()), a mean over the views with any; 0
-  ///   where none has. In memory of the host, until the next call.
+  /// @return [N] blending weights of each primitive, in units of kWeightUnit, a mean over the views with any; 0 where
+  ///   none has. In memory of the host, until the next call.
   std::span<const double> mean(RasterizerHook& rasterizer, int views, const RandomStream& random);
 
  private:

@@ -36,7 +36,8 @@ extern "C" {
 
 /* ---- version and errors ---- */
 
-/** Raised when an entry or a struct changes in a way that breaks callers; also the library's soname. */
+/** Raised when an entry or a struct changes in a way that breaks callers; also the library's soname. Until the first
+ *  release it stays 1, whatever changes. */
 #define SB_ABI_VERSION 1
 
 /** SB_ABI_VERSION that the library was built with. A caller whose header says otherwise must not go on. */

@@ -53,7 +53,7 @@ struct RasterCounts {
   std::size_t tile_entries = 0;  ///< (tile, Gaussian) pairs
 };
 
-/// Unit of add_weights(): less than half of it shows in no picture of 8 bits. A view of 8 megapixels fits 31 bits.
+/// Unit of add_weights(): less than half of it shows in no picture of 8 bits. A view of 16 megapixels fits 32 bits.
 inline constexpr float kWeightUnit = 1.0f / 256;
 
 /// Wall time of each stage of the last forward(), backward() and count_flagged().
