@@ -111,9 +111,15 @@ class Grid:
 
     @staticmethod
     def around(scene, columns, rows):
-        up = -scene.rotations[:, 1].mean(axis=0)  # rows of a rotation are the camera's axes; y is down
-        up /= max(np.linalg.norm(up), 1e-12)
         spread = scene.centres - scene.centres.mean(axis=0)
+        _, lengths, directions = np.linalg.svd(spread, full_matrices=False)
+        if len(lengths) == 3 and lengths[2] < 0.3 * lengths[1]:
+            up = directions[2]  # cameras stand or fly over flat ground, wherever they look
+        else:
+            up = -scene.rotations[:, 1].mean(axis=0)  # rows of a rotation are the camera's axes; y is down
+            if np.linalg.norm(up) < 0.3:
+                raise BadInput(f"{scene.folder}: neither the places of the cameras nor their upright direction tell the ground")
+            up /= np.linalg.norm(up)
         spread -= np.outer(spread @ up, up)
         _, _, directions = np.linalg.svd(spread, full_matrices=False)
         axes = directions[:2]

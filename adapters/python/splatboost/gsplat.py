@@ -228,7 +228,8 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         n = params["means"].shape[0]
         means2d, radii = info["means2d"], info["radii"]
         if not hasattr(means2d, "absgrad") and self.adapter(self._device).settings["absgrad"]:
-            raise ValueError("info: means2d without absgrad: call rasterization(..., absgrad=True)")
+            raise ValueError("info: means2d without absgrad: call rasterization(..., absgrad=True); in several processes gsplat "
+                             "has none: give the strategy absgrad=False")
         if means2d.grad is None:
             raise ValueError("info: means2d without a gradient: call step_pre_backward before backward, and "
                              "step_post_backward after it")

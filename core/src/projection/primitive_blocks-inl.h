@@ -173,8 +173,8 @@ struct BlockWriter {
 /// Gradient through spherical harmonics: writes the coefficients', returns the mean's.
 /// @param primitives Gaussians or Convexes, of which out has the gradients
 template <class Primitives, class Gradients>
-HWY_INLINE Vec3<Float> sh_backward(const Primitives& primitives, const Gradients& out, const BlockWriter& writer, const Ray& ray,
-                        Vec3<Float> g_color) {
+HWY_INLINE Vec3<Float> sh_backward(const Primitives& primitives, const Gradients& out, const BlockWriter& writer,
+                                   const Ray& ray, Vec3<Float> g_color) {
   const int degree = primitives.sh_degree, used = sh_coefficients(degree) - 1;
   Float basis[kMaxShCoefficients];
   sh_basis(degree, ray.direction, basis);
