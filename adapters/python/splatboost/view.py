@@ -79,7 +79,12 @@ class _Shown:
                 return False
             raise _models.ModelError("%s: holds no model: wanted a .ply, or a folder with point_cloud/iteration_N/point_cloud.ply "
                                      "(--live waits for it)" % self.model)
-        status = os.stat(path)
+        try:
+            status = os.stat(path)
+        except OSError as e:  # a training took the folder over
+            if waits:
+                return False
+            raise _models.ModelError("%s: %s" % (path, e.strerror))
         stamp = (path, status.st_mtime_ns, status.st_size)
         settled, self._seen = stamp == self._seen, stamp
         if stamp == self._stamp or (waits and not settled):
