@@ -2,6 +2,7 @@
 #include "deformable_3dgs/deformable_adapter.h"
 
 #include "registry/boost_settings.h"
+#include "splatboost/constants.h"
 
 namespace splatboost {
 namespace {
@@ -18,6 +19,22 @@ VanillaBoost deformable_boost() {
   // The backbone's own candidates for growth are by absolute gradients. Vanilla's borders make twice as many of them.
   boost.absgrad = false;
   return boost;
+}
+
+void DeformableAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer,
+                              PruneDecisions& decisions) {
+  unseen_.assign(decisions.remove.size(), 0);
+  // A host may leave out opacities where they are not needed.
+  const bool known = statistics.opacities.size() == unseen_.size();
+  const bool applies = known && !is_literal() && decisions.rule == PruneRule::growth;
+  for (std::size_t i = 0; applies && i < unseen_.size(); ++i) {
+    unseen_[i] = decisions.remove[i] != 0 && statistics.opacities[i] < kMinAlpha;
+    if (unseen_[i] != 0) decisions.remove[i] = 0;
+  }
+  VanillaAdapter::prune(statistics, rasterizer, decisions);
+  for (std::size_t i = 0; i < unseen_.size(); ++i) {
+    if (unseen_[i] != 0) decisions.remove[i] = 1;
+  }
 }
 
 bool DeformableAdapter::steps_at(std::string_view group, Moment moment) const {

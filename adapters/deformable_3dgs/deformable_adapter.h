@@ -3,7 +3,8 @@
 /// backbone draws each scored view at its own time.
 #pragma once
 
-#include <string_view>
+#include <cstdint>
+#include <vector>
 
 #include "vanilla/vanilla_adapter.h"
 
@@ -19,9 +20,17 @@ class DeformableAdapter final : public VanillaAdapter {
  public:
   DeformableAdapter(const VanillaBoost& boost, Device device) : VanillaAdapter(boost, device) {}
 
+  /// Of the backbone's candidates those that no pixel shows all go, and half of the others. The paper keeps half of
+  /// all, but the net is asked about every Gaussian in every view, and the 100 000 random points that a run may start
+  /// from leave mostly such candidates.
+  void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
+
   /// The net steps at every iteration: each view is of another time, and steps of gradients summed over many of them
   /// would be few. The schedule is of the Gaussians.
   bool steps_at(std::string_view group, Moment moment) const override;
+
+ private:
+  std::vector<std::uint8_t> unseen_;  ///< of the candidates of this growth
 };
 
 }  // namespace splatboost

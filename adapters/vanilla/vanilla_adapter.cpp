@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "registry/boost_settings.h"
-#include "splatboost/constants.h"
 #include "splatboost/errors.h"
 #include "splatboost/select.h"
 
@@ -140,21 +139,13 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
-    // Of the backbone's candidates half go, drawn by the scores of what they were made from. So do those that no pixel
-    // shows: they get no gradient either and only cost time. (The paper keeps half of all, these among them.) A host
-    // may leave out opacities where they are not needed.
-    unseen_.assign(n, 0);
-    const bool known = !boost_.literal && statistics.opacities.size() == n;
-    std::size_t candidates = 0;
+    // Of the backbone's candidates half go, drawn by the scores of what they were made from.
     std::vector<float> weights(n);
-    for (std::size_t i = 0; i < n; ++i) {
-      unseen_[i] = known && decisions.remove[i] != 0 && statistics.opacities[i] < kMinAlpha;
-      candidates += decisions.remove[i] != 0 ? 1 : 0;
-      weights[i] = pruning_[decisions.origins[i]];
-    }
+    for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
+    const auto candidates = static_cast<std::size_t>(
+        std::count_if(decisions.remove.begin(), decisions.remove.end(), [](std::uint8_t r) { return r != 0; }));
     keep_weighted_sample(weights, candidates / 2, RandomStream(boost_.seed, iteration, RandomPurpose::prune),
                          decisions.remove);
-    for (std::size_t i = 0; i < n; ++i) decisions.remove[i] |= unseen_[i];
     return;
   }
   if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;

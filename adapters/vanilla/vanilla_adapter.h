@@ -157,7 +157,6 @@ class VanillaAdapter : public Adapter {
   VanillaBoost boost_;
   MultiViewScorer scorer_;
   BlendingWeights weights_;
-  std::vector<std::uint8_t> unseen_;  ///< of the candidates of this growth
   std::vector<float> pruning_;        ///< of the primitives as they were at the last scoring
   int scored_at_ = -1;                ///< iteration of that scoring
 };

@@ -64,5 +64,47 @@ TEST(DeformableAdapter, growth_is_of_the_backbones_own_candidates) {
   EXPECT_EQ(grown(vanilla).second, Mask({0, 1, 0, 1})) << "by vanilla's borders there would be more";
 }
 
+TEST(DeformableAdapter, candidates_that_no_pixel_shows_all_go_and_half_of_the_others) {
+  Threads threads(1);
+  constexpr std::size_t kCount = 100;
+  // 40 candidates: 30 that cannot reach an alpha of 1/255, 10 that can. And 20 as faint ones that the backbone keeps.
+  std::vector<float> gradients(kCount), opacities(kCount, 0.5f), scales(kCount, 0.05f);
+  std::vector<std::uint8_t> candidates(kCount, 0), clone(kCount), split(kCount);
+  for (std::size_t i = 0; i < 60; ++i) {
+    opacities[i] = i < 30 || i >= 40 ? 0.0039f : 0.0045f;
+    candidates[i] = i < 40;
+  }
+  std::vector<std::uint32_t> origins(kCount);
+  std::iota(origins.begin(), origins.end(), 0u);
+  testing::FakeRasterizer rasterizer(std::vector<std::int32_t>(kCount, 1));
+  DensityStatistics statistics{{600, 40000}, 1, gradients, gradients, opacities, scales};
+  const auto removed = [&](const VanillaBoost& boost, PruneRule rule) {
+    DeformableAdapter adapter(boost, threads);
+    std::vector<std::uint8_t> remove = candidates;
+    GrowDecisions grow{clone, split};
+    PruneDecisions prune{remove, rule, origins};
+    adapter.grow(statistics, rasterizer, grow);
+    adapter.prune(statistics, rasterizer, prune);
+    for (std::size_t i = 0; i < kCount; ++i) EXPECT_LE(remove[i], candidates[i]);
+    const auto count = [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      return std::accumulate(remove.begin() + begin, remove.begin() + end, 0);
+    };
+    return std::pair(count(0, 30), count(30, 40));
+  };
+  EXPECT_EQ(removed(deformable_boost(), PruneRule::growth), std::pair(30, 5));
+  EXPECT_EQ(removed(deformable_boost(), PruneRule::trim), std::pair(30, 10)) << "as the backbone says";
+  VanillaBoost literal = deformable_boost();
+  literal.literal = true;
+  const auto [unseen, seen] = removed(literal, PruneRule::growth);
+  EXPECT_EQ(unseen + seen, 20) << "the paper keeps half, whoever they are";
+  EXPECT_LT(unseen, 30);
+  VanillaBoost without = deformable_boost();
+  without.vcp = false;
+  EXPECT_EQ(removed(without, PruneRule::growth), std::pair(30, 10));
+  statistics.opacities = {};
+  const auto [some, others] = removed(deformable_boost(), PruneRule::growth);
+  EXPECT_EQ(some + others, 20) << "a host that tells no opacities: half of all";
+}
+
 }  // namespace
 }  // namespace splatboost

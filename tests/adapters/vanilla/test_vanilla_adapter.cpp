@@ -160,55 +160,6 @@ TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_no_other) {
   for (std::size_t i = 0; i < n; ++i) EXPECT_LE(remove[i], candidates[i]);
 }
 
-TEST_F(VanillaAdapterTest, half_of_the_candidates_go_and_those_that_no_pixel_shows) {
-  constexpr std::size_t kCount = 100;
-  // 40 candidates: 30 that cannot reach an alpha of 1/255, 10 that can. And 20 as faint ones that the backbone keeps.
-  Hand hand{std::vector<float>(kCount), std::vector<float>(kCount), std::vector<float>(kCount, 0.5f),
-            std::vector<float>(kCount, 0.05f)};
-  std::vector<std::uint8_t> candidates(kCount, 0), clone(kCount), split(kCount);
-  for (std::size_t i = 0; i < 60; ++i) {
-    hand.opacities[i] = i < 30 || i >= 40 ? 0.0039f : 0.0045f;
-    candidates[i] = i < 40;
-  }
-  std::vector<std::uint32_t> origins(kCount);
-  std::iota(origins.begin(), origins.end(), 0u);
-  std::vector<std::int32_t> counts(kCount, 0);
-  std::fill(counts.begin() + 30, counts.begin() + 34, 9);  // of what is shown, four have errors
-  FakeRasterizer rasterizer(counts);
-  const auto removed = [&](const VanillaBoost& boost, PruneRule rule) {
-    VanillaAdapter adapter(boost, threads_);
-    std::vector<std::uint8_t> remove = candidates;
-    GrowDecisions grow{clone, split};
-    PruneDecisions prune{remove, rule, origins};
-    adapter.grow(hand.at(600), rasterizer, grow);
-    adapter.prune(hand.at(600), rasterizer, prune);
-    for (std::size_t i = 0; i < kCount; ++i) EXPECT_LE(remove[i], candidates[i]);
-    const auto count = [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-      return std::accumulate(remove.begin() + begin, remove.begin() + end, 0);
-    };
-    return std::pair(count(0, 30), count(30, 40));
-  };
-  const VanillaBoost boost = boost_at_paper_size();
-  {
-    const auto [unseen, seen] = removed(boost, PruneRule::growth);
-    EXPECT_EQ(unseen, 30);
-    EXPECT_GE(seen, 4) << "the draw takes those with errors first";
-    EXPECT_LT(seen, 10);
-  }
-  EXPECT_EQ(removed(boost, PruneRule::trim), std::pair(30, 10)) << "as the backbone says";
-  VanillaBoost literal = boost;
-  literal.literal = true;
-  const auto [unseen, seen] = removed(literal, PruneRule::growth);
-  EXPECT_EQ(unseen + seen, 20) << "the paper keeps half, whoever they are";
-  EXPECT_LT(unseen, 30);
-  VanillaBoost without = boost;
-  without.vcp = false;
-  EXPECT_EQ(removed(without, PruneRule::growth), std::pair(30, 10));
-  hand.opacities = {};
-  const auto [some, others] = removed(boost, PruneRule::growth);
-  EXPECT_EQ(some + others, 20) << "a host that tells no opacities: half of all";
-}
-
 TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
   VanillaBoost boost = boost_at_paper_size();
   const auto resets = [&] {
