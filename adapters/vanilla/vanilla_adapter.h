@@ -157,8 +157,8 @@ class VanillaAdapter : public Adapter {
   VanillaBoost boost_;
   MultiViewScorer scorer_;
   BlendingWeights weights_;
-  std::vector<float> pruning_;        ///< of the primitives as they were at the last scoring
-  int scored_at_ = -1;                ///< iteration of that scoring
+  std::vector<float> pruning_;  ///< of the primitives as they were at the last scoring
+  int scored_at_ = -1;          ///< iteration of that scoring
 };
 
 }  // namespace splatboost

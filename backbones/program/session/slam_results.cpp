@@ -136,12 +136,13 @@ Json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence
     }
     results.views.push_back(std::move(measured.result));
   }
+  if (stopped()) all = of_keyframes = {};  // means of the first frames would read as those of all
   results.split = "tracked";
   results.psnr = all.mean(all.psnr);
   results.ssim = all.mean(all.ssim);
   results.psnr_beta1 = all.mean(all.psnr_beta1);
   if (lpips != nullptr && all.count > 0) results.lpips = all.mean(all.lpips);
-  results.fps = render_seconds > 0 ? static_cast<double>(all.count) / render_seconds : std::nan("");
+  results.fps = all.count > 0 && render_seconds > 0 ? static_cast<double>(all.count) / render_seconds : std::nan("");
   const auto shown = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
   return {{"frames", outcome.keyframe_frames.size()},
           {"psnr", shown(of_keyframes.mean(of_keyframes.psnr))},
