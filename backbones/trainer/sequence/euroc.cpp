@@ -7,7 +7,6 @@
 #include <fstream>
 #include <functional>
 #include <iterator>
-#include <regex>
 #include <utility>
 
 #include <glm/gtc/quaternion.hpp>
@@ -93,17 +92,25 @@ struct EurocCamera {
   glm::dmat4 body_from_camera{1.0};
 };
 
+/// Where the file names a model, it must be one that begins so. Pictures of other lenses would be rectified wrongly.
+void require_model(const std::string& text, const std::string& key, const std::string& beginning,
+                   const fs::path& file) {
+  const std::size_t at = text.find(key);
+  if (at == std::string::npos) return;
+  const std::size_t begin = text.find_first_not_of(" \t\"'", at + key.size());
+  require(begin != std::string::npos && text.compare(begin, beginning.size(), beginning) == 0,
+          file.string() + ": " + key + " is not one that is read; undistort the pictures, and give pinhole with " +
+              "radial-tangential");
+}
+
 EurocCamera read_camera(const fs::path& file) {
   std::ifstream in(file);
   require(in.good(), file.string() + ": cannot be read");
   const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
   EurocCamera camera;
   Calibration& c = camera.calibration;
-  for (const char* unread : {"equidistant", "omnidirectional", "omni", "fov", "ds", "eucm"}) {
-    require(!std::regex_search(text, std::regex("(camera|distortion)_model:[ \t]*" + std::string(unread) + "\\b")),
-            file.string() + ": the camera model '" + unread +
-                "' is not read; undistort the pictures, and give pinhole with radial-tangential");
-  }
+  require_model(text, "camera_model:", "pinhole", file);
+  require_model(text, "distortion_model:", "rad", file);  // radial-tangential, or radtan
   const std::vector<double> size = list_of(text, "", "resolution", 2, file);
   c.width = static_cast<int>(std::clamp(size[0], 0.0, 1e6));
   c.height = static_cast<int>(std::clamp(size[1], 0.0, 1e6));
