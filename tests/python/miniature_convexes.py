@@ -27,8 +27,8 @@ def render(cam, pc, pipe, bg_color):
         scale_modifier=1.0, viewmatrix=cam.view, projmatrix=cam.full, sh_degree=1, campos=cam.centre, prefiltered=False,
         debug=False)
     rasterizer = ConvexRasterizer(raster_settings=view)
-    rendered_image, radii, scaling, density_factor, allmap = rasterizer(
-        convex_points=pc.get_convex_points.flatten(0), delta=torch.exp(pc._delta), sigma=steepness,
+    rendered_image, radii, scaling, density_factor, allmap = rasterizer(convex_points=pc.get_convex_points.flatten(0),
+        delta=torch.exp(pc._delta), sigma=steepness,
         num_points_per_convex=pc.sizes, cumsum_of_points_per_convex=torch.cumsum(pc.sizes, 0).int() - 6,
         number_of_points=count, shs=torch.cat([pc._features_dc, pc._features_rest], dim=1), colors_precomp=None,
         opacities=pc.get_opacity * torch.sigmoid(pc._mask), means2D=on_screen, scaling=torch.zeros(count),

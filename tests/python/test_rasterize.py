@@ -157,6 +157,20 @@ def small(seed=0):
     return {k: tensors[k].requires_grad_() for k in ("means", "opacities", "scales", "rotations", "colors")}
 
 
+def test_weights_make_up_the_alpha():
+    camera, tensors = reference.turned_camera(), small()
+    with torch.no_grad():
+        done = splatboost.rasterize(camera, **tensors, beta=1.0, alpha=True)
+        weights = done.weights()
+        blended = done.count_flagged(torch.ones(camera.height, camera.width, dtype=torch.bool))
+        assert (weights <= 256 * blended).all() and (weights > 0).sum() > N / 4
+        # Each pixel's weights sum to its alpha, but for rounding of half a unit each.
+        assert abs(float(weights.sum()) / 256 - float(done.alpha.sum())) < 0.5 / 256 * float(blended.sum())
+        splatboost.rasterize(camera, **tensors, beta=1.0)
+        with pytest.raises(RuntimeError, match="weights: this render's tile lists are gone"):
+            done.weights()
+
+
 def test_counts_are_the_reference_s():
     camera, tensors = reference.turned_camera(), small()
     flagged = torch.rand(camera.height, camera.width, generator=torch.Generator().manual_seed(0)) < 0.3

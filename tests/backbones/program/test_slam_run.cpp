@@ -15,6 +15,7 @@
 
 #include "photo_slam/photo_slam.h"
 #include "splatboost/threads.h"
+#include "support/walk_frames.h"
 #include "trainer/support/input_error.h"
 #include "trainer/synth/synth_view.h"
 #include "trainer/synth/synth_walk.h"
@@ -24,26 +25,8 @@ namespace {
 
 constexpr int kWidth = 160, kHeight = 120, kFrames = 12;
 
-/// Made once: ray tracing takes most of the time here.
 const std::vector<Frame>& walk() {
-  static const std::vector<Frame> frames = [] {
-    const auto world = synthetic::make_room();
-    const synthetic::Intrinsics camera(kWidth, kHeight);
-    Threads threads;
-    std::vector<Frame> made;
-    for (int i = 0; i < kFrames; ++i) {
-      synthetic::Picture picture(camera);
-      synthetic::render_view(*world, camera, walk_pose(i, 120), 1, threads, picture);
-      Frame frame;
-      frame.name = std::to_string(i) + ".png";
-      frame.width = kWidth;
-      frame.height = kHeight;
-      frame.color = picture.color;
-      frame.depth.assign(picture.depth.begin(), picture.depth.end());
-      made.push_back(std::move(frame));
-    }
-    return made;
-  }();
+  static const std::vector<Frame> frames = testing::walk_frames(kWidth, kHeight, kFrames, 120);
   return frames;
 }
 

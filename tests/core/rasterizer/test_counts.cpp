@@ -147,45 +147,39 @@ TEST(CountsKnown, OneSplatIsCountedWhereItReachesOneStep) {
   EXPECT_EQ(counts[1], 0);
 }
 
-TEST(CountsKnown, ASplatBehindASaturatedPixelIsNotCounted) {
-  Camera camera;
-  camera.width = camera.height = 1;
-  camera.fx = camera.fy = 1;
-  SceneData scene;
-  scene.count = 4;
-  for (int i = 0; i < 4; ++i) {
-    const float z = static_cast<float>(i + 1);
-    for (const float v : {0.5f * z, 0.5f * z, z}) scene.means.push_back(v);
-    for (const float v : {100.f, 0.f, 0.f, 100.f, 0.f, 0.f}) scene.covariances.push_back(v);
-    scene.opacities.push_back(0.97f);  // T: 0.03, 9e-4, 2.7e-5: the third would saturate, the fourth comes after
-    for (int c = 0; c < 3; ++c) scene.colors.push_back(1);
+/// Splats of one opacity, one behind the other, drawn into a single pixel that each covers wholly.
+struct OnePixel {
+  OnePixel(int count, float opacity) {
+    camera.width = camera.height = 1;
+    camera.fx = camera.fy = 1;
+    scene.count = static_cast<std::size_t>(count);
+    for (int i = 0; i < count; ++i) {
+      const float z = static_cast<float>(i + 1);
+      for (const float v : {0.5f * z, 0.5f * z, z}) scene.means.push_back(v);
+      for (const float v : {100.f, 0.f, 0.f, 100.f, 0.f, 0.f}) scene.covariances.push_back(v);
+      scene.opacities.push_back(opacity);
+      for (int c = 0; c < 3; ++c) scene.colors.push_back(1);
+    }
+    rasterizer.forward(camera, scene.view(), RasterOptions{}, images.emplace_back(camera, 0).view());
   }
-  Threads threads(1);
-  Rasterizer rasterizer(threads);
-  ImageData images(camera, 0);
-  rasterizer.forward(camera, scene.view(), RasterOptions{}, images.view());
+  Camera camera;
+  SceneData scene;
+  Threads threads{1};
+  Rasterizer rasterizer{threads};
+  std::vector<ImageData> images;
+};
+
+TEST(CountsKnown, ASplatBehindASaturatedPixelIsNotCounted) {
+  OnePixel stack(4, 0.97f);  // T: 0.03, 9e-4, 2.7e-5: the third would saturate, the fourth comes after
+  Rasterizer& rasterizer = stack.rasterizer;
   std::vector<std::int32_t> counts(4, 0);
   rasterizer.count_flagged(std::vector<std::uint8_t>(1, 1), counts);
   EXPECT_EQ(counts, (std::vector<std::int32_t>{1, 1, 0, 0}));
 }
 
 TEST(CountsKnown, ASplatIsObservedWhereLittleLiesInFrontOfIt) {
-  Camera camera;
-  camera.width = camera.height = 1;
-  camera.fx = camera.fy = 1;
-  SceneData scene;
-  scene.count = 5;
-  for (int i = 0; i < 5; ++i) {
-    const float z = static_cast<float>(i + 1);
-    for (const float v : {0.5f * z, 0.5f * z, z}) scene.means.push_back(v);
-    for (const float v : {100.f, 0.f, 0.f, 100.f, 0.f, 0.f}) scene.covariances.push_back(v);
-    scene.opacities.push_back(0.3f);  // T before: 1, 0.7, 0.49, 0.34, 0.24
-    for (int c = 0; c < 3; ++c) scene.colors.push_back(1);
-  }
-  Threads threads(1);
-  Rasterizer rasterizer(threads);
-  ImageData images(camera, 0);
-  rasterizer.forward(camera, scene.view(), RasterOptions{}, images.view());
+  OnePixel stack(5, 0.3f);  // T before: 1, 0.7, 0.49, 0.34, 0.24
+  Rasterizer& rasterizer = stack.rasterizer;
   std::vector<std::int32_t> counts(5, 0);
   rasterizer.count_observed(0.5f, counts);
   EXPECT_EQ(counts, (std::vector<std::int32_t>{1, 1, 0, 0, 0}));
@@ -210,24 +204,9 @@ TEST_P(Counts, ObservedAreThoseBlendedInFrontOfTheThreshold) {
   }
 }
 
-// Five of one pixel, one behind the other: α is 0.3 and the transmittance before them 1, 0.7, 0.49, 0.343, 0.2401.
-TEST(Counts, WeightsAreOpacityTimesTransmittance) {
-  Camera camera;
-  camera.width = camera.height = 1;
-  camera.fx = camera.fy = 1;
-  SceneData scene;
-  scene.count = 5;
-  for (int i = 0; i < 5; ++i) {
-    const float z = static_cast<float>(i + 1);
-    for (const float v : {0.5f * z, 0.5f * z, z}) scene.means.push_back(v);
-    for (const float v : {100.f, 0.f, 0.f, 100.f, 0.f, 0.f}) scene.covariances.push_back(v);
-    scene.opacities.push_back(0.3f);
-    for (int c = 0; c < 3; ++c) scene.colors.push_back(1);
-  }
-  Threads threads(1);
-  Rasterizer rasterizer(threads);
-  ImageData images(camera, 0);
-  rasterizer.forward(camera, scene.view(), RasterOptions{}, images.view());
+TEST(CountsKnown, WeightsAreOpacityTimesTransmittance) {
+  OnePixel stack(5, 0.3f);  // T before: 1, 0.7, 0.49, 0.343, 0.2401
+  Rasterizer& rasterizer = stack.rasterizer;
   std::vector<std::int32_t> weights(5, 1);
   rasterizer.add_weights(weights);
   EXPECT_EQ(weights, (std::vector<std::int32_t>{78, 55, 39, 27, 19}));  // 1 + 76.8, 53.76, 37.6, 26.3, 18.4

@@ -10,6 +10,7 @@
 
 #include "families/tracking/features.h"
 #include "splatboost/threads.h"
+#include "support/walk_frames.h"
 #include "trainer/sequence/trajectory.h"
 #include "trainer/synth/synth_view.h"
 #include "trainer/synth/synth_walk.h"
@@ -19,26 +20,8 @@ namespace {
 
 constexpr int kWidth = 240, kHeight = 180, kFrames = 16;
 
-/// Made once: ray tracing takes most of the time here.
 const std::vector<Frame>& walk() {
-  static const std::vector<Frame> frames = [] {
-    const auto world = synthetic::make_room();
-    const synthetic::Intrinsics camera(kWidth, kHeight);
-    Threads threads;
-    std::vector<Frame> made;
-    for (int i = 0; i < kFrames; ++i) {
-      synthetic::Picture picture(camera);
-      synthetic::render_view(*world, camera, walk_pose(i, kWalkFrames), 1, threads, picture);
-      Frame frame;
-      frame.number = static_cast<std::size_t>(i);
-      frame.width = kWidth;
-      frame.height = kHeight;
-      frame.color = picture.color;
-      frame.depth.assign(picture.depth.begin(), picture.depth.end());
-      made.push_back(std::move(frame));
-    }
-    return made;
-  }();
+  static const std::vector<Frame> frames = testing::walk_frames(kWidth, kHeight, kFrames, kWalkFrames);
   return frames;
 }
 

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The first frames of the synthetic walk, with exact depth, to test trackers and mappers with.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "splatboost/threads.h"
+#include "trainer/sequence/sequence.h"
+#include "trainer/synth/synth_view.h"
+#include "trainer/synth/synth_walk.h"
+
+namespace splatboost::testing {
+
+/// Frames 0 … count − 1 of a walk of `whole` frames. Ray tracing takes most of a test's time: make them once.
+inline std::vector<Frame> walk_frames(int width, int height, int count, int whole) {
+  const auto world = synthetic::make_room();
+  const synthetic::Intrinsics camera(width, height);
+  Threads threads;
+  std::vector<Frame> made;
+  for (int i = 0; i < count; ++i) {
+    synthetic::Picture picture(camera);
+    synthetic::render_view(*world, camera, walk_pose(i, whole), 1, threads, picture);
+    Frame frame;
+    frame.number = static_cast<std::size_t>(i);
+    frame.name = std::to_string(i) + ".png";
+    frame.width = width;
+    frame.height = height;
+    frame.color = picture.color;
+    frame.depth.assign(picture.depth.begin(), picture.depth.end());
+    made.push_back(std::move(frame));
+  }
+  return made;
+}
+
+}  // namespace splatboost::testing
