@@ -11,6 +11,7 @@ import host_runner
 import miniature_anchors
 import miniature_convexes
 import miniature_host
+import numpy
 import pytest
 import torch
 
@@ -298,6 +299,25 @@ def test_pictures_as_torchvision_reads_and_writes_them(tmp_path):
     _stand_ins._save_image(picture, str(tmp_path / "p.png"))
     read = _stand_ins._to_tensor(Image.open(tmp_path / "p.png"))
     assert torch.allclose(read, picture.clamp(0, 1), atol=0.5 / 255 + 1e-6) and read.shape == (3, 2, 2)
+
+
+def test_pictures_of_signed_bytes(monkeypatch):
+    pytest.importorskip("PIL")
+    from PIL import Image
+
+    from splatboost import _stand_ins
+
+    fromarray = Image.fromarray
+
+    def of_newer_pillow(array, mode=None):
+        if array.dtype == numpy.int8:
+            raise TypeError("Cannot handle this data type: (1, 1, 3), |i1")
+        return fromarray(array, mode)
+
+    monkeypatch.setattr(Image, "fromarray", of_newer_pillow)
+    _stand_ins._pictures()
+    bytes_of_host = numpy.array(numpy.full((2, 2, 3), 200.0), dtype=numpy.uint8).view(numpy.byte)
+    assert (numpy.asarray(Image.fromarray(bytes_of_host, "RGB")) == 200).all()
 
 
 def test_numpy_that_torch_cannot_use_is_told(monkeypatch):

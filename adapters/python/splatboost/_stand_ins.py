@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import atexit
+import functools
 import importlib.util
 import os
 import shutil
@@ -40,6 +41,8 @@ def install() -> None:
     if _lacks("pytorch3d"):
         _pytorch3d()
     _numpy_names()
+    _pictures()
+    _histograms()
     _lpips()
     if shutil.which("nvidia-smi") is None:
         _nvidia_smi()
@@ -52,6 +55,44 @@ def _numpy_names() -> None:
     for kind in (bool, int, float, complex, object):
         if kind.__name__ not in numpy.__dict__:
             setattr(numpy, kind.__name__, kind)
+
+
+def _pictures() -> None:
+    """Hosts make pictures from arrays of numpy.byte, which is signed; Pillow from 11.3 on takes unsigned bytes alone."""
+    if _lacks("PIL"):
+        return
+    import numpy
+    from PIL import Image
+
+    fromarray: Any = Image.fromarray
+
+    @functools.wraps(fromarray)
+    def from_bytes(array: Any, *arguments: Any, **named: Any) -> Any:
+        if isinstance(array, numpy.ndarray) and array.dtype == numpy.int8:
+            array = array.view(numpy.uint8)
+        return fromarray(array, *arguments, **named)
+
+    Image.fromarray = from_bytes
+
+
+def _histograms() -> None:
+    """Histograms for TensorBoard, which torch before 2.0 cannot make with numpy from 1.24 on, are left out."""
+    import torch
+
+    if _lacks("tensorboard") or int(torch.__version__.split(".")[0]) >= 2:
+        return
+    from torch.utils.tensorboard import SummaryWriter
+
+    add_histogram: Any = SummaryWriter.add_histogram
+
+    @functools.wraps(add_histogram)
+    def add_where_possible(*arguments: Any, **named: Any) -> None:
+        try:
+            add_histogram(*arguments, **named)
+        except TypeError:
+            pass
+
+    SummaryWriter.add_histogram = add_where_possible
 
 
 def _lacks(name: str) -> bool:
