@@ -7,6 +7,8 @@ namespace splatboost {
 
 VanillaBoost pgsr_boost() {
   VanillaBoost boost;
+  boost.densify_until = kLiteralGrowthEnd;
+  boost.late_prune_from = kLiteralGrowthEnd;
   // Surfaces settle in the second half of a run: every step counts there. The supplement (Sec. 9.2) has plain Adam too.
   boost.schedule = false;
   return boost;

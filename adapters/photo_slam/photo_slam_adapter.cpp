@@ -21,6 +21,8 @@ PhotoSlamBoost::PhotoSlamBoost() {
   // The scene's extent is that of the first keyframes, which lie close together: vanilla's 0.001 of it would leave
   // nothing to clone.
   percent_dense = 0.01;
+  // Keyframes arrive as long as the sequence lasts.
+  densify_until = late_prune_from = kLiteralGrowthEnd;
   // Keyframes begin with small images anyway.
   coarse = false;
 }

@@ -45,7 +45,9 @@ VanillaBoost literal_boost() {
   VanillaBoost boost;
   boost.literal = true;
   boost.gradient_abs_threshold = 1.2e-3;
+  boost.densify_until = kLiteralGrowthEnd;
   boost.densify_interval = 500;
+  boost.late_prune_from = kLiteralGrowthEnd;
   boost.late_share = 0;
   boost.coarse = false;
   return boost;
@@ -65,7 +67,7 @@ bool VanillaAdapter::needs_absolute_gradients() const { return boost_.absgrad; }
 bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcd) return backbone_would;
   const int from = at(boost_.densify_from, moment);
-  const int until = at(boost_.densify_until, moment);
+  const int until = growth_end(moment);
   const int most = boost_.literal ? boost_.densify_interval : std::max(kMinGrowthInterval, until / kMinGrowths);
   const int interval = std::min(boost_.densify_interval, most);
   return moment.iteration > from && moment.iteration < until && moment.iteration % interval == 0;
@@ -117,16 +119,25 @@ double VanillaAdapter::least_importance(double pixels) const {
   return std::max(1.0, (boost_.tau_d + 1) * std::min(1.0, pixels / kTauDPixels));
 }
 
-bool VanillaAdapter::growth_ended_at(Moment moment) const {
-  return !boost_.literal && moment.iteration == at(std::max(boost_.late_prune_from, boost_.densify_until), moment);
+int VanillaAdapter::growth_end(Moment moment) const {
+  const int until = at(boost_.densify_until, moment);
+  if (boost_.literal) return until;
+  const int published = std::min(at(kLiteralGrowthEnd, moment), moment.total / 2);
+  if (!boost_.vcd) return std::max(until, published);  // the backbone decides
+  const int enough = at(boost_.densify_from, moment) + kMinGrowths * kMinGrowthInterval + 1;
+  return std::max(until, std::min(enough, published));
+}
+
+int VanillaAdapter::late_begin(Moment moment) const {
+  const int from = at(boost_.late_prune_from, moment);
+  return boost_.literal ? from : std::max(from, growth_end(moment));
 }
 
 bool VanillaAdapter::prunes_late_at(Moment moment) const {
   if (!boost_.vcp) return false;
   if (growth_ended_at(moment)) return moment.iteration < moment.total;
-  const int from = at(boost_.late_prune_from, moment);
   const int interval = at(boost_.late_prune_interval, moment);
-  return moment.iteration > from && moment.iteration < moment.total && moment.iteration % interval == 0;
+  return moment.iteration > late_begin(moment) && moment.iteration < moment.total && moment.iteration % interval == 0;
 }
 
 bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
@@ -173,8 +184,8 @@ double VanillaAdapter::settled(Moment moment, std::size_t views) const {
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {
   if (boost_.literal) return backbone_would;
   const std::int64_t recovered = std::int64_t{moment.iteration} + boost_.growth_after_reset;
-  if (boost_.vcd && recovered > at(boost_.densify_until, moment)) return false;
-  if (boost_.vcp && recovered > at(boost_.late_prune_from, moment)) return false;
+  if (boost_.vcd && recovered > growth_end(moment)) return false;
+  if (boost_.vcp && recovered > late_begin(moment)) return false;
   return backbone_would;
 }
 

@@ -33,14 +33,15 @@ struct VanillaBoost {
   double gradient_abs_threshold = 6e-4;  ///< split; the paper's is 1.2e-3
   double percent_dense = 0.001;          ///< × extent, where clone ends and split begins
   int densify_from = 500;
-  int densify_until = 15000;
+  /// Growth ends here, but in a short run not before it has grown kMinGrowths times; the paper's is 15 000.
+  int densify_until = 10000;
   /// VCD grows every so many iterations, as often as 3DGS; the paper's is 500. Not scaled, because statistics need that
   /// many views, but a longer one shrinks to kMinGrowthInterval where a run would not grow kMinGrowths times.
   int densify_interval = 100;
   /// Opacities are reset only where at least so many iterations of growth follow, as in the published run. Not scaled,
   /// because opacities recover at a rate that does not depend on a run's length.
   int growth_after_reset = 3000;
-  int late_prune_from = 15000;
+  int late_prune_from = 10000;  ///< and not before growth has ended; the paper's is 15 000
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
   double late_max_score = 0.9;
@@ -93,7 +94,11 @@ void check(const VanillaBoost& boost);
 /// The paper's text and numbers (supplement, Sec. 9.1). Where phases of the run begin and end scales with its length.
 VanillaBoost literal_boost();
 
-/// Fewest growths of a run, so that short ones grow too, but never more often than 3DGS itself.
+/// Where the paper's growth ends and its late pruning begins.
+inline constexpr int kLiteralGrowthEnd = 15000;
+
+/// Fewest growths of a run, so that short ones grow too, but never more often than 3DGS itself, nor in the
+/// second half of a run.
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
 
@@ -147,8 +152,12 @@ class VanillaAdapter : public Adapter {
   /// 1, or less where views are seen too few times for opacities to settle.
   /// @param views the backbone's training views
   double settled(Moment moment, std::size_t views) const;
+  /// The first iteration at which nothing grows any more.
+  int growth_end(Moment moment) const;
+  /// The first iteration of late pruning.
+  int late_begin(Moment moment) const;
   /// Whether growth has just ended and late pruning begins. Never literally.
-  bool growth_ended_at(Moment moment) const;
+  bool growth_ended_at(Moment moment) const { return !boost_.literal && moment.iteration == late_begin(moment); }
   bool prunes_late_at(Moment moment) const;
   int at(int published, Moment moment) const {
     return scaled_iteration(published, moment.total, boost_.published_iterations);

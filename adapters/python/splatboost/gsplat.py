@@ -26,6 +26,9 @@ except ImportError as e:
 Params = Dict[str, Any]  # or a torch.nn.ParameterDict
 Optimizers = Dict[str, torch.optim.Optimizer]
 
+#: Growth of 3DGS's published run, without an adapter that decides.
+_PUBLISHED_GROWTH_END = 15000
+
 _REQUIRED = ("means", "scales", "quats", "opacities", "sh0", "shN")
 
 
@@ -190,14 +193,14 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         self._device = params["means"].device
         self._scene = {} if scene is None else {"scene": scene}
         adapter = self.adapter(self._device)
-        until = self._at(adapter.settings["densify_until"])
+        until = self._at(max(adapter.settings["densify_until"], _PUBLISHED_GROWTH_END))
         if iteration < until:
             self._gather(params, state, info, packed)
         published = iteration > 500 and iteration < until and iteration % 100 == 0
         if iteration < until and adapter.grows_at(iteration, published):
             self._apply_pending(params, optimizers)
             self._grow(params, optimizers, state, iteration)
-        elif iteration >= until and adapter.prunes_at(iteration, False):
+        elif adapter.prunes_at(iteration, False):
             self._apply_pending(params, optimizers)
             self._prune_late(params, optimizers, state, iteration)
         if adapter.resets_opacities_at(iteration, iteration < until and iteration % self._at(self.reset_every) == 0):

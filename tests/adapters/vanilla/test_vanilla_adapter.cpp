@@ -125,7 +125,7 @@ TEST_F(VanillaAdapterTest, an_appended_primitive_is_judged_by_what_it_was_made_f
   const std::vector<std::uint32_t> origins{1, 0};
   GrowDecisions grow{clone, split};
   FakeRasterizer rasterizer({100, 0});
-  for (int iteration = 500; iteration < 15000; iteration += 500) {
+  for (int iteration = 500; iteration < 10000; iteration += 500) {
     remove = {1, 1};
     adapter.grow(hand.at(iteration), rasterizer, grow);
     PruneDecisions prune{remove, PruneRule::growth, origins};
@@ -171,15 +171,15 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
     EXPECT_FALSE(adapter.resets_opacities_at({3001, 30000}, false)) << "when is the backbone's to say";
     return at;
   };
-  EXPECT_EQ(resets(), (std::vector<int>{3000, 6000, 9000, 12000}));
-  boost.densify_until = 9000;
-  EXPECT_EQ(resets(), (std::vector<int>{3000, 6000}));
+  EXPECT_EQ(resets(), (std::vector<int>{3000, 6000})) << "growth ends at 10000";
+  boost.densify_until = 8000;
+  EXPECT_EQ(resets(), (std::vector<int>{3000}));
   boost.vcd = false;
-  EXPECT_EQ(resets(), (std::vector<int>{3000, 6000, 9000, 12000})) << "to where late pruning begins";
+  EXPECT_EQ(resets(), (std::vector<int>{3000, 6000, 9000, 12000})) << "to where the backbone's growth ends";
 }
 
 TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
-  // 3DGS would reset at every tenth of the run. 3000 iterations of growth, which ends at half of it, must follow.
+  // 3DGS would reset at every tenth of the run. 3000 iterations of growth, which ends at a third of it, must follow.
   const auto resets = [&](const VanillaBoost& boost, int total) {
     const VanillaAdapter adapter(boost, threads_);
     std::vector<int> at;
@@ -189,21 +189,21 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
     return at;
   };
   VanillaBoost boost = boost_at_paper_size();
-  EXPECT_EQ(resets(boost, 15000), (std::vector<int>{1500, 3000, 4500}));
-  EXPECT_EQ(resets(boost, 8000), (std::vector<int>{800}));
-  EXPECT_EQ(resets(boost, 7000), (std::vector<int>{})) << "700 + 3000 is above 3500";
+  EXPECT_EQ(resets(boost, 20000), (std::vector<int>{2000}));
+  EXPECT_EQ(resets(boost, 13000), (std::vector<int>{1300}));
+  EXPECT_EQ(resets(boost, 12000), (std::vector<int>{})) << "1200 + 3000 is above 4000";
   boost.growth_after_reset = 1;
-  EXPECT_EQ(resets(boost, 7000), (std::vector<int>{700, 1400, 2100, 2800})) << "not at 3500, where growth ends";
+  EXPECT_EQ(resets(boost, 7000), (std::vector<int>{700, 1400, 2100})) << "growth ends at 2333";
   boost.vcd = boost.vcp = false;
   EXPECT_EQ(resets(boost, 7000).size(), 10u) << "all is the backbone's";
 }
 
 TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
-  EXPECT_FALSE(adapter.prunes_at({14999, 30000}, false));
-  EXPECT_TRUE(adapter.prunes_at({15000, 30000}, false)) << "growth has ended";
-  EXPECT_FALSE(adapter.prunes_at({15001, 30000}, false));
-  EXPECT_FALSE(VanillaAdapter(literal_boost(), threads_).prunes_at({15000, 30000}, false));
+  EXPECT_FALSE(adapter.prunes_at({9999, 30000}, false));
+  EXPECT_TRUE(adapter.prunes_at({10000, 30000}, false)) << "growth has ended";
+  EXPECT_FALSE(adapter.prunes_at({10001, 30000}, false));
+  EXPECT_FALSE(VanillaAdapter(literal_boost(), threads_).prunes_at({10000, 30000}, false));
   EXPECT_TRUE(adapter.prunes_at({18000, 30000}, false));
   EXPECT_TRUE(adapter.prunes_at({27000, 30000}, false));
   EXPECT_FALSE(adapter.prunes_at({18001, 30000}, false));
@@ -251,11 +251,11 @@ TEST_F(VanillaAdapterTest, what_shows_least_goes_when_growth_has_ended) {
     return remove;
   };
   using Mask = std::vector<std::uint8_t>;
-  EXPECT_EQ(removed(15000, 10, 0.1), (Mask{0, 1, 0, 0, 1})) << "a tenth of 100; the last is faint";
-  EXPECT_EQ(removed(15000, 10, 0.3), (Mask{0, 1, 0, 1, 1}));
+  EXPECT_EQ(removed(10000, 10, 0.1), (Mask{0, 1, 0, 0, 1})) << "a tenth of 100; the last is faint";
+  EXPECT_EQ(removed(10000, 10, 0.3), (Mask{0, 1, 0, 1, 1}));
   EXPECT_EQ(removed(18000, 10, 0.3), (Mask{0, 0, 0, 0, 1})) << "once";
-  EXPECT_EQ(removed(15000, 10, 0), (Mask{0, 0, 0, 0, 1}));
-  EXPECT_EQ(removed(15000, 1200, 0.3), (Mask{0, 1, 0, 0, 0}))
+  EXPECT_EQ(removed(10000, 10, 0), (Mask{0, 0, 0, 0, 1}));
+  EXPECT_EQ(removed(10000, 1200, 0.3), (Mask{0, 1, 0, 0, 0}))
       << "views seen 25 times: half the share, half the opacity";
 }
 
@@ -307,13 +307,15 @@ TEST_F(VanillaAdapterTest, grows_as_often_as_3dgs) {
     return at;
   };
   const std::vector<int> published = growths(30000);
-  EXPECT_EQ(published.size(), 144u);
+  EXPECT_EQ(published.size(), 94u);
   EXPECT_EQ(published.front(), 600);
-  EXPECT_EQ(published.back(), 14900);
-  EXPECT_EQ(growths(7000).size(), 33u) << "200, 300 … 3400: intervals do not scale";
+  EXPECT_EQ(published.back(), 9900);
+  EXPECT_EQ(growths(7000).size(), 22u) << "200, 300 … 2300: intervals do not scale";
+  EXPECT_EQ(growths(3000).size(), 12u) << "100, 200 … 1200: growth ends after a third of the run for that";
   boost.densify_interval = 500;  // the paper's
-  EXPECT_EQ(growths(30000).size(), 28u);
-  EXPECT_EQ(growths(1200), (std::vector<int>{100, 200, 300, 400, 500})) << "never more often than 3DGS itself";
+  EXPECT_EQ(growths(30000).size(), 18u);
+  EXPECT_EQ(growths(1200), (std::vector<int>{100, 200, 300, 400, 500}))
+      << "never more often than 3DGS itself, nor in the second half";
   EXPECT_EQ(growths(2400), (std::vector<int>{100, 200, 300, 400, 500, 600, 700, 800, 900, 1000, 1100}));
   boost.vcd = false;
   EXPECT_TRUE(VanillaAdapter(boost, threads_).grows_at({7, 2000}, true)) << "without VCD the backbone decides";
