@@ -357,6 +357,32 @@ TEST(ConvexRasterizer, DrawsNothingOfWhatIsNotAConvexOnTheScreen) {
   }
 }
 
+/// Points on lines in space, in any order: rounding alone puts them beside each other's line on the screen.
+TEST(ConvexRasterizer, DrawsNothingOfPointsOnALine) {
+  Numbers random(11);
+  ConvexSceneData scene;
+  scene.count = 300;
+  for (std::size_t i = 0; i < scene.count; ++i) {
+    float from[3], along[3];
+    for (std::size_t c = 0; c < 3; ++c) {
+      from[c] = random.real(-0.3f, 0.3f) + (c == 2 ? 2.0f : 0.0f);
+      along[c] = random.real(0.05f, 0.1f) * (random.bits() % 2 == 0 ? 1.0f : -1.0f);
+    }
+    for (const int k : {3, 0, 5, 1, 4, 2}) {
+      for (std::size_t c = 0; c < 3; ++c) scene.points.push_back(from[c] + static_cast<float>(k) * along[c]);
+    }
+  }
+  scene.smoothness.assign(scene.count, 0.1f);
+  scene.sharpness.assign(scene.count, 0.05f);
+  scene.opacities.assign(scene.count, 0.8f);
+  scene.colors.assign(3 * scene.count, 0.5f);
+  Threads threads(1);
+  ConvexRasterizer rasterizer(threads);
+  std::vector<float> color(3 * 40 * 36);
+  rasterizer.forward(plain_camera(), scene.view(), {}, color);
+  EXPECT_EQ(rasterizer.counts().visible, 0u);
+}
+
 TEST(ConvexRasterizer, StaysFiniteWhereNumbersAreExtreme) {
   const Camera camera = plain_camera();
   Threads threads(1);
