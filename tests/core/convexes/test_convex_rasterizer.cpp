@@ -184,6 +184,24 @@ TEST_P(ConvexReference, Counts) {
   }
 }
 
+TEST_P(ConvexReference, Weights) {
+  std::vector<std::int32_t> weights(scene.count, 7), blended(scene.count, 0);
+  rasterizer.add_weights(weights);
+  rasterizer.count_flagged(std::vector<std::uint8_t>(pixels, 1), blended);
+  std::vector<std::uint8_t> certain;
+  const std::vector<std::int64_t> truth =
+      reference::blending_weights(scene.reference(), reference_camera(camera), reference_options(options), certain);
+  const std::vector<std::int64_t> exact = reference::count_flagged(
+      scene.reference(), reference_camera(camera), reference_options(options), std::vector<std::uint8_t>(pixels, 1));
+  std::size_t compared = 0;
+  for (std::size_t i = 0; i < scene.count; ++i) {
+    // A pixel that only one of them blends, and a weight that rounds the other way, change what follows by little.
+    EXPECT_NEAR(weights[i], 7 + static_cast<double>(truth[i]), 2 + 0.002 * blended[i]) << i;
+    compared += certain[i] != 0 && blended[i] == exact[i] && weights[i] == 7 + truth[i] ? 1 : 0;
+  }
+  EXPECT_GT(compared, scene.count / 4) << "equal to the last unit where no rounding is doubtful";
+}
+
 INSTANTIATE_TEST_SUITE_P(All, ConvexReference, ::testing::ValuesIn(cases()),
                          [](const auto& one) { return one.param.name; });
 
