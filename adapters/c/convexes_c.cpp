@@ -152,3 +152,13 @@ sb_status sb_convex_rasterizer_count_flagged(sb_convex_rasterizer* rasterizer, c
         r.place.view<std::int32_t>(counts, "counts", {static_cast<std::int64_t>(r.shape.count)}));
   });
 }
+
+sb_status sb_convex_rasterizer_add_weights(sb_convex_rasterizer* rasterizer, const sb_tensor* weights, void* stream) {
+  return guarded([&] {
+    sb_convex_rasterizer& r = need(rasterizer, "rasterizer");
+    const Place::Call call(r.place, stream);
+    r.check_drawn("add_weights");
+    r.rasterizer.add_weights(
+        r.place.view<std::int32_t>(weights, "weights", {static_cast<std::int64_t>(r.shape.count)}));
+  });
+}

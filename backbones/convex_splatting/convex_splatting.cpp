@@ -73,6 +73,7 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     rasterizer_.count_flagged(flagged, counts);
   }
+  void add_weights(std::span<std::int32_t> weights) override { rasterizer_.add_weights(weights); }
 
   void initialise();
   void activate();

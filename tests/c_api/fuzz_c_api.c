@@ -202,6 +202,12 @@ static sb_status call_convexes_count(const Entry* e) {
   return sb_convex_rasterizer_count_flagged(convex_rasterizer, e->p[0], e->p[1], NULL);
 }
 
+static sb_status call_convexes_weights(const Entry* e) {
+  const sb_convexes c = convexes_of(&convex_scene);
+  CHECK(draw_convexes(&c) == SB_OK);
+  return sb_convex_rasterizer_add_weights(convex_rasterizer, e->p[0], NULL);
+}
+
 static sb_status call_observed(const Entry* e) {
   draw_scene();
   return sb_rasterizer_count_observed(rasterizer, 0.5f, e->p[0], NULL);
@@ -444,6 +450,10 @@ static int make_entries(Entry* e) {
   ++n;
   e[n] = entry("sb_convex_rasterizer_count_flagged", call_convexes_count);
   add(&e[n], SB_UINT8, 2, H, W, 0, 0, 0);
+  add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
+  move_from_scene(&e[n]);
+  ++n;
+  e[n] = entry("sb_convex_rasterizer_add_weights", call_convexes_weights);
   add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
   move_from_scene(&e[n]);
   ++n;

@@ -218,6 +218,9 @@ static void draws_convexes(void) {
   memset(flags, 1, sizeof flags);
   CHECK(sb_convex_rasterizer_count_flagged(rasterizer, &f, &counts, NULL) == SB_OK && count[0] == 1000 + inside);
   CHECK(inside > 60 && inside < PIXELS);
+  CHECK(sb_convex_rasterizer_add_weights(rasterizer, &counts, NULL) == SB_OK);
+  /* Nothing lies before it, and each pixel is rounded. */
+  CHECK_NEAR(count[0] - 1000 - inside, 256 * sum_alpha, 0.5 * inside);
 
   for (i = 0; i < 3 * PIXELS; ++i) ones[i] = 1;
   CHECK(sb_convex_rasterizer_backward(rasterizer, &convexes, &up, NULL, &to, NULL) == SB_OK);

@@ -76,6 +76,19 @@ def test_images_and_gradients_are_the_references():
     assert torch.equal(done.count_flagged(certain), (blended & certain).sum(dim=(1, 2)).int())
 
 
+def test_weights_make_up_the_picture_of_white_convexes():
+    tensors = {name: value.detach().float() for name, value in convexes().items() if name != "sh"}
+    camera = reference.turned_camera()
+    with torch.no_grad():
+        done = rasterize_convexes(camera, **tensors, colors=torch.ones(N, 3), beta=1.0)
+        weights = done.weights()
+        blended = done.count_flagged(torch.ones(camera.height, camera.width, dtype=torch.bool))
+        assert (weights <= 256 * blended).all() and (weights > 0).sum() > N / 4
+        assert abs(float(weights.sum()) / 256 - float(done.color[0].sum())) < 0.5 / 256 * float(blended.sum())
+        with pytest.raises(TypeError, match="only renders of Gaussians"):
+            done.count_observed()
+
+
 def test_the_references_gradients_are_differences():
     tensors = {name: value.detach()[:2] for name, value in convexes().items()}
     camera = reference.turned_camera(12, 9)

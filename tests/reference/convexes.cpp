@@ -395,6 +395,18 @@ std::vector<std::int64_t> count_flagged(const ConvexScene<double>& scene, const 
   return counts;
 }
 
+std::vector<std::int64_t> blending_weights(const ConvexScene<double>& scene, const Camera& camera,
+                                           const ConvexOptions& options, std::vector<std::uint8_t>& certain) {
+  std::vector<std::int64_t> sums(scene.count, 0);
+  certain.assign(scene.count, 1);
+  render<double>(scene, camera, options, [&](std::size_t, std::size_t convex, double weight) {
+    const double units = 256 * weight;
+    sums[convex] += std::llround(units);
+    if (std::abs(units - std::floor(units) - 0.5) < 1e-3) certain[convex] = 0;
+  });
+  return sums;
+}
+
 Gradient gradient(const ConvexScene<double>& scene, const Camera& camera, const ConvexOptions& options,
                   const ConvexImageGradients& image_gradients, ConvexInput input) {
   ConvexScene<Wide> lifted = lift<Wide>(scene);

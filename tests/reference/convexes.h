@@ -64,6 +64,11 @@ ConvexRendering<Scalar> render(const ConvexScene<Scalar>& scene, const Camera& c
 std::vector<std::int64_t> count_flagged(const ConvexScene<double>& scene, const Camera& camera,
                                         const ConvexOptions& options, const std::vector<std::uint8_t>& flagged);
 
+/// Blending weights α·T of each convex, in 1/256 and rounded a pixel.
+/// @param certain [N] 0 where a rounding may go the other way
+std::vector<std::int64_t> blending_weights(const ConvexScene<double>& scene, const Camera& camera,
+                                           const ConvexOptions& options, std::vector<std::uint8_t>& certain);
+
 /// dL/d image, both required.
 struct ConvexImageGradients {
   std::vector<double> color, alpha;

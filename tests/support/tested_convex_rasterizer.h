@@ -52,6 +52,12 @@ class ConvexRasterizer {
     sums.back();
   }
 
+  void add_weights(std::span<std::int32_t> weights) {
+    Carried<std::int32_t> sums;
+    rasterizer_.add_weights(sums.there_and_back(weights));
+    sums.back();
+  }
+
   const std::vector<std::uint8_t>& visible() {
     const std::span<const std::uint8_t> there = rasterizer_.visible();
     visible_.resize(there.size());

@@ -217,6 +217,7 @@ _ENTRIES = {
         [c_void_p, POINTER(Convexes), _T, _T, POINTER(ConvexGradients), c_void_p],
     ),
     "sb_convex_rasterizer_count_flagged": (_STATUS, [c_void_p, _T, _T, c_void_p]),
+    "sb_convex_rasterizer_add_weights": (_STATUS, [c_void_p, _T, c_void_p]),
     "sb_mark_visible": (_STATUS, [_DEVICE, _CAMERA, _T, c_float, _T]),
     "sb_visible_radii": (_STATUS, [_DEVICE, _CAMERA, POINTER(Gaussians), POINTER(RasterOptions), _T]),
     "sb_flag_errors": (_STATUS, [_DEVICE, _T, POINTER(Truth), c_float, _T, _T, _I64]),

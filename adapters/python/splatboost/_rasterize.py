@@ -262,8 +262,11 @@ class Render:
         counts = torch.zeros_like(self.radii)
         place = Place(self.radii, "radii")
         self._check_held("count_observed")
+        workspace = self._lease.workspace
+        if workspace.entries != "sb_rasterizer":
+            raise TypeError("count_observed: only renders of Gaussians tell it")
         target = place.target(counts, "counts")
-        lib.call("sb_rasterizer_count_observed", self._lease.workspace.handle, min_transmittance, target, place.stream)
+        lib.call("sb_rasterizer_count_observed", workspace.handle, min_transmittance, target, place.stream)
         return counts
 
     def weights(self) -> torch.Tensor:
@@ -282,7 +285,8 @@ class Render:
 
     def _add_weights(self, weights: Any, place: Place) -> None:
         self._check_held("weights")
-        lib.call("sb_rasterizer_add_weights", self._lease.workspace.handle, weights, place.stream)
+        workspace = self._lease.workspace
+        lib.call(workspace.entries + "_add_weights", workspace.handle, weights, place.stream)
 
     def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
         self._check_held("count_flagged")

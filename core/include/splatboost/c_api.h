@@ -269,6 +269,9 @@ SB_API sb_status sb_convex_rasterizer_backward(sb_convex_rasterizer* rasterizer,
 /** @param flagged uint8 [H,W] @param counts int32 [N] */
 SB_API sb_status sb_convex_rasterizer_count_flagged(sb_convex_rasterizer* rasterizer, const sb_tensor* flagged,
                                                     const sb_tensor* counts, void* stream);
+/** @param weights int32 [N] */
+SB_API sb_status sb_convex_rasterizer_add_weights(sb_convex_rasterizer* rasterizer, const sb_tensor* weights,
+                                                  void* stream);
 
 /* ---- visibility (visibility.h) ---- */
 

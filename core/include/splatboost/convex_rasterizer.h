@@ -74,6 +74,11 @@ class ConvexRasterizer {
   /// @param counts [N]
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts);
 
+  /// Adds to weights[i] the blending weights α·T of convex i, summed over the pixels where it was blended, in units of
+  /// kWeightUnit and rounded a pixel: exact integers. A replay as count_flagged() is.
+  /// @param weights [N]
+  void add_weights(std::span<std::int32_t> weights);
+
   /// As Rasterizer::settle().
   bool settle();
 

@@ -47,7 +47,7 @@ class RasterizerHook {
   /// its tile lists. A backbone whose Gaussians differ from view to view maps them to its primitives here.
   virtual void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) = 0;
   /// Adds to weights [N] the blending weights of each primitive in the view just rendered, as
-  /// Rasterizer::add_weights(). Only backbones of Gaussians, whose adapters ask for them, have them.
+  /// Rasterizer::add_weights(). Only backbones of Gaussians and of convexes, whose adapters ask for them, have them.
   virtual void add_weights(std::span<std::int32_t> weights) {
     (void)weights;
     throw ArgumentError("this backbone tells no blending weights");

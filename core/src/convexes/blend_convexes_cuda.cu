@@ -191,6 +191,24 @@ __global__ void __launch_bounds__(kTileThreads)
   });
 }
 
+__global__ void __launch_bounds__(kTileThreads)
+    weigh_convexes_kernel(ConvexLists lists, DeviceView<std::int32_t> weights) {
+  const Pixel pixel(lists);
+  bool open = pixel.inside;
+  float transmittance = 1.0f;
+  visit_convexes(lists, open, [&](std::uint32_t owner, const ConvexRecord& convex) {
+    const ConvexPixelStep step = step_pixel(convex, pixel, transmittance, open);
+    int weight = 0;
+    if (step.blended) {
+      weight = static_cast<int>(rintf(transmittance * step.alpha * (1 / kWeightUnit)));
+      transmittance = step.after;
+    }
+#pragma unroll
+    for (int distance = 16; distance > 0; distance /= 2) weight += __shfl_xor_sync(kWholeWarp, weight, distance);
+    if (weight != 0 && threadIdx.x % 32 == 0) atomicAdd(&weights[owner], weight);
+  });
+}
+
 dim3 blocks_of(const CudaConvexFrame& frame) { return dim3(static_cast<std::uint32_t>(frame.tiles())); }
 
 }  // namespace
@@ -215,6 +233,11 @@ void count_flagged_convexes(const CudaConvexFrame& frame, std::span<const std::u
                             std::span<std::int32_t> counts, CudaStream& stream) {
   launch(stream, "count_convexes", count_convexes_kernel, blocks_of(frame), dim3(kTileThreads), ConvexLists(frame),
          flagged, counts);
+}
+
+void add_convex_weights(const CudaConvexFrame& frame, std::span<std::int32_t> weights, CudaStream& stream) {
+  launch(stream, "weigh_convexes", weigh_convexes_kernel, blocks_of(frame), dim3(kTileThreads), ConvexLists(frame),
+         weights);
 }
 
 }  // namespace splatboost::cuda

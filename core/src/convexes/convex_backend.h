@@ -17,6 +17,7 @@ class ConvexBackend {
   virtual void backward(const Convexes& convexes, std::span<const float> color, std::span<const float> alpha,
                         const ConvexGradients& gradients) = 0;
   virtual void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) = 0;
+  virtual void add_weights(std::span<std::int32_t> weights) = 0;
   virtual bool settle() = 0;
   virtual std::span<const std::uint8_t> visible() const = 0;
   virtual ConvexCounts counts() = 0;

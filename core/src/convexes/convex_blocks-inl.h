@@ -38,9 +38,10 @@ struct ConvexBlock {
   Vec3<Float> view[kMaxConvexPoints];
 };
 
+/// Where the points of a block are. Every number is set, also of lanes that are not valid.
 /// @param columns [3·K, lanes] points in the world
-HWY_INLINE void project_block(const ProjectionCamera& camera, const float* columns, int points, float near_plane,
-                              ConvexBlock& p) {
+HWY_INLINE void place_points(const ProjectionCamera& camera, const float* columns, int points, float near_plane,
+                             ConvexBlock& p) {
   const Float share(1.0f / static_cast<float>(points));
   const auto point = [&](int k) HWY_ATTR {
     const float* const at = columns + 3 * static_cast<std::size_t>(k) * lanes();
@@ -61,7 +62,6 @@ HWY_INLINE void project_block(const ProjectionCamera& camera, const float* colum
   p.centre_y = multiply_add(fy, slope_y, Float(camera.cy));
   p.valid = (p.depth > Float(near_plane)) & (p.depth < Float(1e30f)) & (abs_of(p.centre_x) < Float(1e9f)) &
             (abs_of(p.centre_y) < Float(1e9f));
-  if (!any_of(p.valid)) return;
   for (int k = 0; k < points; ++k) {
     // By differences from the centre, so that small shapes keep their digits.
     const Vec3<Float> d = point(k) - p.mean;
@@ -135,7 +135,8 @@ HWY_INLINE void find_hulls(const ConvexBlock& p, int points, HullBlock& hulls) {
       const Float to_x = p.x[k] - x, to_y = p.y[k] - y;
       const Float turn = cross_of(best_x, to_y, best_y, to_x);
       const Float length = multiply_add(to_x, to_x, to_y * to_y);
-      const Bool better = (turn < zero) | (are_equal(turn, zero) & (length > best_length));
+      const Bool turns = turn * turn > Float(kStraight * kStraight) * (length * best_length);
+      const Bool better = (turns & (turn < zero)) | (not_of(turns) & (length > best_length));
       best_x = select(better, to_x, best_x);
       best_y = select(better, to_y, best_y);
       best_length = select(better, length, best_length);

@@ -65,5 +65,7 @@ void blend_convexes_backward(ConvexFrame& frame, std::span<const float> color, s
 /// Adds flagged pixels to counts. (count_convexes_cpu.cpp)
 void count_flagged_convexes(const ConvexFrame& frame, std::span<const std::uint8_t> flagged,
                             std::span<std::int32_t> counts, Threads& threads);
+/// Adds blending weights. (count_convexes_cpu.cpp)
+void add_convex_weights(const ConvexFrame& frame, std::span<std::int32_t> weights, Threads& threads);
 
 }  // namespace splatboost

@@ -30,9 +30,16 @@ struct ProjectedConvex {
   std::uint8_t hull[kMaxConvexPoints];
 };
 
-/// Twice the signed area of the triangle a, b, c.
-SPLATBOOST_HOST_DEVICE float turn_of(const ProjectedConvex& p, int a, int b, int c) {
-  return (p.x[b] - p.x[a]) * (p.y[c] - p.y[a]) - (p.y[b] - p.y[a]) * (p.x[c] - p.x[a]);
+/// Sine of the angle up to which two directions from a vertex are taken for one. Rounding moves projected points by
+/// some 1e-7 of a convex's size: without this, whether a point on an edge is a vertex would depend on the instruction
+/// set. An edge's weight in φ is its length, so a vertex too many is seen.
+inline constexpr float kStraight = 1e-5f;
+
+/// Whether the way from a over b to c turns left where y is up, by more than rounding could.
+SPLATBOOST_HOST_DEVICE bool turns_left(const ProjectedConvex& p, int a, int b, int c) {
+  const float b_x = p.x[b] - p.x[a], b_y = p.y[b] - p.y[a], c_x = p.x[c] - p.x[a], c_y = p.y[c] - p.y[a];
+  const float turn = b_x * c_y - b_y * c_x;
+  return turn > 0.0f && turn * turn > kStraight * kStraight * ((b_x * b_x + b_y * b_y) * (c_x * c_x + c_y * c_y));
 }
 
 /// Convex hull by Andrew's monotone chains; fewer than three vertices where all points lie on a line.
@@ -50,23 +57,24 @@ SPLATBOOST_HOST_DEVICE void find_hull(ProjectedConvex& p, int points) {
   std::uint8_t chain[2 * kMaxConvexPoints];
   int n = 0;
   for (int i = 0; i < points; ++i) {
-    while (n >= 2 && !(turn_of(p, chain[n - 2], chain[n - 1], order[i]) > 0.0f)) --n;
+    while (n >= 2 && !turns_left(p, chain[n - 2], chain[n - 1], order[i])) --n;
     chain[n++] = order[i];
   }
   const int lower = n + 1;
   for (int i = points - 2; i >= 0; --i) {
-    while (n >= lower && !(turn_of(p, chain[n - 2], chain[n - 1], order[i]) > 0.0f)) --n;
+    while (n >= lower && !turns_left(p, chain[n - 2], chain[n - 1], order[i])) --n;
     chain[n++] = order[i];
   }
   p.edges = n - 1;  // the first vertex came again
   for (int k = 0; k < p.edges && k < kMaxConvexPoints; ++k) p.hull[k] = chain[k];
 }
 
+/// The points of a convex in the camera frame and on the screen, and whether all of them may be drawn. Whether they
+/// may or not, every number is set: the backward pass must not ask again what the forward pass decided.
 /// @param points [K,3] world
-SPLATBOOST_HOST_DEVICE ProjectedConvex project_convex(const ProjectionCamera& camera, const float* points, int count,
-                                                      float near_plane) {
+SPLATBOOST_HOST_DEVICE ProjectedConvex place_points(const ProjectionCamera& camera, const float* points, int count,
+                                                    float near_plane) {
   ProjectedConvex p;
-  p.valid = true;
   p.edges = 0;
   const float share = 1.0f / static_cast<float>(count);
   float mean[3] = {0.0f, 0.0f, 0.0f};
@@ -77,14 +85,10 @@ SPLATBOOST_HOST_DEVICE ProjectedConvex project_convex(const ProjectionCamera& ca
     centre[c] = axes[c][0] * mean[0] + axes[c][1] * mean[1] + axes[c][2] * mean[2] + camera.translation[c];
   }
   p.depth = centre[2];
-  if (!(p.depth > near_plane && p.depth < 1e30f)) {
-    p.valid = false;
-    return p;
-  }
   const float slope_x = centre[0] / centre[2], slope_y = centre[1] / centre[2];
   p.centre_x = camera.fx * slope_x + camera.cx;
   p.centre_y = camera.fy * slope_y + camera.cy;
-  p.valid = abs_of(p.centre_x) < 1e9f && abs_of(p.centre_y) < 1e9f;
+  p.valid = p.depth > near_plane && p.depth < 1e30f && abs_of(p.centre_x) < 1e9f && abs_of(p.centre_y) < 1e9f;
   for (int i = 0; i < count; ++i) {
     // By differences from the centre, so that small shapes keep their digits.
     const float* const w = points + 3 * i;
@@ -100,6 +104,13 @@ SPLATBOOST_HOST_DEVICE ProjectedConvex project_convex(const ProjectionCamera& ca
     // Anything not finite fails a comparison.
     p.valid = p.valid && p.view[i][2] > 0.0f && p.x[i] * p.x[i] + p.y[i] * p.y[i] < kMaxConvexReach * kMaxConvexReach;
   }
+  return p;
+}
+
+/// ... and their hull.
+SPLATBOOST_HOST_DEVICE ProjectedConvex project_convex(const ProjectionCamera& camera, const float* points, int count,
+                                                      float near_plane) {
+  ProjectedConvex p = place_points(camera, points, count, near_plane);
   if (!p.valid) return p;
   find_hull(p, count);
   p.valid = p.edges >= 3 && p.edges <= kMaxConvexPoints;

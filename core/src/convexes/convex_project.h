@@ -139,7 +139,7 @@ struct ConvexRowGradients {
 SPLATBOOST_HOST_DEVICE ConvexRowGradients gradients_of(const ConvexRows& convex, const ConvexViewpoint& view,
                                                        const ConvexRecord& record, const ConvexMoments& total) {
   ConvexRowGradients g;
-  ProjectedConvex p = project_convex(view.camera, convex.points, convex.count, view.near_plane);
+  ProjectedConvex p = place_points(view.camera, convex.points, convex.count, view.near_plane);
   p.edges = static_cast<int>(record.edges);  // the hull that was drawn, whatever rounding says now
   for (int k = 0; k < p.edges; ++k) p.hull[k] = record.hull[k];
   ConvexSums sums;

@@ -97,6 +97,13 @@ void ConvexRasterizer::count_flagged(std::span<const std::uint8_t> flagged, std:
   state_->backend->count_flagged(flagged, counts);
 }
 
+void ConvexRasterizer::add_weights(std::span<std::int32_t> weights) {
+  const State& state = *state_;
+  SPLATBOOST_CHECK(state.drawn, "add_weights() needs a forward() before it");
+  SPLATBOOST_CHECK(weights.size() == state.convexes, "weights must have one number a convex");
+  state_->backend->add_weights(weights);
+}
+
 bool ConvexRasterizer::settle() { return state_->drawn && state_->backend->settle(); }
 std::span<const std::uint8_t> ConvexRasterizer::visible() const { return state_->backend->visible(); }
 const RasterSeconds& ConvexRasterizer::seconds() const { return state_->backend->seconds(); }

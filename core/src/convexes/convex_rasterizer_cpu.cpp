@@ -41,6 +41,8 @@ class CpuConvexRasterizer : public ConvexBackend {
     timed(seconds_.count, [&] { count_flagged_convexes(frame_, flagged, counts, threads_); });
   }
 
+  void add_weights(std::span<std::int32_t> weights) override { add_convex_weights(frame_, weights, threads_); }
+
   bool settle() override { return false; }
   std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }
   const RasterSeconds& seconds() override { return seconds_; }

@@ -53,6 +53,8 @@ class CudaConvexRasterizer : public ConvexBackend {
     counted_.record();
   }
 
+  void add_weights(std::span<std::int32_t> weights) override { add_convex_weights(frame_, weights, stream_); }
+
   /// The lists are made when their size is known.
   bool settle() override { return false; }
   std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }

@@ -63,5 +63,7 @@ void blend_convexes_backward(CudaConvexFrame& frame, std::span<const float> colo
 /// Adds flagged pixels to counts. (blend_convexes_cuda.cu)
 void count_flagged_convexes(const CudaConvexFrame& frame, std::span<const std::uint8_t> flagged,
                             std::span<std::int32_t> counts, CudaStream& stream);
+/// Adds blending weights. (blend_convexes_cuda.cu)
+void add_convex_weights(const CudaConvexFrame& frame, std::span<std::int32_t> weights, CudaStream& stream);
 
 }  // namespace splatboost::cuda

@@ -73,7 +73,7 @@ void project_block(ConvexFrame& frame, const Convexes& convexes, const ConvexVie
   alignas(64) float columns[kMostPointColumns * kMostLanes];
   points_at(convexes, i, count, columns);
   ConvexBlock p;
-  project_block(view.camera, columns, points, view.near_plane, p);
+  place_points(view.camera, columns, points, view.near_plane, p);
   const Float scale = p.depth * number_at(convexes.smoothness, i, count) * Float(view.pixel_area);
   const Float steepness = p.depth * number_at(convexes.sharpness, i, count);
   const Float most(1e30f);
@@ -244,7 +244,7 @@ void backward_block(const ConvexFrame& frame, const Convexes& convexes, const Co
   alignas(64) float columns[kMostPointColumns * kMostLanes];
   points_at(convexes, i, count, columns);
   ConvexBlock p;
-  project_block(view.camera, columns, points, view.near_plane, p);
+  place_points(view.camera, columns, points, view.near_plane, p);
   constexpr std::size_t kShape = SPLATBOOST_COLUMN(ConvexRecord, edges);
   alignas(64) float shape_columns[(kShapeFields + 1) * kMostLanes];
   rows_to_columns(&frame.records[i].centre_x + kShape, kRecordFloats, count, kShapeFields + 1, shape_columns);

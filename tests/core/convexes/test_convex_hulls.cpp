@@ -3,6 +3,7 @@
 // lines, against those of one at a time; and of points that are nearly on a line.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <set>
 #include <utility>
 #include <vector>
@@ -110,6 +111,44 @@ TEST(ConvexHulls, OfPointsOnAGridAreThoseOfOneAtATime) {
     }
     EXPECT_GT(drawn, scene.count / 2);
     EXPECT_GT(degenerate, 0u);
+  });
+}
+
+/// Parallelograms with a point on each side, which rounding puts inside or outside.
+ConvexSceneData with_points_on_edges(std::size_t count, Numbers& random) {
+  float half[8] = {};
+  return mirrored(count, [&](int k) {
+    if (k == 0) {
+      do {
+        for (float& v : half) v = random.real(-9, 9);
+        // Nothing near a line, where the sides themselves would be one.
+      } while (std::abs(half[0] * half[3] - half[1] * half[2]) < 1.0f);
+      const float t = random.real(0.05f, 0.95f), u = random.real(0.05f, 0.95f);
+      for (int c = 0; c < 2; ++c) {
+        half[4 + c] = half[c] + t * (half[2 + c] - half[c]);
+        half[6 + c] = half[2 + c] + u * (-half[c] - half[2 + c]);
+      }
+    }
+    return half[k];
+  });
+}
+
+TEST(ConvexHulls, HaveNoVertexInTheMiddleOfAnEdge) {
+  Numbers random(5);
+  for_each_target([&] {
+    const ConvexSceneData scene = with_points_on_edges(2000, random);
+    const ConvexFrame frame = projected(scene);
+    for (std::size_t i = 0; i < scene.count; ++i) {
+      const ProjectedConvex alone = convex_of(scene, i);
+      ASSERT_EQ(alone.edges, 4) << i;
+      ASSERT_EQ(frame.visible[i], 1) << i;
+      ASSERT_EQ(frame.records[i].edges, 4u) << i;
+      for (std::size_t k = 0; k < 4; ++k) {
+        // Corners are points 0, 1, 4 and 5.
+        EXPECT_EQ(alone.hull[k] & 2, 0) << i;
+        EXPECT_EQ(frame.records[i].hull[k] & 2, 0) << i;
+      }
+    }
   });
 }
 

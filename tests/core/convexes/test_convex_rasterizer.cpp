@@ -184,6 +184,24 @@ TEST_P(ConvexReference, Counts) {
   }
 }
 
+TEST_P(ConvexReference, Weights) {
+  std::vector<std::int32_t> weights(scene.count, 7), blended(scene.count, 0);
+  rasterizer.add_weights(weights);
+  rasterizer.count_flagged(std::vector<std::uint8_t>(pixels, 1), blended);
+  std::vector<std::uint8_t> certain;
+  const std::vector<std::int64_t> truth =
+      reference::blending_weights(scene.reference(), reference_camera(camera), reference_options(options), certain);
+  const std::vector<std::int64_t> exact = reference::count_flagged(
+      scene.reference(), reference_camera(camera), reference_options(options), std::vector<std::uint8_t>(pixels, 1));
+  std::size_t compared = 0;
+  for (std::size_t i = 0; i < scene.count; ++i) {
+    // A pixel that only one of them blends, and a weight that rounds the other way, change what follows by little.
+    EXPECT_NEAR(weights[i], 7 + static_cast<double>(truth[i]), 2 + 0.002 * blended[i]) << i;
+    compared += certain[i] != 0 && blended[i] == exact[i] && weights[i] == 7 + truth[i] ? 1 : 0;
+  }
+  EXPECT_GT(compared, scene.count / 4) << "equal to the last unit where no rounding is doubtful";
+}
+
 INSTANTIATE_TEST_SUITE_P(All, ConvexReference, ::testing::ValuesIn(cases()),
                          [](const auto& one) { return one.param.name; });
 
@@ -355,6 +373,32 @@ TEST(ConvexRasterizer, DrawsNothingOfWhatIsNotAConvexOnTheScreen) {
       }
     }
   }
+}
+
+/// Points on lines in space, in any order: rounding alone puts them beside each other's line on the screen.
+TEST(ConvexRasterizer, DrawsNothingOfPointsOnALine) {
+  Numbers random(11);
+  ConvexSceneData scene;
+  scene.count = 300;
+  for (std::size_t i = 0; i < scene.count; ++i) {
+    float from[3], along[3];
+    for (std::size_t c = 0; c < 3; ++c) {
+      from[c] = random.real(-0.3f, 0.3f) + (c == 2 ? 2.0f : 0.0f);
+      along[c] = random.real(0.05f, 0.1f) * (random.bits() % 2 == 0 ? 1.0f : -1.0f);
+    }
+    for (const int k : {3, 0, 5, 1, 4, 2}) {
+      for (std::size_t c = 0; c < 3; ++c) scene.points.push_back(from[c] + static_cast<float>(k) * along[c]);
+    }
+  }
+  scene.smoothness.assign(scene.count, 0.1f);
+  scene.sharpness.assign(scene.count, 0.05f);
+  scene.opacities.assign(scene.count, 0.8f);
+  scene.colors.assign(3 * scene.count, 0.5f);
+  Threads threads(1);
+  ConvexRasterizer rasterizer(threads);
+  std::vector<float> color(3 * 40 * 36);
+  rasterizer.forward(plain_camera(), scene.view(), {}, color);
+  EXPECT_EQ(rasterizer.counts().visible, 0u);
 }
 
 TEST(ConvexRasterizer, StaysFiniteWhereNumbersAreExtreme) {
