@@ -11,6 +11,11 @@ VanillaBoost pgsr_boost() {
   boost.late_prune_from = kLiteralGrowthEnd;
   // Surfaces settle in the second half of a run: every step counts there. The supplement (Sec. 9.2) has plain Adam too.
   boost.schedule = false;
+  // Planes reach to where a splat ends: without its faint rim the neighbouring ones blend to another depth.
+  boost.beta = 1;
+  // The backbone's own candidates for growth are by absolute gradients, too.
+  boost.absgrad = false;
+  boost.growth_after_reset = 0;
   return boost;
 }
 

@@ -523,7 +523,8 @@ from pytorch3d.transforms import quaternion_to_matrix"""),
         return torch.where(((cam.centre - self._xyz) * normals).sum(dim=1, keepdim=True) < 0, -normals, normals)
 
     def create(self, points):"""),
-    ("scene/gaussian_model.py", "self.percent_dense = 0.01", "self.percent_dense, self.max_all_points = opt.percent_dense, opt.max_all_points"),
+    ("scene/gaussian_model.py", "self.percent_dense = 0.01", """self.percent_dense, self.max_all_points = opt.percent_dense, opt.max_all_points
+        self.abs_split_radii2D_threshold, self.max_abs_split_points = 20, 50000"""),
     ("scene/gaussian_model.py", "        self.denom = torch.zeros((n, 1), device=\"cuda\")", """        self.denom = torch.zeros((n, 1), device="cuda")
         self.denom_abs = torch.zeros((n, 1), device="cuda")
         self.xyz_gradient_accum_abs = torch.zeros((n, 1), device="cuda")"""),
@@ -539,7 +540,7 @@ from pytorch3d.transforms import quaternion_to_matrix"""),
     ("scene/gaussian_model.py", "        mask = mask >= grad_threshold\n", """        mask = mask >= grad_threshold
         if int(mask.sum()) + n > self.max_all_points:
             mask = torch.zeros_like(mask)
-        mask[:grads.shape[0]] |= (grads_abs.reshape(-1) >= grad_abs_threshold) & (max_radii2D.reshape(-1) > 20)
+        mask[:grads.shape[0]] |= (grads_abs.reshape(-1) >= grad_abs_threshold) & (max_radii2D.reshape(-1) > self.abs_split_radii2D_threshold)
 """),
     ("scene/gaussian_model.py", "def densify_and_prune(self, max_grad, min_opacity,", "def densify_and_prune(self, max_grad, abs_max_grad, min_opacity,"),
     ("scene/gaussian_model.py", "self.densify_and_split(grads, max_grad, extent)",

@@ -289,6 +289,27 @@ def test_pgsr_draws_scored_views_without_planes_and_with_their_exposure():
     assert asked == 2 * [{"app_model": "app", "return_plane": False, "return_depth_normal": False}]
 
 
+def test_pgsr_grows_from_its_own_candidates():
+    from splatboost.hooks import pgsr
+
+    boost = boost_of(pgsr)
+    g, options = boost.gaussians, boost.options
+    options.densify_grad_threshold, options.densify_abs_grad_threshold = 0.0002, 0.0008
+    g.percent_dense, g.abs_split_radii2D_threshold, g.max_abs_split_points = 0.01, 20, 2
+    gradients = torch.tensor([[0.0003], [0.0003], [0.0], [0.0], [0.0], [0.0], [0.0]])
+    scales = torch.tensor([0.01, 0.03, 0.03, 0.01, 0.03, 0.03, 0.03])
+    g.xyz_gradient_accum_abs = 2 * torch.tensor([[0.1], [0.0], [0.001], [0.1], [0.1], [0.003], [0.002]])
+    g.denom_abs = torch.full((7, 1), 2.0)
+    g.max_radii2D = torch.tensor([50.0, 50.0, 50.0, 50.0, 20.0, 50.0, 50.0])
+    own = boost._own_growth(gradients, scales, 2.0)
+    assert own["clone"].tolist() == [True] + 6 * [False]
+    # Signed gradients, and of what is large on screen and blurred the two of the largest absolute gradients.
+    assert own["split"].tolist() == [False, True, False, False, False, True, True]
+    options.boost_beta, options.boost_tau_d = 1.0, 5.0
+    options.densify_from_iter, options.densify_until_iter, options.densification_interval = 500, 15000, 100
+    assert boost._settings() == {"beta": 1.0, "tau_d": 5.0}
+
+
 def test_pgsr_without_tracked_points_says_so(capsys):
     from splatboost.hooks import pgsr
 

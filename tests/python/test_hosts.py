@@ -67,12 +67,13 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
     assert off["counts"] == unpatched["counts"]
     assert not (tmp_path / "off/splatboost.json").exists()
 
-    on = train(tree, tmp_path / "on")
+    # A box that cuts, also where the default does not, so that the renders below tell whether it is used.
+    hosts_own = layout in ("2dgs", "gof")  # the host's rasterizer draws
+    on = train(tree, tmp_path / "on", *([] if hosts_own else ["--boost_beta", "0.5"]))
     assert on["counts"][-1] < off["counts"][-1]
     assert on["counts"][-1] < max(on["counts"]), "late pruning removed nothing"
     assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
     backbones = {"3dgs": "vanilla", "absgs": "vanilla", "2dgs": "vanilla", "gaussian-opacity-fields": "mip-splatting"}
-    hosts_own = layout in ("2dgs", "gof")  # the host's rasterizer draws
     assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {
         "backbone": backbones.get(recipe, recipe), "beta": None if hosts_own else 0.5}
 
@@ -198,7 +199,7 @@ def test_pgsr_reads_cameras_of_one_focal_length_and_its_cap_holds(tmp_path):
     # Where there is no room for all, the most wanted grow; the host's own functions would choose others.
     capped = train(tree, tmp_path / "model", "--max_all_points", "75", "--boost_max_gaussians", "900")
     assert 60 < max(capped["counts"]) <= 75
-    assert capped["told"].startswith("SplatBoost: default rules of pgsr, beta 0.5")
+    assert capped["told"].startswith("SplatBoost: default rules of pgsr, beta 1,")
 
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")

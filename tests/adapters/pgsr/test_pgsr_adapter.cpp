@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adapter on hand-made tensors: vanilla's rules, on the backbone's own candidates; its trim is let go.
+// The adapter on hand-made tensors: vanilla's rules, on the backbone's own candidates; its trim and resets are let go.
 #include "pgsr/pgsr_adapter.h"
 
 #include <gtest/gtest.h>
@@ -19,14 +19,32 @@ TEST(PgsrAdapter, grows_and_prunes_when_vanilla_does) {
   Threads threads(1);
   VanillaAdapter vanilla(VanillaBoost{}, threads);
   PgsrAdapter pgsr(pgsr_boost(), threads);
-  EXPECT_EQ(pgsr.beta(), vanilla.beta());
-  EXPECT_TRUE(pgsr.needs_absolute_gradients());
+  EXPECT_EQ(pgsr.beta(), 1.0f);
   for (int i = 1; i <= 30000; i += 7) {
     EXPECT_EQ(pgsr.grows_at({i, 30000}, false), vanilla.grows_at({i, 30000}, false));
     EXPECT_EQ(pgsr.prunes_at({i, 30000}, false), vanilla.prunes_at({i, 30000}, false));
-    EXPECT_EQ(pgsr.resets_opacities_at({i, 30000}, true), vanilla.resets_opacities_at({i, 30000}, true));
     EXPECT_TRUE(pgsr.steps_at("xyz", {i, 30000})) << "plain Adam";
   }
+  for (const int i : {3000, 12000, 14999}) {
+    EXPECT_TRUE(pgsr.resets_opacities_at({i, 30000}, true)) << i;
+    EXPECT_FALSE(pgsr.resets_opacities_at({i, 30000}, false)) << i;
+  }
+}
+
+TEST(PgsrAdapter, grows_the_backbones_own_candidates_that_errors_ask_for) {
+  Threads threads(1);
+  const Hand hand{{1, 1, 1, 1}, {1, 1, 1, 1}, {0.5f, 0.5f, 0.5f, 0.5f}, {0.001f, 0.5f, 0.001f, 0.5f}};
+  FakeRasterizer rasterizer({9, 9, 0, 9}, 2);
+  using Mask = std::vector<std::uint8_t>;
+  const auto grown = [&](const VanillaBoost& boost) {
+    PgsrAdapter adapter(boost, threads);
+    Mask clone{1, 0, 1, 0}, split{0, 1, 0, 0};
+    GrowDecisions decisions{clone, split};
+    adapter.grow(hand.at(1000), rasterizer, decisions);
+    return std::pair(clone, split);
+  };
+  EXPECT_EQ(grown(pgsr_boost()), std::pair(Mask{1, 0, 0, 0}, Mask{0, 1, 0, 0}));
+  EXPECT_EQ(grown(literal_boost()).second, (Mask{0, 1, 0, 1})) << "literally by the paper's thresholds";
 }
 
 TEST(PgsrAdapter, takes_half_of_the_backbones_candidates_and_nobody_else) {

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hooks of PGSR, whose Gaussians are planes. It gathers absolute gradients itself and trims by what views observe, which stays
-its own."""
+its own. Its candidates for growth are by absolute gradients: they are scored as they are."""
 
 from __future__ import annotations
 
 import sys
-from typing import Any, Callable
+from typing import Any, Callable, Dict
 
 import torch
 
@@ -26,9 +26,7 @@ def as_the_loss_sees(render: Callable[..., Any], camera: Any, gaussians: Any, pi
 class Boost(_boost.Boost):
     backbone = "pgsr"
     gathers_absolute = False
-    host_options = {**_boost.Boost.host_options,
-                    "densify_abs_grad_threshold": ("gradient_abs_threshold", 0.0008),
-                    "percent_dense": ("percent_dense", 0.001)}
+    host_options = {name: known for name, known in _boost.Boost.host_options.items() if name != "densify_grad_threshold"}
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, *rest: Any):
         if options.boost == "on" and gaussians.get_xyz.shape[0] == 0:
@@ -37,9 +35,20 @@ class Boost(_boost.Boost):
             sys.exit(2)
         super().__init__(gaussians, scene, options, *rest)
 
-    def _absolute_gradients(self) -> torch.Tensor:
-        g = self.gaussians
-        return g.xyz_gradient_accum_abs / g.denom_abs.clamp_min(1.0)  # type: ignore[no-any-return]
+    def _absolute_gradients(self) -> None:  # type: ignore[override]
+        return None
+
+    def _own_growth(self, gradients: torch.Tensor, max_scales: torch.Tensor, extent: float) -> Dict[str, torch.Tensor]:
+        g, options = self.gaussians, self.options
+        growing = gradients.reshape(-1) >= options.densify_grad_threshold
+        small = max_scales <= g.percent_dense * extent
+        absolute = (g.xyz_gradient_accum_abs / g.denom_abs.clamp_min(1.0)).reshape(-1)
+        blurred = ((absolute >= options.densify_abs_grad_threshold) & ~growing & ~small
+                   & (g.max_radii2D > g.abs_split_radii2D_threshold))
+        if int(blurred.sum()) > g.max_abs_split_points:
+            most = absolute.masked_fill(~blurred, -1.0).topk(int(g.max_abs_split_points)).indices
+            blurred = torch.zeros_like(blurred).index_fill_(0, most, True)
+        return {"clone": growing & small, "split": growing & ~small | blurred}
 
     def _score(self, camera: Any) -> ScoredView:
         # The host's loss counts every pixel, also of photos with a mask.
