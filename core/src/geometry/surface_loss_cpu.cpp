@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "geometry/cuda_ops.h"
+#include "geometry/patch_views.h"
 #include "geometry/surface_math.h"
 #include "geometry/surface_workspace.h"
 #include "splatboost/errors.h"
@@ -18,10 +19,10 @@
 namespace splatboost {
 namespace {
 
-using surface::Plane;
 using surface::Vector;
 
 constexpr std::size_t kGrain = 4096;
+constexpr std::size_t kRowGrain = 4;
 /// Sums of a row, added up in the rows' order.
 using RowSums = std::vector<std::array<double, 2>>;
 
@@ -47,10 +48,6 @@ std::array<double, 2> total_of(const RowSums& rows) {
     total[1] += row[1];
   }
   return total;
-}
-
-Plane<float> plane_at(std::span<const float> planes, std::size_t p, std::size_t pixels) {
-  return {{planes[p], planes[pixels + p], planes[2 * pixels + p]}, planes[3 * pixels + p]};
 }
 
 void fill_edges(const SurfaceView& view, SurfaceWorkspace& work, Threads& threads) {
@@ -169,18 +166,31 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
   const std::span<PatchGradient> patches = work.patches;
   const double drawn = static_cast<double>(terms.max_patches) / agreeing;
   rows.assign(rows.size(), {});
-  for_pixels(first.camera, threads, [&](int x, int y, std::size_t p) {
-    patches[p] = {};
-    if (matches[p].noise < 0 || !(random.uniform(p) < drawn)) return;
-    const surface::PatchMatch<float> match =
-        surface::match_patch(views, x, y, plane_at(first.planes, p, pixels), greys_first, greys_second);
-    if (!match.counts) return;
-    const float weight = std::exp(-matches[p].noise);
-    auto& row = rows[static_cast<std::size_t>(y)];
-    row[0] += static_cast<double>(weight * match.loss);
-    row[1] += 1;
-    patches[p] = {{weight * match.g.normal.x, weight * match.g.normal.y, weight * match.g.normal.z},
-                  weight * match.g.distance};
+  const PatchViews patch_pair = patch_views(views);
+  const auto width = static_cast<std::size_t>(first.camera.width);
+  threads.for_range(rows.size(), kRowGrain, [&](std::size_t begin, std::size_t end) {
+    std::vector<std::int32_t> columns;
+    std::vector<float> losses(width), counts(width);
+    std::vector<PatchGradient> gradients(width);
+    for (std::size_t y = begin; y < end; ++y) {
+      columns.clear();
+      for (std::size_t x = 0; x < width; ++x) {
+        const std::size_t p = y * width + x;
+        patches[p] = {};
+        if (matches[p].noise >= 0 && random.uniform(p) < drawn) columns.push_back(static_cast<std::int32_t>(x));
+      }
+      match_patches(patch_pair, static_cast<int>(y), columns, first.planes, greys_first, greys_second, losses, counts,
+                    gradients);
+      for (std::size_t i = 0; i < columns.size(); ++i) {
+        if (!(counts[i] > 0)) continue;
+        const std::size_t p = y * width + static_cast<std::size_t>(columns[i]);
+        const float weight = std::exp(-matches[p].noise);
+        rows[y][0] += static_cast<double>(weight * losses[i]);
+        rows[y][1] += 1;
+        for (std::size_t c = 0; c < 3; ++c) patches[p].normal[c] = weight * gradients[i].normal[c];
+        patches[p].distance = weight * gradients[i].distance;
+      }
+    }
   });
   const auto [loss, counted] = total_of(rows);
   work.sums.host()[kPatchSum] = loss;

@@ -5,6 +5,7 @@
 
 #include "device/readbacks.h"
 #include "geometry/cuda_ops.h"
+#include "geometry/patch_math.h"
 #include "geometry/pixels_cuda.h"
 
 namespace splatboost::cuda {
@@ -123,24 +124,35 @@ __global__ void __launch_bounds__(kBlockThreads)
   atomicAdd(&g_second[at.index(at.x1, at.y1, width)], g * match.g_second * weights[3]);
 }
 
+struct Texels {
+  DeviceView<const float> image;
+  int width;
+  __device__ float operator()(float column, float row) const {
+    return image[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column)];
+  }
+};
+
 __global__ void __launch_bounds__(kBlockThreads)
-    patch_kernel(ViewPair<float> views, int max_patches, RandomStream random, DeviceView<const PixelMatch> matches,
+    patch_kernel(PatchViews views, int max_patches, RandomStream random, DeviceView<const PixelMatch> matches,
                  DeviceView<const float> planes, DeviceView<const float> greys_first,
                  DeviceView<const float> greys_second, DeviceView<PatchGradient> patches, DeviceView<double> sums) {
-  const ImagePixel pixel(views.first.width, views.first.height);
+  const ImagePixel pixel(views.width_first, views.height_first);
   float loss = 0, counts = 0;
   if (pixel.inside) {
     PatchGradient gradient{};
     const float noise = matches[pixel.index].noise;
     if (noise >= 0 && random.uniform(pixel.index) < max_patches / sums[kNoiseCount]) {
-      const surface::PatchMatch<float> match =
-          surface::match_patch(views, pixel.x, pixel.y, pixel.plane(planes), greys_first, greys_second);
-      if (match.counts) {
+      const surface::Plane<float> plane = pixel.plane(planes);
+      const float normal[3] = {plane.normal.x, plane.normal.y, plane.normal.z};
+      const PatchMatch<float> match =
+          match_patch(views, static_cast<float>(pixel.x), static_cast<float>(pixel.y), normal, plane.distance,
+                      Texels{greys_first, views.width_first}, Texels{greys_second, views.width_second});
+      if (match.counts > 0) {
         const float weight = expf(-noise);
         loss = weight * match.loss;
         counts = 1;
-        gradient = {{weight * match.g.normal.x, weight * match.g.normal.y, weight * match.g.normal.z},
-                    weight * match.g.distance};
+        gradient = {{weight * match.normal[0], weight * match.normal[1], weight * match.normal[2]},
+                    weight * match.distance};
       }
     }
     patches[pixel.index] = gradient;
@@ -208,8 +220,8 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
     launch_each(stream, "greys", greys_kernel, work.greys[v].size(), truth.color, work.greys[v].span());
   }
   work.patches.ensure(pixels);
-  launch_each(stream, "patches", patch_kernel, pixels, views, terms.max_patches, random, matches, first.planes,
-              read(work.greys[0]), read(work.greys[1]), work.patches.span(), work.sums.span());
+  launch_each(stream, "patches", patch_kernel, pixels, patch_views(views), terms.max_patches, random, matches,
+              first.planes, read(work.greys[0]), read(work.greys[1]), work.patches.span(), work.sums.span());
   launch_each(stream, "patch_gradient", patch_gradient_kernel, pixels, terms.photometric_weight, read(work.patches),
               sums, first.plane_gradients);
 }

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Two views as patches of their photos are compared (patch_math.h), and a row of patches on the CPU.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "geometry/surface_math.h"
+#include "geometry/surface_workspace.h"
+
+namespace splatboost {
+
+inline constexpr int kPatchRadius = 3;
+inline constexpr int kPatchSide = 2 * kPatchRadius + 1;
+inline constexpr int kPatchPixels = kPatchSide * kPatchSide;
+inline constexpr float kMaxPatchLoss = 0.9f;      ///< patches that differ more are occluded
+inline constexpr float kLeastPatchDepth = 1e-8f;  ///< of the plane and of its points in the second view
+
+struct PatchViews {
+  float cx_first, cy_first, step_x, step_y;  ///< step: from pixel to pixel along x and y, at a depth of 1
+  float fx_second, fy_second, cx_second, cy_second;
+  float rotation[3][3], shift[3];  ///< second_from_first
+  int width_first, height_first, width_second, height_second;
+};
+
+SPLATBOOST_HOST_DEVICE PatchViews patch_views(const surface::ViewPair<float>& pair) {
+  const surface::Pinhole<float>&a = pair.first, &b = pair.second;
+  const surface::Motion<float>& motion = pair.second_from_first;
+  PatchViews views{a.cx, a.cy, 1 / a.fx, 1 / a.fy, b.fx,     b.fy,    b.cx,
+                   b.cy, {},   {},       a.width,  a.height, b.width, b.height};
+  for (int k = 0; k < 3; ++k) {
+    views.rotation[k][0] = motion.rows[k].x;
+    views.rotation[k][1] = motion.rows[k].y;
+    views.rotation[k][2] = motion.rows[k].z;
+  }
+  views.shift[0] = motion.shift.x;
+  views.shift[1] = motion.shift.y;
+  views.shift[2] = motion.shift.z;
+  return views;
+}
+
+/// Compares patches around pixels of a row of the first view.
+/// @param columns the pixels
+/// @param planes [4,H,W] of the first view
+/// @param greys_first, greys_second [H,W]
+/// @param losses,counts,gradients of each pixel of columns; count 1 where the patch counts, otherwise all are 0
+void match_patches(const PatchViews& views, int row, std::span<const std::int32_t> columns,
+                   std::span<const float> planes, std::span<const float> greys_first,
+                   std::span<const float> greys_second, std::span<float> losses, std::span<float> counts,
+                   std::span<PatchGradient> gradients);
+
+}  // namespace splatboost
