@@ -47,6 +47,20 @@ def test_counts_the_work_of_blending(measured):
         assert 0 < effort["share_of_bytes"] and f"blend {direction}" in table
 
 
+def test_measures_convexes(tmp_path):
+    path = tmp_path / "convexes.json"
+    run_well("bench", "--scenes", "convexes", "--repeats", "1", "--threads", "1", "-o", path)
+    (scene,) = json.loads(path.read_text())["scenes"]
+    assert (scene["name"], scene["splats"]) == ("convexes", 20000)
+    assert set(scene["milliseconds"]) == STAGES
+    assert 10 < scene["blended_per_pixel"] < 100
+    work = scene["blend_work"]
+    assert 20000 < work["entries"] < work["rows"] < work["pairs"] < 16 * work["rows"] < 256 * work["entries"]
+    for direction in ("forward", "backward"):
+        assert work[direction]["operations"] > 59 * work["pairs"]
+        assert 0 < work[direction]["share_of_operations"] < 1
+
+
 def test_scales_by_splats_pixels_and_threads(measured):
     path, table = measured
     scaling = json.loads(path.read_text())["scaling"]
@@ -77,6 +91,7 @@ def test_compares_with_an_earlier_file(measured, tmp_path):
     (["--compare", "nowhere.json"], "nowhere.json"),
     (["--device", "gpu"], "'gpu' is none of"),
     (["--device", "cuda", "--scaling"], "--scaling is of the CPU"),
+    (["--device", "cuda", "--scenes", "convexes"], "--scenes convexes is of the CPU"),
 ])
 def test_mistakes_are_told(arguments, told):
     done = run_program("bench", *arguments)

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <map>
@@ -9,8 +7,10 @@
 #include "program/bench/bench_figures.h"
 #include "program/bench/bench_tables.h"
 #include "program/bench/blend_work.h"
+#include "program/bench/convex_bench.h"
 #include "program/bench/cuda_figures.h"
 #include "program/bench/machine_limits.h"
+#include "program/bench/temporary_folder.h"
 #include "program/commands/commands.h"
 #include "program/session/chosen_device.h"
 #include "program/session/options.h"
@@ -36,18 +36,6 @@ constexpr int kMostRepeats = 95;
 double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
-
-/// A folder of our own that goes away with this object.
-struct TemporaryFolder {
-  fs::path path = fs::temp_directory_path() / ("splatboost-bench-" + std::to_string(::getpid()));
-  TemporaryFolder() { fs::create_directories(path); }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    fs::remove_all(path, ignored);
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-};
 
 /// The published constants with rates of nearly zero: every repeat then sees the same scene.
 VanillaConfig still_config() {
@@ -84,28 +72,44 @@ BenchSamples measure_iterations(Backbone& backbone, const View& view, int repeat
   return samples;
 }
 
-Json measure(const BenchSize& size, Threads& threads, int repeats, const MachineLimits& limits) {
-  const BenchScene bench = make_bench_scene(size);
-  const auto backbone = make_backbone(bench, threads);
-  RasterizerHook& rasterizer = backbone->rasterizer_hook();
-  BenchSamples samples = measure_iterations(*backbone, bench.scene.train[0], repeats);
+BenchSamples measure_stages(Backbone& backbone, const View& view, Threads& threads, int repeats) {
+  BenchSamples samples = measure_iterations(backbone, view, repeats);
   MultiViewScorer scorer(threads);
   for (int i = 0; i < kBenchWarmUp + repeats; ++i) {
     const auto start = std::chrono::steady_clock::now();
-    scorer.score(rasterizer, {.views = 1}, RandomStream(0, 0, RandomPurpose::scored_views));
+    scorer.score(backbone.rasterizer_hook(), {.views = 1}, RandomStream(0, 0, RandomPurpose::scored_views));
     if (i >= kBenchWarmUp) samples["scoring"].push_back(milliseconds_since(start));
   }
+  return samples;
+}
 
-  const BlendWork work = count_blend_work(bench, kTileRow, threads);
-  const Json milliseconds = medians_json(samples);
+Json scene_with_work(const BenchSize& size, const BlendWork& work, const Json& milliseconds, const Effort& forward,
+                     const Effort& backward, const MachineLimits& limits) {
   Json scene = scene_json(size, work, milliseconds);
-  scene["blend_work"] = {
-      {"entries", work.entries},
-      {"rows", work.cells},
-      {"pairs", work.pairs},
-      {"forward", effort_json(blend_effort(work), milliseconds["blend"].get<double>(), limits)},
-      {"backward", effort_json(blend_backward_effort(work), milliseconds["blend_backward"].get<double>(), limits)}};
+  scene["blend_work"] = {{"entries", work.entries},
+                         {"rows", work.cells},
+                         {"pairs", work.pairs},
+                         {"forward", effort_json(forward, milliseconds["blend"].get<double>(), limits)},
+                         {"backward", effort_json(backward, milliseconds["blend_backward"].get<double>(), limits)}};
   return scene;
+}
+
+Json measure(const BenchSize& size, Threads& threads, int repeats, const MachineLimits& limits) {
+  const BenchScene bench = make_bench_scene(size);
+  const auto backbone = make_backbone(bench, threads);
+  const Json milliseconds = medians_json(measure_stages(*backbone, bench.scene.train[0], threads, repeats));
+  const BlendWork work = count_blend_work(bench, kTileRow, threads);
+  return scene_with_work(size, work, milliseconds, blend_effort(work), blend_backward_effort(work), limits);
+}
+
+Json measure_convexes(Threads& threads, int repeats, const MachineLimits& limits) {
+  const BenchSize& size = convex_bench_size();
+  const ConvexBench bench = make_convex_bench(size);
+  const auto backbone = make_still_convexes(bench, threads);
+  const Json milliseconds = medians_json(measure_stages(*backbone, bench.splats.scene.train[0], threads, repeats));
+  const BlendWork work = count_blend_work(bench, kTileRow, threads);
+  return scene_with_work(size, work, milliseconds, blend_convexes_effort(work), blend_convexes_backward_effort(work),
+                         limits);
 }
 
 /// Iterations of one scene that differs from the next in one thing.
@@ -158,7 +162,9 @@ struct Bench {
   explicit Bench(CLI::App& app) {
     add_checked_option(app, "-o,--output", output, "write the figures as JSON")->type_name("FILE");
     add_checked_option(app, "--compare", compare, "an earlier JSON; prints ratios")->type_name("FILE");
-    add_checked_option(app, "--scenes", scenes, "some of 20k, 60k, 200k [all]")->delimiter(',')->type_name("NAME,NAME");
+    add_checked_option(app, "--scenes", scenes, "some of 20k, 60k, 200k [these], convexes")
+        ->delimiter(',')
+        ->type_name("NAME,NAME");
     add_checked_option(app, "--repeats", repeats, "iterations to take the median of")
         ->type_name("N")
         ->capture_default_str();
@@ -187,10 +193,12 @@ struct Bench {
     }
     for (const std::string& name : scenes) {
       const auto known = [&](const BenchSize& size) { return size.name == name; };
-      if (std::none_of(chosen.begin(), chosen.end(), known)) {
-        throw UsageError("--scenes: no scene '" + name + "'; there are 20k, 60k and 200k");
+      if (name != convex_bench_size().name && std::none_of(chosen.begin(), chosen.end(), known)) {
+        throw UsageError("--scenes: no scene '" + name + "'; there are 20k, 60k, 200k and convexes");
       }
     }
+    const bool with_convexes = std::ranges::find(scenes, convex_bench_size().name) != scenes.end();
+    if (with_convexes && device != "cpu") throw UsageError("--scenes convexes is of the CPU: leave out --device");
     hold_instruction_set();
     Json old;
     if (!compare.empty()) {
@@ -207,7 +215,7 @@ struct Bench {
       document["commit"] = *SPLATBOOST_COMMIT != '\0' ? Json(SPLATBOOST_COMMIT) : Json();
       add_cuda_figures(chosen, repeats, where.device().stream(), where.threads(), document);
     } else {
-      measure_on_cpu(chosen, where.threads(), document);
+      measure_on_cpu(chosen, with_convexes, where.threads(), document);
     }
     print_times(document, compare.empty() ? nullptr : &old);
     if (on_cuda) {
@@ -221,12 +229,13 @@ struct Bench {
   }
 
  private:
-  void measure_on_cpu(const std::vector<BenchSize>& sizes, Threads& pool, Json& document) const {
+  void measure_on_cpu(const std::vector<BenchSize>& sizes, bool with_convexes, Threads& pool, Json& document) const {
     document["threads"] = pool.count();
     document["instruction_set"] = instruction_set_name();
     const MachineLimits limits = measure_limits(pool);
     document["limits"] = limits_json(limits);
     for (const BenchSize& size : sizes) document["scenes"].push_back(measure(size, pool, repeats, limits));
+    if (with_convexes) document["scenes"].push_back(measure_convexes(pool, repeats, limits));
     if (scaling) document["scaling"] = measure_scaling(pool, repeats);
   }
 

@@ -25,7 +25,7 @@ HWY_INLINE void for_rows(const ConvexRecord& convex, TileRows<4>& pixels, std::u
                          const Visit& visit) {
   const EdgeColumns<kEdges> columns(convex, pixels.x0 + x);
   const RowRange rows(mask);
-  for (int row = rows.first; row <= rows.last; ++row) visit(columns, row);
+  for (int row = rows.first; row <= rows.last; row += kRowsAtATime) visit(columns, row);
 }
 
 /// Blends one tile. @param image [4, 256] colour over the background, alpha
@@ -57,15 +57,18 @@ void blend_convex_tile(ConvexFrame& frame, std::size_t tile, float* HWY_RESTRICT
           constexpr int kEdges = decltype(edges)::value;
           for_rows<kEdges>(convex, pixels, mask, b * lanes, [&](const EdgeColumns<kEdges>& columns, int row) HWY_ATTR {
             float* const at_row = pixels.at(row, b * lanes);
-            ConvexStep<kEdges> step;
-            if (!step_convex(convex, columns, pixels.first_y + static_cast<float>(row), at_row, step)) return;
-            const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
-            float* plane = at_row + kTileSize;
-            hn::Store(hn::MulAdd(weight, red, hn::Load(d, plane)), d, plane);
-            plane += kTileSize;
-            hn::Store(hn::MulAdd(weight, green, hn::Load(d, plane)), d, plane);
-            plane += kTileSize;
-            hn::Store(hn::MulAdd(weight, blue, hn::Load(d, plane)), d, plane);
+            ConvexStep<kEdges> steps[kRowsAtATime];
+            const float y = pixels.first_y + static_cast<float>(row);
+            if (!step_convex(convex, columns, y, at_row, pixels.kStride, steps)) return;
+            for (int r = 0; r < kRowsAtATime; ++r) {
+              const Vec weight = hn::IfThenElseZero(steps[r].open, hn::Mul(steps[r].before, steps[r].alpha));
+              float* plane = at_row + r * pixels.kStride + kTileSize;
+              hn::Store(hn::MulAdd(weight, red, hn::Load(d, plane)), d, plane);
+              plane += kTileSize;
+              hn::Store(hn::MulAdd(weight, green, hn::Load(d, plane)), d, plane);
+              plane += kTileSize;
+              hn::Store(hn::MulAdd(weight, blue, hn::Load(d, plane)), d, plane);
+            }
           });
         });
       }
@@ -126,42 +129,47 @@ HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, 
     Vec column_edge[kEdges];
     for (int k = 0; k < kEdges; ++k) column_edge[k] = hn::Zero(d);
     const RowRange rows(mask);
-    for (int row = rows.first; row <= rows.last; ++row) {
-      float* const at_row = pixels.at(row, x);
-      ConvexStep<kEdges> step;
-      if (!step_convex(convex, columns, pixels.first_y + static_cast<float>(row), at_row, step)) continue;
-      const float* const g_row = at_row + kUpstream;
-      const Vec g_red = hn::Load(d, g_row);
-      const Vec g_green = hn::Load(d, g_row + kTileSize);
-      const Vec g_blue = hn::Load(d, g_row + 2 * kTileSize);
-      Vec along = hn::Load(d, g_row + 3 * kTileSize);  // alpha: a channel that is 1
-      along = hn::MulAdd(g_red, own_red, along);
-      along = hn::MulAdd(g_green, own_green, along);
-      along = hn::MulAdd(g_blue, own_blue, along);
-      const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
-      sums.red = hn::MulAdd(weight, g_red, sums.red);
-      sums.green = hn::MulAdd(weight, g_green, sums.green);
-      sums.blue = hn::MulAdd(weight, g_blue, sums.blue);
-      const Vec gain = hn::Mul(weight, along);
-      const Vec rest = hn::Sub(hn::Load(d, at_row + kBehind), gain);
-      hn::Store(rest, d, at_row + kBehind);
-      // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after.
-      Vec inverse = hn::ApproximateReciprocal(step.after);
-      inverse = hn::Mul(inverse, hn::NegMulAdd(step.after, inverse, hn::Set(d, 2.0f)));
-      const Mask moves = hn::Lt(step.alpha, hn::Set(d, kMaxAlpha));
-      const Vec s = hn::IfThenElseZero(hn::And(moves, step.open), hn::NegMulAdd(rest, hn::Mul(weight, inverse), gain));
-      sums.s = hn::Add(sums.s, s);
-      // u = −s·(1 − I): what is full inside has no slope.
-      const Vec u = hn::MulSub(s, step.inside, s);
-      const Vec by_phi = hn::Mul(u, step.phi);
-      sums.steepness = hn::Add(sums.steepness, by_phi);
-      sums.steepness_abs = hn::Add(sums.steepness_abs, hn::Abs(by_phi));
-      if (hn::AllTrue(d, hn::Eq(u, hn::Zero(d)))) continue;
-      const Vec per_part = hn::Div(u, step.sum);
-      for (int k = 0; k < kEdges; ++k) {
-        const Vec part = hn::Mul(per_part, step.part[k]);
-        column_edge[k] = hn::Add(column_edge[k], part);
-        sums.edge_y[k] = hn::MulAdd(part, step.dy, sums.edge_y[k]);
+    for (int first = rows.first; first <= rows.last; first += kRowsAtATime) {
+      ConvexStep<kEdges> steps[kRowsAtATime];
+      const float y = pixels.first_y + static_cast<float>(first);
+      if (!step_convex(convex, columns, y, pixels.at(first, x), pixels.kStride, steps)) continue;
+      for (int r = 0; r < kRowsAtATime; ++r) {
+        const ConvexStep<kEdges>& step = steps[r];
+        float* const at_row = pixels.at(first + r, x);
+        const float* const g_row = at_row + kUpstream;
+        const Vec g_red = hn::Load(d, g_row);
+        const Vec g_green = hn::Load(d, g_row + kTileSize);
+        const Vec g_blue = hn::Load(d, g_row + 2 * kTileSize);
+        Vec along = hn::Load(d, g_row + 3 * kTileSize);  // alpha: a channel that is 1
+        along = hn::MulAdd(g_red, own_red, along);
+        along = hn::MulAdd(g_green, own_green, along);
+        along = hn::MulAdd(g_blue, own_blue, along);
+        const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
+        sums.red = hn::MulAdd(weight, g_red, sums.red);
+        sums.green = hn::MulAdd(weight, g_green, sums.green);
+        sums.blue = hn::MulAdd(weight, g_blue, sums.blue);
+        const Vec gain = hn::Mul(weight, along);
+        const Vec rest = hn::Sub(hn::Load(d, at_row + kBehind), gain);
+        hn::Store(rest, d, at_row + kBehind);
+        // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after.
+        Vec inverse = hn::ApproximateReciprocal(step.after);
+        inverse = hn::Mul(inverse, hn::NegMulAdd(step.after, inverse, hn::Set(d, 2.0f)));
+        const Mask moves = hn::Lt(step.alpha, hn::Set(d, kMaxAlpha));
+        const Vec s =
+            hn::IfThenElseZero(hn::And(moves, step.open), hn::NegMulAdd(rest, hn::Mul(weight, inverse), gain));
+        sums.s = hn::Add(sums.s, s);
+        // u = −s·(1 − I): what is full inside has no slope.
+        const Vec u = hn::MulSub(s, step.inside, s);
+        const Vec by_phi = hn::Mul(u, step.phi);
+        sums.steepness = hn::Add(sums.steepness, by_phi);
+        sums.steepness_abs = hn::Add(sums.steepness_abs, hn::Abs(by_phi));
+        if (hn::AllTrue(d, hn::Eq(u, hn::Zero(d)))) continue;
+        const Vec per_part = hn::Div(u, step.sum);
+        for (int k = 0; k < kEdges; ++k) {
+          const Vec part = hn::Mul(per_part, step.part[k]);
+          column_edge[k] = hn::Add(column_edge[k], part);
+          sums.edge_y[k] = hn::MulAdd(part, step.dy, sums.edge_y[k]);
+        }
       }
     }
     for (int k = 0; k < kEdges; ++k) {

@@ -124,44 +124,63 @@ struct ConvexStep : RowStep {
   Vec sum;
 };
 
-/// Takes a row of transmittances behind a convex. Nothing but transmittances that stay as they are, and alpha = 0, are
-/// left behind where no open pixel is near enough for α = 1/255.
+/// Rows that are taken through a convex together: what one waits for, the other fills.
+inline constexpr int kRowsAtATime = 2;
+
+/// Takes kRowsAtATime rows of transmittances behind a convex, from the row at y on. Nothing but transmittances that
+/// stay as they are, and alpha = 0, are left behind where no open pixel is near enough for α = 1/255.
+/// @param stride from one row's transmittances to the next's
 /// @return whether one is
 template <int kEdges>
 HWY_INLINE bool step_convex(const ConvexRecord& convex, const EdgeColumns<kEdges>& columns, float y,
-                            float* HWY_RESTRICT transmittance, ConvexStep<kEdges>& step) {
+                            float* HWY_RESTRICT transmittance, int stride, ConvexStep<kEdges> (&steps)[kRowsAtATime]) {
   const Lanes d;
-  const float offset = y - convex.centre_y;
-  step.dy = hn::Set(d, offset);
-  Vec greatest = hn::Set(d, -1e30f), second = greatest;
-  Vec term[kEdges];
-  for (int k = 0; k < kEdges; ++k) {
-    term[k] = hn::MulAdd(step.dy, hn::Set(d, convex.edge_y[k]), columns.constant[k]);
-    second = hn::Max(second, hn::Min(greatest, term[k]));
-    greatest = hn::Max(greatest, term[k]);
-  }
-  const Mask open = hn::Gt(hn::Load(d, transmittance), hn::Zero(d));
-  const Mask near = hn::And(open, hn::Le(greatest, hn::Set(d, convex.farthest)));
-  if (hn::AllFalse(d, near)) return false;
-  // Where one edge decides at every pixel that matters, there is nothing to sum.
-  if (hn::AllFalse(d, hn::And(near, hn::Ge(hn::Sub(second, greatest), hn::Set(d, kNoPart))))) {
-    step.phi = greatest;
-    step.sum = hn::Set(d, 1.0f);
-    for (int k = 0; k < kEdges; ++k) step.part[k] = hn::IfThenElseZero(hn::Eq(term[k], greatest), step.sum);
-  } else {
-    step.sum = hn::Zero(d);
+  Vec greatest[kRowsAtATime], term[kRowsAtATime][kEdges];
+  Mask near[kRowsAtATime], any_near, any_sum;
+  for (int r = 0; r < kRowsAtATime; ++r) {
+    ConvexStep<kEdges>& step = steps[r];
+    step.dy = hn::Set(d, y + static_cast<float>(r) - convex.centre_y);
+    greatest[r] = hn::Set(d, -1e30f);
+    Vec second = greatest[r];
     for (int k = 0; k < kEdges; ++k) {
-      step.part[k] = exp2_of(hn::Max(hn::Sub(term[k], greatest), hn::Set(d, kLeastExponent)));
-      step.sum = hn::Add(step.sum, step.part[k]);
+      term[r][k] = hn::MulAdd(step.dy, hn::Set(d, convex.edge_y[k]), columns.constant[k]);
+      second = hn::Max(second, hn::Min(greatest[r], term[r][k]));
+      greatest[r] = hn::Max(greatest[r], term[r][k]);
     }
-    step.phi = hn::Add(greatest, log2_of_sum(step.sum));
+    const Mask open = hn::Gt(hn::Load(d, transmittance + r * stride), hn::Zero(d));
+    near[r] = hn::And(open, hn::Le(greatest[r], hn::Set(d, convex.farthest)));
+    const Mask sum = hn::And(near[r], hn::Ge(hn::Sub(second, greatest[r]), hn::Set(d, kNoPart)));
+    any_near = r == 0 ? near[r] : hn::Or(any_near, near[r]);
+    any_sum = r == 0 ? sum : hn::Or(any_sum, sum);
   }
-  const Vec exponent = hn::Mul(step.phi, hn::Set(d, convex.steepness));
-  const Vec power = exp2_of(hn::Min(hn::Max(exponent, hn::Set(d, kLeastExponent)), hn::Set(d, kMostExponent)));
-  step.inside = hn::Div(hn::Set(d, 1.0f), hn::Add(hn::Set(d, 1.0f), power));
-  const Vec alpha = hn::Min(hn::Mul(hn::Set(d, convex.opacity), step.inside), hn::Set(d, kMaxAlpha));
-  step.alpha = hn::IfThenElseZero(hn::And(near, hn::Ge(alpha, hn::Set(d, kMinAlpha))), alpha);
-  pass_row(step, transmittance);
+  if (hn::AllFalse(d, any_near)) return false;
+  // Where one edge decides at every pixel that matters, there is nothing to sum.
+  if (hn::AllFalse(d, any_sum)) {
+    for (int r = 0; r < kRowsAtATime; ++r) {
+      ConvexStep<kEdges>& step = steps[r];
+      step.phi = greatest[r];
+      step.sum = hn::Set(d, 1.0f);
+      for (int k = 0; k < kEdges; ++k) step.part[k] = hn::IfThenElseZero(hn::Eq(term[r][k], greatest[r]), step.sum);
+    }
+  } else {
+    for (int r = 0; r < kRowsAtATime; ++r) steps[r].sum = hn::Zero(d);
+    for (int k = 0; k < kEdges; ++k) {
+      for (int r = 0; r < kRowsAtATime; ++r) {
+        steps[r].part[k] = exp2_of(hn::Max(hn::Sub(term[r][k], greatest[r]), hn::Set(d, kLeastExponent)));
+        steps[r].sum = hn::Add(steps[r].sum, steps[r].part[k]);
+      }
+    }
+    for (int r = 0; r < kRowsAtATime; ++r) steps[r].phi = hn::Add(greatest[r], log2_of_sum(steps[r].sum));
+  }
+  for (int r = 0; r < kRowsAtATime; ++r) {
+    ConvexStep<kEdges>& step = steps[r];
+    const Vec exponent = hn::Mul(step.phi, hn::Set(d, convex.steepness));
+    const Vec power = exp2_of(hn::Min(hn::Max(exponent, hn::Set(d, kLeastExponent)), hn::Set(d, kMostExponent)));
+    step.inside = hn::Div(hn::Set(d, 1.0f), hn::Add(hn::Set(d, 1.0f), power));
+    const Vec alpha = hn::Min(hn::Mul(hn::Set(d, convex.opacity), step.inside), hn::Set(d, kMaxAlpha));
+    step.alpha = hn::IfThenElseZero(hn::And(near[r], hn::Ge(alpha, hn::Set(d, kMinAlpha))), alpha);
+  }
+  for (int r = 0; r < kRowsAtATime; ++r) pass_row(steps[r], transmittance + r * stride);
   return true;
 }
 

@@ -38,12 +38,16 @@ void count_convex_tile(const ConvexFrame& frame, std::size_t tile, const float* 
         constexpr int kEdges = decltype(edges)::value;
         const EdgeColumns<kEdges> columns(convex, pixels.x0 + x);
         const RowRange rows(mask);
-        for (int row = rows.first; row <= rows.last; ++row) {
+        for (int row = rows.first; row <= rows.last; row += kRowsAtATime) {
           float* const at_row = pixels.at(row, x);
-          ConvexStep<kEdges> step;
-          if (!step_convex(convex, columns, pixels.first_y + static_cast<float>(row), at_row, step)) continue;
-          const Mask blended = hn::And(step.open, hn::Gt(step.alpha, hn::Zero(d)));
-          sum = hn::Add(sum, hn::IfThenElseZero(blended, hn::Load(d, at_row + kTileSize)));
+          ConvexStep<kEdges> steps[kRowsAtATime];
+          const float y = pixels.first_y + static_cast<float>(row);
+          if (!step_convex(convex, columns, y, at_row, pixels.kStride, steps)) continue;
+          for (int r = 0; r < kRowsAtATime; ++r) {
+            const Mask blended = hn::And(steps[r].open, hn::Gt(steps[r].alpha, hn::Zero(d)));
+            const Vec flags = hn::Load(d, at_row + r * pixels.kStride + kTileSize);
+            sum = hn::Add(sum, hn::IfThenElseZero(blended, flags));
+          }
         }
       });
     }
@@ -72,12 +76,14 @@ void weigh_convex_tile(const ConvexFrame& frame, std::size_t tile, std::int32_t*
         constexpr int kEdges = decltype(edges)::value;
         const EdgeColumns<kEdges> columns(convex, pixels.x0 + x);
         const RowRange rows(mask);
-        for (int row = rows.first; row <= rows.last; ++row) {
-          ConvexStep<kEdges> step;
+        for (int row = rows.first; row <= rows.last; row += kRowsAtATime) {
+          ConvexStep<kEdges> steps[kRowsAtATime];
           const float y = pixels.first_y + static_cast<float>(row);
-          if (!step_convex(convex, columns, y, pixels.at(row, x), step)) continue;
-          const Vec weight = hn::Round(hn::Mul(hn::Mul(step.before, step.alpha), units));
-          sum = hn::Add(sum, hn::IfThenElseZero(step.open, weight));
+          if (!step_convex(convex, columns, y, pixels.at(row, x), pixels.kStride, steps)) continue;
+          for (const ConvexStep<kEdges>& step : steps) {
+            const Vec weight = hn::Round(hn::Mul(hn::Mul(step.before, step.alpha), units));
+            sum = hn::Add(sum, hn::IfThenElseZero(step.open, weight));
+          }
         }
       });
     }
