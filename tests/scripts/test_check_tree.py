@@ -60,6 +60,17 @@ def test_an_include_against_the_order_is_named(tree, tmp_path, path, include, fa
     assert result.stderr.startswith(f"{path}:2: ") and fault in result.stderr and result.stderr.count("\n") == 1
 
 
+def test_a_class_that_two_headers_define_is_named(tree, tmp_path):
+    tree("core/src/device/frame.h", "namespace splatboost {\nstruct Frame {\n};\n}  // namespace splatboost\n")
+    tree("backbones/other/frame.h", "namespace splatboost::other {\nclass Frame {\n};\n}  // namespace splatboost\n")
+    assert run(tmp_path).stderr == ""
+    tree("backbones/trainer/support/frame.h", "namespace splatboost {\nclass Frame;\nclass Frame final {\n};\n}\n")
+    result = run(tmp_path)
+    assert result.returncode == 1
+    [line] = result.stderr.splitlines()
+    assert line.endswith(": splatboost::Frame is defined in backbones/trainer/support/frame.h too")
+
+
 @pytest.mark.parametrize("text", ["see `core/src/device/lunch.h`", "[nets](backbones/families/net)"])
 def test_a_path_in_the_docs_that_is_not_there_is_named(tree, tmp_path, text):
     tree("docs/page.md", text.replace("](", "](../"))

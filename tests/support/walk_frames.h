@@ -14,15 +14,15 @@
 namespace splatboost::testing {
 
 /// Frames 0 … count − 1 of a walk of `whole` frames. Ray tracing takes most of a test's time: make them once.
-inline std::vector<Frame> walk_frames(int width, int height, int count, int whole) {
+inline std::vector<SequenceFrame> walk_frames(int width, int height, int count, int whole) {
   const auto world = synthetic::make_room();
   const synthetic::Intrinsics camera(width, height);
   Threads threads;
-  std::vector<Frame> made;
+  std::vector<SequenceFrame> made;
   for (int i = 0; i < count; ++i) {
     synthetic::Picture picture(camera);
     synthetic::render_view(*world, camera, walk_pose(i, whole), 1, threads, picture);
-    Frame frame;
+    SequenceFrame frame;
     frame.number = static_cast<std::size_t>(i);
     frame.name = std::to_string(i) + ".png";
     frame.width = width;

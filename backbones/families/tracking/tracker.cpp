@@ -63,7 +63,7 @@ struct Tracker::State {
   std::vector<std::size_t> new_keyframes;
   std::vector<Pose> before_loop;  ///< of the keyframes; empty: none was closed
 
-  Features features_of(const Frame& frame) const {
+  Features features_of(const SequenceFrame& frame) const {
     Features features = extractor.extract(frame.width, frame.height, frame.color, frame.depth, frame.valid);
     for (double& depth : features.depths) {
       if (!(depth >= options.nearest_depth && depth <= options.farthest_depth)) depth = 0;
@@ -156,7 +156,7 @@ struct Tracker::State {
            static_cast<double>(matches) < options.keyframe_share * static_cast<double>(last.made_points);
   }
 
-  void add_keyframe(const Frame& frame, Features features, const std::vector<int>& points, const Pose& pose) {
+  void add_keyframe(const SequenceFrame& frame, Features features, const std::vector<int>& points, const Pose& pose) {
     const std::size_t number = map.keyframes().size();
     MapKeyframe keyframe;
     keyframe.frame = frame.number;
@@ -238,7 +238,7 @@ struct Tracker::State {
     last_number = number;
   }
 
-  TrackedFrame track(const Frame& frame) {
+  TrackedFrame track(const SequenceFrame& frame) {
     TrackedFrame result;
     result.frame = frame.number;
     if (frame.color.empty()) {
@@ -290,7 +290,7 @@ struct Tracker::State {
     return result;
   }
 
-  TrackedFrame begin(const Frame& frame, Features features) {
+  TrackedFrame begin(const SequenceFrame& frame, Features features) {
     TrackedFrame result;
     result.frame = frame.number;
     const auto deep = std::ranges::count_if(features.depths, [](double d) { return d > 0; });
@@ -309,7 +309,7 @@ Tracker::Tracker(const Calibration& calibration, const TrackerOptions& options)
     : state_(std::make_unique<State>(calibration, options)) {}
 Tracker::~Tracker() = default;
 
-TrackedFrame Tracker::track(const Frame& frame) { return state_->track(frame); }
+TrackedFrame Tracker::track(const SequenceFrame& frame) { return state_->track(frame); }
 std::size_t Tracker::keyframes() const { return state_->map.keyframes().size(); }
 glm::dmat4 Tracker::camera_from_world(std::size_t keyframe) const {
   return to_glm(state_->map.keyframes()[keyframe].pose);

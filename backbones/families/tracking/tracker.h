@@ -36,7 +36,7 @@ enum class TrackState {
 };
 
 struct TrackedFrame {
-  std::size_t frame = 0;  ///< Frame::number
+  std::size_t frame = 0;  ///< SequenceFrame::number
   TrackState state = TrackState::waiting;
   std::size_t keyframe = 0;              ///< that the pose is relative to, so that it moves with the map
   glm::dmat4 camera_from_keyframe{1.0};  ///< of tracked frames
@@ -53,12 +53,12 @@ class Tracker {
   Tracker(const Calibration& calibration, const TrackerOptions& options);
   ~Tracker();
 
-  TrackedFrame track(const Frame& frame);
+  TrackedFrame track(const SequenceFrame& frame);
 
   std::size_t keyframes() const;
   /// Of a keyframe as it is now.
   glm::dmat4 camera_from_world(std::size_t keyframe) const;
-  /// Frame::number of a keyframe.
+  /// SequenceFrame::number of a keyframe.
   std::size_t frame_of(std::size_t keyframe) const;
   std::size_t map_points() const;
   /// The whole map, for a model of it.

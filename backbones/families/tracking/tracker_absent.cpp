@@ -14,7 +14,7 @@ Tracker::Tracker(const Calibration&, const TrackerOptions&) {
       "scripts/build again");
 }
 Tracker::~Tracker() = default;
-TrackedFrame Tracker::track(const Frame&) { return {}; }
+TrackedFrame Tracker::track(const SequenceFrame&) { return {}; }
 std::size_t Tracker::keyframes() const { return 0; }
 glm::dmat4 Tracker::camera_from_world(std::size_t) const { return glm::dmat4(1.0); }
 std::size_t Tracker::frame_of(std::size_t) const { return 0; }

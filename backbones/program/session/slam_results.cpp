@@ -121,7 +121,7 @@ Json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence
   std::vector<float> color;
   double render_seconds = 0;
   for (std::size_t i = 0; i < tracked.size() && !stopped(); ++i) {
-    const Frame frame = sequence.read(tracked[i].frame);
+    const SequenceFrame frame = sequence.read(tracked[i].frame);
     if (frame.color.empty()) continue;
     const View view = view_of(frame, sequence.calibration(), resolution, pose_of(run, tracked[i]));
     MeasuredView measured = measure_view(run.backbone(), view, lpips, color);

@@ -34,7 +34,8 @@ double now() { return std::chrono::duration<double>(std::chrono::steady_clock::n
 
 }  // namespace
 
-View view_of(const Frame& frame, const Calibration& calibration, int resolution, const glm::dmat4& camera_from_world) {
+View view_of(const SequenceFrame& frame, const Calibration& calibration, int resolution,
+             const glm::dmat4& camera_from_world) {
   const ImageSize size = target_size(frame.width, frame.height, resolution);
   Pixels pixels{frame.width, frame.height, 3, 8, frame.color};
   const bool smaller = size.width != frame.width || size.height != frame.height;
@@ -83,7 +84,7 @@ SlamRun::SlamRun(Sequence& sequence, const SlamOptions& slam, const RunOptions& 
 
 double SlamRun::seconds() const { return now() - began_; }
 
-void SlamRun::tell(const TrackedFrame& frame, const Frame& picture) {
+void SlamRun::tell(const TrackedFrame& frame, const SequenceFrame& picture) {
   const auto say = [&](const std::string& what) {
     std::fprintf(stderr, "frame %zu (%s): %s\n", frame.frame, printable(picture.name).c_str(), printable(what).c_str());
   };
@@ -112,7 +113,7 @@ void SlamRun::check_focal_lengths() const {
 
 std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
   const double start = now();
-  Frame frame = sequence_.read(number);
+  SequenceFrame frame = sequence_.read(number);
   const TrackedFrame tracked = tracker_.track(frame);
   tracked_ += tracked.state == TrackState::tracked ? 1 : 0;
   outcome_.frames.push_back(tracked);

@@ -31,7 +31,8 @@ struct SlamOptions {
 };
 
 /// The picture as it is mapped: at its size, with a pose.
-View view_of(const Frame& frame, const Calibration& calibration, int resolution, const glm::dmat4& camera_from_world);
+View view_of(const SequenceFrame& frame, const Calibration& calibration, int resolution,
+             const glm::dmat4& camera_from_world);
 
 struct SlamOutcome {
   std::vector<TrackedFrame> frames;  ///< of the whole sequence
@@ -85,7 +86,7 @@ class SlamRun {
   void run_at_once();
   void finish_mapping();
   void check_focal_lengths() const;
-  void tell(const TrackedFrame& frame, const Frame& picture);
+  void tell(const TrackedFrame& frame, const SequenceFrame& picture);
   void show_progress(bool last);
   double seconds() const;
 

@@ -63,9 +63,9 @@ class FileSequence final : public Sequence {
   double time_of(std::size_t number) const override { return files_.frames[number].time; }
   std::optional<glm::dmat4> truth(std::size_t number) const override { return files_.frames[number].truth; }
 
-  Frame read(std::size_t number) override {
+  SequenceFrame read(std::size_t number) override {
     const FrameFiles& files = files_.frames[number];
-    Frame frame;
+    SequenceFrame frame;
     frame.number = number;
     frame.time = files.time;
     frame.name = files.color.filename().string();
@@ -120,7 +120,7 @@ class FileSequence final : public Sequence {
     return color;
   }
 
-  void mark_valid(Frame& frame) const {
+  void mark_valid(SequenceFrame& frame) const {
     frame.valid.resize(frame.color.size() / 3);
     for (std::size_t i = 0; i < frame.valid.size(); ++i) frame.valid[i] = inside(i) ? 255 : 0;
   }
@@ -131,7 +131,7 @@ class FileSequence final : public Sequence {
            y <= static_cast<float>(files_.calibration.height - 1);
   }
 
-  void read_depth(const fs::path& file, Frame& frame) const {
+  void read_depth(const fs::path& file, SequenceFrame& frame) const {
     const Pixels pixels = decode_image(bytes_of(file), file.string());
     require_size(pixels, file);
     require(pixels.bits == 16 && pixels.channels == 1,

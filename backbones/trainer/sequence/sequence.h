@@ -23,11 +23,8 @@ struct Calibration {
   double depth_scale = 0;  ///< what a metre is in pictures of depth; 0: there are none
 };
 
-// The core has a Frame of its own: without a namespace around this one, the linker would take the two for one.
-inline namespace sequences {
-
 /// One picture, undistorted.
-struct Frame {
+struct SequenceFrame {
   std::size_t number = 0;  ///< in the sequence, from 0
   double time = 0;         ///< s
   std::string name;
@@ -38,15 +35,13 @@ struct Frame {
   std::string problem;              ///< why there is no colour or no depth, a line; empty: all is well
 };
 
-}  // namespace sequences
-
 class Sequence {
  public:
   virtual ~Sequence() = default;
   virtual std::size_t size() const = 0;
   virtual const Calibration& calibration() const = 0;
-  /// Never throws for what is wrong with one picture: Frame::problem says it.
-  virtual Frame read(std::size_t number) = 0;
+  /// Never throws for what is wrong with one picture: SequenceFrame::problem says it.
+  virtual SequenceFrame read(std::size_t number) = 0;
   /// Of a frame, seconds.
   virtual double time_of(std::size_t number) const = 0;
   /// world_from_camera where the dataset has it.

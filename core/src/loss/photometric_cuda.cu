@@ -18,7 +18,7 @@ __global__ void __launch_bounds__(kSsimThreads)
   __shared__ TilePixels renders, truths;
   __shared__ TileRows rows[4];
   __shared__ WarpSums warps;
-  const TilePixel pixel;
+  const SsimTilePixel pixel;
   const std::size_t pixels = size.pixels(), channel = blockIdx.z;
 
   // Zero outside the image; where a pixel is not valid the render reads as truth.
@@ -62,7 +62,7 @@ __global__ void __launch_bounds__(kSsimThreads)
   __shared__ TilePixels map;
   __shared__ TileRows rows;
   __shared__ SharedArray<float, 2> weights;  // of L1 and of SSIM
-  const TilePixel pixel;
+  const SsimTilePixel pixel;
   const std::size_t pixels = size.pixels(), channel = blockIdx.z;
   float sums[3];
   for (std::size_t q = 0; q < 3; ++q) {

@@ -20,7 +20,7 @@ __global__ void __launch_bounds__(kSsimThreads)
   __shared__ TilePixels image_tile, truth_tile;
   __shared__ TileRows rows[4];
   __shared__ WarpSums warps;
-  const TilePixel pixel;
+  const SsimTilePixel pixel;
   const std::size_t first = blockIdx.z * image.size.pixels();
   for_tile_pixels([&](int k, int x, int y) {
     const bool holds = image.size.holds(x, y);
@@ -45,7 +45,7 @@ __global__ void __launch_bounds__(kSsimThreads)
                          DeviceView<const float> derivatives, float weight, DeviceView<float> gradient) {
   __shared__ TilePixels map;
   __shared__ TileRows rows;
-  const TilePixel pixel;
+  const SsimTilePixel pixel;
   const std::size_t first = blockIdx.z * size.pixels();
   float sums[3];
   for (std::size_t q = 0; q < 3; ++q) {

@@ -30,7 +30,7 @@ inline dim3 ssim_blocks(int width, int height, std::size_t planes) {
 }
 
 /// The pixel of a thread.
-struct TilePixel {
+struct SsimTilePixel {
   int column = static_cast<int>(threadIdx.x) % kSsimTile, row = static_cast<int>(threadIdx.x) / kSsimTile;
   int x = static_cast<int>(blockIdx.x) * kSsimTile + column, y = static_cast<int>(blockIdx.y) * kSsimTile + row;
 };
@@ -65,7 +65,7 @@ __device__ inline float window_weight(int k) {
 }
 
 /// Σ along y of rows that were blurred along x.
-__device__ inline float blur_down(const TileRows& rows, const TilePixel& pixel) {
+__device__ inline float blur_down(const TileRows& rows, const SsimTilePixel& pixel) {
   float sum = 0;
 #pragma unroll
   for (int k = 0; k <= 2 * kSsimRadius; ++k) {
@@ -75,7 +75,7 @@ __device__ inline float blur_down(const TileRows& rows, const TilePixel& pixel) 
 }
 
 /// Blurs a map; at the end no thread reads it any more. The window is its own adjoint.
-__device__ inline float blurred(const TilePixels& map, TileRows& rows, const TilePixel& pixel) {
+__device__ inline float blurred(const TilePixels& map, TileRows& rows, const SsimTilePixel& pixel) {
   for_tile_rows([&](int k, int from) {
     float sum = 0;
 #pragma unroll
@@ -90,7 +90,7 @@ __device__ inline float blurred(const TilePixels& map, TileRows& rows, const Til
 
 /// SSIM of the thread's pixel. @param rows workspace
 __device__ inline SsimPixel<float> ssim_of_tile(const TilePixels& renders, const TilePixels& truths,
-                                                TileRows (&rows)[4], const TilePixel& pixel) {
+                                                TileRows (&rows)[4], const SsimTilePixel& pixel) {
   for_tile_rows([&](int k, int from) {
     float ra = 0, rb = 0, squares = 0, product = 0;
 #pragma unroll

@@ -25,8 +25,8 @@ namespace {
 
 constexpr int kWidth = 160, kHeight = 120, kFrames = 12;
 
-const std::vector<Frame>& walk() {
-  static const std::vector<Frame> frames = testing::walk_frames(kWidth, kHeight, kFrames, 120);
+const std::vector<SequenceFrame>& walk() {
+  static const std::vector<SequenceFrame> frames = testing::walk_frames(kWidth, kHeight, kFrames, 120);
   return frames;
 }
 
@@ -46,10 +46,10 @@ class Walk final : public Sequence {
   const Calibration& calibration() const override { return calibration_; }
   double time_of(std::size_t number) const override { return static_cast<double>(number) / 30; }
   std::optional<glm::dmat4> truth(std::size_t) const override { return std::nullopt; }
-  Frame read(std::size_t number) override {
+  SequenceFrame read(std::size_t number) override {
     if (before_frame) before_frame(number);
     const std::size_t way = number / (kFrames - 1), step = number % (kFrames - 1);
-    Frame frame = walk()[way % 2 == 0 ? step : kFrames - 1 - step];
+    SequenceFrame frame = walk()[way % 2 == 0 ? step : kFrames - 1 - step];
     frame.number = number;
     frame.time = time_of(number);
     if (changed) changed(frame);
@@ -57,7 +57,7 @@ class Walk final : public Sequence {
   }
 
   std::function<void(std::size_t)> before_frame;
-  std::function<void(Frame&)> changed;  ///< what is wrong with a frame
+  std::function<void(SequenceFrame&)> changed;  ///< what is wrong with a frame
 
  private:
   std::size_t size_;
@@ -191,7 +191,7 @@ void expect_in(const std::string& text, const std::string& part) {
   EXPECT_NE(text.find(part), std::string::npos) << text;
 }
 
-void blur(Frame& frame, int radius) {
+void blur(SequenceFrame& frame, int radius) {
   const std::vector<std::uint8_t> sharp = frame.color;
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
@@ -226,7 +226,7 @@ TEST(HardInput, wrong_focal_lengths_are_told) {
 
 TEST(HardInput, no_depth_at_all) {
   Mapping mapping;
-  mapping.sequence.changed = [](Frame& frame) {
+  mapping.sequence.changed = [](SequenceFrame& frame) {
     frame.depth.clear();
     frame.problem = "has no picture of depth";
   };
@@ -238,7 +238,7 @@ TEST(HardInput, no_depth_at_all) {
 
 TEST(HardInput, depth_for_every_third_frame) {
   Mapping mapping;
-  mapping.sequence.changed = [](Frame& frame) {
+  mapping.sequence.changed = [](SequenceFrame& frame) {
     if (frame.number % 3 != 0) frame.depth.clear();
   };
   mapping.lines();
@@ -248,7 +248,7 @@ TEST(HardInput, depth_for_every_third_frame) {
 
 TEST(HardInput, frames_that_were_dropped) {
   Mapping mapping;
-  mapping.sequence.changed = [](Frame& frame) {
+  mapping.sequence.changed = [](SequenceFrame& frame) {
     if (frame.number < 4 || frame.number > 6) return;
     frame.color.clear();
     frame.problem = "cannot be read";
@@ -261,7 +261,7 @@ TEST(HardInput, frames_that_were_dropped) {
 
 TEST(HardInput, blurred_frames_are_lost_and_tracking_goes_on) {
   Mapping mapping;
-  mapping.sequence.changed = [](Frame& frame) {
+  mapping.sequence.changed = [](SequenceFrame& frame) {
     if (frame.number >= 5 && frame.number <= 6) blur(frame, 20);
   };
   const std::string lines = mapping.lines();
@@ -273,7 +273,7 @@ TEST(HardInput, blurred_frames_are_lost_and_tracking_goes_on) {
 
 TEST(HardInput, a_little_blur_does_no_harm) {
   Mapping mapping;
-  mapping.sequence.changed = [](Frame& frame) {
+  mapping.sequence.changed = [](SequenceFrame& frame) {
     if (frame.number >= 5 && frame.number <= 6) blur(frame, 1);
   };
   EXPECT_EQ(mapping.lines(), "");
@@ -282,7 +282,7 @@ TEST(HardInput, a_little_blur_does_no_harm) {
 
 TEST(HardInput, lost_for_good) {
   Mapping mapping;
-  mapping.sequence.changed = [](Frame& frame) {
+  mapping.sequence.changed = [](SequenceFrame& frame) {
     if (frame.number >= 4) std::ranges::fill(frame.color, std::uint8_t{90});
   };
   const std::string lines = mapping.lines();

@@ -20,8 +20,8 @@ namespace {
 
 constexpr int kWidth = 240, kHeight = 180, kFrames = 16;
 
-const std::vector<Frame>& walk() {
-  static const std::vector<Frame> frames = testing::walk_frames(kWidth, kHeight, kFrames, kWalkFrames);
+const std::vector<SequenceFrame>& walk() {
+  static const std::vector<SequenceFrame> frames = testing::walk_frames(kWidth, kHeight, kFrames, kWalkFrames);
   return frames;
 }
 
@@ -57,7 +57,7 @@ double error_of(const Tracker& tracker, const std::vector<TrackedFrame>& frames)
 TEST(Tracker, follows_a_walk) {
   Tracker tracker(calibration(), options());
   std::vector<TrackedFrame> frames;
-  for (const Frame& frame : walk()) frames.push_back(tracker.track(frame));
+  for (const SequenceFrame& frame : walk()) frames.push_back(tracker.track(frame));
   for (const TrackedFrame& frame : frames) EXPECT_EQ(frame.state, TrackState::tracked) << frame.frame;
   EXPECT_GE(tracker.keyframes(), 3u);
   EXPECT_LT(tracker.keyframes(), static_cast<std::size_t>(kFrames));
@@ -69,7 +69,7 @@ TEST(Tracker, the_same_frames_give_the_same_poses) {
   const auto poses = [] {
     Tracker tracker(calibration(), options());
     std::vector<glm::dmat4> found;
-    for (const Frame& frame : walk()) tracker.track(frame);
+    for (const SequenceFrame& frame : walk()) tracker.track(frame);
     for (std::size_t i = 0; i < tracker.keyframes(); ++i) found.push_back(tracker.camera_from_world(i));
     return found;
   };
@@ -90,10 +90,10 @@ TEST(Tracker, tells_what_is_new_once) {
 TEST(Tracker, is_lost_and_finds_itself_again) {
   Tracker tracker(calibration(), options());
   for (int i = 0; i < 8; ++i) tracker.track(walk()[static_cast<std::size_t>(i)]);
-  Frame wall = walk()[8];
+  SequenceFrame wall = walk()[8];
   std::ranges::fill(wall.color, std::uint8_t{128});
   EXPECT_EQ(tracker.track(wall).state, TrackState::lost);
-  Frame unreadable = walk()[9];
+  SequenceFrame unreadable = walk()[9];
   unreadable.color.clear();
   EXPECT_EQ(tracker.track(unreadable).state, TrackState::dropped);
   const TrackedFrame back = tracker.track(walk()[5]);
@@ -106,7 +106,7 @@ TEST(Tracker, is_lost_and_finds_itself_again) {
 
 TEST(Tracker, frames_without_depth_are_tracked_but_no_keyframes) {
   Tracker tracker(calibration(), options());
-  Frame flat = walk()[0];
+  SequenceFrame flat = walk()[0];
   flat.depth.clear();
   EXPECT_EQ(tracker.track(flat).state, TrackState::waiting);
   for (int i = 0; i < 4; ++i) tracker.track(walk()[static_cast<std::size_t>(i)]);

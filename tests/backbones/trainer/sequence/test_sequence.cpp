@@ -69,7 +69,7 @@ TEST(Sequence, replica_is_read) {
   make_replica(folder.path());
   const auto sequence = open_sequence(of(folder.path()));
   ASSERT_EQ(sequence->size(), 3u);
-  const Frame frame = sequence->read(2);
+  const SequenceFrame frame = sequence->read(2);
   EXPECT_EQ(frame.problem, "");
   EXPECT_EQ(frame.color[0], 20);
   EXPECT_NEAR(frame.depth[7], 2.002f, 1e-6);
@@ -98,7 +98,7 @@ TEST(Sequence, a_frame_that_cannot_be_read_says_why_and_the_others_stay) {
   fs::remove(folder / "results/depth000002.png");
   write_depth(folder / "results/depth000000.png", 0);
   const auto sequence = open_sequence(of(folder.path()));
-  const Frame empty = sequence->read(0), broken = sequence->read(1), flat = sequence->read(2);
+  const SequenceFrame empty = sequence->read(0), broken = sequence->read(1), flat = sequence->read(2);
   expect_in(empty.problem, "no depth at all");
   EXPECT_TRUE(empty.depth.empty());
   EXPECT_FALSE(empty.color.empty());
@@ -137,7 +137,7 @@ TEST(Sequence, distortion_is_taken_out) {
   }
   write_png(folder / "results/frame000000.png", kWidth, kHeight, 3, std::span<const std::uint8_t>(pixels));
   std::ofstream(folder / "cam_params.json") << calibration(", \"k1\": 0.5");
-  const Frame frame = open_sequence(of(folder.path()))->read(0);
+  const SequenceFrame frame = open_sequence(of(folder.path()))->read(0);
   // Pixel (33.5 − 23.5)/50 = 0.2 from the middle, on its row: 0.2·(1 + 0.5·0.04) = 0.204.
   const double x = (33 - 23.5) / 50, y = (20 - 19.5) / 50;
   const double expected = 5 * (23.5 + 50 * x * (1 + 0.5 * (x * x + y * y)));

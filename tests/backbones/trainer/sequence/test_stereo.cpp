@@ -93,7 +93,7 @@ TEST_F(Stereo, depth_is_that_of_the_room) {
   camera.cy = c.cy + 0.5;
   const auto world = synthetic::make_room();
   Threads threads;
-  const Frame frame = sequence->read(1);
+  const SequenceFrame frame = sequence->read(1);
   ASSERT_EQ(frame.problem, "");
   ASSERT_TRUE(sequence->truth(1).has_value());
   const glm::dmat4 pose = *sequence->truth(1);
@@ -119,7 +119,7 @@ TEST_F(Stereo, a_missing_second_picture_leaves_a_frame_without_depth) {
   ASSERT_EQ(sequence->notes().size(), 1u);
   expect_in(sequence->notes()[0], "1 of 2 frames have no second picture");
   EXPECT_FALSE(sequence->read(0).depth.empty());
-  const Frame frame = sequence->read(1);
+  const SequenceFrame frame = sequence->read(1);
   EXPECT_TRUE(frame.depth.empty());
   EXPECT_FALSE(frame.color.empty());
   expect_in(frame.problem, "has no second picture");

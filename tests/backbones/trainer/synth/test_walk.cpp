@@ -57,7 +57,7 @@ TEST(Walk, depth_and_poses_agree_with_the_room) {
   double sum = 0, square = 0;
   std::size_t measured = 0, none = 0;
   for (std::size_t i = 0; i < 3; ++i) {
-    const Frame frame = sequence->read(i);
+    const SequenceFrame frame = sequence->read(i);
     ASSERT_EQ(frame.problem, "");
     const glm::dmat4 pose = *sequence->truth(i);
     for (int y = 0; y < frame.height; ++y) {
