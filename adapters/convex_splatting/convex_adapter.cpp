@@ -15,6 +15,12 @@ namespace {
 constexpr StepIntervals kRestIntervals{16, 32, 64};
 constexpr StepIntervals kOtherIntervals{1, 32, 64};
 
+/// Views that tell what they show of each convex, once a run: as many as keep that below a hundredth of its time.
+constexpr int kWeighedViews = 50;
+
+/// Iterations for each training view after which opacities have settled, as vanilla's.
+constexpr double kSettledVisits = 50;
+
 }  // namespace
 
 void check(const ConvexBoost& boost) {
@@ -27,6 +33,7 @@ void check(const ConvexBoost& boost) {
   check_setting(boost.late_prune_interval >= 1, "late_prune_interval must be at least 1");
   check_setting(boost.late_min_opacity >= 0 && boost.late_min_opacity <= 1, "late_min_opacity must be in [0, 1]");
   check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
+  check_setting(boost.late_share >= 0 && boost.late_share < 1, "late_share must be in [0, 1)");
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
 }
 
@@ -34,11 +41,16 @@ ConvexBoost literal_convex_boost() {
   ConvexBoost boost;
   boost.literal = true;
   boost.schedule = false;
+  boost.late_prune_from = 15000;
   boost.late_min_opacity = 0.1;
+  boost.late_share = 0;
   return boost;
 }
 
-ConvexAdapter::ConvexAdapter(const ConvexBoost& boost, Device device) : boost_(boost), scorer_(device) { check(boost); }
+ConvexAdapter::ConvexAdapter(const ConvexBoost& boost, Device device)
+    : boost_(boost), scorer_(device), weights_(device) {
+  check(boost);
+}
 
 std::optional<float> ConvexAdapter::beta() const {
   return boost_.cb ? std::optional<float>(boost_.beta) : std::nullopt;
@@ -60,15 +72,23 @@ void ConvexAdapter::grow(const DensityStatistics& statistics, RasterizerHook& ra
   const ScoreSums& sums = score(statistics.moment, rasterizer);
   scored_at_ = statistics.moment.iteration;
   if (!boost_.vcd) return;
-  importance_.resize(rasterizer.primitives());
-  importance_scores(sums, importance_);
-  double tau_d = boost_.tau_d;
-  if (!boost_.literal) tau_d *= kAddedByASplit * std::min(1.0, scorer_.mean_pixels() / kConvexTauDPixels);
-  keep_important(importance_, tau_d, decisions.split);
+  if (boost_.literal) {
+    importance_.resize(rasterizer.primitives());
+    importance_scores(sums, importance_);
+    keep_important(importance_, boost_.tau_d, decisions.split);
+    return;
+  }
+  const double side = std::sqrt(std::min(1.0, scorer_.mean_pixels() / kConvexTauDPixels));
+  keep_important(sums.counts, boost_.tau_d * kAddedByASplit * side * sums.views, decisions.split);
+}
+
+bool ConvexAdapter::growth_ended_at(Moment moment) const {
+  return !boost_.literal && moment.iteration == scaled_iteration(boost_.late_prune_from, moment.total);
 }
 
 bool ConvexAdapter::prunes_late_at(Moment moment) const {
   if (!boost_.vcp) return false;
+  if (growth_ended_at(moment)) return moment.iteration < moment.total;
   const int from = scaled_iteration(boost_.late_prune_from, moment.total);
   const int interval = scaled_iteration(boost_.late_prune_interval, moment.total);
   return moment.iteration > from && moment.iteration < moment.total && moment.iteration % interval == 0;
@@ -95,12 +115,21 @@ void ConvexAdapter::prune(const DensityStatistics& statistics, RasterizerHook& r
   if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   score(statistics.moment, rasterizer);
+  double settled = 1;
+  if (!boost_.literal) {
+    const double views = static_cast<double>(std::max<std::size_t>(rasterizer.scorable_views(), 1));
+    settled = std::min(1.0, statistics.moment.total / views / kSettledVisits);
+  }
+  const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled);
   for (std::size_t i = 0; i < n; ++i) {
-    if (statistics.opacities[i] < static_cast<float>(boost_.late_min_opacity) ||
-        pruning_[i] > static_cast<float>(boost_.late_max_score)) {
+    if (statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score)) {
       decisions.remove[i] = 1;
     }
   }
+  if (boost_.late_share <= 0 || !growth_ended_at(statistics.moment)) return;
+  const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
+                            RandomPurpose::scored_views);
+  select_least(weights_.mean(rasterizer, kWeighedViews, random), boost_.late_share * settled, decisions.remove);
 }
 
 bool ConvexAdapter::steps_at(std::string_view group, Moment moment) const {

@@ -29,14 +29,28 @@ std::vector<std::uint8_t> gated(const ConvexBoost& boost, const std::vector<std:
 }
 
 TEST(ConvexAdapter, AsksForFiveTimesTheImportanceBecauseASplitAddsFive) {
-  // At a megapixel: τ_d · 5 = 25.
+  // At a megapixel and more: τ_d · 5 = 25.
   EXPECT_EQ(gated({}, {24, 25, 26, 26}, 1000, 1000, {1, 1, 1, 0}), (std::vector<std::uint8_t>{0, 0, 1, 0}));
-  // In an image of a hundredth of that, 0.25.
-  EXPECT_EQ(gated({}, {0, 1, 1}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
+  EXPECT_EQ(gated({}, {25, 26}, 2000, 1000, {1, 1}), (std::vector<std::uint8_t>{0, 1}));
+  // In an image of a tenth of its side, 2.5.
+  EXPECT_EQ(gated({}, {2, 3, 3}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
   EXPECT_EQ(gated(literal_convex_boost(), {5, 6, 6}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
   ConvexBoost without;
   without.vcd = false;
   EXPECT_EQ(gated(without, {0, 0}, 100, 100, {1, 0}), (std::vector<std::uint8_t>{1, 0}));
+}
+
+TEST(ConvexAdapter, ComparesTheMeanOverViewsAsItIs) {
+  Threads threads(1);
+  ConvexAdapter adapter({}, threads);
+  // Of two views of a tenth of a megapixel's side: 5 flagged pixels in both are 2.5 a view, 6 are more.
+  testing::GivenCounts rasterizer({{2, 3}, {3, 3}}, 2, 100, 100);
+  const std::vector<float> ones(2, 1.0f);
+  const Hand hand{ones, ones, ones, ones};
+  std::vector<std::uint8_t> clone(2, 0), split(2, 1);
+  GrowDecisions decisions{clone, split};
+  adapter.grow(hand.at(1000), rasterizer, decisions);
+  EXPECT_EQ(split, (std::vector<std::uint8_t>{0, 1}));
 }
 
 TEST(ConvexAdapter, ThinsWhatGrowthRemovesAndLeavesTrimsAlone) {
@@ -71,6 +85,7 @@ TEST(ConvexAdapter, PrunesLateByTheReleasesOpacityAndByTheScore) {
     FakeRasterizer rasterizer({0, 0, 0, 1, 10});
     EXPECT_TRUE(adapter.prunes_at({18000, 30000}, false));
     EXPECT_FALSE(adapter.prunes_at({17000, 30000}, false));
+    EXPECT_EQ(adapter.prunes_at({12000, 30000}, false), !literal);
     EXPECT_TRUE(adapter.prunes_at({17000, 30000}, true));
     std::vector<std::uint8_t> remove(5, 0);
     PruneDecisions late{remove, PruneRule::late, {}};
@@ -78,6 +93,44 @@ TEST(ConvexAdapter, PrunesLateByTheReleasesOpacityAndByTheScore) {
     const std::uint8_t faint = literal ? 1 : 0;
     EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, faint, faint, 0, 1}));
   }
+}
+
+TEST(ConvexAdapter, OpacitiesOfAShortRunNeedNotHaveSettled) {
+  Threads threads(1);
+  const std::vector<float> ones(4, 1.0f), opacities{0.014f, 0.016f, 0.031f, 0.5f};
+  Hand hand{ones, ones, opacities, ones};
+  ConvexAdapter adapter({}, threads);
+  // Each of 4 views is seen 25 times.
+  FakeRasterizer rasterizer({0, 0, 0, 0}, 4);
+  std::vector<std::uint8_t> remove(4, 0);
+  PruneDecisions late{remove, PruneRule::late, {}};
+  DensityStatistics statistics = hand.at(60);
+  statistics.moment.total = 100;
+  adapter.prune(statistics, rasterizer, late);
+  EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 0, 0}));
+}
+
+TEST(ConvexAdapter, TheLeastShownGoOnceWhenGrowthHasEnded) {
+  Threads threads(1);
+  const std::vector<float> ones(5, 1.0f), opacities(5, 0.5f);
+  const Hand hand{ones, ones, opacities, ones};
+  const auto removed = [&](ConvexBoost boost, int iteration) {
+    ConvexAdapter adapter(boost, threads);
+    EXPECT_TRUE(adapter.prunes_at({iteration, 30000}, false));
+    FakeRasterizer rasterizer({0, 0, 0, 0, 0});
+    rasterizer.weights = {0, 7, 400, 12, 581};  // 2 % of all are 20
+    std::vector<std::uint8_t> remove(5, 0);
+    PruneDecisions late{remove, PruneRule::late, {}};
+    adapter.prune(hand.at(iteration), rasterizer, late);
+    return remove;
+  };
+  EXPECT_EQ(removed({}, 10000), (std::vector<std::uint8_t>{0, 1, 0, 1, 0})) << "what no view shows is not known";
+  EXPECT_EQ(removed({}, 12000), (std::vector<std::uint8_t>{0, 0, 0, 0, 0}));
+  ConvexBoost none;
+  none.late_share = 0;
+  EXPECT_EQ(removed(none, 10000), (std::vector<std::uint8_t>{0, 0, 0, 0, 0}));
+  ConvexAdapter literal(literal_convex_boost(), threads);
+  EXPECT_FALSE(literal.prunes_at({10000, 30000}, false));
 }
 
 TEST(ConvexAdapter, SchedulesAllGroupsAndKeepsTheBackbonesResets) {
@@ -113,6 +166,7 @@ TEST(ConvexAdapter, NamesASettingThatIsImpossible) {
   EXPECT_NE(message([](ConvexBoost& b) { b.tau_d = -1; }).find("tau_d"), std::string::npos);
   EXPECT_NE(message([](ConvexBoost& b) { b.views = 0; }).find("views"), std::string::npos);
   EXPECT_NE(message([](ConvexBoost& b) { b.late_min_opacity = 2; }).find("late_min_opacity"), std::string::npos);
+  EXPECT_NE(message([](ConvexBoost& b) { b.late_share = 1; }).find("late_share"), std::string::npos);
   EXPECT_NE(message([](ConvexBoost& b) { b.coarse_until = 2; }).find("coarse_until"), std::string::npos);
 }
 
