@@ -20,14 +20,19 @@ namespace HWY_NAMESPACE {
 
 std::size_t column_blocks() { return blocks_of_columns(); }
 
+/// A number of extra channels that loops are unrolled for: what Gaussians have as planes (gaussian_planes.h).
+inline constexpr int kPlaneExtra = 4;
+inline constexpr int kAnyExtra = kMaxFeatures + 1;
+
 /// Blends one tile. @param image [4 + X, 256] colour over the background, alpha, extra channels
-template <bool kExtra>
+/// @tparam kExtra 0, kPlaneExtra, or kAnyExtra: as many as the frame has
+template <int kExtra>
 void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
-  const int extra = kExtra ? frame.extra_channels() : 0;
-  TileRows<kExtra ? 4 + kMaxFeatures + 1 : 4> pixels(frame, tile);  // transmittance, colour, extra channels
+  const int extra = kExtra == kAnyExtra ? frame.extra_channels() : kExtra;
+  TileRows<4 + kExtra> pixels(frame, tile);  // transmittance, colour, extra channels
 
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   std::uint32_t at = begin;
@@ -99,7 +104,9 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
 }
 
 void blend_tile_any(Frame& frame, std::size_t tile, float* image) {
-  frame.extra_channels() > 0 ? blend_tile<true>(frame, tile, image) : blend_tile<false>(frame, tile, image);
+  const int extra = frame.extra_channels();
+  if (extra == 0) return blend_tile<0>(frame, tile, image);
+  extra == kPlaneExtra ? blend_tile<kPlaneExtra>(frame, tile, image) : blend_tile<kAnyExtra>(frame, tile, image);
 }
 
 /// Slots are not contiguous: prefetch their cache lines before they are written.
@@ -111,22 +118,23 @@ HWY_INLINE void prefetch_moments(Frame& frame, std::uint32_t at, std::uint32_t e
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4 + X, 256] what blend_tile made
 /// @param upstream [4 + X, 256] gradients of it
-template <bool kAbsolute, bool kExtra>
+/// @tparam kExtra as of blend_tile; 0 where extra channels have no gradient
+template <bool kAbsolute, int kExtra>
 void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRICT image,
                          const float* HWY_RESTRICT upstream) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
-  const int extra = kExtra ? frame.extra_channels() : 0;
+  const int extra = kExtra == kAnyExtra ? frame.extra_channels() : kExtra;
   const int features = frame.features;
   // Planes of a row: transmittance; gradient · (what the splats behind the current one, and the background, add to the
   // image); upstream gradients of colour, and of alpha and the extra channels.
   constexpr int kBehind = kTileSize, kUpstream = 2 * kTileSize;
-  TileRows<kExtra ? 6 + kMaxFeatures + 1 : 5> pixels(frame, tile);
+  TileRows<kExtra == 0 ? 5 : 6 + kExtra> pixels(frame, tile);
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
     float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
     Vec sum = hn::Zero(d);
-    for (int c = 0; c < (kExtra ? 4 + extra : 3); ++c) {
+    for (int c = 0; c < (kExtra == 0 ? 3 : 4 + extra); ++c) {
       const Vec g = hn::Load(d, upstream + c * kPixels + pixel);
       sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), g, sum);
       hn::Store(g, d, state + kUpstream + c * kTileSize);
@@ -144,7 +152,8 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
     const BlendRecord& splat = frame.records[gaussian];
     const float* channels = frame.channels.data() + gaussian * static_cast<std::size_t>(frame.extra_channels());
     const Vec own_red = hn::Set(d, splat.red), own_green = hn::Set(d, splat.green), own_blue = hn::Set(d, splat.blue);
-    float channel_gradient[kMaxFeatures + 1] = {};
+    Vec channel_sums[kExtra + 1];
+    for (int c = 0; c < extra; ++c) channel_sums[c] = hn::Zero(d);
     const RowOffsets offsets(splat, pixels.first_y);
     Vec s_sum = hn::Zero(d), s_x = hn::Zero(d), s_y = hn::Zero(d);
     Vec s_xx = hn::Zero(d), s_xy = hn::Zero(d), s_yy = hn::Zero(d);
@@ -174,12 +183,12 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
           red = hn::MulAdd(weight, g_red, red);
           green = hn::MulAdd(weight, g_green, green);
           blue = hn::MulAdd(weight, g_blue, blue);
-          if (kExtra) {
+          if (kExtra > 0) {
             along = hn::Add(along, hn::Load(d, g_row + 3 * kTileSize));  // alpha: a channel that is 1
             for (int c = 0; c < extra; ++c) {
               const Vec g = hn::Load(d, g_row + (4 + c) * kTileSize);
               along = hn::MulAdd(g, hn::Set(d, channels[c]), along);
-              channel_gradient[c] += sum_of(hn::Mul(weight, g));
+              channel_sums[c] = hn::MulAdd(weight, g, channel_sums[c]);
             }
           }
           const Vec gain = hn::Mul(weight, along);
@@ -217,7 +226,9 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
     sums_of(s_sum, s_x, s_y, s_xx, moments);
     sums_of(s_xy, s_yy, red, green, moments + 4);
     sums_of(blue, abs_x, abs_y, hn::Zero(d), moments + 8);
-    if (kExtra && frame.inverse_depth) frame.entry_moments[slot].inverse_depth = channel_gradient[features];
+    float channel_gradient[kAnyExtra] = {};
+    for (int c = 0; c < extra; ++c) channel_gradient[c] = sum_of(channel_sums[c]);
+    if (kExtra > 0 && frame.inverse_depth) frame.entry_moments[slot].inverse_depth = channel_gradient[features];
     if (features > 0) {
       std::copy_n(channel_gradient, features,
                   frame.entry_channel_gradients.data() + static_cast<std::size_t>(features) * slot);
@@ -231,15 +242,17 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   }
 }
 
+template <bool kAbsolute>
+void blend_tile_backward_of(Frame& frame, std::size_t tile, const float* image, const float* upstream, bool extra) {
+  if (!extra) return blend_tile_backward<kAbsolute, 0>(frame, tile, image, upstream);
+  frame.extra_channels() == kPlaneExtra ? blend_tile_backward<kAbsolute, kPlaneExtra>(frame, tile, image, upstream)
+                                        : blend_tile_backward<kAbsolute, kAnyExtra>(frame, tile, image, upstream);
+}
+
 void blend_tile_backward_any(Frame& frame, std::size_t tile, const float* image, const float* upstream, bool absolute,
                              bool extra) {
-  if (absolute) {
-    extra ? blend_tile_backward<true, true>(frame, tile, image, upstream)
-          : blend_tile_backward<true, false>(frame, tile, image, upstream);
-  } else {
-    extra ? blend_tile_backward<false, true>(frame, tile, image, upstream)
-          : blend_tile_backward<false, false>(frame, tile, image, upstream);
-  }
+  absolute ? blend_tile_backward_of<true>(frame, tile, image, upstream, extra)
+           : blend_tile_backward_of<false>(frame, tile, image, upstream, extra);
 }
 
 }  // namespace HWY_NAMESPACE
