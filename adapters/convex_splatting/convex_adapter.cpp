@@ -78,8 +78,9 @@ void ConvexAdapter::grow(const DensityStatistics& statistics, RasterizerHook& ra
     keep_important(importance_, boost_.tau_d, decisions.split);
     return;
   }
-  const double side = std::sqrt(std::min(1.0, scorer_.mean_pixels() / kConvexTauDPixels));
-  keep_important(sums.counts, boost_.tau_d * kAddedByASplit * side * sums.views, decisions.split);
+  const double area = std::min(1.0, scorer_.mean_pixels() / kConvexTauDPixels);
+  const double least = std::max(1.0, (boost_.tau_d + 1) * kAddedByASplit * area);  // flagged pixels a view
+  keep_important(sums.counts, std::ceil(least * std::max(1, sums.views)) - 1, decisions.split);
 }
 
 bool ConvexAdapter::growth_ended_at(Moment moment) const {

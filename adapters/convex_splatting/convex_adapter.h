@@ -28,7 +28,7 @@ struct ConvexBoost {
   bool cb = true;        ///< compact box
   bool schedule = true;  ///< optimizer schedule of all seven groups
   float beta = 0.5f;
-  double tau_d = 5;  ///< importance that a split must exceed for each convex it adds; less where images are small
+  double tau_d = 5;  ///< importance that a split must exceed by a pixel for each convex it adds; less in small images
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   float lambda_dssim = 0.2f;
@@ -80,8 +80,8 @@ ConvexBoost literal_convex_boost();
 /// What an accepted split adds: six children for their parent, where a Gaussian's adds one. Ours, not the paper's.
 inline constexpr double kAddedByASplit = 5;
 
-/// Images of the paper have about a megapixel. Importance counts pixels: in smaller images what a split must exceed
-/// shrinks with their side, and the mean over views is compared without being cut to a whole number.
+/// Images of the paper have about a megapixel. Importance counts pixels: below that, what a split asks for shrinks with
+/// the area, down to one pixel a view, and the mean over views is compared without being cut to a whole number.
 inline constexpr double kConvexTauDPixels = 1e6;
 
 class ConvexAdapter final : public Adapter {
@@ -91,7 +91,7 @@ class ConvexAdapter final : public Adapter {
 
   std::optional<float> beta() const override;
 
-  /// A split that the backbone wants stays where the flagged pixels a view exceed τ_d · kAddedByASplit.
+  /// A split that the backbone wants stays where the flagged pixels a view are at least (τ_d + 1) · kAddedByASplit.
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
   /// Within growth half of the backbone's candidates go, drawn by the scores of what they were made from. Its trims

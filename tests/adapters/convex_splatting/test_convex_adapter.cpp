@@ -29,11 +29,12 @@ std::vector<std::uint8_t> gated(const ConvexBoost& boost, const std::vector<std:
 }
 
 TEST(ConvexAdapter, AsksForFiveTimesTheImportanceBecauseASplitAddsFive) {
-  // At a megapixel and more: τ_d · 5 = 25.
-  EXPECT_EQ(gated({}, {24, 25, 26, 26}, 1000, 1000, {1, 1, 1, 0}), (std::vector<std::uint8_t>{0, 0, 1, 0}));
-  EXPECT_EQ(gated({}, {25, 26}, 2000, 1000, {1, 1}), (std::vector<std::uint8_t>{0, 1}));
-  // In an image of a tenth of its side, 2.5.
-  EXPECT_EQ(gated({}, {2, 3, 3}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
+  // At a megapixel and more: (τ_d + 1) · 5 = 30.
+  EXPECT_EQ(gated({}, {28, 29, 30, 30}, 1000, 1000, {1, 1, 1, 0}), (std::vector<std::uint8_t>{0, 0, 1, 0}));
+  EXPECT_EQ(gated({}, {29, 30}, 2000, 1000, {1, 1}), (std::vector<std::uint8_t>{0, 1}));
+  // In an image of a tenth of its area, 3; never less than 1.
+  EXPECT_EQ(gated({}, {2, 3, 3}, 400, 250, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
+  EXPECT_EQ(gated({}, {0, 1, 1}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
   EXPECT_EQ(gated(literal_convex_boost(), {5, 6, 6}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
   ConvexBoost without;
   without.vcd = false;
@@ -43,8 +44,8 @@ TEST(ConvexAdapter, AsksForFiveTimesTheImportanceBecauseASplitAddsFive) {
 TEST(ConvexAdapter, ComparesTheMeanOverViewsAsItIs) {
   Threads threads(1);
   ConvexAdapter adapter({}, threads);
-  // Of two views of a tenth of a megapixel's side: 5 flagged pixels in both are 2.5 a view, 6 are more.
-  testing::GivenCounts rasterizer({{2, 3}, {3, 3}}, 2, 100, 100);
+  // 0.05 megapixels ask for 1.5 pixels a view: 3 in both of two views together are enough.
+  testing::GivenCounts rasterizer({{1, 1}, {1, 2}}, 2, 250, 200);
   const std::vector<float> ones(2, 1.0f);
   const Hand hand{ones, ones, ones, ones};
   std::vector<std::uint8_t> clone(2, 0), split(2, 1);
