@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 #include "photo_slam/recent_views.h"
 #include "registry/boost_settings.h"
@@ -59,6 +60,49 @@ const ScoreSums& PhotoSlamAdapter::score(RasterizerHook& rasterizer, bool losses
     sums_.weighted_counts[i] *= static_cast<double>(sums_.views) / std::max(1, chosen.seen()[i]);
   }
   return sums_;
+}
+
+PhotoSlamAdapter::LatePruning PhotoSlamAdapter::due_by(Moment moment) const {
+  const int from = boost().late_prune_from, interval = boost().late_prune_interval;
+  const int end = std::max(from, boost().densify_until);
+  const int last = std::min(moment.iteration, moment.total - 1);
+  LatePruning due;
+  due.growth_ended = last >= at(end, moment);
+  const bool apart = end == from || end % interval != 0;
+  due.prunes = due.growth_ended && apart ? 1 : 0;
+  for (std::int64_t next = (from / interval + 1) * std::int64_t{interval};
+       next < boost().published_iterations && at(static_cast<int>(next), moment) <= last; next += interval) {
+    ++due.prunes;
+  }
+  return due;
+}
+
+const PhotoSlamAdapter::LatePruning& PhotoSlamAdapter::done(Moment moment) const {
+  if (!done_) done_ = due_by({moment.iteration - 1, moment.total});
+  return *done_;
+}
+
+bool PhotoSlamAdapter::growth_ended_at(Moment moment) const {
+  if (is_literal()) return VanillaAdapter::growth_ended_at(moment);
+  return due_by(moment).growth_ended && !done(moment).growth_ended;
+}
+
+bool PhotoSlamAdapter::prunes_late_at(Moment moment) const {
+  if (is_literal()) return VanillaAdapter::prunes_late_at(moment);
+  if (!boost().vcp || moment.iteration >= moment.total) return false;
+  return due_by(moment).prunes > done(moment).prunes;
+}
+
+bool PhotoSlamAdapter::grows_at(Moment moment, bool backbone_would) const {
+  return VanillaAdapter::grows_at(moment, backbone_would) && !(boost().vcp && done(moment).growth_ended);
+}
+
+void PhotoSlamAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer,
+                             PruneDecisions& decisions) {
+  VanillaAdapter::prune(statistics, rasterizer, decisions);
+  if (is_literal() || decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
+  const LatePruning due = due_by(statistics.moment);
+  done_ = {done_->growth_ended || due.growth_ended, std::max(done_->prunes, due.prunes)};
 }
 
 AdapterEntry photo_slam_adapter_entry() {

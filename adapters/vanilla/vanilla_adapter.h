@@ -144,6 +144,15 @@ class VanillaAdapter : public Adapter {
     (void)views;
     return boost_.gradient_abs_threshold;
   }
+  /// Whether growth has just ended and late pruning begins. Never literally.
+  virtual bool growth_ended_at(Moment moment) const {
+    return !boost_.literal && moment.iteration == late_begin(moment);
+  }
+  virtual bool prunes_late_at(Moment moment) const;
+  int at(int published, Moment moment) const {
+    return scaled_iteration(published, moment.total, boost_.published_iterations);
+  }
+  const VanillaBoost& boost() const { return boost_; }
 
  private:
   /// Flagged pixels a view, Σ_j n_ij / K, that growth asks for.
@@ -156,12 +165,6 @@ class VanillaAdapter : public Adapter {
   int growth_end(Moment moment) const;
   /// The first iteration of late pruning.
   int late_begin(Moment moment) const;
-  /// Whether growth has just ended and late pruning begins. Never literally.
-  bool growth_ended_at(Moment moment) const { return !boost_.literal && moment.iteration == late_begin(moment); }
-  bool prunes_late_at(Moment moment) const;
-  int at(int published, Moment moment) const {
-    return scaled_iteration(published, moment.total, boost_.published_iterations);
-  }
 
   VanillaBoost boost_;
   MultiViewScorer scorer_;

@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <limits>
+#include <mutex>
 #include <set>
 #include <stdexcept>
 #include <string>
@@ -180,6 +182,9 @@ class Drawing {
 
   /// [N,2] sums over pixels of the last backward pass's absolute gradients on screen, in NDC units.
   Tensor absolute_gradients;
+  /// Held while anything above is called: when the run ends the mapper draws without the host's own lock, and the
+  /// viewer may draw at the same time.
+  std::mutex mutex;
 
  private:
   /// A small tensor's numbers. Those of the same tensor are fetched from a GPU once.
@@ -227,6 +232,7 @@ class Rasterize : public torch::autograd::Function<Rasterize> {
                                                 bool differentiable) {
     (void)screen;
     const std::vector<Tensor> inputs{means, opacities, sh, colors, scales, rotations, covariances};
+    const std::lock_guard guard(call->drawing->mutex);
     const Drawing::Image image = call->drawing->draw(call->camera, call->options, Gaussians(inputs, call->sh_degree));
     // Where nothing is learned from it every splat counts; training does not wait for that.
     if (!differentiable) require(sb_rasterizer_settle(call->drawing->rasterizer(), nullptr, nullptr));
@@ -242,6 +248,7 @@ class Rasterize : public torch::autograd::Function<Rasterize> {
     const auto call = c10::static_intrusive_pointer_cast<Call>(context->saved_data["call"].toCapsule());
     const std::vector<Tensor> inputs = context->get_saved_variables();
     const Gaussians gaussians(inputs, call->sh_degree);
+    const std::lock_guard guard(call->drawing->mutex);
     // Another view was drawn since.
     if (!call->drawing->is_last(call->number)) call->drawing->draw(call->camera, call->options, gaussians);
 
@@ -301,8 +308,11 @@ std::tuple<Tensor, Tensor> draw(const std::shared_ptr<Drawing>& drawing, Gaussia
   const auto given = [&](bool has, const Tensor& tensor) { return has ? tensor : none; };
   const auto call = c10::make_intrusive<Call>();
   call->drawing = drawing;
-  call->camera = drawing->camera(settings);
-  call->options = drawing->options(settings.bg_);
+  {
+    const std::lock_guard guard(drawing->mutex);
+    call->camera = drawing->camera(settings);
+    call->options = drawing->options(settings.bg_);
+  }
   call->sh_degree = settings.sh_degree_;
   const bool scaled = has_scales && settings.scale_modifier_ != 1.0f;
   const auto images = Rasterize::apply(means2D, means3D, opacities, given(has_shs, shs), given(has_colors, colors),
@@ -459,26 +469,39 @@ class Settings {
   sb_boost* boost_ = nullptr;
 };
 
+/// A wrong setting is the user's: the process ends with one line and 2 (as the host does with 1 for a missing file),
+/// without unwinding, because the host's other threads run.
+[[noreturn]] void refuse(const std::string& line) {
+  std::cout.flush();
+  std::cerr << line << std::endl;
+  std::_Exit(2);
+}
+
 /// The keys SplatBoost.… of a file of settings, without the prefix.
 std::map<std::string, double> read_keys(const std::filesystem::path& path) {
   const cv::FileStorage file(path.string(), cv::FileStorage::READ);
-  if (!file.isOpened()) throw std::runtime_error("SplatBoost: " + path.string() + " cannot be read");
+  if (!file.isOpened()) refuse("SplatBoost: " + path.string() + " cannot be read");
   std::map<std::string, double> keys;
   for (const cv::FileNode node : file.root()) {
     const std::string name = node.name();
     if (name.rfind(kPrefix, 0) != 0) continue;
-    if (!node.isInt() && !node.isReal()) throw std::runtime_error(path.string() + ": " + name + ": a number wanted");
+    if (!node.isInt() && !node.isReal()) refuse(path.string() + ": " + name + ": a number wanted");
     keys[name.substr(std::string(kPrefix).size())] = node.real();
   }
   return keys;
 }
 
-double take(std::map<std::string, double>& keys, const std::string& name, double otherwise) {
+/// Takes a whole number out of `keys`.
+std::int64_t take(std::map<std::string, double>& keys, const std::string& name, std::int64_t most,
+                  std::int64_t otherwise, const std::filesystem::path& path) {
   const auto found = keys.find(name);
   if (found == keys.end()) return otherwise;
   const double value = found->second;
   keys.erase(found);
-  return value;
+  if (!(value >= 0 && value <= static_cast<double>(most) && value == std::floor(value))) {
+    refuse(path.string() + ": " + kPrefix + name + ": a whole number in 0 to " + std::to_string(most) + " wanted");
+  }
+  return static_cast<std::int64_t>(value);
 }
 
 }  // namespace
@@ -491,17 +514,17 @@ std::shared_ptr<Boost> Boost::make(const std::filesystem::path& path, const Host
     throw std::runtime_error("SplatBoost: the library and its headers are of two versions: build anew");
   }
   std::map<std::string, double> keys = read_keys(path);
-  if (take(keys, "on", 1) == 0) return nullptr;
+  if (take(keys, "on", 1, 1, path) == 0) return nullptr;
 
   auto parts = std::make_unique<Parts>(host);
   const GaussianOptimizationParams& optimization = host.optimization;
   parts->total = optimization.iterations_;
   parts->device = host.background.device();
   parts->no_color = torch::empty(0, torch::TensorOptions().device(parts->device));
-  parts->max_gaussians = static_cast<std::int64_t>(take(keys, "max_gaussians", 0));
+  parts->max_gaussians = take(keys, "max_gaussians", std::numeric_limits<std::int32_t>::max(), 0, path);
 
   // The host's numbers are the user's wishes; all others are the adapter's, unless the file has them too.
-  const bool literal = take(keys, "literal", 0) != 0;
+  const bool literal = take(keys, "literal", 1, 0, path) != 0;
   Settings settings(literal);
   const auto published = [&](int iteration) {
     return std::round(static_cast<double>(iteration) * kPublishedIterations / std::max(1, optimization.iterations_));
@@ -516,11 +539,13 @@ std::shared_ptr<Boost> Boost::make(const std::filesystem::path& path, const Host
   if (!host.online) settings.set("recent_share", 0);  // all views are there from the first iteration on
   for (const auto& [name, value] : keys) {
     if (sb_boost_set(settings.boost(), name.c_str(), value) != SB_OK) {
-      throw std::runtime_error(path.string() + ": " + kPrefix + name + ": " + sb_last_error());
+      refuse(path.string() + ": " + kPrefix + name + ": " + sb_last_error());
     }
   }
   const sb_device device = device_of(parts->device);
-  require(sb_adapter_create(settings.boost(), 0, &device, &parts->adapter));
+  if (sb_adapter_create(settings.boost(), 0, &device, &parts->adapter) != SB_OK) {
+    refuse(path.string() + ": " + kPrefix + "…: " + sb_last_error());
+  }
 
   float beta = 0;
   require(sb_adapter_beta(parts->adapter, &beta));
@@ -571,16 +596,10 @@ void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int 
   density.gradients_abs = absolute;
   density.opacities = opacities;
   density.max_scales = scales;
+  density.max_primitives = p.max_gaussians;
   Views views(p.host, p.no_color, p.device);
   views.check(sb_adapter_grow(p.adapter, &density, views.c_views(), cloned, split, nullptr));
-  Tensor clones = cloned.tensor().to(torch::kBool), splits = split.tensor().to(torch::kBool);
-  if (p.max_gaussians > 0) {
-    const Given growing((clones | splits).to(torch::kByte));
-    const sb_device device = device_of(p.device);
-    require(sb_keep_largest(&device, signed_gradients, std::max<std::int64_t>(0, p.max_gaussians - n), growing));
-    clones = clones & growing.tensor().to(torch::kBool);
-    splits = splits & growing.tensor().to(torch::kBool);
-  }
+  const Tensor clones = cloned.tensor().to(torch::kBool), splits = split.tensor().to(torch::kBool);
 
   // The host tests sizes too; here every Gaussian is small, then large, so that the masks alone decide.
   const auto check_count = [&](const Tensor& origins, const char* what) {

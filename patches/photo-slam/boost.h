@@ -2,8 +2,8 @@
 /// @file SplatBoost in Photo-SLAM: its rasterizer and its decisions in the place of the host's, through the C ABI of
 /// libsplatboost. Written by `splatboost patch apply photo-slam`; `splatboost patch revert` removes it.
 ///
-/// All that is here runs in the mapper's thread, or in the viewer's while it holds the mapper's mutex_render_. On a GPU
-/// it runs on the default stream, as the host does.
+/// A Boost is of the mapper's thread; both threads may draw, one after the other. On a GPU it runs on the default
+/// stream, as the host does.
 #pragma once
 
 #include <cstdint>
@@ -48,7 +48,7 @@ class Boost {
 
   /// By these keys of the mapper's settings, each of which may be missing: SplatBoost.on (1; with 0 this gives null),
   /// SplatBoost.max_gaussians (0: no cap), SplatBoost.literal, and any setting of the adapter photo-slam, such as
-  /// SplatBoost.beta and SplatBoost.tau_d.
+  /// SplatBoost.beta and SplatBoost.tau_d. A wrong one ends the process with 2 and one line that names it.
   static std::shared_ptr<Boost> make(const std::filesystem::path& settings, const Host& host);
   ~Boost();
 

@@ -162,9 +162,12 @@ def test_train_colmap_of_a_checkout(tmp_path):
     capped_settings.write_text(own.read_text() + "\nSplatBoost.max_gaussians: 1500\n")
     assert 800 < train(programs["patched"], capped_settings, scene, tmp_path / "out_capped")["count"] <= 1500
 
-    # A key is a setting of the adapter.
+    # A key is a setting of the adapter, or one of ours; a value is one that a run can have.
     wrong = tmp_path / "wrong.yaml"
-    wrong.write_text(own.read_text() + "\nSplatBoost.bta: 0.7\n")
-    done = subprocess.run([programs["patched"], wrong, scene, tmp_path / "out_wrong", "no_viewer"],
-                          capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode != 0 and "SplatBoost.bta" in done.stderr
+    for line in ("bta: 0.7", "beta: -1", "on: 2", "on: .nan", "literal: -1", "max_gaussians: -5", "max_gaussians: .nan",
+                 "max_gaussians: 10.5", "max_gaussians: 1e30", 'max_gaussians: "many"'):
+        wrong.write_text(own.read_text() + f"\nSplatBoost.{line}\n")
+        done = subprocess.run([programs["patched"], wrong, scene, tmp_path / "out_wrong", "no_viewer"],
+                              capture_output=True, text=True, check=False, timeout=300)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1, line + done.stderr
+        assert done.stderr.startswith(f"{wrong}: SplatBoost.") and line.split(":")[0] in done.stderr, done.stderr

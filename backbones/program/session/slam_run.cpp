@@ -144,13 +144,26 @@ void SlamRun::begin_mapping() {
 }
 
 void SlamRun::take(Update update) {
+  try {
+    add_to_map(std::move(update));
+  } catch (...) {
+    take_failed_ = true;
+    throw;
+  }
+}
+
+void SlamRun::add_to_map(Update update) {
   for (View& view : update.views) scene_.train.push_back(std::move(view));
   for (std::size_t i = 0; i < scene_.train.size(); ++i) {
     scene_.train[i].camera.camera_from_world = glm::mat4(update.poses[i]);
   }
   if (online_ != nullptr) return online_->map_changed(update.change);
-  // The first keyframes, of whose points the map begins.
+  // The first keyframes, of whose points the map begins. Memory first: what fails then leaves the points whole.
+  const SeenPoints& more = update.change.map_points;
   std::vector<float>& positions = first_points_.points.positions;
+  positions.reserve(positions.size() + more.points.positions.size());
+  first_points_.points.colors.reserve(first_points_.points.colors.size() + more.points.colors.size());
+  first_points_.views.reserve(first_points_.views.size() + more.views.size());
   const auto move = [&](std::size_t i, const glm::dmat4& by) {
     const glm::dvec3 moved(by * glm::dvec4(positions[3 * i], positions[3 * i + 1], positions[3 * i + 2], 1));
     for (int c = 0; c < 3; ++c) positions[3 * i + static_cast<std::size_t>(c)] = static_cast<float>(moved[c]);
@@ -158,7 +171,6 @@ void SlamRun::take(Update update) {
   for (std::size_t i = 0; i < first_points_.views.size() && !update.change.corrections.empty(); ++i) {
     move(i, update.change.corrections[first_points_.views[i]]);
   }
-  const SeenPoints& more = update.change.map_points;
   positions.insert(positions.end(), more.points.positions.begin(), more.points.positions.end());
   first_points_.points.colors.insert(first_points_.points.colors.end(), more.points.colors.begin(),
                                      more.points.colors.end());
@@ -167,7 +179,7 @@ void SlamRun::take(Update update) {
 }
 
 void SlamRun::take_waiting() {
-  for (;;) {
+  while (!take_failed_) {
     Update update;
     {
       const std::lock_guard guard(waiting_mutex_);

@@ -76,7 +76,9 @@ class SlamRun {
 
   /// Tracks one frame. @return what is new on the map, if anything is
   std::optional<Update> track(std::size_t number);
+  /// Once it has thrown the map is a change behind the tracker, and no later change fits to it.
   void take(Update update);
+  void add_to_map(Update update);
   void take_waiting();
   void begin_mapping();
   void iterate();
@@ -98,6 +100,7 @@ class SlamRun {
   Tracker tracker_;
   std::mutex waiting_mutex_;
   std::deque<Update> waiting_;  ///< from the tracking thread to the mapper's
+  bool take_failed_ = false;
   Scene scene_;
   SeenPoints first_points_;  ///< before there is a backbone
   PluggedBackbone plugged_;

@@ -96,6 +96,69 @@ TEST(PhotoSlamAdapter, the_newest_views_are_scored) {
   }
 }
 
+/// Iterations of late pruning, and whether anything grows after the first, in a run of these plans.
+struct Late {
+  std::vector<int> prunes;
+  bool grows_after = false;
+};
+
+template <class Plan>
+Late late_pruning(const PhotoSlamBoost& boost, int iterations, Plan&& total) {
+  Threads threads(1);
+  PhotoSlamAdapter adapter(boost, threads);
+  GivenCounts rasterizer({{1}, {1}}, 12, 8, 8);
+  Hand hand = all_would_grow();
+  hand.opacities.resize(2);
+  Late late;
+  for (int i = 1; i <= iterations; ++i) {
+    const Moment moment{i, total(i)};
+    late.grows_after = late.grows_after || (!late.prunes.empty() && adapter.grows_at(moment, false));
+    if (!adapter.prunes_at(moment, false)) continue;
+    late.prunes.push_back(i);
+    std::vector<std::uint8_t> remove(2, 0);
+    PruneDecisions decisions{remove, PruneRule::late, {}};
+    DensityStatistics statistics;
+    statistics.moment = moment;
+    statistics.opacities = hand.opacities;
+    adapter.prune(statistics, rasterizer, decisions);
+  }
+  return late;
+}
+
+TEST(PhotoSlamAdapter, a_fixed_plan_prunes_late_where_vanilla_does) {
+  Threads threads(1);
+  const VanillaAdapter vanilla(PhotoSlamBoost{}, threads);
+  std::vector<int> expected;
+  for (int i = 1; i <= 1000; ++i) {
+    if (vanilla.prunes_at({i, 1000}, false)) expected.push_back(i);
+  }
+  EXPECT_EQ(expected, (std::vector<int>{500, 600, 700, 800, 900}));
+  EXPECT_EQ(late_pruning({}, 1000, [](int) { return 1000; }).prunes, expected);
+  PhotoSlamBoost literal = literal_photo_slam_boost();
+  EXPECT_EQ(late_pruning(literal, 1000, [](int) { return 1000; }).prunes, (std::vector<int>{600, 700, 800, 900}));
+}
+
+TEST(PhotoSlamAdapter, a_plan_that_changes_prunes_late_as_often) {
+  // By the clock, every 100 iterations: up and down, from an iteration on that is past the new plan's middle.
+  const int wobbling[] = {990, 1100, 940, 1180, 960, 1012};
+  const Late late = late_pruning({}, 1000, [&](int i) { return i <= 600 ? 30000 : wobbling[i / 20 % 6]; });
+  EXPECT_EQ(late.prunes.size(), 4u) << "two were due at once, as the plan became shorter";
+  EXPECT_EQ(late.prunes.front(), 601);
+  EXPECT_FALSE(late.grows_after);
+  for (const int slope : {-1, 1}) {
+    const Late shifting = late_pruning({}, 1000, [&](int i) { return 1000 + slope * (1000 - i) / 2; });
+    EXPECT_EQ(shifting.prunes.size(), 5u) << slope;
+    EXPECT_FALSE(shifting.grows_after);
+  }
+}
+
+TEST(PhotoSlamAdapter, a_run_that_is_continued_prunes_only_what_is_due_from_then) {
+  Threads threads(1);
+  const PhotoSlamAdapter adapter({}, threads);
+  EXPECT_FALSE(adapter.prunes_at({650, 1000}, false));
+  EXPECT_TRUE(adapter.prunes_at({700, 1000}, false));
+}
+
 TEST(PhotoSlamAdapter, impossible_settings_are_named) {
   Threads threads(1);
   PhotoSlamBoost boost;

@@ -11,7 +11,9 @@
 #include <new>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
+#include <vector>
 
 #include "photo_slam/photo_slam.h"
 #include "splatboost/threads.h"
@@ -75,6 +77,7 @@ struct Mapping {
     slam_run.emplace(
         sequence, slam, options,
         [&](const Scene& scene) {
+          if (before_backbone) before_backbone(scene);
           return PluggedBackbone{
               nullptr, make_photo_slam({scene, threads, 0, *options.iterations, 0, threads}, {}), {}};
         },
@@ -105,6 +108,7 @@ struct Mapping {
   RunOptions options;
   Threads threads;
   std::function<bool()> stopped = [] { return false; };
+  std::function<void(const Scene&)> before_backbone;
   std::optional<SlamRun> slam_run;
 };
 
@@ -177,6 +181,24 @@ TEST(SlamRun, keeps_what_it_has_where_memory_runs_out_for_the_mapper) {
   EXPECT_FALSE(outcome.complete);
   EXPECT_GT(outcome.iterations, 0);
   EXPECT_GE(mapping.slam_run->scene().train.size(), 2u);
+}
+
+TEST(SlamRun, after_a_change_that_failed_none_is_taken) {
+  Mapping mapping;
+  std::atomic<std::size_t> read = 0;
+  mapping.sequence.before_frame = [&](std::size_t number) { read = number; };
+  std::vector<std::size_t> views;
+  mapping.before_backbone = [&](const Scene& scene) {
+    views.push_back(scene.train.size());
+    if (views.size() > 1) return;
+    while (read + 1 < kFrames) std::this_thread::yield();  // by then more changes wait
+    throw std::bad_alloc();
+  };
+  const SlamOutcome outcome = mapping.run();
+  EXPECT_THROW(std::rethrow_exception(outcome.failure), std::bad_alloc);
+  EXPECT_GE(outcome.keyframe_frames.size(), 4u);
+  EXPECT_EQ(views, (std::vector<std::size_t>{2, 2}));
+  EXPECT_EQ(mapping.slam_run->scene().train.size(), 2u);
 }
 
 TEST(SlamRun, what_a_user_must_mend_is_not_kept) {
