@@ -7,6 +7,7 @@
 #include "registry/boost_settings.h"
 #include "splatboost/errors.h"
 #include "splatboost/select.h"
+#include "vanilla/scaled_rules.h"
 
 namespace splatboost {
 namespace {
@@ -14,12 +15,6 @@ namespace {
 /// Optimizer schedule of the paper's supplement, Sec. 9.1.
 constexpr StepIntervals kRestIntervals{16, 32, 64};
 constexpr StepIntervals kOtherIntervals{1, 32, 64};
-
-/// Views that tell what they show of each convex, once a run: as many as keep that below a hundredth of its time.
-constexpr int kWeighedViews = 50;
-
-/// Iterations for each training view after which opacities have settled, as vanilla's.
-constexpr double kSettledVisits = 50;
 
 }  // namespace
 
@@ -78,9 +73,8 @@ void ConvexAdapter::grow(const DensityStatistics& statistics, RasterizerHook& ra
     keep_important(importance_, boost_.tau_d, decisions.split);
     return;
   }
-  const double area = std::min(1.0, scorer_.mean_pixels() / kConvexTauDPixels);
-  const double least = std::max(1.0, (boost_.tau_d + 1) * kAddedByASplit * area);  // flagged pixels a view
-  keep_important(sums.counts, std::ceil(least * std::max(1, sums.views)) - 1, decisions.split);
+  const double wanted = (boost_.tau_d + 1) * kAddedByASplit;
+  keep_important(sums.counts, importance_to_exceed(wanted, scorer_.mean_pixels(), sums.views), decisions.split);
 }
 
 bool ConvexAdapter::growth_ended_at(Moment moment) const {
@@ -116,11 +110,7 @@ void ConvexAdapter::prune(const DensityStatistics& statistics, RasterizerHook& r
   if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   score(statistics.moment, rasterizer);
-  double settled = 1;
-  if (!boost_.literal) {
-    const double views = static_cast<double>(std::max<std::size_t>(rasterizer.scorable_views(), 1));
-    settled = std::min(1.0, statistics.moment.total / views / kSettledVisits);
-  }
+  const double settled = boost_.literal ? 1 : settled_share(statistics.moment, rasterizer.scorable_views());
   const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled);
   for (std::size_t i = 0; i < n; ++i) {
     if (statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score)) {

@@ -80,10 +80,6 @@ ConvexBoost literal_convex_boost();
 /// What an accepted split adds: six children for their parent, where a Gaussian's adds one. Ours, not the paper's.
 inline constexpr double kAddedByASplit = 5;
 
-/// Images of the paper have about a megapixel. Importance counts pixels: below that, what a split asks for shrinks with
-/// the area, down to one pixel a view, and the mean over views is compared without being cut to a whole number.
-inline constexpr double kConvexTauDPixels = 1e6;
-
 class ConvexAdapter final : public Adapter {
  public:
   /// @param device the backbone's: where views are scored

@@ -33,7 +33,7 @@ void check(const PhotoSlamBoost& boost);
 /// The paper's text and numbers (supplement, Sec. 9.2).
 PhotoSlamBoost literal_photo_slam_boost();
 
-/// Nothing is kept from one event to the next, so that a closed loop leaves no score behind. Phases are shares of the
+/// No score is kept from one event to the next, so that a closed loop leaves no score behind. Phases are shares of the
 /// planned run (Moment::total), which a backbone extends while views come: late rules wait until they are all there.
 /// A plan may change afterwards too, where a run ends by the clock. So late pruning is counted: each one that is due by
 /// the moment's share of the plan comes once, late if the plan passed over it, and after the first nothing grows.

@@ -107,16 +107,16 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
     }
   }
   if (boost_.vcd) {
-    const double below = std::ceil(least_importance(scorer_.mean_pixels()) * std::max(1, sums->views)) - 1;
+    const double below = importance_to_exceed(sums->views);
     keep_important(sums->counts, below, decisions.clone);
     keep_important(sums->counts, below, decisions.split);
   }
 }
 
-double VanillaAdapter::least_importance(double pixels) const {
+double VanillaAdapter::importance_to_exceed(int views) const {
   // ⌊Σ_j n_ij / K⌋ > τ_d asks for a mean of at least one pixel more.
-  if (boost_.literal) return std::floor(boost_.tau_d) + 1;
-  return std::max(1.0, (boost_.tau_d + 1) * std::min(1.0, pixels / kTauDPixels));
+  if (boost_.literal) return (std::floor(boost_.tau_d) + 1) * std::max(1, views) - 1;
+  return splatboost::importance_to_exceed(boost_.tau_d + 1, scorer_.mean_pixels(), views);
 }
 
 int VanillaAdapter::growth_end(Moment moment) const {
@@ -164,21 +164,15 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   pruning_.resize(n);
   pruning_scores(score(rasterizer, true, random), pruning_);
-  const double settled_share = settled(statistics.moment, rasterizer.scorable_views());
-  const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled_share);
+  const double settled = boost_.literal ? 1 : settled_share(statistics.moment, rasterizer.scorable_views());
+  const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled);
   for (std::size_t i = 0; i < n; ++i) {
     if (statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score)) {
       decisions.remove[i] = 1;
     }
   }
   if (boost_.late_share <= 0 || !growth_ended_at(statistics.moment)) return;
-  select_least(weights_.mean(rasterizer, kWeighedViews, random), boost_.late_share * settled_share, decisions.remove);
-}
-
-double VanillaAdapter::settled(Moment moment, std::size_t views) const {
-  if (boost_.literal) return 1;
-  const double visits = static_cast<double>(moment.total) / static_cast<double>(std::max<std::size_t>(views, 1));
-  return std::min(1.0, visits / kSettledVisits);
+  select_least(weights_.mean(rasterizer, kWeighedViews, random), boost_.late_share * settled, decisions.remove);
 }
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {

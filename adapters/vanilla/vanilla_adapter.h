@@ -11,6 +11,7 @@
 #include "splatboost/device.h"
 #include "splatboost/hooks.h"
 #include "splatboost/multi_view_scores.h"
+#include "vanilla/scaled_rules.h"
 
 namespace splatboost {
 
@@ -102,19 +103,6 @@ inline constexpr int kLiteralGrowthEnd = 15000;
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
 
-/// Iterations for each training view after which opacities have settled; the paper's runs have at least twice as many.
-/// Below that late_min_opacity shrinks in proportion: a run that sees its views fewer times leaves more Gaussians near
-/// the opacity of 0.1 that all begin with, and needs them. So does late_share, because what is left has fewer visits to
-/// take the place of what went.
-inline constexpr double kSettledVisits = 50;
-
-/// Views that tell what they show of each Gaussian, once a run: as many as keep that below a hundredth of its time.
-inline constexpr int kWeighedViews = 50;
-
-/// Images of the paper have about a megapixel. Importance counts pixels: below that, what growth asks for shrinks with
-/// the area, down to one pixel a view, and the mean over views is compared without being cut to a whole number.
-inline constexpr double kTauDPixels = 1e6;
-
 /// The device is where views are scored; statistics and decisions lie in memory of the host.
 class VanillaAdapter : public Adapter {
  public:
@@ -155,12 +143,8 @@ class VanillaAdapter : public Adapter {
   const VanillaBoost& boost() const { return boost_; }
 
  private:
-  /// Flagged pixels a view, Σ_j n_ij / K, that growth asks for.
-  /// @param pixels of a view
-  double least_importance(double pixels) const;
-  /// 1, or less where views are seen too few times for opacities to settle.
-  /// @param views the backbone's training views
-  double settled(Moment moment, std::size_t views) const;
+  /// What Σ_j n_ij must exceed where something grows, of the views scored last.
+  double importance_to_exceed(int views) const;
   /// The first iteration at which nothing grows any more.
   int growth_end(Moment moment) const;
   /// The first iteration of late pruning.

@@ -26,7 +26,7 @@ except ImportError as e:
 Params = Dict[str, Any]  # or a torch.nn.ParameterDict
 Optimizers = Dict[str, torch.optim.Optimizer]
 
-#: Growth of 3DGS's published run, without an adapter that decides.
+#: Where 3DGS ends growth. The adapter is called until then even where it ends growth earlier, for it prunes meanwhile.
 _PUBLISHED_GROWTH_END = 15000
 
 _REQUIRED = ("means", "scales", "quats", "opacities", "sh0", "shN")

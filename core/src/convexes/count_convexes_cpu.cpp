@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <atomic>
 
 #include "convexes/convex_frame.h"
@@ -15,81 +16,67 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// Counts one tile's flagged pixels a convex. Integer sums: any order of tiles gives the same counts.
-/// @param flagged [256] 1 or 0
-void count_convex_tile(const ConvexFrame& frame, std::size_t tile, const float* HWY_RESTRICT flagged,
-                       std::int32_t* counts) {
+/// Replays one tile and adds a whole number a convex to `sums`: any order of tiles gives the same ones.
+/// @param rows [blocks] the rows of each block whose pixels count
+/// @param of what a step gives at a row of lanes: of(step, at_row), whole numbers whose sum over a tile is below 2^24
+template <int kPlanes, typename Of>
+HWY_INLINE void sum_convex_tile(const ConvexFrame& frame, std::size_t tile, TileRows<kPlanes>& pixels,
+                                const std::uint32_t* rows, std::int32_t* sums, const Of& of) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
-  TileRows<2> pixels(frame, tile);               // transmittance, flags
-  std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
-  load_flags(flagged, pixels, flagged_rows);
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   for (std::uint32_t at = begin; at < stop; ++at) {
     prefetch_convex(frame, at, stop);
     const ConvexRecord& convex = frame.records[frame.entries[at].primitive];
-    Vec sum = hn::Zero(d);
+    Vec lane_sums = hn::Zero(d);
     for (int x = 0; x < kTileSize; x += lanes) {
-      const std::uint32_t mask = *reached_rows++ & flagged_rows[x / lanes];
+      const std::uint32_t mask = *reached_rows++ & rows[x / lanes];
       if (mask == 0) continue;
       with_edges(convex, [&](auto edges) HWY_ATTR {
         constexpr int kEdges = decltype(edges)::value;
         const EdgeColumns<kEdges> columns(convex, pixels.x0 + x);
-        const RowRange rows(mask);
-        for (int row = rows.first; row <= rows.last; row += kRowsAtATime) {
+        const RowRange range(mask);
+        for (int row = range.first; row <= range.last; row += kRowsAtATime) {
           float* const at_row = pixels.at(row, x);
           ConvexStep<kEdges> steps[kRowsAtATime];
           const float y = pixels.first_y + static_cast<float>(row);
           if (!step_convex(convex, columns, y, at_row, pixels.kStride, steps)) continue;
           for (int r = 0; r < kRowsAtATime; ++r) {
-            const Mask blended = hn::And(steps[r].open, hn::Gt(steps[r].alpha, hn::Zero(d)));
-            const Vec flags = hn::Load(d, at_row + r * pixels.kStride + kTileSize);
-            sum = hn::Add(sum, hn::IfThenElseZero(blended, flags));
+            lane_sums =
+                hn::Add(lane_sums, hn::IfThenElseZero(steps[r].open, of(steps[r], at_row + r * pixels.kStride)));
           }
         }
       });
     }
-    const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (count > 0) std::atomic_ref(counts[frame.entries[at].primitive]).fetch_add(count, std::memory_order_relaxed);
+    const auto sum = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, lane_sums)));
+    if (sum > 0) std::atomic_ref(sums[frame.entries[at].primitive]).fetch_add(sum, std::memory_order_relaxed);
   }
+}
+
+/// Counts one tile's flagged pixels a convex.
+/// @param flagged [256] 1 or 0
+void count_convex_tile(const ConvexFrame& frame, std::size_t tile, const float* HWY_RESTRICT flagged,
+                       std::int32_t* counts) {
+  TileRows<2> pixels(frame, tile);               // transmittance, flags
+  std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
+  load_flags(flagged, pixels, flagged_rows);
+  sum_convex_tile(frame, tile, pixels, flagged_rows, counts, [](const auto& step, const float* at_row) HWY_ATTR {
+    const Lanes d;
+    return hn::IfThenElseZero(hn::Gt(step.alpha, hn::Zero(d)), hn::Load(d, at_row + kTileSize));
+  });
 }
 
 /// Sums one tile's blending weights a convex.
 void weigh_convex_tile(const ConvexFrame& frame, std::size_t tile, std::int32_t* weights) {
-  const Lanes d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const int blocks = kTileSize / lanes;
-  const Vec units = hn::Set(d, 1 / kWeightUnit);
   TileRows<1> pixels(frame, tile);
-  const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
-  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
-  for (std::uint32_t at = begin; at < stop; ++at) {
-    prefetch_convex(frame, at, stop);
-    const ConvexRecord& convex = frame.records[frame.entries[at].primitive];
-    Vec sum = hn::Zero(d);  // whole numbers below 2^17: exact
-    for (int x = 0; x < kTileSize; x += lanes) {
-      const std::uint32_t mask = *reached_rows++;
-      if (mask == 0) continue;
-      with_edges(convex, [&](auto edges) HWY_ATTR {
-        constexpr int kEdges = decltype(edges)::value;
-        const EdgeColumns<kEdges> columns(convex, pixels.x0 + x);
-        const RowRange rows(mask);
-        for (int row = rows.first; row <= rows.last; row += kRowsAtATime) {
-          ConvexStep<kEdges> steps[kRowsAtATime];
-          const float y = pixels.first_y + static_cast<float>(row);
-          if (!step_convex(convex, columns, y, pixels.at(row, x), pixels.kStride, steps)) continue;
-          for (const ConvexStep<kEdges>& step : steps) {
-            const Vec weight = hn::Round(hn::Mul(hn::Mul(step.before, step.alpha), units));
-            sum = hn::Add(sum, hn::IfThenElseZero(step.open, weight));
-          }
-        }
-      });
-    }
-    const auto weight = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (weight > 0) std::atomic_ref(weights[frame.entries[at].primitive]).fetch_add(weight, std::memory_order_relaxed);
-  }
+  std::uint32_t all_rows[kMostBlocks];
+  std::fill_n(all_rows, kMostBlocks, ~0U);
+  sum_convex_tile(frame, tile, pixels, all_rows, weights, [](const auto& step, const float*) HWY_ATTR {
+    const Lanes d;
+    return hn::Round(hn::Mul(hn::Mul(step.before, step.alpha), hn::Set(d, 1 / kWeightUnit)));
+  });
 }
 
 }  // namespace HWY_NAMESPACE
