@@ -50,6 +50,10 @@ def test_a_run_leaves_all_it_promises(mapped):
     lines = (mapped / "trajectory.txt").read_text().splitlines()
     assert len(lines) == FRAMES and all(len(line.split()) == 8 for line in lines)
     assert len((mapped / "keyframes.txt").read_text().splitlines()) == slam["keyframes"]["frames"]
+    cameras = json.loads((mapped / "cameras.json").read_text())
+    assert len(cameras) == slam["keyframes"]["frames"]
+    for camera, line in zip(cameras, (mapped / "keyframes.txt").read_text().splitlines()):
+        assert camera["position"] == pytest.approx([float(word) for word in line.split()[1:4]], abs=1e-4)
     assert (mapped / f"point_cloud/iteration_{results['iterations']}/point_cloud.ply").is_file()
     report = (mapped / "report.html").read_text()
     assert "Where the camera was" in report and report.count("data:image/jpeg") >= 6

@@ -87,8 +87,8 @@ struct Tracker::State {
     }
   }
 
-  /// Points of the keyframes that see most of `points`, and of the newest keyframe.
-  std::vector<int> local_points(const std::vector<int>& points) const {
+  /// Keyframes that see most of `points`, at most kLocalKeyframes, the most first, ties by number.
+  std::vector<std::size_t> local_keyframes(const std::vector<int>& points) const {
     std::map<std::size_t, int> shared;
     for (const int p : points) {
       if (p < 0) continue;
@@ -97,8 +97,16 @@ struct Tracker::State {
     std::vector<std::pair<int, std::size_t>> sorted;
     for (const auto& [keyframe, number] : shared) sorted.emplace_back(-number, keyframe);
     std::ranges::sort(sorted);
-    std::vector<std::size_t> keyframes{map.keyframes().size() - 1};
-    for (std::size_t i = 0; i < std::min(kLocalKeyframes, sorted.size()); ++i) keyframes.push_back(sorted[i].second);
+    sorted.resize(std::min(kLocalKeyframes, sorted.size()));
+    std::vector<std::size_t> keyframes;
+    for (const auto& [sees, keyframe] : sorted) keyframes.push_back(keyframe);
+    return keyframes;
+  }
+
+  /// Points of the keyframes that see most of `points`, and of the newest keyframe.
+  std::vector<int> local_points(const std::vector<int>& points) const {
+    std::vector<std::size_t> keyframes = local_keyframes(points);
+    keyframes.push_back(map.keyframes().size() - 1);
     return map.seen_by(keyframes);
   }
 
@@ -147,13 +155,24 @@ struct Tracker::State {
     return 0;
   }
 
+  bool is_near(const Pose& pose, const MapKeyframe& keyframe) const {
+    const double shift = (pose.centre() - keyframe.pose.centre()).norm();
+    const double turn = angle_between(pose, keyframe.pose) * (180 / std::numbers::pi);
+    return shift <= options.keyframe_shift * keyframe.median_depth && turn <= options.keyframe_turn;
+  }
+
   bool needs_keyframe(std::size_t frame, const Pose& pose, std::size_t matches) const {
     const MapKeyframe& last = map.keyframes().back();
-    const double shift = (pose.centre() - last.pose.centre()).norm();
-    const double turn = angle_between(pose, last.pose) * (180 / std::numbers::pi);
-    return frame >= keyframe_number + static_cast<std::size_t>(options.keyframe_gap) ||
-           shift > options.keyframe_shift * last.median_depth || turn > options.keyframe_turn ||
+    return frame >= keyframe_number + static_cast<std::size_t>(options.keyframe_gap) || !is_near(pose, last) ||
            static_cast<double>(matches) < options.keyframe_share * static_cast<double>(last.made_points);
+  }
+
+  /// An earlier keyframe that was taken from here, so that a camera that comes back adds none and memory has a bound.
+  std::optional<std::size_t> keyframe_from_here(const Pose& pose, const std::vector<int>& points) const {
+    for (const std::size_t keyframe : local_keyframes(points)) {
+      if (keyframe + 1 < map.keyframes().size() && is_near(pose, map.keyframes()[keyframe])) return keyframe;
+    }
+    return std::nullopt;
   }
 
   void add_keyframe(const SequenceFrame& frame, Features features, const std::vector<int>& points, const Pose& pose) {
@@ -274,7 +293,10 @@ struct Tracker::State {
     result.matches = count;
     const bool follows = !was_lost && frame.number == last_number + 1;
     velocity = follows ? std::optional(pose * last.inverse()) : std::nullopt;
-    if (!frame.depth.empty() && needs_keyframe(frame.number, pose, count)) {
+    const bool due = !frame.depth.empty() && needs_keyframe(frame.number, pose, count);
+    if (const auto known = due ? keyframe_from_here(pose, points) : std::nullopt) {
+      reference = *known;
+    } else if (due) {
       add_keyframe(frame, std::move(features), points, pose);
       const std::size_t keyframe = reference;
       map.adjust_around(keyframe);

@@ -24,7 +24,8 @@ struct TrackerOptions {
   double keyframe_shift = 0.03;  ///< a keyframe comes after so much motion, × median depth,
   double keyframe_turn = 4;      ///< so many degrees,
   int keyframe_gap = 10;         ///< so many frames,
-  double keyframe_share = 0.4;   ///< or when less than this share of the last one's points is still seen
+  double keyframe_share = 0.4;   ///< or when less than this share of the last one's points is still seen; but not
+                                 ///< within that motion of an earlier keyframe that sees the same points
   bool loops = true;             ///< whether loops are looked for
 };
 

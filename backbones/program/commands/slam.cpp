@@ -212,6 +212,7 @@ struct Slam {
     results.stage_seconds = outcome.stage_seconds;
     results.curve = outcome.curve;
     write_tracking(mapping, outcome, sequence, folder);  // first: a model may fail for want of memory
+    write_cameras(folder, mapping.scene());
     const fs::path model = folder / "point_cloud" / ("iteration_" + std::to_string(outcome.iterations));
     make_folder(model);
     results.storage_bytes = mapping.backbone().export_model(model);

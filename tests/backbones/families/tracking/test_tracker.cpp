@@ -76,6 +76,25 @@ TEST(Tracker, the_same_frames_give_the_same_poses) {
   EXPECT_EQ(poses(), poses());
 }
 
+TEST(Tracker, adds_no_keyframe_where_it_has_been) {
+  Tracker tracker(calibration(), options());
+  std::size_t number = 0;
+  const auto pass = [&](bool forward) {
+    for (std::size_t i = 0; i < walk().size(); ++i) {
+      SequenceFrame frame = walk()[forward ? i : walk().size() - 1 - i];
+      frame.number = number++;
+      EXPECT_EQ(tracker.track(frame).state, TrackState::tracked) << number;
+    }
+  };
+  const auto there_and_back = [&] { pass(true), pass(false); };
+  there_and_back();
+  there_and_back();
+  const std::size_t keyframes = tracker.keyframes(), points = tracker.map_points();
+  for (int again = 0; again < 2; ++again) there_and_back();
+  EXPECT_EQ(tracker.keyframes(), keyframes);
+  EXPECT_EQ(tracker.map_points(), points);
+}
+
 TEST(Tracker, tells_what_is_new_once) {
   Tracker tracker(calibration(), options());
   tracker.track(walk()[0]);
