@@ -167,7 +167,8 @@ struct Tracker::State {
            static_cast<double>(matches) < options.keyframe_share * static_cast<double>(last.made_points);
   }
 
-  /// An earlier keyframe that was taken from here, so that a camera that comes back adds none and memory has a bound.
+  /// A keyframe before the last that was taken from here, so that a camera that comes back adds none and memory has a
+  /// bound. Not the last: keyframe_gap lets a slow camera add one within the motion that else makes keyframes.
   std::optional<std::size_t> keyframe_from_here(const Pose& pose, const std::vector<int>& points) const {
     for (const std::size_t keyframe : local_keyframes(points)) {
       if (keyframe + 1 < map.keyframes().size() && is_near(pose, map.keyframes()[keyframe])) return keyframe;

@@ -7,7 +7,7 @@
 #include "convex_splatting/convex_shapes.h"
 #include "convex_splatting/convex_splatting.h"
 #include "program/bench/count_cells.h"
-#include "program/bench/temporary_folder.h"
+#include "trainer/support/temporary_folder.h"
 
 namespace splatboost::program {
 namespace {
@@ -81,15 +81,15 @@ std::unique_ptr<Backbone> make_still_convexes(const ConvexBench& bench, Threads&
   auto backbone = make_convex_splatting({bench.splats.scene, threads}, config);
   const SplatCloud& splats = bench.splats.cloud;
   const TemporaryFolder folder;
-  write_convexes(folder.path, {bench.points,
-                               bench.log_smoothness,
-                               bench.log_sharpness,
-                               splats.logit_opacities,
-                               std::vector<float>(splats.size(), 1.0f),
-                               splats.sh_dc,
-                               splats.sh_rest,
-                               {bench.splats.scene.train[0].camera.fx}});
-  backbone->import_model(folder.path);
+  write_convexes(folder.path(), {bench.points,
+                                 bench.log_smoothness,
+                                 bench.log_sharpness,
+                                 splats.logit_opacities,
+                                 std::vector<float>(splats.size(), 1.0f),
+                                 splats.sh_dc,
+                                 splats.sh_rest,
+                                 {bench.splats.scene.train[0].camera.fx}});
+  backbone->import_model(folder.path());
   backbone->rasterizer_hook().set_beta(1.0f);
   return backbone;
 }

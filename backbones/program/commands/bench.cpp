@@ -10,7 +10,6 @@
 #include "program/bench/convex_bench.h"
 #include "program/bench/cuda_figures.h"
 #include "program/bench/machine_limits.h"
-#include "program/bench/temporary_folder.h"
 #include "program/commands/commands.h"
 #include "program/session/chosen_device.h"
 #include "program/session/options.h"
@@ -20,6 +19,7 @@
 #include "trainer/evaluation/results.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/process_info.h"
+#include "trainer/support/temporary_folder.h"
 #include "trainer/synth/bench_scene.h"
 #include "vanilla/vanilla.h"
 
@@ -48,8 +48,8 @@ VanillaConfig still_config() {
 std::unique_ptr<Backbone> make_backbone(const BenchScene& bench, Threads& threads) {
   auto backbone = make_vanilla({bench.scene, threads}, still_config());
   const TemporaryFolder folder;
-  write_splat_ply(folder.path / "point_cloud.ply", bench.cloud);
-  backbone->import_model(folder.path);
+  write_splat_ply(folder / "point_cloud.ply", bench.cloud);
+  backbone->import_model(folder.path());
   backbone->rasterizer_hook().set_beta(1.0f);
   return backbone;
 }
