@@ -51,6 +51,7 @@ def _run_here(script, arguments, out, err):
         code = 1
     sys.stdout.flush()
     sys.stderr.flush()
+    atexit._run_exitfuncs()  # os._exit skips them, and temporary folders would stay
     os._exit(code)
 
 
