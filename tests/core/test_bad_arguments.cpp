@@ -313,11 +313,12 @@ TEST_F(BadArguments, Neighbors) {
 TEST_F(BadArguments, RowsOfWrongShape) {
   std::vector<float> tensor(12);
   expect_named([&] { remove_rows(tensor, 3, std::vector<std::uint8_t>(3)); }, "removed");
-  expect_named([&] { append_rows(tensor, 5, std::vector<std::uint32_t>{0}); }, "width");
+  Array<float> array(threads, tensor);
+  expect_named([&] { append_rows(array, 5, std::vector<std::uint32_t>{0}); }, "width");
 }
 
 TEST_F(BadArguments, RowsThatDoNotExist) {
-  std::vector<float> tensor(12);
+  Array<float> tensor(threads, std::vector<float>(12));
   // The last index wraps to 0 if one is added to it in 32 bits.
   for (const std::uint32_t row : {4u, 1000u, 0xffffffffu}) {
     expect_named([&] { append_rows(tensor, 3, std::vector<std::uint32_t>{0, row}); }, "row");

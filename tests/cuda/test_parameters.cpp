@@ -61,45 +61,5 @@ TEST_F(CudaParameters, AdamIsThatOfTheCpu) {
   }
 }
 
-TEST_F(CudaParameters, RowsComeAndGoAsOnTheCpu) {
-  for (const std::size_t width : {1u, 3u, 45u}) {
-    const std::size_t rows = 301;
-    std::vector<float> tensor = numbers(rows * width, -1, 1, width);
-    DeviceArray<float> on_device(stream(), tensor);
-
-    std::vector<std::uint8_t> removed(rows);
-    for (std::size_t i = 0; i < rows; ++i) removed[i] = i % 3 == 0 || i > 290 ? 9 : 0;
-    remove_rows(tensor, width, removed);
-    remove_rows(on_device, width, DeviceArray<std::uint8_t>(stream(), removed).span());
-    ASSERT_EQ(on_device.to_host(), tensor);
-
-    const std::vector<std::uint32_t> copied = {5, 0, 5, 100};
-    append_rows(tensor, width, copied);
-    append_rows(on_device, width, DeviceArray<std::uint32_t>(stream(), copied).span());
-    ASSERT_EQ(on_device.to_host(), tensor);
-
-    std::vector<std::uint32_t> order(tensor.size() / width);
-    for (std::size_t i = 0; i < order.size(); ++i) order[i] = static_cast<std::uint32_t>(i * 7 % order.size());
-    reorder_rows(tensor, width, order);
-    reorder_rows(on_device, width, DeviceArray<std::uint32_t>(stream(), order).span());
-    ASSERT_EQ(on_device.to_host(), tensor);
-
-    append_zero_rows(tensor, width, 6);
-    append_zero_rows(on_device, width, 6);
-    ASSERT_EQ(on_device.to_host(), tensor);
-  }
-}
-
-TEST_F(CudaParameters, AllRowsOrNoneMayGo) {
-  DeviceArray<float> tensor(stream(), std::vector<float>{1, 2, 3, 4});
-  remove_rows(tensor, 2, DeviceArray<std::uint8_t>(stream(), std::vector<std::uint8_t>{0, 0}).span());
-  EXPECT_EQ(tensor.to_host(), (std::vector<float>{1, 2, 3, 4}));
-  remove_rows(tensor, 2, DeviceArray<std::uint8_t>(stream(), std::vector<std::uint8_t>{1, 1}).span());
-  EXPECT_TRUE(tensor.empty());
-  append_rows(tensor, 2, {});
-  append_zero_rows(tensor, 2, 1);
-  EXPECT_EQ(tensor.to_host(), (std::vector<float>{0, 0}));
-}
-
 }  // namespace
 }  // namespace splatboost::test

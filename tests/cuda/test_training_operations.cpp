@@ -192,6 +192,19 @@ TEST_F(CudaTrainingOperations, RowsAreSelectedAndAppended) {
   }
 }
 
+TEST_F(CudaTrainingOperations, AllRowsOrNoneMayGo) {
+  expect_same([](Device device) {
+    Array<float> tensor(device, {1, 2, 3, 4}), workspace(device);
+    select_rows(tensor, 2, Array<std::uint32_t>(device, {0, 1}), workspace);
+    EXPECT_EQ(tensor.to_host(), (std::vector<float>{1, 2, 3, 4}));
+    select_rows(tensor, 2, {}, workspace);
+    EXPECT_EQ(tensor.size(), 0u);
+    append_rows(tensor, 2, {});
+    append_zero_rows(tensor, 2, 1);
+    return tensor.to_host();
+  });
+}
+
 TEST_F(CudaTrainingOperations, ReservedRoomIsTakenWithoutAnAllocation) {
   Array<float> tensor(stream(), std::vector<float>{1, 2, 3});
   tensor.reserve(1000);

@@ -310,7 +310,7 @@ std::size_t AnchorBackbone::append_anchors(std::span<const float> positions, flo
   statistics_.reserve(first + added);
   const Array<std::uint32_t> any(device_, std::vector<std::uint32_t>(added, 0));
   for (TrainedGroup* group : anchor_groups()) group->append_copies(any);
-  for (const SideRow& row : side_rows_) append_zero_rows(*row.values, 1, added);
+  for (const SideRow& row : side_rows_) row.values->resize(row.values->size() + added, 0.0f);
   statistics_.append(added);
   const auto fill = [&](ParameterGroup& group, float value) {
     group.values.edit(first * group.width, [&](std::span<float> rows) { std::ranges::fill(rows, value); });

@@ -18,11 +18,8 @@ void adam_step(std::span<float>, std::span<float>, std::span<float>, std::span<f
                CudaStream&) {
   absent();
 }
-void remove_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint8_t>) { absent(); }
 void gather_rows(std::span<const float>, std::size_t, std::span<const std::uint32_t>, std::span<float>, CudaStream&) {
   absent();
 }
-void append_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
-void reorder_rows(DeviceArray<float>&, std::size_t, std::span<const std::uint32_t>) { absent(); }
 
 }  // namespace splatboost::cuda

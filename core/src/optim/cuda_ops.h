@@ -33,12 +33,8 @@ void dropout_factors(const RandomStream& random, double rate, float kept, std::s
 void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
                std::span<float> second_moments, std::int64_t step, const AdamOptions& options, CudaStream& stream);
 
-/// As in rows.h; remove_rows() waits.
-void remove_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed);
 /// Row i of `to` becomes row rows[i] of `from`.
 void gather_rows(std::span<const float> from, std::size_t width, std::span<const std::uint32_t> rows,
                  std::span<float> to, CudaStream& stream);
-void append_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
-void reorder_rows(DeviceArray<float>& tensor, std::size_t width, std::span<const std::uint32_t> order);
 
 }  // namespace splatboost::cuda

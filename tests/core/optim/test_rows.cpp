@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "splatboost/errors.h"
@@ -12,6 +13,12 @@ namespace {
 
 using Tensor = std::vector<float>;
 using Mask = std::vector<std::uint8_t>;
+using List = std::vector<std::uint32_t>;
+
+Array<float> on_cpu(Tensor values) {
+  static Threads threads{1};
+  return {threads, std::move(values)};
+}
 
 TEST(Rows, RemoveKeepsTheOthersInOrder) {
   Tensor tensor{0, 1, 10, 11, 20, 21, 30, 31};
@@ -37,33 +44,39 @@ TEST(Rows, WidthsOfOneAndMany) {
 }
 
 TEST(Rows, AppendCopies) {
-  Tensor tensor{0, 1, 10, 11, 20, 21};
-  append_rows(tensor, 2, std::vector<std::uint32_t>{2, 0, 2});
-  EXPECT_EQ(tensor, (Tensor{0, 1, 10, 11, 20, 21, 20, 21, 0, 1, 20, 21}));
+  Array<float> tensor = on_cpu({0, 1, 10, 11, 20, 21});
+  append_rows(tensor, 2, List{2, 0, 2});
+  EXPECT_EQ(tensor.to_host(), (Tensor{0, 1, 10, 11, 20, 21, 20, 21, 0, 1, 20, 21}));
   append_rows(tensor, 2, {});
   EXPECT_EQ(tensor.size(), 12u);
   // Many rows: the tensor moves in memory while it reads itself.
-  std::vector<std::uint32_t> rows(10000, 1);
-  append_rows(tensor, 2, rows);
+  append_rows(tensor, 2, List(10000, 1));
   ASSERT_EQ(tensor.size(), 12u + 20000u);
-  EXPECT_EQ(tensor[20010], 10);
-  EXPECT_EQ(tensor[20011], 11);
+  EXPECT_EQ(tensor.to_host()[20010], 10);
+  EXPECT_EQ(tensor.to_host()[20011], 11);
+}
+
+TEST(Rows, AppendRowsOfAnother) {
+  Array<float> tensor = on_cpu({1, 2});
+  append_rows_of(Tensor{10, 11, 20, 21}, 2, List{1, 1}, tensor);
+  EXPECT_EQ(tensor.to_host(), (Tensor{1, 2, 20, 21, 20, 21}));
 }
 
 TEST(Rows, AppendZeros) {
-  Tensor tensor{1, 2, 3};
+  Array<float> tensor = on_cpu({1, 2, 3});
   append_zero_rows(tensor, 3, 2);
-  EXPECT_EQ(tensor, (Tensor{1, 2, 3, 0, 0, 0, 0, 0, 0}));
+  EXPECT_EQ(tensor.to_host(), (Tensor{1, 2, 3, 0, 0, 0, 0, 0, 0}));
   append_zero_rows(tensor, 3, 0);
   EXPECT_EQ(tensor.size(), 9u);
 }
 
-TEST(Rows, Reorder) {
-  std::vector<float> tensor = {1, 2, 3, 4, 5, 6};
-  reorder_rows(tensor, 2, std::vector<std::uint32_t>{2, 0, 1});
-  EXPECT_EQ(tensor, (std::vector<float>{5, 6, 1, 2, 3, 4}));
-  EXPECT_THROW(reorder_rows(tensor, 2, std::vector<std::uint32_t>{0, 1}), ArgumentError);
-  EXPECT_THROW(reorder_rows(tensor, 2, std::vector<std::uint32_t>{0, 1, 3}), ArgumentError);
+TEST(Rows, SelectLeavesTheListInItsOrder) {
+  Array<float> tensor = on_cpu({1, 2, 3, 4, 5, 6}), workspace;
+  EXPECT_THROW(select_rows(tensor, 2, List{0, 1, 3}, workspace), ArgumentError);
+  select_rows(tensor, 2, List{2, 0, 1}, workspace);
+  EXPECT_EQ(tensor.to_host(), (Tensor{5, 6, 1, 2, 3, 4}));
+  select_rows(tensor, 2, kept_rows(Mask{0, 9, 0}), workspace);
+  EXPECT_EQ(tensor.to_host(), (Tensor{5, 6, 3, 4}));
 }
 
 }  // namespace
