@@ -166,6 +166,17 @@ std::vector<ResultRow> result_rows(std::span<const Results> runs) {
   add(
       "Training time", [](const Results& r) { return human_seconds(r.train_seconds); },
       [](const Results& a, const Results& b) { return speed_change(a.train_seconds / b.train_seconds); });
+  // Runs that end at different quality are compared by the time to the same quality as well.
+  if (runs.size() == 2 && !runs[0].curve.empty() && runs[0].curve.back().psnr) {
+    const double target = *runs[0].curve.back().psnr;
+    const auto reached = [&](const Results& r) { return seconds_to_psnr(r.curve, target); };
+    add(
+        "Time to the baseline's PSNR",
+        [&](const Results& r) { return reached(r) ? human_seconds(*reached(r)) : "not reached"; },
+        [&](const Results& a, const Results& b) {
+          return reached(a) && reached(b) ? speed_change(*reached(a) / *reached(b)) : Change{};
+        });
+  }
   quality(
       "PSNR", [](const Results& r) -> Optional { return r.psnr; }, 2, " dB", More::kGood);
   quality(

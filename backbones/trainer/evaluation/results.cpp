@@ -131,6 +131,20 @@ Results results_from_json(const json& document) {
   return results;
 }
 
+std::optional<double> seconds_to_psnr(std::span<const CurvePoint> curve, double psnr) {
+  const CurvePoint* before = nullptr;  // the last point that has a PSNR
+  for (const CurvePoint& point : curve) {
+    if (!point.psnr) continue;
+    if (*point.psnr >= psnr) {
+      if (before == nullptr) return point.seconds;
+      const double share = (psnr - *before->psnr) / (*point.psnr - *before->psnr);
+      return before->seconds + share * (point.seconds - before->seconds);
+    }
+    before = &point;
+  }
+  return std::nullopt;
+}
+
 json comparison_to_json(const Results& baseline, const Results& boosted) {
   json differences = {{"psnr", boosted.psnr - baseline.psnr},
                       {"psnr_beta1", boosted.psnr_beta1 - baseline.psnr_beta1},

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <type_traits>
 #include <vector>
@@ -36,6 +37,9 @@ struct CurvePoint {
   std::size_t primitives = 0;
   std::optional<double> psnr;  ///< on (a few) test views, where evaluated
 };
+
+/// Training seconds until the curve first shows `psnr`, in dB, linearly between its points; none if it never does.
+std::optional<double> seconds_to_psnr(std::span<const CurvePoint> curve, double psnr);
 
 struct Results {
   std::string backbone;

@@ -74,7 +74,8 @@ std::string result_table(const std::vector<ReportRun>& runs, const std::vector<R
   out +=
       "</tbody></table></div>\n<p class=\"note\">Higher is better for PSNR and SSIM, lower for LPIPS. “In any viewer” "
       "is the same "
-      "model drawn without the compact box. Training time leaves out evaluation and saving.</p></section>\n";
+      "model drawn without the compact box. Training time leaves out evaluation and saving. The time to the baseline's "
+      "PSNR is when the curve first shows the value at which the baseline's ends.</p></section>\n";
   return out;
 }
 

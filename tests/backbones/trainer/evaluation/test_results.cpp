@@ -199,6 +199,34 @@ TEST(Comparison, SpeaksPlainly) {
   EXPECT_EQ(row("Model size").verdict, Verdict::kSame);
 }
 
+TEST(Comparison, TellsTheTimeToTheSameQuality) {
+  const std::vector<CurvePoint> rising = {{100, 10, 0.2, 1, 18.0}, {200, 20, 0.1, 2, {}}, {300, 30, 0.1, 2, 22.0}};
+  EXPECT_EQ(seconds_to_psnr(rising, 17), 10);
+  EXPECT_EQ(seconds_to_psnr(rising, 18), 10);
+  EXPECT_EQ(seconds_to_psnr(rising, 21), 25);  // linear between points that have a PSNR
+  EXPECT_EQ(seconds_to_psnr(rising, 22), 30);
+  EXPECT_EQ(seconds_to_psnr(rising, 22.1), std::nullopt);
+  EXPECT_EQ(seconds_to_psnr({}, 1), std::nullopt);
+
+  Results baseline = example(), boosted = example();
+  const auto row = [&] {
+    const Results runs[] = {baseline, boosted};
+    for (const ResultRow& each : result_rows(runs)) {
+      if (each.label == "Time to the baseline's PSNR") return each;
+    }
+    return ResultRow{};
+  };
+  baseline.curve = {{100, 40, 0.2, 1, 18.0}, {200, 80, 0.1, 2, 21.0}};
+  boosted.curve = rising;
+  EXPECT_EQ(row().values, (std::vector<std::string>{"1 min 20 s", "25.0 s"}));
+  EXPECT_EQ(row().change, "3.2× faster");
+  boosted.curve.pop_back();
+  EXPECT_EQ(row().values, (std::vector<std::string>{"1 min 20 s", "not reached"}));
+  EXPECT_EQ(row().change, "");
+  baseline.curve.back().psnr.reset();
+  EXPECT_EQ(row().label, "");
+}
+
 TEST(Comparison, HandlesWhatIsMissing) {
   Results baseline, boosted;
   boosted.psnr = std::numeric_limits<double>::infinity();
@@ -220,8 +248,8 @@ TEST(Comparison, TableIsAligned) {
     widths.push_back(static_cast<std::size_t>(std::count_if(
         line.begin(), line.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; })));
   }
-  ASSERT_EQ(widths.size(), 11u);
-  EXPECT_EQ(std::count(widths.begin(), widths.end(), widths[0]), 11);
+  ASSERT_EQ(widths.size(), 12u);
+  EXPECT_EQ(std::count(widths.begin(), widths.end(), widths[0]), 12);
 }
 
 TEST(Words, ForTimesAndCounts) {
