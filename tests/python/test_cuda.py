@@ -17,7 +17,7 @@ from test_rasterize import N, gaussians
 
 import splatboost
 from splatboost import _library as lib
-from splatboost import _rasterize
+from splatboost import _render
 
 ON_GPU = torch.cuda.is_available() and not conftest.EMULATED and bool(lib.cuda_architectures())
 
@@ -226,14 +226,14 @@ def test_a_steady_loop_neither_allocates_nor_waits():
         assert lib.cuda_activity() == activity
         return loss.detach()
 
-    _rasterize._workspaces.clear()
+    _render._workspaces.clear()
     tensors = scene("means", "opacities", "scales", "rotations", "colors")
     cpu, cuda = both(train, tensors, torch.full((1, 3, 30, 40), 0.5))
     assert cpu.item() == pytest.approx(cuda.item(), abs=1e-4)
 
 
 def test_a_view_that_nobody_differentiates_is_settled():
-    _rasterize._workspaces.clear()
+    _render._workspaces.clear()
 
     def draw(tensors):
         splatboost.rasterize(reference.turned_camera(), **tensors)

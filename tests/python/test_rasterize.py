@@ -7,7 +7,7 @@ import reference
 import torch
 
 import splatboost
-from splatboost import _rasterize
+from splatboost import _render
 
 N = 24
 # The library is float32; gradients are sums over hundreds of pixels of it.
@@ -215,14 +215,14 @@ def test_a_second_backward_pass_draws_again():
 
 
 def test_a_loop_keeps_one_workspace():
-    _rasterize._workspaces.clear()
+    _render._workspaces.clear()
     camera, tensors = reference.turned_camera(), small()
     for _ in range(4):
         done = splatboost.rasterize(camera, **tensors)
         done.color.sum().backward()
         with torch.no_grad():
             done = splatboost.rasterize(camera, **tensors)
-    assert sum(len(pool) for pool in _rasterize._workspaces.values()) == 1
+    assert sum(len(pool) for pool in _render._workspaces.values()) == 1
 
 
 def test_no_gaussians_give_the_background():

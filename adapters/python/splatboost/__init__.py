@@ -13,7 +13,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from ._library import LibraryError, NoCudaError, set_threads
-    from ._rasterize import Render, mark_visible, rasterize, visible_radii
+    from ._rasterize import mark_visible, rasterize, visible_radii
+    from ._render import Render
     from .adapter import Adapter, ScoredView
     from .camera import Camera
     from .compat import get_beta, last_render, set_beta
@@ -39,7 +40,8 @@ _NAMES = {
     name: module
     for module, names in {
         "_library": ("LibraryError", "NoCudaError", "set_threads"),
-        "_rasterize": ("Render", "mark_visible", "rasterize", "visible_radii"),
+        "_rasterize": ("mark_visible", "rasterize", "visible_radii"),
+        "_render": ("Render",),
         "adapter": ("Adapter", "ScoredView"),
         "camera": ("Camera",),
         "compat": ("get_beta", "last_render", "set_beta"),

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Sequence, Union
+from typing import Any, Optional, Sequence, Union
 
 import torch
 from torch.autograd.function import once_differentiable
 
 from . import _library as lib
-from ._rasterize import Render, _Lease, _take_workspace
+from ._render import Lease, Render, Tensors, new_gradients, returned_gradients, save_inputs, saved_inputs, take_workspace
 from ._tensors import Place, check
 from .camera import Camera, host_rows
 
@@ -27,15 +27,15 @@ class _Call:
     options: Any
     sh_degree: int
     differentiable: bool
-    lease: Optional[_Lease] = None
+    lease: Optional[Lease] = None
 
 
-def _convexes(place: Place, tensors: Dict[str, Optional[torch.Tensor]], sh_degree: int) -> lib.Convexes:
+def _convexes(place: Place, tensors: Tensors, sh_degree: int) -> lib.Convexes:
     views = {name: place.view(tensors[name], name) for name in _NAMES}
     return lib.Convexes(sh_degree=sh_degree, **views)
 
 
-def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]]) -> Any:
+def _draw(place: Place, call: _Call, tensors: Tensors) -> Any:
     """Takes a workspace and draws; returns color and visible."""
     points = tensors["points"]
     assert points is not None
@@ -43,7 +43,7 @@ def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]])
     visible = place.empty((points.shape[0],), torch.uint8)
     outputs = lib.ConvexOutputs(color=place.target(color, "color"), visible=place.target(visible, "visible"))
     convexes = _convexes(place, tensors, call.sh_degree)
-    call.lease = _take_workspace("sb_convex_rasterizer", place)
+    call.lease = take_workspace("sb_convex_rasterizer", place)
     place.call(
         "sb_convex_rasterizer_forward",
         call.lease.workspace.handle,
@@ -59,17 +59,12 @@ def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]])
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, call: _Call, screen_points: Any, sh: Any, *inputs: Any) -> Any:
-        tensors = dict(zip(_NAMES, inputs))
-        if sh is not None:  # one tensor of all coefficients
-            tensors["sh_dc"], tensors["sh_rest"] = sh[:, :1].contiguous(), sh[:, 1:].contiguous()
+        tensors = save_inputs(ctx, _NAMES, inputs, sh)
         place = Place(tensors["points"], "points")
         color, visible = _draw(place, call, tensors)
         assert call.lease is not None
         call.lease.pending = call.differentiable and any(ctx.needs_input_grad)
         ctx.call = call
-        ctx.together = sh is not None
-        ctx.given = [name for name in _NAMES if tensors[name] is not None]
-        ctx.save_for_backward(*[tensors[name] for name in ctx.given])
         ctx.mark_non_differentiable(visible)
         return color, visible
 
@@ -77,23 +72,14 @@ class _Rasterize(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, g_color: Any, _: Any) -> Any:
         call: _Call = ctx.call
-        tensors: Dict[str, Optional[torch.Tensor]] = dict.fromkeys(_NAMES)
-        tensors.update(zip(ctx.given, ctx.saved_tensors))
+        tensors = saved_inputs(ctx, _NAMES)
         points = tensors["points"]
         assert points is not None and call.lease is not None
         place = Place(points, "points")
         if not call.lease.held:
             _draw(place, call, tensors)
 
-        needs = dict(zip(_NAMES, ctx.needs_input_grad[3:]))
-        if ctx.together:
-            needs["sh_dc"] = needs["sh_rest"] = ctx.needs_input_grad[2]
-        gradients: Dict[str, Optional[torch.Tensor]] = {
-            name: torch.empty_like(tensor, memory_format=torch.contiguous_format)
-            if tensor is not None and needs[name]
-            else None
-            for name, tensor in tensors.items()
-        }
+        gradients = new_gradients(ctx, tensors, ctx.needs_input_grad[3:], ctx.needs_input_grad[2])
         g_screen = place.empty((points.shape[0], 3)) if ctx.needs_input_grad[1] else None
         targets = lib.ConvexGradients(
             accumulate=0,
@@ -110,11 +96,7 @@ class _Rasterize(torch.autograd.Function):
             place.stream,
         )
         call.lease.pending = False
-        g_sh = None
-        if ctx.together and gradients["sh_dc"] is not None:
-            g_sh = torch.cat([gradients["sh_dc"], gradients["sh_rest"]], dim=1)  # type: ignore[list-item]
-            gradients["sh_dc"] = gradients["sh_rest"] = None
-        return (None, g_screen, g_sh) + tuple(gradients[name] for name in _NAMES)
+        return (None, g_screen, *returned_gradients(ctx, gradients))
 
 
 def rasterize_convexes(

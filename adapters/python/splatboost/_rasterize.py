@@ -4,66 +4,18 @@
 from __future__ import annotations
 
 import ctypes
-import threading
-import weakref
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
+from typing import Any, Optional, Sequence, Union
 
 import torch
 from torch.autograd.function import once_differentiable
 
 from . import _library as lib
+from ._render import Lease, Render, Tensors, new_gradients, returned_gradients, save_inputs, saved_inputs, take_workspace
 from ._tensors import Place, check
 from .camera import Camera, host_rows
 
 _F32 = torch.float32
-
-
-class _Lease:
-    """A render's claim on the workspace that holds its tile lists.
-
-    A workspace that nobody waits for goes to the next render: when the lease is gone, or when its backward pass has
-    run. A backward pass that comes after that draws the view again first.
-    """
-
-    def __init__(self, workspace: "_Workspace"):
-        self.workspace = workspace
-        self.pending = False  # a backward pass is still to come
-
-    @property
-    def held(self) -> bool:
-        return self.workspace.lease() is self
-
-
-class _Workspace:
-    """entries: how the names of the rasterizer's entries begin, "sb_rasterizer" or "sb_convex_rasterizer"."""
-
-    def __init__(self, entries: str, place: Place):
-        handle = ctypes.c_void_p()
-        place.call(entries + "_create", place.c_device(), ctypes.byref(handle))
-        self.entries = entries
-        self.handle = handle
-        self.lease: Any = lambda: None
-        weakref.finalize(self, getattr(lib.load(), entries + "_destroy"), handle)
-
-
-_workspaces: Dict[Tuple[str, int, int, int], List[_Workspace]] = {}
-_lock = threading.Lock()
-
-
-def _take_workspace(entries: str, place: Place) -> _Lease:
-    with _lock:
-        pool = _workspaces.setdefault((entries, place.kind, place.index, place.threads), [])
-        for workspace in pool:
-            owner = workspace.lease()
-            if owner is None or not owner.pending:
-                break
-        else:
-            workspace = _Workspace(entries, place)
-            pool.append(workspace)
-        lease = _Lease(workspace)
-        workspace.lease = weakref.ref(lease)
-        return lease
 
 
 @dataclass
@@ -77,13 +29,13 @@ class _Call:
     alpha: bool
     absolute_sum: bool
     differentiable: bool
-    lease: Optional[_Lease] = None
+    lease: Optional[Lease] = None
 
 
 _NAMES = ("means", "opacities", "scales", "rotations", "covariances", "sh_dc", "sh_rest", "colors", "features")
 
 
-def _gaussians(place: Place, tensors: Dict[str, Optional[torch.Tensor]], sh_degree: int) -> lib.Gaussians:
+def _gaussians(place: Place, tensors: Tensors, sh_degree: int) -> lib.Gaussians:
     gaussians = lib.Gaussians()
     for name in _NAMES:
         setattr(gaussians, name, place.view(tensors[name], name))
@@ -91,12 +43,12 @@ def _gaussians(place: Place, tensors: Dict[str, Optional[torch.Tensor]], sh_degr
     return gaussians
 
 
-def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]]) -> Dict[str, Optional[torch.Tensor]]:
+def _draw(place: Place, call: _Call, tensors: Tensors) -> Tensors:
     """Takes a workspace and draws into new images."""
     means, features = tensors["means"], tensors["features"]
     assert means is not None
     h, w, n = call.camera.height, call.camera.width, means.shape[0]
-    images: Dict[str, Optional[torch.Tensor]] = {
+    images: Tensors = {
         "color": place.empty((3, h, w)),
         "features": None if features is None else place.empty((features.shape[1], h, w)),
         "inverse_depth": place.empty((1, h, w)) if call.inverse_depth else None,
@@ -105,7 +57,7 @@ def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]])
     }
     outputs = lib.RasterOutputs(**{name: place.target(image, name) for name, image in images.items()})
     gaussians = _gaussians(place, tensors, call.sh_degree)
-    call.lease = _take_workspace("sb_rasterizer", place)
+    call.lease = take_workspace("sb_rasterizer", place)
     place.call(
         "sb_rasterizer_forward",
         call.lease.workspace.handle,
@@ -121,9 +73,7 @@ def _draw(place: Place, call: _Call, tensors: Dict[str, Optional[torch.Tensor]])
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, call: _Call, screen_points: Any, sh: Any, *inputs: Any) -> Any:
-        tensors = dict(zip(_NAMES, inputs))
-        if sh is not None:  # one tensor of all coefficients, as 3DGS passes them
-            tensors["sh_dc"], tensors["sh_rest"] = sh[:, :1].contiguous(), sh[:, 1:].contiguous()
+        tensors = save_inputs(ctx, _NAMES, inputs, sh)
         place = Place(tensors["means"], "means")
         images = _draw(place, call, tensors)
         assert call.lease is not None
@@ -132,9 +82,6 @@ class _Rasterize(torch.autograd.Function):
             place.call("sb_rasterizer_settle", call.lease.workspace.handle, None, place.stream)
         ctx.call = call
         ctx.screen_points = None if screen_points is None else screen_points.shape[1]
-        ctx.together = sh is not None
-        ctx.given = [name for name in _NAMES if tensors[name] is not None]
-        ctx.save_for_backward(*[tensors[name] for name in ctx.given])
         ctx.mark_non_differentiable(images["radii"])
         ctx.set_materialize_grads(False)
         return images["color"], images["radii"], images["features"], images["inverse_depth"], images["alpha"]
@@ -143,23 +90,14 @@ class _Rasterize(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, g_color: Any, _: Any, g_features: Any, g_inverse_depth: Any, g_alpha: Any) -> Any:
         call: _Call = ctx.call
-        tensors: Dict[str, Optional[torch.Tensor]] = dict.fromkeys(_NAMES)
-        tensors.update(zip(ctx.given, ctx.saved_tensors))
+        tensors = saved_inputs(ctx, _NAMES)
         means = tensors["means"]
         assert means is not None and call.lease is not None
         place = Place(means, "means")
         if not call.lease.held:
             _draw(place, call, tensors)
 
-        needs = dict(zip(_NAMES, ctx.needs_input_grad[3:]))
-        if ctx.together:
-            needs["sh_dc"] = needs["sh_rest"] = ctx.needs_input_grad[2]
-        gradients: Dict[str, Optional[torch.Tensor]] = {
-            name: torch.empty_like(tensor, memory_format=torch.contiguous_format)
-            if tensor is not None and needs[name]
-            else None
-            for name, tensor in tensors.items()
-        }
+        gradients = new_gradients(ctx, tensors, ctx.needs_input_grad[3:], ctx.needs_input_grad[2])
         n = means.shape[0]
         wants_screen = ctx.screen_points is not None and ctx.needs_input_grad[1]
         wants_absolute = wants_screen and (ctx.screen_points == 4 or call.absolute_sum)
@@ -199,99 +137,7 @@ class _Rasterize(torch.autograd.Function):
                     torch.mul(absolute[:, axis], half, out=g_screen[:, 2 + axis])
                 elif absolute is not None:
                     g_screen[:, 2] += absolute[:, axis] * half
-        g_sh = None
-        if ctx.together and gradients["sh_dc"] is not None:
-            g_sh = torch.cat([gradients["sh_dc"], gradients["sh_rest"]], dim=1)  # type: ignore[list-item]
-            gradients["sh_dc"] = gradients["sh_rest"] = None
-        return (None, g_screen, g_sh) + tuple(gradients[name] for name in _NAMES)
-
-
-class Render:
-    """A view that was drawn.
-
-    color          [3,H,W] background added, not clamped
-    radii          int32 [N] 3σ radius in pixels, rounded up; 0 where not visible
-    features       [F,H,W], or None
-    inverse_depth  [1,H,W] Σ wᵢ / zᵢ, or None
-    alpha          [1,H,W] 1 − final transmittance, or None
-    """
-
-    def __init__(
-        self,
-        color: torch.Tensor,
-        radii: torch.Tensor,
-        features: Optional[torch.Tensor],
-        inverse_depth: Optional[torch.Tensor],
-        alpha: Optional[torch.Tensor],
-        lease: _Lease,
-    ):
-        self.color = color
-        self.radii = radii
-        self.features = features
-        self.inverse_depth = inverse_depth
-        self.alpha = alpha
-        self._lease = lease
-
-    @property
-    def visible(self) -> torch.Tensor:
-        """bool [N] whether each Gaussian is listed in at least one tile."""
-        return self.radii > 0
-
-    def count_flagged(self, flagged: torch.Tensor, counts: Optional[torch.Tensor] = None) -> torch.Tensor:
-        """Adds to counts the flagged pixels where each Gaussian was blended (paper eq. 9), and returns them.
-
-        flagged: bool or uint8 [H,W]. counts: int32 [N], contiguous; zeros where not given.
-        Replays the tile lists of this render, so it must come before the next render.
-        """
-        h, w = self.color.shape[1:]
-        if isinstance(flagged, torch.Tensor) and flagged.dtype == torch.bool:
-            flagged = flagged.view(torch.uint8)
-        check(flagged, "flagged", torch.uint8, (h, w))
-        if counts is None:
-            counts = torch.zeros_like(self.radii)
-        check(counts, "counts", torch.int32, (self.radii.shape[0],))
-        place = Place(self.radii, "radii")
-        self._add_counts(place.view(flagged, "flagged"), place.target(counts, "counts"), place)
-        return counts
-
-    def count_observed(self, min_transmittance: float = 0.5) -> torch.Tensor:
-        """int32 [N]: pixels where each Gaussian was blended while the transmittance before it was above this one.
-
-        Replays the tile lists of this render, so it must come before the next render.
-        """
-        counts = torch.zeros_like(self.radii)
-        place = Place(self.radii, "radii")
-        self._check_held("count_observed")
-        workspace = self._lease.workspace
-        if workspace.entries != "sb_rasterizer":
-            raise TypeError("count_observed: only renders of Gaussians tell it")
-        target = place.target(counts, "counts")
-        lib.call("sb_rasterizer_count_observed", workspace.handle, min_transmittance, target, place.stream)
-        return counts
-
-    def weights(self) -> torch.Tensor:
-        """int32 [N]: blending weights of each Gaussian, summed over pixels, in 1/256 (rounded a pixel).
-
-        Replays the tile lists of this render, so it must come before the next render.
-        """
-        weights = torch.zeros_like(self.radii)
-        place = Place(self.radii, "radii")
-        self._add_weights(place.target(weights, "weights"), place)
-        return weights
-
-    def _check_held(self, what: str) -> None:
-        if not self._lease.held:
-            raise RuntimeError("%s: this render's tile lists are gone, another view was drawn since" % what)
-
-    def _add_weights(self, weights: Any, place: Place) -> None:
-        self._check_held("weights")
-        workspace = self._lease.workspace
-        lib.call(workspace.entries + "_add_weights", workspace.handle, weights, place.stream)
-
-    def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
-        self._check_held("count_flagged")
-        workspace = self._lease.workspace
-        lib.call(workspace.entries + "_count_flagged", workspace.handle, flagged, counts, place.stream)
+        return (None, g_screen, *returned_gradients(ctx, gradients))
 
 
 def rasterize(
@@ -419,7 +265,7 @@ def visible_radii(
             check(tensor, name, _F32, (n, width))
     place = Place(means, "means")
     radii = place.empty((n,), torch.int32)
-    tensors: Dict[str, Optional[torch.Tensor]] = dict.fromkeys(_NAMES)
+    tensors: Tensors = dict.fromkeys(_NAMES)
     tensors.update(means=means, scales=scales, rotations=rotations, covariances=covariances)
     options = lib.RasterOptions(lib.BOX_SQUARE, 1.0, low_pass, 0, near_plane)
     place.call(

@@ -8,7 +8,8 @@ from typing import Any, Callable, Dict, Optional
 import torch
 from torch import nn
 
-from .._rasterize import Render, mark_visible, rasterize
+from .._rasterize import mark_visible, rasterize
+from .._render import Render
 from ..camera import Camera
 
 _beta: Optional[float] = None

@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from .._rasterize import Render
+from .._render import Render
 from . import _drop_in
 from .diff_gaussian_rasterization_2023 import GaussianRasterizationSettings
 

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the rasterizers of Gaussians and of convexes share: a render, its workspace, and its part in autograd."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+import weakref
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import torch
+
+from . import _library as lib
+from ._tensors import Place, check
+
+# Inputs of a primitive by name, None where not given.
+Tensors = Dict[str, Optional[torch.Tensor]]
+
+
+class Lease:
+    """A render's claim on the workspace that holds its tile lists.
+
+    A workspace that nobody waits for goes to the next render: when the lease is gone, or when its backward pass has
+    run. A backward pass that comes after that draws the view again first.
+    """
+
+    def __init__(self, workspace: "_Workspace"):
+        self.workspace = workspace
+        self.pending = False  # a backward pass is still to come
+
+    @property
+    def held(self) -> bool:
+        return self.workspace.lease() is self
+
+
+class _Workspace:
+    """entries: how the names of the rasterizer's entries begin, "sb_rasterizer" or "sb_convex_rasterizer"."""
+
+    def __init__(self, entries: str, place: Place):
+        handle = ctypes.c_void_p()
+        place.call(entries + "_create", place.c_device(), ctypes.byref(handle))
+        self.entries = entries
+        self.handle = handle
+        self.lease: Any = lambda: None
+        weakref.finalize(self, getattr(lib.load(), entries + "_destroy"), handle)
+
+
+_workspaces: Dict[Tuple[str, int, int, int], List[_Workspace]] = {}
+_lock = threading.Lock()
+
+
+def take_workspace(entries: str, place: Place) -> Lease:
+    with _lock:
+        pool = _workspaces.setdefault((entries, place.kind, place.index, place.threads), [])
+        for workspace in pool:
+            owner = workspace.lease()
+            if owner is None or not owner.pending:
+                break
+        else:
+            workspace = _Workspace(entries, place)
+            pool.append(workspace)
+        lease = Lease(workspace)
+        workspace.lease = weakref.ref(lease)
+        return lease
+
+
+def save_inputs(ctx: Any, names: Sequence[str], inputs: Sequence[Any], sh: Optional[torch.Tensor]) -> Tensors:
+    """Saves what was given for the backward pass. sh: harmonics of all degrees in one tensor, as 3DGS passes them; they take
+    the places of sh_dc and sh_rest."""
+    tensors: Tensors = dict(zip(names, inputs))
+    if sh is not None:
+        tensors["sh_dc"], tensors["sh_rest"] = sh[:, :1].contiguous(), sh[:, 1:].contiguous()
+    ctx.together = sh is not None
+    ctx.given = [name for name in names if tensors[name] is not None]
+    ctx.save_for_backward(*[tensors[name] for name in ctx.given])
+    return tensors
+
+
+def saved_inputs(ctx: Any, names: Sequence[str]) -> Tensors:
+    tensors: Tensors = dict.fromkeys(names)
+    tensors.update(zip(ctx.given, ctx.saved_tensors))
+    return tensors
+
+
+def new_gradients(ctx: Any, tensors: Tensors, needed: Sequence[bool], sh_needed: bool) -> Tensors:
+    """Room for the gradients of the inputs that need one, None for the others."""
+    needs = dict(zip(tensors, needed))
+    if ctx.together:
+        needs["sh_dc"] = needs["sh_rest"] = sh_needed
+    return {
+        name: torch.empty_like(tensor, memory_format=torch.contiguous_format)
+        if tensor is not None and needs[name]
+        else None
+        for name, tensor in tensors.items()
+    }
+
+
+def returned_gradients(ctx: Any, gradients: Tensors) -> Tuple[Any, ...]:
+    """That of sh, if it was one tensor, and then those of the inputs, in their order."""
+    g_sh = None
+    if ctx.together and gradients["sh_dc"] is not None:
+        g_sh = torch.cat([gradients["sh_dc"], gradients["sh_rest"]], dim=1)  # type: ignore[list-item]
+        gradients["sh_dc"] = gradients["sh_rest"] = None
+    return (g_sh, *gradients.values())
+
+
+class Render:
+    """A view that was drawn.
+
+    color          [3,H,W] background added, not clamped
+    radii          int32 [N] 3σ radius in pixels, rounded up; 0 where not visible
+    features       [F,H,W], or None
+    inverse_depth  [1,H,W] Σ wᵢ / zᵢ, or None
+    alpha          [1,H,W] 1 − final transmittance, or None
+    """
+
+    def __init__(
+        self,
+        color: torch.Tensor,
+        radii: torch.Tensor,
+        features: Optional[torch.Tensor],
+        inverse_depth: Optional[torch.Tensor],
+        alpha: Optional[torch.Tensor],
+        lease: Lease,
+    ):
+        self.color = color
+        self.radii = radii
+        self.features = features
+        self.inverse_depth = inverse_depth
+        self.alpha = alpha
+        self._lease = lease
+
+    @property
+    def visible(self) -> torch.Tensor:
+        """bool [N] whether each Gaussian is listed in at least one tile."""
+        return self.radii > 0
+
+    def count_flagged(self, flagged: torch.Tensor, counts: Optional[torch.Tensor] = None) -> torch.Tensor:
+        """Adds to counts the flagged pixels where each Gaussian was blended (paper eq. 9), and returns them.
+
+        flagged: bool or uint8 [H,W]. counts: int32 [N], contiguous; zeros where not given.
+        Replays the tile lists of this render, so it must come before the next render.
+        """
+        h, w = self.color.shape[1:]
+        if isinstance(flagged, torch.Tensor) and flagged.dtype == torch.bool:
+            flagged = flagged.view(torch.uint8)
+        check(flagged, "flagged", torch.uint8, (h, w))
+        if counts is None:
+            counts = torch.zeros_like(self.radii)
+        check(counts, "counts", torch.int32, (self.radii.shape[0],))
+        place = Place(self.radii, "radii")
+        self._add_counts(place.view(flagged, "flagged"), place.target(counts, "counts"), place)
+        return counts
+
+    def count_observed(self, min_transmittance: float = 0.5) -> torch.Tensor:
+        """int32 [N]: pixels where each Gaussian was blended while the transmittance before it was above this one.
+
+        Replays the tile lists of this render, so it must come before the next render.
+        """
+        counts = torch.zeros_like(self.radii)
+        place = Place(self.radii, "radii")
+        self._check_held("count_observed")
+        workspace = self._lease.workspace
+        if workspace.entries != "sb_rasterizer":
+            raise TypeError("count_observed: only renders of Gaussians tell it")
+        target = place.target(counts, "counts")
+        lib.call("sb_rasterizer_count_observed", workspace.handle, min_transmittance, target, place.stream)
+        return counts
+
+    def weights(self) -> torch.Tensor:
+        """int32 [N]: blending weights of each Gaussian, summed over pixels, in 1/256 (rounded a pixel).
+
+        Replays the tile lists of this render, so it must come before the next render.
+        """
+        weights = torch.zeros_like(self.radii)
+        place = Place(self.radii, "radii")
+        self._add_weights(place.target(weights, "weights"), place)
+        return weights
+
+    def _check_held(self, what: str) -> None:
+        if not self._lease.held:
+            raise RuntimeError("%s: this render's tile lists are gone, another view was drawn since" % what)
+
+    def _add_weights(self, weights: Any, place: Place) -> None:
+        self._check_held("weights")
+        workspace = self._lease.workspace
+        lib.call(workspace.entries + "_add_weights", workspace.handle, weights, place.stream)
+
+    def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
+        self._check_held("count_flagged")
+        workspace = self._lease.workspace
+        lib.call(workspace.entries + "_count_flagged", workspace.handle, flagged, counts, place.stream)
