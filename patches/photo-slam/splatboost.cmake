@@ -3,5 +3,7 @@
 if(NOT TARGET splatboost::shared)
   find_package(SplatBoost REQUIRED)
 endif()
-target_sources(gaussian_mapper PRIVATE ${CMAKE_CURRENT_LIST_DIR}/boost.cpp ${CMAKE_CURRENT_LIST_DIR}/boost.h)
+target_sources(gaussian_mapper PRIVATE
+  ${CMAKE_CURRENT_LIST_DIR}/boost.cpp ${CMAKE_CURRENT_LIST_DIR}/boost.h ${CMAKE_CURRENT_LIST_DIR}/drawing.cpp
+  ${CMAKE_CURRENT_LIST_DIR}/drawing.h ${CMAKE_CURRENT_LIST_DIR}/tensors.h)
 target_link_libraries(gaussian_mapper splatboost::shared)
