@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <limits>
 #include <mutex>
+#include <string>
 #include <vector>
 
 namespace splatboost::edge {
@@ -89,7 +90,8 @@ Place::Place(const sb_device* device) : threads_(1) {
     return;
   }
   SPLATBOOST_CHECK(index_ == 0, "device.index must be 0 on the CPU");
-  SPLATBOOST_CHECK(device->threads >= 0 && device->threads <= 4096, "device.threads must be 0 to 4096");
+  SPLATBOOST_CHECK(device->threads >= 0 && device->threads <= kMaxThreads,
+                   "device.threads must be 0 to " + std::to_string(kMaxThreads));
   threads_ = Threads(device->threads);
 }
 

@@ -30,7 +30,7 @@ constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
 constexpr float kMinSquaredDistance = 1e-7f;   // of neighbours at initialisation, keeps logarithms finite
 constexpr float kInitialMask = 1.0f;           // a logit
 constexpr int kRestRows = 15;
-constexpr int kLeastGrowthsAReset = 5;
+constexpr int kMinGrowthsAReset = 5;
 
 float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
 float sigmoid(float x) { return 1 / (1 + std::exp(-x)); }
@@ -86,7 +86,7 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
   int at(int published) const { return scaled_iteration(published, context_.iterations); }
   /// Scaled as all phases are, but in a short run opacities need time to come back.
   int opacity_reset_interval() const {
-    return std::max(at(config_.opacity_reset_interval), kLeastGrowthsAReset * config_.densify_interval);
+    return std::max(at(config_.opacity_reset_interval), kMinGrowthsAReset * config_.densify_interval);
   }
   int sh_degree() const { return std::min(config_.sh_degree, iteration_ / at(config_.sh_interval)); }
   Moment moment() const { return {iteration_, context_.iterations}; }

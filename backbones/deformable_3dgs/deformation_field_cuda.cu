@@ -67,14 +67,14 @@ __device__ void write_place(const PlacesView<float>& places, std::size_t i, cons
   for (std::size_t c = 0; c < 4; ++c) places.rotations[4 * i + c] = place.rotation[c];
 }
 
-constexpr std::size_t kMostDeltas = 13;
+constexpr std::size_t kMaxDeltas = 13;
 
 __global__ void __launch_bounds__(kBlockThreads)
     move_gaussians_kernel(std::size_t count, std::size_t motion, PlacesView<const float> at,
                           DeviceView<const float> deltas, PlacesView<float> moved) {
   const std::size_t i = element_index(), width = delta_width(motion);
   if (i >= count) return;
-  float delta[kMostDeltas];
+  float delta[kMaxDeltas];
   for (std::size_t c = 0; c < width; ++c) delta[c] = deltas[width * i + c];
   const Place here = read_place(at, i);
   Place there;
@@ -88,7 +88,7 @@ __global__ void __launch_bounds__(kBlockThreads)
                                    DeviceView<float> of_deltas, PlacesView<float> of_gaussians) {
   const std::size_t i = element_index(), width = delta_width(motion);
   if (i >= count) return;
-  float delta[kMostDeltas], of_delta[kMostDeltas];
+  float delta[kMaxDeltas], of_delta[kMaxDeltas];
   for (std::size_t c = 0; c < width; ++c) delta[c] = deltas[width * i + c];
   const Place here = read_place(at, i), g = read_place(given, i);
   Place sums = read_place(of_gaussians, i);

@@ -42,10 +42,10 @@ OctreeConfig octree_config_from_json(const nlohmann::json& json) {
   require(config.base_layer >= -1 && config.base_layer <= 30, what + "base_layer must be -1 to 30");
   require(config.visible_threshold < 1, what + "visible_threshold must be below 1");
   require(config.dist_ratio > 0.5 && config.dist_ratio <= 1, what + "dist_ratio must lie in (0.5, 1]");
-  require(config.levels == -1 || (config.levels >= 1 && config.levels <= kMostLevels),
-          what + "levels must be -1 or 1 to " + std::to_string(kMostLevels));
-  require(config.init_level >= -1 && config.init_level <= kMostLevels,
-          what + "init_level must be -1 to " + std::to_string(kMostLevels));
+  require(config.levels == -1 || (config.levels >= 1 && config.levels <= kMaxLevels),
+          what + "levels must be -1 or 1 to " + std::to_string(kMaxLevels));
+  require(config.init_level >= -1 && config.init_level <= kMaxLevels,
+          what + "init_level must be -1 to " + std::to_string(kMaxLevels));
   require(config.dist2level == "round" || config.dist2level == "floor" || config.dist2level == "ceil",
           what + "dist2level must be round, floor or ceil");
   require(config.coarse_iter >= 0, what + "coarse_iter must not be negative");

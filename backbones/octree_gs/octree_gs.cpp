@@ -99,8 +99,8 @@ void Octree::initialise() {
   const LevelRange range = measure_levels(points, context().scene.train, config_.dist_ratio, config_.fork);
   standard_distance_ = range.standard_distance;
   levels_ = static_cast<float>(config_.levels > 0 ? config_.levels : range.levels);
-  require(level_count() <= kMostLevels, "the distances of the scene ask for more than " + std::to_string(kMostLevels) +
-                                            " levels; set levels of the backbone");
+  require(level_count() <= kMaxLevels, "the distances of the scene ask for more than " + std::to_string(kMaxLevels) +
+                                           " levels; set levels of the backbone");
   init_level_ = static_cast<float>(config_.init_level >= 0 ? config_.init_level : level_count() / 2);
   const auto [low, high] = std::minmax_element(points.begin(), points.end());
   const auto extend = static_cast<float>(config_.extend);
@@ -154,7 +154,7 @@ int Octree::highest_level() const {
 }
 
 void Octree::anchors_changed() {
-  const bool fits = levels_ >= 1 && levels_ <= static_cast<float>(kMostLevels) &&
+  const bool fits = levels_ >= 1 && levels_ <= static_cast<float>(kMaxLevels) &&
                     std::ranges::all_of(level_, [&](float level) { return level >= 0 && level < levels_; });
   require(fits, "the levels of the model's anchors do not fit together: its files are damaged, or not of one run");
   if (!context().device.is_cuda()) return;

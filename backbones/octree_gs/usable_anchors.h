@@ -11,7 +11,7 @@
 
 namespace splatboost {
 
-inline constexpr int kMostLevels = 24;
+inline constexpr int kMaxLevels = 24;
 
 /// What decides in one view.
 struct LevelsInUse {
@@ -19,8 +19,8 @@ struct LevelsInUse {
   float standard_distance = 1;
   float fork = 2;
   LevelRounding rounding = LevelRounding::round;
-  int highest = 0;                         ///< finest level that is open
-  std::array<float, kMostLevels> shift{};  ///< [level] from an anchor to the far corner of its cell, an axis
+  int highest = 0;                        ///< finest level that is open
+  std::array<float, kMaxLevels> shift{};  ///< [level] from an anchor to the far corner of its cell, an axis
 };
 
 /// Formula of one anchor. @param position [3]

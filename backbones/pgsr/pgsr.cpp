@@ -25,8 +25,8 @@ namespace splatboost {
 namespace {
 
 constexpr const char* kName = "pgsr";
-constexpr double kNearDepth = 0.1;        ///< nearer points are not compared; of kPublishedDepth
-constexpr double kLeastSimilarity = 0.5;  ///< SSIM from which on exposure is compensated
+constexpr double kNearDepth = 0.1;      ///< nearer points are not compared; of kPublishedDepth
+constexpr double kMinSimilarity = 0.5;  ///< SSIM from which on exposure is compensated
 
 class Pgsr final : public GaussianMethod {
  public:
@@ -221,7 +221,7 @@ double Pgsr::add_exposed_loss(const StepView& first) {
   // On a GPU this waits: whether the exposure is used must not follow from an earlier view.
   const PhotometricLoss measured = photometric_.evaluate(first.images.color, first.truth, 1.0f, first.gradients.color);
   scale(first.gradients.color, lambda, device_);
-  const bool resembles = measured.ssim > kLeastSimilarity;
+  const bool resembles = measured.ssim > kMinSimilarity;
   const std::span<float> own = exposure_of(*first.context.view, exposures_.values);
   const bool compensates = resembles && !own.empty();
   add_exposed_l1(first.images.color, first.truth, compensates ? own : no_exposure_.span(), 1 - lambda,

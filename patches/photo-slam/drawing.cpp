@@ -12,7 +12,7 @@
 namespace splatboost {
 namespace {
 
-constexpr std::size_t kMostOnHost = 4096;  // poses move, and each has a tensor of its own
+constexpr std::size_t kMaxOnHost = 4096;  // poses move, and each has a tensor of its own
 
 Tensor given(const Tensor& tensor) { return tensor.dim() > 1 ? tensor : Tensor(); }
 
@@ -83,7 +83,7 @@ sb_camera Drawing::camera(const GaussianRasterizationSettings& settings) {
 }
 
 const std::vector<float>& Drawing::on_host(const Tensor& tensor) {
-  if (on_host_.size() > kMostOnHost) on_host_.clear();
+  if (on_host_.size() > kMaxOnHost) on_host_.clear();
   Fetched& fetched = on_host_[tensor.unsafeGetTensorImpl()];
   if (!fetched.tensor.defined() || fetched.version != tensor._version()) {
     const Tensor dense = tensor.detach().to(torch::kCPU).contiguous();

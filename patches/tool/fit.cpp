@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "tool/source_code.h"
+#include "tool/edits/source_code.h"
 
 namespace splatboost::patch {
 namespace {

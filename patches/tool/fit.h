@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "tool/edits/text_edit.h"
 #include "tool/recipe.h"
-#include "tool/text_edit.h"
 
 namespace splatboost::patch {
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "tool/edits/text_edit.h"
 #include "tool/source_tree.h"
-#include "tool/text_edit.h"
 
 namespace splatboost::patch {
 

@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
+#include "tool/edits/unified_diff.h"
 #include "tool/manifest.h"
 #include "tool/recipe.h"
 #include "tool/source_tree.h"
-#include "tool/unified_diff.h"
 
 namespace splatboost::patch {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The error of everything here that a user can mend.
+/// @file The error caused by user input.
 #pragma once
 
 #include <stdexcept>

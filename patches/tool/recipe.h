@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "tool/text_edit.h"
+#include "tool/edits/text_edit.h"
 
 namespace splatboost::patch {
 

@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kIterations = 30;
 // What a thread needs for itself it gets when it first happens to have work, which may be late on a busy machine.
-constexpr int kMostRounds = 16;
+constexpr int kMaxRounds = 16;
 const BenchSize kSize{"small", 3000, 150, 117};
 
 /// Runs rounds of iterations (from 1) until one allocates nothing. @return allocations of the last
@@ -25,7 +25,7 @@ template <class Iteration>
 std::size_t allocations_when_warm(const Iteration& iteration) {
   std::size_t allocations = 0;
   int number = 0;
-  for (int round = 0; round < kMostRounds; ++round) {
+  for (int round = 0; round < kMaxRounds; ++round) {
     AllocationCount count;
     for (int i = 0; i < kIterations; ++i) iteration(++number);
     allocations = count.allocations();
@@ -74,7 +74,7 @@ TEST_P(SteadyLoop, VanillaWithoutDensificationAllocatesNothing) {
   config.scaling_rate = config.rotation_rate = 0;
   const auto vanilla = make_vanilla({.scene = bench.scene, .threads = threads}, config);
   // Statistics are gathered from the first iteration on, the first growth comes after config.densify_from.
-  ASSERT_LE(kMostRounds * kIterations, config.densify_from);
+  ASSERT_LE(kMaxRounds * kIterations, config.densify_from);
   EXPECT_EQ(allocations_when_warm([&](int i) { vanilla->train_step(i, bench.scene.train[0]); }), 0u);
 }
 

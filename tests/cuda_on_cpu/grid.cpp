@@ -14,7 +14,7 @@
 namespace cuda_on_cpu {
 namespace {
 
-constexpr unsigned kMostThreads = 1024;
+constexpr unsigned kMaxThreads = 1024;
 
 struct Thread {
   enum class State { fresh, ready, in_warp_function, at_barrier, gone };
@@ -47,7 +47,7 @@ struct Grid {
   std::uint64_t first_epoch = 0;        ///< of the grid
   std::uint64_t first_block_epoch = 0;  ///< of the block
   std::uint64_t block_epoch = 0;        ///< counts barriers, over all blocks and grids
-  std::vector<std::uint64_t> warp_epochs = std::vector<std::uint64_t>(kMostThreads / 32);
+  std::vector<std::uint64_t> warp_epochs = std::vector<std::uint64_t>(kMaxThreads / 32);
 
   void choose(Thread& thread) {
     current = &thread;
@@ -400,7 +400,7 @@ void SharedAccesses::change(int i, bool atomic) {
 
 bool is_valid_shape(dim3 blocks, dim3 threads) {
   const unsigned size = threads.x * threads.y * threads.z;
-  return size > 0 && size <= kMostThreads && blocks.x * blocks.y * blocks.z > 0 && blocks.y <= 65535 &&
+  return size > 0 && size <= kMaxThreads && blocks.x * blocks.y * blocks.z > 0 && blocks.y <= 65535 &&
          blocks.z <= 65535;
 }
 

@@ -14,7 +14,7 @@
 namespace splatboost::patch::test {
 namespace {
 
-constexpr int kMost = 200;  // more operations than any command here makes
+constexpr int kMaxOperations = 200;  // more operations than any command here makes
 constexpr int kCut = 9;
 
 enum class Fault {
@@ -125,7 +125,7 @@ void expect_whole_and_told(const Miniature& mini) {
 TEST_F(Faults, OfApplyLeaveFilesWholeAreToldAndMended) {
   for (const Fault fault : kFaults) {
     int n = 0;
-    for (; n < kMost; ++n) {
+    for (; n < kMaxOperations; ++n) {
       SCOPED_TRACE(std::string(kNames[static_cast<int>(fault)]) + " at " + std::to_string(n));
       const Brings mini;
       std::string said;
@@ -155,14 +155,14 @@ TEST_F(Faults, OfApplyLeaveFilesWholeAreToldAndMended) {
       EXPECT_TRUE(is_patched(mini));
     }
     EXPECT_GT(n, 10);
-    EXPECT_LT(n, kMost);
+    EXPECT_LT(n, kMaxOperations);
   }
 }
 
 TEST_F(Faults, OfRevertLeaveFilesWholeAreToldAndMended) {
   for (const Fault fault : kFaults) {
     int n = 0;
-    for (; n < kMost; ++n) {
+    for (; n < kMaxOperations; ++n) {
       SCOPED_TRACE(std::string(kNames[static_cast<int>(fault)]) + " at " + std::to_string(n));
       const Brings mini;
       apply_to(mini);
@@ -179,13 +179,13 @@ TEST_F(Faults, OfRevertLeaveFilesWholeAreToldAndMended) {
       EXPECT_TRUE(is_pristine(mini));
     }
     EXPECT_GT(n, 10);
-    EXPECT_LT(n, kMost);
+    EXPECT_LT(n, kMaxOperations);
   }
 }
 
 TEST_F(Faults, ARevertOfAnInterruptedApplyMayBeInterruptedToo) {
-  for (int first = 0; first < kMost; ++first) {
-    for (int second = 0; second < kMost; ++second) {
+  for (int first = 0; first < kMaxOperations; ++first) {
+    for (int second = 0; second < kMaxOperations; ++second) {
       SCOPED_TRACE(std::to_string(first) + ", " + std::to_string(second));
       const Brings mini;
       std::string said;

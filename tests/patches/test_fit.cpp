@@ -5,8 +5,8 @@
 
 #include "miniature.h"
 #include "tool/doctor.h"
+#include "tool/edits/source_code.h"
 #include "tool/patch.h"
-#include "tool/source_code.h"
 
 namespace splatboost::patch::test {
 namespace {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tool/text_edit.h"
+#include "tool/edits/text_edit.h"
 
 #include <gtest/gtest.h>
 
 #include "miniature.h"
+#include "tool/edits/unified_diff.h"
 #include "tool/sha256.h"
-#include "tool/unified_diff.h"
 
 namespace splatboost::patch::test {
 namespace {

@@ -319,14 +319,15 @@ def call(entry: str, *arguments: Any) -> None:
 
 
 _threads = 0
+_MAX_THREADS = 4096  # kMaxThreads of splatboost/threads.h, which the library checks too
 
 
 def set_threads(threads: int) -> None:
     """CPU threads of the operations from now on. 0: as many as OMP_NUM_THREADS says, or one for each CPU
     that the process may use, by its affinity mask and the quotas of its control groups."""
     global _threads
-    if isinstance(threads, bool) or not isinstance(threads, int) or not 0 <= threads <= 4096:
-        raise ValueError("threads: a whole number from 0 to 4096 wanted, %r given" % (threads,))
+    if isinstance(threads, bool) or not isinstance(threads, int) or not 0 <= threads <= _MAX_THREADS:
+        raise ValueError("threads: a whole number from 0 to %d wanted, %r given" % (_MAX_THREADS, threads))
     _threads = threads
 
 

@@ -109,7 +109,7 @@ class AnchorBackbone : public Backbone {
   const BackboneContext& context() const { return context_; }
 
  private:
-  /// What the pack may ask of the renderer. Its primitives are slots.
+  /// Operations of the renderer that adapters may call. Its primitives are slots.
   class SlotsHook final : public RasterizerHook {
    public:
     explicit SlotsHook(AnchorBackbone& owner) : owner_(owner) {}

@@ -270,7 +270,7 @@ class RowsOfViews {
   std::size_t next(const std::uint32_t* in_view, std::size_t anchors, bool ahead) {
     if (numbers_.is_full()) note(numbers_.wait());
     numbers_.send(in_view);
-    anchors_of_[sent_++ % kMostUnderWay] = anchors;
+    anchors_of_[sent_++ % kMaxUnderWay] = anchors;
     while (const std::optional<std::uint32_t> number = numbers_.take()) note(*number);
     while (!ahead && !numbers_.is_empty()) note(numbers_.wait());
     if (ahead && known_ < forgotten_ + kViewsWithAll) return anchors;
@@ -289,21 +289,21 @@ class RowsOfViews {
   static constexpr double kRoomFactor = 1.5;
   static constexpr std::size_t kGrain = 32;
   static constexpr std::size_t kViewsWithAll = 64;
-  static constexpr std::size_t kMostUnderWay = 64;
+  static constexpr std::size_t kMaxUnderWay = 64;
 
   void note(std::uint32_t in_view) {
-    const std::size_t anchors = anchors_of_[known_++ % kMostUnderWay];
+    const std::size_t anchors = anchors_of_[known_++ % kMaxUnderWay];
     if (known_ <= forgotten_) return;
     largest_ = std::max(largest_, in_view);
     if (anchors == 0) return;
     largest_share_ = std::max(largest_share_, static_cast<double>(in_view) / static_cast<double>(anchors));
   }
 
-  Readbacks<std::uint32_t, kMostUnderWay> numbers_;
-  std::array<std::size_t, kMostUnderWay> anchors_of_{};  ///< of the views whose numbers are under way
-  std::size_t sent_ = 0, known_ = 0;                     ///< numbers so far
-  std::size_t forgotten_ = 0;                            ///< the first of them say nothing of the views to come
-  double largest_share_ = 0;                             ///< of all anchors, in one view
+  Readbacks<std::uint32_t, kMaxUnderWay> numbers_;
+  std::array<std::size_t, kMaxUnderWay> anchors_of_{};  ///< of the views whose numbers are under way
+  std::size_t sent_ = 0, known_ = 0;                    ///< numbers so far
+  std::size_t forgotten_ = 0;                           ///< the first of them say nothing of the views to come
+  double largest_share_ = 0;                            ///< of all anchors, in one view
   std::uint32_t largest_ = 0;
 };
 

@@ -27,7 +27,7 @@
 namespace splatboost {
 
 inline constexpr int kRestRows = 15;  ///< spherical harmonics above degree 0
-inline constexpr int kLeastGrowthsAReset = 5;
+inline constexpr int kMinGrowthsAReset = 5;
 
 inline float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
 
@@ -112,7 +112,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   int total() const { return method_->planned_iterations(iteration_, context_.iterations); }
   /// Scaled as all phases are, but in a short run opacities need time to come back.
   int opacity_reset_interval() const {
-    return std::max(at(config_.opacity_reset_interval), kLeastGrowthsAReset * config_.densify_interval);
+    return std::max(at(config_.opacity_reset_interval), kMinGrowthsAReset * config_.densify_interval);
   }
   int sh_degree(int iteration) const { return std::min(config_.sh_degree, iteration / at(config_.sh_interval)); }
   double position_rate(int iteration) const {

@@ -21,7 +21,7 @@ constexpr std::size_t kPieceRows = 256;
 /// where they lie in memory.
 constexpr std::size_t kRowMultiple = 8;
 /// Gradients are summed up by so many at a time, each over neighbouring pieces, and then in their order.
-constexpr std::size_t kMostShares = 16;
+constexpr std::size_t kMaxShares = 16;
 
 template <class Real>
 DeepNetKernels<Real> kernels() {
@@ -102,7 +102,7 @@ void DeepNet<Real>::forward(std::span<const Real> parameters, std::span<const Re
       biases_[l * shape_.hidden + i] = sum;
     }
   }
-  const std::size_t pieces = (rows + kPieceRows - 1) / kPieceRows, shares = std::min(pieces, kMostShares);
+  const std::size_t pieces = (rows + kPieceRows - 1) / kPieceRows, shares = std::min(pieces, kMaxShares);
   const std::size_t parts = keep ? pieces : shares;
   if (kept_.size() < parts * part_size()) {
     kept_ = {};  // nothing of it is needed: old and new need not be there at once
@@ -132,7 +132,7 @@ void DeepNet<Real>::backward(std::span<const Real> parameters, std::span<const R
   SPLATBOOST_CHECK(parameter_gradients.size() == shape_.parameters() && shared_gradient.size() == shape_.shared &&
                        y_gradient.size() == rows_ * shape_.outputs,
                    "gradients of a net do not fit to its shape");
-  const std::size_t pieces = (rows_ + kPieceRows - 1) / kPieceRows, shares = std::min(pieces, kMostShares);
+  const std::size_t pieces = (rows_ + kPieceRows - 1) / kPieceRows, shares = std::min(pieces, kMaxShares);
   const std::size_t all = shape_.parameters();
   const std::size_t scratch_size = kPieceRows * (shape_.outputs + 2 * shape_.hidden);
   if (scratch_.size() < shares * scratch_size) scratch_.resize(shares * scratch_size);

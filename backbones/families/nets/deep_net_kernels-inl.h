@@ -98,11 +98,12 @@ void deep_backward(const DeepNetSizes& sizes, const Real* parameters, const Real
 template <class Real>
 void encode_rows(std::size_t rows, std::size_t frequencies, const Real* x, Real* encoded) {
   // In blocks of a fixed size: a loop whose end is treated apart would round differently there.
-  constexpr std::size_t kBlock = 16, kMost = 32;
+  constexpr std::size_t kBlock = 16, kMaxFrequencies = 32;
   const std::size_t count = 3 * frequencies, width = 3 + 2 * count;
   for (std::size_t r = 0; r < rows; ++r, x += 3, encoded += width) {
     for (std::size_t c = 0; c < 3; ++c) encoded[c] = x[c];
-    alignas(64) Real angles[3 * kMost + kBlock] = {}, sines[3 * kMost + kBlock], cosines[3 * kMost + kBlock];
+    alignas(64) Real angles[3 * kMaxFrequencies + kBlock] = {}, sines[3 * kMaxFrequencies + kBlock],
+                                                  cosines[3 * kMaxFrequencies + kBlock];
     Real power = 1;
     for (std::size_t k = 0; k < frequencies; ++k, power *= 2) {
       for (std::size_t c = 0; c < 3; ++c) angles[3 * k + c] = x[c] * power;

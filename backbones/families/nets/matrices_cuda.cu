@@ -62,7 +62,7 @@ const Cublas& cublas() {
 }
 
 constexpr unsigned kColumns = 32, kRowLanes = 8;  // of a block
-constexpr std::size_t kMostRowBlocks = 512;
+constexpr std::size_t kMaxRowBlocks = 512;
 
 /// A block adds up kColumns of the columns, over every gridDim.x-th group of rows; blocks of one x write one row of
 /// sums.
@@ -150,7 +150,7 @@ void CudaMatrices::add_column_sums(std::span<const float> a, std::size_t m, std:
                                    std::span<float> sums) {
   State& s = *state_;
   SPLATBOOST_CHECK(a.size() >= m * width && first + sums.size() <= width, "a matrix is too small");
-  const std::size_t columns = sums.size(), blocks = std::min((m + 63) / 64, kMostRowBlocks);
+  const std::size_t columns = sums.size(), blocks = std::min((m + 63) / 64, kMaxRowBlocks);
   s.partial_sums.ensure(blocks * columns);
   const auto run = [&](std::span<const float> from, std::size_t rows, std::size_t of_width, std::size_t from_column,
                        std::size_t row_blocks, bool add, std::span<float> to) {

@@ -17,7 +17,7 @@ namespace {
 constexpr int kSurplus = 3;         ///< times as many are detected as are kept
 constexpr int kCellSide = 32;       ///< px: the strongest of each cell come first
 constexpr int kFastThreshold = 10;  ///< grey levels
-constexpr int kMostBits = 60;       ///< of 256 by which descriptors of one point differ
+constexpr int kMaxBits = 60;        ///< of 256 by which descriptors of one point differ
 constexpr int kFarBits = 80;        ///< the same where there is no second one to confuse it with
 constexpr double kClearly = 0.8;    ///< best over second best distance, at most
 constexpr int kLevelsApart = 2;
@@ -193,7 +193,7 @@ std::vector<int> match_descriptors(const cv::Mat& a, const cv::Mat& b) {
   matcher.knnMatch(a, b, forward, 2);
   matcher.match(b, a, backward);
   for (const std::vector<cv::DMatch>& two : forward) {
-    if (two.size() < 2 || two[0].distance > kMostBits) continue;
+    if (two.size() < 2 || two[0].distance > kMaxBits) continue;
     if (two[0].distance >= static_cast<float>(kClearly) * two[1].distance) continue;
     if (backward[static_cast<std::size_t>(two[0].trainIdx)].trainIdx != two[0].queryIdx) continue;
     matches[static_cast<std::size_t>(two[0].queryIdx)] = two[0].trainIdx;

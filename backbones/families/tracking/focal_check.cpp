@@ -15,7 +15,7 @@ namespace {
 constexpr std::array kFactors = {0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.12, 1.25, 1.4, 1.6, 1.8, 2.0, 2.25, 2.5};
 constexpr double kFarOff = 1.2;         ///< a factor nearer to 1 is none to speak of
 constexpr double kClearlyBetter = 0.7;  ///< of the error as given
-constexpr std::size_t kFewestShared = 30;
+constexpr std::size_t kMinShared = 30;
 constexpr std::size_t kKeptPercent = 60;  ///< of the points of a pair, those that fit best
 
 struct Seen {
@@ -75,7 +75,7 @@ std::optional<double> better_focal_factor(const SparseMap& map) {
   for (std::size_t b = 1; b < map.keyframes().size(); ++b) {
     for (std::size_t a = b - std::min<std::size_t>(b, 3); a < b; ++a) {
       const std::vector<Seen> seen = shared_points(map, a, b);
-      if (seen.size() < kFewestShared) continue;
+      if (seen.size() < kMinShared) continue;
       for (std::size_t i = 0; i < kFactors.size(); ++i) {
         sums[i] += error_of(seen, map.optics().fx, map.optics().fy, kFactors[i]);
       }

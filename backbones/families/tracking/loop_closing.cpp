@@ -9,7 +9,7 @@
 namespace splatboost::tracking {
 namespace {
 
-constexpr std::size_t kLeastApart = 10;  ///< keyframes between a place and the return to it
+constexpr std::size_t kMinApart = 10;  ///< keyframes between a place and the return to it
 constexpr std::size_t kCandidates = 2;
 constexpr std::size_t kNeighbours = 8;
 constexpr std::size_t kMatchedNeighbours = 3;  ///< whose descriptors are compared
@@ -21,9 +21,9 @@ constexpr double kFoundShare = 0.3;
 constexpr double kSearchRadius = 8;  ///< px
 /// What is taken for possible drift, so that places that look alike are told apart: metres a metre of the way, metres
 /// at least, and radians.
-constexpr double kDrift = 0.1, kLeastDrift = 0.1, kMostTurn = 0.35;
-constexpr double kMostAway = 1.0;  ///< radians between directions in which the same place is seen
-constexpr int kEdgeShared = 30;    ///< points that make an edge of the graph
+constexpr double kDrift = 0.1, kMinDrift = 0.1, kMaxTurn = 0.35;
+constexpr double kMaxAway = 1.0;  ///< radians between directions in which the same place is seen
+constexpr int kEdgeShared = 30;   ///< points that make an edge of the graph
 constexpr int kFinalIterations = 8;
 
 /// `keyframe` and those that see most of what it sees.
@@ -46,7 +46,7 @@ double possible_drift(const SparseMap& map, std::size_t earlier, std::size_t key
   for (std::size_t i = earlier; i < keyframe; ++i) {
     way += (map.keyframes()[i + 1].pose.centre() - map.keyframes()[i].pose.centre()).norm();
   }
-  return kLeastDrift + kDrift * way;
+  return kMinDrift + kDrift * way;
 }
 
 std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size_t earlier) {
@@ -83,7 +83,7 @@ std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size
   if (fits < kFits || static_cast<double>(fits) < kFoundShare * static_cast<double>(looked_for)) return std::nullopt;
   const Pose& seems = map.keyframes()[keyframe].pose;
   if ((loop.pose.centre() - seems.centre()).norm() > possible_drift(map, earlier, keyframe)) return std::nullopt;
-  if (angle_between(loop.pose, seems) > kMostTurn) return std::nullopt;
+  if (angle_between(loop.pose, seems) > kMaxTurn) return std::nullopt;
   return loop;
 }
 
@@ -111,12 +111,12 @@ std::optional<Loop> find_loop(const SparseMap& map, std::size_t keyframe) {
     }
   }
   std::vector<std::size_t> among;
-  for (std::size_t i = 0; i + kLeastApart < keyframe; ++i) {
+  for (std::size_t i = 0; i + kMinApart < keyframe; ++i) {
     if (connected.contains(i)) continue;
     const MapKeyframe &now = map.keyframes()[keyframe], &then = map.keyframes()[i];
     const double away = (now.pose.centre() - then.pose.centre()).norm();
     if (away > possible_drift(map, i, keyframe) + 0.5 * now.median_depth) continue;
-    if (angle_between(now.pose, then.pose) < kMostAway + kMostTurn) among.push_back(i);
+    if (angle_between(now.pose, then.pose) < kMaxAway + kMaxTurn) among.push_back(i);
   }
   for (const std::size_t earlier : similar_keyframes(map, map.keyframes()[keyframe].features, among, kCandidates)) {
     if (std::optional<Loop> loop = verify(map, keyframe, earlier)) return loop;

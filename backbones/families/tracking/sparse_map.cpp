@@ -10,14 +10,14 @@
 namespace splatboost::tracking {
 namespace {
 
-constexpr std::size_t kMostMoving = 8;     ///< keyframes of a local bundle
-constexpr std::size_t kMostStanding = 10;  ///< others that hold it
+constexpr std::size_t kMaxMoving = 8;     ///< keyframes of a local bundle
+constexpr std::size_t kMaxStanding = 10;  ///< others that hold it
 constexpr int kLocalIterations = 5;
 constexpr int kRansacIterations = 300;
 constexpr float kRansacPixels = 4;
 constexpr std::size_t kComparedAtOnce = 30000;  ///< descriptors, of all keyframes that are compared
-constexpr std::size_t kFewestCompared = 100, kMostCompared = 300;
-constexpr int kFewestAlike = 10;
+constexpr std::size_t kMinCompared = 100, kMaxCompared = 300;
+constexpr int kMinAlike = 10;
 
 }  // namespace
 
@@ -80,9 +80,9 @@ Sighting SparseMap::sighting(std::size_t keyframe, std::size_t feature) const {
 void SparseMap::adjust_around(std::size_t keyframe) {
   std::vector<std::size_t> moving{keyframe}, standing;
   for (const auto& [other, shared] : covisible(keyframe)) {
-    if (moving.size() < kMostMoving) {
+    if (moving.size() < kMaxMoving) {
       moving.push_back(other);
-    } else if (standing.size() < kMostStanding) {
+    } else if (standing.size() < kMaxStanding) {
       standing.push_back(other);
     }
   }
@@ -93,7 +93,7 @@ void SparseMap::adjust_around(std::size_t keyframe) {
   std::vector<std::pair<std::size_t, int>> sorted(others.begin(), others.end());
   std::ranges::stable_sort(sorted, [](const auto& a, const auto& b) { return a.second > b.second; });
   for (const auto& [other, shared] : sorted) {
-    if (standing.size() >= kMostStanding) break;
+    if (standing.size() >= kMaxStanding) break;
     if (std::ranges::find(moving, other) == moving.end() && std::ranges::find(standing, other) == standing.end()) {
       standing.push_back(other);
     }
@@ -253,7 +253,7 @@ std::vector<std::size_t> similar_keyframes(const SparseMap& map, const Features&
                                            std::span<const std::size_t> among, std::size_t count) {
   if (among.empty()) return {};
   // Features come spread over the picture, the strongest first: the first of them stand for all.
-  const auto rows = static_cast<int>(std::clamp(kComparedAtOnce / among.size(), kFewestCompared, kMostCompared));
+  const auto rows = static_cast<int>(std::clamp(kComparedAtOnce / among.size(), kMinCompared, kMaxCompared));
   const auto first_rows = [&](const cv::Mat& descriptors) {
     return descriptors.rowRange(0, std::min(rows, descriptors.rows));
   };
@@ -262,7 +262,7 @@ std::vector<std::size_t> similar_keyframes(const SparseMap& map, const Features&
     const std::vector<int> matches =
         match_descriptors(first_rows(features.descriptors), first_rows(map.keyframes()[keyframe].features.descriptors));
     const auto number = static_cast<int>(std::ranges::count_if(matches, [](int m) { return m >= 0; }));
-    if (number >= kFewestAlike) alike.emplace_back(-number, keyframe);
+    if (number >= kMinAlike) alike.emplace_back(-number, keyframe);
   }
   std::ranges::sort(alike);
   std::vector<std::size_t> best;

@@ -16,8 +16,8 @@ namespace {
 using namespace tracking;
 
 constexpr std::size_t kFirstFeatures = 50;              ///< with depth, of which a map begins
-constexpr std::size_t kFewestMatches = 20;              ///< of a tracked frame
-constexpr std::size_t kFewestFound = 30;                ///< of one that was lost
+constexpr std::size_t kMinMatches = 20;                 ///< of a tracked frame
+constexpr std::size_t kMinFound = 30;                   ///< of one that was lost
 constexpr double kNarrow = 4, kUsual = 15, kWide = 40;  ///< px in which points are looked for
 constexpr std::size_t kLocalKeyframes = 10;
 constexpr std::size_t kRelocalizations = 5;  ///< keyframes that a lost frame is compared with
@@ -122,10 +122,10 @@ struct Tracker::State {
       pose = predicted;
       points.assign(features.size(), -1);
       search(features, grid, pose, candidates, radius, points, false);
-      if (const std::size_t count = refine(map, features, points, pose); count >= kFewestMatches) return count;
+      if (const std::size_t count = refine(map, features, points, pose); count >= kMinMatches) return count;
     }
     points.assign(features.size(), -1);
-    return match_keyframe(reference, features, points, pose, kFewestMatches);
+    return match_keyframe(reference, features, points, pose, kMinMatches);
   }
 
   /// By descriptors alone.
@@ -145,9 +145,9 @@ struct Tracker::State {
     std::vector<std::size_t> all(map.keyframes().size());
     for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
     for (const std::size_t keyframe : similar_keyframes(map, features, all, kRelocalizations)) {
-      if (match_keyframe(keyframe, features, points, pose, kFewestMatches) == 0) continue;
+      if (match_keyframe(keyframe, features, points, pose, kMinMatches) == 0) continue;
       search(features, grid, pose, local_points(points), kUsual, points, false);
-      if (const std::size_t count = refine(map, features, points, pose); count >= kFewestFound) {
+      if (const std::size_t count = refine(map, features, points, pose); count >= kMinFound) {
         reference = keyframe;
         return count;
       }
@@ -275,12 +275,12 @@ struct Tracker::State {
     std::vector<int> points;
     const bool was_lost = lost;
     std::size_t count = lost ? 0 : track_from(features, grid, pose, points);
-    if (count < kFewestMatches) count = relocalize(features, grid, pose, points);
-    if (count >= kFewestMatches) {
+    if (count < kMinMatches) count = relocalize(features, grid, pose, points);
+    if (count >= kMinMatches) {
       search(features, grid, pose, local_points(points), kNarrow, points, true);
       count = refine(map, features, points, pose);
     }
-    lost = count < kFewestMatches;
+    lost = count < kMinMatches;
     if (lost) {
       velocity.reset();
       result.state = TrackState::lost;

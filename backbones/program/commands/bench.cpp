@@ -31,7 +31,7 @@ using Json = nlohmann::json;
 
 // Far from every event of the published run (growth, reset), with all degrees of spherical harmonics active.
 constexpr int kFirstIteration = 10001;
-constexpr int kMostRepeats = 95;
+constexpr int kMaxRepeats = 95;
 
 double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -181,8 +181,8 @@ struct Bench {
   }
 
   int run(const std::string& command_line) const {
-    if (repeats < 1 || repeats > kMostRepeats) {
-      throw UsageError("--repeats must be 1 to " + std::to_string(kMostRepeats));
+    if (repeats < 1 || repeats > kMaxRepeats) {
+      throw UsageError("--repeats must be 1 to " + std::to_string(kMaxRepeats));
     }
     check_threads(threads);
     check_device_name(device);

@@ -29,7 +29,7 @@ namespace fs = std::filesystem;
 constexpr double kVoxelsAcross = 400;  // of the depth that meshes reach, unless told
 constexpr double kFarPoints = 0.95;    // share of the points that a mesh reaches, unless told, and ...
 constexpr double kReach = 1.2;         // ... by how much farther it does
-constexpr float kLeastAlpha = 0.5f;    // of a pixel that shows a surface
+constexpr float kMinAlpha = 0.5f;      // of a pixel that shows a surface
 constexpr double kTruncation = 4;      // voxels
 
 /// Depth that most points have in the training views that see them; 0 if there are none.
@@ -150,7 +150,7 @@ struct Mesh {
         const auto y = static_cast<float>(p / static_cast<std::size_t>(camera.width)) + 0.5f;
         const glm::vec3 ray = glm::normalize(glm::vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1));
         const glm::vec3 normal(normals[p], normals[pixels + p], normals[2 * pixels + p]);
-        const bool shows = alpha[p] >= kLeastAlpha && std::isfinite(depth[p]) &&
+        const bool shows = alpha[p] >= kMinAlpha && std::isfinite(depth[p]) &&
                            !(max_depth > 0 && static_cast<double>(depth[p]) > max_depth) &&
                            (view.valid.empty() || view.valid[p] != 0) && (mask.empty() || mask[p] >= 128);
         if (!shows || (max_angle < 90 && -glm::dot(ray, normal) < least_cosine)) depth[p] = 0;

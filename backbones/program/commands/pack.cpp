@@ -4,7 +4,7 @@
 
 #include "program/commands/commands.h"
 #include "program/session/options.h"
-#include "trainer/dataset/read_scene.h"
+#include "trainer/formats/read_scene.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"
 

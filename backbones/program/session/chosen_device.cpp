@@ -7,6 +7,7 @@
 
 #include "program/session/options.h"
 #include "splatboost/errors.h"
+#include "splatboost/threads.h"
 
 namespace splatboost::program {
 namespace {
@@ -30,8 +31,8 @@ std::optional<int> ordinal_of(const std::string& name) {
 void check_device_name(const std::string& name) { static_cast<void>(ordinal_of(name)); }
 
 void check_threads(int threads) {
-  if (threads < 0 || threads > kMostThreads) {
-    throw UsageError("--threads must be 0 to " + std::to_string(kMostThreads));
+  if (threads < 0 || threads > kMaxThreads) {
+    throw UsageError("--threads must be 0 to " + std::to_string(kMaxThreads));
   }
 }
 

@@ -21,7 +21,7 @@
 #include <nlohmann/json.hpp>
 
 #include "splatboost/schedule.h"
-#include "trainer/dataset/read_scene.h"
+#include "trainer/formats/read_scene.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
 
@@ -131,9 +131,6 @@ class OptionSet {
   std::string group_ = "Options";
   std::vector<Entry> entries_;
 };
-
-/// Of --threads, as in the C ABI: far above any machine, far below where starting them fails.
-inline constexpr int kMostThreads = 4096;
 
 inline constexpr char kResolutionHelp[] =
     "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide [-1]";

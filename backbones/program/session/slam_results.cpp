@@ -9,9 +9,9 @@
 
 #include <glm/gtc/quaternion.hpp>
 
-#include "trainer/dataset/colmap.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/evaluate.h"
+#include "trainer/formats/colmap.h"
 #include "trainer/sequence/trajectory.h"
 #include "trainer/support/atomic_file.h"
 
@@ -21,8 +21,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr std::size_t kPictures = 8;         ///< frames of which truth and render are kept
-constexpr std::size_t kFewestPositions = 3;  ///< that an alignment needs
+constexpr std::size_t kPictures = 8;      ///< frames of which truth and render are kept
+constexpr std::size_t kMinPositions = 3;  ///< that an alignment needs
 
 struct Means {
   double psnr = 0, ssim = 0, lpips = 0, psnr_beta1 = 0;
@@ -60,7 +60,7 @@ std::optional<TrajectoryError> trajectory_error(const SlamRun& run, const SlamOu
     found.emplace_back(glm::inverse(pose_of(run, frame))[3]);
     truth.emplace_back((*pose)[3]);
   }
-  if (found.size() < kFewestPositions) return std::nullopt;
+  if (found.size() < kMinPositions) return std::nullopt;
   const Alignment alignment = align(found, truth, false);
   return TrajectoryError{alignment.rmse, path_length(truth), found.size(), alignment.to_from};
 }

@@ -20,10 +20,10 @@
 namespace splatboost::program {
 namespace {
 
-constexpr double kLossWeight = 0.05;      ///< of the newest loss in the shown mean
-constexpr double kShownEvery = 2;         ///< s
-constexpr std::size_t kMostProblems = 5;  ///< lines about single frames
-constexpr float kLeastExtent = 0.1f;      ///< metres: of a camera that only turns
+constexpr double kLossWeight = 0.05;     ///< of the newest loss in the shown mean
+constexpr double kShownEvery = 2;        ///< s
+constexpr std::size_t kMaxProblems = 5;  ///< lines about single frames
+constexpr float kMinExtent = 0.1f;       ///< metres: of a camera that only turns
 constexpr int kCurvePoints = 40;
 constexpr std::size_t kCheckedKeyframes = 6;  ///< of which the calibration is checked
 constexpr int kTimedIterations = 20;          ///< that first say how many there will be in a time
@@ -88,9 +88,9 @@ void SlamRun::tell(const TrackedFrame& frame, const SequenceFrame& picture) {
   const auto say = [&](const std::string& what) {
     std::fprintf(stderr, "frame %zu (%s): %s\n", frame.frame, printable(picture.name).c_str(), printable(what).c_str());
   };
-  if (!picture.problem.empty() && ++problems_ <= kMostProblems) {
+  if (!picture.problem.empty() && ++problems_ <= kMaxProblems) {
     say(picture.problem + (picture.color.empty() ? "; left out" : "; tracked by colour alone") +
-        (problems_ == kMostProblems ? " (no more such lines follow)" : ""));
+        (problems_ == kMaxProblems ? " (no more such lines follow)" : ""));
   }
   if (frame.state == TrackState::lost && last_state_ != TrackState::lost) {
     say("tracking is lost: too little of the map is seen again; trying to find it at each of the next frames");
@@ -135,7 +135,7 @@ std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
 
 void SlamRun::begin_mapping() {
   scene_.points = first_points_.points;  // a copy: where memory does not do for the backbone, they are still there
-  scene_.extent = std::max(camera_extent(scene_.train), kLeastExtent);
+  scene_.extent = std::max(camera_extent(scene_.train), kMinExtent);
   plugged_ = make_backbone_(scene_);
   online_ = dynamic_cast<OnlineBackbone*>(plugged_.backbone.get());
   SPLATBOOST_CHECK(online_ != nullptr, "the backbone must be an online one");

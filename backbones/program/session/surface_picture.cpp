@@ -10,7 +10,7 @@
 namespace splatboost::program {
 namespace {
 
-constexpr float kLeastAlpha = 0.5f;                    // of a pixel that shows a surface
+constexpr float kMinAlpha = 0.5f;                      // of a pixel that shows a surface
 constexpr double kNearShare = 0.02, kFarShare = 0.98;  // of the depths, between which greys lie
 constexpr float kFarthestGrey = 40, kNearestGrey = 255;
 
@@ -27,7 +27,7 @@ SurfacePicture draw_surface(Backbone& backbone, const View& view, Threads& threa
   std::vector<float> color(3 * pixels), depth(pixels), alpha(pixels), normals(3 * pixels), inverse;
   backbone.render_surface(view.camera, view.time, std::nullopt, {color, depth, alpha});
   for (std::size_t p = 0; p < pixels; ++p) {
-    if (!(alpha[p] >= kLeastAlpha) || !std::isfinite(depth[p]) || !(depth[p] > 0)) depth[p] = 0;
+    if (!(alpha[p] >= kMinAlpha) || !std::isfinite(depth[p]) || !(depth[p] > 0)) depth[p] = 0;
     if (depth[p] > 0) inverse.push_back(1 / depth[p]);
   }
   depth_normals(view.camera, depth, normals, threads);

@@ -19,12 +19,12 @@ namespace {
 constexpr double kTimedSeconds = 1.0;
 constexpr std::size_t kTimedRenders = 20;
 // and never longer than this, for large scenes on slow machines
-constexpr double kLongestTiming = 10.0;
+constexpr double kMaxTiming = 10.0;
 
 constexpr int kSsimWindow = 11;  // pixels
 
 // File systems take 255 bytes; an extension and a number follow.
-constexpr std::size_t kLongestPictureName = 230;
+constexpr std::size_t kMaxPictureName = 230;
 
 /// At most `bytes` of the text, which is UTF-8, and no half character.
 std::string cut(const std::string& text, std::size_t bytes) {
@@ -53,8 +53,7 @@ double measure_fps(Backbone& backbone, const std::vector<View>& views) {
   backbone.render(views[0].camera, views[0].time, std::nullopt, color);
   std::vector<double> times;
   const auto begin = Clock::now();
-  while ((times.size() < kTimedRenders || seconds_since(begin) < kTimedSeconds) &&
-         seconds_since(begin) < kLongestTiming) {
+  while ((times.size() < kTimedRenders || seconds_since(begin) < kTimedSeconds) && seconds_since(begin) < kMaxTiming) {
     const View& view = views[times.size() % views.size()];
     color.resize(image_floats(view.camera));
     const auto start = Clock::now();
@@ -172,7 +171,7 @@ std::vector<std::string> picture_names(const std::vector<View>& views) {
       name = view.name;
       std::replace(name.begin(), name.end(), '/', '_');
     }
-    name = cut(name, kLongestPictureName);
+    name = cut(name, kMaxPictureName);
     std::string unused = name;
     for (int number = 2; !taken.insert(unused).second; ++number) unused = name + "_" + std::to_string(number);
     names.push_back(std::move(unused));

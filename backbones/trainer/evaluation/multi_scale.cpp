@@ -49,7 +49,7 @@ View smaller_view(const View& view, int divisor) {
 
 std::vector<View> half_views(const std::vector<View>& views, Threads& threads) {
   const bool all_large = std::all_of(views.begin(), views.end(), [](const View& view) {
-    return std::min(view.camera.width, view.camera.height) >= 2 * kLeastHalfSide;
+    return std::min(view.camera.width, view.camera.height) >= 2 * kMinHalfSide;
   });
   if (!all_large) return {};
   std::vector<View> halves(views.size());

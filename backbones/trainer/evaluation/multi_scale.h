@@ -18,7 +18,7 @@ inline constexpr std::array<int, 4> kScaleDivisors = {1, 2, 4, 8};
 View smaller_view(const View& view, int divisor);
 
 /// A side of a picture that is halved again has at least so many pixels left.
-inline constexpr int kLeastHalfSide = 64;
+inline constexpr int kMinHalfSide = 64;
 
 /// The views at half their size; none at all where one of them is too small for it.
 std::vector<View> half_views(const std::vector<View>& views, Threads& threads);

@@ -18,7 +18,7 @@ namespace {
 
 constexpr const char* kNothingCounts = "one of the surfaces holds no point that counts";
 constexpr std::size_t kGrain = 1024;
-constexpr int kMostSteps = 100000;  ///< along a side of a triangle
+constexpr int kMaxSteps = 100000;  ///< along a side of a triangle
 
 /// [N,3] as nanoflann reads it.
 struct Points {
@@ -61,9 +61,9 @@ std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing) {
     const glm::dvec3 a = vertex(mesh, mesh.triangles[3 * t]), b = vertex(mesh, mesh.triangles[3 * t + 1]),
                      c = vertex(mesh, mesh.triangles[3 * t + 2]);
     const double longest = std::max({glm::length(b - a), glm::length(c - a), glm::length(c - b)});
-    require(longest / spacing < kMostSteps, "the spacing is too small: a triangle would have more than " +
-                                                std::to_string(kMostSteps) +
-                                                " points along a side; give a larger --spacing or --threshold");
+    require(longest / spacing < kMaxSteps, "the spacing is too small: a triangle would have more than " +
+                                               std::to_string(kMaxSteps) +
+                                               " points along a side; give a larger --spacing or --threshold");
     const int steps = static_cast<int>(std::ceil(longest / spacing));
     // The corners are vertices: those of a triangle within the spacing are enough.
     for (int i = 0; i < steps && steps > 1; ++i) {

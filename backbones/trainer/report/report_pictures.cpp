@@ -12,7 +12,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLongestSide = 960;  // of an embedded picture: sharp when enlarged, and pages of a few MB
+constexpr int kMaxSide = 960;  // of an embedded picture: sharp when enlarged, and pages of a few MB
 constexpr int kErrorMap = cv::COLORMAP_INFERNO;
 
 cv::Mat read_picture(const fs::path& path) {
@@ -23,8 +23,8 @@ cv::Mat read_picture(const fs::path& path) {
 
 cv::Mat shrink(const cv::Mat& picture) {
   const int longest = std::max(picture.cols, picture.rows);
-  if (longest <= kLongestSide) return picture;
-  const double scale = static_cast<double>(kLongestSide) / longest;
+  if (longest <= kMaxSide) return picture;
+  const double scale = static_cast<double>(kMaxSide) / longest;
   cv::Mat out;
   cv::resize(picture, out, {}, scale, scale, cv::INTER_AREA);
   return out;

@@ -20,9 +20,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMostSecondsApart = 0.005;   ///< of a pair
-constexpr double kMostSecondsToTruth = 0.02;  ///< of a picture and its true pose
-constexpr double kMostRigidError = 1e-3;      ///< of R Rᵀ and the identity
+constexpr double kMaxSecondsApart = 0.005;   ///< of a pair
+constexpr double kMaxSecondsToTruth = 0.02;  ///< of a picture and its true pose
+constexpr double kMaxRigidError = 1e-3;      ///< of R Rᵀ and the identity
 
 /// Fields of a line of numbers and names between commas.
 std::vector<std::string> fields_of(const std::string& line) {
@@ -126,7 +126,7 @@ EurocCamera read_camera(const fs::path& file) {
     }
   }
   const glm::dmat3 r(camera.body_from_camera), off = r * glm::transpose(r) - glm::dmat3(1.0);
-  require(glm::length(off[0]) + glm::length(off[1]) + glm::length(off[2]) < kMostRigidError,
+  require(glm::length(off[0]) + glm::length(off[1]) + glm::length(off[2]) < kMaxRigidError,
           file.string() + ": T_BS is no rigid motion");
   return camera;
 }
@@ -180,11 +180,11 @@ SequenceFiles find_euroc(const fs::path& source) {
   const auto pictures = read_pictures(mav / "cam0"), others = read_pictures(mav / "cam1");
   const auto first = &std::pair<double, fs::path>::first;
   const std::vector<double> times = times_of(pictures, first);
-  const auto other_of = nearest_in_time(times, times_of(others, first), kMostSecondsApart);
+  const auto other_of = nearest_in_time(times, times_of(others, first), kMaxSecondsApart);
   std::vector<TimedPose> truth;
   const fs::path truth_file = mav / "state_groundtruth_estimate0" / "data.csv";
   if (is_file(truth_file)) truth = read_truth(truth_file);
-  const auto truth_of = nearest_in_time(times, times_of(truth, &TimedPose::time), kMostSecondsToTruth);
+  const auto truth_of = nearest_in_time(times, times_of(truth, &TimedPose::time), kMaxSecondsToTruth);
   for (std::size_t i = 0; i < pictures.size(); ++i) {
     FrameFiles frame;
     frame.time = pictures[i].first;

@@ -19,8 +19,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr double kMostSecondsApart = 0.02;  ///< of a picture and its depth, or its true pose
-constexpr double kFolderRate = 30;          ///< frames a second where a dataset has no times
+constexpr double kMaxSecondsApart = 0.02;  ///< of a picture and its depth, or its true pose
+constexpr double kFolderRate = 30;         ///< frames a second where a dataset has no times
 
 bool is_picture(const fs::path& file) {
   std::string ending = file.extension().string();
@@ -151,12 +151,12 @@ SequenceFiles find_tum(const SequenceOptions& options) {
     return times;
   };
   const std::vector<double> times = times_of(color);
-  const auto depth_of = nearest_in_time(times, times_of(depth), kMostSecondsApart);
+  const auto depth_of = nearest_in_time(times, times_of(depth), kMaxSecondsApart);
   std::vector<TimedPose> truth;
   if (is_file(options.source / "groundtruth.txt")) truth = read_tum_trajectory(options.source / "groundtruth.txt");
   std::vector<double> truth_times;
   for (const TimedPose& pose : truth) truth_times.push_back(pose.time);
-  const auto truth_of = nearest_in_time(times, truth_times, kMostSecondsApart);
+  const auto truth_of = nearest_in_time(times, truth_times, kMaxSecondsApart);
   for (std::size_t i = 0; i < color.size(); ++i) {
     FrameFiles frame;
     frame.time = color[i].first;

@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kBlock = 5;              ///< px
 constexpr int kWidthsOfDisparity = 6;  ///< the largest disparity is the width over this
-constexpr double kLeastDisparity = 1;  ///< px; depth beyond is mere noise
+constexpr double kMinDisparity = 1;    ///< px; depth beyond is mere noise
 constexpr int kSubpixels = 16;         ///< of StereoSGBM's disparities
 
 cv::Matx33d camera_matrix(const Calibration& c) { return {c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1}; }
@@ -103,7 +103,7 @@ std::vector<float> StereoDepth::depth(const std::vector<std::uint8_t>& left, std
   for (int y = 0; y < r.size.height; ++y) {
     for (int x = 0; x < r.size.width; ++x) {
       const double shift = static_cast<double>(disparity.at<std::int16_t>(y, x)) / kSubpixels;
-      if (shift < kLeastDisparity) continue;
+      if (shift < kMinDisparity) continue;
       depth[static_cast<std::size_t>(y) * static_cast<std::size_t>(r.size.width) + static_cast<std::size_t>(x)] =
           static_cast<float>(r.disparity_depth / shift);
     }

@@ -18,7 +18,7 @@ namespace {
 // chained to. The content's first byte tells the type, so that a wrong get is noticed. Little endian.
 constexpr char kMagic[8] = {'S', 'B', 'C', 'K', 'P', 'T', '0', '2'};
 constexpr std::size_t kVersionDigits = 2;
-constexpr std::uint32_t kLongestName = 4096;
+constexpr std::uint32_t kMaxName = 4096;
 constexpr char kTypeFloats = 'f';
 constexpr char kTypeIndices = 'u';
 constexpr char kTypeInteger = 'i';
@@ -171,7 +171,7 @@ ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)
   const auto count = input.number<std::uint32_t>();
   for (std::uint32_t i = 0; i < count; ++i) {
     const auto name_length = input.number<std::uint32_t>();
-    if (name_length == 0 || name_length > kLongestName) input.fail("is damaged: impossible length of a name");
+    if (name_length == 0 || name_length > kMaxName) input.fail("is damaged: impossible length of a name");
     input.require(name_length);
     std::string name(name_length, '\0');
     input.read(name.data(), name.size());

@@ -14,8 +14,8 @@
 
 #include "splatboost/random.h"
 #include "splatboost/threads.h"
-#include "trainer/dataset/colmap.h"
 #include "trainer/dataset/splat_ply.h"
+#include "trainer/formats/colmap.h"
 #include "trainer/support/input_error.h"
 #include "trainer/synth/synth_moving.h"
 #include "trainer/synth/synth_view.h"

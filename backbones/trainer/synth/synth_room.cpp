@@ -167,7 +167,7 @@ class Room final : public World {
     const Vec3 middle_way = to - from;
     const double length = glm::length(middle_way);
     const Vec3 middle = middle_way / length;
-    std::array<const Solid*, kMostSolids> near;
+    std::array<const Solid*, kMaxSolids> near;
     std::size_t count = 0;
     for (const Solid& solid : solids_) {
       const Vec3 to_centre = solid.bound_centre - from;
@@ -212,8 +212,8 @@ class Room final : public World {
     return open;
   }
 
-  static constexpr std::size_t kMostSolids = 32;
-  std::vector<Solid> solids_;  // at most kMostSolids
+  static constexpr std::size_t kMaxSolids = 32;
+  std::vector<Solid> solids_;  // at most kMaxSolids
   std::vector<Light> lights_;
 };
 

@@ -170,7 +170,7 @@ class Run {
   }
 
  private:
-  /// Where the device's memory does not do for the body, what there is of the model is saved before the error goes on.
+  /// Calls the body. If the device runs out of memory, saves the model as it is and throws the error again.
   template <class Body>
   std::invoke_result_t<const Body&> saving_the_model(int iteration, const Body& body) {
     try {

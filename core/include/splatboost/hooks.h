@@ -33,7 +33,7 @@ struct ScoredView {
   TruthImage truth;
 };
 
-/// What the pack may ask of a backbone's renderer.
+/// Operations of a backbone's renderer that adapters may call.
 class RasterizerHook {
  public:
   virtual ~RasterizerHook() = default;

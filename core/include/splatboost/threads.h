@@ -8,6 +8,9 @@
 
 namespace splatboost {
 
+/// The highest number of threads that a user may ask for: far above any machine, far below where starting them fails.
+inline constexpr int kMaxThreads = 4096;
+
 /// A number of threads that share loops. Every operation gives the same bytes for any number of threads: loops are cut
 /// by a grain that does not depend on it. Cheap to make and to copy: each calling thread has one set of helper threads,
 /// started by its first loops, kept until it ends, and used by all Threads that it calls. Helpers block when there is

@@ -37,7 +37,7 @@ void blend_convex_tile(ConvexFrame& frame, std::size_t tile, float* HWY_RESTRICT
 
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   std::uint32_t at = begin;
-  std::uint32_t open[kMostBlocks];
+  std::uint32_t open[kMaxBlocks];
   while (at < end) {
     std::uint32_t left = 0;
     for (int b = 0; b < blocks; ++b) left |= open[b] = pixels.open_rows(b * lanes);

@@ -86,7 +86,7 @@ struct HullBlock {
 
 /// The hull of one lane by convex_math.h.
 inline void find_hull_of_lane(const ConvexBlock& p, int points, std::size_t lane, HullBlock& hulls) {
-  alignas(64) float column[kMostLanes];
+  alignas(64) float column[kMaxLanes];
   ProjectedConvex one;
   for (int k = 0; k < points; ++k) {
     store(p.x[k], column);
@@ -150,7 +150,7 @@ HWY_INLINE void find_hulls(const ConvexBlock& p, int points, HullBlock& hulls) {
     index = select(open, next, first);
   }
   if (!any_of(open)) return;
-  alignas(64) float still_open[kMostLanes];
+  alignas(64) float still_open[kMaxLanes];
   store(select(open, one, zero), still_open);
   for (std::size_t lane = 0; lane < lanes(); ++lane) {
     if (still_open[lane] > 0.0f) find_hull_of_lane(p, points, lane, hulls);

@@ -165,8 +165,8 @@ SPLATBOOST_HOST_DEVICE float released_radius(const ProjectedConvex& p, float mar
 
 /// The part of the image that a convex may reach: a convex polygon, px.
 struct ConvexFootprint {
-  static constexpr int kMost = 4 + kMaxConvexPoints;  ///< a corner more for every edge that cuts
-  float x[kMost], y[kMost];
+  static constexpr int kCapacity = 4 + kMaxConvexPoints;  ///< a corner more for every edge that cuts
+  float x[kCapacity], y[kCapacity];
   int corners;
 };
 
@@ -199,12 +199,12 @@ SPLATBOOST_HOST_DEVICE ConvexFootprint footprint_of(const ProjectedConvex& p, fl
     for (int c = 0; c < f.corners; ++c) {
       const float x = f.x[c], y = f.y[c];
       const float now = edge.x * x + edge.y * y + edge.offset - bound;
-      if ((before > 0.0f) != (now > 0.0f) && cut.corners < ConvexFootprint::kMost) {
+      if ((before > 0.0f) != (now > 0.0f) && cut.corners < ConvexFootprint::kCapacity) {
         const float t = before / (before - now);
         cut.x[cut.corners] = before_x + t * (x - before_x);
         cut.y[cut.corners++] = before_y + t * (y - before_y);
       }
-      if (!(now > 0.0f) && cut.corners < ConvexFootprint::kMost) {
+      if (!(now > 0.0f) && cut.corners < ConvexFootprint::kCapacity) {
         cut.x[cut.corners] = x;
         cut.y[cut.corners++] = y;
       }

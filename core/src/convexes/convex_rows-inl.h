@@ -29,7 +29,7 @@ namespace HWY_NAMESPACE {
 /// last place, seven times. Its share of the gradient is taken for nothing too.
 inline constexpr float kNoPart = -28.0f;
 /// Powers of two are of exponents in this range.
-inline constexpr float kLeastExponent = -126.0f, kMostExponent = 100.0f;
+inline constexpr float kMinExponent = -126.0f, kMaxExponent = 100.0f;
 
 /// Calls body(number of edges, a constant): hulls of fewer edges are filled up with some that are never near.
 template <class Body>
@@ -166,7 +166,7 @@ HWY_INLINE bool step_convex(const ConvexRecord& convex, const EdgeColumns<kEdges
     for (int r = 0; r < kRowsAtATime; ++r) steps[r].sum = hn::Zero(d);
     for (int k = 0; k < kEdges; ++k) {
       for (int r = 0; r < kRowsAtATime; ++r) {
-        steps[r].part[k] = exp2_of(hn::Max(hn::Sub(term[r][k], greatest[r]), hn::Set(d, kLeastExponent)));
+        steps[r].part[k] = exp2_of(hn::Max(hn::Sub(term[r][k], greatest[r]), hn::Set(d, kMinExponent)));
         steps[r].sum = hn::Add(steps[r].sum, steps[r].part[k]);
       }
     }
@@ -175,7 +175,7 @@ HWY_INLINE bool step_convex(const ConvexRecord& convex, const EdgeColumns<kEdges
   for (int r = 0; r < kRowsAtATime; ++r) {
     ConvexStep<kEdges>& step = steps[r];
     const Vec exponent = hn::Mul(step.phi, hn::Set(d, convex.steepness));
-    const Vec power = exp2_of(hn::Min(hn::Max(exponent, hn::Set(d, kLeastExponent)), hn::Set(d, kMostExponent)));
+    const Vec power = exp2_of(hn::Min(hn::Max(exponent, hn::Set(d, kMinExponent)), hn::Set(d, kMaxExponent)));
     step.inside = hn::Div(hn::Set(d, 1.0f), hn::Add(hn::Set(d, 1.0f), power));
     const Vec alpha = hn::Min(hn::Mul(hn::Set(d, convex.opacity), step.inside), hn::Set(d, kMaxAlpha));
     step.alpha = hn::IfThenElseZero(hn::And(near[r], hn::Ge(alpha, hn::Set(d, kMinAlpha))), alpha);

@@ -59,8 +59,8 @@ HWY_INLINE void sum_convex_tile(const ConvexFrame& frame, std::size_t tile, Tile
 /// @param flagged [256] 1 or 0
 void count_convex_tile(const ConvexFrame& frame, std::size_t tile, const float* HWY_RESTRICT flagged,
                        std::int32_t* counts) {
-  TileRows<2> pixels(frame, tile);               // transmittance, flags
-  std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
+  TileRows<2> pixels(frame, tile);              // transmittance, flags
+  std::uint32_t flagged_rows[kMaxBlocks] = {};  // the others need no replay: pixels do not know of one another
   load_flags(flagged, pixels, flagged_rows);
   sum_convex_tile(frame, tile, pixels, flagged_rows, counts, [](const auto& step, const float* at_row) HWY_ATTR {
     const Lanes d;
@@ -71,8 +71,8 @@ void count_convex_tile(const ConvexFrame& frame, std::size_t tile, const float* 
 /// Sums one tile's blending weights a convex.
 void weigh_convex_tile(const ConvexFrame& frame, std::size_t tile, std::int32_t* weights) {
   TileRows<1> pixels(frame, tile);
-  std::uint32_t all_rows[kMostBlocks];
-  std::fill_n(all_rows, kMostBlocks, ~0U);
+  std::uint32_t all_rows[kMaxBlocks];
+  std::fill_n(all_rows, kMaxBlocks, ~0U);
   sum_convex_tile(frame, tile, pixels, all_rows, weights, [](const auto& step, const float*) HWY_ATTR {
     const Lanes d;
     return hn::Round(hn::Mul(hn::Mul(step.before, step.alpha), hn::Set(d, 1 / kWeightUnit)));

@@ -6,14 +6,5 @@
 namespace splatboost::cuda {
 
 std::unique_ptr<ConvexBackend> make_convex_rasterizer(CudaStream&) { absent(); }
-void mask_opacities(std::span<const float>, std::span<const float>, std::span<float>, CudaStream&) { absent(); }
-void mask_opacities_backward(std::span<const float>, std::span<const float>, std::span<const float>, float,
-                             std::span<float>, std::span<float>, CudaStream&) {
-  absent();
-}
-void add_sharpness_gradients(std::span<const std::uint8_t>, std::span<const float>, std::span<const float>,
-                             const SharpnessSums&, CudaStream&) {
-  absent();
-}
 
 }  // namespace splatboost::cuda

@@ -6,19 +6,10 @@
 #include <memory>
 
 #include "convexes/convex_backend.h"
-#include "splatboost/convex_training.h"
 #include "splatboost/cuda_stream.h"
 
 namespace splatboost::cuda {
 
 std::unique_ptr<ConvexBackend> make_convex_rasterizer(CudaStream& stream);
-
-void mask_opacities(std::span<const float> opacities, std::span<const float> masks, std::span<float> drawn,
-                    CudaStream& stream);
-void mask_opacities_backward(std::span<const float> opacities, std::span<const float> masks,
-                             std::span<const float> drawn, float mask_slope, std::span<float> opacity_gradients,
-                             std::span<float> mask_gradients, CudaStream& stream);
-void add_sharpness_gradients(std::span<const std::uint8_t> visible, std::span<const float> gradients,
-                             std::span<const float> gradients_abs, const SharpnessSums& sums, CudaStream& stream);
 
 }  // namespace splatboost::cuda

@@ -18,7 +18,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-constexpr std::size_t kMostPointColumns = 3 * static_cast<std::size_t>(kMaxConvexPoints);
+constexpr std::size_t kMaxPointColumns = 3 * static_cast<std::size_t>(kMaxConvexPoints);
 constexpr std::size_t kRecordFloats = sizeof(ConvexRecord) / sizeof(float);
 constexpr std::size_t kMomentFloats = sizeof(ConvexMoments) / sizeof(float);
 constexpr std::size_t kShapeFields = 2;  ///< of a record, in which the number of edges and the hull are bits
@@ -70,7 +70,7 @@ void project_block(ConvexFrame& frame, const Convexes& convexes, const ConvexVie
   const Float opacity = number_at(convexes.opacities, i, count);
   const Bool drawn = opacity > Float(kMinAlpha);
   if (!any_of(drawn)) return list_nothing(frame, i, count, listed);
-  alignas(64) float columns[kMostPointColumns * kMostLanes];
+  alignas(64) float columns[kMaxPointColumns * kMaxLanes];
   points_at(convexes, i, count, columns);
   ConvexBlock p;
   place_points(view.camera, columns, points, view.near_plane, p);
@@ -146,7 +146,7 @@ void project_block(ConvexFrame& frame, const Convexes& convexes, const ConvexVie
   }
   put(SPLATBOOST_COLUMN(ConvexRecord, hull), packed(vertices));
   put(SPLATBOOST_COLUMN(ConvexRecord, hull) + 1, packed(vertices + 4));
-  alignas(64) float record_columns[kRecordFloats * kMostLanes];
+  alignas(64) float record_columns[kRecordFloats * kMaxLanes];
   for (std::size_t f = 0; f < kRecordFloats; ++f) store(fields[f], record_columns + f * lanes());
   columns_to_rows(record_columns, kRecordFloats, count, false, &frame.records[i].centre_x, kRecordFloats);
   for (std::size_t lane = 0; lane < count; ++lane) frame.depths[i + lane] = frame.records[i + lane].depth;
@@ -167,7 +167,7 @@ void project_convex_range(ConvexFrame& frame, const Convexes& convexes, const Co
 bool gather(const ConvexFrame& frame, std::size_t i, std::size_t count, float* columns, float* moved) {
   constexpr std::size_t kVectors = kMomentFloats / lanes();
   const Lanes d;
-  alignas(64) float rows[kMostLanes * kMomentFloats];
+  alignas(64) float rows[kMaxLanes * kMomentFloats];
   bool any = false;
   for (std::size_t lane = 0; lane < count; ++lane) {
     Float sum[kVectors];
@@ -232,8 +232,8 @@ void drawn_hulls(const ConvexBlock& p, int points, const float* record_columns, 
 
 void backward_block(const ConvexFrame& frame, const Convexes& convexes, const ConvexViewpoint& view,
                     const ConvexGradients& out, std::size_t i, std::size_t count) {
-  alignas(64) float moments[kMomentFloats * kMostLanes];
-  alignas(64) float moved[kMostLanes] = {};
+  alignas(64) float moments[kMomentFloats * kMaxLanes];
+  alignas(64) float moved[kMaxLanes] = {};
   if (!gather(frame, i, count, moments, moved)) return clear_block(out, convexes, i, count);
   const Float zero(0.0f), one(1.0f);
   const BlockWriter writer{i, count, out.mode == GradientMode::accumulate, load(moved) > zero};
@@ -241,12 +241,12 @@ void backward_block(const ConvexFrame& frame, const Convexes& convexes, const Co
   const int points = convexes.points_per_convex;
   const auto width = 3 * static_cast<std::size_t>(points);
 
-  alignas(64) float columns[kMostPointColumns * kMostLanes];
+  alignas(64) float columns[kMaxPointColumns * kMaxLanes];
   points_at(convexes, i, count, columns);
   ConvexBlock p;
   place_points(view.camera, columns, points, view.near_plane, p);
   constexpr std::size_t kShape = SPLATBOOST_COLUMN(ConvexRecord, edges);
-  alignas(64) float shape_columns[(kShapeFields + 1) * kMostLanes];
+  alignas(64) float shape_columns[(kShapeFields + 1) * kMaxLanes];
   rows_to_columns(&frame.records[i].centre_x + kShape, kRecordFloats, count, kShapeFields + 1, shape_columns);
   HullBlock hulls;
   drawn_hulls(p, points, shape_columns, hulls);
@@ -294,7 +294,7 @@ void backward_block(const ConvexFrame& frame, const Convexes& convexes, const Co
     writer.write(out.colors, {g_color.x, g_color.y, g_color.z});
   } else {
     // No gradient where the colour was clamped at zero.
-    alignas(64) float drawn_colors[3 * kMostLanes];
+    alignas(64) float drawn_colors[3 * kMaxLanes];
     rows_to_columns(&frame.records[i].red, kRecordFloats, count, 3, drawn_colors);
     const auto unclamped = [&](std::size_t c, Float g)
                                HWY_ATTR { return select(load(drawn_colors + c * lanes()) > zero, g, zero); };

@@ -26,5 +26,14 @@ void keep_weighted_sample(std::span<const float>, std::size_t, const RandomStrea
 }
 void keep_largest(std::span<const float>, std::size_t, std::span<std::uint8_t>, CudaStream&) { absent(); }
 std::size_t spare_one(std::span<const float>, std::span<std::uint8_t>, CudaStream&) { absent(); }
+void mask_opacities(std::span<const float>, std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void mask_opacities_backward(std::span<const float>, std::span<const float>, std::span<const float>, float,
+                             std::span<float>, std::span<float>, CudaStream&) {
+  absent();
+}
+void add_sharpness_gradients(std::span<const std::uint8_t>, std::span<const float>, std::span<const float>,
+                             const SharpnessSums&, CudaStream&) {
+  absent();
+}
 
 }  // namespace splatboost::cuda

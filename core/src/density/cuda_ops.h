@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <span>
 
+#include "splatboost/convex_training.h"
 #include "splatboost/cuda_stream.h"
 #include "splatboost/density_statistics.h"
 #include "splatboost/random.h"
@@ -39,5 +40,14 @@ void keep_weighted_sample(std::span<const float> weights, std::size_t keep, cons
 void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates,
                   CudaStream& stream);
 std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, CudaStream& stream);
+
+/// As in convex_training.h.
+void mask_opacities(std::span<const float> opacities, std::span<const float> masks, std::span<float> drawn,
+                    CudaStream& stream);
+void mask_opacities_backward(std::span<const float> opacities, std::span<const float> masks,
+                             std::span<const float> drawn, float mask_slope, std::span<float> opacity_gradients,
+                             std::span<float> mask_gradients, CudaStream& stream);
+void add_sharpness_gradients(std::span<const std::uint8_t> visible, std::span<const float> gradients,
+                             std::span<const float> gradients_abs, const SharpnessSums& sums, CudaStream& stream);
 
 }  // namespace splatboost::cuda

@@ -6,7 +6,7 @@
 
 namespace splatboost {
 namespace {
-constexpr std::size_t kMost = 1024;  // marks that are under way
+constexpr std::size_t kCapacity = 1024;  // marks that are under way
 }
 
 struct CudaLaps::State {
@@ -16,12 +16,12 @@ struct CudaLaps::State {
     const char* stage = nullptr;
   };
   explicit State(CudaStream& on) : stream(on) {}
-  std::unique_ptr<Mark>& at(std::size_t number) { return marks[number % kMost]; }
+  std::unique_ptr<Mark>& at(std::size_t number) { return marks[number % kCapacity]; }
 
   CudaStream& stream;
-  std::array<std::unique_ptr<Mark>, kMost> marks;  ///< made when first needed
-  std::size_t set = 0;                             ///< marks so far
-  std::size_t taken = 0;                           ///< ... which were looked at; the last of them begins the next lap
+  std::array<std::unique_ptr<Mark>, kCapacity> marks;  ///< made when first needed
+  std::size_t set = 0;                                 ///< marks so far
+  std::size_t taken = 0;  ///< ... which were looked at; the last of them begins the next lap
 };
 
 CudaLaps::CudaLaps(CudaStream& stream) : state_(std::make_unique<State>(stream)) {}
@@ -31,7 +31,7 @@ CudaLaps& CudaLaps::operator=(CudaLaps&&) noexcept = default;
 
 void CudaLaps::mark(const char* stage) {
   State& s = *state_;
-  if (s.set - s.taken >= kMost - 1) {  // nobody takes laps: the oldest go
+  if (s.set - s.taken >= kCapacity - 1) {  // nobody takes laps: the oldest go
     s.at(s.taken)->event.wait();
     ++s.taken;
   }

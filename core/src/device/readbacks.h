@@ -12,14 +12,14 @@
 
 namespace splatboost::cuda {
 
-/// A queue of at most `kMost`, more than the iterations that a driver lets the host run ahead.
-template <class T, std::size_t kMost = 64>
+/// A queue of at most `kCapacity`, more than the iterations that a driver lets the host run ahead.
+template <class T, std::size_t kCapacity = 64>
 class Readbacks {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
   explicit Readbacks(CudaStream& stream)
-      : stream_(stream), values_(static_cast<T*>(stream.allocate_pinned(kMost * sizeof(T)))) {
+      : stream_(stream), values_(static_cast<T*>(stream.allocate_pinned(kCapacity * sizeof(T)))) {
     for (std::unique_ptr<Event>& event : arrived_) event = std::make_unique<Event>(stream, cudaEventDisableTiming);
   }
   ~Readbacks() { stream_.release_pinned(values_); }
@@ -27,28 +27,28 @@ class Readbacks {
   Readbacks& operator=(const Readbacks&) = delete;
 
   bool is_empty() const { return taken_ == sent_; }
-  /// kMost are under way: the oldest must be waited for before another is sent.
-  bool is_full() const { return sent_ - taken_ == kMost; }
+  /// kCapacity are under way: the oldest must be waited for before another is sent.
+  bool is_full() const { return sent_ - taken_ == kCapacity; }
   /// Starts the way of one. Does not wait. @param value sizeof(T) bytes of the device
   void send(const void* value) {
-    stream_.copy_to_pinned(values_ + sent_ % kMost, value, sizeof(T));
-    arrived_[sent_++ % kMost]->record();
+    stream_.copy_to_pinned(values_ + sent_ % kCapacity, value, sizeof(T));
+    arrived_[sent_++ % kCapacity]->record();
   }
   /// The oldest that was not taken yet, if it has arrived.
   std::optional<T> take() {
-    if (is_empty() || !arrived_[taken_ % kMost]->is_done()) return std::nullopt;
-    return values_[taken_++ % kMost];
+    if (is_empty() || !arrived_[taken_ % kCapacity]->is_done()) return std::nullopt;
+    return values_[taken_++ % kCapacity];
   }
   /// Waits for the oldest that was not taken yet; there must be one.
   T wait() {
-    arrived_[taken_ % kMost]->wait();
-    return values_[taken_++ % kMost];
+    arrived_[taken_ % kCapacity]->wait();
+    return values_[taken_++ % kCapacity];
   }
 
  private:
   CudaStream& stream_;
-  T* values_;  ///< pinned, [kMost]
-  std::array<std::unique_ptr<Event>, kMost> arrived_;
+  T* values_;  ///< pinned, [kCapacity]
+  std::array<std::unique_ptr<Event>, kCapacity> arrived_;
   std::size_t sent_ = 0, taken_ = 0;
 };
 

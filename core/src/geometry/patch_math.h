@@ -57,7 +57,7 @@ template <class T, class FirstTexel, class SecondTexel>
 SPLATBOOST_HOST_DEVICE PatchMatch<T> match_patch(const PatchViews& views, T column, T row, const T (&normal)[3],
                                                  T distance, const FirstTexel& grey_first,
                                                  const SecondTexel& grey_second) {
-  const T zero(0.0f), one(1.0f), least(kLeastPatchDepth);
+  const T zero(0.0f), one(1.0f), least(kMinPatchDepth);
   const T last_column(static_cast<float>(views.width_first - 1)), last_row(static_cast<float>(views.height_first - 1));
   // A point of the plane on the ray r is r / s, s = −n·r / d; in the second view it lies along R·r + s·t: linear in the
   // pixel, as all homographies are.

@@ -13,8 +13,8 @@ namespace splatboost {
 inline constexpr int kPatchRadius = 3;
 inline constexpr int kPatchSide = 2 * kPatchRadius + 1;
 inline constexpr int kPatchPixels = kPatchSide * kPatchSide;
-inline constexpr float kMaxPatchLoss = 0.9f;      ///< patches that differ more are occluded
-inline constexpr float kLeastPatchDepth = 1e-8f;  ///< of the plane and of its points in the second view
+inline constexpr float kMaxPatchLoss = 0.9f;    ///< patches that differ more are occluded
+inline constexpr float kMinPatchDepth = 1e-8f;  ///< of the plane and of its points in the second view
 
 struct PatchViews {
   float cx_first, cy_first, step_x, step_y;  ///< step: from pixel to pixel along x and y, at a depth of 1

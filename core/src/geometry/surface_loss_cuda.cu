@@ -228,7 +228,7 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
 
 struct PendingSurfaceLoss::State {
   using Sums = std::array<double, kSurfaceSums>;
-  static constexpr std::size_t kMost = 64;
+  static constexpr std::size_t kCapacity = 64;
   struct Call {
     SurfaceTerms terms;
     std::size_t pixels = 0;
@@ -236,13 +236,13 @@ struct PendingSurfaceLoss::State {
   explicit State(CudaStream& stream) : sums(stream) {}
 
   void note(const Sums& arrived) {
-    const Call& call = calls[taken++ % kMost];
+    const Call& call = calls[taken++ % kCapacity];
     const SurfaceLossParts parts = surface_loss_parts(arrived.data(), call.terms, call.pixels);
     if (std::isfinite(newest.total())) newest = parts;
   }
 
-  Readbacks<Sums, kMost> sums;
-  std::array<Call, kMost> calls;
+  Readbacks<Sums, kCapacity> sums;
+  std::array<Call, kCapacity> calls;
   std::size_t sent = 0, taken = 0;
   SurfaceLossParts newest;
 };
@@ -254,7 +254,7 @@ void PendingSurfaceLoss::send(const SurfaceWorkspace& workspace, const SurfaceTe
   State& state = *state_;
   if (state.sums.is_full()) state.note(state.sums.wait());
   state.sums.send(workspace.sums.span().data());
-  state.calls[state.sent++ % State::kMost] = {terms, pixels};
+  state.calls[state.sent++ % State::kCapacity] = {terms, pixels};
 }
 
 SurfaceLossParts PendingSurfaceLoss::newest() {

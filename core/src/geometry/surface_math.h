@@ -180,17 +180,17 @@ struct PlaneOf {
 
 /// The blended normal must face the camera by at least this.
 template <class Real>
-inline constexpr Real kLeastFacing = Real(1e-8);
+inline constexpr Real kMinFacing = Real(1e-8);
 
 template <class Real>
 SPLATBOOST_HOST_DEVICE Real depth_of(const Plane<Real>& blended, Vector<Real> ray) {
   const Real facing = -dot(blended.normal, ray);
-  return facing > kLeastFacing<Real> ? blended.distance / facing : Real(0);
+  return facing > kMinFacing<Real> ? blended.distance / facing : Real(0);
 }
 template <class Real>
 SPLATBOOST_HOST_DEVICE Plane<Real> depth_backward(const Plane<Real>& blended, Vector<Real> ray, Real g_depth) {
   const Real facing = -dot(blended.normal, ray);
-  if (!(facing > kLeastFacing<Real>)) return {{0, 0, 0}, 0};
+  if (!(facing > kMinFacing<Real>)) return {{0, 0, 0}, 0};
   const Real g_distance = g_depth / facing;
   return {(g_distance * blended.distance / facing) * ray, g_distance};
 }

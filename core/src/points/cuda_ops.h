@@ -24,7 +24,7 @@ void smooth_gaussians_backward(std::span<const float> scales, std::span<const fl
 
 void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, CudaStream& stream);
 
-inline constexpr int kMostNeighbors = 8;  ///< a thread holds as many
+inline constexpr int kMaxNeighbors = 8;  ///< a thread holds as many
 void mean_squared_neighbor_distances(std::span<const float> points, int k, std::span<float> mean_squared_distances,
                                      CudaStream& stream);
 

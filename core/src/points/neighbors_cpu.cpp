@@ -32,7 +32,7 @@ void mean_squared_neighbor_distances(std::span<const float> points, int k, std::
   SPLATBOOST_CHECK(points.size() == 3 * n && mean_squared_distances.size() == n, "points must be [N,3], distances [N]");
   SPLATBOOST_CHECK(k > 0, "k must be above 0");
   if (device.is_cuda()) {
-    SPLATBOOST_CHECK(k <= cuda::kMostNeighbors, "k is too large for a CUDA device");
+    SPLATBOOST_CHECK(k <= cuda::kMaxNeighbors, "k is too large for a CUDA device");
     return cuda::mean_squared_neighbor_distances(points, k, mean_squared_distances, device.stream());
   }
   for (const float v : points) SPLATBOOST_CHECK(std::isfinite(v), "points must be finite");

@@ -49,7 +49,7 @@ __global__ void __launch_bounds__(kBlockThreads) boxes_kernel(DeviceView<const f
 
 /// The smallest distances so far, ascending.
 struct Nearest {
-  float squared[kMostNeighbors];
+  float squared[kMaxNeighbors];
   int k, found;
 
   __device__ float farthest() const { return found < k ? kFar : squared[k - 1]; }

@@ -31,7 +31,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-inline constexpr std::size_t kMostLanes = kTileSize;
+inline constexpr std::size_t kMaxLanes = kTileSize;
 inline constexpr std::size_t kRestColumns = 3 * (kMaxShCoefficients - 1);
 
 inline Vec3<Float> vec3_at(std::span<const float> rows, std::size_t i, std::size_t count) {
@@ -70,7 +70,7 @@ Vec3<Float> color_at(const Primitives& primitives, std::size_t i, std::size_t co
   Float color[3];
   load_rows(primitives.sh_dc.data() + 3 * i, count, color);
   for (Float& c : color) c = Float(0.5f) + basis[0] * c;
-  alignas(64) float rest[kRestColumns * kMostLanes];
+  alignas(64) float rest[kRestColumns * kMaxLanes];
   sh_rest_at(primitives, i, count, rest);
   const int used = sh_coefficients(primitives.sh_degree) - 1;
   const float* coefficient = rest;
@@ -103,7 +103,7 @@ inline RowTilesScratch& row_tiles_of_thread() {
 template <class RowTiles>
 void list_tiles(TileLists& lists, std::size_t i, std::size_t count, Float first_row, Float row_count,
                 std::vector<std::uint32_t>& listed, RowTiles&& tiles_in_row) {
-  alignas(64) std::int32_t first[kMostLanes], rows[kMostLanes], totals[kMostLanes] = {};
+  alignas(64) std::int32_t first[kMaxLanes], rows[kMaxLanes], totals[kMaxLanes] = {};
   store_whole(first_row, first);
   store_whole(row_count, rows);
   const std::int32_t most = *std::max_element(rows, rows + count);
@@ -180,7 +180,7 @@ HWY_INLINE Vec3<Float> sh_backward(const Primitives& primitives, const Gradients
   sh_basis(degree, ray.direction, basis);
   writer.write(out.sh_dc, {basis[0] * g_color.x, basis[0] * g_color.y, basis[0] * g_color.z});
 
-  alignas(64) float columns[kRestColumns * kMostLanes];
+  alignas(64) float columns[kRestColumns * kMaxLanes];
   const Float g[3] = {select(writer.visible, g_color.x, Float(0.0f)), select(writer.visible, g_color.y, Float(0.0f)),
                       select(writer.visible, g_color.z, Float(0.0f))};
   const std::size_t width = 3 * static_cast<std::size_t>(primitives.sh_rest_rows);

@@ -28,7 +28,7 @@ struct Shape {
 
 void shape_at(const Gaussians& gaussians, std::size_t i, std::size_t count, Shape& shape) {
   if (!gaussians.covariances.empty()) {
-    alignas(64) float c[6 * kMostLanes];
+    alignas(64) float c[6 * kMaxLanes];
     rows_to_columns(gaussians.covariances.data() + 6 * i, 6, count, 6, c);
     const std::size_t n = lanes();
     shape.covariance = {load(c), load(c + n), load(c + 2 * n), load(c + 3 * n), load(c + 4 * n), load(c + 5 * n)};
@@ -75,7 +75,7 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
   }
   visible = visible & (x.begin < x.end) & (y.begin < y.end);
 
-  alignas(64) std::int32_t radii[kMostLanes];
+  alignas(64) std::int32_t radii[kMaxLanes];
   store_whole(select(visible, min_of(radius, Float(1e9f)), zero), radii);
   const Float top = select(visible, y.begin, zero), rows = select(visible, y.end - y.begin, zero);
   if (square) {
@@ -108,7 +108,7 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
                           p.view.z,
                           zero};
   constexpr std::size_t kFields = sizeof fields / sizeof fields[0];
-  alignas(64) float columns[kFields * kMostLanes];
+  alignas(64) float columns[kFields * kMaxLanes];
   for (std::size_t f = 0; f < kFields; ++f) store(fields[f], columns + f * lanes());
   columns_to_rows(columns, kFields, count, false, &frame.records[i].mean_x, sizeof(BlendRecord) / sizeof(float));
   for (std::size_t lane = 0; lane < count; ++lane) frame.depths[i + lane] = frame.records[i + lane].depth;
@@ -134,7 +134,7 @@ void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, 
 void gather(const Frame& frame, std::size_t i, std::size_t count, float* columns) {
   constexpr std::size_t kWidth = sizeof(EntryMoments) / sizeof(float);
   const Lanes d;
-  alignas(64) float rows[kMostLanes * kWidth];
+  alignas(64) float rows[kMaxLanes * kWidth];
   for (std::size_t lane = 0; lane < count; ++lane) {
     Float sum[kWidth / lanes()];
     for (Float& s : sum) s = Float(0.0f);
@@ -179,7 +179,7 @@ void feature_gradients(const Frame& frame, const Gaussians& gaussians, const Gau
 
 void backward_block(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i,
                     std::size_t count) {
-  alignas(64) float seen[kMostLanes] = {};
+  alignas(64) float seen[kMaxLanes] = {};
   bool any = false;
   for (std::size_t lane = 0; lane < count; ++lane) {
     seen[lane] = frame.visible[i + lane] != 0 ? 1.0f : 0.0f;
@@ -194,7 +194,7 @@ void backward_block(const Frame& frame, const Gaussians& gaussians, const Gaussi
   const ProjectionCamera& camera = frame.projection;
   const RasterOptions& options = frame.options;
 
-  alignas(64) float moments[12 * kMostLanes];
+  alignas(64) float moments[12 * kMaxLanes];
   gather(frame, i, count, moments);
   const auto moment = [&](std::size_t k) HWY_ATTR { return load(moments + k * lanes()); };
   const Float s = moment(0), s_x = moment(1), s_y = moment(2), s_xx = moment(3), s_xy = moment(4), s_yy = moment(5);
@@ -224,7 +224,7 @@ void backward_block(const Frame& frame, const Gaussians& gaussians, const Gaussi
     writer.write(out.colors, {g_color.x, g_color.y, g_color.z});
   } else {
     // No gradient where the colour was clamped at zero.
-    alignas(64) float drawn_colors[3 * kMostLanes];
+    alignas(64) float drawn_colors[3 * kMaxLanes];
     rows_to_columns(&frame.records[i].red, sizeof(BlendRecord) / sizeof(float), count, 3, drawn_colors);
     const auto unclamped = [&](std::size_t c, Float g)
                                HWY_ATTR { return select(load(drawn_colors + c * lanes()) > zero, g, zero); };
@@ -238,7 +238,7 @@ void backward_block(const Frame& frame, const Gaussians& gaussians, const Gaussi
     const Symmetric3<Float>& c = geometry.covariance;
     const Float two(2.0f);  // off-diagonals stand in two places
     const Float entries[6] = {c.xx, two * c.xy, two * c.xz, c.yy, two * c.yz, c.zz};
-    alignas(64) float columns[6 * kMostLanes];
+    alignas(64) float columns[6 * kMaxLanes];
     for (std::size_t k = 0; k < 6; ++k) store(select(writer.visible, entries[k], zero), columns + k * lanes());
     if (!out.covariances.empty()) {
       columns_to_rows(columns, 6, count, writer.adds, out.covariances.data() + 6 * i, 6);

@@ -46,10 +46,10 @@ struct BlendGradients {
 };
 
 /// Gradients of the images at a pixel.
-template <int kMostExtra>
+template <int kMaxExtra>
 struct PixelGradients {
   float red, green, blue, alpha;
-  float extra[kMostExtra > 0 ? kMostExtra : 1];
+  float extra[kMaxExtra > 0 ? kMaxExtra : 1];
 
   /// @param at the pixel in a plane
   /// @param counts otherwise all are zero
@@ -62,7 +62,7 @@ struct PixelGradients {
     blue = upstream(in.color, 2);
     alpha = upstream(in.alpha, 0);
 #pragma unroll
-    for (int c = 0; c < kMostExtra; ++c) {
+    for (int c = 0; c < kMaxExtra; ++c) {
       extra[c] = c >= in.extra           ? 0.0f
                  : c < in.features_count ? upstream(in.features, c)
                                          : upstream(in.inverse_depth, 0);
@@ -73,9 +73,9 @@ struct PixelGradients {
 /// Adds one pixel's part to a splat's sums, or begins them, and takes the pixel behind the splat. A pixel that does not
 /// blend it adds zeros, which is cheaper than to branch.
 /// @param rest gradient · what the splats behind the current one, and the background, add to the image
-template <bool kAbsolute, bool kBegins, int kMostExtra>
+template <bool kAbsolute, bool kBegins, int kMaxExtra>
 __device__ inline void add_pixel(const BlendGradients& in, const SplatRecord& splat, const PixelStep& step,
-                                 const PixelGradients<kMostExtra>& g, float& transmittance, float& rest,
+                                 const PixelGradients<kMaxExtra>& g, float& transmittance, float& rest,
                                  float (&moments)[kMomentColumns], float (&features)[kMomentColumns]) {
   const auto add = [](float& sum, float part) { sum = kBegins ? part : sum + part; };
   const float weight = step.blended ? transmittance * step.alpha : 0.0f;
@@ -85,7 +85,7 @@ __device__ inline void add_pixel(const BlendGradients& in, const SplatRecord& sp
   along = fmaf(g.blue, splat.blue, along);
   float by_inverse_depth = 0.0f;
 #pragma unroll
-  for (int c = 0; c < kMostExtra; ++c) {
+  for (int c = 0; c < kMaxExtra; ++c) {
     if (c >= in.extra) continue;
     along = fmaf(g.extra[c], in.channels[splat.gaussian * static_cast<std::size_t>(in.extra) + c], along);
     if (c < in.features_count) {
@@ -94,7 +94,7 @@ __device__ inline void add_pixel(const BlendGradients& in, const SplatRecord& sp
       by_inverse_depth = weight * g.extra[c];
     }
   }
-  if (kMostExtra > 0) add(moments[kMomentInverseDepth], by_inverse_depth);
+  if (kMaxExtra > 0) add(moments[kMomentInverseDepth], by_inverse_depth);
   const float gain = weight * along;
   rest -= gain;
   // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after.
@@ -119,9 +119,9 @@ __device__ inline void add_pixel(const BlendGradients& in, const SplatRecord& sp
 }
 
 /// A pixel on its way from front to back.
-template <int kMostExtra>
+template <int kMaxExtra>
 struct PixelAhead {
-  PixelGradients<kMostExtra> g;
+  PixelGradients<kMaxExtra> g;
   float transmittance = 1.0f;
   float rest;  ///< gradient · what is still to be blended, and the background
 
@@ -131,7 +131,7 @@ struct PixelAhead {
     const auto blended = [&](int c) { return covered ? in.pixels[c * plane + at] : 0.0f; };
     rest = g.red * blended(0) + g.green * blended(1) + g.blue * blended(2) + g.alpha * blended(3);
 #pragma unroll
-    for (int c = 0; c < kMostExtra; ++c) {
+    for (int c = 0; c < kMaxExtra; ++c) {
       if (c < in.extra) rest = fmaf(g.extra[c], blended(4 + c), rest);
     }
   }
@@ -139,17 +139,16 @@ struct PixelAhead {
 
 /// Front to back with the transmittance recomputed; a warp adds to a splat once.
 /// Without extra channels nvcc finds the number of blocks by itself, and spills nothing.
-/// @tparam kMostExtra room for that many extra channels
-template <bool kAbsolute, int kMostExtra>
-__global__ void __launch_bounds__(kTileThreads, kMostExtra == 0 ? 0 : kLeastBlocks<kMostExtra>)
+/// @tparam kMaxExtra room for that many extra channels
+template <bool kAbsolute, int kMaxExtra>
+__global__ void __launch_bounds__(kTileThreads, kMaxExtra == 0 ? 0 : kMinBlocks<kMaxExtra>)
     pixel_backward_kernel(TileLists lists, BlendGradients in) {
   ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
   const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height;
   const auto at = [&](int p) { return pixels.at[p].index(lists); };
 #pragma unroll
   for (int p = 0; p < kThreadPixels; ++p) pixels.open[p] = pixels.at[p].inside && in.pixels[3 * plane + at(p)] > 0.0f;
-  PixelAhead<kMostExtra> ahead[kThreadPixels] = {{in, pixels.open[0], plane, at(0)},
-                                                 {in, pixels.open[1], plane, at(1)}};
+  PixelAhead<kMaxExtra> ahead[kThreadPixels] = {{in, pixels.open[0], plane, at(0)}, {in, pixels.open[1], plane, at(1)}};
   visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
     PixelStep steps[kThreadPixels];
     bool any = false;
@@ -166,7 +165,7 @@ __global__ void __launch_bounds__(kTileThreads, kMostExtra == 0 ? 0 : kLeastBloc
     add_pixel<kAbsolute, false>(in, splat, steps[1], ahead[1].g, ahead[1].transmittance, ahead[1].rest, moments,
                                 features);
     add_row(in.moments, splat.gaussian * static_cast<std::size_t>(kMomentColumns), kMoments, moments);
-    if (kMostExtra > 0 && in.features_count > 0) {
+    if (kMaxExtra > 0 && in.features_count > 0) {
       add_row(in.feature_gradients, splat.gaussian * static_cast<std::size_t>(in.features_count), in.features_count,
               features);
     }
@@ -181,8 +180,8 @@ struct KeptStates {
 
 /// A warp a bucket, a lane a splat. The tile's pixels go through the lanes one after another: each lane takes a pixel
 /// behind its splat and hands its state to the next. Sums stay in the lane's registers.
-/// @tparam kMostExtra room for that many extra channels
-template <bool kAbsolute, int kMostExtra>
+/// @tparam kMaxExtra room for that many extra channels
+template <bool kAbsolute, int kMaxExtra>
 __global__ void __launch_bounds__(kTilePixels)
     splat_backward_kernel(TileLists lists, BlendGradients in, KeptStates kept) {
   const std::uint32_t bucket = blockIdx.x * (kTilePixels / 32) + threadIdx.x / 32;
@@ -213,7 +212,7 @@ __global__ void __launch_bounds__(kTilePixels)
       first_transmittance = first_rest = 0.0f;
       if (pixel.inside && kept.pixel_stops[stops_row + number] > first) {
         const std::size_t at = pixel.index(lists);
-        const PixelGradients<kMostExtra> g(in, true, plane, at);
+        const PixelGradients<kMaxExtra> g(in, true, plane, at);
         const auto state = [&](int c) {
           return kept.states[state_row + c * static_cast<std::size_t>(kTilePixels) + number];
         };
@@ -224,7 +223,7 @@ __global__ void __launch_bounds__(kTilePixels)
         first_rest = g.red * behind(0, 1) + g.green * behind(1, 2) + g.blue * behind(2, 3) +
                      g.alpha * (in.pixels[3 * plane + at] - (1.0f - first_transmittance));
 #pragma unroll
-        for (int c = 0; c < kMostExtra; ++c) {
+        for (int c = 0; c < kMaxExtra; ++c) {
           if (c < in.extra) first_rest = fmaf(g.extra[c], behind(4 + c, 4 + c), first_rest);
         }
       }
@@ -245,7 +244,7 @@ __global__ void __launch_bounds__(kTilePixels)
     bool open = true;
     const PixelStep step = step_pixel(splat, pixel, transmittance, open);
     if (!step.blended) continue;
-    const PixelGradients<kMostExtra> g(in, true, plane, pixel.index(lists));
+    const PixelGradients<kMaxExtra> g(in, true, plane, pixel.index(lists));
     add_pixel<kAbsolute, false>(in, splat, step, g, transmittance, rest, moments, features);
   }
   if (!has_splat) return;
@@ -255,7 +254,7 @@ __global__ void __launch_bounds__(kTilePixels)
       atomicAdd(&in.moments[splat.gaussian * static_cast<std::size_t>(kMomentColumns) + k], moments[k]);
   }
 #pragma unroll
-  for (int c = 0; c < (kMostExtra > 0 ? kMaxFeatures : 0); ++c) {
+  for (int c = 0; c < (kMaxExtra > 0 ? kMaxFeatures : 0); ++c) {
     if (c < in.features_count && features[c] != 0.0f) {
       atomicAdd(&in.feature_gradients[splat.gaussian * static_cast<std::size_t>(in.features_count) + c], features[c]);
     }
@@ -281,18 +280,18 @@ void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, boo
                           frame.features,
                           frame.moments.span(),
                           frame.feature_gradients.span()};
-  const auto run = [&]<int kMostExtra>(std::integral_constant<int, kMostExtra>) {
+  const auto run = [&]<int kMaxExtra>(std::integral_constant<int, kMaxExtra>) {
     if (frame.keeps_states) {
       const KeptStates kept{std::as_const(frame.bucket_offsets).span(), std::as_const(frame.bucket_tiles).span(),
                             std::as_const(frame.pixel_stops).span(), std::as_const(frame.tile_stops).span(),
                             std::as_const(frame.bucket_states).span()};
       constexpr std::size_t kBuckets = kTilePixels / 32;
       const dim3 blocks(static_cast<std::uint32_t>((frame.bucket_room + kBuckets - 1) / kBuckets));
-      const auto kernel = absolute ? splat_backward_kernel<true, kMostExtra> : splat_backward_kernel<false, kMostExtra>;
+      const auto kernel = absolute ? splat_backward_kernel<true, kMaxExtra> : splat_backward_kernel<false, kMaxExtra>;
       launch(stream, "splat_backward", kernel, blocks, dim3(kTilePixels), TileLists(frame), in, kept);
     } else {
       const dim3 blocks(static_cast<std::uint32_t>(frame.tiles()));
-      const auto kernel = absolute ? pixel_backward_kernel<true, kMostExtra> : pixel_backward_kernel<false, kMostExtra>;
+      const auto kernel = absolute ? pixel_backward_kernel<true, kMaxExtra> : pixel_backward_kernel<false, kMaxExtra>;
       launch(stream, "pixel_backward", kernel, blocks, dim3(kTileThreads), TileLists(frame), in);
     }
   };

@@ -22,11 +22,11 @@ struct KeptStates {
 };
 
 /// What a pixel has blended so far.
-template <int kMostExtra>
+template <int kMaxExtra>
 struct Blended {
   float transmittance = 1.0f;
   float red = 0.0f, green = 0.0f, blue = 0.0f;
-  float extra[kMostExtra > 0 ? kMostExtra : 1] = {};
+  float extra[kMaxExtra > 0 ? kMaxExtra : 1] = {};
   std::uint32_t stop = 0;  ///< entries that the pixel was open for
 
   __device__ void write(const TileLists& lists, const TilePixel& pixel, const BlendImages& images) const {
@@ -42,7 +42,7 @@ struct Blended {
     images.pixels[3 * plane + at] = alpha;
     if (!images.alpha.empty()) images.alpha[at] = alpha;
 #pragma unroll
-    for (int c = 0; c < kMostExtra; ++c) {
+    for (int c = 0; c < kMaxExtra; ++c) {
       if (c >= images.extra) break;
       images.pixels[(4 + c) * plane + at] = extra[c];
       if (c < images.features_count) {
@@ -54,12 +54,12 @@ struct Blended {
   }
 };
 
-/// @tparam kMostExtra room for that many extra channels
-template <int kMostExtra, bool kKeepsStates>
-__global__ void __launch_bounds__(kTileThreads, kLeastBlocks<kMostExtra>)
+/// @tparam kMaxExtra room for that many extra channels
+template <int kMaxExtra, bool kKeepsStates>
+__global__ void __launch_bounds__(kTileThreads, kMinBlocks<kMaxExtra>)
     blend_kernel(TileLists lists, BlendImages images, KeptStates kept) {
   ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
-  Blended<kMostExtra> blended[kThreadPixels];
+  Blended<kMaxExtra> blended[kThreadPixels];
   std::uint32_t first_bucket = 0;
   if (kKeepsStates) {
     first_bucket = kept.bucket_offsets[blockIdx.x];
@@ -78,7 +78,7 @@ __global__ void __launch_bounds__(kTileThreads, kLeastBlocks<kMostExtra>)
       kept.states[row + 2 * kTilePixels] = blended[p].green;
       kept.states[row + 3 * kTilePixels] = blended[p].blue;
 #pragma unroll
-      for (int c = 0; c < kMostExtra; ++c) {
+      for (int c = 0; c < kMaxExtra; ++c) {
         if (c < images.extra) {
           kept.states[row + (4 + c) * static_cast<std::size_t>(kTilePixels)] = blended[p].extra[c];
         }
@@ -88,7 +88,7 @@ __global__ void __launch_bounds__(kTileThreads, kLeastBlocks<kMostExtra>)
   const auto step_behind = [&](std::uint32_t index, const SplatRecord& splat) {
 #pragma unroll
     for (int p = 0; p < kThreadPixels; ++p) {
-      Blended<kMostExtra>& of = blended[p];
+      Blended<kMaxExtra>& of = blended[p];
       const PixelStep step = step_pixel(splat, pixels.at[p], of.transmittance, pixels.open[p]);
       if (!step.blended) continue;
       of.stop = index + 1;
@@ -98,7 +98,7 @@ __global__ void __launch_bounds__(kTileThreads, kLeastBlocks<kMostExtra>)
       of.green = fmaf(weight, splat.green, of.green);
       of.blue = fmaf(weight, splat.blue, of.blue);
 #pragma unroll
-      for (int c = 0; c < kMostExtra; ++c) {
+      for (int c = 0; c < kMaxExtra; ++c) {
         if (c < images.extra) {
           const float channel = images.channels[splat.gaussian * static_cast<std::size_t>(images.extra) + c];
           of.extra[c] = fmaf(weight, channel, of.extra[c]);

@@ -19,9 +19,9 @@ inline constexpr unsigned kWholeWarp = 0xffffffffu;
 inline constexpr int kThreadPixels = 2;
 inline constexpr std::uint32_t kTileThreads = kTilePixels / kThreadPixels;
 /// Blocks of a walk that a multiprocessor shall have room for. Told nothing, nvcc spills registers to fit more.
-/// @tparam kMostExtra room for that many extra channels
-template <int kMostExtra>
-inline constexpr unsigned kLeastBlocks = kMostExtra > 1 ? 5 : 8;
+/// @tparam kMaxExtra room for that many extra channels
+template <int kMaxExtra>
+inline constexpr unsigned kMinBlocks = kMaxExtra > 1 ? 5 : 8;
 /// Splats of a batch: one a thread.
 inline constexpr std::uint32_t kBatchSplats = kTileThreads;
 /// Pixels of a warp: 32 in rows of 8, then the next 32 below.

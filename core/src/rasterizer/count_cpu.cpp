@@ -22,8 +22,8 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
-  TileRows<2> pixels(frame, tile);               // transmittance, flags
-  std::uint32_t flagged_rows[kMostBlocks] = {};  // the others need no replay: pixels do not know of one another
+  TileRows<2> pixels(frame, tile);              // transmittance, flags
+  std::uint32_t flagged_rows[kMaxBlocks] = {};  // the others need no replay: pixels do not know of one another
   load_flags(flagged, pixels, flagged_rows);
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
@@ -63,7 +63,7 @@ void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance,
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
-  std::uint32_t open_rows[kMostBlocks] = {};  // with a pixel that is still observed from
+  std::uint32_t open_rows[kMaxBlocks] = {};  // with a pixel that is still observed from
   for (std::uint32_t at = begin; at < stop; ++at) {
     if ((at - begin) % kBatch == 0) {
       std::uint32_t any = 0;

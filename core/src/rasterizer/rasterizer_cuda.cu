@@ -13,8 +13,8 @@ namespace {
 /// Room is made for this many times the most that any frame took ...
 constexpr double kRoomFactor = 1.5;
 /// ... once it is less than this many times that.
-constexpr double kLeastRoomFactor = 1.25;
-constexpr double kLeastRoom = 1024;
+constexpr double kMinRoomFactor = 1.25;
+constexpr double kMinRoom = 1024;
 
 /// A frame's numbers, which the device writes while the host goes on.
 class TotalsOnHost {
@@ -166,8 +166,8 @@ class CudaRasterizer : public RasterizerBackend {
   void make_room(std::size_t& room, std::uint32_t most) const {
     const double growth = std::max(1.0, static_cast<double>(frame_.gaussians) / static_cast<double>(known_gaussians_));
     const double needed = growth * static_cast<double>(most);
-    if (kLeastRoomFactor * needed + kLeastRoom <= static_cast<double>(room)) return;
-    room = static_cast<std::size_t>(kRoomFactor * needed + kLeastRoom);
+    if (kMinRoomFactor * needed + kMinRoom <= static_cast<double>(room)) return;
+    room = static_cast<std::size_t>(kRoomFactor * needed + kMinRoom);
   }
 
   /// Looks at numbers that have arrived.

@@ -31,7 +31,7 @@ inline constexpr int kSpareRow = kTileSize;
 /// Entries of a tile that are handled together: their rows are found in one go, ahead of the branches on them.
 inline constexpr std::uint32_t kBatch = 32;
 /// Blocks of columns in a tile.
-inline constexpr int kMostBlocks = kTileSize;
+inline constexpr int kMaxBlocks = kTileSize;
 
 HWY_INLINE std::size_t blocks_of_columns() { return kTileSize / hn::Lanes(Lanes()); }
 

@@ -9,7 +9,7 @@
 namespace splatboost::test {
 namespace {
 
-constexpr std::uint32_t kMost = 0xffffffffu;
+constexpr std::uint32_t kMaxEntries = 0xffffffffu;
 
 /// Three pieces of Gaussians; the last Gaussian of each ends its piece's entries.
 TileLists listed_frame(std::uint32_t first, std::uint32_t second, std::uint32_t third) {
@@ -32,13 +32,13 @@ TEST(TileLists, NumberTheSlotsOfThePieces) {
 }
 
 TEST(TileLists, HoldAsManyEntriesAs32BitsCanNumber) {
-  TileLists frame = listed_frame(kMost / 2, kMost / 2, 1);
-  EXPECT_EQ(number_slots(frame), kMost);
+  TileLists frame = listed_frame(kMaxEntries / 2, kMaxEntries / 2, 1);
+  EXPECT_EQ(number_slots(frame), kMaxEntries);
 }
 
 TEST(TileLists, RefuseMoreEntriesThanThat) {
-  for (const std::uint32_t third : {2u, kMost}) {
-    TileLists frame = listed_frame(kMost / 2, kMost / 2, third);
+  for (const std::uint32_t third : {2u, kMaxEntries}) {
+    TileLists frame = listed_frame(kMaxEntries / 2, kMaxEntries / 2, third);
     try {
       number_slots(frame);
       ADD_FAILURE() << "nothing was thrown";

@@ -53,7 +53,7 @@ TEST(SmallerView, AtTheTrainedScaleIsTheView) {
 TEST(HalfViews, AreTheViewsInTheirOrder) {
   Threads threads(2);
   std::vector<View> views;
-  for (const int width : {2 * kLeastHalfSide, 150, 200}) views.push_back(numbered_view(width, 2 * kLeastHalfSide));
+  for (const int width : {2 * kMinHalfSide, 150, 200}) views.push_back(numbered_view(width, 2 * kMinHalfSide));
   const std::vector<View> halves = half_views(views, threads);
   ASSERT_EQ(halves.size(), views.size());
   for (std::size_t i = 0; i < views.size(); ++i) {
@@ -64,7 +64,7 @@ TEST(HalfViews, AreTheViewsInTheirOrder) {
 
 TEST(HalfViews, OfPicturesThatAreTooSmallThereAreNone) {
   Threads threads(1);
-  const std::vector<View> views = {numbered_view(300, 300), numbered_view(300, 2 * kLeastHalfSide - 1)};
+  const std::vector<View> views = {numbered_view(300, 300), numbered_view(300, 2 * kMinHalfSide - 1)};
   EXPECT_TRUE(half_views(views, threads).empty());
 }
 

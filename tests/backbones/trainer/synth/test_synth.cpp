@@ -11,9 +11,9 @@
 #include <glm/vec4.hpp>
 
 #include "support/temporary_folder.h"
-#include "trainer/dataset/read_scene.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/dataset/view_image.h"
+#include "trainer/formats/read_scene.h"
 
 namespace splatboost::test {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/colmap.h"
+#include "trainer/formats/colmap.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/packed_scene.h"
+#include "trainer/formats/packed_scene.h"
 
 #include <algorithm>
 #include <array>

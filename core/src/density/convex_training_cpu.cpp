@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "convexes/convex_training_math.h"
-#include "convexes/cuda_ops.h"
+#include "density/convex_training_math.h"
+#include "density/cuda_ops.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/npy.h"
+#include "trainer/formats/npy.h"
 
 #include <charconv>
 #include <cstdint>
@@ -14,7 +14,7 @@ namespace splatboost {
 namespace {
 
 constexpr std::string_view kMagic = "\x93NUMPY";
-constexpr std::size_t kMostBytes = std::size_t{1} << 33;
+constexpr std::size_t kMaxBytes = std::size_t{1} << 33;
 
 /// The text behind 'key': of the header, a Python dictionary.
 std::string_view value_of(std::string_view header, std::string_view key) {
@@ -32,7 +32,7 @@ NpyArray read_npy(const std::filesystem::path& file, std::size_t most_dimensions
   std::error_code error;
   const std::uint64_t size = std::filesystem::file_size(file, error);
   if (error) fail("cannot be read: " + error.message());
-  if (size > kMostBytes) fail("is too large for an array of cameras or points");
+  if (size > kMaxBytes) fail("is too large for an array of cameras or points");
   std::string bytes(size, '\0');
   std::ifstream in(file, std::ios::binary);
   in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
@@ -63,7 +63,7 @@ NpyArray read_npy(const std::filesystem::path& file, std::size_t most_dimensions
     std::size_t side = 0;
     const auto parsed = std::from_chars(shape.data(), shape.data() + shape.size(), side);
     if (parsed.ec != std::errc{}) fail("has a shape that cannot be read");
-    if (side > kMostBytes || (side != 0 && count > kMostBytes / side)) fail("has a shape that is not possible");
+    if (side > kMaxBytes || (side != 0 && count > kMaxBytes / side)) fail("has a shape that is not possible");
     count *= side;
     array.shape.push_back(side);
     shape.remove_prefix(static_cast<std::size_t>(parsed.ptr - shape.data()));

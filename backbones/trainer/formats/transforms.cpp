@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/transforms.h"
+#include "trainer/formats/transforms.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tool/source_code.h"
+#include "tool/edits/source_code.h"
 
 #include <algorithm>
 #include <map>
@@ -10,7 +10,7 @@ namespace splatboost::patch {
 namespace {
 
 constexpr std::size_t kShown = 100;  // characters of a statement in a message
-constexpr double kLeastLikeness = 0.3;
+constexpr double kMinLikeness = 0.3;
 
 bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == '\f'; }
 bool is_word(char c) {
@@ -594,7 +594,7 @@ std::optional<std::size_t> nearest_statement(const SourceCode& source, const std
   };
   const std::map<std::string, int> wanted = words_of(anchor);
   std::optional<std::size_t> nearest;
-  double best = kLeastLikeness;
+  double best = kMinLikeness;
   const std::string& text = source.text();
   for (std::size_t i = 0; i < source.statements().size(); ++i) {
     const Statement& one = source.statements()[i];

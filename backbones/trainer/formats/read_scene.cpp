@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/read_scene.h"
+#include "trainer/formats/read_scene.h"
 
 #include <algorithm>
 #include <charconv>
@@ -20,14 +20,14 @@
 
 #include "splatboost/random.h"
 #include "splatboost/threads.h"
-#include "trainer/dataset/colmap.h"
-#include "trainer/dataset/frame_times.h"
-#include "trainer/dataset/nerfies.h"
-#include "trainer/dataset/neural_video.h"
-#include "trainer/dataset/packed_scene.h"
 #include "trainer/dataset/splat_ply.h"
-#include "trainer/dataset/transforms.h"
 #include "trainer/dataset/view_image.h"
+#include "trainer/formats/colmap.h"
+#include "trainer/formats/frame_times.h"
+#include "trainer/formats/nerfies.h"
+#include "trainer/formats/neural_video.h"
+#include "trainer/formats/packed_scene.h"
+#include "trainer/formats/transforms.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"

@@ -13,12 +13,12 @@
 #include <nlohmann/json.hpp>
 
 #include "support/temporary_folder.h"
-#include "trainer/dataset/colmap.h"
-#include "trainer/dataset/frame_times.h"
-#include "trainer/dataset/nerfies.h"
-#include "trainer/dataset/neural_video.h"
-#include "trainer/dataset/npy.h"
-#include "trainer/dataset/read_scene.h"
+#include "trainer/formats/colmap.h"
+#include "trainer/formats/frame_times.h"
+#include "trainer/formats/nerfies.h"
+#include "trainer/formats/neural_video.h"
+#include "trainer/formats/npy.h"
+#include "trainer/formats/read_scene.h"
 #include "trainer/images/image_codec.h"
 #include "trainer/images/video.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tool/unified_diff.h"
+#include "tool/edits/unified_diff.h"
 
 #include <algorithm>
 #include <cstdint>

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "tool/source_code.h"
+#include "tool/edits/source_code.h"
 
 namespace splatboost::patch {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/neural_video.h"
+#include "trainer/formats/neural_video.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +11,7 @@
 #include <glm/matrix.hpp>
 
 #include "splatboost/threads.h"
-#include "trainer/dataset/npy.h"
+#include "trainer/formats/npy.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"

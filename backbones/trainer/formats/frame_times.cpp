@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/frame_times.h"
+#include "trainer/formats/frame_times.h"
 
 #include <algorithm>
 #include <charconv>

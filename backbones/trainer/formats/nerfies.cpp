@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/nerfies.h"
+#include "trainer/formats/nerfies.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include <glm/matrix.hpp>
 #include <nlohmann/json.hpp>
 
-#include "trainer/dataset/npy.h"
+#include "trainer/formats/npy.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tool/text_edit.h"
+#include "tool/edits/text_edit.h"
 
 #include <algorithm>
 #include <optional>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/read_scene.h"
+#include "trainer/formats/read_scene.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 #include <glm/vec4.hpp>
 
 #include "support/temporary_folder.h"
-#include "trainer/dataset/colmap.h"
+#include "trainer/formats/colmap.h"
 #include "trainer/images/image_codec.h"
 
 namespace splatboost::test {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/packed_scene.h"
+#include "trainer/formats/packed_scene.h"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <nlohmann/json.hpp>
 
 #include "support/temporary_folder.h"
-#include "trainer/dataset/colmap.h"
-#include "trainer/dataset/read_scene.h"
 #include "trainer/dataset/view_image.h"
+#include "trainer/formats/colmap.h"
+#include "trainer/formats/read_scene.h"
 #include "trainer/images/image_codec.h"
 
 namespace splatboost::test {
