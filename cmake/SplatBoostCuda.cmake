@@ -11,7 +11,7 @@ endif()
 
 set(SPLATBOOST_HAVE_CUDA OFF)
 if(NOT SPLATBOOST_CUDA STREQUAL "OFF")
-  # CMake would settle for the compiler's oldest architecture.
+  # If none is given, enable_language() sets the compiler's oldest architecture, which is replaced below.
   set(architectures_given ${CMAKE_CUDA_ARCHITECTURES})
   check_language(CUDA)
   if(CMAKE_CUDA_COMPILER)
@@ -38,7 +38,7 @@ if(SPLATBOOST_HAVE_CUDA)
     # pip builds for the GPUs of the machine that it runs on, in a fraction of the time.
     set(CMAKE_CUDA_ARCHITECTURES ${CMAKE_CUDA_ARCHITECTURES_NATIVE} CACHE STRING "CUDA architectures" FORCE)
   elseif(NOT architectures_given)
-    # Code for each generation that this nvcc knows, and PTX of the newest for what comes after it.
+    # Code for each GPU generation that this nvcc supports, and PTX of the newest one for later GPUs.
     execute_process(COMMAND ${CMAKE_CUDA_COMPILER} --list-gpu-arch OUTPUT_VARIABLE known COMMAND_ERROR_IS_FATAL ANY)
     set(chosen "")
     foreach(architecture 75 80 86 89 90 100 110 120)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-# What `cmake --install` puts where, and the package that find_package(SplatBoost) finds.
+# The install rules, and the package that find_package(SplatBoost) finds.
 include_guard(GLOBAL)
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
-# nanoflann is headers only and compiled in: who links the core needs none of it.
+# nanoflann is header-only and compiled into the core: users of the core do not need it.
 get_target_property(links splatboost_core INTERFACE_LINK_LIBRARIES)
 list(FILTER links EXCLUDE REGEX "nanoflann")
 set_target_properties(splatboost_core PROPERTIES INTERFACE_LINK_LIBRARIES "${links}")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-# How targets of this project are made: one call a library, which also enforces the layers.
+# Functions that create this project's targets: one call per library, which also enforces the layers.
 #
 #   splatboost_library(NAME adapter_vanilla LAYER adapter SOURCES … PUBLIC_LINKS … PRIVATE_LINKS …)
 #
-# makes splatboost_adapter_vanilla with the alias splatboost::adapter_vanilla. A link to another
+# creates splatboost_adapter_vanilla with the alias splatboost::adapter_vanilla. A link to another
 # splatboost:: target that the layer table does not allow stops the configure step.
 include_guard(GLOBAL)
 
@@ -18,7 +18,7 @@ set(SPLATBOOST_LAYER_core_loss core_device)
 set(SPLATBOOST_LAYER_core_density core_device core_loss)
 set(SPLATBOOST_LAYER_core_optim core_device)
 set(SPLATBOOST_LAYER_core "")
-set(SPLATBOOST_LAYER_adapter core adapter)  # one may build on another's
+set(SPLATBOOST_LAYER_adapter core adapter)  # an adapter may build on another
 set(SPLATBOOST_LAYER_trainer_support core)
 set(SPLATBOOST_LAYER_trainer_images core trainer_support)
 set(SPLATBOOST_LAYER_trainer_dataset core trainer_support trainer_images)
@@ -45,13 +45,13 @@ function(splatboost_target_options target)
   target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;
     -Wno-sign-conversion;-fno-math-errno;-fno-trapping-math;
     $<$<BOOL:${SPLATBOOST_WARNINGS_AS_ERRORS}>:-Werror>>)
-  # nvcc warns of its own; what it hands to the host's compiler is not our text. Host functions that are constexpr, and
-  # so std::span, may be called in kernels. 20012 is of GLM's defaulted functions.
-  # The standard is said by hand: CMake 3.25 knows C++20 of no nvcc.
+  # nvcc has its own warnings, and passes generated code to the host compiler, hence only -Wall there. Relaxed constexpr
+  # lets kernels call constexpr host functions such as std::span's. Warning 20012 comes from GLM's defaulted functions.
+  # -std is set explicitly: CMake 3.25 does not know C++20 for nvcc.
   target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:-std=c++20;--expt-relaxed-constexpr;
     --diag-suppress=20012;-Xcompiler=-Wall;
     $<$<BOOL:${SPLATBOOST_WARNINGS_AS_ERRORS}>:--Werror=all-warnings>>)
-  # GCC 12 takes "text" + std::string for overlapping copies (its bug 105651, mended in 13).
+  # GCC 12 wrongly warns of overlapping copies in "text" + std::string (GCC bug 105651, fixed in 13).
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
     target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Wno-restrict>)
   endif()
@@ -59,7 +59,7 @@ function(splatboost_target_options target)
     target_compile_options(${target} PRIVATE
       $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=${SPLATBOOST_SANITIZE};-fno-omit-frame-pointer;-fno-sanitize-recover=all>)
     if(SPLATBOOST_SANITIZE MATCHES "undefined")
-      # These checks of every pointer double the time of the build. AddressSanitizer finds what a wrong pointer touches.
+      # These checks of every pointer double the build time, and AddressSanitizer finds invalid accesses anyway.
       target_compile_options(${target} PRIVATE
         $<$<COMPILE_LANGUAGE:CXX>:-fno-sanitize=null,alignment,object-size,vptr>)
     endif()
@@ -134,7 +134,7 @@ function(splatboost_backbone)
 endfunction()
 
 # splatboost_table(NAME adapters PART adapter LAYER adapter ENTRY AdapterEntry SUFFIX _adapter_entry HEADER … ENTRIES vanilla …):
-# the library splatboost::adapters, whose function `adapters()` gives the entry of each of these.
+# the library splatboost::adapters, whose function `adapters()` returns the entries of all of ENTRIES.
 function(splatboost_table)
   cmake_parse_arguments(ARG "" "NAME;FUNCTION;PART;LAYER;ENTRY;SUFFIX;HEADER" "ENTRIES;SOURCES;LINKS" ${ARGN})
   set(declarations "")
@@ -162,7 +162,8 @@ const std::vector<@ARG_ENTRY@>& @ARG_FUNCTION@() {
     SOURCES ${ARG_SOURCES} ${CMAKE_CURRENT_BINARY_DIR}/${ARG_NAME}.cpp PUBLIC_LINKS ${ARG_ENTRIES} ${ARG_LINKS})
 endfunction()
 
-# Adds the folders of adapters/ and backbones/ in `root` that hold one backbone each; a backbone is found by being there.
+# Adds each folder in `root` (adapters/ or backbones/) that has a CMakeLists.txt, except those in ARGN. New backbones
+# need no registration.
 function(splatboost_add_folders kind root)
   file(GLOB found CONFIGURE_DEPENDS RELATIVE ${root} ${root}/*/CMakeLists.txt)
   list(TRANSFORM found REPLACE "/CMakeLists.txt$" "")

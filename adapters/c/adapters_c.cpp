@@ -52,7 +52,7 @@ sb_tensor tensor_of(std::span<T> values, std::int32_t type, std::initializer_lis
   return tensor;
 }
 
-/// Values of a tensor where the rules read and write them: in place on the CPU, copied from a GPU.
+/// Host access to the values of a tensor: in place on the CPU, through a copy for a GPU.
 template <class T>
 class OnHost {
  public:
@@ -72,7 +72,7 @@ class OnHost {
   std::vector<std::remove_const_t<T>> copy_;
 };
 
-/// The host's functions as the hook that adapters know.
+/// Wraps the host's callbacks in a RasterizerHook.
 class HostRenderer final : public splatboost::RasterizerHook {
  public:
   HostRenderer(const sb_views& views, const Place& place) : views_(views), place_(place) {
@@ -131,11 +131,11 @@ struct sb_boost {
     for (const auto& field : fields) {
       if (wanted == field.name) return field;
     }
-    throw ArgumentError("name: no setting '" + std::string(wanted.substr(0, 100)) + "' of this backbone");
+    throw ArgumentError("name: this backbone has no setting '" + std::string(wanted.substr(0, 100)) + "'");
   }
 
   std::unique_ptr<splatboost::BoostSettings> settings;
-  std::vector<splatboost::BoostSettings::Setting> fields;  ///< of settings
+  std::vector<splatboost::BoostSettings::Setting> fields;  ///< point into *settings
 };
 
 struct sb_adapter {
@@ -147,8 +147,8 @@ struct sb_adapter {
 
   Place place;
   std::unique_ptr<splatboost::Adapter> adapter;
-  std::int64_t grown = 0;      ///< primitives of the last grow
-  std::int32_t grown_at = -1;  ///< its iteration
+  std::int64_t grown = 0;      ///< number of primitives in the last grow
+  std::int32_t grown_at = -1;  ///< iteration of the last grow
 };
 
 sb_status sb_boost_create(const char* backbone, int32_t literal, sb_boost** boost) {
@@ -296,8 +296,7 @@ sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const 
     a.grown_at = -1;
     a.adapter->grow(statistics, renderer, decisions);
     if (d.max_primitives > 0) {
-      for (const float v : priorities)
-        SPLATBOOST_CHECK(!std::isnan(v), "gradients must be numbers where there is a cap");
+      for (const float v : priorities) SPLATBOOST_CHECK(!std::isnan(v), "gradients must not be NaN if there is a cap");
       const auto room = static_cast<std::size_t>(std::max<std::int64_t>(0, d.max_primitives - n));
       splatboost::hold_cap(priorities, room, clones.span(), splits.span());
     }
@@ -330,7 +329,7 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
       statistics.opacities = opacities->span();
     }
     if (origins != nullptr) {
-      SPLATBOOST_CHECK(a.grown_at == d.iteration, "origins need a grow at the same iteration before");
+      SPLATBOOST_CHECK(a.grown_at == d.iteration, "origins need a preceding grow at the same iteration");
       OnHost from(a.place.view<const std::int32_t>(origins, "origins", {n}), device);
       for (const std::int32_t origin : from.span()) {
         SPLATBOOST_CHECK(origin >= 0 && origin < a.grown, "origins must be indices of the primitives of the last grow");

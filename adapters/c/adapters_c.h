@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /**
- * @file The adapters' decisions through the C ABI: which primitives of a host grow, split and go, and when its
- * parameter groups step. There is an adapter for each folder of adapters/; its rules are those of the in-tree backbone.
+ * @file The adapters' decisions through the C ABI: which primitives of a host grow, split and are removed, and when its
+ * parameter groups step. There is one adapter per backbone, with the rules of the in-tree backbone.
  *
- * The host keeps its tensors and its renderer. It shows its views by two functions (sb_views), asks at each iteration,
- * and gets masks. Rules of memory, tensors and errors: splatboost/c_api.h.
+ * The host keeps its tensors and its renderer. It passes callbacks that render its views (sb_views), queries the
+ * adapter at each iteration, and receives masks. Memory, tensors and errors: as in splatboost/c_api.h.
  */
 #ifndef SPLATBOOST_ADAPTERS_C_H_
 #define SPLATBOOST_ADAPTERS_C_H_
@@ -15,97 +15,98 @@
 extern "C" {
 #endif
 
-/** Settings of an adapter by name: parts and constants of the method. The header of the adapter, such as
- *  vanilla/vanilla_adapter.h, says what each is. */
+/** Settings of an adapter by name: parts and constants of the method. They are documented in the adapter's header, such
+ *  as vanilla/vanilla_adapter.h. */
 typedef struct sb_boost sb_boost;
 
-/** Kinds of settings. All are given and read as a double, which holds each exactly. */
+/** Kinds of settings. All are set and read as double, which represents each of them exactly. */
 enum { SB_SETTING_BOOL = 0, /**< 0 or 1 */ SB_SETTING_INTEGER = 1, SB_SETTING_REAL = 2 };
 
-/** The settings of a backbone's adapter. @param literal 0: the default, 1: the paper's rules and numbers
- *  @param backbone "vanilla", "mip-splatting", "dropgaussian", … as the
- *  program's --backbone; the message of a refusal names all */
+/** Creates the settings of a backbone's adapter. @param literal 0: the defaults, 1: the paper's rules and numbers
+ *  @param backbone "vanilla", "mip-splatting", "dropgaussian", … as for the program's --backbone; the error message for
+ *  an unknown one lists all @param boost receives the handle, which the caller frees by sb_boost_destroy */
 SB_API sb_status sb_boost_create(const char* backbone, int32_t literal, sb_boost** boost);
-/** NULL is allowed. */
+/** Frees the handle; NULL is allowed. */
 SB_API void sb_boost_destroy(sb_boost* boost);
-/** @param index from 0 @param name receives the setting's name, which lives as long as the library; NULL past the last
+/** Lists the settings. @param index from 0 @param name receives the setting's name, valid as long as the library is
+ *  loaded; NULL past the last setting
  *  @param kind receives SB_SETTING_…; NULL is allowed */
 SB_API sb_status sb_boost_setting(const sb_boost* boost, int32_t index, const char** name, int32_t* kind);
 SB_API sb_status sb_boost_get(const sb_boost* boost, const char* name, double* value);
-/** Values that no run can have are refused here or by sb_adapter_create(). */
+/** Invalid values are rejected here or by sb_adapter_create(). */
 SB_API sb_status sb_boost_set(sb_boost* boost, const char* name, double value);
 
 typedef struct sb_adapter sb_adapter;
 
-/** @param boost is copied @param seed of the draws @param device where the host's images, masks and counts are; its
- * stream is not kept */
+/** @param boost is copied @param seed of the random draws @param device where the host's images, masks and counts are;
+ *  its stream is not kept @param adapter receives the handle, which the caller frees by sb_adapter_destroy */
 SB_API sb_status sb_adapter_create(const sb_boost* boost, uint64_t seed, const sb_device* device, sb_adapter** adapter);
-/** NULL is allowed. */
+/** Frees the handle; NULL is allowed. */
 SB_API void sb_adapter_destroy(sb_adapter* adapter);
 
-/** What a host knows of its primitives at a moment, float32 [N] each. */
+/** The host's statistics of its primitives; tensors are float32 [N] or [N,1]. Those not needed may be NULL. */
 typedef struct sb_density {
-  int32_t iteration, total;       /**< of the host's run, from 1 */
+  int32_t iteration, total;       /**< current iteration, from 1, and length of the host's run */
   float scene_extent;             /**< radius of the camera positions, world units */
-  const sb_tensor* gradients;     /**< mean norm of the signed screen gradient, NDC units; for growth */
-  const sb_tensor* gradients_abs; /**< of the absolute one (Mip-Splatting: its sums); for growth with absgrad */
-  const sb_tensor* opacities;     /**< activated; for pruning, of the M primitives that are there then */
+  const sb_tensor* gradients;     /**< mean norm of the signed screen-space gradient, NDC units; for growth */
+  const sb_tensor* gradients_abs; /**< of the absolute gradient (Mip-Splatting: its sums); for growth with absgrad */
+  const sb_tensor* opacities;     /**< activated, in [0, 1]; for pruning, of the M primitives present then */
   const sb_tensor* max_scales;    /**< longest standard deviation, world units; for growth with absgrad */
-  int64_t max_primitives;         /**< growth makes no more of them, a clone or split adding one; 0: no cap */
+  int64_t max_primitives;         /**< cap that growth does not exceed, a clone or split adding one; 0: no cap */
 } sb_density;
 
-/** A view as rendered without anything random, and settled (sb_rasterizer_settle). The tensors live until the next
- *  render or the entry's return. */
+/** A view rendered without randomness (dropout, jitter) and settled (sb_rasterizer_settle). The tensors must stay valid
+ *  until the next render or until the calling entry returns. */
 typedef struct sb_scored_view {
   const sb_tensor* color; /**< float32 [3,H,W] */
   sb_truth truth;
 } sb_scored_view;
 
-/** The host's renderer. The functions return 0, or anything else to fail the call with SB_ERROR_CALLBACK. */
+/** The host's renderer. The functions return 0 on success; any other value fails the call with SB_ERROR_CALLBACK. */
 typedef struct sb_views {
-  void* context;      /**< given to each */
+  void* context;      /**< passed to each function */
   int64_t primitives; /**< N */
-  int64_t views;      /**< training views that may be scored, numbered from 0 */
+  int64_t views;      /**< number of training views that may be scored, numbered from 0 */
   int32_t (*render)(void* context, int64_t view, sb_scored_view* scored);
-  /** Adds to counts (int32 [N]) the flagged pixels (uint8 [H,W]) where each primitive was blended in the last render.
-   */
+  /** Adds to counts (int32 [N]) the number of flagged pixels (uint8 [H,W]) in which each primitive was blended in the
+   *  last render. */
   int32_t (*count_flagged)(void* context, const sb_tensor* flagged, const sb_tensor* counts);
   /** Adds to weights (int32 [N]) each primitive's blending weights in the last render, as sb_rasterizer_add_weights.
-   *  Adapters of Gaussians ask for them when growth has ended (late_share); those of anchors and convexes never do, and
-   *  it may be NULL. */
+   *  Adapters of Gaussians and of convexes call it once, when growth has ended (late_share); those of anchors never do,
+   *  and for them it may be NULL. */
   int32_t (*add_weights)(void* context, const sb_tensor* weights);
 } sb_views;
 
-/** @param beta of the compact box; 0 where the box is to stay the host's own */
+/** @param beta receives β of the compact box; 0 if the host is to keep its own box */
 SB_API sb_status sb_adapter_beta(const sb_adapter* adapter, float* beta);
-/** @param host_would whether the host's own rule would grow now @param grows receives 1 or 0 */
+/** Whether to grow now. @param host_would whether the host's own rule would @param grows receives 1 or 0 */
 SB_API sb_status sb_adapter_grows_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
                                      int32_t* grows);
-/** @param prunes receives 1 or 0 */
+/** Whether to prune now. @param prunes receives 1 or 0 */
 SB_API sb_status sb_adapter_prunes_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
                                       int32_t* prunes);
-/** @param group the host's name: "xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation" @param steps receives 1 or 0
- */
+/** Whether a parameter group steps now. @param group the host's name: "xyz", "f_dc", "f_rest", "opacity", "scaling",
+ *  "rotation" @param steps receives 1 or 0 */
 SB_API sb_status sb_adapter_steps_at(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
                                      int32_t* steps);
 
-/** What the host's own learning rate of a group is multiplied by now. @param factor receives it, 1 for most */
+/** Factor on the host's own learning rate of a group at this iteration. @param factor receives it; 1 for most groups */
 SB_API sb_status sb_adapter_rate_factor(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
                                         float* factor);
-/** Whether opacities are reset now. @param host_would whether the host's own rule would @param resets receives 1 or 0
- */
+/** Whether to reset opacities now. @param host_would whether the host's own rule would @param resets receives 1 or 0 */
 SB_API sb_status sb_adapter_resets_opacities_at(const sb_adapter* adapter, int32_t iteration, int32_t total,
                                                 int32_t host_would, int32_t* resets);
 
-/** Scores the views and decides growth; waits for the GPU. @param clone,split uint8 [N], come with the host's own
- *  decisions @param stream of this call, which the functions of `views` must draw on too; NULL on the CPU */
+/** Scores the views and decides growth; waits for the GPU. @param clone,split uint8 [N], in: the host's own decisions,
+ *  out: those to apply @param stream CUDA stream of this call, which the functions of `views` must use too; NULL on the
+ *  CPU */
 SB_API sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const sb_views* views,
                                  const sb_tensor* clone, const sb_tensor* split, void* stream);
-/** Decides removal; waits for the GPU. @param remove uint8 [M], comes with the host's own candidates
- *  @param origins int32 [M] index that each primitive, or the one it was made from, had in the grow of this iteration;
- *  NULL: not within growth. Then the late rule adds to the candidates, from scores of the views and the opacities, at
- *  its own iterations (sb_adapter_prunes_at with host_would 0); at all others nothing changes
- *  @param stream as for growth */
+/** Decides removal; waits for the GPU. @param remove uint8 [M], in: the host's own candidates, out: those to remove
+ *  @param origins int32 [M] index that each primitive, or the one it was made from, had in sb_adapter_grow of this
+ *  iteration. NULL if not within growth: then late pruning adds candidates, by the scores of the views and the
+ *  opacities, at its own iterations (sb_adapter_prunes_at with host_would 0); at all others `remove` stays unchanged
+ *  @param stream as for sb_adapter_grow */
 SB_API sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const sb_views* views,
                                   const sb_tensor* remove, const sb_tensor* origins, void* stream);
 

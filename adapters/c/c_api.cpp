@@ -24,7 +24,7 @@ using edge::size_of;
 
 namespace {
 
-/// What of the Gaussians of a forward pass the passes after it rely on.
+/// Properties of the Gaussians of a forward pass that the passes after it rely on.
 struct DrawnShape {
   std::size_t count = 0;
   bool covariances = false, colors = false;
@@ -270,7 +270,7 @@ sb_status sb_ssim(const sb_device* device, const sb_tensor* images, const sb_ten
     const std::int64_t* s = images->shape;
     const auto wanted = place.view<const float>(truths, "truths", {s[0], s[1], s[2], s[3]});
     const auto out = place.optional_view<float>(gradient, "gradient", {s[0], s[1], s[2], s[3]});
-    SPLATBOOST_CHECK(!from.empty(), "images: at least one pixel wanted");
+    SPLATBOOST_CHECK(!from.empty(), "images must have at least one pixel");
     SPLATBOOST_CHECK(s[2] < (1 << 30) && s[3] < (1 << 30), "images: width and height must be below 2^30");
     splatboost::SsimPlanes planes;
     planes.count = static_cast<std::size_t>(s[0] * s[1]);
@@ -341,7 +341,7 @@ sb_status sb_keep_largest(const sb_device* device, const sb_tensor* priorities, 
     const auto mask = place.view<std::uint8_t>(candidates, "candidates", {n});
     const auto room = static_cast<std::size_t>(keep);
     if (!place.is_cuda()) {
-      for (const float v : from) SPLATBOOST_CHECK(!std::isnan(v), "priorities must be numbers");
+      for (const float v : from) SPLATBOOST_CHECK(!std::isnan(v), "priorities must not be NaN");
     }
     splatboost::keep_largest(from, room, mask, place.device());
   });

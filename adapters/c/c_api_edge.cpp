@@ -10,7 +10,7 @@
 namespace splatboost::edge {
 namespace {
 
-/// Of fixed size, so that keeping a message cannot fail.
+/// Fixed size, so that storing a message cannot fail.
 thread_local char last_error[1024] = "";
 
 const char* type_name(std::int32_t type) {
@@ -60,7 +60,7 @@ bool fits(std::span<const std::int64_t> shape, Shape wanted) {
 }
 
 [[noreturn]] void refuse(const char* name, const std::string& wanted, const std::string& given) {
-  throw ArgumentError(std::string(name) + ": " + wanted + " wanted, " + given + " given");
+  throw ArgumentError(std::string(name) + ": expected " + wanted + ", got " + given);
 }
 
 }  // namespace
@@ -105,7 +105,7 @@ Place::Call::Call(Place& place, void* stream) {
 
 namespace {
 
-/// Never destroyed: CUDA may be gone before it would be.
+/// Never destroyed, because CUDA may already be shut down when static objects are destroyed.
 struct IdlePlaces {
   std::mutex mutex;
   std::vector<std::unique_ptr<Place>> places;
@@ -154,13 +154,13 @@ std::size_t Place::check(const sb_tensor& tensor, const char* name, std::int32_t
   for (const Shape& w : wanted) any = any || fits(shape, w);
   if (!any) refuse(name, "shape " + bracketed(*wanted.begin()), bracketed(shape));
 
-  // What a tensor may hold: bytes that an address difference can tell.
+  // The size in bytes must fit in ptrdiff_t.
   const std::int64_t most = std::numeric_limits<std::ptrdiff_t>::max() / static_cast<std::int64_t>(type_size(type));
   std::int64_t elements = 1;
   for (const std::int64_t size : shape) {
     if (size < 0) throw ArgumentError(std::string(name) + ": negative size in shape " + bracketed(shape));
     if (size > 0 && elements > most / size) {
-      throw ArgumentError(std::string(name) + ": shape " + bracketed(shape) + " is larger than memory can be");
+      throw ArgumentError(std::string(name) + ": shape " + bracketed(shape) + " exceeds the address space");
     }
     elements *= size;
   }
@@ -172,9 +172,9 @@ std::size_t Place::check(const sb_tensor& tensor, const char* name, std::int32_t
   std::int64_t dense = 1;
   for (std::size_t d = shape.size(); d-- > 0;) {
     if (shape[d] != 1 && tensor.strides[d] != dense) {
-      throw ArgumentError(std::string(name) + ": not dense and row-major (stride " + std::to_string(dense) +
-                          " wanted, " + std::to_string(tensor.strides[d]) + " given, in dimension " +
-                          std::to_string(d) + "): make it contiguous");
+      throw ArgumentError(std::string(name) + ": not dense and row-major (expected stride " + std::to_string(dense) +
+                          ", got " + std::to_string(tensor.strides[d]) + ", in dimension " + std::to_string(d) +
+                          "): make it contiguous");
     }
     dense *= shape[d];
   }
@@ -184,8 +184,8 @@ std::size_t Place::check(const sb_tensor& tensor, const char* name, std::int32_t
 std::int64_t size_of(const sb_tensor* tensor, const char* name, int dimension) {
   const sb_tensor& t = need(tensor, name);
   if (t.dimensions <= dimension || t.dimensions > SB_MAX_DIMENSIONS) {
-    throw ArgumentError(std::string(name) + ": at least " + std::to_string(dimension + 1) + " dimensions wanted, " +
-                        std::to_string(t.dimensions) + " given");
+    throw ArgumentError(std::string(name) + ": expected at least " + std::to_string(dimension + 1) +
+                        " dimensions, got " + std::to_string(t.dimensions));
   }
   if (t.shape[dimension] < 0) throw ArgumentError(std::string(name) + ": negative size");
   return t.shape[dimension];

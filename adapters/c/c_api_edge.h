@@ -25,16 +25,16 @@
 
 namespace splatboost::edge {
 
-/// A function of the caller's reported failure.
+/// A callback of the caller reported failure.
 class CallbackFailed : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// Keeps the message for sb_last_error.
+/// Stores the message for sb_last_error. @return status
 sb_status failed(sb_status status, const char* message) noexcept;
 
-/// Runs an entry's body and turns what it throws into a status.
+/// Runs an entry's body and converts exceptions to a status.
 template <class Body>
 sb_status guarded(Body&& body) noexcept {
   try {
@@ -51,7 +51,7 @@ sb_status guarded(Body&& body) noexcept {
   } catch (const std::bad_alloc&) {
     return failed(SB_ERROR_MEMORY, "out of memory");
   } catch (const std::length_error&) {
-    return failed(SB_ERROR_MEMORY, "more memory than there can be");
+    return failed(SB_ERROR_MEMORY, "the requested size exceeds the address space");
   } catch (const std::exception& e) {
     return failed(SB_ERROR_INTERNAL, e.what());
   } catch (...) {
@@ -65,7 +65,7 @@ T& need(T* pointer, const char* name) {
   return *pointer;
 }
 
-/// In a wanted shape: any size.
+/// Matches any size in a wanted shape.
 inline constexpr std::int64_t kAny = -1;
 using Shape = std::initializer_list<std::int64_t>;
 
@@ -82,19 +82,19 @@ inline constexpr std::int32_t kTypeOf<std::int64_t> = SB_INT64;
 template <>
 inline constexpr std::int32_t kTypeOf<std::uint8_t> = SB_UINT8;
 
-/// Where calls run, and the check that their tensors live there. Makes no use of a GPU before the first call().
+/// The device that calls run on; checks that their tensors are in its memory. Does not use a GPU before the first Call.
 class Place {
  public:
   explicit Place(const sb_device* device);
 
-  /// What operations take. They run on it until the place ends.
+  /// The device to pass to operations; valid as long as this place.
   Device device() { return stream_ ? Device(*stream_) : Device(threads_); }
   bool is_cuda() const { return kind_ == SB_CUDA; }
-  /// This place as tensors name it, for tensors that are made here.
+  /// device_kind and device_index of tensors on this place.
   std::int32_t kind() const { return kind_; }
   std::int32_t index() const { return index_; }
 
-  /// One call. @param stream of the caller's; throws where it does not fit the device
+  /// Scope of one call. @param stream the caller's CUDA stream; NULL on the CPU, else throws ArgumentError
   class Call {
    public:
     Call(Place& place, void* stream);
@@ -103,11 +103,11 @@ class Place {
     std::optional<CudaCall> cuda_;
   };
 
-  /// Workspaces of calls that have no handle, kept from call to call where the place is.
+  /// Workspaces of calls without a handle, kept as long as this place.
   Photometric& photometric() { return photometric_ ? *photometric_ : photometric_.emplace(device()); }
   CudaSsimWorkspace& ssim_workspace() { return ssim_ ? *ssim_ : ssim_.emplace(*stream_); }
 
-  /// A given tensor as a span, of one of the wanted shapes. Checks all of it that can be checked.
+  /// A tensor as a span. Throws ArgumentError unless its device, type, shape (one of `wanted`) and strides are right.
   template <class T>
   std::span<T> view(const sb_tensor* tensor, const char* name, std::initializer_list<Shape> wanted) const {
     const std::size_t n = check(need(tensor, name), name, kTypeOf<std::remove_const_t<T>>, wanted);
@@ -117,7 +117,7 @@ class Place {
   std::span<T> view(const sb_tensor* tensor, const char* name, Shape wanted) const {
     return view<T>(tensor, name, {wanted});
   }
-  /// The same, empty where the tensor is not given.
+  /// The same; an empty span if the tensor is NULL.
   template <class T>
   std::span<T> optional_view(const sb_tensor* tensor, const char* name, std::initializer_list<Shape> wanted) const {
     return tensor == nullptr ? std::span<T>() : view<T>(tensor, name, wanted);
@@ -127,9 +127,9 @@ class Place {
     return optional_view<T>(tensor, name, {wanted});
   }
 
-  /// @param drawn whether opacities, colours and features are read too
+  /// @param drawn whether to read opacities, colors and features too
   Gaussians gaussians(const sb_gaussians* gaussians, bool drawn) const;
-  /// The truth of a render of its size, [3,H,W].
+  /// The ground truth of a render [3,H,W], which must have the same size.
   TruthImage truth(const sb_truth* truth, const sb_tensor* render) const;
 
  private:
@@ -137,12 +137,12 @@ class Place {
                     std::initializer_list<Shape> wanted) const;
   std::int32_t kind_ = SB_CPU, index_ = 0;
   Threads threads_;
-  std::optional<CudaStream> stream_;  ///< borrows the callers'
+  std::optional<CudaStream> stream_;  ///< borrows the caller's stream during a call
   std::optional<Photometric> photometric_;
   std::optional<CudaSsimWorkspace> ssim_;
 };
 
-/// A place of a call without a handle. On a GPU it is one that an earlier call left, with its workspaces, or a new one.
+/// The place of a call without a handle. On a GPU, places and their workspaces are reused by later calls.
 class BorrowedPlace {
  public:
   explicit BorrowedPlace(const sb_device* device);
@@ -155,7 +155,7 @@ class BorrowedPlace {
   std::unique_ptr<Place> place_;
 };
 
-/// Runs the body of an entry without a handle, which gets its place.
+/// Runs the body of an entry without a handle, passing it a place.
 template <class Body>
 sb_status guarded_on(const sb_device* device, Body&& body) noexcept {
   return guarded([&] {
@@ -165,10 +165,11 @@ sb_status guarded_on(const sb_device* device, Body&& body) noexcept {
   });
 }
 
-/// The size of a dimension that other tensors must follow, such as the number of rows. Throws where there is none.
+/// The size of a dimension that other tensors must match, such as the number of rows. Throws ArgumentError if there is
+/// no such dimension.
 std::int64_t size_of(const sb_tensor* tensor, const char* name, int dimension = 0);
 
-/// Spherical harmonics or colours of n given primitives, from `given` (sb_gaussians, sb_convexes) into `out`.
+/// Reads spherical harmonics or colors of n primitives from `given` (sb_gaussians, sb_convexes) into `out`.
 template <class Given, class Primitives>
 void colors_of(const Place& place, const Given& given, std::int64_t n, Primitives& out) {
   out.sh_dc = place.optional_view<const float>(given.sh_dc, "sh_dc", {{n, 3}, {n, 1, 3}});
@@ -188,9 +189,9 @@ void colors_of(const Place& place, const Given& given, std::int64_t n, Primitive
     out.sh_rest_rows = static_cast<int>(given.sh_rest->shape[1]);
   }
   SPLATBOOST_CHECK(out.sh_rest_rows >= sh_coefficients(out.sh_degree) - 1,
-                   "sh_rest: " + std::to_string(sh_coefficients(out.sh_degree) - 1) +
-                       " coefficients wanted for sh_degree " + std::to_string(out.sh_degree) + ", " +
-                       std::to_string(out.sh_rest_rows) + " given");
+                   "sh_rest: expected " + std::to_string(sh_coefficients(out.sh_degree) - 1) +
+                       " coefficients for sh_degree " + std::to_string(out.sh_degree) + ", got " +
+                       std::to_string(out.sh_rest_rows));
 }
 
 /// Copies within the device.

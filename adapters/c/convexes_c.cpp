@@ -14,7 +14,7 @@ using edge::size_of;
 
 namespace {
 
-/// What of the convexes of a forward pass the passes after it rely on.
+/// Properties of the convexes of a forward pass that the passes after it rely on.
 struct DrawnConvexes {
   std::size_t count = 0;
   int points_per_convex = 0, sh_rest_rows = 0, sh_degree = 0;
@@ -33,7 +33,7 @@ splatboost::Convexes convexes_of(const Place& place, const sb_convexes* convexes
   out.count = static_cast<std::size_t>(n);
   out.points = place.view<const float>(c.points, "points", {n, k, 3});
   SPLATBOOST_CHECK(k >= splatboost::kMinConvexPoints && k <= splatboost::kMaxConvexPoints,
-                   "points: 3 to 8 points a convex wanted, " + std::to_string(k) + " given");
+                   "points: expected 3 to 8 points per convex, got " + std::to_string(k));
   out.points_per_convex = static_cast<int>(k);
   out.smoothness = place.view<const float>(c.smoothness, "smoothness", {{n}, {n, 1}});
   out.sharpness = place.view<const float>(c.sharpness, "sharpness", {{n}, {n, 1}});

@@ -7,19 +7,19 @@
 namespace splatboost {
 namespace {
 
-constexpr std::string_view kNet = "deformation";  ///< the backbone's group of parameters
+constexpr std::string_view kNet = "deformation";  ///< the backbone's name of the net's parameter group
 
 }  // namespace
 
 VanillaBoost deformable_boost() {
   VanillaBoost boost;
   boost.published_iterations = kDeformableIterations;
-  // A quarter of the run, as vanilla's would be, was not measured.
+  // Ending growth at vanilla's 10 000 iterations, a quarter of this run, was not measured.
   boost.densify_until = kLiteralGrowthEnd;
   boost.late_prune_from = kLiteralGrowthEnd;
-  // As vanilla's, every tenth of the run. (The release stops at 27 000, whatever the length of the run.)
+  // Every tenth of the run, as in vanilla. (The published code stops at 27 000, whatever the length of the run.)
   boost.late_prune_interval = kDeformableIterations / 10;
-  // The backbone's own candidates for growth are by absolute gradients. Vanilla's borders make twice as many of them.
+  // The backbone selects its growth candidates by absolute gradients. Vanilla's thresholds would select twice as many.
   boost.absgrad = false;
   return boost;
 }
@@ -27,7 +27,7 @@ VanillaBoost deformable_boost() {
 void DeformableAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer,
                               PruneDecisions& decisions) {
   unseen_.assign(decisions.remove.size(), 0);
-  // A host may leave out opacities where they are not needed.
+  // Hosts may omit opacities where they are not needed.
   const bool known = statistics.opacities.size() == unseen_.size();
   const bool applies = known && !is_literal() && decisions.rule == PruneRule::growth;
   for (std::size_t i = 0; applies && i < unseen_.size(); ++i) {

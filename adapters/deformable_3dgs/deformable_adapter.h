@@ -20,17 +20,17 @@ class DeformableAdapter final : public VanillaAdapter {
  public:
   DeformableAdapter(const VanillaBoost& boost, Device device) : VanillaAdapter(boost, device) {}
 
-  /// Of the backbone's candidates those that no pixel shows all go, and half of the others. The paper keeps half of
-  /// all, but the net is asked about every Gaussian in every view, and the 100 000 random points that a run may start
-  /// from leave mostly such candidates.
+  /// Within growth, removes all of the backbone's candidates with an opacity below kMinAlpha, which no pixel shows, and
+  /// half of the others. The paper keeps half of all candidates; but the net evaluates every Gaussian for every view,
+  /// and the 100 000 random points that a run may start from leave mostly invisible candidates.
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
 
-  /// The net steps at every iteration: each view is of another time, and steps of gradients summed over many of them
-  /// would be few. The schedule is of the Gaussians.
+  /// The net steps at every iteration: each view has its own time, and accumulating gradients over several views would
+  /// leave too few steps. The schedule applies to the Gaussians only.
   bool steps_at(std::string_view group, Moment moment) const override;
 
  private:
-  std::vector<std::uint8_t> unseen_;  ///< of the candidates of this growth
+  std::vector<std::uint8_t> unseen_;  ///< [N] 1 for candidates that no pixel shows
 };
 
 }  // namespace splatboost

@@ -9,15 +9,15 @@ namespace splatboost {
 /// Length of DropGaussian's published run, which it densifies to the end.
 inline constexpr int kDropGaussianIterations = 10000;
 
-/// Settings for a DropGaussianAdapter. K is min(10, views) as everywhere, so all of a few views are scored.
+/// Settings for a DropGaussianAdapter. K is min(10, views) as in all adapters, so with few views all are scored.
 VanillaBoost dropgaussian_boost();
 
-/// Few views leave gradients that no other view contradicts: splitting needs a clearer sign of detail. Its threshold is
-/// the setting times 1 + kFewViewThresholdScale / views: 0.0024 for three views, 0.0018 for six, the paper's for many.
-/// Ours, not the paper's, found on fern (docs/results/backbones.md).
+/// With few views, no other view contradicts a spurious gradient, so splitting needs stronger evidence. Its threshold
+/// is the setting times 1 + kFewViewThresholdScale / views: 0.0024 for three views, 0.0018 for six, the paper's for
+/// many. Ours, not the paper's, found on fern (docs/results/backbones.md).
 inline constexpr double kFewViewThresholdScale = 3;
 
-/// @param boost as for vanilla: its gradient_abs_threshold is of many views, and so is told in settings
+/// @param boost as for vanilla: its gradient_abs_threshold is the value for many views, and settings report it unscaled
 class DropGaussianAdapter final : public VanillaAdapter {
  public:
   DropGaussianAdapter(const VanillaBoost& boost, Device device) : VanillaAdapter(boost, device) {}

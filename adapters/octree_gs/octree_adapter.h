@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file FastGS for Octree-GS: Scaffold-GS's rules, with the paper's β and a growth that ends later. Densities of
-/// errors need no rule for levels.
+/// @file FastGS for Octree-GS: Scaffold-GS's rules, with the paper's β and growth that ends later. Error densities
+/// need no per-level rule.
 #pragma once
 
 #include "scaffold_gs/scaffold_adapter.h"

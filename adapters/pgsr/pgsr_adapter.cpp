@@ -9,11 +9,11 @@ VanillaBoost pgsr_boost() {
   VanillaBoost boost;
   boost.densify_until = kLiteralGrowthEnd;
   boost.late_prune_from = kLiteralGrowthEnd;
-  // Surfaces settle in the second half of a run: every step counts there. The supplement (Sec. 9.2) has plain Adam too.
+  // Surfaces settle in the second half of a run, where every step counts. The supplement (Sec. 9.2) uses plain Adam.
   boost.schedule = false;
-  // Planes reach to where a splat ends: without its faint rim the neighbouring ones blend to another depth.
+  // Whole splats (β = 1): planes are blended out to a splat's faint rim, and cutting it changes the depth.
   boost.beta = 1;
-  // The backbone's own candidates for growth are by absolute gradients, too.
+  // The backbone already selects its growth candidates by absolute gradients too.
   boost.absgrad = false;
   boost.growth_after_reset = 0;
   return boost;

@@ -11,20 +11,20 @@
 namespace splatboost {
 
 PhotoSlamBoost::PhotoSlamBoost() {
-  // Photo-SLAM's own threshold is five times 3DGS's, because features bring most of its Gaussians; so are ours.
+  // Photo-SLAM's threshold is five times 3DGS's, because most of its Gaussians come from features; so are these.
   gradient_threshold = 1e-3;
   gradient_abs_threshold = 3e-3;
-  // For the same reason many are faint: of those that features brought, others have taken the place. Measured with 0.1
-  // and 0.5 too (docs/results/backbones.md).
+  // For the same reason many Gaussians are faint: others have replaced those inserted from features. 0.1 and 0.5 were
+  // measured too (docs/results/backbones.md).
   late_min_opacity = 0.2;
-  // Of so few keyframes what shows least is still needed: taking it cost 0.5 dB on red kitchen, two seeds.
+  // The few keyframes still need the Gaussians of smallest weight: removing them cost 0.5 dB on red kitchen, two seeds.
   late_share = 0;
-  // The scene's extent is that of the first keyframes, which lie close together: vanilla's 0.001 of it would leave
-  // nothing to clone.
+  // The scene extent is that of the first keyframes, which lie close together: with vanilla's 0.001 nothing would be
+  // small enough to clone.
   percent_dense = 0.01;
-  // Keyframes arrive as long as the sequence lasts.
+  // Keyframes keep arriving until the end of the sequence.
   densify_until = late_prune_from = kLiteralGrowthEnd;
-  // Keyframes begin with small images anyway.
+  // Photo-SLAM starts every keyframe with small images anyway.
   coarse = false;
 }
 
@@ -51,7 +51,7 @@ const ScoreSums& PhotoSlamAdapter::score(RasterizerHook& rasterizer, bool losses
   ChosenViews chosen(rasterizer, recent_and_drawn_views(rasterizer.scorable_views(), views(), recent_share_, random),
                      device_);
   sums_ = VanillaAdapter::score(chosen, losses, random);
-  // As if as many views saw it as were scored.
+  // Scales each primitive's sums as if all scored views saw it.
   for (std::size_t i = 0; i < sums_.counts.size(); ++i) {
     const double factor = static_cast<double>(sums_.views) / std::max(1, chosen.seen()[i]);
     sums_.counts[i] = std::llround(static_cast<double>(sums_.counts[i]) * factor);

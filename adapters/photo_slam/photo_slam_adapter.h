@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file FastGS for Photo-SLAM, whose views come in while it trains: vanilla's rules on a set of views that favours the
-/// newest, with scores of the views that see a primitive.
+/// @file FastGS for Photo-SLAM, whose views arrive during training: vanilla's rules on a selection of views that
+/// favours the newest, with scores averaged over the views that see a primitive.
 #pragma once
 
 #include <concepts>
@@ -11,10 +11,10 @@
 
 namespace splatboost {
 
-/// Vanilla's settings, some with other values, and, beyond them:
+/// Vanilla's settings, some with other defaults, and recent_share.
 struct PhotoSlamBoost : VanillaBoost {
   PhotoSlamBoost();
-  /// Share of the K views that are the newest: what they show was hardly trained on, and few of the others see it.
+  /// Share of the K views that are the newest: their content has had little training, and few older views see it.
   double recent_share = 0.5;
 };
 
@@ -27,17 +27,18 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("recent_share", boost.recent_share);
 }
 
-/// Throws ArgumentError that names the setting unless all values are possible.
+/// Throws ArgumentError, naming the setting, if a value is out of range.
 void check(const PhotoSlamBoost& boost);
 
-/// The paper's text and numbers (supplement, Sec. 9.2).
+/// The paper's rules and numbers (supplement, Sec. 9.2).
 PhotoSlamBoost literal_photo_slam_boost();
 
-/// No score is kept from one event to the next, so that a closed loop leaves no score behind. Phases are shares of the
-/// planned run (Moment::total), which a backbone extends while views come: late rules wait until they are all there.
-/// A plan may change afterwards too, where a run ends by the clock. So late pruning is counted: each one that is due by
-/// the moment's share of the plan comes once, late if the plan passed over it, and after the first nothing grows.
-/// The literal rules draw the K views evenly and divide by K, as the paper has it, at the paper's moments.
+/// Scores are recomputed at every event, so that none is stale after a loop closure. Phases are fractions of the
+/// planned run (Moment::total). The backbone extends the plan while views arrive, so late pruning waits until all are
+/// there; in a run limited by time the plan may change later too. Late prunings are therefore counted: each one due at
+/// the current fraction of the plan happens once, delayed if a change of plan skipped its iteration. Nothing grows
+/// after the pruning at the end of growth. The literal rules draw the K views uniformly and divide by K, at the paper's
+/// iterations.
 class PhotoSlamAdapter final : public VanillaAdapter {
  public:
   PhotoSlamAdapter(const PhotoSlamBoost& boost, Device device);
@@ -51,16 +52,16 @@ class PhotoSlamAdapter final : public VanillaAdapter {
   const ScoreSums& score(RasterizerHook& rasterizer, bool losses, const RandomStream& random) override;
 
  private:
-  /// What of late pruning is due by a moment.
+  /// The late pruning due by a moment.
   struct LatePruning {
     bool growth_ended = false;
-    int prunes = 0;  ///< that of the end of growth among them
+    int prunes = 0;  ///< number of late prunings, including the one at the end of growth
   };
   LatePruning due_by(Moment moment) const;
-  /// What has been done, as far as `moment` knows: a run that is continued has done what was due before.
+  /// The late pruning done so far. At the first call, everything due before `moment` counts as done (a resumed run).
   const LatePruning& done(Moment moment) const;
 
-  mutable std::optional<LatePruning> done_;  ///< none: not asked yet
+  mutable std::optional<LatePruning> done_;  ///< nullopt before the first call of done()
   double recent_share_;
   Device device_;
   ScoreSums sums_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Some views of a growing set, and which primitives each of them sees.
+/// @file Selects views from a growing set, and counts how many of them see each primitive.
 #pragma once
 
 #include <cstddef>
@@ -15,11 +15,11 @@
 
 namespace splatboost {
 
-/// min(k, n) of the views 0 … n−1, ascending: round(share · k) of them the newest, the others drawn among the rest.
+/// min(k, n) of the views 0 … n−1, ascending: the round(share · k) newest, and the others drawn from the rest.
 std::vector<std::size_t> recent_and_drawn_views(std::size_t n, int k, double share, const RandomStream& random);
 
-/// A rasterizer whose scorable views are these of another's. Each view that is counted in is also replayed as if all of
-/// its pixels were flagged: primitives that are blended anywhere are seen.
+/// Forwards to a rasterizer, with only the given views as its scorable views. Each count_flagged() also replays the
+/// view with all of its pixels flagged: the view sees every primitive that is blended anywhere.
 class ChosenViews final : public RasterizerHook {
  public:
   ChosenViews(RasterizerHook& rasterizer, std::vector<std::size_t> views, Device device)
@@ -35,7 +35,7 @@ class ChosenViews final : public RasterizerHook {
   ScoredView render_for_score(std::size_t view) override;
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override;
 
-  /// [N] how many of the views that were counted in see each primitive
+  /// [N] number of views, of those passed to count_flagged(), that see each primitive
   std::span<const std::int32_t> seen() const { return seen_; }
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What plugs into a backbone.
+/// @file The interface of an adapter: the hooks that accelerate a backbone.
 #pragma once
 
 #include <optional>
@@ -8,7 +8,7 @@
 
 namespace splatboost {
 
-/// The decisions of an accelerated run. Plug it in by set_hooks(&adapter, &adapter) after
+/// Makes the decisions of an accelerated run. Installed by set_hooks(&adapter, &adapter), after
 /// rasterizer_hook().set_beta(adapter.beta()).
 class Adapter : public DensityHook, public OptimizerHook {
  public:

@@ -32,9 +32,9 @@ class BoostSettings {
   virtual ~BoostSettings() = default;
   /// All settings in the order of their struct. The pointers live as long as this object.
   virtual std::vector<Setting> settings() = 0;
-  /// Throws ArgumentError that names the setting unless all values are possible.
+  /// Throws ArgumentError, naming the setting, if a value is out of range.
   virtual void validate() const = 0;
-  /// Share of the run that an in-tree trainer begins with on views of half the size.
+  /// Share of the run, from its start, for which an in-tree trainer uses half-size views; 0: none.
   virtual double coarse_share() const = 0;
   /// @param device where the backbone trains
   virtual std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const = 0;
@@ -70,15 +70,15 @@ std::unique_ptr<BoostSettings> make_settings(const Boost& boost) {
 
 /// The acceleration of one backbone. Each folder of adapters/ defines one: `AdapterEntry NAME_adapter_entry()`.
 struct AdapterEntry {
-  std::string_view backbone;  ///< as --backbone takes it
-  /// @param literal the paper's text and numbers exactly, in place of the default
+  std::string_view backbone;  ///< its name for --backbone
+  /// @param literal the paper's exact rules and numbers instead of the defaults
   std::unique_ptr<BoostSettings> (*make_settings)(bool literal);
 };
 
 /// One for each folder of adapters/ that CMake found.
 const std::vector<AdapterEntry>& adapters();
 
-/// Throws ArgumentError that names those there are.
+/// The entry of a backbone. Throws ArgumentError, listing the known backbones, if there is none.
 const AdapterEntry& find_adapter(std::string_view backbone);
 
 }  // namespace splatboost

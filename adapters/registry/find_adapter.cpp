@@ -12,7 +12,7 @@ const AdapterEntry& find_adapter(std::string_view backbone) {
     if (entry.backbone == backbone) return entry;
     names += (names.empty() ? "" : ", ") + std::string(entry.backbone);
   }
-  throw ArgumentError("backbone: no '" + std::string(backbone.substr(0, 100)) + "' here; there are: " + names);
+  throw ArgumentError("backbone: unknown backbone '" + std::string(backbone.substr(0, 100)) + "'; available: " + names);
 }
 
 }  // namespace splatboost

@@ -18,8 +18,8 @@ double sum_of(std::span<const std::int32_t> values) {
   return static_cast<double>(std::accumulate(values.begin(), values.end(), std::int64_t{0}));
 }
 
-/// Passes everything on, and replays each scored view once more, with every valid pixel flagged, to know how many
-/// flagged pixels a slot would have if the errors of the view lay evenly over what is drawn there.
+/// Forwards to a rasterizer, and replays each scored view once more with every valid pixel flagged. Computes how many
+/// flagged pixels each slot would have if the errors of a view were spread evenly over the valid pixels of all slots.
 class EvenErrors final : public RasterizerHook {
  public:
   EvenErrors(RasterizerHook& inner, Device device)
@@ -32,7 +32,7 @@ class EvenErrors final : public RasterizerHook {
     valid_ = scored.truth.valid;
     return scored;
   }
-  /// @param counts of this view alone: zeros before
+  /// @param counts of this view alone; must be zero on entry
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     inner_.count_flagged(flagged, counts);
     if (valid_.empty() && all_.size() != flagged.size()) all_.assign(std::vector<std::uint8_t>(flagged.size(), 1));
@@ -42,20 +42,20 @@ class EvenErrors final : public RasterizerHook {
     const double share = sum_of(copy_to_host<std::int32_t>(counts, device_)) / std::max(1.0, sum_of(drawn));
     for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += share * drawn[i];
   }
-  /// [N] over the views so far
+  /// [N] flagged pixels with evenly spread errors, summed over the views so far
   std::span<const double> counts() const { return counts_; }
 
  private:
   RasterizerHook& inner_;
   Device device_;
   std::vector<double> counts_;
-  std::span<const std::uint8_t> valid_;  ///< of the view just rendered; empty: all
+  std::span<const std::uint8_t> valid_;  ///< mask of the view just rendered; empty: all pixels
   Array<std::uint8_t> all_;
   Array<std::int32_t> drawn_;
-  std::vector<std::int32_t> copy_;  ///< of a GPU's
+  std::vector<std::int32_t> copy_;  ///< host copy of drawn_ if it is on a GPU
 };
 
-/// Keeps candidates of at least `least` flagged pixels, and of more than `factor` times as many as `even`.
+/// Keeps candidates with at least `least` flagged pixels and more than `factor` × `even`.
 void keep_dense_errors(std::span<const std::int64_t> flagged, std::span<const double> even, double factor,
                        std::int64_t least, std::span<std::uint8_t> candidates) {
   for (std::size_t i = 0; i < candidates.size(); ++i) {
@@ -102,7 +102,7 @@ float ScaffoldAdapter::rate_factor(std::string_view group, Moment moment) const 
 }
 
 void ScaffoldAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
-  // Without a candidate there is nothing to gate, and nothing to draw K views for.
+  // Without candidates there is nothing to gate: saves rendering the K views.
   const bool any =
       std::any_of(decisions.clone.begin(), decisions.clone.end(), [](std::uint8_t wants) { return wants != 0; });
   if (!boost_.vcd || !any) return;

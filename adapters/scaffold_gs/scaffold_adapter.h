@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file FastGS for backbones of anchors, whose primitives are (anchor, offset) slots: VCD gates the slots that would
-/// grow, CB draws less, and rates fall late. VCP does not apply: the anchor that a pruned Gaussian belongs to would
-/// make it anew.
+/// @file FastGS for anchor-based backbones, whose primitives are (anchor, offset) slots: VCD gates the slots that would
+/// grow, CB is the compact box, and learning rates fall late in the run. VCP does not apply: the anchor of a pruned
+/// Gaussian would generate it again.
 #pragma once
 
 #include <concepts>
@@ -22,21 +22,21 @@ namespace splatboost {
 struct ScaffoldBoost {
   bool vcd = true;  ///< multi-view consistent densification
   bool cb = true;   ///< compact box
-  /// The rates that the published runs hold constant fall from where growth ends. Ours, not the paper's.
+  /// Decays the learning rates that the published runs hold constant, from rates_fall_from on. Ours, not the paper's.
   bool schedule = true;
-  double rates_fall_from = 0.5;  ///< share of the run; where growth ends as published
-  /// More than the paper's 0.5; found on one scene (docs/results/backbones.md).
+  double rates_fall_from = 0.5;  ///< share of the run; published growth ends there
+  /// Larger than the paper's 0.5; found on one scene (docs/results/backbones.md).
   float beta = 0.7f;
-  /// Judge a slot by the paper's importance, ⌊Σ n / K⌋ flagged pixels (eq. 9), and not by how dense its errors are.
+  /// Rate a slot by the paper's importance, ⌊Σ n / K⌋ flagged pixels (eq. 9), instead of by its density of errors.
   bool literal = false;
   double tau_d = 5;  ///< importance that growth must exceed
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
-  /// An in-tree trainer begins with views of half the size. Not the paper's.
+  /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = true;
-  double coarse_until = 0.3;  ///< share of the run
+  double coarse_until = 0.3;  ///< until this share of the run
 
-  std::uint64_t seed = 0;  ///< the run's
+  std::uint64_t seed = 0;  ///< of the run; not a user setting
 };
 
 /// Calls visit(name, field) for every setting.
@@ -56,39 +56,40 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("coarse_until", boost.coarse_until);
 }
 
-/// Throws ArgumentError that names the setting unless all values are possible.
+/// Throws ArgumentError, naming the setting, if a value is out of range.
 void check(const ScaffoldBoost& boost);
 
-/// The paper's text and numbers (supplement, Secs. 9.2 and 9.3).
+/// The paper's rules and numbers (supplement, Secs. 9.2 and 9.3).
 ScaffoldBoost literal_scaffold_boost();
 
-/// Importance of a slot with as many flagged pixels as it would have if errors lay evenly. By it the paper's τ_d = 5
-/// asks for 1.25 times as many. Ours, not the paper's, found on runs of 5 000 iterations.
+/// Importance of a slot with exactly the number of flagged pixels that evenly distributed errors would give it. With it
+/// the paper's τ_d = 5 requires 1.25 times that number. Ours, not the paper's, found on runs of 5 000 iterations.
 inline constexpr double kImportanceOfEvenErrors = 4;
 
-/// What the rates of features, sizes and the net of shapes are multiplied by at the end of the run. Held constant, they
-/// keep a short run from settling (docs/results/backbones.md).
+/// Factor on the learning rates of anchor features, scalings and the covariance MLP at the end of the run. With
+/// constant rates a short run does not settle (docs/results/backbones.md).
 inline constexpr double kFinalRateFactor = 0.1;
 
 class ScaffoldAdapter final : public Adapter {
  public:
-  /// @param device the backbone's: where views are scored
+  /// @param device the backbone's device, on which views are scored
   ScaffoldAdapter(const ScaffoldBoost& boost, Device device);
 
   std::optional<float> beta() const override;
 
-  /// A slot that the backbone would grow from stays chosen where errors are denser than elsewhere in the same views:
-  /// its importance, kImportanceOfEvenErrors · Σ n / Σ (share of the view · valid pixels of the slot), exceeds τ_d.
-  /// Sums go over the K views, n are the slot's flagged pixels, and the share of a view is that of flagged pixels among
-  /// the valid ones of all slots. At least K flagged pixels are asked for too. A count of pixels, as the paper has it,
-  /// would choose by size and by the number of views that draw the slot; and how much of a view is flagged hangs on its
+  /// Keeps the backbone's candidate slots whose errors are denser than elsewhere in the same views: their importance,
+  /// kImportanceOfEvenErrors · Σ n / Σ (share of the view · valid pixels of the slot), exceeds τ_d. The sums run over
+  /// the K views, n is the slot's number of flagged pixels, and the share of a view is the fraction of flagged pixels
+  /// among the valid pixels of all slots. A slot also needs at least K flagged pixels. The paper's count of pixels
+  /// would favour large slots and slots drawn in many views; and the fraction of a view that is flagged depends on its
   /// worst pixel.
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
 
-  /// At every iteration, as published.
+  /// True: every group steps at every iteration, as published.
   bool steps_at(std::string_view, Moment) const override { return true; }
-  /// For the groups whose rates are constant as published, from 1 at rates_fall_from log-linearly to kFinalRateFactor.
+  /// For the groups whose published rates are constant: falls log-linearly from 1 at rates_fall_from to
+  /// kFinalRateFactor. 1 for all others.
   float rate_factor(std::string_view group, Moment moment) const override;
 
  private:

@@ -114,7 +114,7 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
 }
 
 double VanillaAdapter::importance_to_exceed(int views) const {
-  // ⌊Σ_j n_ij / K⌋ > τ_d asks for a mean of at least one pixel more.
+  // ⌊Σ_j n_ij / K⌋ > τ_d requires a mean of at least ⌊τ_d⌋ + 1.
   if (boost_.literal) return (std::floor(boost_.tau_d) + 1) * std::max(1, views) - 1;
   return splatboost::importance_to_exceed(boost_.tau_d + 1, scorer_.mean_pixels(), views);
 }
@@ -150,7 +150,7 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
-    // Of the backbone's candidates half go, drawn by the scores of what they were made from.
+    // Removes half of the backbone's candidates, drawn by the pruning scores of the Gaussians they were made from.
     std::vector<float> weights(n);
     for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
     const auto candidates = static_cast<std::size_t>(

@@ -15,10 +15,10 @@
 
 namespace splatboost {
 
-/// The parts and constants of the method. Iteration numbers are of the published run (30 000) and scale with length.
+/// The parts and constants of the method. Iteration numbers refer to the published run (30 000) and scale with length.
 struct VanillaBoost {
-  /// The paper's rules alone: τ_d counts whole pixels of images of any size, growth and optimizer steps come at the
-  /// paper's intervals in a run of any length, thresholds of gradients and resets of opacities are the backbone's.
+  /// Only the paper's rules: τ_d counts whole pixels at any image size, growth and optimizer steps use the paper's
+  /// intervals at any run length, gradient thresholds are not scaled, and the backbone decides on opacity resets.
   bool literal = false;
   bool vcd = true;       ///< multi-view consistent densification
   bool vcp = true;       ///< multi-view consistent pruning
@@ -26,36 +26,36 @@ struct VanillaBoost {
   bool absgrad = true;   ///< split on absolute gradients
   bool schedule = true;  ///< optimizer schedule
   float beta = 0.5f;
-  double tau_d = 5;  ///< importance that growth must exceed by a pixel; less where images are below kTauDPixels
+  double tau_d = 5;  ///< growth needs τ_d + 1 flagged pixels per view; fewer if views have less than kTauDPixels
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   float lambda_dssim = 0.2f;
   double gradient_threshold = 2e-4;      ///< clone
-  double gradient_abs_threshold = 6e-4;  ///< split; the paper's is 1.2e-3
-  double percent_dense = 0.001;          ///< × extent, where clone ends and split begins
+  double gradient_abs_threshold = 6e-4;  ///< split; paper: 1.2e-3
+  double percent_dense = 0.001;          ///< × scene extent: Gaussians up to this scale clone, larger split
   int densify_from = 500;
-  /// Growth ends here, but in a short run not before it has grown kMinGrowths times; the paper's is 15 000.
+  /// End of growth; later in a short run that would otherwise grow fewer than kMinGrowths times. Paper: 15 000.
   int densify_until = 10000;
-  /// VCD grows every so many iterations, as often as 3DGS; the paper's is 500. Not scaled, because statistics need that
-  /// many views, but a longer one shrinks to kMinGrowthInterval where a run would not grow kMinGrowths times.
+  /// Iterations between growths (VCD), as in 3DGS; paper: 500. Not scaled, because the gradient statistics need this
+  /// many views, but reduced, to no less than kMinGrowthInterval, in runs that would grow fewer than kMinGrowths times.
   int densify_interval = 100;
-  /// Opacities are reset only where at least so many iterations of growth follow, as in the published run. Not scaled,
-  /// because opacities recover at a rate that does not depend on a run's length.
+  /// Opacities are reset only if at least this many iterations of growth follow, as in the published run. Not scaled,
+  /// because opacities recover at a rate that does not depend on the run's length.
   int growth_after_reset = 3000;
-  int late_prune_from = 10000;  ///< and not before growth has ended; the paper's is 15 000
+  int late_prune_from = 10000;  ///< but not before growth has ended; paper: 15 000
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
   double late_max_score = 0.9;
-  /// When growth has ended, once: the Gaussians of the smallest blending weights go, as many as have this share of the
-  /// sum of all together. Not the paper's.
+  /// Once, when growth has ended: removes the Gaussians with the smallest blending weights whose weights together are
+  /// at most this share of the total. Not in the paper.
   double late_share = 0.05;
-  /// An in-tree trainer begins with views of half the size. Not the paper's.
-  bool coarse = false;        ///< growth from the first iterations on needs their full size
-  double coarse_until = 0.3;  ///< share of the run
+  /// An in-tree trainer starts with half-size views. Not in the paper.
+  bool coarse = false;        ///< off: growth in the first iterations needs full-size views
+  double coarse_until = 0.3;  ///< until this share of the run
 
-  // No settings of the user's: the run's, and the backbone's.
+  // Not user settings: given by the run and by the backbone.
   std::uint64_t seed = 0;
-  int published_iterations = kPublishedIterations;  ///< length of the run that iteration numbers are of
+  int published_iterations = kPublishedIterations;  ///< length of the run that iteration numbers refer to
 };
 
 /// Calls visit(name, field) for every setting.
@@ -89,21 +89,21 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("coarse_until", boost.coarse_until);
 }
 
-/// Throws ArgumentError that names the setting unless all values are possible.
+/// Throws ArgumentError, naming the setting, if a value is out of range.
 void check(const VanillaBoost& boost);
 
-/// The paper's text and numbers (supplement, Sec. 9.1). Where phases of the run begin and end scales with its length.
+/// The paper's rules and numbers (supplement, Sec. 9.1). The phases of the run scale with its length.
 VanillaBoost literal_boost();
 
-/// Where the paper's growth ends and its late pruning begins.
+/// Iteration at which the paper's growth ends and its late pruning begins.
 inline constexpr int kLiteralGrowthEnd = 15000;
 
-/// Fewest growths of a run, so that short ones grow too, but never more often than 3DGS itself, nor in the
-/// second half of a run.
+/// Minimum number of growths per run, so that short runs grow too; but never more often than every kMinGrowthInterval
+/// iterations, as 3DGS does, nor in the second half of a run.
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
 
-/// The device is where views are scored; statistics and decisions lie in memory of the host.
+/// Views are scored on the device; statistics and decisions are in host memory.
 class VanillaAdapter : public Adapter {
  public:
   /// @param device the backbone's
@@ -116,23 +116,23 @@ class VanillaAdapter : public Adapter {
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
-  /// As the backbone would, while growth_after_reset iterations are left to the end of growth and to late pruning: a
-  /// reset is for the pruning that belongs to growth, and what was only just reset would be taken for faint.
+  /// As the backbone would, but not within growth_after_reset iterations before the end of growth or late pruning:
+  /// resets serve the pruning within growth, and late pruning would remove Gaussians whose opacity has not recovered.
   bool resets_opacities_at(Moment moment, bool backbone_would) const override;
   bool steps_at(std::string_view group, Moment moment) const override;
 
  protected:
   bool is_literal() const { return boost_.literal; }
   int views() const { return boost_.views; }
-  /// Scores the primitives over K views; valid until the next call. @param losses whether E_j is wanted
+  /// Scores the primitives over K views; valid until the next call. @param losses whether to compute E_j too
   virtual const ScoreSums& score(RasterizerHook& rasterizer, bool losses, const RandomStream& random);
-  /// Mean absolute gradient, in NDC as DensityStatistics::gradients_abs, from which a large Gaussian is split.
-  /// @param views the backbone's training views
+  /// Threshold on DensityStatistics::gradients_abs (NDC units) from which a large Gaussian is split.
+  /// @param views number of the backbone's training views
   virtual double split_threshold(std::size_t views) const {
     (void)views;
     return boost_.gradient_abs_threshold;
   }
-  /// Whether growth has just ended and late pruning begins. Never literally.
+  /// Whether growth has just ended and late pruning begins. Always false with the literal rules.
   virtual bool growth_ended_at(Moment moment) const {
     return !boost_.literal && moment.iteration == late_begin(moment);
   }
@@ -143,9 +143,9 @@ class VanillaAdapter : public Adapter {
   const VanillaBoost& boost() const { return boost_; }
 
  private:
-  /// What Σ_j n_ij must exceed where something grows, of the views scored last.
+  /// The threshold that Σ_j n_ij over the views scored last must exceed for growth.
   double importance_to_exceed(int views) const;
-  /// The first iteration at which nothing grows any more.
+  /// The first iteration without growth.
   int growth_end(Moment moment) const;
   /// The first iteration of late pruning.
   int late_begin(Moment moment) const;
@@ -153,7 +153,7 @@ class VanillaAdapter : public Adapter {
   VanillaBoost boost_;
   MultiViewScorer scorer_;
   BlendingWeights weights_;
-  std::vector<float> pruning_;  ///< of the primitives as they were at the last scoring
+  std::vector<float> pruning_;  ///< [N] pruning scores of the primitives at the last scoring
   int scored_at_ = -1;          ///< iteration of that scoring
 };
 

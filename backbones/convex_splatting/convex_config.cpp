@@ -42,7 +42,7 @@ void for_each_field(Config& c, Visit&& visit) {
   visit("released_view_direction", c.released_view_direction);
 }
 
-/// What the release changes for outdoor scenes and for its light variant, against indoor scenes.
+/// Defaults of a preset: the release's changes for outdoor scenes and for its light variant, relative to indoor scenes.
 ConvexConfig preset_config(const std::string& preset) {
   ConvexConfig config;
   config.preset = preset;
@@ -69,7 +69,8 @@ ConvexConfig preset_config(const std::string& preset) {
 void check(const ConvexConfig& config) {
   const std::string what = "config of backbone convex-splatting: ";
   require(config.sh_degree >= 0 && config.sh_degree <= 3, what + "sh_degree must be 0 to 3");
-  require(config.points_rate_initial > 0 && config.points_rate_final > 0, what + "points rates must be above 0");
+  require(config.points_rate_initial > 0 && config.points_rate_final > 0,
+          what + "learning rates of points must be above 0");
   require(config.lambda_dssim >= 0 && config.lambda_dssim <= 1, what + "lambda_dssim must lie in [0, 1]");
   require(config.lambda_mask >= 0, what + "lambda_mask must not be negative");
   require(config.initial_size > 0 && config.initial_smoothness > 0 && config.initial_sharpness > 0,
@@ -79,7 +80,7 @@ void check(const ConvexConfig& config) {
   require(config.child_opacity > 0 && config.child_opacity <= 1, what + "child_opacity must lie in (0, 1]");
   require(config.reset_opacity > 0 && config.reset_opacity < 1, what + "reset_opacity must lie in (0, 1)");
   require(config.large_scene >= 0 && config.large_scene_factor > 0,
-          what + "large_scene must not be negative, large_scene_factor above 0");
+          what + "large_scene must not be negative, and large_scene_factor must be above 0");
   require(config.densify_interval > 0 && config.opacity_reset_interval > 0 && config.trim_interval > 0 &&
               config.sh_interval > 0,
           what + "intervals must be above 0");

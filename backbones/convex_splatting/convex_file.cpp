@@ -40,7 +40,7 @@ std::uint64_t write_convexes(const std::filesystem::path& folder, const ConvexCl
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     append(centres, 3, i);
     append(cloud.sh_dc, 3, i);
-    for (std::size_t k = 0; k < 3 * kRestRows; ++k) {  // channel by channel, as 3DGS has them
+    for (std::size_t k = 0; k < 3 * kRestRows; ++k) {  // channel by channel, as in 3DGS
       table.values.push_back(cloud.sh_rest[3 * (kRestRows * i + k % kRestRows) + k / kRestRows]);
     }
     append(cloud.logit_opacities, 1, i);
@@ -62,7 +62,7 @@ ConvexCloud read_convexes(const std::filesystem::path& folder) {
   ConvexCloud cloud;
   cloud.sh_rest.resize(3 * kRestRows * n);
   for (std::size_t i = 0; i < n; ++i) {
-    const float* at = table.values.data() + width * i + 3;  // centres follow from the points
+    const float* at = table.values.data() + width * i + 3;  // skips the centre, which is computed from the points
     const auto take = [&](std::vector<float>& values, std::size_t count) {
       values.insert(values.end(), at, at + count);
       at += count;
@@ -81,7 +81,7 @@ ConvexCloud read_convexes(const std::filesystem::path& folder) {
   cloud.focal_lengths = archive.floats("focal_lengths");
   const auto usable = [](float focal) { return focal > 0 && std::isfinite(focal); };
   require(!cloud.focal_lengths.empty() && std::ranges::all_of(cloud.focal_lengths, usable),
-          archive.path().string() + ": 'focal_lengths' must be at least one finite number above 0");
+          archive.path().string() + ": 'focal_lengths' must contain one or more finite numbers above 0");
   return cloud;
 }
 

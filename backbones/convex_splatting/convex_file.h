@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A model of convexes on disk: docs/formats.md.
+/// @file Model files of convexes, see docs/formats.md.
 #pragma once
 
 #include <cstdint>
@@ -17,15 +17,15 @@ struct ConvexCloud {
   std::vector<float> logit_masks;      ///< [N]
   std::vector<float> sh_dc;            ///< [N,3]
   std::vector<float> sh_rest;          ///< [N,15,3]
-  /// Of the images that it was trained on, in pixels, rising: smoothness and sharpness are of pixels of one of these.
+  /// Focal lengths of the reference images, px, ascending; smoothness and sharpness are in pixels of one of these.
   std::vector<float> focal_lengths;
   std::size_t size() const { return logit_opacities.size(); }
 };
 
 /// Writes point_cloud.ply and convexes.bin. @return bytes written. Throws std::runtime_error, and writes nothing, if a
-/// number is not finite.
+/// value is not finite.
 std::uint64_t write_convexes(const std::filesystem::path& folder, const ConvexCloud& cloud);
-/// Throws InputError on anything missing or truncated.
+/// Throws InputError if anything is missing or truncated.
 ConvexCloud read_convexes(const std::filesystem::path& folder);
 
 }  // namespace splatboost

@@ -25,7 +25,7 @@ std::uint8_t byte_of(float value) {
   return static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.0f, 1.0f)));
 }
 
-/// Faces of the hull of six points: triples with all others on one side.
+/// Appends the faces of the convex hull of six points: triples with all other points on one side.
 void append_hull(const std::array<glm::vec3, kConvexPoints>& points, std::uint32_t first,
                  std::vector<std::uint32_t>& triangles) {
   for (std::uint32_t a = 0; a < kConvexPoints; ++a) {
@@ -40,7 +40,7 @@ void append_hull(const std::array<glm::vec3, kConvexPoints>& points, std::uint32
           least = std::min(least, side);
           most = std::max(most, side);
         }
-        if (least < 0 && most > 0) continue;  // it cuts through
+        if (least < 0 && most > 0) continue;  // not a face: points on both sides
         if (most > 0) {
           triangles.insert(triangles.end(), {first + a, first + c, first + b});
         } else {
@@ -71,7 +71,7 @@ TriangleMesh convex_mesh(const ConvexCloud& cloud) {
     }
     append_hull(points, first, mesh.triangles);
   }
-  require(!mesh.triangles.empty(), "the model has no convex that is drawn");
+  require(!mesh.triangles.empty(), "the model has no visible convexes");
   return mesh;
 }
 

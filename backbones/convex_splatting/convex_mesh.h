@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Convexes as triangles, for viewers that know nothing of them.
+/// @file Convexes as triangle meshes, for viewers that do not support convexes.
 #pragma once
 
 #include "convex_splatting/convex_file.h"
@@ -7,8 +7,8 @@
 
 namespace splatboost {
 
-/// The hulls of the convexes that are drawn, in the colour of their degree-0 spherical harmonics. They are sharp: how
-/// soft a convex is, and what it shows from other sides, is lost.
+/// The hulls of the rendered convexes, with opacities and the colours of their degree-0 spherical harmonics.
+/// Smoothness, sharpness and view-dependent colour are lost. Throws InputError if no convex is rendered.
 TriangleMesh convex_mesh(const ConvexCloud& cloud);
 
 }  // namespace splatboost

@@ -27,8 +27,8 @@ namespace splatboost {
 namespace {
 
 constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
-constexpr float kMinSquaredDistance = 1e-7f;   // of neighbours at initialisation, keeps logarithms finite
-constexpr float kInitialMask = 1.0f;           // a logit
+constexpr float kMinSquaredDistance = 1e-7f;   // between neighbours at initialisation; keeps logarithms finite
+constexpr float kInitialMask = 1.0f;           // logit
 constexpr int kRestRows = 15;
 constexpr int kMinGrowthsAReset = 5;
 
@@ -79,12 +79,12 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
   void activate();
   Convexes drawn();
   ConvexOptions raster_options(std::optional<float> beta, float pixel_size) const;
-  /// Side of a pixel of a training view, or its half, in the pixels that smoothness and sharpness are of.
+  /// Pixel size of a training view or its half-size view, relative to the reference image (see reference_focal).
   float pixel_size_of(const View& view) const;
-  /// The same of any camera: of those that training had, the focal length that is nearest.
+  /// The same for any camera, relative to the nearest of focal_lengths_.
   float pixel_size_of(const Camera& camera) const;
   int at(int published) const { return scaled_iteration(published, context_.iterations); }
-  /// Scaled as all phases are, but in a short run opacities need time to come back.
+  /// Scaled like all phases, with a minimum: opacities need time to recover in short runs.
   int opacity_reset_interval() const {
     return std::max(at(config_.opacity_reset_interval), kMinGrowthsAReset * config_.densify_interval);
   }
@@ -114,10 +114,10 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
   OptimizerHook* optimizer_ = nullptr;
   StageClock clock_{device_};
   int iteration_ = 0;
-  double gradient_threshold_ = 0;     ///< for the size of this scene
-  std::vector<float> focal_lengths_;  ///< px, of the images that smoothness and sharpness are of
+  double gradient_threshold_ = 0;     ///< for this scene's size, see ConvexConfig::large_scene
+  std::vector<float> focal_lengths_;  ///< px, of the reference images, ascending
 
-  // Names of the groups are the release's.
+  // Group names are those of the release.
   TrainedGroup points_{"convex_points", kConvexWidth, device_, [this](int iteration) {
                          return exponential_rate(config_.points_rate_initial, config_.points_rate_final, iteration,
                                                  context_.iterations);
@@ -131,26 +131,26 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
   TrainedGroup f_rest_{"f_rest", 3 * kRestRows, device_, [this](int) { return config_.feature_rate / 20.0; }};
   std::vector<TrainedGroup*> groups_{&points_, &smoothness_, &sharpness_, &opacity_, &mask_, &f_dc_, &f_rest_};
 
-  bool stale_ = true;                                       ///< parameters moved since activate()
+  bool stale_ = true;                                       ///< parameters changed since activate()
   Array<float> drawn_opacities_{device_};                   ///< [N] 0 where masked
   Array<float> drawn_opacity_gradients_{device_};           ///< [N]
   Array<float> color_{device_}, color_gradients_{device_};  ///< [3,H,W]
   TrainingTruths truths_{context_.scene, device_};
   Array<float> view_gradients_{device_}, view_gradients_abs_{device_};  ///< [N] of this iteration
   Array<float> gradient_sum_{device_}, gradient_abs_sum_{device_};      ///< [N] since the last growth
-  Array<float> seen_{device_};                                          ///< [N] views that they come from
-  Array<float> workspace_{device_};                                     ///< of select()
+  Array<float> seen_{device_};                                          ///< [N] number of views in these sums
+  Array<float> workspace_{device_};                                     ///< for select()
 
-  // Of density control, which is decided on the host.
+  // For density control, which runs on the host.
   std::vector<float> mean_gradients_, mean_gradients_abs_, opacities_copy_, max_scales_;
   std::vector<std::uint32_t> origins_;  ///< [N] index before the growth of this iteration
-  std::size_t old_ = 0;                 ///< of these, convexes that the growth did not make come first
+  std::size_t old_ = 0;                 ///< number of convexes that precede those created by the last growth
 };
 
 void ConvexSplatting::initialise() {
   const PointCloud& points = context_.scene.points;
-  require(points.size() > 0, "the scene has no point to put a convex at; give it a point cloud");
-  // A cap below the number of points keeps an even subset of them.
+  require(points.size() > 0, "the scene has no points to place convexes at; add a point cloud to the dataset");
+  // Keep an even subset of the points if there are more than the cap.
   std::size_t n = points.size();
   const std::size_t stride_of = n;
   if (context_.max_primitives > 0) n = std::min(n, context_.max_primitives);
@@ -202,9 +202,9 @@ std::size_t ConvexSplatting::bytes_per_primitive() const {
   std::size_t bytes = 0;
   for (const TrainedGroup* group : groups_) bytes += 4 * sizeof(float) * group->width;  // with gradients and moments
   constexpr std::size_t kActivated = 4 + 2, kStatistics = 2 + 3 + 4;                    // floats
-  constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;                                    // as memory_estimate.cpp
+  constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;                                    // as in memory_estimate.cpp
   constexpr std::size_t kRecord = 192 + 8 + 9;
-  constexpr std::size_t kEntries = 10, kEntry = 4 + 4 + 8 + 8 + 4 + 128;  // (tile, convex) pairs, about
+  constexpr std::size_t kEntries = 10, kEntry = 4 + 4 + 8 + 8 + 4 + 128;  // tiles per convex (estimate); bytes per pair
   const std::size_t growth = 3 * kRestRows * sizeof(float);
   return bytes + (kActivated + kStatistics) * sizeof(float) + kScores + kRecord + kEntries * kEntry + growth;
 }
@@ -264,7 +264,7 @@ ConvexOptions ConvexSplatting::raster_options(std::optional<float> beta, float p
   return options;
 }
 
-/// @return the photometric loss; that of the masks, λ · mean, is in the gradients alone
+/// @return the photometric loss; the loss of the masks, λ · mean, is not included, only its gradients are applied
 double ConvexSplatting::train_step(int iteration, const View& view) {
   clock_.restart();
   iteration_ = iteration;
@@ -277,7 +277,7 @@ double ConvexSplatting::train_step(int iteration, const View& view) {
 
   color_gradients_.ensure(view.color.size());
   const auto lambda = static_cast<float>(config_.lambda_dssim);
-  // The run ends with the loss of its end.
+  // In the last iteration wait for the loss, so that the run reports the final one.
   const bool ahead = iteration != context_.iterations;
   const TruthImage truth = truths_.of(view);
   const PhotometricLoss loss = ahead ? photometric_.evaluate_ahead(color_, truth, lambda, color_gradients_)
@@ -397,11 +397,11 @@ void ConvexSplatting::grow() {
   }
   origins_.resize(n);
   std::iota(origins_.begin(), origins_.end(), 0u);
-  // All or none: where memory is short the model stays whole.
+  // Reserve all groups first: if memory runs out, the model stays intact.
   for (TrainedGroup* group : groups_) group->reserve_rows(n + kConvexPoints * parents.size());
   append_children(parents);
   old_ = n - parents.size();
-  split.resize(primitives(), 0);  // parents go
+  split.resize(primitives(), 0);  // remove parents
   remove(split);
 }
 
@@ -412,7 +412,7 @@ void ConvexSplatting::append_children(std::span<const std::uint32_t> parents) {
     for (TrainedGroup* group : groups_) group->append_copies(listed);
     origins_.insert(origins_.end(), parents.begin(), parents.end());
   }
-  // The rows are copies of the parents', a block for each child's number.
+  // The new rows are copies of the parents, one block per child index.
   points_.values.edit(kConvexWidth * first, [&](std::span<float> rows) {
     std::vector<float> parent(kConvexWidth);
     for (std::size_t k = 0; k < rows.size() / kConvexWidth; ++k) {
@@ -442,7 +442,7 @@ void ConvexSplatting::prune(PruneRule rule) {
   if (rule != PruneRule::late) {
     std::vector<float> copy;
     const std::span<const float> masks = mask_.activated.on_host(copy);
-    // New convexes have no size yet, in the release: they are measured where they were seen.
+    // As released, sizes are tested only for convexes older than this growth, because new ones have no size yet there.
     const bool large_go =
         rule == PruneRule::growth && config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
     const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
@@ -469,7 +469,7 @@ void ConvexSplatting::select(const Array<std::uint32_t>& rows) {
   stale_ = true;
 }
 
-/// Growth appends; here neighbours in space become neighbours in memory again, to improve cache locality.
+/// Sorts convexes in spatial order, because growth appends new ones at the end; improves cache locality.
 void ConvexSplatting::reorder() {
   std::vector<float> copy;
   std::vector<std::uint32_t> order(primitives());
@@ -526,7 +526,7 @@ void ConvexSplatting::import_model(const std::filesystem::path& folder) {
   f_rest_.assign(std::move(cloud.sh_rest));
   focal_lengths_ = std::move(cloud.focal_lengths);
   restart_statistics();
-  iteration_ = context_.iterations;  // a finished model: all degrees are active
+  iteration_ = context_.iterations;  // a finished model: all SH degrees are active
   stale_ = true;
   activate();
 }
@@ -544,7 +544,7 @@ void ConvexSplatting::save(ArchiveWriter& archive) const {
 void ConvexSplatting::load(ArchiveReader& archive) {
   if (archive.text("convex-splatting.config") != to_json(config_).dump()) {
     throw InputError(archive.path().string() +
-                     ": the checkpoint was made with other backbone constants; continue with the same --config");
+                     ": the checkpoint was made with a different backbone config; continue with the same --config");
   }
   for (TrainedGroup* group : groups_) group->load(archive);
   iteration_ = static_cast<int>(archive.integer("convex-splatting.iteration"));
@@ -554,7 +554,7 @@ void ConvexSplatting::load(ArchiveReader& archive) {
   const std::size_t n = primitives();
   bool fits = gradient_sum_.size() == n && gradient_abs_sum_.size() == n && seen_.size() == n;
   for (const TrainedGroup* group : groups_) fits = fits && group->rows() == n;
-  if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
+  if (!fits) throw InputError(archive.path().string() + ": tensor sizes do not match; the checkpoint is damaged");
   stale_ = true;
   activate();
 }

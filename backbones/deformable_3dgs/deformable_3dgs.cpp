@@ -104,13 +104,13 @@ class Deformable final : public GaussianMethod {
   DeformationField field_;
   TrainedGroup net_;
 
-  TrainedGroup moving_;                  ///< 1 once the net moves Gaussians: for models, which do not know iterations
-  std::optional<bool> imported_moving_;  ///< of a model that was read
+  TrainedGroup moving_;                  ///< 1 once the net moves Gaussians; stored because models have no iteration
+  std::optional<bool> imported_moving_;  ///< of an imported model
 
-  bool moves_ = false;             ///< what was drawn last did
-  std::optional<float> drawn_at_;  ///< the time that the moved ones are of; none: something has changed since
+  bool moves_ = false;             ///< whether the last draw() applied the net
+  std::optional<float> drawn_at_;  ///< time of the moved Gaussians; none: they are out of date
   GaussianPlaces<const float> canonical_;
-  Array<float> means_, scales_, rotations_;  ///< moved
+  Array<float> means_, scales_, rotations_;  ///< deformed
   Array<float> mean_gradients_, scale_gradients_, rotation_gradients_;
 };
 
@@ -124,8 +124,8 @@ void Deformable::draw(Gaussians& drawn, const DrawContext& context) {
     time += static_cast<float>(
         smoothing_noise(config_, time_interval_, context.iteration, at(config_.time_noise_until), seed_));
   }
-  // A scored view of the time of the one before it has its Gaussians. Others are drawn anew: what an evaluation times
-  // is the net too.
+  // Consecutive scored views of the same time reuse the Gaussians. Other purposes always run the net, so that render
+  // times of an evaluation include it.
   if (context.purpose != DrawPurpose::score || drawn_at_ != time) {
     canonical_ = {drawn.means, drawn.scales, drawn.rotations};
     means_.ensure(drawn.means.size());
@@ -176,8 +176,8 @@ double smoothing_noise(const DeformableConfig& config, double interval, int iter
 void require_times(const Scene& scene) {
   require(mean_time_interval(scene.train) > 0,
           std::string(kName) + ": all " + std::to_string(scene.train.size()) +
-              " training views are of one time, so nothing can be learnt of motion; give a dataset with times "
-              "(docs/formats.md names those that are read), or another --backbone");
+              " training views have the same time, so no motion can be learned; use a dataset with times "
+              "(docs/formats.md lists the supported ones) or another --backbone");
 }
 
 nlohmann::json to_json(const DeformableConfig& config) {

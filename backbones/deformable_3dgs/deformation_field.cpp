@@ -35,7 +35,7 @@ DeepNetShape DeformationShape::net() const {
   net.shared = time_net ? kTimeOutputs : encoded_width(1, time_frequencies);
   net.hidden = width;
   net.layers = layers;
-  net.joined = layers / 2 + 1 < layers ? layers / 2 + 1 : 0;  // of 8: behind the fifth
+  net.joined = layers / 2 + 1 < layers ? layers / 2 + 1 : 0;  // with 8 layers: after the fifth
   net.outputs = delta_width(motion());
   return net;
 }

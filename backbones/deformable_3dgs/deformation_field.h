@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The deformation field of Deformable-3DGS (Yang et al. 2024, Sec. 3.2): a net that says of each Gaussian's
-/// canonical mean and a time how its mean, quaternion and scales differ then.
+/// @file The deformation field of Deformable-3DGS (Yang et al. 2024, Sec. 3.2): an MLP that maps a Gaussian's canonical
+/// mean and a time to changes of its mean, quaternion and scales.
 #pragma once
 
 #include <cstddef>
@@ -15,53 +15,54 @@
 
 namespace splatboost {
 
-/// What the field is made of. Its parameters are one flat array: those of the net, then those of the time net.
+/// Sizes of the field. Its parameters are one flat array: those of the net, then those of the time net.
 struct DeformationShape {
   std::size_t position_frequencies = 10;
   std::size_t time_frequencies = 10;
-  bool time_net = false;  ///< a net of two layers between the encoded time and the net
-  bool rigid = false;     ///< means move by rigid motions, SE(3), in place of shifts
+  bool time_net = false;  ///< a two-layer net between the encoded time and the net
+  bool rigid = false;     ///< means move by rigid motions, SE(3), instead of offsets
   std::size_t layers = 8;
   std::size_t width = 256;
 
-  std::size_t motion() const { return rigid ? 6 : 3; }  ///< outputs that move the mean
+  std::size_t motion() const { return rigid ? 6 : 3; }  ///< number of outputs that move the mean
   DeepNetShape net() const;
   NetShape time_shape() const;
   std::size_t parameters() const { return net().parameters() + (time_net ? time_shape().parameters() : 0); }
 };
 
-/// Published initial values: uniform in ±1/√(inputs) everywhere, so that the field is small but not zero.
+/// Initial values as published: all uniform in ±1/√(inputs), so that the field is small but not zero.
 std::vector<float> initial_deformation(const DeformationShape& shape, const RandomStream& random);
 
-/// Means [N,3], activated scales [N,3], quaternions [N,4] of any length but 0.
+/// Means [N,3], activated scales [N,3], quaternions [N,4] of any nonzero length.
 template <class Real>
 struct GaussianPlaces {
   std::span<Real> means, scales, rotations;
 };
 
-/// The field with its workspace. Spans are of memory of the device; a steady loop allocates nothing, and on a GPU it
-/// does not wait.
+/// The field with its workspace. Spans are in device memory; a steady loop does not allocate, and on a GPU does not
+/// synchronise.
 class DeformationField {
  public:
-  /// Throws NoDeviceError where a GPU cannot do it: this build has no CUDA, or the machine no cuBLAS.
+  /// Throws NoDeviceError for a GPU if this build has no CUDA or the machine has no cuBLAS.
   DeformationField(const DeformationShape& shape, Device device);
   ~DeformationField();
 
-  /// What is kept of a Gaussian between the two, in bytes: about.
+  /// Approximate memory per Gaussian that is kept between forward() and backward(), in bytes.
   static std::size_t bytes_per_gaussian(const DeformationShape& shape);
 
-  /// Gaussians as they are at a time. Scales may come out negative: a Gaussian is the same with either sign.
+  /// Computes the Gaussians at a time. Scales may become negative; their sign has no effect.
   /// @param keep whether backward() follows
   void forward(std::span<const float> parameters, const GaussianPlaces<const float>& at, float time,
                const GaussianPlaces<float>& moved, bool keep);
-  /// Of the last forward(), whose parameters and Gaussians must be unchanged; once. What the net says depends on means
-  /// too, but by it no gradient goes to them: as published.
-  /// @param given of the moved ones @param of_gaussians are added to @param of_parameters are added to
+  /// Backward pass of the last forward(); its parameters and Gaussians must be unchanged. Call it at most once per
+  /// forward(). As published, no gradient flows to the means through the inputs of the net.
+  /// @param given with respect to the moved Gaussians
+  /// @param of_gaussians are added to @param of_parameters are added to
   void backward(std::span<const float> parameters, const GaussianPlaces<const float>& at,
                 const GaussianPlaces<const float>& given, const GaussianPlaces<float>& of_gaussians,
                 std::span<float> of_parameters);
 
-  /// What each device does of this.
+  /// Implementation on one device.
   class Work {
    public:
     virtual ~Work() = default;

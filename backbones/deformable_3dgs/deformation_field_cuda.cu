@@ -11,7 +11,7 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Encodes rows of `width` coordinates: column c of the encoded row, or nothing where that is of the coordinates.
+/// Column `column` of the frequency encoding of `width` coordinates.
 __device__ float encoded_column(const float* x, std::size_t width, std::size_t column) {
   if (column < width) return x[column];
   const std::size_t function = (column - width) / width;  // sine, cosine of the first frequency, sine of the second …
@@ -41,7 +41,7 @@ struct PlacesView {
   DeviceView<T> means, scales, rotations;
 };
 
-/// A Gaussian's numbers in registers.
+/// A Gaussian's values in registers.
 struct Place {
   float mean[3], scale[3], rotation[4];
   __device__ GaussianRow<const float> row() const { return {mean, scale, rotation}; }

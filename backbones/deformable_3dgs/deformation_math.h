@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How what the net says moves one Gaussian, and the gradients of that. For the host and for kernels.
+/// @file Deformation of one Gaussian by the outputs of the net, and its gradients. For the host and for kernels.
 #pragma once
 
 #include <cmath>
@@ -9,8 +9,8 @@
 
 namespace splatboost {
 
-/// A row of the net's outputs: `motion` columns that move the mean (3: a shift; 6: a rotation vector ω and a velocity ν
-/// of a rigid motion), four that are added to its quaternion, three to its scales.
+/// Width of a row of the net's outputs: `motion` columns that move the mean (3: an offset; 6: rotation vector ω and
+/// velocity ν of a rigid motion), four that are added to the quaternion, three that are added to the scales.
 SPLATBOOST_SHARED_MATH std::size_t delta_width(std::size_t motion) { return motion + 7; }
 
 /// sin θ/θ, (1 − cos θ)/θ², (θ − sin θ)/θ³ and their derivatives with respect to a = θ²: smooth also at θ = 0.
@@ -29,7 +29,7 @@ SPLATBOOST_SHARED_MATH TurnFactors<Real> turn_factors(Real a) {
       Real value = 0, slope = 0;
       for (int n = 0; n < 8; ++n) {
         value += term;
-        // Of the next term, whose power of a is one higher.
+        // Derivative of the next term, which has one more power of a.
         const Real next = -term / Real((2 * n + 2 + i) * (2 * n + 3 + i));
         slope += Real(n + 1) * next;
         term = next * a;
@@ -77,7 +77,7 @@ SPLATBOOST_SHARED_MATH void move_rigidly(const Real* x, const Real* motion, Real
   }
 }
 
-/// @param g of the moved point @param of_x is added to @param of_motion [6] is overwritten
+/// @param g gradient with respect to the moved point @param of_x is added to @param of_motion [6] is overwritten
 template <class Real>
 SPLATBOOST_SHARED_MATH void move_rigidly_backward(const Real* x, const Real* motion, const Real* g, Real* of_x,
                                                   Real* of_motion) {
@@ -88,33 +88,33 @@ SPLATBOOST_SHARED_MATH void move_rigidly_backward(const Real* x, const Real* mot
   cross(w, wx, wwx);
   cross(w, v, wv);
   cross(w, wv, wwv);
-  // A product ω×u has the transposed −ω×g with respect to u, and u×g with respect to ω.
+  // The gradient of ω×u is g×ω with respect to u, and u×g with respect to ω.
   cross(g, w, gw);
   cross(gw, w, gww);
   Real by_a = f.slope[0] * dot3(g, wx) + f.slope[1] * (dot3(g, wwx) + dot3(g, wv)) + f.slope[2] * dot3(g, wwv);
   by_a *= Real(2);
   Real first[3], second[3];
   for (int c = 0; c < 3; ++c) {
-    first[c] = f.value[0] * x[c] + f.value[1] * (v[c] + wx[c]) + f.value[2] * wv[c];  // stands in ω×·
-    second[c] = f.value[1] * x[c] + f.value[2] * v[c];                                // stands in ω×(ω×·)
+    first[c] = f.value[0] * x[c] + f.value[1] * (v[c] + wx[c]) + f.value[2] * wv[c];  // operand of ω×·
+    second[c] = f.value[1] * x[c] + f.value[2] * v[c];                                // operand of ω×(ω×·)
     of_x[c] += g[c] + f.value[0] * gw[c] + f.value[1] * gww[c];
     of_motion[3 + c] = g[c] + f.value[1] * gw[c] + f.value[2] * gww[c];
   }
-  // ω×first, where first holds the inner product of ω×(ω×second); then that inner product's own ω.
+  // With respect to the outer ω (`first` includes the inner products), and to the inner ω of ω×(ω×second).
   Real outer[3], inner[3];
   cross(first, g, outer);
   cross(second, gw, inner);
   for (int c = 0; c < 3; ++c) of_motion[c] = outer[c] + inner[c] + by_a * w[c];
 }
 
-/// The quaternion at unit length, plus what the net says. Drawing makes the sum a unit quaternion again.
+/// The normalised quaternion plus the net's output. The rasterizer normalises the sum.
 template <class Real>
 SPLATBOOST_SHARED_MATH void turn_quaternion(const Real* q, const Real* delta, Real* turned) {
   const Real length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   for (int c = 0; c < 4; ++c) turned[c] = q[c] / length + delta[c];
 }
 
-/// @param of_q is added to; the delta's gradient is g itself
+/// @param of_q is added to; the gradient with respect to `delta` is g
 template <class Real>
 SPLATBOOST_SHARED_MATH void turn_quaternion_backward(const Real* q, const Real* g, Real* of_q) {
   const Real length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
@@ -122,7 +122,7 @@ SPLATBOOST_SHARED_MATH void turn_quaternion_backward(const Real* q, const Real* 
   for (int c = 0; c < 4; ++c) of_q[c] += (g[c] - along * q[c]) / length;
 }
 
-/// A Gaussian as it is and as it is drawn: pointers to its mean [3], scales [3] and quaternion [4].
+/// Pointers to a Gaussian's mean [3], scales [3] and quaternion [4].
 template <class Real>
 struct GaussianRow {
   Real *mean, *scale, *rotation;
@@ -141,7 +141,7 @@ SPLATBOOST_SHARED_MATH void move_gaussian(std::size_t motion, GaussianRow<const 
   for (int c = 0; c < 3; ++c) moved.scale[c] = at.scale[c] + delta[motion + 4 + c];
 }
 
-/// @param g of the moved one @param of_delta is overwritten @param of_gaussian is added to
+/// @param g gradient with respect to `moved` @param of_delta is overwritten @param of_gaussian is added to
 template <class Real>
 SPLATBOOST_SHARED_MATH void move_gaussian_backward(std::size_t motion, GaussianRow<const Real> at, const Real* delta,
                                                    GaussianRow<const Real> g, Real* of_delta,

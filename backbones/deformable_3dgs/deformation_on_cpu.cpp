@@ -11,8 +11,8 @@ namespace splatboost {
 namespace {
 
 constexpr std::size_t kGrain = 1024;
-/// The time net has one row. Eigen makes products of a single row in another way, which rounds by where it lies in
-/// memory: a second one goes along, whose gradient is zero.
+/// The time net needs one row. A second row with a zero gradient is added, because Eigen computes products of a single
+/// row by another method, whose rounding depends on the address.
 constexpr std::size_t kTimeRows = 2;
 
 template <class Real>
@@ -71,7 +71,7 @@ void DeformationOnCpu<Real>::forward(std::span<const Real> parameters, const Gau
   const auto encode = [&](std::size_t begin, std::size_t end, Real* x) {
     encode_positions(end - begin, shape_.position_frequencies, &at.means[3 * begin], x);
   };
-  // By reference: a copy of it would be allocated each time.
+  // By reference: converting a copy to std::function would allocate at every call.
   net_.forward(parameters.first(net_shape_.parameters()), shared_, n, std::cref(encode), deltas_, keep);
   threads_.for_range(n, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The deformation field on threads. Real is float, or double where gradients are tested.
+/// @file The deformation field on the CPU. Real is float, or double for tests of gradients.
 #pragma once
 
 #include <span>
@@ -11,7 +11,7 @@
 
 namespace splatboost {
 
-/// As in deformation_field.h.
+/// See DeformationField.
 template <class Real>
 class DeformationOnCpu {
  public:
@@ -32,8 +32,8 @@ class DeformationOnCpu {
   NetShape time_shape_;
   Threads& threads_;
   DeepNet<Real> net_;
-  std::vector<Real> time_inputs_, time_hidden_, time_outputs_;  ///< of the time net, two rows
-  std::vector<Real> shared_, of_shared_;                        ///< inputs of the net that the view has in common
+  std::vector<Real> time_inputs_, time_hidden_, time_outputs_;  ///< of the time net, kTimeRows rows
+  std::vector<Real> shared_, of_shared_;                        ///< shared inputs of the net, and their gradients
   std::vector<Real> deltas_, of_deltas_;                        ///< [N, delta_width()]
   std::vector<Real> scratch_;
 };

@@ -38,7 +38,7 @@ class DropGaussian final : public GaussianMethod {
   nlohmann::json config() const override { return to_json(config_); }
 
   LossForm loss() const override {
-    // L1 + λ·(1 − SSIM): L1 keeps its full weight.
+    // L1 + λ·(1 − SSIM): the weight of L1 is 1, not 1 − λ.
     const double whole = 1 + config_.lambda_dssim;
     return {static_cast<float>(config_.lambda_dssim / whole), static_cast<float>(whole)};
   }
@@ -53,8 +53,8 @@ class DropGaussian final : public GaussianMethod {
   }
 
   float views_seen(bool compact_box) const override {
-    // In 3DGS's square a dropped Gaussian counts as seen, without a gradient. The compact box does not list it: each
-    // view where it was kept then stands for those where it was not, so that the mean is the same on average.
+    // With the square of 3DGS a dropped Gaussian counts as seen, with a zero gradient. With the compact box it is not
+    // listed; the views in which it is kept then count more, so that the expected mean gradient is the same.
     return compact_box ? 1 / (1 - static_cast<float>(rate_)) : 1.0f;
   }
 
@@ -64,7 +64,7 @@ class DropGaussian final : public GaussianMethod {
   int iterations_;
   DropGaussianConfig config_;
 
-  double rate_ = 0;  ///< of the last training view
+  double rate_ = 0;  ///< drop rate in the last training view
   Array<float> factors_, opacities_, opacity_gradients_;
 };
 

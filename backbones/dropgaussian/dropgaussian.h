@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file DropGaussian (Park et al. 2025): 3DGS for few views, kept from overfitting by dropping random Gaussians from
-/// each training view.
+/// @file DropGaussian (Park et al. 2025): 3DGS for few views, regularised by dropping random Gaussians in each training
+/// view.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace splatboost {
 
-/// 3DGS's constants with those that DropGaussian changes, and its own.
+/// The settings of 3DGS with the defaults of DropGaussian, and its own.
 struct DropGaussianConfig : GaussianConfig {
   DropGaussianConfig() {
     published_iterations = 10000;
@@ -22,17 +22,16 @@ struct DropGaussianConfig : GaussianConfig {
     gradient_threshold = 5e-4;
     max_world_scale = 0;
   }
-  double drop_rate =
-      0.2;  ///< share of the Gaussians that are dropped at the end of the run; grows from 0 in proportion
+  double drop_rate = 0.2;  ///< share of Gaussians dropped at the end of the run; grows linearly from 0
 };
 
 nlohmann::json to_json(const DropGaussianConfig& config);
-/// Reads the keys that are there over the defaults. Throws InputError on an unknown key or a wrong type.
+/// The defaults, overridden by the keys in `json`. Throws InputError on an unknown key or a wrong type.
 DropGaussianConfig dropgaussian_config_from_json(const nlohmann::json& json);
 
 std::unique_ptr<Backbone> make_dropgaussian(const BackboneContext& context, const DropGaussianConfig& config);
 
-/// What opacities are multiplied by in one iteration (dropout.h).
+/// Computes the factors of opacities in one iteration (dropout.h).
 /// @param factors [N]
 void draw_dropout(std::uint64_t seed, int iteration, double rate, std::span<float> factors, Device device);
 

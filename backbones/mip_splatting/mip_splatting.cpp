@@ -62,8 +62,8 @@ class MipSplatting final : public GaussianMethod {
     smoothing_.compute(means, filters_);
   }
   bool renews_at(Moment moment) const override {
-    // At the end of a run the filter rests for an interval, so that the Gaussians settle under the one they are shown
-    // with.
+    // The filter is constant in the last interval, so that the Gaussians converge under the filter that the model is
+    // rendered with.
     return moment.iteration % config_.smoothing_interval == 0 &&
            moment.iteration < moment.total - config_.smoothing_interval;
   }
@@ -101,7 +101,8 @@ class MipSplatting final : public GaussianMethod {
   }
   void load(const ArchiveReader& archive, std::size_t count) override {
     filters_.assign(archive.floats("mip-splatting.filters"));
-    require(filters_.size() == count, archive.path().string() + ": its filters do not fit; the checkpoint is damaged");
+    require(filters_.size() == count,
+            archive.path().string() + ": the number of filters does not match; the checkpoint is damaged");
   }
   void export_to(SplatCloud& cloud) const override { cloud.filters = filters_.to_host(); }
   bool import_from(const SplatCloud& cloud) override {
@@ -124,7 +125,7 @@ class MipSplatting final : public GaussianMethod {
 
 void MipSplatting::add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing,
                                std::span<float> priorities) const {
-  // As many grow by the absolute gradient as by the signed one.
+  // Choose the threshold so that as many Gaussians pass it by the absolute gradient as grow by the signed one.
   const auto by_signed = static_cast<double>(std::count(growing.begin(), growing.end(), 1));
   const float threshold =
       quantile(statistics.gradients_abs, 1 - by_signed / static_cast<double>(std::max<std::size_t>(growing.size(), 1)));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Mip-Splatting (Yu et al. 2024): 3DGS without aliasing, by a 3D smoothing filter and a 2D Mip filter. Density
-/// control as its repository has it since April 2024, with the absolute gradients of Gaussian Opacity Fields.
+/// @file Mip-Splatting (Yu et al. 2024): alias-free 3DGS with a 3D smoothing filter and a 2D Mip filter. Density
+/// control as in its repository since April 2024, with the absolute gradients of Gaussian Opacity Fields.
 #pragma once
 
 #include <memory>
@@ -13,21 +13,21 @@
 
 namespace splatboost {
 
-/// 3DGS's constants and, beyond them:
+/// The settings of 3DGS, and:
 struct MipSplattingConfig : GaussianConfig {
   double low_pass = 0.1;            ///< px², variance of the 2D Mip filter
-  double smoothing_variance = 0.2;  ///< of the 3D filter, in (sampling interval)²
-  double visibility_margin = 0.15;  ///< × image size, by which views see beyond their border for the 3D filter
-  int smoothing_interval = 100;     ///< the 3D filter follows the Gaussians every so many iterations, not scaled
+  double smoothing_variance = 0.2;  ///< variance of the 3D filter, in (sampling interval)²
+  double visibility_margin = 0.15;  ///< × image size; margin around views within which the 3D filter counts them
+  int smoothing_interval = 100;     ///< iterations between updates of the 3D filter, not scaled
 };
 
 nlohmann::json to_json(const MipSplattingConfig& config);
-/// Reads the keys that are there over the defaults. Throws InputError on an unknown key or a wrong type.
+/// The defaults, overridden by the keys in `json`. Throws InputError on an unknown key or a wrong type.
 MipSplattingConfig mip_splatting_config_from_json(const nlohmann::json& json);
 
 std::unique_ptr<Backbone> make_mip_splatting(const BackboneContext& context, const MipSplattingConfig& config);
 
-/// The q-quantile of unordered values, interpolated linearly between neighbours; 0 of none.
+/// The q-quantile of unordered values, with linear interpolation; 0 if empty.
 float quantile(std::span<const float> values, double q);
 
 }  // namespace splatboost

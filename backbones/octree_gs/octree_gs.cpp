@@ -16,8 +16,8 @@
 namespace splatboost {
 namespace {
 
-constexpr float kMinSquaredDistance = 1e-7f;  // of neighbours at initialisation, keeps log-scales finite
-constexpr float kFinestSide = 0.02f;          // of a cell, where the number of layers follows from the box
+constexpr float kMinSquaredDistance = 1e-7f;  // between neighbours at initialisation; keeps log scales finite
+constexpr float kFinestSide = 0.02f;          // of a cell, to derive base_layer from the box
 constexpr std::size_t kGrain = 1024;
 
 DecoderShape shape_of(const OctreeConfig& config) {
@@ -72,7 +72,7 @@ class Octree final : public AnchorBackbone {
   CellGrid grid(int level) const {
     return {voxel_size_ / std::pow(fork(), static_cast<float>(level)), {origin_, origin_, origin_}};
   }
-  /// Finest level that is open now.
+  /// Finest level enabled at this iteration.
   int highest_level() const;
   double threshold(double level) const {
     return config_.gradient_threshold * std::pow(static_cast<double>(config_.fork), config_.update_ratio * level);
@@ -80,33 +80,33 @@ class Octree final : public AnchorBackbone {
   std::vector<float> positions_at(int level) const;
   /// Share of the training cameras that would use an anchor at each position.
   std::vector<float> camera_shares(std::span<const float> positions, int level) const;
-  /// New anchors where the slots are, on the grid of `level`.
-  /// @param inherit whether new anchors take their parents' features, channel by channel the largest, or zeros
+  /// Adds anchors at the slots' positions, on the grid of `level`.
+  /// @param inherit whether new anchors get the channel-wise maximum of their parents' features, or zeros
   void add_level(int level, bool inherit, std::span<const float> gradients, std::span<const std::uint32_t> slots);
 
   OctreeConfig config_;
   LevelRounding rounding_;
   std::vector<float> level_, extra_level_;                                            ///< [N]
-  Array<float> level_there_{context().device}, extra_level_there_{context().device};  ///< the same for a GPU
+  Array<float> level_there_{context().device}, extra_level_there_{context().device};  ///< copies on a GPU
   float voxel_size_ = 0, standard_distance_ = 0, levels_ = 0, init_level_ = 0, visible_threshold_ = 0, origin_ = 0;
   Array<std::uint8_t> usable_{context().device};
-  int highest_in_use_ = 0;  ///< finest level that was open in the last view
+  int highest_in_use_ = 0;  ///< finest level enabled in the last view
 };
 
 void Octree::initialise() {
   const std::vector<float>& points = context().scene.points.positions;
-  require(!points.empty(), "the scene has no point to put an anchor at; give it a point cloud");
+  require(!points.empty(), "the scene has no points to place anchors at; add a point cloud to the dataset");
   const LevelRange range = measure_levels(points, context().scene.train, config_.dist_ratio, config_.fork);
   standard_distance_ = range.standard_distance;
   levels_ = static_cast<float>(config_.levels > 0 ? config_.levels : range.levels);
-  require(level_count() <= kMaxLevels, "the distances of the scene ask for more than " + std::to_string(kMaxLevels) +
-                                           " levels; set levels of the backbone");
+  require(level_count() <= kMaxLevels, "the distances in the scene require more than " + std::to_string(kMaxLevels) +
+                                           " levels; set levels in the backbone config");
   init_level_ = static_cast<float>(config_.init_level >= 0 ? config_.init_level : level_count() / 2);
   const auto [low, high] = std::minmax_element(points.begin(), points.end());
   const auto extend = static_cast<float>(config_.extend);
   origin_ = *low * extend;
   const float side = *high * extend - origin_;
-  require(side > 0, "the points of the scene coincide");
+  require(side > 0, "all points of the scene are at the same position");
   const int base = config_.base_layer >= 0
                        ? config_.base_layer
                        : static_cast<int>(std::nearbyint(std::log2(side / kFinestSide))) - level_count() / 2 + 1;
@@ -123,7 +123,7 @@ void Octree::initialise() {
       if (share > 0) sum += share, ++count;
     }
   }
-  require(count > 0, "no camera of the scene would use any anchor; check dist_ratio and levels of the backbone");
+  require(count > 0, "no camera of the scene uses any anchor; check dist_ratio and levels in the backbone config");
   visible_threshold_ = config_.visible_threshold >= 0 ? static_cast<float>(config_.visible_threshold)
                                                       : static_cast<float>(sum / static_cast<double>(count));
   std::vector<float> kept;
@@ -135,7 +135,8 @@ void Octree::initialise() {
       level_.push_back(static_cast<float>(level));
     }
   }
-  require(!kept.empty(), "no anchor is seen by more cameras than visible_threshold asks for; lower it");
+  require(!kept.empty(),
+          "no anchor is used by a larger share of the cameras than visible_threshold; lower visible_threshold");
   extra_level_.assign(level_.size(), 0.0f);
   std::vector<float> squared(level_.size());
   mean_squared_neighbor_distances(kept, 3, squared, context().threads);
@@ -156,7 +157,7 @@ int Octree::highest_level() const {
 void Octree::anchors_changed() {
   const bool fits = levels_ >= 1 && levels_ <= static_cast<float>(kMaxLevels) &&
                     std::ranges::all_of(level_, [&](float level) { return level >= 0 && level < levels_; });
-  require(fits, "the levels of the model's anchors do not fit together: its files are damaged, or not of one run");
+  require(fits, "the anchor levels of the model are out of range; its files are damaged or from different runs");
   if (!context().device.is_cuda()) return;
   level_there_.assign(level_);
   extra_level_there_.assign(extra_level_);
@@ -200,7 +201,7 @@ void Octree::choose_growing(std::span<const float> gradients, std::span<const st
     const auto level = static_cast<double>(level_[i / slots_per_anchor()]);
     growing[i] = judged[i] != 0 && gradients[i] >= static_cast<float>(threshold(level));
   }
-  // An anchor whose slots move on the whole is used from farther away. That is no growth: it is not for a hook to gate.
+  // Anchors with a large mean gradient get a higher extra level. This is not growth, so density hooks do not affect it.
   const std::size_t k = slots_per_anchor();
   std::vector<std::uint8_t> present(static_cast<std::size_t>(level_count()), 0);
   for (const float level : level_) present[static_cast<std::size_t>(level)] = 1;
@@ -214,7 +215,7 @@ void Octree::choose_growing(std::span<const float> gradients, std::span<const st
     }
     const float mean = sum / (static_cast<float>(seen) + 1e-6f);
     for (int level = 0; level < level_count(); ++level) {
-      // As released: once a level that has anchors, whichever level the anchor itself is of.
+      // As released: applied once for every level that has anchors, whatever the anchor's own level.
       if (present[static_cast<std::size_t>(level)] == 0) continue;
       if (mean >= static_cast<float>(threshold(level) * config_.extra_ratio)) {
         extra_level_[a] += static_cast<float>(config_.extra_up);
@@ -238,7 +239,7 @@ void Octree::grow(std::span<const float> gradients, std::span<const std::uint8_t
       }
     }
     add_level(level, true, gradients, same);
-    // At the finest level nothing finer can be asked for, and the release then adds nothing.
+    // There is no level below the finest one; the release adds nothing then.
     if (level + 1 < level_count()) add_level(level + 1, false, gradients, finer);
   }
 }

@@ -9,7 +9,7 @@
 namespace splatboost {
 namespace {
 
-/// With linear interpolation between neighbours, as torch.quantile does it.
+/// With linear interpolation, like torch.quantile.
 float quantile(std::vector<float>& values, double q) {
   const double at = q * static_cast<double>(values.size() - 1);
   const auto below = values.begin() + static_cast<std::ptrdiff_t>(at);
@@ -42,7 +42,8 @@ LevelRange measure_levels(std::span<const float> points, const std::vector<View>
   LevelRange range;
   range.standard_distance = quantile(ends, ratio);
   const float nearest = quantile(ends, 1 - ratio);
-  require(nearest > 0, "a camera of the scene sits on a point: no level of detail is fine enough for it");
+  require(nearest > 0,
+          "a camera of the scene is at the position of a point, so no level of detail is fine enough for it");
   range.levels = static_cast<int>(std::nearbyint(std::log2(range.standard_distance / nearest) /
                                                  std::log2(static_cast<float>(fork)))) +
                  1;

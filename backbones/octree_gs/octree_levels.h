@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Levels of detail: which level a distance asks for, and which level is open when.
+/// @file Levels of detail: range of a scene's levels, and when levels are enabled.
 #pragma once
 
 #include <span>
@@ -14,18 +14,18 @@ namespace splatboost {
 
 LevelRounding level_rounding_named(std::string_view name);
 
-/// Distances of a scene, and the number of levels that they ask for.
+/// Reference distance and number of levels of a scene.
 struct LevelRange {
-  float standard_distance = 1;  ///< at which level 0 is asked for; half of it asks for level 1 where fork is 2
+  float standard_distance = 1;  ///< needs level 0; half of it needs level 1 if fork is 2
   int levels = 1;
 };
 
-/// From the distances of all points to all cameras: their `ratio` and 1 − `ratio` quantiles in each view, then over
-/// views.
+/// Computed from the distances of all points to all cameras: the `ratio` and 1 − `ratio` quantiles in each view, then
+/// the quantiles of these over views.
 LevelRange measure_levels(std::span<const float> points, const std::vector<View>& views, double ratio, int fork);
 
-/// Iterations at which one more level opens: `count` of them, each interval 1/factor of the one before, the last at
-/// `end`.
+/// The `count` iterations at which a further level is enabled: each interval is 1/factor of the one before, the last
+/// iteration is `end`.
 std::vector<double> opening_iterations(int count, double end, double factor);
 
 }  // namespace splatboost

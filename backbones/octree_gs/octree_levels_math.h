@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Which level of detail a distance asks for, on every device.
+/// @file Level of detail for a distance, shared by all devices.
 #pragma once
 
 #include <algorithm>
@@ -9,15 +9,15 @@
 
 namespace splatboost {
 
-/// How a real level becomes a whole one.
+/// Rounding of a real level to an integer.
 enum class LevelRounding { round, floor, ceil };
 
-/// Level that a distance asks for: log(standard / distance) / log(fork), real.
+/// Real level for a distance: log(standard / distance) / log(fork).
 SPLATBOOST_SHARED_MATH float level_at(float distance, float standard_distance, float fork) {
   return std::log2(standard_distance / distance) / std::log2(fork);
 }
 
-/// Whole and within [0, highest].
+/// Rounds a level and clamps it to [0, highest].
 SPLATBOOST_SHARED_MATH int whole_level(float level, LevelRounding rounding, int highest) {
   const float whole = rounding == LevelRounding::round   ? std::nearbyint(level)
                       : rounding == LevelRounding::floor ? std::floor(level)

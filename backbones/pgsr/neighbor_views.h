@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Which training views see the same surfaces as another.
+/// @file Selection of training views that see the same surfaces as another.
 #pragma once
 
 #include <cstddef>
@@ -11,21 +11,21 @@
 namespace splatboost {
 
 struct NeighborLimits {
-  int most = 8;
-  double angle = 30;                      ///< degrees between view directions; neighbours are below it
-  double nearest = 0.01, farthest = 1.5;  ///< between centres, world units; neighbours lie between
+  int most = 8;                           ///< neighbours per view
+  double angle = 30;                      ///< upper limit of the angle between view directions, degrees
+  double nearest = 0.01, farthest = 1.5;  ///< limits of the distance between centres, world units
 };
 
-/// Of each view its neighbours, by distance, then by angle, then by number.
+/// Neighbours of each view, sorted by distance, then angle, then index.
 std::vector<std::vector<std::size_t>> neighbor_views(const std::vector<View>& views, const NeighborLimits& limits);
 
-/// How far views stand from what they see: the median over views of the median depth of the points in them. 1 if there
-/// are none.
+/// Typical distance of the views to the scene: the median over views of the median depth of the points in them. 1 if
+/// there are none.
 double typical_depth(const Scene& scene);
 
-/// A view without a photo, near another.
-/// @param shift most along each axis, world units
-/// @param turn most about each axis, degrees
+/// A random view without a photo, near another.
+/// @param shift maximum translation along each axis, world units
+/// @param turn maximum rotation about each axis, degrees
 View virtual_view(const View& near, double shift, double turn, const RandomStream& random);
 
 }  // namespace splatboost

@@ -25,8 +25,8 @@ namespace splatboost {
 namespace {
 
 constexpr const char* kName = "pgsr";
-constexpr double kNearDepth = 0.1;      ///< nearer points are not compared; of kPublishedDepth
-constexpr double kMinSimilarity = 0.5;  ///< SSIM from which on exposure is compensated
+constexpr double kNearDepth = 0.1;      ///< nearer points are not compared; for scenes seen from kPublishedDepth
+constexpr double kMinSimilarity = 0.5;  ///< SSIM above which exposure is compensated
 
 class Pgsr final : public GaussianMethod {
  public:
@@ -70,7 +70,7 @@ class Pgsr final : public GaussianMethod {
   LossInputs loss_inputs(const DrawContext& first) override;
   double add_loss(std::span<const StepView> views) override;
 
-  // Drawing.
+  // Rendering.
 
   void draw(Gaussians& drawn, const DrawContext& context) override;
   void redirect(GaussianGradients& gradients) override {
@@ -108,7 +108,8 @@ class Pgsr final : public GaussianMethod {
   void load(const ArchiveReader& archive, std::size_t count) override {
     std::vector<std::int32_t> radii;
     for (const float radius : archive.floats("pgsr.radii")) radii.push_back(static_cast<std::int32_t>(radius));
-    require(radii.size() == count, archive.path().string() + ": its radii do not fit; the checkpoint is damaged");
+    require(radii.size() == count,
+            archive.path().string() + ": the number of radii does not match; the checkpoint is damaged");
     radii_.assign(std::move(radii));
   }
 
@@ -118,7 +119,7 @@ class Pgsr final : public GaussianMethod {
     return {seed_, static_cast<std::uint64_t>(iteration), purpose};
   }
   const View* second_view(const DrawContext& first);
-  /// The exposure of a training view, or of its half.
+  /// Exposure parameters [2] of a training view or its half-size view; empty for other views.
   std::span<float> exposure_of(const View& view, Array<float>& rows) const;
   double add_exposed_loss(const StepView& first);
 
@@ -127,29 +128,29 @@ class Pgsr final : public GaussianMethod {
   std::uint64_t seed_;
   int iterations_;
   PgsrConfig config_;
-  double unit_;                                      ///< world units of one unit of the config
-  std::vector<std::vector<std::size_t>> neighbors_;  ///< of training views
-  TrainedGroup exposures_;                           ///< logarithm of the gain, and offset, of training views
+  double unit_;                                      ///< world units per length unit of the settings
+  std::vector<std::vector<std::size_t>> neighbors_;  ///< [training views]
+  TrainedGroup exposures_;                           ///< [training views,2] log gain and offset
   SurfaceLoss surface_loss_;
 
-  // Of the step.
+  // State of the current step.
   View virtual_view_;
-  bool has_surfaces_ = false;  ///< surface terms are on
-  bool exposes_ = false;       ///< the loss compensates exposure
-  bool flattens_ = false;      ///< gradients of flatness are due
+  bool has_surfaces_ = false;  ///< whether surface terms are used
+  bool exposes_ = false;       ///< whether the loss compensates exposure
+  bool flattens_ = false;      ///< whether add_gradients() must add those of flatness
 
-  // Of the last drawing.
+  // State of the last draw().
   bool draws_planes_ = false;
   Gaussians drawn_;
   Camera camera_;
   Array<float> planes_, plane_gradients_;  ///< [N,4]
 
   Array<double> flatness_sums_;
-  std::span<const std::uint8_t> visible_;          ///< of the first view
-  Array<std::int32_t> radii_;                      ///< [N] largest on screen since the last growth
-  Array<std::int32_t> observed_;                   ///< [N] pixels of a view
-  Photometric photometric_;                        ///< of exposed views
-  Array<float> no_exposure_, exposure_gradients_;  ///< of a view that is not compensated yet
+  std::span<const std::uint8_t> visible_;          ///< [N] in the first view
+  Array<std::int32_t> radii_;                      ///< [N] largest screen radius since the last growth, px
+  Array<std::int32_t> observed_;                   ///< [N] number of pixels of a view that observe a Gaussian
+  Photometric photometric_;                        ///< for views with exposure
+  Array<float> no_exposure_, exposure_gradients_;  ///< for views without compensation
   Array<double> exposure_sums_;
 };
 
@@ -188,7 +189,7 @@ double Pgsr::add_loss(std::span<const StepView> views) {
     flattens_ = true;
     visible_ = first.visible;
     flatness_loss(drawn_.scales, visible_, static_cast<float>(config_.flatness_weight), flatness_sums_, device_);
-    if (!device_.is_cuda()) loss += flatness_sums_.host()[0];  // a GPU would have to be waited for
+    if (!device_.is_cuda()) loss += flatness_sums_.host()[0];  // not on a GPU, where reading it would synchronise
   }
   if (!has_surfaces_) return loss;
   const auto surface_of = [](const StepView& view) {
@@ -216,9 +217,9 @@ std::span<float> Pgsr::exposure_of(const View& view, Array<float>& rows) const {
 }
 
 double Pgsr::add_exposed_loss(const StepView& first) {
-  // SSIM is of what is rendered; L1 of what is exposed, once the render resembles the photo.
+  // SSIM uses the render; L1 uses the exposed render once the render resembles the photo.
   const auto lambda = static_cast<float>(config_.lambda_dssim);
-  // On a GPU this waits: whether the exposure is used must not follow from an earlier view.
+  // Synchronises on a GPU, because the SSIM of this view decides whether exposure is used.
   const PhotometricLoss measured = photometric_.evaluate(first.images.color, first.truth, 1.0f, first.gradients.color);
   scale(first.gradients.color, lambda, device_);
   const bool resembles = measured.ssim > kMinSimilarity;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Which keyframe, at which size, an iteration of the mapper trains on.
+/// @file Selection of the keyframe and image size that an iteration of the mapper trains on.
 #pragma once
 
 #include <cstddef>
@@ -8,9 +8,9 @@
 
 namespace splatboost {
 
-/// Photo-SLAM's: keyframes are walked through in random order; each has a number of uses left, and those without are
-/// passed over. When none has any, all get one. The first uses of a keyframe are of the levels of its pyramid, the
-/// smallest first.
+/// The schedule of Photo-SLAM: cycles through the keyframes in random order; each has a number of uses left, and those
+/// without are skipped. When no keyframe has uses left, all get one. The first uses of a keyframe are at the levels of
+/// its pyramid, the smallest first.
 class KeyframeSchedule {
  public:
   struct Choice {
@@ -18,14 +18,15 @@ class KeyframeSchedule {
     int level = 0;  ///< halvings of its image; 0: full size
   };
 
-  /// @param uses that a new keyframe is entitled to @param levels of its pyramid @param level_uses of each of these
+  /// @param uses number of uses of a new keyframe @param levels of its pyramid, without full size
+  /// @param level_uses number of uses of each level
   KeyframeSchedule(int uses, int levels, int level_uses, std::uint64_t seed)
       : uses_(uses), levels_(levels), level_uses_(level_uses), seed_(seed) {}
 
-  /// One keyframe more; a new random order begins with the next choice.
+  /// Adds a keyframe; the next choice starts a new random order.
   void add();
   void add_uses(std::size_t keyframe, int uses) { keyframes_[keyframe].left += uses; }
-  /// Counts as a use of it. There must be a keyframe.
+  /// Chooses a keyframe and counts it as used. There must be at least one keyframe.
   Choice next(int iteration);
   std::size_t size() const { return keyframes_.size(); }
   /// How often it was chosen.

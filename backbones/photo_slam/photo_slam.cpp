@@ -15,7 +15,7 @@
 namespace splatboost {
 namespace {
 
-constexpr int kSmallestSide = 11;  ///< px, of a level of a pyramid: a window of SSIM
+constexpr int kSmallestSide = 11;  ///< px, minimum size of a pyramid level: the SSIM window
 
 bool sees(const Camera& camera, const glm::vec3& point) {
   const glm::vec3 p = glm::vec3(camera.camera_from_world * glm::vec4(point, 1));
@@ -26,12 +26,12 @@ bool sees(const Camera& camera, const glm::vec3& point) {
 
 Similarity similarity_of(const glm::dmat4& transform) { return {glm::dmat3(transform), glm::dvec3(transform[3]), 1}; }
 
-/// Rigid `second` after rigid `first`.
+/// Composition of rigid motions: first `first`, then `second`.
 Similarity after(const Similarity& second, const Similarity& first) {
   return {second.rotation * first.rotation, second.rotation * first.translation + second.translation, 1};
 }
 
-/// Adds `more` at the end of `points`.
+/// Appends `more` to `points`.
 void append(SeenPoints& points, const SeenPoints& more) {
   points.points.positions.insert(points.points.positions.end(), more.points.positions.begin(),
                                  more.points.positions.end());
@@ -55,7 +55,7 @@ class PhotoSlam final : public GaussianMethod {
   LossForm loss() const override { return {static_cast<float>(config_.lambda_dssim), 1}; }
   std::vector<TrainedGroup*> groups() override { return {&origins_}; }
 
-  /// What the map began with was inserted before the first iteration, and belongs to the first view that sees it.
+  /// Initial Gaussians get insertion iteration 0 and the first view that sees them.
   void start(std::span<const float> means) override {
     std::vector<float> rows;
     for (std::size_t i = 0; i < means.size(); i += 3) {
@@ -87,7 +87,7 @@ class PhotoSlam final : public GaussianMethod {
     }
   }
 
-  /// While views come, less than half of the run is over, whatever their number: what belongs to its second half waits.
+  /// While views arrive, less than half of the planned run is over, so phases of its second half do not start.
   int planned_iterations(int iteration, int given) const override {
     if (!online_) return given;
     return complete_iterations_ ? *complete_iterations_ : std::max(given_iterations_, 2 * (iteration + 1));
@@ -106,7 +106,7 @@ class PhotoSlam final : public GaussianMethod {
       std::vector<Similarity> moves;
       for (const glm::dmat4& correction : change.corrections) moves.push_back(similarity_of(correction));
       for (std::size_t i = 0; i < std::min(known, moves.size()); ++i) schedule_.add_uses(i, config_.loop_uses);
-      // What waits to be inserted moves too; what comes with this change is in the new world.
+      // Correct points that wait for insertion too; points of this change are already corrected.
       move_waiting(due_, moves);
       move_waiting(features_, moves);
       for (std::size_t i = 0; i < std::min(corrections_.size(), moves.size()); ++i) {
@@ -116,7 +116,7 @@ class PhotoSlam final : public GaussianMethod {
     }
     append(due_, change.map_points);
     append(features_, change.features);
-    // Of the views that a run begins with only the map's points are taken.
+    // Views present at the start do not count towards the feature cache.
     if (known > 0) cached_ += schedule_.size() - known;
     if (cached_ >= static_cast<std::size_t>(config_.feature_cache)) release_features();
   }
@@ -133,7 +133,7 @@ class PhotoSlam final : public GaussianMethod {
       view = &levels[static_cast<std::size_t>(level - 1)];
     }
     if (view == &full) {
-      levels = {};  // not needed any more
+      levels = {};  // no longer needed
       return full;
     }
     // The pose may have changed since the level was made.
@@ -195,17 +195,17 @@ class PhotoSlam final : public GaussianMethod {
   bool online_ = false;
   std::optional<int> complete_iterations_;
   KeyframeSchedule schedule_;
-  std::vector<std::vector<View>> pyramids_;  ///< [views] levels from half the size down, as far as they were used
+  std::vector<std::vector<View>> pyramids_;  ///< [views] levels from half size down, created on first use
   std::size_t chosen_ = 0;
-  TrainedGroup origins_;  ///< iteration of the insertion (0: there from the start) and number of the view; not trained
+  TrainedGroup origins_;  ///< [N,2] iteration of insertion (0: initial) and index of the view; not trained
   SeenPoints due_, features_;
-  std::size_t cached_ = 0;  ///< views whose features wait
+  std::size_t cached_ = 0;  ///< number of views whose features wait
   bool features_due_ = false;
   std::vector<Similarity> corrections_;
   std::optional<int> loop_closed_at_;
 };
 
-/// The trainer of explicit Gaussians, of which the method makes an online one.
+/// The trainer of explicit Gaussians, extended by OnlineBackbone.
 class PhotoSlamBackbone final : public Backbone, public OnlineBackbone {
  public:
   PhotoSlamBackbone(const BackboneContext& context, const PhotoSlamConfig& config) {
@@ -244,7 +244,7 @@ class PhotoSlamBackbone final : public Backbone, public OnlineBackbone {
   int planned_iterations(int iteration) const override { return method_->planned(iteration); }
 
  private:
-  PhotoSlam* method_ = nullptr;  ///< the trainer's
+  PhotoSlam* method_ = nullptr;  ///< owned by gaussians_
   std::unique_ptr<Backbone> gaussians_;
 };
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The mapper of Photo-SLAM (Huang et al. 2024): 3DGS of keyframes that come while it trains, with Gaussians from
-/// map points and features, pyramids of the keyframes, and correction of the Gaussians at a loop. Of a scene whose
-/// views are all there it is 3DGS with Photo-SLAM's constants.
+/// @file The mapper of Photo-SLAM (Huang et al. 2024): 3DGS with keyframes that arrive during training, Gaussians from
+/// map points and features, image pyramids of the keyframes, and correction of the Gaussians when a loop is closed. For
+/// a scene with all views present it is 3DGS with the settings of Photo-SLAM.
 #pragma once
 
 #include <memory>
@@ -13,24 +13,25 @@
 
 namespace splatboost {
 
-/// 3DGS's constants, some with other values, and, beyond them:
+/// The settings of 3DGS with the defaults of Photo-SLAM, and:
 struct PhotoSlamConfig : GaussianConfig {
   PhotoSlamConfig();
-  int position_steps = 24;  ///< uses of a keyframe in which its rate of positions falls from initial to final
-  int keyframe_uses = 8;    ///< trainings that a new keyframe is entitled to
-  int loop_uses = 2;        ///< more of them for each keyframe when a loop is closed
-  int pyramid_levels = 2;   ///< halvings of the images that a keyframe begins with
-  int level_uses = 8;       ///< trainings of each of these levels
-  int feature_cache = 10;   ///< features become Gaussians for so many keyframes at a time
-  /// A hook removes none that was inserted fewer iterations ago, and none at all so soon after a loop. Ours.
+  int position_steps = 24;  ///< uses of a keyframe over which the position learning rate decays
+  int keyframe_uses = 8;    ///< training iterations of a new keyframe
+  int loop_uses = 2;        ///< additional ones per keyframe when a loop is closed
+  int pyramid_levels = 2;   ///< initial downsampling of a keyframe: number of halvings
+  int level_uses = 8;       ///< training iterations per level
+  int feature_cache = 10;   ///< features are inserted as Gaussians once per this many keyframes
+  /// With a density hook, no Gaussian is pruned for this many iterations after its insertion, and none at all for as
+  /// long after a loop. Not part of the published method.
   int protected_iterations = 200;
 };
 
 nlohmann::json to_json(const PhotoSlamConfig& config);
-/// Reads the keys that are there over the defaults. Throws InputError on an unknown key or a wrong type.
+/// The defaults, overridden by the keys in `json`. Throws InputError on an unknown key or a wrong type.
 PhotoSlamConfig photo_slam_config_from_json(const nlohmann::json& json);
 
-/// It is an OnlineBackbone too.
+/// The result also implements OnlineBackbone.
 std::unique_ptr<Backbone> make_photo_slam(const BackboneContext& context, const PhotoSlamConfig& config);
 
 }  // namespace splatboost

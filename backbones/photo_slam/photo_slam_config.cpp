@@ -24,7 +24,7 @@ PhotoSlamConfig::PhotoSlamConfig() {
   position_rate_initial = position_rate_final = 3.2e-4;
   gradient_threshold = 1e-3;
   min_opacity = 0.02;
-  max_world_scale = 0;  // large ones stay
+  max_world_scale = 0;  // no pruning of large Gaussians
   densify_from = 0;
   opacity_reset_interval = kPublishedIterations;  // beyond densify_until: never
 }
@@ -41,7 +41,7 @@ PhotoSlamConfig photo_slam_config_from_json(const nlohmann::json& json) {
   require(config.position_steps >= 1, what + "position_steps must be at least 1");
   require(config.keyframe_uses >= 1, what + "keyframe_uses must be at least 1");
   require(config.loop_uses >= 0, what + "loop_uses must be at least 0");
-  require(config.pyramid_levels >= 0 && config.pyramid_levels <= 8, what + "pyramid_levels must lie in 0 to 8");
+  require(config.pyramid_levels >= 0 && config.pyramid_levels <= 8, what + "pyramid_levels must be 0 to 8");
   require(config.level_uses >= 0, what + "level_uses must be at least 0");
   require(config.feature_cache >= 1, what + "feature_cache must be at least 1");
   require(config.protected_iterations >= 0, what + "protected_iterations must be at least 0");

@@ -4,7 +4,7 @@
 namespace splatboost::program {
 namespace {
 
-/// Left to right; what a replacement puts in is not looked at again, except where it ends what comes before.
+/// Replaces from left to right. Inserted text is searched again, so that runs collapse, unless it contains `what`.
 void replace_all(std::string& text, const std::string& what, const std::string& by) {
   const std::size_t skip = by.find(what) == std::string::npos ? 0 : by.size();
   for (auto at = text.find(what); at != std::string::npos; at = text.find(what, at + skip)) {
@@ -14,7 +14,7 @@ void replace_all(std::string& text, const std::string& what, const std::string& 
 
 constexpr std::size_t kColumn = 32, kLine = 120;
 
-/// Descriptions that do not fit into a line go on in the next.
+/// Wraps descriptions that are longer than a line.
 std::string wrapped(std::string text) {
   constexpr std::size_t kWidth = kLine - kColumn;
   for (std::size_t begin = 0; text.size() - begin > kWidth;) {
@@ -35,7 +35,7 @@ HelpFormatter::HelpFormatter() {
 
 std::string HelpFormatter::make_help(const CLI::App* app, std::string name, CLI::AppFormatMode mode) const {
   std::string help = CLI::Formatter::make_help(app, std::move(name), mode);
-  replace_all(help, "\n\n\n", "\n\n");  // groups follow each other with two
+  replace_all(help, "\n\n\n", "\n\n");  // CLI11 puts two between groups
   return help;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The look of --help.
+/// @file Formatting of --help.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 
 namespace splatboost::program {
 
-/// "-r,--resolution N   what it does [default]", one blank line between groups.
+/// "-r,--resolution N   what it does [default]", with one blank line between groups.
 class HelpFormatter : public CLI::Formatter {
  public:
   HelpFormatter();

@@ -28,7 +28,7 @@ namespace {
 constexpr int kFailure = 1;
 constexpr int kUsage = 2;
 
-/// One line whatever a library put into its message.
+/// Joins the lines of a message, which may come from a library, into one line.
 std::string one_line(std::string_view text) {
   std::string line;
   for (const char c : text) {
@@ -43,7 +43,8 @@ std::string one_line(std::string_view text) {
   return printable(line);
 }
 
-/// No more of it than somebody reads: a damaged file may hold a name of a megabyte. The end says what to do.
+/// Shortens a message to a readable length: a damaged file may contain a name of a megabyte. The end is kept because it
+/// says what to do.
 std::string shortened(const std::string& line) {
   constexpr std::size_t kBegin = 700;
   constexpr std::size_t kEnd = 300;
@@ -61,7 +62,7 @@ int fail(int code, std::string_view where, std::string_view what) {
   return code;
 }
 
-/// Options of Python trainers have underscores; they mean the same here.
+/// Python trainers spell options with underscores; both spellings are accepted.
 std::string with_dashes(std::string argument) {
   if (argument.size() < 3 || argument.compare(0, 2, "--") != 0) return argument;
   for (std::size_t i = 2; i < argument.size() && argument[i] != '='; ++i) {
@@ -87,7 +88,7 @@ std::string unknown_argument(const std::string& argument, const CLI::App& app) {
   for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) {
     commands.push_back(command->get_name());
   }
-  if (!commands.empty()) return "no command '" + argument + "'" + did_you_mean(argument, commands);
+  if (!commands.empty()) return "unknown command '" + argument + "'" + did_you_mean(argument, commands);
   return "'" + argument + "' is not expected here; options start with --";
 }
 
@@ -96,12 +97,12 @@ int run_commands(int argc, char** argv) {
   program.formatter(std::make_shared<HelpFormatter>());
   program.set_help_flag("-h,--help", "print this and exit");
   program.set_version_flag("--version", "splatboost " SPLATBOOST_VERSION, "print the version and exit");
-  program.footer("splatboost COMMAND --help tells more.");
+  program.footer("See splatboost COMMAND --help for the options of a command.");
   const std::vector<Command> commands = {add_train(program),  add_compare(program), add_render(program),
                                          add_eval(program),   add_mesh(program),    add_mesh_eval(program),
                                          add_slam(program),   add_synth(program),   add_pack(program),
                                          add_export(program), add_bench(program),   add_patch(program)};
-  // Both are told below, with a suggestion.
+  // Unknown commands and options are reported below, with a suggestion.
   program.allow_extras();
   for (const Command& command : commands) {
     command.app->allow_extras();
@@ -112,7 +113,7 @@ int run_commands(int argc, char** argv) {
   std::vector<std::string> arguments;
   for (int i = 1; i < argc; ++i) {
     command_line += std::string(" ") + argv[i];
-    arguments.insert(arguments.begin(), with_dashes(argv[i]));  // CLI11 takes them last first
+    arguments.insert(arguments.begin(), with_dashes(argv[i]));  // CLI11 expects them in reverse order
   }
   std::string where = "splatboost";
   const auto help_hint = [&where] { return " (see " + where + " --help)"; };
@@ -142,10 +143,10 @@ int run_commands(int argc, char** argv) {
         list += (list.empty() ? "" : ", ") + names.back();
       }
       const std::vector<std::string> rest = program.remaining();
-      if (rest.empty()) throw UsageError("no command given; there are: " + list);
+      if (rest.empty()) throw UsageError("no command given; available: " + list);
       if (rest[0][0] == '-') throw UsageError(unknown_argument(rest[0], program));
       const std::string nearest = did_you_mean(rest[0], names);
-      throw UsageError("no command '" + rest[0] + "'" + (nearest.empty() ? "; there are: " + list : nearest));
+      throw UsageError("unknown command '" + rest[0] + "'" + (nearest.empty() ? "; available: " + list : nearest));
     }
     where += " " + chosen.front()->get_name();
     const std::vector<std::string> rest = program.remaining(true);
@@ -179,18 +180,18 @@ int run_commands(int argc, char** argv) {
   }
 }
 
-/// Output is buffered: whether it arrived is known at the end only.
+/// Output is buffered, so failed writes are known only at the end.
 int finish_output(int code) {
   std::cout.flush();
   if (std::fflush(stdout) == 0 && std::ferror(stdout) == 0 && std::cout.good()) return code;
-  // The cause is gone: the write that failed may be long ago.
-  return code != 0 ? code : fail(kFailure, "splatboost", "standard output could not be written; its disk may be full");
+  // errno is no longer that of the failed write, which may have been long ago.
+  return code != 0 ? code : fail(kFailure, "splatboost", "cannot write to standard output; the disk may be full");
 }
 
 }  // namespace
 
 int run_program(int argc, char** argv) {
-  // A write beyond a limit of file sizes then fails as one on a full disk does, and is told.
+  // Makes a write beyond the file size limit fail like one on a full disk, so that it is reported.
   std::signal(SIGXFSZ, SIG_IGN);
   return finish_output(run_commands(argc, argv));
 }

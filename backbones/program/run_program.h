@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The splatboost program but for its main(), with the backbones that it is linked to.
+/// @file The splatboost program without main(). It uses the backbones that the executable links.
 #pragma once
 
 namespace splatboost::program {

@@ -15,7 +15,7 @@ namespace splatboost {
 namespace {
 
 constexpr int kPublishedLength = 30000;
-constexpr float kMinSquaredDistance = 1e-7f;  // of neighbours at initialisation, keeps log-scales finite
+constexpr float kMinSquaredDistance = 1e-7f;  // between neighbours at initialisation; keeps log scales finite
 
 DecoderShape shape_of(const ScaffoldConfig& config) {
   DecoderShape shape;
@@ -52,7 +52,7 @@ class Scaffold final : public AnchorBackbone {
 
 void Scaffold::initialise() {
   const std::vector<float>& points = context().scene.points.positions;
-  require(!points.empty(), "the scene has no point to put an anchor at; give it a point cloud");
+  require(!points.empty(), "the scene has no points to place anchors at; add a point cloud to the dataset");
   voxel_size_ = static_cast<float>(config_.voxel_size);
   std::vector<float> squared;
   if (voxel_size_ == 0) {
@@ -61,7 +61,7 @@ void Scaffold::initialise() {
     const auto middle = squared.begin() + static_cast<std::ptrdiff_t>((squared.size() - 1) / 2);
     std::nth_element(squared.begin(), middle, squared.end());
     voxel_size_ = *middle;
-    require(voxel_size_ > 0, "the points of the scene coincide; set voxel_size of the backbone");
+    require(voxel_size_ > 0, "most points of the scene are duplicates; set voxel_size in the backbone config");
   }
   const std::vector<float> positions = occupied_centres({voxel_size_, {}}, points);
   squared.resize(positions.size() / 3);
@@ -72,7 +72,7 @@ void Scaffold::initialise() {
 
 void Scaffold::choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,
                               std::span<std::uint8_t> growing) {
-  // The threshold of the coarsest level; finer ones ask for more.
+  // The threshold of the coarsest level; grow() applies the higher ones of finer levels.
   for (std::size_t i = 0; i < growing.size(); ++i) {
     growing[i] = judged[i] != 0 && gradients[i] >= static_cast<float>(config_.gradient_threshold);
   }
@@ -87,11 +87,11 @@ void Scaffold::grow(std::span<const float> gradients, std::span<const std::uint8
   std::size_t added = 0;
   std::vector<std::uint32_t> slots;
   for (int level = 0; level < config_.update_depth; ++level) {
-    // Finer levels follow only where a coarser one found room.
+    // Finer levels grow only if a coarser one added anchors.
     if ((level == 0 || added > 0) && factor > 0) {
       slots.clear();
       for (std::size_t i = 0; i < n; ++i) {
-        // A number a (level, slot), whatever else grows: a gate does not change what chance says of the others.
+        // One random number per (level, slot), so that a density hook does not change the choice among other slots.
         const std::uint64_t number = static_cast<std::uint64_t>(level) * n + i;
         if (growing[i] != 0 && gradients[i] >= static_cast<float>(threshold) && random.uniform(number) > keep) {
           slots.push_back(static_cast<std::uint32_t>(i));
@@ -118,7 +118,7 @@ std::size_t Scaffold::grow_level(std::span<const float> gradients, std::span<con
   for (std::size_t c = 0; c < found.cells.size(); ++c) {
     const std::array<float, 3> centre = grid.centre_of(found.cells[c]);
     centres.insert(centres.end(), centre.begin(), centre.end());
-    // The new anchor takes the largest of its parents' features, channel by channel.
+    // The new anchor's feature is the channel-wise maximum of its parents' features.
     float largest = 0;
     const std::size_t first = features.size();
     for (const std::uint32_t source : found.sources[c]) {

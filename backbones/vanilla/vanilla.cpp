@@ -17,7 +17,7 @@ void for_each_field(Config& config, Visit&& visit) {
   for_each_gaussian_field(config, visit);
 }
 
-/// What the release has by default.
+/// Defaults of a release.
 VanillaConfig config_of_release(const std::string& release) {
   VanillaConfig config;
   config.release = release;
@@ -45,7 +45,7 @@ nlohmann::json to_json(const VanillaConfig& config) {
 }
 
 VanillaConfig vanilla_config_from_json(const nlohmann::json& json) {
-  // Twice: what the release has by default depends on which one it is.
+  // Read twice, because the defaults depend on the release.
   VanillaConfig config;
   const auto read = [&] {
     fields_from_json(json, "backbone vanilla", [&](auto&& visit) { for_each_field(config, visit); });

@@ -26,8 +26,8 @@ namespace splatboost {
 namespace {
 
 constexpr int kSplitChildren = 2;
-constexpr int kPublishedIterations = 30000;  // of which the adapter's numbers are
-constexpr double kAbsoluteThreshold = 3;     // of the adapter's: times that of signed gradients
+constexpr int kPublishedIterations = 30000;  // length of the schedule that the adapter's numbers refer to
+constexpr double kAbsoluteThreshold = 3;     // threshold of absolute gradients / that of signed ones
 constexpr int kProtectedIterations = 200;    // as in the in-tree photo-slam
 constexpr const char* kGroups[] = {"xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation"};  // in the host's order
 constexpr const char* kPrefix = "SplatBoost.";
@@ -62,7 +62,7 @@ struct Boost::Parts {
     absolute_sum = zeros();
     seen = zeros();
   }
-  /// Of Gaussians that were inserted since, at the end, nothing is known yet.
+  /// Extends the statistics with zeros for Gaussians that were appended since.
   void extend() {
     if (!seen.defined() || seen.size(0) > count()) return restart();
     const std::int64_t missing = count() - seen.size(0);
@@ -71,8 +71,8 @@ struct Boost::Parts {
       *sum = torch::cat({*sum, torch::zeros({missing}, sum->options())});
     }
   }
-  /// What was only just inserted is faint because it is new, and stays; so does one at least. @param mask bool [N]
-  /// @return those that went
+  /// Removes Gaussians, except recently inserted ones, which have a low opacity only because they are new; keeps at
+  /// least one. @param mask bool [N] @return those removed, bool [N]
   Tensor remove(const Tensor& mask, int iteration) {
     const Tensor inserted = model().exist_since_iter_.to(device).reshape({-1});
     const Tensor old = (inserted == 0) | (inserted <= iteration - kProtectedIterations);
@@ -88,7 +88,7 @@ struct Boost::Parts {
 
 namespace {
 
-/// The keyframes as the library sees them, from the oldest to the newest.
+/// The keyframes as views of the library, from the oldest to the newest.
 class Views {
  public:
   Views(const Boost::Host& host, Tensor& no_color, const torch::Device& device)
@@ -113,7 +113,7 @@ class Views {
   }
 
   const sb_views* c_views() const { return &views_; }
-  /// Throws what a call of the host threw, or else what the library says.
+  /// Rethrows an exception of a callback; otherwise throws the library's error, if any.
   void check(sb_status status) {
     if (error_) std::rethrow_exception(error_);
     require(status);
@@ -125,13 +125,13 @@ class Views {
     try {
       act(*this);
       return 0;
-    } catch (...) {  // it must not pass through C
+    } catch (...) {  // exceptions must not propagate through C
       error_ = std::current_exception();
       return 1;
     }
   }
 
-  /// As the loss sees it at full size: without what undistortion left black. Uses no turn of the keyframe.
+  /// Renders at full size with the loss's mask of undistorted pixels. Does not count as a use of the keyframe.
   void render(std::int64_t view, sb_scored_view& scored) {
     torch::NoGradGuard no_grad;
     const std::shared_ptr<GaussianKeyframe>& keyframe = keyframes_.at(static_cast<std::size_t>(view));
@@ -161,7 +161,7 @@ class Views {
   std::exception_ptr error_;
 };
 
-/// The adapter's settings, as long as they are set.
+/// The adapter's settings; needed until the adapter is created.
 class Settings {
  public:
   explicit Settings(bool literal) { require(sb_boost_create("photo-slam", literal, &boost_)); }
@@ -181,15 +181,15 @@ class Settings {
   sb_boost* boost_ = nullptr;
 };
 
-/// A wrong setting is the user's: the process ends with one line and 2 (as the host does with 1 for a missing file),
-/// without unwinding, because the host's other threads run.
+/// Reports an invalid user setting: prints one line and exits with status 2 (the host exits with 1 for a missing file),
+/// without unwinding, because the host's other threads are running.
 [[noreturn]] void refuse(const std::string& line) {
   std::cout.flush();
   std::cerr << line << std::endl;
   std::_Exit(2);
 }
 
-/// The keys SplatBoost.… of a file of settings, without the prefix.
+/// The keys SplatBoost.… of a settings file, without the prefix.
 std::map<std::string, double> read_keys(const std::filesystem::path& path) {
   const cv::FileStorage file(path.string(), cv::FileStorage::READ);
   if (!file.isOpened()) refuse("SplatBoost: " + path.string() + " cannot be read");
@@ -203,7 +203,7 @@ std::map<std::string, double> read_keys(const std::filesystem::path& path) {
   return keys;
 }
 
-/// Takes a whole number out of `keys`.
+/// Removes an integer in 0..most from `keys` and returns it; `otherwise` if the key is missing.
 std::int64_t take(std::map<std::string, double>& keys, const std::string& name, std::int64_t most,
                   std::int64_t otherwise, const std::filesystem::path& path) {
   const auto found = keys.find(name);
@@ -235,7 +235,7 @@ std::shared_ptr<Boost> Boost::make(const std::filesystem::path& path, const Host
   parts->no_color = torch::empty(0, torch::TensorOptions().device(parts->device));
   parts->max_gaussians = take(keys, "max_gaussians", std::numeric_limits<std::int32_t>::max(), 0, path);
 
-  // The host's numbers are the user's wishes; all others are the adapter's, unless the file has them too.
+  // Settings that the host has too are taken from the host, others from the adapter; keys in the file override both.
   const bool literal = take(keys, "literal", 1, 0, path) != 0;
   Settings settings(literal);
   const auto published = [&](int iteration) {
@@ -248,7 +248,7 @@ std::shared_ptr<Boost> Boost::make(const std::filesystem::path& path, const Host
   if (optimization.densification_interval_ > 0) settings.set("densify_interval", optimization.densification_interval_);
   if (optimization.densify_from_iter_ > 0) settings.set("densify_from", published(optimization.densify_from_iter_));
   settings.set("densify_until", published(optimization.densify_until_iter_));
-  if (!host.online) settings.set("recent_share", 0);  // all views are there from the first iteration on
+  if (!host.online) settings.set("recent_share", 0);  // all views are available from the first iteration on
   for (const auto& [name, value] : keys) {
     if (sb_boost_set(settings.boost(), name.c_str(), value) != SB_OK) {
       refuse(path.string() + ": " + kPrefix + name + ": " + sb_last_error());
@@ -295,7 +295,7 @@ void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int 
   const Given signed_gradients(p.signed_sum / views_of), absolute(p.absolute_sum / views_of);
   const Given opacities(p.opacities()), scales(p.max_scales());
   const auto none = [&] { return torch::zeros({n}, torch::TensorOptions().dtype(torch::kByte).device(p.device)); };
-  // The host's own decisions, for an adapter without absolute gradients.
+  // The host's own decisions, used by an adapter without absolute gradients.
   const float border = g.percentDense() * extent;
   const Tensor large = scales.tensor() > border;
   const Tensor high = signed_gradients.tensor() >= p.host.optimization.densify_grad_threshold_;
@@ -313,7 +313,7 @@ void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int 
   views.check(sb_adapter_grow(p.adapter, &density, views.c_views(), cloned, split, nullptr));
   const Tensor clones = cloned.tensor().to(torch::kBool), splits = split.tensor().to(torch::kBool);
 
-  // The host tests sizes too; here every Gaussian is small, then large, so that the masks alone decide.
+  // The host also tests sizes: infinity makes every Gaussian small, -1 makes it large, so that only the masks decide.
   const auto check_count = [&](const Tensor& origins, const char* what) {
     if (p.count() != origins.size(0)) {
       throw std::runtime_error("SplatBoost: " + std::to_string(origins.size(0)) +
@@ -383,7 +383,7 @@ void Boost::step(int iteration) {
   std::vector<std::pair<Tensor, Tensor>> waiting;
   for (std::size_t i = 0; i < groups.size(); ++i) {
     std::int32_t steps = 1;
-    // The host's last step is one iteration before its last.
+    // The host takes its last step one iteration before its last; there every group must step.
     if (iteration < parts_->total - 1) {
       require(sb_adapter_steps_at(parts_->adapter, kGroups[i], iteration, parts_->total, &steps));
     }

@@ -12,7 +12,7 @@
 namespace splatboost {
 namespace {
 
-constexpr std::size_t kMaxOnHost = 4096;  // poses move, and each has a tensor of its own
+constexpr std::size_t kMaxOnHost = 4096;  // bounds the cache: every new pose has its own tensor
 
 Tensor given(const Tensor& tensor) { return tensor.dim() > 1 ? tensor : Tensor(); }
 
@@ -68,7 +68,7 @@ sb_raster_options Drawing::options(const Tensor& background) {
   return options;
 }
 
-/// The host's matrices are for rows, and its principal point is the centre of the image.
+/// The host's matrices multiply row vectors (hence the transpose); its principal point is the centre of the image.
 sb_camera Drawing::camera(const GaussianRasterizationSettings& settings) {
   sb_camera camera{};
   camera.width = settings.image_width_;
@@ -95,7 +95,7 @@ const std::vector<float>& Drawing::on_host(const Tensor& tensor) {
 
 namespace {
 
-/// What of a render is no tensor.
+/// The state of a render that is not a tensor.
 struct Call : torch::CustomClassHolder {
   std::shared_ptr<Drawing> drawing;
   sb_camera camera{};
@@ -106,7 +106,7 @@ struct Call : torch::CustomClassHolder {
 
 class Rasterize : public torch::autograd::Function<Rasterize> {
  public:
-  /// As for Gaussians; libtorch takes no undefined tensors here.
+  /// Absent inputs are empty, as for Gaussians, because libtorch does not accept undefined tensors here.
   static torch::autograd::variable_list forward(torch::autograd::AutogradContext* context, const Tensor& screen,
                                                 const Tensor& means, const Tensor& opacities, const Tensor& sh,
                                                 const Tensor& colors, const Tensor& scales, const Tensor& rotations,
@@ -116,7 +116,7 @@ class Rasterize : public torch::autograd::Function<Rasterize> {
     const std::vector<Tensor> inputs{means, opacities, sh, colors, scales, rotations, covariances};
     const std::lock_guard guard(call->drawing->mutex);
     const Drawing::Image image = call->drawing->draw(call->camera, call->options, Gaussians(inputs, call->sh_degree));
-    // Where nothing is learned from it every splat counts; training does not wait for that.
+    // A render without gradients must contain every splat, so wait for it to settle; training does not wait.
     if (!differentiable) require(sb_rasterizer_settle(call->drawing->rasterizer(), nullptr, nullptr));
     call->number = image.number;
     context->saved_data["call"] = c10::IValue::make_capsule(call);
@@ -131,7 +131,7 @@ class Rasterize : public torch::autograd::Function<Rasterize> {
     const std::vector<Tensor> inputs = context->get_saved_variables();
     const Gaussians gaussians(inputs, call->sh_degree);
     const std::lock_guard guard(call->drawing->mutex);
-    // Another view was drawn since.
+    // Another view was drawn since: draw this one again, because backward needs its state.
     if (!call->drawing->is_last(call->number)) call->drawing->draw(call->camera, call->options, gaussians);
 
     const Given of_color(of_images[0]);
@@ -159,7 +159,7 @@ class Rasterize : public torch::autograd::Function<Rasterize> {
     require(
         sb_rasterizer_backward(call->drawing->rasterizer(), &gaussians.view, &image_gradients, &gradients, nullptr));
 
-    // From pixels to 3DGS's NDC units, and to the host's three columns.
+    // Convert from pixels to the NDC units of 3DGS and to the host's three columns.
     const float half[] = {0.5f * static_cast<float>(call->camera.width),
                           0.5f * static_cast<float>(call->camera.height)};
     Tensor of_screen = torch::zeros({n, 3}, inputs[0].options());

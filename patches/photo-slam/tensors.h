@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file libtorch's tensors as the C ABI of libsplatboost sees them. Of the files beside it, not of the host.
+/// @file libtorch tensors as views of the C ABI of libsplatboost. Used by the files beside it, not by the host.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ namespace splatboost {
 
 using torch::Tensor;
 
-/// Throws what the library says where a call failed.
+/// Throws std::runtime_error with the library's message if a call failed.
 inline void require(sb_status status) {
   if (status != SB_OK) throw std::runtime_error(std::string("SplatBoost: ") + sb_last_error());
 }
@@ -34,7 +34,7 @@ inline std::int32_t type_of(const Tensor& tensor) {
   throw std::runtime_error("SplatBoost: a tensor of a type that the library has not");
 }
 
-/// A tensor, made dense, and the library's view of it; the pointer is null where the tensor is undefined.
+/// A contiguous tensor and the library's view of it; converts to a null pointer if the tensor is undefined.
 class Given {
  public:
   Given() = default;
@@ -59,7 +59,7 @@ class Given {
   sb_tensor view_{};
 };
 
-/// A dense tensor that the library made a view of.
+/// A tensor over the memory of a view from the library, without a copy: UINT8 as bytes, else int32.
 inline Tensor tensor_of(const sb_tensor& view, const torch::Device& device) {
   const auto type = view.type == SB_UINT8 ? torch::kByte : torch::kInt;
   return torch::from_blob(view.data, std::vector<std::int64_t>(view.shape, view.shape + view.dimensions),

@@ -47,7 +47,7 @@ Diagnosis diagnose(const Recipe& recipe, const Layout& layout, const FileReader&
     found.findings.push_back(
         {Sought::need, need.file, words_of(need), 0, text ? unmet(need, *text) : "there is no " + need.file});
   }
-  // Names are looked for where an edit could be made.
+  // Names can be checked only for edits that could be made.
   for (const Edit& edit : edits) {
     const auto change = changes.find(&edit);
     if (change == changes.end()) continue;

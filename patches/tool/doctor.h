@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How near a recipe comes to a tree: which of its signs, anchors and needs hold there, and what stands where
-/// others do not.
+/// @file How closely a tree matches a recipe: which of its signs, anchors and needs hold, and for the others what the
+/// tree has instead.
 #pragma once
 
 #include <string>
@@ -16,8 +16,8 @@ enum class Sought { sign, anchor, need };
 struct Finding {
   Sought sought = Sought::sign;
   std::string file;
-  std::string what;   ///< in a few words
-  int line = 0;       ///< where an anchor stands first; 0: not told
+  std::string what;   ///< short description
+  int line = 0;       ///< of the first occurrence of an anchor; 0: unknown
   std::string wrong;  ///< what is there instead; empty: it holds
 };
 
@@ -28,11 +28,11 @@ struct Diagnosis {
 
   int all(Sought sought) const;
   int held(Sought sought) const;
-  /// Part of all that holds, in [0, 1].
+  /// Fraction of the findings that hold, in [0, 1].
   double likeness() const;
 };
 
-/// One for every layout of a recipe. Nothing is written.
+/// Returns one diagnosis per layout of the recipe. Writes nothing.
 std::vector<Diagnosis> diagnose(const Recipe& recipe, const FileReader& read);
 
 }  // namespace splatboost::patch

@@ -18,43 +18,43 @@ std::string place_of(const SourceCode& source, std::size_t statement) {
   return "line " + std::to_string(source.statements()[statement].line) + ": '" + source.show(statement) + "'";
 }
 
-/// What of a signature is not as needed; empty where it fits.
+/// How a signature fails to meet a need; empty if it meets it.
 std::string misfit(const Function& function, const Need& need) {
   const std::vector<Parameter>& has = function.parameters;
-  const std::string wanted = "(" + list_of(need.parameters) + ") wanted";
+  const std::string wanted = "expected (" + list_of(need.parameters) + ")";
   for (std::size_t i = 0; i < need.parameters.size(); ++i) {
     if (i >= has.size() || has[i].star) return wanted;
     if (need.parameters[i] != "*" && need.parameters[i] != has[i].name) return wanted;
   }
   for (const std::string& keyword : need.keywords) {
     if (std::none_of(has.begin(), has.end(), [&](const Parameter& one) { return one.name == keyword; })) {
-      return "parameter " + keyword + " wanted";
+      return "expected parameter " + keyword;
     }
   }
   for (std::size_t i = need.parameters.size(); i < has.size(); ++i) {
     const bool given = std::find(need.keywords.begin(), need.keywords.end(), has[i].name) != need.keywords.end();
-    if (!has[i].optional && !has[i].star && !given) return wanted + " and nothing else without a default";
+    if (!has[i].optional && !has[i].star && !given) return wanted + " and no other parameter without a default";
   }
   return "";
 }
 
-/// All that is not as needed.
+/// All ways in which a call fails to meet a need; empty if it meets it.
 std::string misfit(const Call& call, const Need& need) {
   std::vector<std::string> wrong;
   const int arguments = static_cast<int>(call.positional.size() + call.keywords.size());
   if (need.arguments >= 0 && (arguments != need.arguments || call.unpacked)) {
-    wrong.push_back(std::to_string(need.arguments) + " arguments wanted");
+    wrong.push_back("expected " + std::to_string(need.arguments) + " arguments");
   }
   if (!need.keywords.empty()) {
-    if (!call.positional.empty() || call.unpacked) wrong.emplace_back("arguments by name wanted");
+    if (!call.positional.empty() || call.unpacked) wrong.emplace_back("expected arguments by name");
     for (const std::string& keyword : call.keywords) {
       if (std::find(need.keywords.begin(), need.keywords.end(), keyword) == need.keywords.end()) {
-        wrong.push_back("no argument " + keyword + " wanted");
+        wrong.push_back("expected no argument " + keyword);
       }
     }
   }
   if (need.results >= 0 && call.results != need.results) {
-    wrong.push_back((need.results == 1 ? "one result" : std::to_string(need.results) + " results") + " wanted");
+    wrong.push_back("expected " + (need.results == 1 ? "one result" : std::to_string(need.results) + " results"));
   }
   return list_of(wrong);
 }
@@ -91,7 +91,7 @@ std::string unmet(const Need& need, const std::string& text) {
 
 std::string unknown_name(const Edit& edit, const Change& change, const std::string& original,
                          const std::string& patched) {
-  if (language_of(edit.file) != Language::python) return "";  // a compiler will tell
+  if (language_of(edit.file) != Language::python) return "";  // a compiler reports unknown names
   std::string snippet;
   for (const std::string& line : edit.snippet) snippet += line + "\n";
   const SourceCode own(snippet);

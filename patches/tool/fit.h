@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Whether a host is as a recipe's snippets take it to be: signatures, calls, unpacked results, names.
+/// @file Checks that a host is what a recipe's snippets assume: signatures, calls, unpacked results, names.
 #pragma once
 
 #include <string>
@@ -10,12 +10,12 @@
 
 namespace splatboost::patch {
 
-/// What of a file is not as a need says, with the place, such as "def f(a, b) on line 7 …"; empty where all is.
+/// How a file fails to meet a need, with the place, such as "line 7: 'def f(a, b)': …"; empty if it meets it.
 std::string unmet(const Need& need, const std::string& text);
 
-/// A name that the snippet of an edit of a Python file uses and the host does not know where the snippet stands, with
-/// the place; empty where all are known, and for other languages. @param original the file's text without edits, for
-/// the line. @param patched with all of them
+/// A name that the snippet of an edit uses but that is not defined where the snippet is inserted, with the place; empty
+/// if there is none, and always for languages other than Python. @param original the file's text without edits, used to
+/// report the line @param patched the text with all edits
 std::string unknown_name(const Edit& edit, const Change& change, const std::string& original,
                          const std::string& patched);
 

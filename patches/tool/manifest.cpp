@@ -48,9 +48,10 @@ std::optional<Manifest> read_manifest(const SourceTree& tree) {
     }
     return manifest;
   } catch (const std::exception&) {
-    throw PatchError(std::string(kManifestFile) +
-                     ": is damaged or of another version of SplatBoost: restore the checkout's own files (git checkout "
-                     ".) and remove the folder .splatboost");
+    throw PatchError(
+        std::string(kManifestFile) +
+        ": is damaged or from another version of SplatBoost: restore the checkout's own files (git checkout "
+        ".) and remove the folder .splatboost");
   }
 }
 

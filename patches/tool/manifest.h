@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What was done to a tree: .splatboost/patch.json in it, there from the first write of an apply to the last
-/// of a revert.
+/// @file Record of what was done to a tree: its .splatboost/patch.json, which exists from the first write of an apply
+/// to the last write of a revert.
 #pragma once
 
 #include <optional>
@@ -22,9 +22,9 @@ enum class State {
 
 struct PatchedFile {
   std::string file;
-  std::string before;           ///< SHA-256 without the patch; empty: the patch brings the file along
+  std::string before;           ///< SHA-256 without the patch; empty: the patch adds the file
   std::string after;            ///< SHA-256 with it
-  std::string reverted;         ///< SHA-256 that a revert under way leads to: `before`, unless the user edited the file
+  std::string reverted;         ///< SHA-256 after the revert in progress: `before`, unless the user edited the file
   std::vector<Change> changes;  ///< in the order they were made
 
   bool brought() const { return before.empty(); }
@@ -38,10 +38,10 @@ struct Manifest {
   std::vector<PatchedFile> files;
 };
 
-/// nullopt: the tree is not patched. PatchError on a manifest that cannot be one.
+/// @return nullopt if the tree is not patched. Throws PatchError if the manifest is not valid.
 std::optional<Manifest> read_manifest(const SourceTree& tree);
 
-/// As the file holds it.
+/// The text of the manifest file.
 std::string text_of(const Manifest& manifest);
 
 }  // namespace splatboost::patch

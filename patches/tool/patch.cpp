@@ -12,7 +12,7 @@ namespace splatboost::patch {
 namespace {
 
 const char* const kInterrupted =
-    "patching was interrupted here: mend the tree with splatboost patch revert PATH, then go on";
+    "patching was interrupted here: repair the tree with splatboost patch revert PATH, then continue";
 
 void add_diff(Outcome& outcome, const std::string& before, const std::string& after, const std::string& file) {
   const Diff diff = unified_diff(before, after, file);
@@ -79,7 +79,7 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
       changes[edit.file].push_back(apply_edit(after, edit));
     } catch (const PatchError&) {
       std::string found = before;
-      apply_edit(found, edit);  // to tell lines of the user's file, not of the half edited one
+      apply_edit(found, edit);  // throws with lines of the user's file, not of the half-edited one
       throw;
     }
   }
@@ -88,7 +88,7 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
     const std::string wrong = unmet(need, edited != texts.end() ? edited->second.first : content_of(tree, need.file));
     require(wrong.empty(), need.file + ": " + wrong + " (" + need.why + "); " + kForkAdvice);
   }
-  std::map<std::string, std::size_t> made;  // of each file's changes, those looked at
+  std::map<std::string, std::size_t> made;  // number of changes of each file checked so far
   for (const Edit& edit : edits) {
     const auto& [before, after] = texts[edit.file];
     const std::string wrong = unknown_name(edit, changes[edit.file][made[edit.file]++], before, after);
@@ -98,7 +98,7 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
   outcome.recipe = recipe.name;
   outcome.layout = layout.name;
   std::vector<FileChange> writes;
-  for (const OwnFile& own : recipe.files_of(layout.name)) {  // first, so that no host needs what is not there yet
+  for (const OwnFile& own : recipe.files_of(layout.name)) {  // first, so that no host file refers to a missing one
     tree.require_free(own.file);
     manifest.files.push_back({own.file, "", sha256(own.content), "", {}});
     add_diff(outcome, "", own.content, own.file);
@@ -107,9 +107,8 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
   for (const std::string& file : files) {
     const auto& [before, after] = texts[file];
     PatchedFile patched{file, sha256(before), sha256(after), sha256(before), changes[file]};
-    // What cannot be taken back to the byte is not done.
-    require(without_changes(after, patched) == before,
-            file + ": the recipe's edits cannot be taken back from this file");
+    // Refuse an edit that could not be reverted exactly.
+    require(without_changes(after, patched) == before, file + ": the recipe's edits cannot be reverted in this file");
     manifest.files.push_back(std::move(patched));
     tree.require_writable(file);
     add_diff(outcome, before, after, file);
@@ -140,7 +139,7 @@ Outcome revert(const SourceTree& tree, Writing writing) {
       const std::optional<std::string> text = tree.read(file.file);
       if (!text) continue;
       require(sha256(*text) == file.after,
-              file.file + ": is the patch's file, with changes: move it away, then revert");
+              file.file + ": belongs to the patch and was changed: move it away, then revert");
       tree.require_writable(file.file);
       add_diff(outcome, *text, "", file.file);
       writes.push_back({file.file, std::nullopt});
@@ -160,7 +159,7 @@ Outcome revert(const SourceTree& tree, Writing writing) {
 
   tree.remove_leftovers(outcome.leftovers);
   if (writes.empty()) {
-    tree.remove_record(kManifestFile);  // this needs no space
+    tree.remove_record(kManifestFile);  // needs no disk space
   } else {
     manifest->state = State::reverting;
     tree.commit({std::move(writes), kManifestFile, text_of(*manifest), std::nullopt});
@@ -170,7 +169,7 @@ Outcome revert(const SourceTree& tree, Writing writing) {
 
 Outcome verify(const SourceTree& tree) {
   const std::optional<Manifest> manifest = read_manifest(tree);
-  require(manifest.has_value(), "the tree is not patched: splatboost patch apply NAME PATH does that");
+  require(manifest.has_value(), "the tree is not patched: patch it with splatboost patch apply NAME PATH");
   require(manifest->state == State::applied, kInterrupted);
   Outcome outcome;
   outcome.recipe = manifest->recipe;
@@ -180,12 +179,12 @@ Outcome verify(const SourceTree& tree) {
     const std::string text = content_of(tree, file.file);
     const std::string hash = sha256(text);
     require(hash != file.before,
-            file.file + ": is as it was before the patch: splatboost patch revert PATH, then apply anew");
+            file.file + ": is the same as before the patch: run splatboost patch revert PATH, then apply again");
     const std::string without = file.brought() ? "" : without_changes(text, file);
     if (hash != file.after) {
       outcome.edited_by_user.push_back(file.file);
     } else if (!file.brought()) {
-      require(sha256(without) == file.before, std::string(kManifestFile) + ": does not fit " + file.file);
+      require(sha256(without) == file.before, std::string(kManifestFile) + ": does not match " + file.file);
     }
     add_diff(outcome, without, text, file.file);
   }

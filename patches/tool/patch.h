@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Patches a backbone's checkout, tells how it stands, and takes the patch back.
+/// @file Applies a patch to a backbone's checkout, verifies it, and reverts it.
 ///
-/// Every call throws PatchError with one line (file, anchor, what to do) and leaves the tree as it was. Where the
-/// machine stops in the middle of its writes, or the disk refuses to take them back, each file is as before or as
-/// after; the manifest or leftovers() tell it, and revert() mends it.
+/// On failure every call throws PatchError with one line (file, anchor, what to do) and leaves the tree unchanged. If
+/// the machine stops during the writes, or undoing them fails, each file is either in its old or in its new state; the
+/// manifest or leftovers() shows that, and revert() repairs it.
 #pragma once
 
 #include <string>
@@ -16,32 +16,32 @@
 
 namespace splatboost::patch {
 
-/// What a call changed, or would.
+/// What a call changed, or would change in a dry run.
 struct Outcome {
-  bool nothing_to_do = false;  ///< the tree was so already
+  bool nothing_to_do = false;  ///< the tree was already in the requested state
   std::string recipe;
   std::string layout;
   std::string diff;  ///< of all files
   int added = 0;     ///< lines
   int removed = 0;   ///< lines
   std::vector<std::string> files;
-  std::vector<std::string> edited_by_user;  ///< files that hold changes of the user's besides
+  std::vector<std::string> edited_by_user;  ///< patched files that the user has also changed
   std::vector<std::string> leftovers;       ///< files that an interrupted command left; apply and revert remove them
 };
 
 enum class Writing { dry_run, write };
 
-/// Applies a recipe. A second time there is nothing to do.
+/// Applies a recipe. Applying it again does nothing.
 Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing);
 
-/// Takes the patch back: to the byte where the files are as the patch left them; changes of the user's stay. Mends a
-/// tree whose apply or revert was interrupted.
+/// Reverts the patch: files that the user has not changed become byte-identical to the originals; in the others the
+/// user's changes are kept. Repairs a tree whose apply or revert was interrupted.
 Outcome revert(const SourceTree& tree, Writing writing);
 
-/// What interrupted commands left in the tree besides a manifest.
+/// Files that interrupted commands left in the tree, other than the manifest.
 std::vector<std::string> leftovers(const SourceTree& tree, const std::optional<Manifest>& manifest);
 
-/// Checks that a patch is in place, whole and once, and tells how many lines it is.
+/// Checks that the patch is applied completely and only once, and reports how many lines it adds and removes.
 Outcome verify(const SourceTree& tree);
 
 }  // namespace splatboost::patch

@@ -13,7 +13,7 @@ class PatchError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// The disk refused to be written. Whether anything was is told; else nothing was.
+/// Writing to the disk failed. The message says so if anything was written; otherwise nothing was.
 class WriteError : public PatchError {
  public:
   using PatchError::PatchError;

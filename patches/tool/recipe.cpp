@@ -26,7 +26,7 @@ class Fields {
   Fields(const json& object, std::string place) : object_(object), place_(std::move(place)) {
     require(object.is_object(), place_ + " must be an object");
   }
-  /// Refuses keys that nobody asked for.
+  /// Refuses keys that were never read.
   void close() const {
     for (const auto& [key, value] : object_.items())
       require(read_.contains(key), place_ + ": unknown key '" + key + "'");
@@ -39,7 +39,8 @@ class Fields {
   bool has(const std::string& key) const { return object_.contains(key); }
   std::string text(const std::string& key) {
     const json& value = at(key);
-    require(value.is_string() && !value.get_ref<const std::string&>().empty(), name(key) + " must be a text");
+    require(value.is_string() && !value.get_ref<const std::string&>().empty(),
+            name(key) + " must be a non-empty string");
     return value.get<std::string>();
   }
   int whole(const std::string& key, int otherwise, int least) {
@@ -51,8 +52,8 @@ class Fields {
   }
   std::vector<std::string> texts(const std::string& key) {
     const json& value = at(key);
-    require(value.is_array(), name(key) + " must be a list of texts");
-    for (const json& item : value) require(item.is_string(), name(key) + " must be a list of texts");
+    require(value.is_array(), name(key) + " must be a list of strings");
+    for (const json& item : value) require(item.is_string(), name(key) + " must be a list of strings");
     return value.get<std::vector<std::string>>();
   }
   template <class Read>
@@ -99,7 +100,7 @@ Layout read_layout(Fields fields) {
     read.file = sign.file("file");
     read.present = !sign.has("lacks");
     read.text = sign.text(read.present ? "contains" : "lacks");
-    require(one_line(read.text), sign.name("a sign") + " must be of one line");
+    require(one_line(read.text), sign.name("a sign") + " must be a single line");
     sign.close();
     layout.signs.push_back(read);
   });
@@ -123,14 +124,14 @@ Edit read_edit(Fields fields, const std::vector<Layout>& layouts) {
   if (fields.has("layouts")) edit.layouts = fields.layouts(layouts);
   fields.close();
 
-  require(one_line(edit.anchor), fields.name("anchor") + " must be of one line");
+  require(one_line(edit.anchor), fields.name("anchor") + " must be a single line");
   require(!edit.snippet.empty() && !edit.snippet.front().empty(), fields.name("snippet") + " must not be empty");
   require(std::all_of(edit.snippet.begin(), edit.snippet.end(), one_line),
-          fields.name("snippet") + ": each line must be a text of its own");
+          fields.name("snippet") + ": each line must be a separate string");
   require(edit.place != Place::replace || (edit.snippet.size() == 1 && edit.indent == 0),
-          fields.name("snippet") + " must be one piece of a line where the place is 'replace', without indent");
+          fields.name("snippet") + " must be one part of a line without indent if the place is 'replace'");
   require(edit.place == Place::replace || edit.count == 1,
-          fields.name("count") + " may exceed 1 only where the place is 'replace'");
+          fields.name("count") + " may exceed 1 only if the place is 'replace'");
   return edit;
 }
 
@@ -174,7 +175,7 @@ OwnFile read_file(Fields fields, const fs::path& folder, const std::vector<Layou
   return file;
 }
 
-/// Why a tree is not of this layout; empty if it is.
+/// Why a tree does not have this layout; empty if it has.
 std::string misses(const Layout& layout, const FileReader& read) {
   for (const Sign& sign : layout.signs) {
     const std::string missed = misses(sign, read(sign.file));
@@ -189,7 +190,7 @@ std::string list_of(const std::vector<std::string>& names) {
   return list;
 }
 
-/// Brackets that code opens and does not close, less those that it closes and does not open.
+/// Number of opening brackets in code minus number of closing ones.
 int open_brackets(const std::string& code, Language language) {
   const SourceCode source(code, language);
   int depth = 0;
@@ -222,7 +223,7 @@ std::vector<std::string> mistakes(const Recipe& recipe) {
   for (std::size_t i = 0; i < recipe.edits.size(); ++i) {
     const Edit& edit = recipe.edits[i];
     const std::string place = "edits[" + std::to_string(i) + "]: ";
-    // What replaces a piece must open and close the brackets that the piece does.
+    // A replacement must leave as many brackets open as the code that it replaces.
     const std::string removed = edit.place == Place::replace ? edit.anchor : "";
     std::string added;
     for (const std::string& line : edit.snippet) added += line + "\n";
@@ -268,14 +269,14 @@ std::string misses(const Sign& sign, const std::optional<std::string>& text) {
 Recipe load_recipe(const fs::path& folder, const std::string& name) {
   const std::vector<std::string> names = recipe_names(folder);
   require(std::find(names.begin(), names.end(), name) != names.end(),
-          "there is no recipe '" + name + "'; there are: " + list_of(names));
+          "there is no recipe '" + name + "'; available: " + list_of(names));
   const fs::path path = folder / name / kRecipeFile;
   const std::string text = content_of(path);
   const json parsed = json::parse(text, nullptr, false);
   require(!parsed.is_discarded(), path.string() + ": is not JSON");
   Fields fields(parsed, path.string());
   require(fields.whole("format", 0, 0) == kFormat,
-          path.string() + ": format must be " + std::to_string(kFormat) + ": recipe and program do not fit together");
+          path.string() + ": format must be " + std::to_string(kFormat) + ": recipe and program are incompatible");
   Recipe recipe;
   recipe.name = name;
   recipe.title = fields.text("title");
@@ -311,7 +312,7 @@ std::vector<std::string> recipe_names(const fs::path& folder) {
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
     if (fs::exists(entry.path() / kRecipeFile)) names.push_back(entry.path().filename().string());
   }
-  require(!error, folder.string() + ": is no folder of recipes");
+  require(!error, folder.string() + ": is not a folder of recipes");
   std::sort(names.begin(), names.end());
   return names;
 }
@@ -325,7 +326,7 @@ const Layout& detect_layout(const Recipe& recipe, const FileReader& read) {
     nearest += (nearest.empty() ? "" : "; ") + ("not " + layout.name + ", since " + missed);
   }
   require(!found.empty(), "unknown layout of " + recipe.name + " (" + nearest + "): give the folder of a checkout of " +
-                              recipe.upstream + "; for a fork, splatboost patch doctor PATH shows what fits nearest");
+                              recipe.upstream + "; for a fork, splatboost patch doctor PATH shows the nearest recipe");
   require(found.size() == 1, "the tree looks like two layouts of " + recipe.name + ", " + found[0]->name + " and " +
                                  found.back()->name + ": patch a fresh checkout");
   return *found[0];
@@ -343,8 +344,8 @@ fs::path find_recipes(const fs::path& program) {
   for (int level = 0; level < kLevels; ++level, folder = folder.parent_path()) {
     if (is_folder_of_recipes(folder / "patches")) return folder / "patches";
   }
-  throw PatchError("no recipes beside " + program.string() + " (looked for " + installed.string() +
-                   "): install SplatBoost anew or name their folder with --recipes");
+  throw PatchError("no recipes found next to " + program.string() + " (searched " + installed.string() +
+                   "): reinstall SplatBoost or give their folder with --recipes");
 }
 
 }  // namespace splatboost::patch

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A recipe: which upstream, in which layouts, gets which edits. docs/patching.md tells the file format.
+/// @file A recipe: the upstream, its layouts, and the edits of each. docs/patching.md describes the file format.
 #pragma once
 
 #include <filesystem>
@@ -12,11 +12,11 @@
 
 namespace splatboost::patch {
 
-/// A sign by which a layout is known.
+/// A feature of the source tree that identifies a layout.
 struct Sign {
   std::string file;
   std::string text;
-  bool present = true;  ///< the file contains the text; false: it exists and lacks it
+  bool present = true;  ///< true: the file contains the text; false: it exists but does not
 
   bool operator==(const Sign&) const = default;
 };
@@ -25,8 +25,8 @@ struct Layout {
   std::string name;
   std::string about;
   std::string first_commit;
-  std::string last_commit;  ///< the one that was tried
-  std::vector<Sign> signs;  ///< all hold in a tree of this layout
+  std::string last_commit;  ///< the one that was tested
+  std::vector<Sign> signs;  ///< all of them hold in a tree of this layout
 };
 
 /// An option that the edits add to the host's command line.
@@ -36,23 +36,23 @@ struct HostOption {
   std::string about;
 };
 
-/// What the snippets and their hooks rely on, besides the names that snippets use.
+/// An assumption about the host that the snippets and their hooks rely on, besides the names that they use.
 struct Need {
   enum class Kind { function, call, text };
   std::string file;
   Kind kind = Kind::function;
-  std::string name;                     ///< of the function, what is called as it is written, or the text itself
-  std::vector<std::string> parameters;  ///< a function's first ones in order, "*" for any name; more must be optional
-  std::vector<std::string> keywords;    ///< a function: must know them; a call: takes these by name and nothing else
+  std::string name;                     ///< of the function; the called expression as written; or the text itself
+  std::vector<std::string> parameters;  ///< the function's first ones, "*": any name; further ones must be optional
+  std::vector<std::string> keywords;    ///< a function must have these; a call may pass only these, by name
   int arguments = -1;                   ///< of each call; -1: any number
-  int results = -1;                     ///< names that each call is assigned to; -1: any number
+  int results = -1;                     ///< number of names that each call is assigned to; -1: any number
   std::string why;
   std::vector<std::string> layouts;  ///< names of the layouts it belongs to; empty: all
 };
 
-/// A file that the patch brings along.
+/// A file that the patch adds.
 struct OwnFile {
-  std::string file;  ///< where it goes in the tree; nothing may be there
+  std::string file;  ///< path in the tree, which must not exist yet
   std::string content;
   std::string why;
   std::vector<std::string> layouts;  ///< names of the layouts it belongs to; empty: all
@@ -61,40 +61,41 @@ struct OwnFile {
 struct Recipe {
   std::string name;
   std::string title;
-  std::string upstream;  ///< address
+  std::string upstream;  ///< URL
   std::vector<Layout> layouts;
   std::vector<HostOption> options;
-  std::vector<Edit> edits;  ///< in the order they are made
+  std::vector<Edit> edits;  ///< in the order in which they are made
   std::vector<Need> needs;
   std::vector<OwnFile> files;
-  std::string sha256;  ///< of the recipe file and of those that it brings along
+  std::string sha256;  ///< of the recipe file and the files that it adds
 
   std::vector<Edit> edits_of(const std::string& layout) const;
   std::vector<Need> needs_of(const std::string& layout) const;
   std::vector<OwnFile> files_of(const std::string& layout) const;
 };
 
-/// Text of a file of a tree, by its path there; nullopt where there is none.
+/// Returns the text of a file, given its path relative to the tree; nullopt if there is no such file.
 using FileReader = std::function<std::optional<std::string>(const std::string& file)>;
 
-/// Reads and checks FOLDER/NAME/recipe.json. PatchError names the file and the key.
+/// Reads and validates FOLDER/NAME/recipe.json. Throws PatchError, which names the file and the key.
 Recipe load_recipe(const std::filesystem::path& folder, const std::string& name);
 
-/// Mistakes of a recipe that show without a checkout, each in one line: snippets that are no whole Python, options that
-/// no edit adds, layouts that have all signs of another.
+/// Mistakes of a recipe that can be found without a checkout, one line each: snippets that are not complete statements,
+/// options that no edit adds, layouts that have all signs of another one.
 std::vector<std::string> mistakes(const Recipe& recipe);
 
-/// Why a text misses a sign; empty if it does not. @param text nullopt: there is no such file
+/// Why a sign does not hold for a file; empty if it holds. @param text the file's text; nullopt: there is no such file
 std::string misses(const Sign& sign, const std::optional<std::string>& text);
 
 /// Names of the recipes in a folder, sorted.
 std::vector<std::string> recipe_names(const std::filesystem::path& folder);
 
-/// The one layout whose signs a tree shows; PatchError if there is none, naming the sign that the likeliest lacks.
+/// The layout whose signs all hold in a tree. If there is none, throws PatchError, which names the sign that the most
+/// likely layout lacks.
 const Layout& detect_layout(const Recipe& recipe, const FileReader& read);
 
-/// The folder of recipes that belongs to a program: ../share/splatboost/patches beside an installed one, or `patches`
-/// in a folder above (a build in the source tree). PatchError if there is none.
+/// The folder of recipes of a program: ../share/splatboost/patches relative to an installed one, or `patches` in one of
+/// the folders above it (a build in the source tree). Throws PatchError if there is none.
 std::filesystem::path find_recipes(const std::filesystem::path& program);
 
 }  // namespace splatboost::patch

@@ -24,7 +24,7 @@ constexpr std::array<std::uint32_t, 64> primes() {
   return found;
 }
 
-/// First 32 bits of the fraction of the square or cube root of n. A whole search: no rounding of a library's root.
+/// First 32 bits of the fractional part of the square (power 2) or cube root (3) of n, by an exact bitwise search.
 constexpr std::uint32_t root_fraction(std::uint32_t n, int power) {
   __extension__ using Wide = unsigned __int128;
   std::uint64_t root = 0;  // ⌊n^(1/power)·2³²⌋

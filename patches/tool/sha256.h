@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file SHA-256 (FIPS 180-4): what a manifest knows a file by; `sha256sum` prints the same.
+/// @file SHA-256 (FIPS 180-4), by which a manifest identifies files; `sha256sum` prints the same.
 #pragma once
 
 #include <string>

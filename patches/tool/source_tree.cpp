@@ -20,8 +20,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kNew = ".splatboost-new";  // what shall be in place
-constexpr const char* kOld = ".splatboost-old";  // what was in place, until all else is
+constexpr const char* kNew = ".splatboost-new";  // new content, not yet in place
+constexpr const char* kOld = ".splatboost-old";  // old content, kept until all new content is in place
 constexpr mode_t kOwnerWrite = 0200;
 
 [[noreturn]] void fail(const fs::path& path, int error) {
@@ -35,7 +35,7 @@ mode_t mode_of(const fs::path& path) {
   return ::stat(path.c_str(), &status) == 0 ? status.st_mode & 07777 : 0644;
 }
 
-/// Names are on disk only once their folder is.
+/// New names of files are on disk only after their folder is synced.
 void sync_folder(const fs::path& folder) {
   const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (descriptor < 0) return;
@@ -55,7 +55,8 @@ std::string content_of(const fs::path& path) {
 
 SourceTree::SourceTree(const fs::path& root, FileHook hook) : hook_(std::move(hook)) {
   std::error_code error;
-  require(fs::is_directory(root, error), root.string() + ": is not a folder; give that of the backbone's checkout");
+  require(fs::is_directory(root, error),
+          root.string() + ": is not a folder; give the folder of the backbone's checkout");
   root_ = fs::canonical(root);
 }
 
@@ -65,7 +66,7 @@ fs::path SourceTree::resolve(const std::string& file) const {
   require(!error, file + ": cannot be reached: " + error.message());
   const auto [end_of_root, ignored] = std::mismatch(root_.begin(), root_.end(), path.begin(), path.end());
   require(end_of_root == root_.end(),
-          file + ": leads out of the tree, to " + path.string() + ": nothing is followed there");
+          file + ": leads out of the tree, to " + path.string() + ": links out of the tree are not followed");
   return path;
 }
 
@@ -82,7 +83,7 @@ void SourceTree::require_writable(const std::string& file) const {
   struct stat status {};
   require(::stat(path.c_str(), &status) == 0, file + ": is missing");
   require(S_ISREG(status.st_mode), file + ": is not a file");
-  // Root may write anywhere; a file without the permission was protected on purpose all the same.
+  // Root may write anywhere, but a file without the permission was protected on purpose.
   require((status.st_mode & kOwnerWrite) != 0, file + ": is read-only: allow writing with chmod u+w " + path.string());
   require(::access(path.parent_path().c_str(), W_OK) == 0,
           file + ": its folder is read-only: allow writing with chmod u+w " + path.parent_path().string());
@@ -92,7 +93,7 @@ void SourceTree::require_free(const std::string& file) const {
   std::error_code error;
   const fs::path path = resolve(file);
   require(!fs::exists(fs::symlink_status(path, error)),
-          file + ": is there already, and the patch brings its own: move it away, then patch");
+          file + ": exists already, and the patch adds a file of this name: move it away, then patch");
   const fs::path folder = path.parent_path();
   require(!fs::exists(folder, error) || fs::is_directory(folder, error), file + ": its folder is a file: move it away");
   const fs::path above = fs::exists(folder, error) ? folder : folder.parent_path();
@@ -143,7 +144,7 @@ int SourceTree::remove(const fs::path& path) const {
 
 int SourceTree::remove_folder_if_empty(const fs::path& folder) const {
   std::error_code error;
-  if (!fs::is_empty(folder, error) || error) return 0;  // somebody keeps something there, or it is gone
+  if (!fs::is_empty(folder, error) || error) return 0;  // it holds other files, or is already gone
   if (const int refused = begin(FileOperation::remove_folder, folder)) return refused;
   return ::rmdir(folder.c_str()) == 0 || errno == ENOTEMPTY || errno == EEXIST || errno == ENOENT ? 0 : errno;
 }
@@ -151,22 +152,22 @@ int SourceTree::remove_folder_if_empty(const fs::path& folder) const {
 void SourceTree::commit(const Transaction& transaction) const {
   struct Step {
     fs::path path;
-    std::optional<std::string> old_content;  // nullopt: it is not there
+    std::optional<std::string> old_content;  // nullopt: the file does not exist
   };
   std::vector<Step> steps;
   for (const FileChange& change : transaction.changes) {
     const std::optional<std::string> old_content = read(change.file);
     old_content ? require_writable(change.file) : require_free(change.file);
     const fs::path path = resolve(change.file);
-    for (const Step& step : steps) require(step.path != path, change.file + ": two names of one file");
+    for (const Step& step : steps) require(step.path != path, change.file + ": two names refer to the same file");
     steps.push_back({path, old_content});
   }
   const fs::path record = resolve(transaction.record);
   const fs::path folder = record.parent_path();
   const std::optional<std::string> old_record = read(transaction.record);
 
-  std::vector<fs::path> staged;   // also those that were begun only
-  std::vector<fs::path> folders;  // that were made
+  std::vector<fs::path> staged;   // including partly written ones
+  std::vector<fs::path> folders;  // that were created
   const auto stage = [&](const fs::path& path, const char* ending, const std::string& content) {
     staged.push_back(beside(path, ending));
     if (const int error = write(staged.back(), content, mode_of(path))) fail(path, error);
@@ -176,15 +177,15 @@ void SourceTree::commit(const Transaction& transaction) const {
   };
   bool recorded = false;
   std::size_t renamed = 0;
-  /// @return whether the tree is as it was
+  /// Rolls back. @return whether the tree is as it was before
   const auto go_back = [&] {
     bool whole = true;
     for (std::size_t i = 0; i < renamed; ++i) {
       const fs::path& path = steps[i].path;
       whole = (steps[i].old_content ? rename(beside(path, kOld), path) : remove(path)) == 0 && whole;
     }
-    if (!whole) return false;  // the record stays, for revert
-    // The record goes last, so that whatever is left beside a file has one.
+    if (!whole) return false;  // keep the record, so that revert can finish
+    // Remove the record last, so that any remaining staged file is covered by one.
     const fs::path old_record_file = beside(record, kOld);
     for (const fs::path& path : staged) {
       if (path != old_record_file || !recorded) whole = remove(path) == 0 && whole;
@@ -225,13 +226,13 @@ void SourceTree::commit(const Transaction& transaction) const {
   } catch (const std::exception& error) {
     if (go_back()) throw;
     throw WriteError(std::string(error.what()) +
-                     "; nor could what was begun be undone: splatboost patch revert PATH mends it");
+                     "; undoing the first changes failed too: splatboost patch revert PATH repairs the tree");
   }
-  // All is in place; the rest is clearing up.
+  // All new content is in place; the rest is cleanup.
   for (const fs::path& path : staged) {
     if (const int error = remove(path)) {
       throw WriteError(path.string() + ": cannot be removed: " + std::strerror(error) +
-                       "; all else is done, the same command again removes it");
+                       "; everything else is done, the same command again removes it");
     }
   }
   for (std::size_t i = 0; i < steps.size(); ++i) {
@@ -239,7 +240,7 @@ void SourceTree::commit(const Transaction& transaction) const {
     if (transaction.changes[i].content || parent == root_) continue;
     if (const int error = remove_folder_if_empty(parent)) {
       throw WriteError(parent.string() + ": cannot be removed: " + std::strerror(error) +
-                       "; all else is done, the same command again removes it");
+                       "; everything else is done, the same command again removes it");
     }
   }
   if (!transaction.afterwards) remove_record(transaction.record);
@@ -252,7 +253,7 @@ void SourceTree::remove_record(const std::string& record) const {
   if (error == 0) error = remove_folder_if_empty(path.parent_path());
   if (error != 0) {
     throw WriteError(record + ": cannot be removed: " + std::strerror(error) +
-                     "; all else is done, the same command again removes it");
+                     "; everything else is done, the same command again removes it");
   }
   sync_folder(path.parent_path().parent_path());
 }

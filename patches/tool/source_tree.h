@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The host's files: read within the tree only, written all or none.
+/// @file Access to the host's files: only files inside the tree are read, and several are written all or none.
 #pragma once
 
 #include <filesystem>
@@ -12,60 +12,61 @@ namespace splatboost::patch {
 
 /// New content of a file.
 struct FileChange {
-  std::string file;                    ///< relative to the tree; one that is not there is made, with its folder
-  std::optional<std::string> content;  ///< nullopt removes the file, and its folder if that is left empty
+  std::string file;                    ///< relative to the tree; created, with its folder, if missing
+  std::optional<std::string> content;  ///< nullopt removes the file, and its folder if that becomes empty
 };
 
-/// A change of several files, with a record in the tree that tells what is under way while it is.
+/// A change of several files. While it is in progress, a record file in the tree says so.
 struct Transaction {
   std::vector<FileChange> changes;
-  std::string record;                     ///< its file, relative to the tree
-  std::string under_way;                  ///< its content from the first change of a file to the last
-  std::optional<std::string> afterwards;  ///< its content then; nullopt removes it
+  std::string record;                     ///< path of the record file, relative to the tree
+  std::string under_way;                  ///< its content while the files are being changed
+  std::optional<std::string> afterwards;  ///< its content after that; nullopt removes it
 };
 
 enum class FileOperation { make_folder, create, write, rename, remove, remove_folder };
 
-/// Called before each operation that changes the disk. Returns the errno with which the operation fails; 0 lets it
-/// happen. Tests fail operations with it, or end the process there.
+/// Called before each operation that changes the disk. Returns the errno with which the operation fails, or 0 to let it
+/// proceed. Tests use it to make operations fail or to end the process at that point.
 using FileHook = std::function<int(FileOperation operation, const std::filesystem::path& path)>;
 
 class SourceTree {
  public:
-  /// @param root a folder; symbolic links to it are followed, once and for all
+  /// @param root a folder; symbolic links in its path are resolved once, here
   explicit SourceTree(const std::filesystem::path& root, FileHook hook = {});
 
   const std::filesystem::path& root() const { return root_; }
 
-  /// Text of a file, nullopt where there is none. PatchError if a link on the way leads out of the tree.
+  /// Text of a file; nullopt if it does not exist. Throws PatchError if a symbolic link leads out of the tree.
   std::optional<std::string> read(const std::string& file) const;
 
-  /// PatchError unless the file is a regular one that may be replaced.
+  /// Throws PatchError unless this is a regular file that may be replaced.
   void require_writable(const std::string& file) const;
 
-  /// PatchError if the file is there, or cannot be made since its folder is none.
+  /// Throws PatchError if the file exists or cannot be created in its folder.
   void require_free(const std::string& file) const;
 
-  /// Puts all contents in place, or none. New and old contents, and the last record, are on disk beside their files
-  /// before the first file is renamed, so that neither going on nor going back needs space after that. WriteError if
-  /// the disk refuses: the tree is as it was, or the message says what is left to do. Links and permissions stay.
+  /// Writes all contents, or none. The new and old contents and the final record are on disk next to their files before
+  /// the first file is renamed, so that neither completing nor rolling back needs disk space after that. Throws
+  /// WriteError if a write fails: the tree is unchanged, or the message says what is left to do. Keeps symbolic links
+  /// and permissions.
   void commit(const Transaction& transaction) const;
 
-  /// Removes a record, and its folder if that is left empty.
+  /// Removes a record, and its folder if that becomes empty.
   void remove_record(const std::string& record) const;
 
-  /// What interrupted commits left beside these files and the record; folders of them where nothing else is.
+  /// Files that interrupted commits left next to these files and the record, and folders that contain nothing else.
   std::vector<std::string> leftovers(const std::vector<std::string>& files, const std::string& record) const;
 
-  /// Removes these. WriteError if the disk refuses.
+  /// Removes these. Throws WriteError if that fails.
   void remove_leftovers(const std::vector<std::string>& leftovers) const;
 
  private:
-  /// Where a file really is. PatchError if that is outside the tree.
+  /// Path of a file with symbolic links resolved. Throws PatchError if that is outside the tree.
   std::filesystem::path resolve(const std::string& file) const;
 
   int begin(FileOperation operation, const std::filesystem::path& path) const;
-  /// These return an errno, or 0. What is not there is removed already.
+  /// The following return 0 or an errno. Removing what does not exist succeeds.
   int make_folder(const std::filesystem::path& folder) const;
   int write(const std::filesystem::path& path, const std::string& content, unsigned mode) const;
   int rename(const std::filesystem::path& from, const std::filesystem::path& to) const;

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks of a large COLMAP scene: which block owns a place, which views and points it trains on, and their models as one.
+"""Splits a large COLMAP scene into blocks (with their views and points), and merges the models of the blocks into one.
 
-A block owns a rectangle of the ground; those at the rim reach on without end, so every place has exactly one owner.
+A block owns a rectangle of the ground; outer blocks are unbounded outwards, so every place has exactly one owner.
 """
 import json
 import os
@@ -13,10 +13,10 @@ import numpy as np
 
 
 class BadInput(Exception):
-    """What the user can mend, in one line."""
+    """An error that the user can fix, as one line."""
 
 
-#: Parameters of COLMAP's camera models by their numbers, and whether fy follows fx.
+#: By model id of COLMAP: the number of camera parameters, and whether fy is a separate parameter after fx.
 _MODELS = {0: (3, False), 1: (4, True), 2: (4, False), 3: (5, False), 4: (8, True), 5: (8, True), 6: (12, True), 7: (5, True),
            8: (4, False), 9: (5, False), 10: (12, True)}
 
@@ -29,7 +29,7 @@ class Scene:
         self.folder = Path(folder)
         self.sparse = next((p for p in (self.folder / "sparse/0", self.folder / "sparse") if (p / "images.bin").is_file()), None)
         if self.sparse is None:
-            raise BadInput(f"{folder}: no sparse/0/images.bin; of a model in text, make a binary one: colmap model_converter "
+            raise BadInput(f"{folder}: no sparse/0/images.bin; convert a text model to binary: colmap model_converter "
                            "--output_type BIN")
         try:
             self._read_cameras((self.sparse / "cameras.bin").read_bytes())
@@ -38,7 +38,7 @@ class Scene:
         except OSError as error:
             raise BadInput(f"{error.filename}: {error.strerror}") from error
         except (struct.error, IndexError, KeyError, ValueError) as error:
-            raise BadInput(f"{self.sparse}: is no whole COLMAP model ({error})") from error
+            raise BadInput(f"{self.sparse}: is not a complete COLMAP model ({error})") from error
 
     def _read_cameras(self, data):
         self.cameras, at = {}, 8
@@ -78,14 +78,14 @@ class Scene:
             at += 51 + 8 * tracks
 
     def seen_by(self, view):
-        """bool [N]: points in the frustum of a view, hidden or not."""
+        """bool [N]: points in the frustum of a view, occluded or not."""
         width, height, fx, fy = self.cameras[self.view_cameras[view]]
         x, y, z = (self.points @ self.rotations[view].T + self.poses[view, 4:]).T
         ahead = z > 1e-6
         return ahead & (np.abs(x) * 2 * fx < width * z) & (np.abs(y) * 2 * fy < height * z)
 
     def write(self, folder, views, points):
-        """A scene of these views and points (indices, bool); the photos are links to this one's."""
+        """Writes a scene of these views (indices) and points (bool [N]), with a link to this scene's images."""
         out = Path(folder) / "sparse/0"
         out.mkdir(parents=True)
         shutil.copyfile(self.sparse / "cameras.bin", out / "cameras.bin")
@@ -103,8 +103,8 @@ class Scene:
 
 
 class Grid:
-    """Rectangles of the ground, columns × rows, with about as many cameras each. As JSON: axes [2,3] of the ground in the world,
-    column_cuts [columns − 1], row_cuts [columns][rows − 1], along these axes."""
+    """Rectangles of the ground, columns × rows, with about equally many cameras each. As JSON: axes [2,3] of the
+    ground in world space, column_cuts [columns − 1], row_cuts [columns][rows − 1], along these axes."""
 
     def __init__(self, axes, column_cuts, row_cuts):
         self.axes, self.column_cuts, self.row_cuts = np.array(axes), list(column_cuts), [list(cuts) for cuts in row_cuts]
@@ -114,11 +114,11 @@ class Grid:
         spread = scene.centres - scene.centres.mean(axis=0)
         _, lengths, directions = np.linalg.svd(spread, full_matrices=False)
         if len(lengths) == 3 and lengths[2] < 0.3 * lengths[1]:
-            up = directions[2]  # cameras stand or fly over flat ground, wherever they look
+            up = directions[2]  # camera positions are nearly coplanar: take their plane as the ground
         else:
             up = -scene.rotations[:, 1].mean(axis=0)  # rows of a rotation are the camera's axes; y is down
             if np.linalg.norm(up) < 0.3:
-                raise BadInput(f"{scene.folder}: neither the places of the cameras nor their upright direction tell the ground")
+                raise BadInput(f"{scene.folder}: the ground cannot be found from the cameras' positions or up directions")
             up /= np.linalg.norm(up)
         spread -= np.outer(spread @ up, up)
         _, _, directions = np.linalg.svd(spread, full_matrices=False)
@@ -133,7 +133,7 @@ class Grid:
         return [f"{c}_{r}" for c, cuts in enumerate(self.row_cuts) for r in range(len(cuts) + 1)]
 
     def owners(self, points):
-        """The index in names() of the block that owns each point [N,3]."""
+        """int [N]: index in names() of the block that owns each point [N,3]."""
         u, v = (points @ self.axes.T).T
         column = np.searchsorted(self.column_cuts, u, side="right")
         row = np.zeros(len(u), int)
@@ -142,7 +142,7 @@ class Grid:
         return column * (len(self.row_cuts[0]) + 1) + row
 
     def near(self, points, block, border):
-        """bool [N]: points in a block or at most `border` beside it."""
+        """bool [N]: points in a block or at most `border` (world units) outside it."""
         rows = len(self.row_cuts[0]) + 1
         u, v = (points @ self.axes.T).T
         inside = np.ones(len(u), bool)
@@ -156,15 +156,16 @@ class Grid:
 
 
 def _cuts(values, parts):
-    """parts − 1 values between which about equally many lie."""
+    """The parts − 1 cuts that divide the values into parts of about equal size."""
     if len(values) < parts:
         raise BadInput(f"--grid: {len(values)} cameras cannot be cut into {parts} parts")
     return [float(np.quantile(values, i / parts)) for i in range(1, parts)]
 
 
 def split(scene, grid, out, border, share, hold):
-    """Writes OUT/blocks/NAME, a scene each; the listing of the blocks. Held-out views (every `hold`-th; 0: none) are in none.
-    border: world units. share: of the points that a view sees, so many must lie in or near a block for it to train there."""
+    """Writes a scene OUT/blocks/NAME/scene per block. Held-out views (every `hold`-th; 0: none) are in no block.
+    border: world units. share: fraction of a view's visible points that must lie in or near a block to use it there.
+    Returns a list of {"name", "views", "points"} per block."""
     train = [v for v in range(len(scene.names)) if not hold or v % hold]
     seen = {v: scene.seen_by(v) for v in train}
     listing = []
@@ -173,8 +174,8 @@ def split(scene, grid, out, border, share, hold):
         stands = grid.near(scene.centres, block, border)
         views = [v for v in train if stands[v] or (seen[v].any() and points[seen[v]].mean() >= share)]
         if not views:
-            raise BadInput(f"block {name} has no views; take a coarser --grid or a larger --border")
-        # What its views see beyond the block must be drawn too, or the block would explain it.
+            raise BadInput(f"block {name} has no views; use a coarser --grid or a larger --border")
+        # Include the points that its views see outside the block; otherwise Gaussians in the block would model them.
         for v in views:
             points |= seen[v]
         folder = out / "blocks" / name / "scene"
@@ -184,7 +185,7 @@ def split(scene, grid, out, border, share, hold):
 
 
 def read_ply(path):
-    """Header lines and rows (structured) of a model that `splatboost train` wrote."""
+    """Property names and rows (structured array) of a model that `splatboost train` wrote."""
     data = Path(path).read_bytes()
     end = data.index(b"end_header\n") + 11
     header = data[:end].decode().splitlines()
@@ -194,7 +195,7 @@ def read_ply(path):
 
 
 def merge(plan, out):
-    """OUT/merged: of each block's model the Gaussians that it owns, and what `splatboost eval` needs to measure them."""
+    """Writes OUT/merged: the Gaussians that each block owns, and the files that `splatboost eval` needs."""
     grid = Grid(**plan["grid"])
     kept, names = [], None
     train_seconds, memory = [], []
@@ -203,7 +204,7 @@ def merge(plan, out):
         results = json.loads((model / "results.json").read_text())
         these, rows = read_ply(model / f"point_cloud/iteration_{results['iterations']}/point_cloud.ply")
         if names not in (None, these):
-            raise BadInput(f"{model}: has other properties than the blocks before it")
+            raise BadInput(f"{model}: its properties differ from those of the other blocks")
         names = these
         places = np.stack([rows[axis] for axis in "xyz"], axis=1).astype(float)
         kept.append(rows[grid.owners(places) == block])
@@ -222,7 +223,7 @@ def merge(plan, out):
     if plan["hold"]:
         config["llffhold"] = plan["hold"]
     (merged / "config.json").write_text(json.dumps(config, indent=2) + "\n")
-    # The blocks train side by side: the slowest one is the time, the largest one the memory of a machine.
+    # Blocks can train in parallel, so report the time of the slowest and the memory of the largest.
     results.update(primitives=len(rows), train_seconds=max(train_seconds), peak_memory_bytes=max(memory), curve=[],
                    views=[], scales=[], stage_seconds={}, command=plan["command"], source=Path(plan["source"]).name)
     (merged / "training.json").write_text(json.dumps(results, indent=2) + "\n")

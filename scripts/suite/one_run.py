@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Carries out one run of a plan: trains, then leaves RUN/record.json and, where the page needs them, pictures.
+"""Executes one run of a plan: trains, then writes RUN/record.json and, if the page needs them, images.
 
 usage: one_run.py PLAN.json ID
 """
@@ -21,7 +21,7 @@ def title(run):
 
 
 def command_of(run, model, folder):
-    """The command, and the cap as a number. Reads the record of the run whose number of primitives sets the cap."""
+    """The training command. Reads the record of the run whose number of primitives determines the cap."""
     command = [run["program"], "train", "-s", run["source"], "-m", str(model), *run["options"], "--quiet"]
     if run["settings"]:
         settings = folder / "settings.json"

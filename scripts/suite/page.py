@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The suite's results as a page (HTML in one file), as Markdown tables, and as a plot (SVG)."""
+"""Writes the suite's results as a page (a single HTML file), as Markdown tables and as a plot (SVG)."""
 import json
 import math
 import re
@@ -10,8 +10,8 @@ import png
 import stats
 
 COLORS = ["#6b7585", "#1565d8", "#c2570c", "#087f5b", "#9c36b5", "#b08900"]
-NOTE = ("± is the standard error over seeds. Differences and ratios (×) are of runs of equal seed against “{reference}”; ratios are "
-        "geometric means; the worst scene is the one of the lowest mean ΔPSNR.")
+NOTE = ("± is the standard error over seeds. Differences and ratios (×) compare runs of equal seed with “{reference}”; ratios are "
+        "geometric means; the worst scene is the one with the lowest mean ΔPSNR.")
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------------
@@ -52,7 +52,7 @@ def label(suite, row):
 # --- tables: [head, row …] of strings ---------------------------------------------------------------------------------
 
 def without_empty(table):
-    """Without the columns that say nothing, such as LPIPS where it was not measured."""
+    """Removes empty columns, such as LPIPS if it was not measured."""
     keep = [i for i in range(len(table[0])) if any(row[i] not in ("", "–") for row in table[1:])]
     return [[row[i] for i in keep] for row in table]
 
@@ -82,7 +82,7 @@ def scene_tables(suite):
             for i, row in enumerate(row for row in rows if row["scene"] == scene):
                 m, d, r = row["measures"], row.get("differences"), row.get("ratios")
                 memory = m["peak_memory_bytes"]["mean"]
-                # A scene's name stands once.
+                # Show a scene's name only in its first row.
                 table.append(["" if i else scene, label(suite, row), str(len(row["seeds"])), estimated(m["psnr"], 2),
                               estimated(m["ssim"], 4), estimated(m["lpips"], 4), count(m["primitives"]["mean"]),
                               seconds(m["train_seconds"]["mean"]), "–" if memory is None else f"{memory / 2**20:.0f} MiB"] +
@@ -94,8 +94,8 @@ def scene_tables(suite):
 
 
 def frontier_table(suite):
-    """By number: the runs under caps among those without, and how far rule sets lie above the reference at equal number. None
-    where there are no caps."""
+    """Runs with and without caps, sorted by number of primitives, and by how much rule sets exceed the reference at an
+    equal number. None if there are no caps."""
     if not any(row["cap"] is not None for row in suite["by_scene"]):
         return None
     table = [["scene", "rules", "primitives", "PSNR (dB)", "SSIM", "LPIPS",
@@ -115,7 +115,7 @@ def frontier_table(suite):
 
 
 def paper_tables(suite):
-    """[(title, table)]: one a table of the paper."""
+    """[(title, table)], one per table of the paper."""
     tables = []
     for each in suite["paper"]["tables"]:
         table = [["", "paper: min", "PSNR", "SSIM", "N", "here: time", "PSNR", "SSIM", "N"]]
@@ -170,7 +170,7 @@ def markdown(suite):
 # --- the plot ---------------------------------------------------------------------------------------------------------
 
 def ticks(low, high, most=4):
-    """Round numbers in [low, high], at most about `most`."""
+    """(round numbers in [low, high], their step), at most about `most` of them."""
     step = 10 ** math.floor(math.log10(max(high - low, 1e-9) / most))
     step *= next(factor for factor in (1, 2, 5, 10) if (high - low) / (step * factor) <= most)
     first = math.ceil(low / step)
@@ -182,7 +182,7 @@ def short_count(number):
 
 
 def panel(suite, title, rows, width, height):
-    """Quality against number (logarithmic) of a scene and backbone."""
+    """Plot of quality against number of primitives (logarithmic) for one scene and backbone."""
     points = {}
     for row in rows:
         m = row["measures"]
@@ -232,7 +232,7 @@ def panel(suite, title, rows, width, height):
 
 
 def frontier_svg(suite):
-    """Small plots side by side, one a scene and backbone; a file of its own, or a part of the page."""
+    """Small plots side by side, one per scene and backbone; used as a file and in the page."""
     panels = {}
     several = len({row["backbone"] for row in suite["by_scene"]}) > 1
     for row in suite["by_scene"]:
@@ -262,8 +262,8 @@ def frontier_svg(suite):
 # --- crops ------------------------------------------------------------------------------------------------------------
 
 def crops(plan, out, suite):
-    """[(title, [(label, picture as a URI)])]: of each scene and backbone the view in which a rule set loses most against the
-    reference, at the place where it loses most: the truth, then all rule sets. The rule set is the last of the suite's."""
+    """[(title, [(label, image as a URI)])]: for each scene and backbone the view, and its part, in which the last
+    rule set loses most against the reference: the truth, then all rule sets."""
     found = []
     runs = {(run["scene"], run["backbone"], run["rules"]): run for run in plan["runs"] if run["pictures"]}
     reference, judged = suite["reference"], list(plan["rules"])[-1]
@@ -330,7 +330,7 @@ svg{width:100%;height:auto;display:block}details{margin-top:10px}code{font-size:
 
 
 def html_table(table, names=1):
-    """Differences of more than two standard errors are green where they are better, red where they are worse."""
+    """HTML of a table. Differences of more than two standard errors are green if better, red if worse."""
     head, *body = table
 
     def cell(i, text):
@@ -349,7 +349,7 @@ def html_table(table, names=1):
 
 
 def cards(suite):
-    """The last rule set over all scenes, of the first backbone."""
+    """Summary of the last rule set over all scenes, for the first backbone."""
     whole = [row for row in suite["overall"] if row["group"] is None]
     if not whole:
         return ""
@@ -374,7 +374,7 @@ def html(suite, svg, pictures):
            f"<title>SplatBoost suite</title><style>{STYLE}</style></head><body><main><header><p class=kind>SplatBoost suite</p>"
            f"<h1>{escape(' · '.join(rule['label'] for rule in suite['rules'].values()))}</h1>"
            f"<p>{escape(' · '.join(fact for fact in facts if fact))}</p></header>"]
-    for name, text in (("missing", "Runs that are missing"), ("left_out", "Left out")):
+    for name, text in (("missing", "Missing runs"), ("left_out", "Left out")):
         if suite[name]:
             out.append(f"<p class=note><b>{text}:</b> {escape('; '.join(suite[name]))}</p>")
     out.append(cards(suite))
@@ -384,18 +384,18 @@ def html(suite, svg, pictures):
                 "are coloured.</p>"]
     for backbone, table in scene_tables(suite):
         out += [f"<h2>Scene by scene, {escape(backbone)}</h2>", html_table(table, 2)]
-    out += ["<h2>Quality against number</h2>", f"<figure>{svg}</figure>",
+    out += ["<h2>Quality against number of primitives</h2>", f"<figure>{svg}</figure>",
             "<p class=note>PSNR in dB against the number of primitives, means over seeds with standard errors. Lines join runs of one "
             "rule set under different caps.</p>"]
     if frontier_table(suite):
         out.append(html_table(frontier_table(suite), 2))
     if suite["paper"]["tables"]:
-        out.append("<h2>Beside the paper</h2>")
+        out.append("<h2>Compared with the paper</h2>")
         for name, table in paper_tables(suite):
             out += [f"<h3>{escape(name)}</h3>", html_table(table)]
         out.append(f"<p class=note>{escape(paper_note(suite))}</p>")
     if pictures:
-        out.append("<h2>Worst views</h2><p class=note>Of each scene the view that loses most, a third of it in each direction, where it "
+        out.append("<h2>Worst views</h2><p class=note>For each scene the view that loses most, a third of it in each direction, where it "
                    "loses most. First seed.</p>")
         for title, parts in pictures:
             out.append(f"<figure><figcaption>{escape(title)}</figcaption><div class=crops>" + "".join(

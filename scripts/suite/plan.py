@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the suite runs: scenes, seeds, rule sets and backbones turned into a list of runs, each named by what determines it."""
+"""Turns scenes, seeds, rule sets and backbones into a list of runs, each identified by a hash of what determines it."""
 import hashlib
 import json
 import os
@@ -12,7 +12,7 @@ HERE = Path(__file__).resolve().parent
 
 
 class BadInput(Exception):
-    """What the user can mend, in one line."""
+    """An error that the user can fix, as one line."""
 
 
 def read_json(path):
@@ -41,8 +41,8 @@ def hash_of_file(path):
 
 
 def fingerprint(folder):
-    """Of a scene: names and sizes of all its files, and the content of those that hold cameras and points (.bin, .txt,
-    .json). points3D.ply, which other trainers write there, is left out. A single file (a packed scene) by its content."""
+    """Hash of a scene: names and sizes of all its files, and the content of those with cameras and points (.bin, .txt,
+    .json). points3D.ply, which other trainers write, is ignored. A packed scene (one file) is hashed whole."""
     folder = Path(folder)
     if folder.is_file():
         return hash_of_file(folder)
@@ -59,7 +59,7 @@ def fingerprint(folder):
 
 
 def identity(value):
-    """16 hexadecimal digits of a JSON value."""
+    """Hash of a JSON value: 16 hexadecimal digits."""
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -85,7 +85,7 @@ def own_scenes(listing, folder, size):
 
 
 def paper_scenes(folder, size):
-    """The scenes of the paper's datasets, at the first of the usual places under `folder` (or the first place of all)."""
+    """The scenes of the paper's datasets, each in the first known subfolder of `folder` that has it, else the first."""
     scenes = []
     for dataset in read_json(HERE / "datasets.json")["datasets"]:
         for name, options in dataset["scenes"].items():
@@ -98,16 +98,16 @@ def paper_scenes(folder, size):
 
 
 def choose(scenes, wanted):
-    """The scenes whose name or group is in `wanted`; all if it is empty."""
+    """The scenes whose name or group is in `wanted`; all scenes if it is empty."""
     names = {scene["name"] for scene in scenes} | {scene["group"] for scene in scenes}
     for name in wanted:
         if name not in names:
-            raise BadInput(f"no scene or group '{name}' here; there are: {', '.join(sorted(names))}")
+            raise BadInput(f"unknown scene or group '{name}'; available: {', '.join(sorted(names))}")
     return [scene for scene in scenes if not wanted or scene["name"] in wanted or scene["group"] in wanted]
 
 
 def make_synth(program, options, folder):
-    """Path of the scene that `splatboost synth` makes with these options; made once for each program."""
+    """Path of the scene that `splatboost synth` makes with these options; made only once per program."""
     path = Path(folder) / identity([hash_of_file(program), options])
     if not path.is_dir():
         aside = path.with_suffix(f".{os.getpid()}.tmp")
@@ -136,17 +136,17 @@ def known_options(program):
 
 
 def choose_rules(wanted, options):
-    """({name: rule set}, [why one was left out]). A name that ends in .json is a settings file for `splatboost train --config`;
-    a rule set of the table whose options the program (`options`) does not know is left out."""
+    """({name: rule set}, [reasons for those left out]). A name that ends in .json is a settings file for
+    `splatboost train --config`; a rule set of the table with options that are not in `options` is left out."""
     table, rules, left_out = read_json(HERE / "rules.json"), {}, []
     for name in wanted:
         if name.endswith(".json"):
             settings, stem = read_json(name), Path(name).stem
             if stem in table or stem in rules:
-                raise BadInput(f"{name}: there is a rule set '{stem}' already; rename the file")
+                raise BadInput(f"{name}: rule set '{stem}' exists already; rename the file")
             rules[stem] = {"label": stem, "options": [], "settings": settings}
         elif name not in table:
-            raise BadInput(f"no rule set '{name}'; there are: {', '.join(table)}, or a file NAME.json of settings")
+            raise BadInput(f"unknown rule set '{name}'; available: {', '.join(table)}, or a file NAME.json of settings")
         else:
             unknown = [o for o in table[name]["options"] if o.startswith("--") and o not in options]
             if unknown:
@@ -159,7 +159,7 @@ def choose_rules(wanted, options):
 # --- runs -------------------------------------------------------------------------------------------------------------
 
 def parse_cap(text, rules):
-    """A share of the published number of primitives, as a float, or the name of a rule set whose number is the cap."""
+    """A fraction of the published number of primitives (float), or the name of a rule set whose number is the cap."""
     if text in rules:
         return text
     try:
@@ -172,7 +172,7 @@ def parse_cap(text, rules):
 
 
 def merged(first, second):
-    """Settings of `second` over those of `first`, object by object."""
+    """Settings of `first` overridden by those of `second`, recursively."""
     result = dict(first)
     for key, value in second.items():
         both = isinstance(value, dict) and isinstance(result.get(key), dict)
@@ -181,10 +181,10 @@ def merged(first, second):
 
 
 def make_runs(scenes, seeds, rules, backbones, caps, capped, common, programs, lpips):
-    """All runs, those without a cap first. `scenes` have path and print (fingerprint); `common` are options of every run;
-    `programs` maps a rule set to (path, hash), with None for all others; `lpips` is (path, hash) or None.
+    """All runs, those without a cap first. `scenes` have "path" and "print" (fingerprint); `common` are options of all
+    runs; `programs` maps a rule set to (path, hash), with key None for all others; `lpips` is (path, hash) or None.
 
-    The id of a run is a hash of what determines its result: program, scene, options, settings, cap, network of LPIPS."""
+    The id of a run is a hash of what determines its result: program, scene, options, settings, cap, LPIPS network."""
     runs, ids = [], {}
 
     def add(scene, backbone, rule, seed, cap):

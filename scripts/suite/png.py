@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""8-bit PNG pictures with the standard library alone, and the part of a view where one render is worst."""
+"""8-bit PNG images with only the standard library, and the part of a view where one render is worst."""
 import base64
 import struct
 import zlib
 
 
 class Picture:
-    """RGB, 8 bits: `rows` is a list of bytearrays of 3 × width."""
+    """8-bit RGB image: `rows` is a list of bytearrays of length 3 × width."""
 
     def __init__(self, width, rows):
         self.width, self.height, self.rows = width, len(rows), rows
@@ -23,7 +23,7 @@ class Picture:
 
 
 def unfilter(kind, row, above, step):
-    """In place, as the PNG specification says. `above` is the row before, unfiltered; `step` the bytes of a pixel."""
+    """Reverses a PNG filter in place. `above` is the previous row, unfiltered; `step` the number of bytes per pixel."""
     if kind == 1:
         for i in range(step, len(row)):
             row[i] = (row[i] + row[i - step]) & 255
@@ -46,7 +46,7 @@ def unfilter(kind, row, above, step):
 
 
 def read(path):
-    """Of a file with 8 bits a channel, RGB, RGBA (its alpha is dropped) or grey, not interlaced; ValueError otherwise."""
+    """Reads a file with 8 bits per channel, RGB, RGBA (drops alpha) or grey, not interlaced; otherwise ValueError."""
     data = path.read_bytes()
     if data[:8] != b"\x89PNG\r\n\x1a\n":
         raise ValueError(f"{path}: not a PNG file")
@@ -83,8 +83,8 @@ def read(path):
 
 
 def worst_window(truth, reference, render, width, height):
-    """Corner (x, y) of the window, in steps of half its size, where the squared error of `render` exceeds that of `reference`
-    the most."""
+    """Corner (x, y) of the window in which the squared error of `render` exceeds that of `reference` the most.
+    Windows are tried in steps of half their size."""
     step_x, step_y = max(1, width // 2), max(1, height // 2)
     best, corner = None, (0, 0)
     for y in range(0, max(1, truth.height - height + 1), step_y):

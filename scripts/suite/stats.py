@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The suite's statistics. Plain numbers in, plain numbers out; None where a number is not defined."""
+"""The suite's statistics, on plain numbers. Results that are not defined are None."""
 import math
 
 
 def mean(values):
-    """Arithmetic mean; None of nothing."""
+    """Arithmetic mean; None without values."""
     values = list(values)
     return math.fsum(values) / len(values) if values else None
 
 
 def standard_error(values):
-    """Of the mean: sample standard deviation (n - 1) over the root of n; None of fewer than two values."""
+    """Standard error of the mean: sample standard deviation (n - 1) / sqrt(n); None for fewer than two values."""
     values = list(values)
     if len(values) < 2:
         return None
@@ -19,7 +19,7 @@ def standard_error(values):
 
 
 def geometric_mean(values):
-    """Of positive values; None of nothing, ValueError of a value that is not positive."""
+    """Geometric mean; None without values, ValueError if a value is not positive."""
     values = list(values)
     if any(not v > 0 for v in values):
         raise ValueError("a geometric mean needs positive values")
@@ -33,14 +33,14 @@ def estimate(values):
 
 
 def paired(values, reference, operation):
-    """operation(value, value of the reference) for every seed that both have. Both are {seed: value or None}."""
+    """List of operation(value, reference value) for the seeds that have both. Arguments are {seed: value or None}."""
     return [operation(values[seed], reference[seed]) for seed in sorted(values.keys() & reference.keys())
             if values[seed] is not None and reference[seed] is not None]
 
 
 def mean_of_estimates(estimates):
-    """Mean over scenes of estimates over seeds. Its error is that of the seeds alone, for these very scenes; None where a
-    scene has none."""
+    """Mean over scenes of estimates over seeds. Its error covers variation over seeds, not over scenes; None if a scene
+    has none."""
     estimates = [e for e in estimates if e["mean"] is not None]
     errors = [e["error"] for e in estimates]
     known = bool(errors) and all(e is not None for e in errors)
@@ -50,7 +50,7 @@ def mean_of_estimates(estimates):
 
 
 def worst(differences):
-    """(name, estimate) of the lowest mean in {name: estimate}; None where there is no mean. The first name of equal ones."""
+    """(name, estimate) with the lowest mean in {name: estimate}; None if there is no mean. The first name wins ties."""
     known = [(e["mean"], name) for name, e in differences.items() if e["mean"] is not None]
     if not known:
         return None
@@ -59,8 +59,8 @@ def worst(differences):
 
 
 def on_curve(points, number):
-    """Quality at `number` primitives on a curve of (number, quality) points, linear in the logarithm of the number between
-    neighbours. None outside the curve: nothing is extrapolated. Points of equal number are averaged."""
+    """Quality at `number` primitives on a curve of (number, quality) points, interpolated linearly in the logarithm
+    of the number. None outside the curve (no extrapolation). Points with equal numbers are averaged."""
     by_number = {}
     for n, quality in points:
         by_number.setdefault(n, []).append(quality)

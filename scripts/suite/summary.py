@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the records of a plan's runs to OUT/suite.json, and from that to the page and the tables.
+"""Writes OUT/suite.json from the records of a plan's runs, and the page and the tables from that.
 
 usage: summary.py PLAN.json
 """
@@ -19,7 +19,7 @@ FACTS = ["iterations", "width", "height", "split", "machine", "device", "threads
 
 
 def by_run(plan, out):
-    """What was measured, a run each, and the titles of the runs that are missing."""
+    """Measurements per run, and the titles of the runs that are missing."""
     runs, missing = [], []
     for run in plan["runs"]:
         path = out / "runs" / run["id"] / "record.json"
@@ -27,7 +27,7 @@ def by_run(plan, out):
             missing.append(title(run))
             continue
         record = read_json(path)
-        # Without the places on this machine.
+        # Remove paths of this machine.
         names = {run["program"]: "splatboost", run["source"]: run["scene"], str(path.parent / "model"): "OUT",
                  str(path.parent / "settings.json"): f"{run['rules']}.json", run["lpips"]: "squeeze.onnx"}
         entry = {key: run[key] for key in ("id", "scene", "group", "backbone", "rules", "seed", "cap")}
@@ -39,7 +39,7 @@ def by_run(plan, out):
 
 
 def by_scene(runs, reference):
-    """Means over seeds of a scene, backbone, rule set and cap, and what pairs of equal seeds say against the reference."""
+    """Means over seeds per scene, backbone, rule set and cap, and comparisons with the reference at equal seeds."""
     groups = {}
     for run in runs:
         groups.setdefault((run["scene"], run["group"], run["backbone"], run["rules"], run["cap"]), {})[run["seed"]] = run
@@ -59,7 +59,7 @@ def by_scene(runs, reference):
 
 
 def overall(rows):
-    """Over the scenes of each group, and over all: mean differences, the worst scene, geometric means of ratios."""
+    """Per group of scenes, and over all scenes: mean differences, the worst scene, geometric means of ratios."""
     found = []
     compared = [row for row in rows if row["cap"] is None and "differences" in row]
     for backbone, rules in dict.fromkeys((row["backbone"], row["rules"]) for row in compared):
@@ -78,9 +78,9 @@ def overall(rows):
 
 
 def frontier(runs, rows, reference):
-    """PSNR above the reference at the number of primitives of each rule set without a cap: against the reference's runs of
-    equal seed under just this cap where there are some, else against the curve through the reference's means under caps.
-    None where the curve does not reach that number."""
+    """For each rule set without a cap, its PSNR minus the reference's at the same number of primitives: compared with
+    the reference's runs of equal seed under exactly this cap if there are any, else with the curve through the means of
+    the reference. None if the curve does not reach that number."""
     found = []
     for row in rows:
         if row["cap"] is not None or row["rules"] == reference:
@@ -101,9 +101,9 @@ def frontier(runs, rows, reference):
 
 
 def beside_the_paper(plan, rows):
-    """Tables of the paper of which there is something here: {"table", "rows"}, each row with `paper` and `ours` side by side,
-    one of them None where there is nothing. A row is of a scene, of a whole dataset whose scenes are all here, or, in tables
-    of scenes, of the mean over those that are here."""
+    """Tables of the paper for which there are results: {"table", "rows"}, each row with `paper` and `ours` side by
+    side, either of which may be None. A row is for a scene, for a dataset of which all scenes have results, or, in
+    tables by scene, for the mean over the scenes that have results."""
     paper, datasets = read_json(HERE / "paper.json"), read_json(HERE / "datasets.json")["datasets"]
     names = {scene["name"]: (scene["group"], scene["paper"]) for scene in plan["scenes"] if scene["paper"]}
     here = {}  # (dataset, scene, backbone, rules) → measures
@@ -143,7 +143,7 @@ def beside_the_paper(plan, rows):
                                      "ours": ours(dataset["name"], scenes, backbone, rules)})
                     if any(row["ours"] for row in unit):
                         found += [row for row in unit if row["paper"] or row["ours"]]
-        # Nothing but what every table of this dataset has in common would be a table of dashes.
+        # Skip tables with results only in the rows that all tables of this dataset share: the rest would be dashes.
         own = {entry["rules"] for entry in entries} - {"published", "literal", None}
         if any(row["ours"] and row["paper"] and (not own or row["rules"] in own) for row in found):
             tables.append({"table": number, "rows": found})

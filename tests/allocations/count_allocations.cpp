@@ -32,8 +32,8 @@ std::atomic<std::size_t> counted_bytes{0};
 }  // namespace
 
 #ifndef SPLATBOOST_OTHER_MALLOC
-// A program's malloc takes the place of glibc's in all of the process, in shared libraries too; glibc keeps its own
-// under these names. libstdc++'s operator new calls malloc or aligned_alloc, so that it needs no version of its own.
+// A malloc defined by the program replaces glibc's in the whole process, shared libraries included; glibc exports its
+// own under these names. libstdc++'s operator new calls malloc or aligned_alloc, so it needs no replacement.
 extern "C" {
 void* __libc_malloc(std::size_t size);
 void* __libc_calloc(std::size_t count, std::size_t size);
@@ -65,7 +65,7 @@ int posix_memalign(void** result, std::size_t alignment, std::size_t size) {
   *result = __libc_memalign(alignment, size);
   return *result == nullptr ? ENOMEM : 0;
 }
-// Pools that are not malloc's take their memory from the system in large pieces.
+// Memory pools other than malloc's get their memory from the system in large blocks.
 void* mmap(void* address, std::size_t size, int protection, int flags, int file, off_t offset) noexcept {
   note(size);
   return reinterpret_cast<void*>(syscall(SYS_mmap, address, size, protection, flags, file, offset));

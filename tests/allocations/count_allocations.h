@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Counts every allocation of the process: a program that has count_allocations.cpp linked in gets its own malloc
-/// and operator new, which count and pass on.
+/// @file Counts every allocation of the process: a program linked with count_allocations.cpp gets its own malloc, which
+/// counts and forwards to glibc's; operator new calls it.
 #pragma once
 
 #include <cstddef>
 
 namespace splatboost::test {
 
-/// Whether this build can count: sanitizers bring a malloc of their own, and other systems than glibc's name theirs
+/// Whether this build can count: sanitizers replace malloc themselves, and C libraries other than glibc name theirs
 /// differently.
 bool can_count_allocations();
 
-/// Counts allocations of all threads while it lives, whoever asks for them: malloc, calloc, realloc, aligned forms,
-/// operator new, and mmap, by which pools other than malloc's grow. One at a time.
+/// Counts the allocations of all threads during its lifetime: malloc, calloc, realloc, aligned variants, operator new,
+/// and mmap, by which memory pools other than malloc's grow. Only one may exist at a time.
 class AllocationCount {
  public:
   AllocationCount();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // After the first iterations have grown all workspaces, training allocates nothing: neither the core's calls nor a step
-// of vanilla. Counted is what the whole process asks for, the runtime of the threads included.
+// of vanilla. All allocations of the process are counted, those of the thread runtime included.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -16,7 +16,7 @@ namespace splatboost::test {
 namespace {
 
 constexpr int kIterations = 30;
-// What a thread needs for itself it gets when it first happens to have work, which may be late on a busy machine.
+// A thread allocates its own data when it first has work, which may be late on a busy machine.
 constexpr int kMaxRounds = 16;
 const BenchSize kSize{"small", 3000, 150, 117};
 
@@ -43,7 +43,7 @@ class SteadyLoop : public testing::TestWithParam<int> {
 
 TEST_P(SteadyLoop, CounterSeesAllocationsOfAllThreads) {
   Threads threads(GetParam());
-  std::atomic<std::size_t> sum = 0;  // of addresses: keeps the compiler from leaving the allocations out
+  std::atomic<std::size_t> sum = 0;  // of addresses: keeps the compiler from optimizing the allocations away
   AllocationCount count;
   threads.for_range(10, 1, [&](std::size_t, std::size_t) {
     const auto some = std::make_unique<double[]>(1000);
@@ -70,10 +70,10 @@ TEST_P(SteadyLoop, VanillaWithoutDensificationAllocatesNothing) {
   bench.scene.points.positions = bench.cloud.means;
   bench.scene.points.colors.assign(3 * kSize.splats, 128);
   VanillaConfig config;
-  config.position_rate_initial = config.position_rate_final = 1e-20;  // the same tile entries every time
+  config.position_rate_initial = config.position_rate_final = 1e-20;  // the same tile entries in every iteration
   config.scaling_rate = config.rotation_rate = 0;
   const auto vanilla = make_vanilla({.scene = bench.scene, .threads = threads}, config);
-  // Statistics are gathered from the first iteration on, the first growth comes after config.densify_from.
+  // Statistics are gathered from the first iteration on; densification starts after config.densify_from.
   ASSERT_LE(kMaxRounds * kIterations, config.densify_from);
   EXPECT_EQ(allocations_when_warm([&](int i) { vanilla->train_step(i, bench.scene.train[0]); }), 0u);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How often a GPU's warps blend a splat in the bench's scenes, as JSON: by 8 × 4 pixels a warp, and by 8 × 8.
+// How often a GPU's warps blend a splat in the bench's scenes, as JSON: with 8 × 4 pixels per warp, and with 8 × 8.
 // scripts/cuda_instructions runs it.
 #include <iostream>
 

@@ -25,7 +25,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "%s\n", error.what());
     return 2;
   }
-  // The density of the 60k scene of `splatboost bench`, in a picture that callgrind goes through in seconds.
+  // The density of the 60k scene of `splatboost bench`, in an image that callgrind processes in seconds.
   const BenchSize size{"small", 1500, 96, 80};
   Threads threads(1);
   test::Workload work(size, threads);

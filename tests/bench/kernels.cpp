@@ -45,8 +45,8 @@ constexpr Kernel kKernels[] = {
     {"count", [](Workload& w) { return w.count(), w.seconds().count; }},
 };
 
-/// The scene in use, warm with the instructions in use. Benchmarks run in the order of their registration, so that one
-/// at a time is enough.
+/// The workload of a scene and an instruction set, warmed up. Benchmarks run in the order of their registration, so
+/// keeping one workload at a time is enough.
 Workload& workload_of(const BenchSize& size, const Set& set) {
   static Threads threads(1);
   static std::unique_ptr<Workload> work;

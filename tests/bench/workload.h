@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file One training iteration and one scored view on a fixed scene, a public call of the core at a time: what the
-/// kernels' benchmarks time and what their instructions are counted on.
+/// @file One training iteration and one scored view on a fixed scene, as separate public calls of the core, for timing
+/// kernels and counting their instructions.
 #pragma once
 
 #include <algorithm>
@@ -15,8 +15,8 @@
 
 namespace splatboost::test {
 
-/// Memory and arguments of the calls. The compact box is on, as in accelerated training; every call reads what the
-/// calls before it left, so make them in the order of this class once before timing any.
+/// Memory and arguments of the calls. The compact box is on, as in accelerated training. Every call reads the results
+/// of those before it: call all of them once, in the order of this class, before timing any.
 class Workload {
  public:
   Workload(const BenchSize& size, Threads& threads)
@@ -63,15 +63,14 @@ class Workload {
     gradients.sh_rest = rest_.gradients;
     rasterizer_.backward(gaussians_, of_images, gradients);
   }
-  /// One step of all parameters. It moves values of its own, so that every iteration draws the same scene.
+  /// One step of all parameters. It updates separate tensors, so that every iteration draws the same scene.
   void adam() {
     ++step_;
     for (Tensor* tensor : {&means_, &scale_, &rotation_, &opacity_, &dc_, &rest_}) {
       adam_step(tensor->values, tensor->gradients, tensor->first, tensor->second, step_, {}, threads_);
     }
   }
-  /// New gradients for adam(), which consumes them: without any, moments fade until the processor stumbles over
-  /// numbers too small to be normal.
+  /// New gradients for adam(), which zeroes them: without, the moments would decay to denormal numbers, which are slow.
   void refill_gradients() {
     for (Tensor* tensor : {&means_, &scale_, &rotation_, &opacity_, &dc_, &rest_}) {
       std::fill(tensor->gradients.begin(), tensor->gradients.end(), 1e-3f);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What calls of the C ABI do to a GPU and its streams, on the emulator: order, waits, allocations, devices, memory.
+// Effects of C ABI calls on a GPU and its streams, on the emulator: order, waits, allocations, devices, memory.
 #include <cuda_runtime.h>
 #include <gtest/gtest.h>
 #include <splatboost/c_api.h>
@@ -53,7 +53,7 @@ struct Stream {
   ~Stream() { static_cast<void>(cudaStreamDestroy(handle)); }
 };
 
-/// N Gaussians in a row before a camera, and everything that calls with them write.
+/// N Gaussians in a row in front of a camera, and all outputs of calls with them.
 struct Scene {
   std::int64_t n;
   sb_camera camera{};
@@ -152,7 +152,7 @@ TEST_F(CudaCalls, ASteadyLoopNeitherAllocatesNorWaits) {
   iteration(nullptr);
   const Activity before;
   EXPECT_GT(before.allocations, 0);
-  EXPECT_GT(before.waits, 0);  // in the first forward
+  EXPECT_GT(before.waits, 0);  // in the first forward pass
   for (int k = 0; k < 6; ++k) iteration(k < 2 ? nullptr : streams[k % 2].handle);
   const Activity after;
   EXPECT_EQ(after.allocations, before.allocations);
@@ -162,7 +162,7 @@ TEST_F(CudaCalls, ASteadyLoopNeitherAllocatesNorWaits) {
   std::int64_t visible = 0;
   EXPECT_EQ(sb_rasterizer_counts(rasterizer_, &visible, nullptr, nullptr), SB_OK);
   EXPECT_GT(visible, 100);
-  EXPECT_GT(Activity().waits, after.waits);  // numbers that go to the host
+  EXPECT_GT(Activity().waits, after.waits);  // results that are copied to the host
 }
 
 TEST_F(CudaCalls, WhatSharesAWorkspaceIsInOrderOnAnyStream) {
@@ -180,10 +180,10 @@ TEST_F(CudaCalls, WhatSharesAWorkspaceIsInOrderOnAnyStream) {
       ASSERT_EQ(call(stream.handle), SB_OK) << sb_last_error();
       EXPECT_TRUE(cuda_on_cpu::comes_after(stream.handle, before.handle));
       EXPECT_FALSE(cuda_on_cpu::comes_after(before.handle, stream.handle));
-      std::swap(stream.handle, before.handle);  // the one before is destroyed
+      std::swap(stream.handle, before.handle);  // destroys the previous stream
     }
   }
-  // Calls without a handle share one too.
+  // Calls without a handle share a workspace too.
   Stream first, second;
   ASSERT_EQ(scene.ssim(first.handle), SB_OK);
   ASSERT_EQ(scene.ssim(second.handle), SB_OK);
@@ -197,8 +197,8 @@ TEST_F(CudaCalls, TheThreadsDeviceStaysWhatItWas) {
   EXPECT_EQ(scene.forward(rasterizer_, nullptr), SB_OK);
   EXPECT_EQ(scene.adam(nullptr), SB_OK);
   scene.means.tensor.device_index = 1;
-  EXPECT_EQ(scene.adam(nullptr), SB_ERROR_ARGUMENT);  // one tensor on another device than the call
-  EXPECT_NE(std::string(sb_last_error()).find("values: memory of CUDA device 0 wanted, memory of CUDA device 1 given"),
+  EXPECT_EQ(scene.adam(nullptr), SB_ERROR_ARGUMENT);  // one tensor is on a different device than the call
+  EXPECT_NE(std::string(sb_last_error()).find("values: expected memory of CUDA device 0, got memory of CUDA device 1"),
             std::string::npos)
       << sb_last_error();
   int device = -1;
@@ -212,7 +212,7 @@ TEST_F(CudaCalls, TooLittleMemorySaysHowMuchAndLeavesTheHandleUsable) {
   cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() + 3000);
   EXPECT_EQ(scene.forward(rasterizer_, nullptr), SB_ERROR_MEMORY);
   const std::string text = sb_last_error();
-  EXPECT_NE(text.find("bytes wanted"), std::string::npos) << text;
+  EXPECT_NE(text.find("bytes requested"), std::string::npos) << text;
   EXPECT_NE(text.find("free"), std::string::npos) << text;
   EXPECT_EQ(scene.backward(rasterizer_, nullptr), SB_ERROR_ARGUMENT);  // nothing was drawn
   EXPECT_EQ(scene.neighbors(), SB_ERROR_MEMORY);
@@ -227,7 +227,7 @@ TEST_F(CudaCalls, AViewThatOutgrowsTheRoomIsMendedBySettling) {
   many.opacities.values.assign(many.opacities.values.size(), 0.01f);
   many.scales.values.assign(many.scales.values.size(), 0.001f);
   ASSERT_EQ(many.forward(rasterizer_, nullptr), SB_OK);
-  many.scales.values.assign(many.scales.values.size(), 0.5f);  // each now meets all tiles
+  many.scales.values.assign(many.scales.values.size(), 0.5f);  // each now overlaps all tiles
   ASSERT_EQ(many.forward(rasterizer_, nullptr), SB_OK);
   const std::vector<float> drawn = many.image.values;
   const Activity before;
@@ -239,7 +239,7 @@ TEST_F(CudaCalls, AViewThatOutgrowsTheRoomIsMendedBySettling) {
   sb_rasterizer* fresh = nullptr;
   ASSERT_EQ(sb_rasterizer_create(&device_, &fresh), SB_OK);
   const std::vector<float> settled = many.image.values;
-  ASSERT_EQ(many.forward(fresh, nullptr), SB_OK);  // a first one is exact
+  ASSERT_EQ(many.forward(fresh, nullptr), SB_OK);  // a rasterizer's first view is exact
   EXPECT_EQ(many.image.values, settled);
   sb_rasterizer_destroy(fresh);
 }

@@ -49,7 +49,7 @@ int main() {
   rasterizer.backward(gaussians, image_gradients, gradients);
 
   std::printf("middle pixel %.3f, d sum / d opacity %.3f\n", middle, opacity_gradient[0]);
-  // Half a pixel off the centre of a splat of opacity 0.8, and each of its pixels gains with the opacity.
+  // The pixel is half a pixel off the centre of a splat of opacity 0.8; all its pixels increase with the opacity.
   const bool right = middle > 0.7f && middle <= 0.8f && std::isfinite(opacity_gradient[0]) && opacity_gradient[0] > 1;
   return right ? 0 : 1;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Contracts broken at the edge: an ArgumentError that names what is wrong, and nothing half done.
+// Invalid arguments: an ArgumentError that names the wrong one, and no partial effect.
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -106,7 +106,7 @@ TEST_F(BadArguments, GaussiansOfTwoKindsOrNone) {
 
 TEST_F(BadArguments, DegreesAndFeaturesOutOfRange) {
   Gaussians gaussians = scene.view();
-  for (const int degree : {-1, 3, 4, 100}) {  // 3 needs 15 rows, there are 8
+  for (const int degree : {-1, 3, 4, 100}) {  // degree 3 needs 15 rows, there are 8
     gaussians.sh_degree = degree;
     expect_named([&] { check_gaussians(gaussians); }, "sh_degree");
   }
@@ -210,8 +210,7 @@ TEST_F(BadArguments, GaussianGradients) {
   broken(&GaussianGradients::screen_means_abs, "screen_means_abs");
 }
 
-// A gradient span for an input that was not given has no shape that fits: it is a mistake of the caller, who would
-// read zeros.
+// A gradient span for an input that was not given is an error: the caller would read zeros.
 TEST_F(BadArguments, GaussianGradientsOfWhatWasNotGiven) {
   forward();
   GaussianGradients bad = gradients.view();

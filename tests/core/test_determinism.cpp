@@ -16,7 +16,7 @@
 namespace splatboost::test {
 namespace {
 
-/// A few training steps; everything that was computed, byte for byte.
+/// All results of a few training steps.
 std::vector<float> train(int thread_count, BoxPolicy box) {
   const Camera camera = oblique_camera(150, 117);
   SceneSpec spec;
@@ -61,7 +61,7 @@ std::vector<float> train(int thread_count, BoxPolicy box) {
     const PhotometricLoss loss = photometric.evaluate(images.color, truth_image, 0.2f, image_gradient);
     RasterImageGradients driving;
     driving.color = image_gradient;
-    driving.alpha = images.inverse_depth;  // anything of the right shape
+    driving.alpha = images.inverse_depth;  // arbitrary values of the right shape
     rasterizer.backward(scene.view(), driving,
                         gradients.view(step % 2 == 0 ? GradientMode::overwrite : GradientMode::accumulate));
     keep(images.color);

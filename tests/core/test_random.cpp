@@ -60,7 +60,7 @@ TEST(Random, UniformFillsTheOpenInterval) {
   EXPECT_LT(chi2, 50);  // 19 degrees of freedom: 50 is beyond 1e-4
 }
 
-// The same holds along seeds and iterations, where a weak key schedule would show.
+// The same along seeds and iterations, which would reveal a weak key schedule.
 TEST(Random, UniformAlongTheKey) {
   const int n = 50000;
   double sum = 0;

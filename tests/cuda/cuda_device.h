@@ -11,7 +11,7 @@
 
 namespace splatboost::test {
 
-/// A test that is skipped where there is no device.
+/// Base of tests that are skipped where there is no device.
 template <class Base = ::testing::Test>
 class OnCuda : public Base {
  protected:

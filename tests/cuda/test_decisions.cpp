@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Selections, orders and neighbours on a CUDA device: those of the CPU, exactly.
+// Selections, orders and neighbours on a CUDA device: exactly those of the CPU.
 #include <gtest/gtest.h>
 
 #include <limits>
@@ -130,7 +130,7 @@ TEST_F(CudaDecisions, WhatAViewSeesIsAsOnTheCpu) {
     spec.colors = true;
     spec.covariances = covariances;
     SceneData scene = random_scene(camera, spec, 11);
-    for (std::size_t i = 0; i < scene.means.size() / 2; ++i) scene.means[i] *= 3.0f;  // many beyond the sides
+    for (std::size_t i = 0; i < scene.means.size() / 2; ++i) scene.means[i] *= 3.0f;  // many outside of the image
     const DeviceArray<float> means(stream(), scene.means), scales(stream(), scene.scales),
         rotations(stream(), scene.rotations), given(stream(), scene.covariances);
     Gaussians gaussians = scene.view();
@@ -150,7 +150,7 @@ TEST_F(CudaDecisions, WhatAViewSeesIsAsOnTheCpu) {
       differ += radii[i] != found[i];
     }
     EXPECT_GT(seen, 100u);
-    EXPECT_LE(differ, 3u);  // a radius just below a whole pixel may become one more
+    EXPECT_LE(differ, 3u);  // a radius just below a whole pixel may become one larger
 
     Mask visible(kCount);
     mark_visible(camera, scene.means, 0.2f, visible, threads);

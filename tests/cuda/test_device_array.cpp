@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory of a CUDA device, and what the host may know of it without waiting.
+// Memory of a CUDA device, and what the host may read of it without waiting.
 #include <gtest/gtest.h>
 
 #include <limits>
@@ -37,7 +37,7 @@ TEST_F(DeviceMemory, ResizeKeepsValuesAndGrowsGeometrically) {
   const std::uint64_t before = stream().activity().allocations;
   for (std::size_t n = 1000; n < 100000; n += 1 + n / 100) {
     array.resize(n);
-    array.fill_zero();  // what the next growth copies
+    array.fill_zero();  // initializes what the next growth copies
   }
   EXPECT_LE(stream().activity().allocations - before, 12u);  // log 100 / log 1.5
 }
@@ -79,10 +79,10 @@ TEST_F(DeviceMemory, TooMuchNamesTheBytesWantedAndHad) {
     FAIL() << "nothing was thrown";
   } catch (const DeviceMemoryError& error) {
     const std::string text = error.what();
-    EXPECT_NE(text.find(std::to_string(4 * far_too_many) + " bytes wanted"), std::string::npos) << text;
+    EXPECT_NE(text.find(std::to_string(4 * far_too_many) + " bytes requested"), std::string::npos) << text;
     EXPECT_NE(text.find("free"), std::string::npos) << text;
   }
-  EXPECT_EQ(array.to_host(), counting(33));  // the stream goes on
+  EXPECT_EQ(array.to_host(), counting(33));  // the stream is still usable
 }
 
 TEST_F(DeviceMemory, ADeviceIsThreadsOrAStream) {
@@ -101,7 +101,7 @@ TEST_F(DeviceMemory, LapsAreTakenInOrderAndWithoutAWait) {
   array.ensure(1 << 20);
   std::uint64_t waits = stream().activity().synchronizations;
   for (int i = 0; i < 3000; ++i) {  // more marks than are kept
-    if (i % 300 == 0) {             // … but never as many at a time, however slow the device is
+    if (i % 300 == 0) {             // … but never more at a time, however slow the device is
       stream().synchronize();
       ++waits;
     }
@@ -130,7 +130,7 @@ TEST_F(DeviceMemory, LapsAreTakenInOrderAndWithoutAWait) {
     EXPECT_STREQ(second->stage, "second");
   }
   EXPECT_FALSE(laps.take());
-  // Whose laps nobody takes loses the oldest.
+  // If laps are not taken, the oldest are dropped.
   for (int i = 0; i < 5000; ++i) laps.mark("more");
   stream().synchronize();
   EXPECT_TRUE(laps.take());
@@ -145,13 +145,13 @@ TEST_F(DeviceMemory, GoesAlongWithStreamsOfACaller) {
     array.upload(counting(100));
   }
   for (int k = 0; k < 3; ++k) {
-    CudaStream other;  // gone before the next call
+    CudaStream other;  // destroyed before the next call
     const CudaCall call(along, other.handle());
     array.resize(array.size() + 1);
   }
   const CudaCall call(along, nullptr);
   EXPECT_EQ(copy_to_host(std::as_const(array).span().first(100), along), counting(100));
-  EXPECT_EQ(along.activity().synchronizations, 1u);  // none but the reading
+  EXPECT_EQ(along.activity().synchronizations, 1u);  // only that of the copy to the host
 }
 
 TEST(CudaDevices, ACallOnOneThatIsNotThereIsNamed) {

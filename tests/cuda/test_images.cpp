@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is computed from images on a CUDA device: the loss against brute force in double precision, flags and scores
-// against the CPU, to the last count.
+// Losses, flags and scores of images on a CUDA device: the loss against brute force in double precision, flags and
+// scores against the CPU, with exactly equal counts.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -27,7 +27,7 @@ struct Picture {
   std::vector<float> render;
   std::vector<std::uint8_t> truth, valid;
 
-  /// @param invalid share of masked pixels; 0: no mask
+  /// @param invalid fraction of masked pixels; 0: no mask
   Picture(int w, int h, double invalid, std::uint64_t seed) : width(w), height(h) {
     Numbers random(seed);
     const auto pixels = static_cast<std::size_t>(w * h);
@@ -45,7 +45,7 @@ struct Picture {
   }
 };
 
-/// The same in the device's memory.
+/// A Picture in device memory.
 struct DevicePicture {
   int width, height;
   DeviceArray<float> render, gradient, error;
@@ -209,7 +209,7 @@ TEST_F(CudaImages, FlagsAreThoseOfTheCpu) {
   expect_equal_flags(stream(), constant, 0.1f);
 }
 
-/// Three primitives of which each is blended in some of the pixels; the counting is the host's.
+/// A fake rasterizer of three primitives, each of which is blended in some of the pixels; it counts on the host.
 class Cardboard : public RasterizerHook {
  public:
   Cardboard(CudaStream* stream, std::size_t views) : stream_(stream) {

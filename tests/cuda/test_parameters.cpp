@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happens to parameters on a CUDA device: activations, Adam, rows that come and go; against the CPU.
+// Parameters on a CUDA device: activations, Adam, rows that are added and removed; against the CPU.
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is of a CUDA device alone: agreement with the CPU, steady loops that neither wait nor allocate, views that
-// outgrow their room, orders of execution. The formulas are tested by the CPU's own tests, built for CUDA.
+// What only concerns CUDA devices: agreement with the CPU, steady loops that neither wait nor allocate, views that
+// exceed the allocated tile entries, orders of execution. Formulas are tested by the CPU's tests, built for CUDA.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -24,7 +24,7 @@ namespace {
 
 using Doubles = std::vector<double>;
 
-/// A scene of colours on the device, and what is drawn of it.
+/// A scene with colours on the device, and its image and gradients.
 struct SceneOnDevice {
   SceneOnDevice(CudaStream& stream, const SceneData& scene, const Camera& camera)
       : count(scene.count),
@@ -133,7 +133,7 @@ TEST_P(RasterizerOnCuda, AgreesWithTheCpu) {
   on_device.backward(on_cuda);
   on_cuda.count_flagged(std::as_const(on_device.flagged).span(), on_device.counts.span());
 
-  // Rounding decides a few (pixel, splat) pairs at thresholds differently; each weighs 1/255 at most.
+  // Rounding decides a few (pixel, splat) pairs at thresholds differently; each changes a value by at most 1/255.
   const std::vector<float> drawn = on_device.image.to_host();
   std::size_t apart = 0;
   for (std::size_t k = 0; k < drawn.size(); ++k) {
@@ -163,7 +163,7 @@ TEST_P(RasterizerOnCuda, GradientsWhereNothingIsDrawnMayBeAnything) {
   SceneOnDevice there(stream(), scene, camera);
   Rasterizer rasterizer(stream());
   there.forward(rasterizer, camera, options);
-  const std::vector<float> image = there.image.to_host();  // black where nothing is
+  const std::vector<float> image = there.image.to_host();  // black where nothing is drawn
   std::vector<float> gradient = there.image_gradient.to_host();
   const std::size_t pixels = image.size() / 3;
   std::size_t empty = 0;
@@ -212,7 +212,7 @@ TEST_P(RasterizerOnCuda, AViewThatOutgrowsItsRoomIsDrawnAgain) {
   away.cx += 5000;
   for (const bool settles : {true, false}) {
     Rasterizer rasterizer(stream());
-    on_device.forward(rasterizer, away, options);  // hardly anything to be seen
+    on_device.forward(rasterizer, away, options);  // hardly anything is visible
     on_device.image.fill_zero();
     on_device.forward(rasterizer, camera, options);
     if (settles) {
@@ -220,7 +220,7 @@ TEST_P(RasterizerOnCuda, AViewThatOutgrowsItsRoomIsDrawnAgain) {
       EXPECT_FALSE(rasterizer.settle());
     } else {
       EXPECT_NE(on_device.image.to_host(), expected);
-      on_device.forward(rasterizer, camera, options);  // it has learned
+      on_device.forward(rasterizer, camera, options);  // it now has enough room
     }
     EXPECT_EQ(on_device.image.to_host(), expected);
     EXPECT_EQ(rasterizer.counts().tile_entries, fresh.counts().tile_entries);
@@ -273,7 +273,7 @@ TEST_P(RasterizerOnCuda, TooLittleDeviceMemoryIsSaid) {
   cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() + 1000);
   EXPECT_THROW(on_device.forward(rasterizer, camera, options), DeviceMemoryError);
   cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
-  on_device.forward(rasterizer, camera, options);  // and goes on where there is memory again
+  on_device.forward(rasterizer, camera, options);  // works again when memory is available
   EXPECT_GT(rasterizer.counts().visible, 0u);
 }
 

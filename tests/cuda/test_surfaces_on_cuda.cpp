@@ -111,7 +111,7 @@ TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu) {
     stream().synchronize();
     for (std::size_t v = 0; v < 2; ++v) expect_near(gradients[v].to_host(), expected[v], 1e-4f);
   }
-  // Of the call before at the latest.
+  // The parts are those of this call or of the one before, which are equal.
   EXPECT_NEAR(found.normal, parts.normal, 1e-5 * parts.normal);
   EXPECT_NEAR(found.geometric, parts.geometric, 1e-4 * parts.geometric);
   EXPECT_NEAR(found.photometric, parts.photometric, 1e-4 * parts.photometric);

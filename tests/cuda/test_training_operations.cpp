@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a trainer does with its arrays between rasterizing and Adam, on a CUDA device; against the CPU.
+// Operations of a trainer on its arrays between rasterizing and Adam, on a CUDA device; against the CPU.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -27,7 +27,7 @@ constexpr std::size_t kCount = 701;
 /// Runs a test's body on both devices.
 class CudaTrainingOperations : public OnCuda<> {
  protected:
-  /// @param body gets a device, and returns what came out
+  /// @param body gets a device, and returns its results
   template <class Body>
   void expect_same(const Body& body, float tolerance = 0) {
     const std::vector<float> expected = body(Device(threads_)), found = body(Device(stream()));
@@ -130,11 +130,11 @@ TEST_F(CudaTrainingOperations, SmoothingFilters) {
     expect_same(
         [&](Device device) {
           SmoothingFilters smoothing(views, 0.2, 0.15, device);
-          const Array<float> means(device, numbers(3 * n, -3, 5, 9));  // some before, some behind, some beside
+          const Array<float> means(device, numbers(3 * n, -3, 5, 9));  // in front of, behind and beside the cameras
           Array<float> filters(device);
           filters.ensure(n);
           smoothing.compute(means, filters);
-          smoothing.compute(means, filters);  // nothing is left of the call before
+          smoothing.compute(means, filters);  // does not depend on the previous call
           return filters.to_host();
         },
         1e-6f);
@@ -215,7 +215,7 @@ TEST_F(CudaTrainingOperations, ReservedRoomIsTakenWithoutAnAllocation) {
   EXPECT_EQ(tensor.to_host(), (std::vector<float>{1, 2, 3}));
 }
 
-/// Truths of several sizes, some with a mask.
+/// Ground-truth images of several sizes, some with a mask.
 struct Truths {
   explicit Truths(std::size_t n) {
     Numbers random(20);
@@ -242,7 +242,7 @@ TEST_F(CudaTrainingOperations, TruthImagesAreKeptWithinABudgetAndUploadedBeyondI
       if (round == 2) before = stream().activity();
       std::size_t step = 0;
       for (const std::size_t i : {5u, 0u, 3u, 1u, 4u, 2u, 5u}) {
-        if (round == 2 && step++ % 2 == 0) {  // so that the device is never more than two uploads behind
+        if (round == 2 && step++ % 2 == 0) {  // keeps the device at most two uploads behind
           stream().synchronize();
           ++waits;
         }

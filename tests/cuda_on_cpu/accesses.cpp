@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Accesses to the device's memory. The .cu files are compiled with -fsanitize=thread, by which the compiler calls a
-// function of a known name at each access; here these functions are, in place of the thread sanitizer's, which knows
-// nothing of fibers and blocks. Two accesses of a grid that may meet, one of them writing and not both atomic, are a
-// fault, and so is a read of what nobody wrote.
+// Checks accesses to device memory. The .cu files are compiled with -fsanitize=thread, so the compiler inserts a call
+// of a function with a known name at each access. These functions are defined here instead of in the thread sanitizer,
+// which does not know fibers and blocks. Two unordered accesses in a grid of which at least one writes and not both are
+// atomic are a fault, and so is a read of unwritten memory.
 #include "accesses.h"
 
 #include <sys/mman.h>
@@ -19,16 +19,16 @@
 namespace cuda_on_cpu {
 namespace {
 
-/// The last access of a kind to a byte.
+/// The last access of one kind to a byte.
 struct Access {
-  // In place of a thread's number:
-  static constexpr std::uint64_t kSeveralOfWarp = 1024;  ///< and the number of the warp
-  static constexpr std::uint64_t kSeveral = 1056;        ///< threads of a block, between two of its barriers
-  static constexpr std::uint64_t kSeveralBlocks = 1057;  ///< of the grid
+  // Values of `thread` other than the index of a thread:
+  static constexpr std::uint64_t kSeveralOfWarp = 1024;  ///< several threads of a warp: plus its index
+  static constexpr std::uint64_t kSeveral = 1056;        ///< several threads of a block, between two barriers
+  static constexpr std::uint64_t kSeveralBlocks = 1057;  ///< several blocks of the grid
 
   std::uint64_t epoch : 40 = 0;
   std::uint64_t thread : 11 = 0;
-  std::uint64_t warp_epoch : 13 = 0;  ///< its last bits
+  std::uint64_t warp_epoch : 13 = 0;  ///< lowest bits
 
   static Access of(const Moment& now) {
     Access access;
@@ -42,14 +42,14 @@ struct Access {
     const auto warp = static_cast<std::uint64_t>(now.thread / 32);
     return thread < kSeveralOfWarp ? thread / 32 == warp : thread == kSeveralOfWarp + warp;
   }
-  /// Whether it comes before `now` however the threads run.
+  /// Whether it is ordered before `now` in every order of execution.
   bool is_before(const Moment& now) const {
     if (!is_of_grid(now)) return true;
     if (epoch < now.block || thread == kSeveralBlocks) return false;
     if (epoch < now.now || thread == static_cast<std::uint64_t>(now.thread)) return true;
     return is_of_warp(now) && warp_epoch != (now.warp_now & 8191u);
   }
-  /// Notes one more where several do no harm.
+  /// Merges another access at `now`, for kinds whose concurrent accesses are allowed (reads, atomics).
   void join(const Moment& now) {
     Access joined = of(now);
     if (is_of_grid(now) && (epoch < now.block || thread == kSeveralBlocks)) {
@@ -66,7 +66,7 @@ struct Cell {
   Access write, atomic, read;
 };
 
-// Of each byte of the device's memory: its accesses, and whether it was written.
+// For each byte of device memory: its last accesses, and whether it was written.
 const std::byte* begin = nullptr;
 std::size_t watched = 0;
 Cell* cells = nullptr;
@@ -82,7 +82,7 @@ T* reserve(std::size_t n) {
   std::abort();
 }
 
-/// Where an address lies in the device's memory; at least `watched`: elsewhere.
+/// Offset of an address in device memory; at least `watched` for addresses outside it.
 std::size_t offset_of(const void* at) {
   return static_cast<std::size_t>(reinterpret_cast<std::uintptr_t>(at) - reinterpret_cast<std::uintptr_t>(begin));
 }
@@ -106,7 +106,7 @@ void check_written(std::size_t offset, std::size_t bytes) {
   end_with_fault(text);
 }
 
-/// Calls note(byte's offset, its cell, now) for each byte that a thread of a kernel touches; other work is in order.
+/// Calls note(offset, cell, now) for each byte that a thread of a kernel accesses. Other work is always ordered.
 template <class Note>
 void for_bytes_of_thread(std::size_t offset, std::size_t bytes, const Note& note) {
   if (!is_in_kernel()) return;
@@ -171,7 +171,7 @@ void note_written(const void* memory, std::size_t bytes) {
 
 }  // namespace cuda_on_cpu
 
-// The compiler's names.
+// The functions that the compiler calls.
 extern "C" {
 void __tsan_init() {}
 void __tsan_func_entry(void*) {}
@@ -191,7 +191,7 @@ SPLATBOOST_ACCESS(4)
 SPLATBOOST_ACCESS(8)
 SPLATBOOST_ACCESS(16)
 #undef SPLATBOOST_ACCESS
-// Atomics of the host, such as counts of shared pointers, which the compiler would leave to the sanitizer too.
+// Atomics of host code, such as counters of shared pointers: the compiler replaces these by calls too.
 #define SPLATBOOST_ATOMICS(bits, Int)                                                                           \
   Int __tsan_atomic##bits##_load(const volatile Int* at, int) { return __atomic_load_n(at, __ATOMIC_SEQ_CST); } \
   Int __tsan_atomic##bits##_fetch_add(volatile Int* at, Int by, int) {                                          \

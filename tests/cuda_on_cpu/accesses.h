@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What was read and written of the device's memory. For the emulator's own files.
+/// @file Tracks reads and writes of device memory. Internal to the emulator.
 #pragma once
 
 #include <cstddef>
 
 namespace cuda_on_cpu {
 
-/// The addresses that memory of the device can have. Called once.
+/// Sets the address range of device memory. Called once.
 void watch(const std::byte* begin, std::size_t bytes);
-/// New memory: nobody wrote it yet.
+/// Marks memory as unwritten.
 void forget(const void* memory, std::size_t bytes);
 
 }  // namespace cuda_on_cpu

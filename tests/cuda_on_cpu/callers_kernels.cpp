@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Part of a library whose callers bring kernels of their own: their tests play these in plain code of the host, which
-// may therefore touch the device's memory for as long as the library is loaded, and finds there what was asked for.
+// Part of the emulated library, for callers with their own kernels. Their tests imitate these in plain host code, so
+// device memory stays accessible while the library is loaded, and work is executed as soon as it is queued.
 #include "cuda_runtime.h"
 
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Stands in for cuBLAS's header of this name: the functions that the .cu files call, as plain loops over
-/// matrices in the order of columns.
+/// @file Replaces cuBLAS's header of this name: the functions that the .cu files call, as plain loops over column-major
+/// matrices.
 #pragma once
 
 #include <cstddef>
@@ -30,7 +30,7 @@ inline cublasStatus_t cublasSetStream(cublasHandle_t handle, cudaStream_t stream
   return CUBLAS_STATUS_SUCCESS;
 }
 
-/// c [m,n] = alpha·op(a)·op(b) + beta·c, op(a) [m,k], op(b) [k,n]; ld: from column to column.
+/// c [m,n] = alpha·op(a)·op(b) + beta·c, op(a) [m,k], op(b) [k,n]; ld*: distance between columns.
 inline cublasStatus_t cublasSgemm(cublasHandle_t handle, cublasOperation_t of_a, cublasOperation_t of_b, int m, int n,
                                   int k, const float* alpha, const float* a, int lda, const float* b, int ldb,
                                   const float* beta, float* c, int ldc) {
@@ -51,7 +51,7 @@ inline cublasStatus_t cublasSgemm(cublasHandle_t handle, cublasOperation_t of_a,
                  (b_turned ? at(b, ldb, column, i) : at(b, ldb, i, column));
         }
         float& result = c[static_cast<std::ptrdiff_t>(column) * ldc + row];
-        // As cuBLAS: where beta is 0, c need not hold numbers.
+        // As in cuBLAS, c may be uninitialized if beta is 0.
         result = alpha * sum + (beta == 0.0f ? 0.0f : beta * result);
       }
     }

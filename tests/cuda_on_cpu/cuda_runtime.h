@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Stands in for the CUDA toolkit's header of this name: the part of the language and of the runtime that the
-/// .cu files use, on the CPU. See cuda_on_cpu.h.
+/// @file Replaces the CUDA toolkit's header of this name: the part of the language and the runtime that the .cu files
+/// use, on the CPU. See cuda_on_cpu.h.
 #pragma once
 
 #include <algorithm>
@@ -115,16 +115,16 @@ cudaError_t cudaEventQuery(cudaEvent_t event);
 cudaError_t cudaEventSynchronize(cudaEvent_t event);
 cudaError_t cudaEventElapsedTime(float* milliseconds, cudaEvent_t from, cudaEvent_t to);
 
-// ---- a thread of a kernel, and what it can do
+// ---- threads of a kernel
 
 namespace cuda_on_cpu {
 
 enum class WarpFunction { sync, shuffle, ballot, any, all, add, min, max, bit_and, bit_or };
-/// Waits until all lanes of the mask have called the same function; the caller's own result.
-/// @param source lane whose value a shuffle reads
+/// Waits until all lanes of the mask have called the same function. @param source lane whose value a shuffle reads
+/// @return the result for the calling lane
 std::uint64_t warp_call(WarpFunction function, unsigned mask, std::uint64_t value, int source);
 int lane();
-/// @param line tells barriers apart; @return sum of the values over the block
+/// @param line source line, which identifies the barrier @return sum of the values over the block
 int block_barrier(int line, int value);
 
 [[noreturn]] void fault(const char* format, ...) __attribute__((format(printf, 1, 2)));
@@ -132,7 +132,7 @@ inline void check_bounds(std::size_t i, std::size_t size) {
   if (i >= size) fault("index %zu of a view of %zu elements", i, size);
 }
 
-/// Who touched which element of an array in shared memory since the last barrier.
+/// Tracks which thread accessed which element of an array in shared memory since the last barrier.
 class SharedAccesses {
  public:
   explicit SharedAccesses(int size) : cells_(static_cast<std::size_t>(size)) {}
@@ -144,7 +144,7 @@ class SharedAccesses {
   static constexpr int kWarps = 32;
   struct Access {
     std::uint64_t block_epoch = 0, warp_epoch = 0;
-    int thread = -1;  ///< −2: several of a warp
+    int thread = -1;  ///< −2: several threads of a warp
     bool atomic = false;
   };
   struct Cell {
@@ -157,16 +157,16 @@ class SharedAccesses {
   std::vector<Cell> cells_;
 };
 
-/// Gives the stream work, which it does when the host waits for it. A fault is thrown there, not here.
+/// Queues work in the stream, which executes it when the host waits for it. Faults are thrown there, not here.
 void give_work(cudaStream_t stream, std::function<void()> work);
-/// Does the work of all streams, as a device does before it gives memory back. A fault waits for the next call.
+/// Executes the work of all streams, as a device does before it frees memory. A fault is thrown by the next call.
 void finish_everything() noexcept;
-/// Whether it is memory of the host that is not pinned.
+/// Whether this is host memory that is not pinned.
 bool is_pageable(const void* memory);
-/// What work that is no kernel reads and writes of the device's memory, where the compiler does not tell of it.
+/// Record accesses to device memory by work other than kernels, which the compiler does not instrument.
 void note_read(const void* memory, std::size_t bytes);
 void note_written(const void* memory, std::size_t bytes);
-/// While one lives, memory of the device can be touched, as kernels and copies do.
+/// Makes device memory accessible during its lifetime, for kernels and copies.
 class DeviceAccess {
  public:
   DeviceAccess();
@@ -196,9 +196,9 @@ template <class T>
 T shuffle(unsigned mask, T value, int source) {
   return from_bits<T>(warp_call(WarpFunction::shuffle, mask, to_bits(value), source));
 }
-/// Of memory of the device, where the compiler tells the emulator of each access (accesses.cpp).
+/// Records an atomic access to device memory, if accesses are instrumented (accesses.cpp).
 void note_atomic(const void* at, std::size_t bytes);
-/// The compiler does not tell of the accesses in here.
+/// Not instrumented by the compiler: note_atomic() records the access instead.
 template <class T, class Next>
 __attribute__((no_sanitize("thread"))) T atomically(T* at, const Next& next) {
   note_atomic(at, sizeof(T));
@@ -209,7 +209,7 @@ __attribute__((no_sanitize("thread"))) T atomically(T* at, const Next& next) {
 
 }  // namespace cuda_on_cpu
 
-// Of the thread that runs now.
+// Built-in variables of the running thread.
 inline uint3 threadIdx{}, blockIdx{};
 inline dim3 blockDim, gridDim;
 inline constexpr int warpSize = 32;
@@ -248,7 +248,7 @@ inline bool __any_sync(unsigned mask, bool condition) {
 inline bool __all_sync(unsigned mask, bool condition) {
   return cuda_on_cpu::warp_call(cuda_on_cpu::WarpFunction::all, mask, condition ? 1 : 0, 0) != 0;
 }
-// Integers of 32 bits. Devices before compute capability 8.0 have none of these.
+// For 32-bit integers. Devices below compute capability 8.0 do not have these.
 inline unsigned __reduce_add_sync(unsigned mask, unsigned value) {
   return static_cast<unsigned>(cuda_on_cpu::warp_call(cuda_on_cpu::WarpFunction::add, mask, value, 0));
 }
@@ -304,21 +304,21 @@ inline float __uint_as_float(unsigned bits) { return std::bit_cast<float>(bits);
 inline int __float_as_int(float value) { return std::bit_cast<int>(value); }
 inline float __int_as_float(int bits) { return std::bit_cast<float>(bits); }
 namespace cuda_on_cpu {
-/// A number that the compiler takes as it is: what made it is not fused with what is made of it.
+/// Returns the value through an optimization barrier, so that the compiler does not fuse operations across it.
 template <class T>
 T rounded(T value) {
   asm volatile("" : "+m"(value));
   return value;
 }
-/// As a special function unit may give it: numbers below the normal ones are 0, and the last bits are not sure.
+/// A result as inexact as that of a special function unit: subnormal numbers become 0, and the last bits vary.
 inline float approximate(float exact) {
   if (!std::isnormal(exact)) return std::abs(exact) < 1 ? std::copysign(0.0f, exact) : exact;
   const auto bits = std::bit_cast<unsigned>(exact);
-  return std::bit_cast<float>(bits + (bits * 2654435761u >> 30) - 1);  // one down to two up
+  return std::bit_cast<float>(bits + (bits * 2654435761u >> 30) - 1);  // from one ulp down to two up
 }
 }  // namespace cuda_on_cpu
 
-// Rounded one by one: never fused.
+// Each operation rounds separately and is never fused.
 inline float __fmul_rn(float a, float b) { return cuda_on_cpu::rounded(a * b); }
 inline float __fadd_rn(float a, float b) { return cuda_on_cpu::rounded(a + b); }
 inline double __dmul_rn(double a, double b) { return cuda_on_cpu::rounded(a * b); }
@@ -341,7 +341,7 @@ cudaError_t cudaLaunchKernelEx(const cudaLaunchConfig_t* config, void (*kernel)(
   if (config->dynamicSmemBytes != 0 || !cuda_on_cpu::is_valid_shape(blocks, threads)) {
     return cudaErrorInvalidConfiguration;
   }
-  // The arguments are copied now, and every thread gets a copy of its own, as on a device.
+  // The arguments are copied now, and every thread gets its own copy, as on a device.
   std::function<void()> thread =
       std::bind_front(kernel, static_cast<Parameters>(std::forward<Arguments>(arguments))...);
   cuda_on_cpu::give_work(config->stream,

@@ -21,15 +21,15 @@ constexpr std::size_t kStackBytes = 512 << 10;
 constexpr std::size_t kStackBytes = 128 << 10;
 #endif
 
-/// The body of a fiber that is entered for the first time.
+/// The fiber that is being entered for the first time.
 Fiber* entered = nullptr;
 
 }  // namespace
 
 #if defined(__x86_64__)
 
-// Saves what a call must keep, and the stack pointer; takes another stack and what was saved there. The library's
-// swapcontext() would also make a system call.
+// Saves the callee-saved registers and the stack pointer, and restores those of another stack. Used instead of
+// swapcontext(), which also makes a system call.
 extern "C" void splatboost_switch_stack(void** save, void* to);
 asm(R"(
 .text
@@ -58,10 +58,10 @@ splatboost_switch_stack:
 
 struct Fiber::Context {
   std::function<void()> body;
-  std::unique_ptr<std::byte[]> stack{new std::byte[kStackBytes]};  // not touched before it is used
+  std::unique_ptr<std::byte[]> stack{new std::byte[kStackBytes]};  // uninitialized: unused pages stay untouched
 #if defined(__x86_64__)
-  void* own = nullptr;   ///< stack pointer while it waits
-  void* main = nullptr;  ///< ... of who resumed it
+  void* own = nullptr;   ///< stack pointer of the fiber while it waits
+  void* main = nullptr;  ///< stack pointer of the caller of resume()
 #else
   ucontext_t own{};
   ucontext_t main{};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Fibers: stacks that one thread runs in turn.
+/// @file Fibers: stacks that a single thread switches between.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 
 namespace cuda_on_cpu {
 
-/// A stack and the place where it stopped. It runs an endless function, which gives way by switching back.
+/// A stack and the place where its execution stopped. It runs an endless function, which yields by switching back.
 class Fiber {
  public:
   /// @param body never returns
@@ -17,9 +17,9 @@ class Fiber {
   Fiber(const Fiber&) = delete;
   Fiber& operator=(const Fiber&) = delete;
 
-  /// From the main stack: runs the fiber until it gives way.
+  /// Called from the main stack: runs the fiber until it yields.
   void resume();
-  /// From the fiber: goes on where resume() was called.
+  /// Called from the fiber: yields to the caller of resume().
   void give_way();
 
  private:

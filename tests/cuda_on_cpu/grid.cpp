@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs grids: fibers as the threads of a block, and the rules by which they wait for one another.
+// Runs grids: the threads of a block as fibers, and the rules by which they wait for each other.
 #include <cstdarg>
 #include <cstdio>
 #include <exception>
@@ -20,33 +20,33 @@ struct Thread {
   enum class State { fresh, ready, in_warp_function, at_barrier, gone };
   State state = State::fresh;
   uint3 index{};
-  int number = 0;  ///< in its block
+  int number = 0;  ///< index in its block
   Fiber* fiber = nullptr;
-  // In a warp function:
+  // While in a warp function:
   WarpFunction function = WarpFunction::sync;
   unsigned mask = 0;
   std::uint64_t value = 0;
   int source = 0;
-  // At a barrier:
+  // While at a barrier:
   int line = 0;
-  // What either gives back:
+  // Result of either:
   std::uint64_t result = 0;
 
   int warp() const { return number / 32; }
   int lane() const { return number % 32; }
 };
 
-/// The grid that runs now. Kernels do not launch kernels.
+/// The running grid. There is at most one, because kernels do not launch kernels.
 struct Grid {
   const std::function<void()>* kernel = nullptr;
   std::vector<Thread> threads;
-  std::vector<int> order;  ///< in which the block's threads run between two waits
+  std::vector<int> order;  ///< order in which the block's threads run between two waits
   std::size_t started = 0;
   Thread* current = nullptr;
   std::exception_ptr failure;
-  std::uint64_t first_epoch = 0;        ///< of the grid
-  std::uint64_t first_block_epoch = 0;  ///< of the block
-  std::uint64_t block_epoch = 0;        ///< counts barriers, over all blocks and grids
+  std::uint64_t first_epoch = 0;        ///< first epoch of the grid
+  std::uint64_t first_block_epoch = 0;  ///< first epoch of the block
+  std::uint64_t block_epoch = 0;        ///< current epoch: incremented per block and per barrier, over all grids
   std::vector<std::uint64_t> warp_epochs = std::vector<std::uint64_t>(kMaxThreads / 32);
 
   void choose(Thread& thread) {
@@ -77,8 +77,8 @@ void shuffle_order(std::vector<T>& order, std::uint64_t& state) {
   for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[next_random(state) % i]);
 }
 
-/// What a fiber does: it runs threads that have not run yet, until one waits (then another fiber takes over) or none
-/// is left. A kernel that never waits needs one fiber.
+/// Body of a fiber: runs threads that have not started yet, until one waits (then another fiber takes over) or none is
+/// left. A kernel that never waits needs only one fiber.
 void run_threads(Fiber* self) {
   for (;;) {
     while (!grid.failure && grid.started < grid.order.size()) {
@@ -131,7 +131,7 @@ Thread* thread_at(int warp, int lane) {
   return number < grid.threads.size() ? &grid.threads[number] : nullptr;
 }
 
-/// Completes the call that a thread waits in, if all lanes of its mask are in it.
+/// Completes the call that a thread waits in, if all lanes of its mask have arrived. @return whether it was completed
 bool complete_warp_call(const Thread& caller) {
   const int warp = caller.warp();
   Thread* lanes[32] = {};
@@ -195,7 +195,7 @@ bool complete_warp_call(const Thread& caller) {
       lane->result = shared;
     }
   }
-  // Of these functions only this one orders what the lanes wrote to memory.
+  // Of the warp functions only __syncwarp orders memory accesses of the lanes.
   const bool whole = caller.mask == 0xffffffffu || static_cast<std::size_t>(std::popcount(caller.mask)) ==
                                                        grid.threads.size() - static_cast<std::size_t>(32 * warp);
   if (caller.function == WarpFunction::sync && whole) ++grid.warp_epochs[static_cast<std::size_t>(warp)];
@@ -205,7 +205,7 @@ bool complete_warp_call(const Thread& caller) {
   return true;
 }
 
-/// Lets threads go on that wait for nothing any more. Where there are none, it is a fault.
+/// Makes threads ready whose warp function is complete, else all threads if they are at one barrier, else faults.
 void complete_waits() {
   bool any = false;
   for (Thread& thread : grid.threads) {
@@ -282,7 +282,7 @@ std::uint64_t wait(Thread::State state) {
   return thread.result;
 }
 
-/// Of the thread that runs now.
+/// Block and thread indices of the running thread, for messages.
 std::string place() {
   const uint3 at = grid.current->index;
   char text[160];
@@ -432,7 +432,7 @@ void run(dim3 blocks, dim3 threads, const std::function<void()>& kernel) {
       run_block();
     }
   } catch (...) {
-    // Threads that still wait never go on: their stacks go.
+    // Threads that still wait are never resumed, so discard their stacks.
     idle_fibers.clear();
     all_fibers.clear();
     grid.current = nullptr;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Which thread of a kernel runs now, and when: what tells accesses apart that come one after the other from
-/// those that may meet. For the emulator's own files.
+/// @file Which thread of a kernel is running, and its logical time, by which ordered accesses are distinguished from
+/// concurrent ones. Internal to the emulator.
 #pragma once
 
 #include <cstdint>
@@ -8,23 +8,23 @@
 
 namespace cuda_on_cpu {
 
-/// Epochs count on over all grids and blocks, and one more at each barrier of a block: what is below `block` was
-/// another block's, what is below `grid` another grid's.
+/// Logical time of a thread. Epochs increase over all grids and blocks and at each barrier of a block: an epoch below
+/// `block` belongs to another block, one below `grid` to an earlier grid.
 struct Moment {
-  std::uint64_t grid;   ///< the grid's first epoch
-  std::uint64_t block;  ///< the block's
+  std::uint64_t grid;   ///< first epoch of the grid
+  std::uint64_t block;  ///< first epoch of the block
   std::uint64_t now;
-  std::uint64_t warp_now;  ///< counts on at each __syncwarp of all lanes
-  int thread;              ///< in the block
+  std::uint64_t warp_now;  ///< incremented at each __syncwarp of all lanes
+  int thread;              ///< index in the block
 };
 
 bool is_in_kernel();
-/// Of a thread of a kernel; there must be one.
+/// Time of the running thread. Requires is_in_kernel().
 Moment moment();
-/// Ends the kernel with a Fault. In a kernel it does not return; the stack of the thread is left as it is, so it may be
-/// called from where an exception must not pass. In other work of a stream it returns: that ends with the fault.
+/// Ends the running work with a Fault. In a kernel it does not return and does not unwind the thread's stack, so it may
+/// be called where exceptions must not propagate. In other work of a stream it returns; the work ends with the fault.
 void end_with_fault(const std::string& what);
-/// Throws the fault that other work than a kernel ended with.
+/// Throws the fault of work other than a kernel, if there is one.
 void throw_fault_of_work();
 
 }  // namespace cuda_on_cpu

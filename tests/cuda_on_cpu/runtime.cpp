@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Devices and their memory, which is the host's, but which nobody but kernels and copies can touch.
+// Devices and their memory: host memory that is accessible only while kernels and copies run.
 #include <sys/mman.h>
 
 #include <cstdlib>
@@ -17,7 +17,7 @@ std::map<void*, std::size_t> allocations;
 std::map<const void*, std::size_t> pinned;
 thread_local int current_device = 0;
 
-/// Addresses that the device's memory is in, page by page.
+/// The address range of device memory, allocated in whole pages.
 class Arena {
  public:
   static constexpr std::size_t kPage = 4096;
@@ -29,7 +29,7 @@ class Arena {
     free_[0] = kReserved;
     cuda_on_cpu::watch(begin_, kReserved);
   }
-  /// The first free stretch that is large enough; null: there is none.
+  /// Takes the first free range that is large enough; null if there is none.
   void* take(std::size_t bytes) {
     const std::size_t wanted = rounded(std::max<std::size_t>(bytes, 1));
     for (const auto& [offset, size] : free_) {
@@ -68,7 +68,7 @@ class Arena {
   }
 
  private:
-  static constexpr std::size_t kReserved = std::size_t{8} << 30;  // of addresses, not of memory
+  static constexpr std::size_t kReserved = std::size_t{8} << 30;  // address space, not memory
   static std::size_t rounded(std::size_t bytes) { return (bytes + kPage - 1) / kPage * kPage; }
   void protect(int access) const {
     if (used_ > 0) static_cast<void>(mprotect(begin_, used_, access));
@@ -76,12 +76,12 @@ class Arena {
 
   std::byte* begin_ = nullptr;
   std::map<std::size_t, std::size_t> free_;  ///< offset → size
-  std::size_t used_ = 0;                     ///< no page beyond it was ever taken
+  std::size_t used_ = 0;                     ///< end of the highest range ever taken
   int open_ = 0;
 };
 
 Arena& arena() {
-  static Arena& whole = *new Arena;  // arrays of other static objects may outlive it otherwise
+  static Arena& whole = *new Arena;  // never destroyed: static objects may hold arrays in it
   return whole;
 }
 
@@ -154,7 +154,7 @@ cudaError_t cudaMalloc(void** memory, std::size_t bytes) {
   *memory = arena().take(bytes);
   if (*memory == nullptr) return cudaErrorMemoryAllocation;
   const cuda_on_cpu::DeviceAccess access;
-  std::memset(*memory, 0xff, bytes);  // floats that are not numbers: who reads what nobody wrote shows
+  std::memset(*memory, 0xff, bytes);  // NaN as floats, so that reads of unwritten memory are noticed
   cuda_on_cpu::forget(*memory, bytes);
   allocations[*memory] = bytes;
   in_use += bytes;
@@ -165,7 +165,7 @@ cudaError_t cudaFree(void* memory) {
   const auto found = allocations.find(memory);
   if (found == allocations.end()) return memory == nullptr ? cudaSuccess : cudaErrorInvalidValue;
   cuda_on_cpu::finish_everything();
-  cuda_on_cpu::forget(memory, found->second);  // who still reads it shows
+  cuda_on_cpu::forget(memory, found->second);  // so that later reads are noticed
   in_use -= found->second;
   arena().give_back(memory, found->second);
   allocations.erase(found);
@@ -181,7 +181,7 @@ cudaError_t cudaMemGetInfo(std::size_t* free, std::size_t* total) {
 cudaError_t cudaMallocHost(void** memory, std::size_t bytes) {
   *memory = std::malloc(bytes);
   if (*memory == nullptr) return cudaErrorMemoryAllocation;
-  std::memset(*memory, 0xff, bytes);  // who reads what has not arrived yet shows
+  std::memset(*memory, 0xff, bytes);  // so that reads before a copy has arrived are noticed
   pinned[*memory] = bytes;
   return cudaSuccess;
 }

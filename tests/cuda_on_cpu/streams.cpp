@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Streams and events. Work waits in its stream until the host waits for it, or until more than the allowed lag waits.
+// Streams and events. Work stays queued until the host waits for it, or until the queue exceeds the allowed lag.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -16,7 +16,7 @@ struct CudaOnCpuStream {};
 
 namespace {
 
-/// How far the streams are, as far as one stream (or event) knows: pieces of work of each that come before its own.
+/// For each stream the number of its operations that are ordered before the next one of this stream (or event).
 using Progress = std::map<cudaStream_t, std::uint64_t>;
 
 struct Stream {
@@ -24,7 +24,7 @@ struct Stream {
   Progress progress;
 };
 
-/// Where an event stands in a stream.
+/// Position of an event in a stream.
 struct Mark {
   cudaStream_t stream;
   Progress progress;
@@ -34,11 +34,11 @@ struct Mark {
 
 std::map<cudaStream_t, Stream>& streams() {
   static auto& all =
-      *new std::map<cudaStream_t, Stream>;  // static objects may give memory back later than this would go
+      *new std::map<cudaStream_t, Stream>;  // never destroyed, because static objects may free memory after that
   return all;
 }
 
-/// The most pieces that wait in a stream.
+/// Maximum number of operations that wait in a stream.
 std::size_t& lag() {
   static std::size_t pieces = [] {
     const char* const blocking = std::getenv("CUDA_LAUNCH_BLOCKING");
@@ -47,7 +47,7 @@ std::size_t& lag() {
   return pieces;
 }
 
-/// A fault of work that was done in a call that must not throw; the next one that may, throws it.
+/// A fault of work that was executed in a call that must not throw; the next call that may throw rethrows it.
 struct Failure {
   std::exception_ptr fault;
   ~Failure() {
@@ -67,14 +67,14 @@ void do_next(Stream& stream) {
     work();
     cuda_on_cpu::throw_fault_of_work();
   } catch (...) {
-    for (auto& [handle, other] : streams()) other.work.clear();  // a device does nothing more after a fault
+    for (auto& [handle, other] : streams()) other.work.clear();  // a device executes nothing more after a fault
     throw;
   }
 }
 
 void do_all_but(std::size_t pieces, Stream& stream) {
   if (stream.work.size() <= pieces) return;
-  const cuda_on_cpu::DeviceAccess access;  // once, rather than piece by piece
+  const cuda_on_cpu::DeviceAccess access;  // once, rather than per operation
   while (stream.work.size() > pieces) do_next(stream);
 }
 
@@ -86,7 +86,7 @@ void append(Stream& stream, std::function<void()> work) {
   do_all_but(lag(), stream);
 }
 
-/// In a call that destructors make: a fault waits for the next one that may throw.
+/// For calls made by destructors: keeps a fault for the next call that may throw.
 template <class Call>
 void quietly(const Call& call) noexcept {
   try {
@@ -153,10 +153,10 @@ cudaError_t cudaStreamSynchronize(cudaStream_t stream) {
 
 cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind, cudaStream_t stream) {
   const bool from_pageable = kind == cudaMemcpyHostToDevice && cuda_on_cpu::is_pageable(from);
-  std::shared_ptr<std::byte[]> staged;  // what is not pinned is read before the call returns
+  std::shared_ptr<std::byte[]> staged;  // pageable memory is read before the call returns
   if (from_pageable) {
     staged.reset(new std::byte[bytes]);
-    const cuda_on_cpu::DeviceAccess access;  // callers' tests play with memory of the host
+    const cuda_on_cpu::DeviceAccess access;  // `from` may be device memory in tests of callers' kernels
     std::memcpy(staged.get(), from, bytes);
   }
   cuda_on_cpu::give_work(stream, [=] {
@@ -165,7 +165,7 @@ cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaM
     std::memmove(to, staged ? staged.get() : from, bytes);
     cuda_on_cpu::note_written(to, bytes);
   });
-  // … and what is not pinned is written before it returns.
+  // Pageable memory is also written before the call returns.
   if (kind == cudaMemcpyDeviceToHost && cuda_on_cpu::is_pageable(to)) return cudaStreamSynchronize(stream);
   return cudaSuccess;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backbones of anchors that train on a CUDA device: against the same run on the CPU, with and without acceleration;
-// that they never wait in the steady loop; checkpoints and models across devices; growth where memory is short.
+// Training backbones of anchors on a CUDA device: against the same run on the CPU, with and without acceleration; no
+// waits in the steady loop; checkpoints and models across devices; growth with too little memory.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -18,7 +18,7 @@ namespace {
 constexpr int kIterations = 32;
 constexpr std::size_t kSlots = 3, kFeatures = 8;
 
-/// Settings under which a run of kIterations grows at 12, 18 …
+/// Settings with which a run of kIterations grows at 12, 18 …
 template <class Config>
 Config eager() {
   Config config;
@@ -107,26 +107,26 @@ TEST_P(CudaAnchorTraining, GoesOnFromACheckpointOnEitherDevice) { expect_resume_
 
 TEST_P(CudaAnchorTraining, ModelsAndPicturesAreThoseOfTheCpu) { expect_models_and_pictures_of_the_cpu(14); }
 
-/// Views see a part of the anchors, so that rows follow the views once 64 of these are known.
+/// Each view sees some of the anchors, so that the number of rows is set from the views once 64 of these are known.
 class CudaAnchorTrainingOfParts : public CudaAnchorTraining {
  protected:
   static constexpr int kKnown = 77, kLast = 90;
   CudaAnchorTrainingOfParts() {
     iterations_ = 320;  // the finest level of the octree opens at 80
     most_primitives_ = 5000;
-    for (std::size_t i = 0; i < 1300; ++i) {  // some of them far around all cameras, most between these
+    for (std::size_t i = 0; i < 1300; ++i) {  // some far away around all cameras, most between them
       const std::vector<float> at = numbers(3, -1, 1, 1000 + i);
       const float length = std::sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
       for (const float x : at) scene_.points.positions.push_back(i < 400 ? 12 * x / length : 1.3f * x);
       for (int c = 0; c < 3; ++c) scene_.points.colors.push_back(static_cast<std::uint8_t>(40 * (i % 6)));
     }
   }
-  /// A run that has rows for parts from kKnown on, up to `last`.
+  /// A run up to iteration `last` that allocates rows for some of the anchors from kKnown on.
   std::unique_ptr<Backbone> trained(Device device, int last) {
     std::unique_ptr<Backbone> backbone = make(device);
     backbone->set_hooks(&hook_, nullptr);
     testing::train(*backbone, scene_, 1, kKnown);
-    backbone->wait();  // all numbers have come back
+    backbone->wait();  // all counts have arrived on the host
     testing::train(*backbone, scene_, kKnown + 1, last);
     return backbone;
   }
@@ -145,7 +145,7 @@ TEST_P(CudaAnchorTrainingOfParts, IsThatOfTheCpu) {
 }
 
 TEST_P(CudaAnchorTrainingOfParts, NeverWaits) {
-  const std::unique_ptr<Backbone> backbone = trained(stream(), kKnown + 5);  // a level that opens may take more room
+  const std::unique_ptr<Backbone> backbone = trained(stream(), kKnown + 5);  // a level that opens may need more memory
   backbone->wait();
   testing::train(*backbone, scene_, kKnown + 6, kKnown + 8);
   const CudaActivity before = stream().activity();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a GPU makes of the anchors of a view, against the CPU: products of matrices, Gaussians, gradients of all that
-// they are made from, the loss of volumes, statistics, levels of detail.
+// Decoding the anchors of a view on a GPU, against the CPU: matrix products, Gaussians, gradients of all inputs, the
+// volume loss, statistics, levels of detail.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -26,9 +26,9 @@ using testing::Model;
 using testing::Options;
 
 constexpr std::size_t kAnchors = 700;
-constexpr float kBefore = 0.5f;  // gradients are added to what is there
+constexpr float kBefore = 0.5f;  // gradients accumulate on this
 
-/// All that a view hands out, by slot, so that both devices can be compared whatever their order and gaps.
+/// All outputs of a view by slot, so that both devices can be compared whatever their order and gaps.
 using BySlot = std::map<std::uint32_t, std::vector<float>>;
 
 struct Outcome {
@@ -56,7 +56,7 @@ class CudaAnchorView : public OnCuda<::testing::TestWithParam<Options>> {
     AnchorView view(shape, device);
     const Camera camera = testing::camera_looking_at_origin({0.4f, -0.6f, 1.2f}, 64, 48);
     Outcome found;
-    // Twice: the second must not see what the first left behind.
+    // Two calls: the second must not depend on the first.
     view.decode(testing::camera_looking_at_origin({-3, 0, 1}, 64, 48), inputs, {}, false);
     const ViewGaussians& g = view.decode(camera, inputs, usable_there, false);
     const std::vector<std::uint32_t> slots = copy_to_host(g.slots, device);
@@ -71,7 +71,7 @@ class CudaAnchorView : public OnCuda<::testing::TestWithParam<Options>> {
     }
     std::erase(found.anchors, kNothing);
 
-    // Gradients by slot, so that both devices are given the same.
+    // Gradients depend on the slot, so that both devices are given the same.
     std::vector<float> by_means(3 * g.count), by_scales(3 * g.count), by_turns(4 * g.count), by_colors(3 * g.count),
         by_opacities(g.count);
     for (std::size_t i = 0; i < g.count; ++i) {
@@ -122,7 +122,7 @@ void expect_near(const std::vector<float>& found, const std::vector<float>& expe
 
 TEST_P(CudaAnchorView, IsThatOfTheCpu) {
   Model<float> model(GetParam().shape, kAnchors);
-  for (float& value : model.positions) value *= 3;  // around the camera, so that some are behind it
+  for (float& value : model.positions) value *= 3;  // all around the camera, so that some are behind it
   std::vector<std::uint8_t> usable(kAnchors, 1);
   for (std::size_t i = 0; i < kAnchors; i += 7) usable[i] = 0;
   const Outcome expected = outcome(model, usable, threads_), found = outcome(model, usable, stream());
@@ -169,7 +169,7 @@ using CudaAnchors = OnCuda<>;
 TEST_F(CudaAnchors, RowsFollowTheViews) {
   constexpr std::size_t kMany = 3000;
   Model<float> model(testing::all_options().front().shape, kMany);
-  for (float& value : model.positions) value *= 3;  // most are behind the camera or beside its view
+  for (float& value : model.positions) value *= 3;  // most are behind the camera or outside of the image
   const auto there = [&](const std::vector<float>& values) { return Array<float>(stream(), values); };
   const Array<float> positions = there(model.positions), offsets = there(model.offsets),
                      features = there(model.features), scales = there(model.scales), levels = there(model.levels),
@@ -178,11 +178,11 @@ TEST_F(CudaAnchors, RowsFollowTheViews) {
   const DecoderInputs<float> inputs{positions, offsets,    features, scales, {},
                                     opacity,   covariance, color,    bank,   embedding};
   AnchorView view(model.shape, stream());
-  /// Anchors in view, and the rows that there were for them.
+  /// Anchors in view, and the number of rows allocated for them.
   const auto listed = [&](const Camera& camera, bool ahead) {
     const ViewGaussians& g = view.decode(camera, inputs, {}, ahead);
     EXPECT_EQ(g.count, g.anchors.size() * model.shape.offsets);
-    std::vector<std::uint32_t> anchors = copy_to_host(g.anchors, stream());  // waits, so that the number arrives
+    std::vector<std::uint32_t> anchors = copy_to_host(g.anchors, stream());  // waits: the number has arrived
     const std::size_t rows = anchors.size();
     std::erase(anchors, kNothing);
     return std::pair(anchors, rows);
@@ -196,12 +196,12 @@ TEST_F(CudaAnchors, RowsFollowTheViews) {
   view.forget_views();
   int with_all = 0;
   while (listed(few, true).second == kMany && with_all < 100) ++with_all;
-  EXPECT_NEAR(with_all, 64, 1);  // the number of a view may be there before its rows are chosen
+  EXPECT_NEAR(with_all, 64, 1);  // the number of a view may arrive before the next one's rows are allocated
   const auto [anchors, rows] = listed(few, true);
   EXPECT_EQ(anchors, in_few);
   EXPECT_LT(rows, kMany / 2);
-  // A view that has more in it goes without the last of them, unless the number arrives at once; it is known before the
-  // next.
+  // A view with more anchors than rows drops the last of them, unless their number arrives at once. The number is known
+  // before the next view.
   const auto [cut, room] = listed(many, true);
   EXPECT_TRUE(room == rows || cut == in_many);
   EXPECT_EQ(
@@ -209,7 +209,7 @@ TEST_F(CudaAnchors, RowsFollowTheViews) {
   EXPECT_EQ(listed(many, true).first, in_many);
   view.forget_views();
   EXPECT_EQ(listed(few, true).second, kMany);
-  // Who waits gets them all, whatever was before.
+  // A call that waits gets all anchors, whatever the views before.
   view.forget_views();
   const auto [exactly, enough] = listed(few, false);
   EXPECT_EQ(exactly, in_few);
@@ -236,7 +236,7 @@ TEST_F(CudaAnchors, StatisticsAreThoseOfTheCpu) {
       }
       std::vector<float> opacities = numbers(kSlots * anchors.size(), -1, 1, view);
       std::vector<float> gradients = numbers(2 * slots.size(), -1, 1, 10 + view);
-      if (device.is_cuda()) {  // as a view leaves them there
+      if (device.is_cuda()) {  // padding, as a view on a GPU has it
         anchors.push_back(kNothing);
         opacities.insert(opacities.end(), kSlots, 1e9f);
         slots.push_back(kNothing);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Deformable-3DGS on a CUDA device: its field against the CPU's, and whole runs.
+// Deformable-3DGS on a CUDA device: its deformation field against the CPU's, and whole runs.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ class CudaDeformation : public OnCuda<::testing::TestWithParam<DeformationShape>
     return values;
   }
 
-  /// What a field moves, then all gradients.
+  /// The deformed parameters, then all gradients.
   static std::vector<std::vector<float>> outcome(const DeformationShape& shape, Device device) {
     constexpr std::size_t kCount = 300;
     const std::vector<float> start = initial_deformation(shape, RandomStream(1, 0, RandomPurpose::net_parameters));
@@ -35,10 +35,10 @@ class CudaDeformation : public OnCuda<::testing::TestWithParam<DeformationShape>
         by_scales(device, random_values(3 * kCount, 6, 1)), by_rotations(device, random_values(4 * kCount, 7, 1));
     std::vector<Array<float>> out;
     const std::size_t sizes[] = {3 * kCount, 3 * kCount, 4 * kCount, 3 * kCount, 3 * kCount, 4 * kCount, start.size()};
-    for (const std::size_t size : sizes) out.emplace_back(device, std::vector<float>(size, 0.5f));  // are added to
+    for (const std::size_t size : sizes) out.emplace_back(device, std::vector<float>(size, 0.5f));  // accumulate
     DeformationField field(shape, device);
     const GaussianPlaces<const float> at{means, scales, rotations};
-    field.forward(p, at, 0.9f, {out[0], out[1], out[2]}, false);  // the next must not see what this left behind
+    field.forward(p, at, 0.9f, {out[0], out[1], out[2]}, false);  // must not affect the next call
     field.forward(p, at, 0.3f, {out[0], out[1], out[2]}, true);
     field.backward(p, at, {by_means, by_scales, by_rotations}, {out[3], out[4], out[5]}, out[6]);
     std::vector<std::vector<float>> found;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Methods of explicit Gaussians that use what the interface offers (support/toy_methods.h), on a CUDA device.
+// Toy methods of explicit Gaussians that use all of the interface (support/toy_methods.h), on a CUDA device.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -20,7 +20,7 @@ Method toy(const char* name) {
           nullptr};
 }
 
-/// Its loss reads two views.
+/// A method whose loss reads two views.
 Method own_loss() {
   return {"own_loss",
           [](const BackboneContext& c) {

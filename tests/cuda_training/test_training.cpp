@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backbones of explicit Gaussians that train on a CUDA device: against the same run on the CPU, with and without
-// acceleration; that they never wait in the steady loop; checkpoints across devices; what happens when memory is short.
+// Training backbones of explicit Gaussians on a CUDA device: against the same run on the CPU, with and without
+// acceleration; no waits in the steady loop; checkpoints across devices; growth with too little memory.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -26,7 +26,7 @@ using testing::exported;
 
 constexpr int kIterations = 60;
 
-/// Settings under which a run of kIterations grows from iteration 4 on, and resets opacities at iteration 20.
+/// Settings with which a run of kIterations grows from iteration 4 on, and resets opacities at iteration 20.
 template <class Config>
 Config eager() {
   Config config;
@@ -39,7 +39,7 @@ Config eager() {
 /// Growths at 10 and 20, prunings by scores late in the run.
 VanillaBoost eager_boost() {
   VanillaBoost boost;
-  boost.late_min_opacity = 0.005;  // a run this short does not recover from the reset
+  boost.late_min_opacity = 0.005;  // opacities do not recover from the reset in so short a run
   boost.densify_interval = 10;
   boost.views = 2;
   boost.seed = 3;
@@ -68,7 +68,7 @@ class CudaTraining : public TrainingOnCuda {
   CudaTraining() : TrainingOnCuda(kIterations) {}
 };
 
-/// Both hold the same Gaussians, in whatever order: each has a twin.
+/// Both clouds have the same Gaussians, in any order.
 void expect_same_set(const SplatCloud& found, const SplatCloud& expected) {
   ASSERT_EQ(found.size(), expected.size());
   const auto distance = [&](std::size_t i, std::size_t j) {
@@ -109,7 +109,7 @@ TEST_P(CudaTraining, AcceleratedIsThatOfTheCpu) {
 
 TEST_P(CudaTraining, AStartOnHalfViewsIsThatOfTheCpu) { expect_coarse_start_of_the_cpu(3); }
 
-// Mip-Splatting renews its filter within these.
+// Mip-Splatting updates its 3D filter within these iterations.
 TEST_P(CudaTraining, NeverWaitsBetweenGrowths) { expect_no_wait_between_growths(19); }
 
 // The next growth comes after iteration 28.
@@ -140,7 +140,7 @@ TEST_P(CudaTraining, SavesTheModelWhereMemoryIsShort) {
     message = error.what();
   }
   cuda_on_cpu::set_device_memory(kPlenty);
-  EXPECT_NE(message.find("bytes wanted"), std::string::npos) << message;
+  EXPECT_NE(message.find("bytes requested"), std::string::npos) << message;
   EXPECT_NE(message.find("--max-primitives"), std::string::npos) << message;
   const auto from = message.find((folder / "point_cloud").string());
   ASSERT_NE(from, std::string::npos) << message;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What every backbone that trains on a GPU is held to: runs of a few iterations against the CPU's, a steady loop
-/// without waits, checkpoints and models across devices, growth where memory is short.
+/// @file Requirements on every backbone that trains on a GPU: short runs agree with the CPU's, a steady loop without
+/// waits, checkpoints and models across devices, growth with too little memory.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -29,14 +29,14 @@
 
 namespace splatboost::test {
 
-/// What a run showed of itself. The loss that a step returns is of an earlier one on a GPU, so what is compared is a
-/// picture after each step.
+/// Observations of a run. On a GPU the loss returned by a step is that of an earlier one, so runs are compared by an
+/// image after each step.
 struct Trace {
-  std::vector<double> errors;  ///< mean absolute difference of a test view
+  std::vector<double> errors;  ///< mean absolute error of a test view
   std::vector<std::size_t> primitives;
 };
 
-/// @param coarse so many of the first iterations see the scene's halves
+/// @param coarse number of first iterations that train on views of half the size
 inline Trace run_of(Backbone& backbone, const Scene& scene, int first, int last, int coarse = 0) {
   Trace trace;
   for (int i = first; i <= last; ++i) {
@@ -52,8 +52,8 @@ inline Trace run_of(Backbone& backbone, const Scene& scene, int first, int last,
   return trace;
 }
 
-/// Rounding alone makes runs part after their first growth: Gaussians near each other may change places in memory, and
-/// with them the random numbers of the splits to come. @param alike iterations in which they have not
+/// Runs diverge by rounding alone after their first growth: nearby Gaussians may change places in memory, and with them
+/// the random numbers of later splits. @param alike number of first iterations that must agree closely
 inline void expect_same_run(const Trace& found, const Trace& expected, std::size_t alike) {
   ASSERT_EQ(found.errors.size(), expected.errors.size());
   for (std::size_t i = 0; i < expected.errors.size(); ++i) {
@@ -64,7 +64,7 @@ inline void expect_same_run(const Trace& found, const Trace& expected, std::size
   }
 }
 
-/// For the steady loop: no growth, but all statistics.
+/// For the steady loop: never grows, but gathers all statistics.
 class NeverGrows : public DensityHook {
   bool needs_absolute_gradients() const override { return true; }
   bool grows_at(Moment, bool) const override { return false; }
@@ -72,16 +72,16 @@ class NeverGrows : public DensityHook {
   void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions&) override {}
 };
 
-/// A backbone, and how it is accelerated.
+/// A backbone, and its accelerating adapter.
 struct Method {
   std::string name;
   std::function<std::unique_ptr<Backbone>(const BackboneContext&)> make;
-  /// Plugs an adapter in. @return it, which must outlive the run
+  /// Installs an adapter. @return the adapter, which must outlive the run
   std::function<std::shared_ptr<void>(Backbone&, Device)> accelerate;
   friend std::ostream& operator<<(std::ostream& out, const Method& method) { return out << method.name; }
 };
 
-/// Plugs adapters of this type in.
+/// Installs adapters of this type.
 template <class Adapter, class Boost>
 std::function<std::shared_ptr<void>(Backbone&, Device)> accelerated_by(const Boost& boost) {
   return [boost](Backbone& backbone, Device device) {
@@ -98,7 +98,7 @@ std::function<std::shared_ptr<void>(Backbone&, Device)> accelerated_by(const Boo
 
 class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
  protected:
-  /// @param iterations of whole runs
+  /// @param iterations number of iterations of a whole run
   explicit TrainingOnCuda(int iterations) : iterations_(iterations) {}
 
   std::unique_ptr<Backbone> make(Device device) {
@@ -107,14 +107,14 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
     return GetParam().make(context);
   }
   Trace run(Backbone& backbone, int first, int last) { return run_of(backbone, scene_, first, last); }
-  /// A whole run that is accelerated, or as published.
+  /// A whole run, accelerated or as published.
   Trace whole_run(Device device, bool boosted) {
     const std::unique_ptr<Backbone> backbone = make(device);
     const std::shared_ptr<void> adapter = boosted ? GetParam().accelerate(*backbone, device) : nullptr;
     return run(*backbone, 1, iterations_);
   }
 
-  /// @param last before the first growth, so that the runs stay alike
+  /// @param last an iteration before the first growth, so that the runs do not diverge
   void expect_coarse_start_of_the_cpu(int last) {
     for (const View& view : scene_.train) scene_.train_halves.push_back(smaller_view(view, 2));
     const std::unique_ptr<Backbone> there = make(stream()), here = make(threads_), whole = make(threads_);
@@ -124,13 +124,13 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
     EXPECT_NE(run_of(*whole, scene_, 1, last).errors, expected.errors);
   }
 
-  /// Of the iterations 11 to `last`, after a warm-up.
+  /// Checks iterations 11 to `last`, after a warm-up.
   void expect_no_wait_between_growths(int last) {
     NeverGrows hook;
     const std::unique_ptr<Backbone> backbone = make(stream());
     backbone->set_hooks(&hook, nullptr);
     testing::train(*backbone, scene_, 1, 10);
-    backbone->wait();  // all numbers have come back
+    backbone->wait();  // all counts have arrived on the host
     testing::train(*backbone, scene_, 8, 10);
     const CudaActivity before = stream().activity();
     testing::train(*backbone, scene_, 11, last);
@@ -143,7 +143,7 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
     }
   }
 
-  /// @param alike iterations after the cut without a growth
+  /// @param alike number of iterations without growth after the interruption
   void expect_resume_on_either_device(int cut, int last, std::size_t alike) {
     const TemporaryFolder folder;
     const std::unique_ptr<Backbone> first = make(stream());
@@ -182,7 +182,7 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
 #ifdef SPLATBOOST_CUDA_ON_CPU
   static constexpr std::size_t kPlenty = std::size_t{4} << 30;
 
-  /// @param growth the first iteration that grows @param budgets bytes that are free then
+  /// @param growth the first iteration that grows @param budgets free bytes at that iteration
   void expect_whole_model_without_memory(int growth, std::initializer_list<unsigned> budgets) {
     int failed = 0;
     for (const std::size_t more : budgets) {

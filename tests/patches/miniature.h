@@ -84,13 +84,13 @@ inline const std::string kPatchedTrain =
     "        boost.optimizer.zero_grad()\n";
 inline const std::string kPatchedModel = kModel + "\n        hooks.count(self)";
 
-/// What the recipe of a host in C++ brings along.
+/// The file that a recipe for a host in C++ adds.
 inline const std::string kBrought = "// ours\n";
 inline const std::string kRecipeThatBrings =
     kRecipe.substr(0, kRecipe.rfind('}')) +
     R"json(, "files": [{"file": "boost/boost.h", "source": "boost.h", "why": "our part"}]})json";
 
-/// A tree beside a folder of recipes.
+/// A source tree beside a folder of recipes.
 struct Miniature {
   Miniature() {
     write_file(tree() / "train.py", kTrain);
@@ -103,14 +103,14 @@ struct Miniature {
   Recipe recipe() const { return load_recipe(folder / "recipes", "mini"); }
   std::string train() const { return read_file(tree() / "train.py"); }
   std::string model() const { return read_file(tree() / "scene/model.py"); }
-  /// Lets the recipe bring boost/boost.h.
+  /// Makes the recipe add boost/boost.h.
   void bring_a_file() const {
     write_recipe(kRecipeThatBrings);
     write_file(folder / "recipes/mini/boost.h", kBrought);
   }
   std::filesystem::path brought() const { return tree() / "boost/boost.h"; }
   bool has_manifest() const { return std::filesystem::exists(tree() / ".splatboost"); }
-  /// Nothing but the two files, as they were written.
+  /// The tree has only the two original files, unchanged.
   void expect_pristine() const {
     EXPECT_EQ(train(), kTrain);
     EXPECT_EQ(model(), kModel);
@@ -129,7 +129,7 @@ inline std::string replaced(std::string text, const std::string& what, const std
   return at == std::string::npos ? text : text.replace(at, what.size(), by);
 }
 
-/// What `action` throws as PatchError, in one line.
+/// Message of the PatchError that `action` throws, which must be one line.
 template <class Action>
 std::string error_of(Action&& action) {
   try {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Errors of the disk and power cuts at each operation of apply and revert in turn.
+/// @file Disk errors and power cuts at each operation of apply and revert in turn.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -19,14 +19,14 @@ constexpr int kCut = 9;
 
 enum class Fault {
   once,       ///< one operation fails
-  full_disk,  ///< from one on, all that need space fail
-  dead_disk,  ///< from one on, all fail
-  power_cut   ///< the process ends before one
+  full_disk,  ///< from one operation on, all that need space fail
+  dead_disk,  ///< from one operation on, all fail
+  power_cut   ///< the process ends before one operation
 };
 constexpr Fault kFaults[] = {Fault::once, Fault::full_disk, Fault::dead_disk, Fault::power_cut};
 constexpr const char* kNames[] = {"once", "full disk", "dead disk", "power cut"};
 
-/// Hundreds of trees that are synced to disk again and again: in memory where there is such a folder.
+/// The tests sync hundreds of trees to disk; they use a folder in memory where there is one.
 class Faults : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -39,7 +39,7 @@ bool needs_space(FileOperation operation) {
          operation == FileOperation::write;
 }
 
-/// Lets the n-th operation fail. @param hit is set where there were so many
+/// Makes the n-th operation fail. @param hit set to true if the fault was injected
 FileHook hook_of(Fault fault, int n, bool& hit) {
   return [fault, n, &hit, i = 0](FileOperation operation, const std::filesystem::path&) mutable {
     const int now = i++;
@@ -61,7 +61,7 @@ Outcome revert_of(const Miniature& mini, FileHook hook = {}) {
   return revert(SourceTree(mini.tree(), std::move(hook)), Writing::write);
 }
 
-/// What command(hook) said, empty where it succeeded. @return whether the fault happened
+/// Runs command(hook). @param said its error message, unchanged on success @return whether the fault was injected
 template <class Command>
 bool strike(Fault fault, int n, std::string& said, Command&& command) {
   bool hit = false;
@@ -94,7 +94,7 @@ std::size_t files_in(const std::filesystem::path& folder) {
   return files;
 }
 
-/// Of the edited files and one that is brought along.
+/// A recipe that edits files and adds one.
 struct Brings : Miniature {
   Brings() { bring_a_file(); }
 };
@@ -104,14 +104,14 @@ bool is_pristine(const Miniature& mini) {
          !std::filesystem::exists(mini.brought().parent_path());
 }
 
-/// Patched, with nothing else in the tree.
+/// Whether the tree is patched and has no other files.
 bool is_patched(const Miniature& mini) {
   const std::optional<Manifest> manifest = read_manifest(SourceTree(mini.tree()));
   return manifest && manifest->state == State::applied && mini.train() == kPatchedTrain &&
          mini.model() == kPatchedModel && read_file(mini.brought()) == kBrought && files_in(mini.tree()) == 4;
 }
 
-/// Each file as before or as after, and what is under way or left is found.
+/// Each file is as before or as after, and an incomplete operation or left-over files are detected.
 void expect_whole_and_told(const Miniature& mini) {
   EXPECT_TRUE(mini.train() == kTrain || mini.train() == kPatchedTrain);
   EXPECT_TRUE(mini.model() == kModel || mini.model() == kPatchedModel);
@@ -138,9 +138,9 @@ TEST_F(Faults, OfApplyLeaveFilesWholeAreToldAndMended) {
         ASSERT_NE(said, "");
         expect_contains(said, std::strerror(fault == Fault::full_disk ? ENOSPC : EIO));
       }
-      // Going back needs no space.
+      // Undoing needs no space.
       EXPECT_TRUE(fault != Fault::full_disk || is_pristine(mini));
-      // One error is taken back, unless it hits what is cleared up when all is done.
+      // After one error the command is undone, unless the error occurred in the cleanup after success.
       if (fault == Fault::once && !is_pristine(mini)) {
         const std::optional<Manifest> manifest = read_manifest(SourceTree(mini.tree()));
         ASSERT_TRUE(manifest.has_value());
@@ -217,7 +217,7 @@ TEST_F(Faults, InterruptedCommandsAreNotGoneOnWith) {
   EXPECT_EQ(mini.model(), kModel);
   expect_contains(error_of([&] { apply_to(mini); }), "interrupted");
   expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "splatboost patch revert");
-  // The user goes on editing meanwhile; that stays.
+  // The user's later edits stay.
   write_file(mini.tree() / "train.py", "# mine\n" + kPatchedTrain);
   revert_of(mini);
   EXPECT_EQ(mini.train(), "# mine\n" + kTrain);

@@ -149,10 +149,10 @@ TEST(Fit, SignaturesMayGrowByWhatIsOptional) {
   const auto told = [&](const std::string& parameters) { return unmet(need, "def f(" + parameters + "): pass\n"); };
   EXPECT_EQ(told("self, a, b, k"), "");
   EXPECT_EQ(told("self, a, b=1, c=2, k=3, **more"), "");
-  expect_contains(told("self, b, a, k"), "line 1: 'def f(self, b, a, k): pass': (self, *, b) wanted");
-  expect_contains(told("self, a"), "wanted");
-  expect_contains(told("self, a, b, c, k"), "nothing else without a default");
-  expect_contains(told("self, a, b"), "parameter k wanted");
+  expect_contains(told("self, b, a, k"), "line 1: 'def f(self, b, a, k): pass': expected (self, *, b)");
+  expect_contains(told("self, a"), "expected");
+  expect_contains(told("self, a, b, c, k"), "no other parameter without a default");
+  expect_contains(told("self, a, b"), "expected parameter k");
   expect_contains(unmet(need, "def g(): pass\n"), "there is no def f");
 }
 
@@ -163,9 +163,9 @@ TEST(Fit, EveryCallMustBeAsNeeded) {
   need.results = 2;
   need.keywords = {"a", "b"};
   EXPECT_EQ(unmet(need, "x, y = f(b=1)\nx, y = f(a=1, b=2)\n"), "");
-  expect_contains(unmet(need, "x, y = f(b=1)\nx, y, z = f(b=2)\n"), "line 2: 'x, y, z = f(b=2)': 2 results wanted");
+  expect_contains(unmet(need, "x, y = f(b=1)\nx, y, z = f(b=2)\n"), "line 2: 'x, y, z = f(b=2)': expected 2 results");
   expect_contains(unmet(need, "x, y = f(1)\n"), "by name");
-  expect_contains(unmet(need, "x, y = f(a=1, c=2)\n"), "no argument c wanted");
+  expect_contains(unmet(need, "x, y = f(a=1, c=2)\n"), "expected no argument c");
   expect_contains(unmet(need, "pass\n"), "there is no call of f");
 }
 
@@ -193,7 +193,7 @@ TEST(Doctor, TellsWhatHoldsAndWhatStandsWhereItDoesNot) {
   EXPECT_EQ(one.held(Sought::sign), 1);
   EXPECT_EQ(one.all(Sought::anchor), 6);
   EXPECT_EQ(one.held(Sought::anchor), 5);
-  EXPECT_GT(one.likeness(), found[1].likeness());  // it lacks radii too
+  EXPECT_GT(one.likeness(), found[1].likeness());  // the tree also lacks radii, a sign of 'two'
   for (const Finding& finding : one.findings) {
     if (finding.what == "'model.grow('") {
       EXPECT_EQ(finding.wrong, "'model.grow(' is missing; nearest is line 8: 'model.scene.grow(loss)'");
@@ -217,7 +217,7 @@ TEST(Fit, MissingAnchorsAreToldWithTheNearestPlace) {
   const Miniature mini;
   write_file(mini.tree() / "train.py", replaced(kTrain, "model.optimizer.step()", "model.net.step()"));
   const std::string line = error_of([&] { apply(mini.recipe(), SourceTree(mini.tree()), Writing::write); });
-  expect_contains(line, "train.py: 'model.optimizer.' stands on line 11, expected 2 times; a fork needs a recipe");
+  expect_contains(line, "train.py: 'model.optimizer.' is on line 11, expected 2 times; a fork needs its own recipe");
   write_file(mini.tree() / "train.py", replaced(kTrain, "model.grow(loss)", "grow(model, loss)"));
   const std::string other = error_of([&] { apply(mini.recipe(), SourceTree(mini.tree()), Writing::write); });
   expect_contains(other, "splatboost patch doctor");

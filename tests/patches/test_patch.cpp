@@ -64,7 +64,7 @@ TEST(Patch, BringsFilesAlongAndTakesThemAway) {
   EXPECT_EQ(read_file(mini.brought()), kBrought);
   EXPECT_TRUE(apply_to(mini).nothing_to_do);
   expect_contains(verify(SourceTree(mini.tree())).diff, "+// ours\n");
-  // A file of the user's in its folder stays.
+  // A user's file in the added folder stays.
   write_file(mini.tree() / "boost/mine.h", "mine");
   revert_of(mini);
   EXPECT_FALSE(fs::exists(mini.brought()));
@@ -77,18 +77,18 @@ TEST(Patch, FilesThatAreBroughtAreNotOverwritten) {
   const Miniature mini;
   mini.bring_a_file();
   write_file(mini.brought(), "mine");
-  expect_contains(error_of([&] { apply_to(mini); }), "boost/boost.h: is there already");
+  expect_contains(error_of([&] { apply_to(mini); }), "boost/boost.h: exists already");
   EXPECT_EQ(mini.train(), kTrain);
   fs::remove_all(mini.tree() / "boost");
   apply_to(mini);
   write_file(mini.brought(), "changed");
   EXPECT_EQ(verify(SourceTree(mini.tree())).edited_by_user, std::vector<std::string>{"boost/boost.h"});
-  expect_contains(error_of([&] { revert_of(mini); }), "boost/boost.h: is the patch's file, with changes");
+  expect_contains(error_of([&] { revert_of(mini); }), "boost/boost.h: belongs to the patch and was changed");
   expect_patched(mini);
-  // Another text of it is another version of the recipe.
+  // A different content of the added file is a different version of the recipe.
   write_file(mini.folder / "recipes/mini/boost.h", "// newer\n");
   expect_contains(error_of([&] { apply_to(mini); }), "another version of mini");
-  // A file that is gone needs no taking away.
+  // An added file that the user has deleted is no error.
   fs::remove(mini.brought());
   revert_of(mini);
   mini.expect_pristine();
@@ -100,7 +100,7 @@ TEST(Patch, EditsElsewhereStay) {
   write_file(mini.tree() / "train.py", mine);
   apply_to(mini);
   EXPECT_EQ(mini.train(), replaced(kPatchedTrain, "loss = model.loss()", "loss = 2 * model.loss()"));
-  // And more of them after it.
+  // Further edits after the patch.
   write_file(mini.tree() / "train.py", "# mine\n" + mini.train() + "print('end')\n");
   EXPECT_EQ(verify(SourceTree(mini.tree())).edited_by_user, std::vector<std::string>{"train.py"});
   EXPECT_TRUE(apply_to(mini).nothing_to_do);
@@ -122,7 +122,8 @@ TEST(Patch, ChangedSnippetsStopARevertOfAll) {
   const Miniature mini;
   apply_to(mini);
   write_file(mini.tree() / "scene/model.py", replaced(kPatchedModel, "hooks.count(self)", "hooks.count(self, 2)"));
-  expect_contains(error_of([&] { revert_of(mini); }), "scene/model.py: the patch's 'hooks.count(self)' is gone");
+  expect_contains(error_of([&] { revert_of(mini); }),
+                  "scene/model.py: the patch's 'hooks.count(self)' was removed or changed");
   expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "scene/model.py");
   EXPECT_EQ(mini.train(), kPatchedTrain);
 }
@@ -131,7 +132,8 @@ TEST(Patch, RestoredFilesAreToldAndRevertGoesOn) {
   const Miniature mini;
   apply_to(mini);
   write_file(mini.tree() / "train.py", kTrain);
-  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), "train.py: is as it was before");
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }),
+                  "train.py: is the same as before the patch");
   revert_of(mini);
   mini.expect_pristine();
 }
@@ -225,7 +227,7 @@ TEST(Patch, LinksOutOfTheTreeAreNotFollowed) {
     EXPECT_TRUE(fs::is_empty(mini.folder / "outside"));
   }
   {
-    // A folder whose name begins as the tree's is outside too.
+    // A folder whose name starts with the tree's name is outside too.
     const Miniature mini;
     write_file(mini.folder / "tree2/train.py", kTrain);
     fs::remove(mini.tree() / "train.py");

@@ -61,7 +61,7 @@ TEST(Recipe, MistakesShowWithoutACheckout) {
                   "edits[0]: the snippet leaves a bracket open");
   expect_contains(told("[\"boost.grow(\"]", "[\"boost.grow()\"]"), "edits[2]: the snippet leaves a bracket open");
   expect_contains(told("[\"boost.grow(\"]", "[\"model.grow(\"]"), "edits[2]: replaces nothing");
-  // Both layouts lack it.
+  // No edit of either layout adds --haste.
   mini.write_recipe(replaced(kRecipe, "\"--boost\"", "\"--haste\""));
   EXPECT_EQ(mistakes(mini.recipe()).size(), 2u);
   expect_contains(mistakes(mini.recipe()).front(), "options: no edit of layout 'one' adds --haste");
@@ -71,8 +71,8 @@ TEST(Recipe, MistakesShowWithoutACheckout) {
 
 TEST(Recipe, UnknownNamesListThoseThereAre) {
   const Miniature mini;
-  expect_contains(error_of([&] { (void)load_recipe(mini.folder / "recipes", "maxi"); }), "there are: mini");
-  expect_contains(error_of([&] { (void)load_recipe(mini.folder / "none", "mini"); }), "no folder of recipes");
+  expect_contains(error_of([&] { (void)load_recipe(mini.folder / "recipes", "maxi"); }), "available: mini");
+  expect_contains(error_of([&] { (void)load_recipe(mini.folder / "none", "mini"); }), "not a folder of recipes");
 }
 
 TEST(Recipe, LayoutsAreToldApart) {

@@ -21,7 +21,7 @@ Edit edit_of(const std::string& anchor, Place place, std::vector<std::string> sn
   return edit;
 }
 
-/// Applies, checks the result, and that it can be taken back.
+/// Applies the edit, checks the result, and that it can be reverted.
 void expect_edit(const std::string& before, const Edit& edit, const std::string& after) {
   std::string text = before;
   const Change change = apply_edit(text, edit);
@@ -41,7 +41,7 @@ TEST(TextEdit, InsertsAboveAndBelowWithTheAnchorsIndentation) {
   expect_edit(text, edit_of("def f", Place::before, {"import a"}), "import a\n" + text);
 }
 
-/// A statement of C++ goes up to its semicolon or brace, and neither comments nor literals count.
+/// A C++ statement ends at its semicolon or brace; those in comments and literals are ignored.
 TEST(TextEdit, KnowsTheStatementsOfCpp) {
   const auto edit = [](const std::string& anchor, Place place, const std::string& snippet, int indent = 0) {
     Edit one = edit_of(anchor, place, {snippet}, indent);
@@ -92,7 +92,7 @@ TEST(TextEdit, ReplacesEveryOccurrence) {
 TEST(TextEdit, MissingAndDoubledAnchorsAreNamedWithTheirLines) {
   std::string text = "a\nstep()\nb\nstep()\n";
   std::string line = error_of([&] { apply_edit(text, edit_of("step(", Place::after, {"x"})); });
-  expect_contains(line, "a.py: 'step(' stands on lines 2, 4, expected once");
+  expect_contains(line, "a.py: 'step(' is on lines 2, 4, expected once");
   line = error_of([&] { apply_edit(text, edit_of("step(", Place::replace, {"x"}, 0, 3)); });
   expect_contains(line, "expected 3 times");
   line = error_of([&] { apply_edit(text, edit_of("jump(", Place::after, {"x"})); });
@@ -109,10 +109,11 @@ TEST(TextEdit, ChangedSnippetsAreNotTakenBack) {
   std::string text = "step()\n";
   const Change change = apply_edit(text, edit_of("step(", Place::after, {"hook()"}));
   std::string edited = "step()\nhook(3)\n";
-  expect_contains(error_of([&] { revert_change(edited, change, "a.py"); }), "a.py: the patch's 'hook()' is gone");
+  expect_contains(error_of([&] { revert_change(edited, change, "a.py"); }),
+                  "a.py: the patch's 'hook()' was removed or changed");
   edited = "step()\nhook()\nhook()\n";
   expect_contains(error_of([&] { revert_change(edited, change, "a.py"); }), "lines 2, 3");
-  // The end of another line is no inserted line.
+  // A match at the end of another line is not the inserted line.
   edited = "other.hook()\nstep()\nhook()\n";
   revert_change(edited, change, "a.py");
   EXPECT_EQ(edited, "other.hook()\nstep()\n");

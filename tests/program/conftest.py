@@ -25,7 +25,7 @@ def run_well(*arguments, cwd=None):
 
 
 def start(*arguments):
-    # Where the tests are a background job, signals may be ignored, and what they start would go on ignoring them.
+    # In a background job signals may be ignored, and child processes would inherit that.
     def default_signals():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
             signal.signal(number, signal.SIG_DFL)
@@ -42,7 +42,7 @@ def wait_for(path, process):
 
 @pytest.fixture(scope="session")
 def scene(tmp_path_factory):
-    """A small scene, made once."""
+    """A small scene, created once."""
     folder = tmp_path_factory.mktemp("data") / "room"
     run_well("synth", folder, "--width", 80, "--height", 60, "--views", 10, "--points", 300)
     return folder
@@ -50,12 +50,12 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def trained(scene, tmp_path_factory):
-    """The folder of a run that ended without interruption, with its options."""
+    """The folder of an uninterrupted run."""
     folder = tmp_path_factory.mktemp("trained") / "model"
     run_well("train", "-s", scene, "-m", folder, *SHORT_RUN, "--checkpoint-iterations", "25")
     return folder
 
 
-# Two events of growth and two of pruning happen before the checkpoint, more after it; opacities are not reset, since a
-# run this short does not recover.
+# Two events of growth and two of pruning happen before the checkpoint, more after it. Opacities are not reset, since
+# they would not recover in so short a run.
 SHORT_RUN = ["--eval", "--llffhold", "4", "--iterations", "60", "--config", str(pathlib.Path(__file__).parent / "short.json")]

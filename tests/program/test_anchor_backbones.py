@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""scaffold-gs and octree-gs by every command: trained, resumed, rendered, measured again; and broken settings."""
+"""scaffold-gs and octree-gs with every command: train, resume, render, eval; and invalid settings."""
 
 import json
 import shutil

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""splatboost bench: figures of every stage, as a table and as JSON; never how large they are."""
+"""splatboost bench: measurements of every stage, as a table and as JSON; the values are not checked."""
 
 import json
 
@@ -75,7 +75,7 @@ def test_compares_with_an_earlier_file(measured, tmp_path):
     path, _ = measured
     old = json.loads(path.read_text())
     for stage in STAGES:
-        old["scenes"][0]["milliseconds"][stage] *= 1e6  # more than a busy machine holds up a stage of 0.1 ms
+        old["scenes"][0]["milliseconds"][stage] *= 1e6  # more than a busy machine delays a stage of 0.1 ms
     (tmp_path / "old.json").write_text(json.dumps(old))
     done = run_well("bench", "--scenes", "20k", "--repeats", "1", "--instruction-set", "portable", "--compare",
                     tmp_path / "old.json")
@@ -87,11 +87,11 @@ def test_compares_with_an_earlier_file(measured, tmp_path):
 @pytest.mark.parametrize("arguments, told", [
     (["--scenes", "5k"], "no scene '5k'"),
     (["--repeats", "0"], "--repeats must be"),
-    (["--instruction-set", "mmx"], "'mmx' is none of"),
+    (["--instruction-set", "mmx"], "'mmx' is not one of"),
     (["--compare", "nowhere.json"], "nowhere.json"),
-    (["--device", "gpu"], "'gpu' is none of"),
-    (["--device", "cuda", "--scaling"], "--scaling is of the CPU"),
-    (["--device", "cuda", "--scenes", "convexes"], "--scenes convexes is of the CPU"),
+    (["--device", "gpu"], "'gpu' is not one of"),
+    (["--device", "cuda", "--scaling"], "--scaling is only available on the CPU"),
+    (["--device", "cuda", "--scenes", "convexes"], "--scenes convexes is only available on the CPU"),
 ])
 def test_mistakes_are_told(arguments, told):
     done = run_program("bench", *arguments)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""convex-splatting by every command: trained, resumed, rendered, measured again, exported; and broken settings."""
+"""convex-splatting with every command: train, resume, render, eval, export; and invalid settings."""
 
 import json
 import shutil
@@ -67,7 +67,7 @@ def test_export_writes_hulls(both, tmp_path):
               if line.startswith("element")}
     assert len(body) == 16 * counts["vertex"] + 13 * counts["face"]
     assert 0 < counts["vertex"] <= 6 * results(model)["primitives"]
-    # Six points have at most eight faces.
+    # The hull of six points has at most eight faces.
     assert counts["vertex"] / 6 * 4 <= counts["face"] <= counts["vertex"] / 6 * 8
 
     run_well("export", "-m", model, "-o", tmp_path / "hulls.glb")
@@ -104,7 +104,7 @@ def test_a_model_of_gaussians_has_no_triangles(scene, tmp_path):
 
 
 def floats_of(ply):
-    """Where the numbers of a model's .ply begin, and the names of its columns."""
+    """Offset of the data in a model's .ply, and the names of its columns."""
     end = ply.index(b"end_header\n") + len(b"end_header\n")
     return end, [line.split()[-1].decode() for line in ply[:end].splitlines() if line.startswith(b"property float ")]
 

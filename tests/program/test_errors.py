@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What goes wrong is told in one line that says what to do, with exit code 2 for what a user can mend."""
+"""Errors are reported in one line that says what to do, with exit code 2 if the user can fix them."""
 
 import json
 import os
@@ -271,7 +271,7 @@ def test_standard_output_that_is_full(trained, tmp_path):
         for arguments in (["--version"], ["--help"], ["train", "--help"], ["render", "-m", str(trained), "-o", str(tmp_path)]):
             done = subprocess.run([str(PROGRAM), *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
             assert done.returncode == 1, arguments
-            assert "standard output could not be written" in done.stderr
+            assert "cannot write to standard output" in done.stderr
 
 
 def test_a_limit_of_file_sizes_is_told(scene, tmp_path):
@@ -342,7 +342,7 @@ def test_a_damaged_picture_is_one_line(scene, tmp_path):
     copy = tmp_path / "room"
     shutil.copytree(scene, copy)
     photo = copy / "images/0003.png"
-    # Sound checksums around pixels that do not unpack: only the decoder notices.
+    # Valid checksums around data that cannot be decompressed: only the decoder notices.
     photo.write_bytes(b"\x89PNG\r\n\x1a\n" + png_chunk(b"IHDR", struct.pack(">IIBBBBB", 80, 60, 8, 2, 0, 0, 0)) +
                       png_chunk(b"IDAT", b"\x78\x9c" + b"damaged" * 20) + png_chunk(b"IEND", b""))
     line = fails("train", "-s", copy, "-m", tmp_path / "model")

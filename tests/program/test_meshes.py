@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of models, and what they are measured by."""
+"""Meshes of models, and their evaluation."""
 
 import json
 import struct
@@ -20,7 +20,7 @@ def write_points(path, points):
 
 @pytest.fixture(scope="module")
 def meshed(scene, tmp_path_factory):
-    """A short run whose model has surfaces; None where the build makes no meshes."""
+    """A short run of a surface method, with its mesh; skips where the build cannot extract meshes."""
     folder = tmp_path_factory.mktemp("meshed") / "model"
     run_well("train", "-s", scene, "-m", folder, "--backbone", "pgsr", "--iterations", "60", "--threads", "1", "--quiet")
     done = run_program("mesh", "-m", folder, "--voxel-size", "0.05", "--quiet")
@@ -34,7 +34,7 @@ def test_a_mesh_is_written_and_measured(meshed, tmp_path):
     mesh = meshed / "mesh.ply"
     header = mesh.read_bytes().split(b"end_header")[0]
     assert b"red" in header and b"element face" in header
-    # Against itself nothing is missing.
+    # A mesh compared with itself.
     done = run_well("mesh-eval", mesh, mesh, "--threshold", "0.1", "-o", tmp_path / "numbers.json")
     assert "F1            1.0000" in done.stdout
     numbers = json.loads((tmp_path / "numbers.json").read_text())
@@ -68,7 +68,7 @@ def test_the_same_mesh_for_any_number_of_threads(meshed, tmp_path):
 
 
 def matlab_file(arrays, packed):
-    """MATLAB's version 5. arrays: name → (shape, doubles, the first of the shape runs fastest)."""
+    """A MATLAB file of version 5. arrays: name → (shape, doubles in column-major order)."""
     def element(kind, data):
         return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
 
@@ -86,15 +86,15 @@ def matlab_file(arrays, packed):
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_dtu_counts_what_was_observed_and_stands_on_the_table(tmp_path, packed):
-    # The mask's grid: 10 mm apart from the origin, observed for x up to 20.
+    # The grid of the mask: 10 mm spacing from the origin, observed for x up to 20.
     grid = [1.0 if x <= 2 else 0.0 for z in range(4) for y in range(5) for x in range(5)]
     (tmp_path / "mask.mat").write_bytes(matlab_file(
         {"BB": ((2, 3), [0, 40, 0, 40, 0, 30]), "Res": ((1, 1), [10]), "ObsMask": ((5, 5, 4), grid)}, packed))
     (tmp_path / "plane.mat").write_bytes(matlab_file({"P": ((4, 1), [0, 0, 1, -5])}, packed))
     scan = [(x, y, 10) for x in range(0, 41, 2) for y in range(0, 41, 2)]  # above the table, and the table
     write_points(tmp_path / "scan.ply", scan + [(x, y, 0) for x in range(0, 41, 2) for y in range(0, 41, 2)])
-    # 1 above the scan where x is below 24, 9 above it beyond; the first were observed. One point more is an outlier, one
-    # lies where another does and is thinned away, and one is out of all bounds.
+    # 1 above the scan for x up to 24, which is observed, and 9 above it beyond. Three more points: an outlier, a
+    # duplicate, which is thinned out, and one outside of all bounds.
     found = [(x, y, 11 if x <= 24 else 19) for x in range(0, 41, 2) for y in range(0, 41, 2)]
     write_points(tmp_path / "found.ply", found + [(0, 0, 34), (0, 0, 11), (0, 0, 900)])
     arguments = ["mesh-eval", tmp_path / "found.ply", tmp_path / "scan.ply", "--dtu-mask", tmp_path / "mask.mat",
@@ -106,16 +106,16 @@ def test_dtu_counts_what_was_observed_and_stands_on_the_table(tmp_path, packed):
     numbers = json.loads((tmp_path / "numbers.json").read_text())
     columns = [x for x in range(0, 41, 2)]
     observed = [x for x in columns if x <= 24]  # 25 would be nearer to the fourth grid point
-    # The outlier is 24 away from the scan.
+    # The outlier counts; it is 24 away from the scan.
     assert numbers["mesh_points"] == 21 * len(observed) + 1 and numbers["truth_points"] == 21 * 21
     assert numbers["accuracy"] == pytest.approx(1.0)
-    # Of the scan's columns those beyond 24 have what is 9 above, or the nearest column that is 1 above.
+    # Scan points with x beyond 24 are nearest to the point 9 above them, or to one at x = 24, 1 above the scan.
     wanted = [1 if x <= 24 else min(9, ((x - 24) ** 2 + 1) ** 0.5) for x in columns]
     assert numbers["completeness"] == pytest.approx(sum(wanted) / 21)
     assert numbers["spacing"] == 0.2
     whole = json.loads((run_well(*arguments, "--cut", "100"), (tmp_path / "numbers.json").read_text())[1])
     assert whole["accuracy"] == pytest.approx((21 * len(observed) + 24) / (21 * len(observed) + 1))
-    for wrong, words in [(arguments[:5], "come together"), (arguments + ["--crop", "x.json"], "Tanks and Temples"),
+    for wrong, words in [(arguments[:5], "must be given together"), (arguments + ["--crop", "x.json"], "Tanks and Temples"),
                          (arguments[:4] + [tmp_path / "plane.mat"] + arguments[5:], "BB is missing")]:
         refused = run_program(*wrong)
         assert refused.returncode == 2 and words in refused.stderr and refused.stderr.count("\n") == 1, refused.stderr

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""deformable-3dgs by every command, on a scene that moves: trained, resumed, rendered at times, measured again."""
+"""deformable-3dgs with every command, on a dynamic scene: train, resume, render at given times, eval."""
 
 import json
 
@@ -82,7 +82,7 @@ def test_times_are_rendered(both, tmp_path):
 @pytest.mark.parametrize("arguments, word", [
     (["--time", "1.5"], "--time must be in [0, 1]"),
     (["--sequence", "0"], "--sequence must be at least 1"),
-    (["--view", "0001"], "--view is of --video and --orbit"),
+    (["--view", "0001"], "--view requires --video or --orbit"),
     (["--orbit", "2", "--view", "nobody"], "no view 'nobody'"),
     (["--orbit", "2", "--view", "0001", "--time", "0"], "leave out --time"),
 ])
@@ -96,7 +96,7 @@ def test_impossible_renders_are_refused(both, tmp_path, arguments, word):
 def test_still_scenes_and_still_models_are_refused_in_one_line(scene, trained, tmp_path):
     done = run_program("train", "--backbone", "deformable-3dgs", "-s", scene, "-m", tmp_path / "model", "--quiet")
     assert done.returncode == 2
-    assert "training views are of one time" in done.stderr
+    assert "training views have the same time" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "model").exists()
     done = run_program("render", "-m", trained, "--sequence", "3", "-o", tmp_path / "x", "--quiet")
@@ -105,7 +105,7 @@ def test_still_scenes_and_still_models_are_refused_in_one_line(scene, trained, t
 
 
 def test_a_packed_scene_carries_the_times_that_it_was_packed_with(scene, tmp_path):
-    """COLMAP's scenes have times where they are asked for; the runs on both give the same bytes."""
+    """A COLMAP scene has times with --frame-times; runs on the folder and on the packed file give the same bytes."""
     run = ["--backbone", "deformable-3dgs", "--eval", "--iterations", "12", "--quiet", "--frame-times"]
     config = tmp_path / "config.json"
     config.write_text(json.dumps({"backbone": {"net_layers": 2, "net_width": 16, "warm_up": 0}}))
@@ -116,7 +116,7 @@ def test_a_packed_scene_carries_the_times_that_it_was_packed_with(scene, tmp_pat
         folder = tmp_path / name / "point_cloud/iteration_12"
         models[name] = (folder / "point_cloud.ply").read_bytes() + (folder / "parameters.bin").read_bytes()
     assert models["file"] == models["folder"]
-    run_well("pack", scene, tmp_path / "still.sbscene", "--frames", "3")  # of rigs only, as for a run
+    run_well("pack", scene, tmp_path / "still.sbscene", "--frames", "3")  # only used for rigs, as in a run
     done = run_program("train", "-s", tmp_path / "still.sbscene", "-m", tmp_path / "x", *run)
     assert done.returncode == 2
     assert "packed without times" in done.stderr

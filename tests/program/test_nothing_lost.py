@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A refused command changes nothing, and a killed one leaves what the next can go on with."""
+"""A refused command changes nothing, and the next one can continue after a killed one."""
 
 import json
 import os
@@ -53,7 +53,7 @@ def test_a_refused_comparison_leaves_the_folder(scene, tmp_path, settings):
     before = content(model)
     refused("compare", "-s", scene, "-m", model, "--config", config)
     assert content(model) == before
-    # A file of somebody's in the folder of the second run is found before the first.
+    # A user's file in the folder of the second run is detected before the first run starts.
     shutil.rmtree(model / "boosted")
     (model / "boosted").mkdir()
     (model / "boosted/thesis.tex").write_text("precious")
@@ -110,14 +110,14 @@ def test_resume_knows_its_data(scene, finished, tmp_path):
     for options, what in [(["--llffhold", "5"], "training"), (["--llffhold", "3"], "training views")]:
         assert what in refused("train", "--resume", checkpoint, *options)
     names = tmp_path / "test.txt"
-    names.write_text("0001\n0005\n0009\n")  # as many as before, others
+    names.write_text("0001\n0005\n0009\n")  # as many test views as before, but different ones
     assert "test views" in refused("train", "--resume", checkpoint, "--test-list", names)
-    run_well("train", "--resume", checkpoint, "-s", copy, "-m", tmp_path / "same")  # a copy is the same
+    run_well("train", "--resume", checkpoint, "-s", copy, "-m", tmp_path / "same")  # a copy is accepted
     shutil.copyfile(copy / "images/0003.png", copy / "images/0002.png")
     assert "photos" in refused("train", "--resume", checkpoint, "-s", copy)
     shutil.copyfile(scene / "images/0002.png", copy / "images/0002.png")
     images = bytearray((copy / "sparse/0/images.bin").read_bytes())
-    images[8 + 4 + 3] ^= 0x10  # a middle byte of the first quaternion number, of view 0000: a test view
+    images[8 + 4 + 3] ^= 0x10  # a middle byte of the first quaternion number of view 0000, a test view
     record = 4 + 7 * 8 + 4 + len("0000.png") + 1 + 8
     images[8 + record + 4 + 32 + 5] ^= 0x10  # a translation of view 0001
     (copy / "sparse/0/images.bin").write_bytes(images)
@@ -137,7 +137,7 @@ def test_one_at_a_time_in_a_folder(scene, trained, tmp_path, first, second):
         shutil.copytree(trained, model, dirs_exist_ok=True)
     before = content(used)
     options = ["-s", scene, "--iterations", "5"] if second == "train" else []
-    assert "another splatboost works in this folder" in refused(second, "-m", used, *options)
+    assert "another splatboost process is using this folder" in refused(second, "-m", used, *options)
     assert content(used) == before
     running.send_signal(signal.SIGKILL)
     running.communicate(timeout=60)
@@ -151,7 +151,7 @@ def test_eval_measures_what_was_killed_while_it_measured(trained, scene, tmp_pat
     model = tmp_path / "model"
     running = start("train", "-s", scene, "-m", model, *SHORT_RUN)
     wait_for(model / "point_cloud/iteration_60/point_cloud.ply", running)
-    running.send_signal(signal.SIGKILL)  # timing the renders takes a second
+    running.send_signal(signal.SIGKILL)  # evaluation takes a second
     running.communicate(timeout=60)
     assert not (model / "results.json").exists()
     run_well("eval", "-m", model)
@@ -167,7 +167,7 @@ def test_eval_measures_what_was_killed_while_it_measured(trained, scene, tmp_pat
 
 def test_a_run_that_did_not_end_is_not_measured(finished):
     (finished / "results.json").unlink()
-    assert "did not end" in refused("eval", "-m", finished)
+    assert "did not finish" in refused("eval", "-m", finished)
 
 
 def test_hanging_up_leaves_a_checkpoint(scene, tmp_path):
@@ -185,7 +185,7 @@ def test_nobody_reading_the_progress_leaves_a_checkpoint(scene, tmp_path):
     model = tmp_path / "model"
     running = start("train", "-s", scene, "-m", model, "--iterations", "200000", "--max-primitives", "300")
     wait_for(model / "point_cloud", running)
-    running.stderr.close()  # a line comes every five seconds
+    running.stderr.close()  # a line is written every five seconds
     assert running.wait(timeout=60) == 128 + signal.SIGPIPE
     assert len(list((model / "checkpoints").glob("*.ckpt"))) == 1
 

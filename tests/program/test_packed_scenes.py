@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A packed scene is the scene: the same runs give the same bytes."""
+"""A packed scene is equivalent to its folder: the same runs give the same bytes."""
 
 import json
 
@@ -36,7 +36,7 @@ def test_training_gives_the_bytes_of_the_folder(packed, trained, tmp_path):
         assert of_file[key] == of_folder[key]
     renders = {path.name: path.read_bytes() for path in (model / "test/renders").iterdir()}
     assert renders == {path.name: path.read_bytes() for path in (trained / "test/renders").iterdir()}
-    # What reads a run's config.json finds the file again.
+    # Commands find the file through the run's config.json.
     run_well("eval", "-m", model)
     run_well("render", "-m", model, "-o", tmp_path / "renders")
     assert (tmp_path / "renders/test/renders/0000.png").read_bytes() == renders["0000.png"]
@@ -67,8 +67,8 @@ def test_files_that_are_none(packed, tmp_path):
     damaged = bytearray(whole)
     damaged[len(whole) // 2] ^= 1
     bad = tmp_path / "bad.sbscene"
-    for content, what in [(whole[:-10], "cut short"), (bytes(damaged), "damaged"), (b"PK\3\4" + whole, "no packed scene"),
-                          (b"", "no packed scene"), (whole[:6] + b"99" + whole[8:], "version 99")]:
+    for content, what in [(whole[:-10], "cut short"), (bytes(damaged), "damaged"), (b"PK\3\4" + whole, "nor a packed"),
+                          (b"", "nor a packed"), (whole[:6] + b"99" + whole[8:], "version 99")]:
         bad.write_bytes(content)
         line = refused("train", "-s", bad, "-m", tmp_path / "model")
         assert what in line

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""splatboost patch on miniature checkouts. What the patched hosts then do is tested in tests/python."""
+"""splatboost patch on miniature checkouts. The patched hosts are run in tests/python."""
 
 import pathlib
 import shutil
@@ -42,7 +42,7 @@ def host(request, tmp_path):
 
 @pytest.fixture(params=[*miniature_host.RECIPES, *miniature_anchors.RECIPES, *miniature_convexes.RECIPES])
 def any_host(request, tmp_path):
-    """The same, also of hosts that have other classes than 3DGS."""
+    """Like host, and also for hosts with other classes than those of 3DGS."""
     hosts = next(m for m in (miniature_anchors, miniature_convexes, miniature_host) if request.param in m.RECIPES)
     return hosts.write_host(tmp_path / "host", request.param), hosts.RECIPES[request.param]
 
@@ -80,11 +80,11 @@ def test_from_apply_to_revert(any_host):
     assert "is in place" in run_well("patch", "verify", tree).stdout
     assert "is in place" in run_well("patch", "status", tree).stdout
     assert "+++ b/train.py" in run_well("patch", "revert", tree, "--dry-run").stdout
-    assert "is gone" in run_well("patch", "revert", tree).stdout
+    assert "was removed" in run_well("patch", "revert", tree).stdout
     assert files_of(tree) == before
     assert "not patched" in run_well("patch", "revert", tree).stdout
 
-    # The diff is one that patch(1) understands, and makes the same files.
+    # patch(1) accepts the diff and produces the same files.
     if shutil.which("patch"):
         subprocess.run(["patch", "-p1", "-s"], input=diff, text=True, cwd=tree, check=True)
         assert files_of(tree) == {path: text for path, text in patched.items() if path.parts[0] != ".splatboost"}
@@ -95,7 +95,7 @@ def test_own_edits_stay(any_host):
     train = tree / "train.py"
     run_well("patch", "apply", recipe, tree)
     train.write_text("# mine\n" + train.read_text())
-    assert "your own changes stay in train.py" in run_well("patch", "verify", tree).stdout
+    assert "your own changes are kept in train.py" in run_well("patch", "verify", tree).stdout
     run_well("patch", "revert", tree)
     assert train.read_text().startswith("# mine\n")
     assert "boost" not in train.read_text()
@@ -116,19 +116,19 @@ def test_a_doubled_anchor_is_told_with_its_lines(host):
     tree, recipe = host
     train = tree / "train.py"
     train.write_text(train.read_text() + "\n# Optimizer step\n")
-    assert "train.py: '# Optimizer step' stands on lines" in fails("apply", recipe, tree)
+    assert "train.py: '# Optimizer step' is on lines" in fails("apply", recipe, tree)
 
 
-#: fork → what is told of each of its changes
+#: fork → the message for each of its changes
 FORK_MESSAGES = {
     "pixel-gs": ["scene/gaussian_model.py: line 101: 'def add_densification_stats(self, on_screen, seen, covered):'",
                  "train.py: line 35: 'gaussians.add_densification_stats("],
     "deformable-3dgs": ["train.py: 'checkpoint_iterations', which the patch uses, is not defined in training(), line 12: "
                         "'def training(dataset, opt, pipe):'",
                         "gaussian_renderer/__init__.py: line 6: 'def render(cam, pc, pipe, bg_color, moved, turned, stretched):'",
-                        "no argument means2D_densify wanted", "2 results wanted"],
+                        "expected no argument means2D_densify", "expected 2 results"],
     "absgs": ["gaussian_renderer/__init__.py: line 17: 'rendered_image, radii, weights = rasterizer(",
-              "(self, max_grad, min_opacity, extent, max_screen_size) wanted", "4 arguments wanted"],
+              "expected (self, max_grad, min_opacity, extent, max_screen_size)", "expected 4 arguments"],
 }
 
 
@@ -142,8 +142,8 @@ def test_forks_that_only_look_like_3dgs_are_refused(tmp_path, fork, only):
         assert any(message in line for message in FORK_MESSAGES[fork])
     else:
         assert FORK_MESSAGES[fork][only] in line
-    # What to do is never to undo the fork.
-    assert "a fork needs a recipe of its own: splatboost patch doctor PATH" in line
+    # The advice is never to undo the fork's changes.
+    assert "a fork needs its own recipe: splatboost patch doctor PATH" in line
     assert "put" not in line.split("; ")[-1] and "fresh checkout" not in line
     assert files_of(tree) == before
     assert "3dgs would fit, but" in run_well("patch", "status", tree).stdout
@@ -152,13 +152,13 @@ def test_forks_that_only_look_like_3dgs_are_refused(tmp_path, fork, only):
 def test_doctor_tells_the_nearest_recipe_and_what_does_not_hold(host, tmp_path):
     tree, recipe = host
     text = run_well("patch", "doctor", tree).stdout
-    assert f"nearest is {recipe}, " in text and f"All holds: splatboost patch apply {recipe} {tree}" in text
+    assert f"nearest is {recipe}, " in text and f"Everything matches: splatboost patch apply {recipe} {tree}" in text
     assert "\n  no " not in text
     fork = miniature_host.write_fork(tmp_path / "fork", "deformable-3dgs")
     before = files_of(fork)
     text = run_well("patch", "doctor", fork).stdout
     assert "nearest is 3dgs, layout 2023" in text and "A recipe for a fork" in text
-    for told in ("def render", "no argument means2D_densify wanted, 2 results wanted", "'checkpoint_iterations'",
+    for told in ("def render", "expected no argument means2D_densify, expected 2 results", "'checkpoint_iterations'",
                  "ok train.py:35  'gaussians.add_densification_stats('"):
         assert told in text
     assert text.count("\n  no ") == 3
@@ -166,7 +166,7 @@ def test_doctor_tells_the_nearest_recipe_and_what_does_not_hold(host, tmp_path):
     run_well("patch", "apply", recipe, tree)
     assert "is in place" in run_well("patch", "doctor", tree).stdout
     (tmp_path / "empty").mkdir()
-    assert "no recipe knows anything of it" in run_well("patch", "doctor", tmp_path / "empty").stdout
+    assert "no part of any recipe matches" in run_well("patch", "doctor", tmp_path / "empty").stdout
 
 
 def test_a_recipe_for_a_fork_lives_in_a_folder_of_the_users(tmp_path):
@@ -182,7 +182,7 @@ def test_a_recipe_for_a_fork_lives_in_a_folder_of_the_users(tmp_path):
     recipe.write_text(recipe.read_text().replace("gaussians.densify_and_prune", "gaussians.grow_and_prune")
                       .replace("dataset.model_path, checkpoint_iterations)", "dataset.model_path)"))
     assert "my-fork: well formed" in run_well(*mine, "validate", "my-fork").stdout
-    assert "All holds" in run_well(*mine, "doctor", fork).stdout
+    assert "Everything matches" in run_well(*mine, "doctor", fork).stdout
     run_well(*mine, "apply", "my-fork", fork)
     assert "boost.densify_and_prune(" in train.read_text()
     run_well("patch", "verify", fork)
@@ -238,7 +238,7 @@ def test_what_an_interrupted_command_left_is_told_and_removed(tmp_path):
 
 
 def test_mistakes(tmp_path):
-    assert "there are: list, show" in fails()
+    assert "available: list, show" in fails()
     assert "did you mean apply?" in fails("aply")
     assert "there is no recipe 'mip'" in fails("show", "mip")
     assert "is not a folder" in fails("apply", "3dgs", tmp_path / "none")
@@ -250,7 +250,7 @@ def test_mistakes(tmp_path):
     recipe = tmp_path / "recipes/mine/recipe.json"
     recipe.write_text(recipe.read_text().replace('"boost.grows()"', '"boost.grows("'))
     assert "recipe.json: edits[" in fails("--recipes", tmp_path / "recipes", "validate", "mine")
-    assert "no folder of recipes" in fails("--recipes", tmp_path / "none", "list")
+    assert "not a folder of recipes" in fails("--recipes", tmp_path / "none", "list")
 
 
 def test_the_wrong_recipe_changes_nothing(any_host):

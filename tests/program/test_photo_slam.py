@@ -27,7 +27,7 @@ def files_of(tree):
 
 
 def write_miniature(tree):
-    """Files that have what the recipe looks for, in functions, and nothing else of Photo-SLAM."""
+    """Files with the text that the recipe looks for, in functions, and nothing else of Photo-SLAM."""
     lines = {}
     for layout in RECIPE["layouts"]:
         for sign in layout["detect"]:
@@ -55,7 +55,7 @@ def test_a_miniature_from_apply_to_revert(tmp_path):
     assert "photo-slam fits" in run_well("patch", "status", tree).stdout
     diff = run_well("patch", "apply", "photo-slam", tree, "--dry-run").stdout
     assert files_of(tree) == before
-    assert "patch show photo-slam tells its options" in run_well("patch", "apply", "photo-slam", tree).stdout
+    assert "patch show photo-slam lists its options" in run_well("patch", "apply", "photo-slam", tree).stdout
     after = files_of(tree)
     for edit in RECIPE["edits"]:
         assert "+" in diff and after[pathlib.Path(edit["file"])].decode().count(edit["snippet"][0]) >= edit.get("count", 1)
@@ -99,7 +99,7 @@ def build(host, folder):
 
 
 def write_settings(path, own, **keys):
-    """The checkout's own settings for COLMAP scenes, with these keys instead, and then lines of ours."""
+    """The checkout's settings for COLMAP scenes, with the values of `keys` replaced."""
     text = own.read_text()
     for key, value in keys.items():
         text, found = re.subn(rf"(?m)^(\w+\.{key}):.*$", rf"\1: {value}", text)
@@ -148,7 +148,7 @@ def test_train_colmap_of_a_checkout(tmp_path):
     off = tmp_path / "off.yaml"
     off.write_text(own.read_text() + "\nSplatBoost.on: 0\n")
 
-    # Off, the host's own code runs, to the same bytes.
+    # With the boost off, the host's own code runs, with the same bytes.
     unpatched = train(programs["unpatched"], own, scene, tmp_path / "out_unpatched")
     as_before = train(programs["patched"], off, scene, tmp_path / "out_off")
     assert as_before["model"] == unpatched["model"]
@@ -162,7 +162,7 @@ def test_train_colmap_of_a_checkout(tmp_path):
     capped_settings.write_text(own.read_text() + "\nSplatBoost.max_gaussians: 1500\n")
     assert 800 < train(programs["patched"], capped_settings, scene, tmp_path / "out_capped")["count"] <= 1500
 
-    # A key is a setting of the adapter, or one of ours; a value is one that a run can have.
+    # Unknown keys and invalid values are refused.
     wrong = tmp_path / "wrong.yaml"
     for line in ("bta: 0.7", "beta: -1", "on: 2", "on: .nan", "literal: -1", "max_gaussians: -5", "max_gaussians: .nan",
                  "max_gaussians: 10.5", "max_gaussians: 1e30", 'max_gaussians: "many"'):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sample of the attacks of tests/robustness: damaged files, and faults at file operations. By hand they take more."""
+"""A sample of the attacks of tests/robustness: damaged files, and faults at file operations. Manual runs use more."""
 
 import concurrent.futures
 import os
@@ -22,7 +22,7 @@ FAULTS_OF_A_COMMAND = 8
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """The totals of each attack, made side by side."""
+    """The totals of each attack, run in parallel."""
     assert attacks.FILE_FAULTS.exists(), "build the target file_faults (scripts/build --all)"
     whole = pathlib.Path(tmp_path_factory.mktemp("whole")).resolve()
     fuzz_readers.prepare(whole)

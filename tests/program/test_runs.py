@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of the program: what they leave, and that the same run gives the same bytes however it is cut or threaded."""
+"""Runs of the program: their files, and the same bytes for the same run, interrupted or not, with any threads."""
 
 import json
 import os
@@ -46,7 +46,7 @@ def test_train_leaves_a_full_folder(trained):
     assert cameras[0]["img_name"] == "0000.png" and (cameras[0]["width"], cameras[0]["height"]) == (80, 60)
     rows = cameras[0]["rotation"]
     assert all(abs(sum(a * b for a, b in zip(rows[i], rows[j])) - (i == j)) < 1e-5 for i in range(3) for j in range(3))
-    # The room's cameras stand around its middle and look there.
+    # The room's cameras surround its centre and look at it.
     assert sum(rows[i][2] * cameras[0]["position"][i] for i in range(3)) < -1
 
     found = results(trained)
@@ -126,7 +126,7 @@ def test_a_coarse_start_is_taken_up_where_it_was_cut(tmp_path):
 def test_interruption_leaves_a_checkpoint(scene, tmp_path, stop):
     long_run = ["-s", scene, "--eval", "--iterations", "2000", "--threads", "1", "--max-primitives", "1500"]
     model = tmp_path / "model"
-    # Where the tests are a background job, SIGINT is ignored, and what they start would go on ignoring it.
+    # In a background job SIGINT is ignored, and child processes would inherit that.
     started = subprocess.Popen([str(PROGRAM), "train", "-m", str(model), *map(str, long_run)], stderr=subprocess.PIPE,
                                stdout=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(stop, signal.SIG_DFL))
     deadline = time.monotonic() + 60
@@ -224,7 +224,7 @@ def test_compare_writes_all_files(scene, tmp_path):
     assert found["boosted"]["peak_memory_bytes"] > 0
     assert "PSNR" in done.stdout
     assert str(model / "report.html") in done.stdout
-    # Its own folder may be written again, and each run equals the one that train does.
+    # The folder of a comparison may be overwritten by another, and each run equals one by train.
     run_well("compare", "-s", scene, "-m", model, *SHORT_RUN)
     run_well("train", "-s", scene, "-m", tmp_path / "alone", *SHORT_RUN, "--no-boost")
     assert ply(tmp_path / "alone") == ply(model / "baseline")
@@ -268,7 +268,7 @@ def test_other_backbones_run_through_all_commands(scene, tmp_path, backbone):
 
 
 def test_a_backbone_has_a_length_of_its_own(scene, tmp_path):
-    # --max-primitives and --llffhold keep it short; the interruption keeps it from its 10 000 iterations.
+    # --max-primitives keeps iterations fast; the run is interrupted long before its 10 000 iterations.
     started = subprocess.Popen([str(PROGRAM), "train", "-s", str(scene), "-m", str(tmp_path / "model"), "--backbone",
                                 "dropgaussian", "--max-primitives", "5"], stderr=subprocess.PIPE,
                                stdout=subprocess.DEVNULL, text=True)

@@ -16,7 +16,7 @@ FRAMES = 12
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """The first frames of the whole walk would be far apart if there were few: all are made small, few are used."""
+    """The first frames of a walk of 120: with fewer frames in all they would be too far apart."""
     folder = tmp_path_factory.mktemp("walk") / "walk"
     run_well("synth", folder, "--scene", "walk", "--width", 160, "--height", 120, "--views", 120, "--samples", 1)
     for number in range(FRAMES, 120):
@@ -130,10 +130,10 @@ def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, e
 
 @pytest.mark.parametrize("arguments, words", [
     (["--calibration", "nowhere.json"], "nowhere.json"),
-    (["--lockstep", 1, "--seconds", 1], "exclude each other"),
+    (["--lockstep", 1, "--seconds", 1], "cannot be combined"),
     (["--features", 5], "--features must be"),
     (["--stride", 0], "--stride must be"),
-    (["--backbone", "vanilla"], "vanilla cannot train while its views come in"),
+    (["--backbone", "vanilla"], "vanilla cannot train on views that arrive during training"),
 ])
 def test_mistakes_are_one_line(walk, mapped, tmp_path, arguments, words):
     del mapped

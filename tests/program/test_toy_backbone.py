@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A backbone is two folders: the program is built with those of tests/toy_backbone, and nothing else names it."""
+"""A backbone is two folders: the program is built with those of tests/toy_backbone, and no other file refers to it."""
 
 import json
 import subprocess

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SPLATBOOST_BIN names the folder with the built programs; the libraries are beside it, in lib.
+"""SPLATBOOST_BIN names the folder with the built programs; the libraries are in lib beside it.
 
 SPLATBOOST_TEST_ON_CUDA=emulated runs the tests on the emulator of CUDA (emulated.py); test_emulated.py does that."""
 
@@ -22,7 +22,7 @@ sys.path[:0] = [str(PACKAGE), str(pathlib.Path(__file__).parent)]
 try:
     import torch  # noqa: F401
 except ImportError:
-    # What needs torch is left out, and the summary says so.
+    # Tests that need torch are left out, and the summary says so.
     collect_ignore = [p.name for p in pathlib.Path(__file__).parent.glob("test_*.py")
                       if p.name not in ("test_package.py", "test_wheel.py")]
 
@@ -34,7 +34,7 @@ except ImportError:
 
 @pytest.fixture(autouse=EMULATED)
 def on_emulated_cuda(request):
-    """Every tensor of a test is CUDA's; test_cuda.py says itself which."""
+    """All tensors of a test act as CUDA tensors; test_cuda.py chooses them itself."""
     if request.module.__name__ == "test_cuda":
         yield
         return

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A miniature double of the parts of gsplat that SplatBoostStrategy meets: the class it derives from and four operations.
+"""A test double of the parts of gsplat that SplatBoostStrategy uses: the class it derives from and four operations.
 
-gsplat itself needs CUDA. The double keeps its interface (names, arguments, what becomes of parameters, optimizer states
-and state tensors), written anew; it is no test of gsplat.
+gsplat itself needs CUDA. The double reimplements its interface (names, arguments, effects on parameters, optimizer
+states and state tensors); it does not test gsplat.
 """
 
 import dataclasses
@@ -40,7 +40,7 @@ class MCMCStrategy:
 
 
 def _rebuild(params, optimizers, state, keep, added, new_values=None):
-    """Rows `keep`, then rows `added`; moments of added rows are zero, state tensors follow their rows."""
+    """Makes all tensors rows `keep`, then rows `added`; moments of added rows are zero, state tensors follow."""
     for name, old in list(params.items()):
         tail = old.detach()[added] if new_values is None or name not in new_values else new_values[name]
         new = torch.nn.Parameter(torch.cat([old.detach()[keep], tail]), requires_grad=old.requires_grad)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs hosts' scripts as `python -m splatboost.cpu` does, each in a process of its own that has torch imported already.
+"""Runs hosts' scripts as `python -m splatboost.cpu` does, each in a separate process with torch already imported.
 
-Importing torch takes longer than a miniature host trains. A server imports it once and forks for every script, before any
-thread was started.
+Importing torch takes longer than training a miniature host. A server imports it once and forks for every script, before
+it starts any thread.
 """
 
 import atexit
@@ -17,7 +17,7 @@ _server = None
 
 
 def run(folder, script, *arguments):
-    """Of the script: returncode, stdout, stderr."""
+    """Runs a script. Returns its returncode, stdout and stderr."""
     global _server
     import conftest
 
@@ -51,7 +51,7 @@ def _run_here(script, arguments, out, err):
         code = 1
     sys.stdout.flush()
     sys.stderr.flush()
-    atexit._run_exitfuncs()  # os._exit skips them, and temporary folders would stay
+    atexit._run_exitfuncs()  # os._exit skips them, and temporary folders would remain
     os._exit(code)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Miniature checkouts with the names and the traps of Scaffold-GS and Octree-GS, written for the tests."""
+"""Miniature checkouts with the names and pitfalls of Scaffold-GS and Octree-GS, written for the tests."""
 
 import pathlib
 
@@ -309,7 +309,7 @@ SCENE = miniature_host.SCENE.replace("@DEFORM_MODEL@", "").replace("self.centre 
 
 
 def parts(layout):
-    """What stands where a layout differs."""
+    """Placeholder → text, for the places in which layouts differ."""
     found = dict.fromkeys("USE MADE PROPERTIES ADDED ADD_LEVEL LEVEL_VALUE ITERATION RATIOS RATIO_VALUES PRUNE_LEVEL LEVELS "
                           "LEVELS_OF_CAM ITERATION_GIVEN RATIOS_GIVEN".split(), "")
     found.update(USE="torch.ones(pc.get_anchor.shape[0], dtype=torch.bool, device=\"cuda\")", GROWING=SCAFFOLD_GROWING,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A miniature checkout of 3D Convex Splatting, written for the tests as miniature_host.py is."""
+"""A miniature checkout of 3D Convex Splatting, written for the tests like miniature_host.py."""
 
 import pathlib
 

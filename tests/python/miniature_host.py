@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Miniature checkouts with the names, the layout and the traps of real ones, written for the tests.
+"""Miniature checkouts with the names, layout and pitfalls of real ones, written for the tests.
 
-write_host(folder, layout) writes one; its train.py trains on a little scene that it makes up itself.
+write_host(folder, layout) writes one; its train.py trains on a small synthetic scene.
 """
 
 import pathlib
@@ -325,7 +325,7 @@ def lines(depth, *texts):
 
 
 def parts(layout):
-    """What stands where a layout differs."""
+    """Placeholder → text, for the places in which layouts differ."""
     mip, drop, late = layout in ("mip", "gof"), layout == "drop", layout == "3dgs-2024-10"
     deform = layout.startswith("deform")
     images = "rendered_image, radii, depth_image" if layout.startswith("3dgs-2024") else "rendered_image, radii"
@@ -398,17 +398,17 @@ def parts(layout):
     return found
 
 
-#: What forks of 3DGS changed where the recipe for it edits, in the shape of each: name → [(file, what, by)]. Every change
-#: alone makes the recipe unfit.
+#: Changes like those of forks of 3DGS at the places that its recipe edits: name → [(file, what, by)]. Each change alone
+#: makes the recipe inapplicable.
 FORKS = {
     "pixel-gs": [
-        # Its statistics are weighted by the pixels that a Gaussian covers.
+        # Densification statistics weighted by the pixels that a Gaussian covers.
         ("scene/gaussian_model.py", "def add_densification_stats(self, on_screen, seen):",
          "def add_densification_stats(self, on_screen, seen, covered):"),
         ("train.py", 'drawn["visibility_filter"])', 'drawn["visibility_filter"], drawn["covered"])'),
     ],
     "deformable-3dgs": [
-        # It writes no checkpoints, moves Gaussians by a net, and draws a depth beside the image.
+        # No checkpoints, Gaussians moved by a net, and a depth map beside the image.
         ("train.py", "def training(dataset, opt, pipe, checkpoint_iterations):", "def training(dataset, opt, pipe):"),
         ("gaussian_renderer/__init__.py", "def render(cam, pc, pipe, bg_color):",
          "def render(cam, pc, pipe, bg_color, moved, turned, stretched):"),
@@ -416,7 +416,7 @@ FORKS = {
         ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, depth = rasterizer("),
     ],
     "absgs": [
-        # A third result of the rasterizer, and a second threshold in the middle of the arguments.
+        # A third output of the rasterizer, and a second threshold in the middle of the arguments.
         ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, weights = rasterizer("),
         ("scene/gaussian_model.py", "def densify_and_prune(self, max_grad, min_opacity, extent, max_screen_size):",
          "def densify_and_prune(self, max_grad, max_grad_abs, min_opacity, extent, max_screen_size):"),
@@ -426,7 +426,7 @@ FORKS = {
 }
 
 
-#: What AbsGS has beside 3DGS of 2023: [(file, what, by)].
+#: Differences of AbsGS from 3DGS of 2023: [(file, what, by)].
 ABSGS = [
     ("arguments/__init__.py", "        self.offer(parser, \"Optimization Parameters\")", """        self.densify_grad_abs_threshold, self.percent_dense = 0.0004, 0.001
         self.opacity_reduce_interval, self.use_prune_weight = 25, 0
@@ -468,7 +468,7 @@ ABSGS = [
 ]
 
 
-#: What 2D Gaussian Splatting has: surfels of two standard deviations, a rasterizer of its own, maps beside the picture.
+#: Differences of 2D Gaussian Splatting: surfels with two scales, its own rasterizer, maps beside the image.
 SURFELS = [
     ("gaussian_renderer/__init__.py", "from diff_gaussian_rasterization import", "from diff_surfel_rasterization import"),
     ("gaussian_renderer/__init__.py", "rendered_image, radii = rasterizer(", "rendered_image, radii, allmap = rasterizer("),
@@ -484,7 +484,7 @@ SURFELS = [
 
 
 _CAMERA = SURFELS[-1]
-#: What Gaussian Opacity Fields has beside Mip-Splatting: a picture of nine channels.
+#: Differences of Gaussian Opacity Fields from Mip-Splatting: an image of nine channels.
 OPACITY_FIELDS = [
     _CAMERA,
     ("gaussian_renderer/__init__.py", "means2D=on_screen,", "means2D=on_screen, view2gaussian_precomp=None,"),
@@ -493,7 +493,7 @@ OPACITY_FIELDS = [
 ]
 
 
-#: What PGSR has beside 3DGS of 2023: planes, absolute gradients, a trim of its own, exposures, a room for growth.
+#: Differences of PGSR from 3DGS of 2023: planes, absolute gradients, its own trim, exposures, a cap on Gaussians.
 PLANES = [
     ("arguments/__init__.py", "        self.offer(parser, \"Optimization Parameters\")", """        self.densify_abs_grad_threshold, self.percent_dense, self.max_all_points = 0.0008, 0.001, 6000
         self.use_multi_view_trim, self.planes_from, self.exposure_compensation = 1, 30, 1
@@ -597,7 +597,7 @@ def change(folder, changes):
 
 
 def write_fork(folder, name, only=None):
-    """A fork of 3DGS as of 2023, with all its changes or one of them."""
+    """Writes a fork of 3DGS of 2023, with all its changes or only change number `only`."""
     folder = write_host(folder, "3dgs-2023")
     change(folder, FORKS[name] if only is None else [FORKS[name][only]])
     return folder
@@ -609,7 +609,7 @@ def write_host(folder, layout):
              "scene/gaussian_model.py": MODEL, "scene/__init__.py": SCENE, "train.py": TRAIN, "render.py": RENDER}
     found = parts(layout)
     for name, text in files.items():
-        # Only training drops Gaussians.
+        # Gaussians are only dropped in training.
         here = dict(found, ARGUMENTS="") if name == "render.py" and layout == "drop" else found
         for key in sorted(here, key=len, reverse=True):
             text = text.replace("@%s@" % key, here[key])

@@ -90,8 +90,8 @@ def render(
 ):
     """color, features, inverse depth, alpha and per-pixel counts [N,H,W]; all inputs float64.
 
-    shift [N,2]: pixels added to the projected means, to differentiate by them.
-    observed_above: counts are only where the transmittance before a Gaussian is above it.
+    shift [N,2]: pixels added to the projected means, for gradients with respect to these.
+    observed_above: only pixels in which the transmittance before a Gaussian is above it are counted.
     """
     world = torch.tensor(camera.camera_from_world, dtype=torch.float64).view(4, 4)
     rotation, translation = world[:3, :3], world[:3, 3]
@@ -171,8 +171,8 @@ def hull(points):
 
 def render_convexes(camera, points, smoothness, sharpness, opacities, sh=None, sh_degree=0, colors=None,
                     background=(0.0, 0.0, 0.0), released_view_direction=False):
-    """Smooth convexes in double precision, listed everywhere. Returns the image, the points on screen [N,K,2] whose gradient
-    autograd keeps, where each convex is blended [N,H,W], and the pixels [H,W] that no rounding decides otherwise."""
+    """Smooth convexes in double precision, without tiles. Returns the image, the points on screen [N,K,2] with retained
+    gradient, where each convex is blended [N,H,W], and the pixels [H,W] in which no decision depends on rounding."""
     world = torch.tensor(camera.camera_from_world, dtype=torch.float64).view(4, 4)
     rotation, translation = world[:3, :3], world[:3, 3]
     view = points @ rotation.T + translation
@@ -185,7 +185,7 @@ def render_convexes(camera, points, smoothness, sharpness, opacities, sh=None, s
     rows, columns = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
     pixels = torch.stack([columns + 0.5, rows + 0.5], dim=-1).double()
     direction = centres + rotation.T @ translation
-    if released_view_direction:  # the z of a centre is taken for its x and y
+    if released_view_direction:  # as in the release, the z of a centre is used as its x and y too
         direction = centres[:, 2:] + rotation.T @ translation
     shades = colors if sh is None else sh_colors(sh, sh_degree, direction / direction.norm(dim=1, keepdim=True))
 
@@ -229,7 +229,7 @@ def ssim(a, b, padding="same"):
 
 
 def matrices_3dgs(camera, near=0.01, far=100.0):
-    """viewmatrix, projmatrix, campos, tanfovx, tanfovy as 3DGS passes them: for points that are rows."""
+    """viewmatrix, projmatrix, campos, tanfovx, tanfovy as 3DGS passes them: for points as row vectors."""
     world = torch.tensor(camera.camera_from_world, dtype=torch.float64).view(4, 4)
     projection = torch.zeros(4, 4, dtype=torch.float64)
     projection[0, 0] = 2 * camera.fx / camera.width
@@ -250,7 +250,7 @@ def matrices_3dgs(camera, near=0.01, far=100.0):
 
 
 def turned_camera(width=30, height=22, cx=None, cy=None):
-    """Looks at the origin from 4 away, turned about y and x."""
+    """A camera at distance 4 that looks at the origin, rotated about y and x."""
     a, b = 0.3, -0.2
     ry = torch.tensor([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]], dtype=torch.float64)
     rx = torch.tensor([[1, 0, 0], [0, math.cos(b), -math.sin(b)], [0, math.sin(b), math.cos(b)]], dtype=torch.float64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decisions through the package, against the rules of the paper computed here; a real renderer gives the counts."""
+"""Decisions through the package, against the paper's rules computed here, with counts of the real rasterizer."""
 
 import pytest
 import reference
@@ -13,7 +13,7 @@ N = 24
 
 
 class Host:
-    """Three views of a scene; their truths are renders without some of the Gaussians."""
+    """Three views of a scene; their ground truths are renders without some of the Gaussians."""
 
     def __init__(self, missing):
         self.tensors = {k: v.detach() for k, v in small(7).items()}
@@ -35,7 +35,7 @@ class Host:
         return ScoredView(done.color, self.truths[j], render=done)
 
     def sums(self, tau=0.1):
-        """Counts and weighted counts over the views, from operations one by one."""
+        """Counts and weighted counts over the views, computed with single operations."""
         counts, weighted = torch.zeros(N, dtype=torch.int64), torch.zeros(N, dtype=torch.float64)
         covered = pixels = 0
         for j in range(3):
@@ -53,7 +53,7 @@ class Host:
 def test_growth_is_the_paper_s():
     host = Host([3, 4])
     counts, weighted, covered = host.sums()
-    # Growth asks for tau_d + 1 flagged pixels a view, less for images below a megapixel.
+    # Growth asks for tau_d + 1 flagged pixels per view, fewer for images below a megapixel.
     threshold = float(counts.double().median()) / 3 + 0.1
     tau_d = threshold * 1e6 / (30 * 22) - 1
     adapter = Adapter("vanilla", total_iterations=30000, tau_d=tau_d)
@@ -65,7 +65,7 @@ def test_growth_is_the_paper_s():
     clone, split = adapter.grow(
         1000, host.views(), scene_extent=1.0, gradients=gradients, gradients_abs=absolute, max_scales=scales
     )
-    assert sorted(host.rendered) == [0, 1, 2]  # one render a view
+    assert sorted(host.rendered) == [0, 1, 2]  # one render per view
     important, scale = counts / 3 >= threshold, covered**0.5
     assert 0 < important.sum() < N
     assert torch.equal(clone, important & (scales <= 0.001) & (gradients >= 2e-4 * scale))
@@ -82,14 +82,14 @@ def test_growth_is_the_paper_s():
 
 
 def test_a_cap_ranks_by_what_accepts():
-    """Clones by the signed gradient and splits by the absolute one, each over its threshold: not by the signed alone."""
+    """Clones rank by the signed gradient and splits by the absolute one, each relative to its threshold."""
     adapter = Adapter("vanilla", total_iterations=30000, vcd=False, vcp=False)
     host = Host([3])
     gradients, absolute = torch.zeros(N), torch.zeros(N)
     scales = torch.full((N,), 0.0005)
     scales[12:] = 0.005
     gradients[:4] = 2e-4 * torch.tensor([2.0, 4.0, 1.1, 6.0])  # clones
-    gradients[12:16] = 1e-3  # larger than those of all clones, but splits are not accepted by it
+    gradients[12:16] = 1e-3  # larger than those of all clones, but not relevant for splits
     absolute[12:16] = 6e-4 * torch.tensor([5.0, 1.2, 3.0, 1.5])
     absolute[:4] = 1.0
 
@@ -130,7 +130,7 @@ def test_backbones_and_settings():
     assert drop.settings["densify_until"] == 5000
     scaffold = Adapter("scaffold-gs", total_iterations=1000)
     assert scaffold.rate_factor("scaling", 500) == 1 and scaffold.rate_factor("scaling", 1000) < 0.2
-    # Mip-Splatting's statistics are sums: the threshold that is theirs is larger than that of the length.
+    # Mip-Splatting's statistics are sums of absolute values: their threshold is larger than that of the norm.
     host = Host([3])
     n = torch.full((N,), 6.5e-4)
     common = dict(scene_extent=1.0, gradients=n, gradients_abs=n, max_scales=torch.ones(N))
@@ -141,13 +141,13 @@ def test_backbones_and_settings():
         assert split.all() == (6.5e-4 >= factor * 6e-4 * covered**0.5)
     for wrong, message in (
         (dict(tau_x=1), "tau_x: no such setting"),
-        (dict(views=2.5), "views: a whole number wanted"),
+        (dict(views=2.5), "views: expected a whole number"),
         (dict(views=0), "views must be at least 1"),
         (dict(total_iterations=0), "total_iterations"),
     ):
         with pytest.raises(ValueError, match=message):
             Adapter("vanilla", **{"total_iterations": 100, **wrong})
-    with pytest.raises(ValueError, match="there are: .*vanilla"):
+    with pytest.raises(ValueError, match="available: .*vanilla"):
         Adapter("3dgs", total_iterations=100)
 
 
@@ -163,7 +163,7 @@ def test_what_a_view_raises_comes_through():
         adapter.grow(1000, [broken], **common)
     host = Host([3])
     wrong = [lambda: ScoredView(host.view(0).color, torch.zeros(3, 5, 5), render=host.view(0).render)]
-    with pytest.raises(ValueError, match=r"truth: shape \[3,22,30\] wanted, \[3, 5, 5\] given"):
+    with pytest.raises(ValueError, match=r"truth: expected shape \[3,22,30\], got \[3, 5, 5\]"):
         adapter.grow(1000, wrong, **common)
-    with pytest.raises(ValueError, match="origins need a grow at the same iteration"):
+    with pytest.raises(ValueError, match="origins need a preceding grow at the same iteration"):
         adapter.prune(2000, host.views(), candidates=torch.zeros(N, dtype=torch.bool), origins=torch.arange(N))

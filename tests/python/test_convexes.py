@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rasterizer of convexes on tensors, and the drop-in for 3D Convex Splatting, against double precision."""
+"""The convex rasterizer on tensors, and the drop-in for 3D Convex Splatting, against double precision."""
 
 import inspect
 
@@ -26,7 +26,7 @@ def published_box():
 
 
 def convexes(seed=3):
-    """Of float32 values, in float64; gradients are wanted."""
+    """Random convexes: float64 tensors with float32 values, which require gradients."""
     g = torch.Generator().manual_seed(seed)
 
     def uniform(*shape):
@@ -85,7 +85,7 @@ def test_weights_make_up_the_picture_of_white_convexes():
         blended = done.count_flagged(torch.ones(camera.height, camera.width, dtype=torch.bool))
         assert (weights <= 256 * blended).all() and (weights > 0).sum() > N / 4
         assert abs(float(weights.sum()) / 256 - float(done.color[0].sum())) < 0.5 / 256 * float(blended.sum())
-        with pytest.raises(TypeError, match="only renders of Gaussians"):
+        with pytest.raises(TypeError, match="only available for renders of Gaussians"):
             done.count_observed()
 
 
@@ -101,7 +101,7 @@ def test_the_references_gradients_are_differences():
 
 
 def given(tensors, **changes):
-    """Arguments of the release's ConvexRasterizer, shaped as its host has them."""
+    """Arguments of the release's ConvexRasterizer, in the shapes that its host passes."""
     counts = torch.full((N,), K, dtype=torch.int32)
     arguments = dict(
         convex_points=tensors["points"].flatten(0), delta=tensors["smoothness"], sigma=tensors["sharpness"],
@@ -141,11 +141,11 @@ def test_the_drop_in_draws_as_the_release():
     single = {name: value.detach().float().requires_grad_() for name, value in convexes().items()}
     arguments = given(single)
     color, radii, scaling, density_factor, others = rasterizer()(**arguments)
-    # float32 matrices of 3DGS: the principal point is good to about 1e-6 of the image.
+    # float32 matrices of 3DGS: the principal point is accurate to about 1e-6 of the image size.
     assert ((color - image) * certain).abs().max() < 1e-4
     assert others.shape == (7,) + color.shape[1:] and not others.any() and not density_factor.any()
     loss_of(color, certain).backward()
-    for name in ("smoothness", "sharpness", "opacities", "sh"):  # points: by the slip, see convex_rasterizer.h
+    for name in ("smoothness", "sharpness", "opacities", "sh"):  # not points, see convex_rasterizer.h
         assert_close(single[name].grad, exact[name].grad, name)
     assert_close(arguments["means2D"].grad[:, :2], screen.grad.sum(dim=1), "means2D")
 
@@ -192,9 +192,9 @@ def test_wrong_arguments_are_refused():
         rasterizer()(**given(single, colors_precomp=torch.zeros(N, 3)))
     counts = torch.full((N,), K, dtype=torch.int32)
     counts[0], counts[1] = K - 1, K + 1
-    with pytest.raises(ValueError, match="as many points for every convex"):
+    with pytest.raises(ValueError, match="the same number of points for every convex"):
         rasterizer()(**given(single, num_points_per_convex=counts))
-    with pytest.raises(ValueError, match="points: 3 to 8 points a convex wanted, 2 given"):
+    with pytest.raises(ValueError, match="points: expected 3 to 8 points per convex, got 2"):
         rasterize_convexes(reference.turned_camera(), **{**single, "points": single["points"][:, :2].contiguous()}, sh_degree=3)
-    with pytest.raises(ValueError, match=r"sharpness: shape \[9,1\] or \[9\] wanted"):
+    with pytest.raises(ValueError, match=r"sharpness: expected shape \[9,1\] or \[9\]"):
         rasterize_convexes(reference.turned_camera(), **{**single, "sharpness": torch.ones(3)}, sh_degree=3)

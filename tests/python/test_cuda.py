@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every operation on CUDA tensors against the same on the CPU; on a GPU, or on the emulator (test_emulated.py)."""
+"""Every operation on CUDA tensors against the CPU's; on a GPU, or on the emulator (test_emulated.py)."""
 
 import contextlib
 import json
@@ -26,7 +26,7 @@ on_gpu_only = pytest.mark.skipif(not ON_GPU, reason="no GPU, or a library withou
 
 
 def moved(value, device):
-    """A copy of tensors, wherever they are in lists and dictionaries."""
+    """A copy of the tensors in nested lists and dictionaries."""
     if isinstance(value, torch.Tensor):
         return value.detach().clone().to(device)
     if isinstance(value, dict):
@@ -35,7 +35,7 @@ def moved(value, device):
 
 
 def both(operation, *arguments):
-    """Results of an operation on the CPU and on CUDA, as tensors of the CPU."""
+    """Results of an operation on the CPU and on CUDA, both as CPU tensors."""
     results = [operation(*moved(arguments, "cpu"))]
     with contextlib.nullcontext() if ON_GPU else emulated.cuda():
         on_cuda = operation(*moved(arguments, "cuda" if ON_GPU else "cpu"))
@@ -83,8 +83,8 @@ def test_the_rasterizer_is_the_cpu_s(names, options):
     assert len(cpu) == len(cuda)
     for a, b in zip(cpu[:-2], cuda[:-2]):
         assert (a - b).abs().max() < 1e-4 * (1 + a.abs().max())
-    assert (cpu[-2] - cuda[-2]).abs().max() <= 1  # a radius just below a whole pixel
-    flags_may_differ = 3  # where the colour's last bit decides
+    assert (cpu[-2] - cuda[-2]).abs().max() <= 1  # a radius just below a whole pixel may differ
+    flags_may_differ = 3  # at thresholds, where rounding decides
     assert (cpu[-1] - cuda[-1]).abs().max() <= flags_may_differ and cpu[-1].sum() > 100
 
 
@@ -136,7 +136,7 @@ def test_scores_and_selections_are_the_cpu_s():
         cpu, cuda = both(operation, *arguments)
         assert torch.equal(cpu, cuda), operation.__name__
     cpu, cuda = both(lambda w, c: splatboost.keep_weighted_sample(w, 100, c, seed=1, iteration=7), priorities, mask)
-    # The logarithm is the device's: two keys that almost tie may change places.
+    # Logarithms of the devices differ by rounding: two nearly equal keys may change places.
     assert (cpu != cuda).sum() <= 2 and cuda.sum() == 100 and not (cuda & ~mask).any()
 
 
@@ -257,7 +257,7 @@ def test_tensors_of_two_devices_are_refused():
         tensors = {k: v if k == "colors" else v.cuda() for k, v in tensors.items()}
     else:
         tensors["colors"] = tensors["colors"].to("meta")
-    with pytest.raises(ValueError, match="colors: a tensor on .* wanted .as means., one on .* given"):
+    with pytest.raises(ValueError, match="colors: expected a tensor on .* .as means., got one on .*"):
         splatboost.rasterize(reference.turned_camera(), **tensors)
 
 
@@ -276,7 +276,7 @@ def test_gradcheck_on_a_gpu():
 
 @on_gpu_only
 def test_the_current_stream_is_the_call_s():
-    """A stream that is busy for a while: who did not queue on it would read what is not there yet."""
+    """A stream that is busy for a while: a call on another stream would read values not yet written."""
     tensors = {k: v.cuda() for k, v in scene("means", "opacities", "scales", "rotations", "colors").items()}
     with torch.no_grad():
         wanted = splatboost.rasterize(reference.turned_camera(), **tensors).color
@@ -323,7 +323,7 @@ def test_another_device_is_current_afterwards_as_before():
         assert torch.isfinite(color).all()
 
 
-#: Runs the host's script: as it is on a GPU, and with what it asks of CUDA on the emulator.
+#: Runs the host's script: unchanged on a GPU, or with its CUDA calls on the emulator.
 _RUN = {
     True: "import splatboost; splatboost.install_drop_ins('3dgs-2023'); sys.path.insert(0, '.'); "
     "sys.argv = sys.argv[1:]; runpy.run_path('train.py', run_name='__main__')",
@@ -332,7 +332,7 @@ _RUN = {
 
 
 def test_a_patched_host_trains(tmp_path):
-    """A miniature of 3DGS: its rasterizer is the drop-in, its tensors are CUDA's."""
+    """A miniature of 3DGS with the drop-in rasterizer, on CUDA tensors."""
     program = conftest.BUILD / "bin/splatboost"
     if not program.exists():
         pytest.skip("the program is not built")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several processes decide what one would: torch.distributed with gloo, on the CPU."""
+"""Several processes make the same decisions as one: torch.distributed with gloo, on the CPU."""
 
 import os
 import pathlib
@@ -15,14 +15,14 @@ import splatboost
 from splatboost import distributed
 
 N, VIEWS, EVENTS = 24, 5, 3
-#: A run of 600 iterations, whose growth these iterations belong to, and a late pruning.
+#: Iterations of growth and of a late pruning, in a run of 600.
 ITERATIONS, LATE = (100, 200, 250), 400
 
 pytestmark = pytest.mark.skipif(conftest.EMULATED, reason="processes of their own, on the CPU")
 
 
 class Scene:
-    """Gaussians, of which this process holds the rows of its shard; all of them without a shard."""
+    """The Gaussians of this process: the rows of its shard, or all of them without a shard."""
 
     NAMES = ("means", "scales", "rotations", "opacities", "sh")
 
@@ -49,7 +49,7 @@ class Scene:
 
 
 def run(processes, shards):
-    """A few growths and prunings; what is left, in the order of ids, by way of this process."""
+    """A few growths and prunings. Returns the remaining Gaussians in the order of ids, and the sizes on the way."""
     scene = Scene(lambda rows: distributed.Shard(rows, processes) if shards else None)
     adapter = splatboost.Adapter("vanilla", total_iterations=600, seed=7, tau_d=0.5, gradient_threshold=1e-5,
                                  gradient_abs_threshold=1e-4, percent_dense=0.15)
@@ -82,7 +82,7 @@ def run(processes, shards):
         scene.rows["means"] = scene.rows["means"] + draws * scene.rows["scales"] * children.unsqueeze(1)
         scene.rows["scales"] = torch.where(children.unsqueeze(1), scene.rows["scales"] / 1.6, scene.rows["scales"])
         opacities = scene.rows["opacities"].reshape(-1)
-        if scene.shard is None:  # rows as they were before, which ids tell only with a shard
+        if scene.shard is None:  # origins as rows before growth; with a shard they come from the ids
             rows = torch.arange(len(split))
             origins = torch.cat([rows[~split], rows[clone], rows[split], rows[split]])
         remove = shared.prune(iteration, views, candidates=opacities < 0.45, opacities=opacities, origins=origins)
@@ -94,7 +94,7 @@ def run(processes, shards):
                           opacities=opacities)
     ids.remove(remove)
     scene.rows = {name: v[~remove] for name, v in scene.rows.items()}
-    # In the order of ids, also where every process holds all.
+    # In the order of ids, also if every process holds all Gaussians.
     order = torch.sort(ids.ids)[1] if scene.shard is None else slice(None)
     return {name: value[order] for name, value in scene.everyone().items()}, sizes
 
@@ -121,13 +121,13 @@ def main(rank, count, folder):
     processes = distributed.Processes()
     assert (processes.rank, processes.count) == (rank, count)
     torch.save([run(processes, shards) for shards in (False, True)], os.path.join(folder, "%d.pt" % rank))
-    # Processes with no rows, and sums that only integers allow.
+    # Process 0 has no rows; sums require integers.
     rows = processes.rows(torch.full((rank, 2), float(rank)))
     assert rows.shape == (sum(range(count)), 2)
     try:
         processes.sum(torch.zeros(1))
     except ValueError as error:
-        assert "int64 wanted" in str(error)
+        assert "expected int64" in str(error)
     else:
         raise AssertionError
     torch.distributed.destroy_process_group()
@@ -149,7 +149,7 @@ def test_one_process_with_a_shard_leaves_the_same_gaussians(alone):
 
 @pytest.mark.parametrize("count", [2, 4])
 def test_any_number_of_processes_leaves_the_same_gaussians(tmp_path, alone, count):
-    """Where views are shared out, and where Gaussians are too."""
+    """With views distributed over processes, and with Gaussians distributed too."""
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(conftest.PACKAGE), str(pathlib.Path(__file__).parent)]),
                        OMP_NUM_THREADS="1", GLOO_SOCKET_IFNAME="lo")
     started = [subprocess.Popen([sys.executable, __file__, str(rank), str(count), str(tmp_path)],

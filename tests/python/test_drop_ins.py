@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drop-ins: the upstream's names, signatures and conventions."""
+"""The drop-ins: names, signatures and conventions of the upstream packages."""
 
 import importlib
 import inspect
@@ -71,7 +71,7 @@ def test_signatures():
         assert list(inspect.signature(m.GaussianRasterizer.forward).parameters) == ["self"] + arguments
         assert list(inspect.signature(m.GaussianRasterizer).parameters) == ["raster_settings"]
         assert hasattr(m.GaussianRasterizer, "markVisible") and hasattr(m, "rasterize_gaussians")
-        # 3DGS asks for the class to find out whether the sparse optimizer is there.
+        # 3DGS imports the class to detect whether the sparse optimizer is available.
         assert hasattr(m, "SparseGaussianAdam") == (layout == "3dgs-accelerated")
 
 
@@ -91,15 +91,15 @@ def test_matrices_that_do_not_fit_are_refused():
     camera = reference.turned_camera()
     view, full, position, tanfovx, tanfovy = reference.matrices_3dgs(camera)
     h, w = camera.height, camera.width
-    with pytest.raises(ValueError, match="projmatrix: a pinhole projection that fits"):
+    with pytest.raises(ValueError, match="projmatrix: expected a pinhole projection that matches"):
         Camera.from_3dgs(h, w, tanfovx, tanfovy, view, full.T, position)
     with pytest.raises(ValueError, match="projmatrix"):
         Camera.from_3dgs(h, w, 2 * tanfovx, tanfovy, view, full, position)
-    with pytest.raises(ValueError, match="viewmatrix: a rigid motion wanted"):
+    with pytest.raises(ValueError, match="viewmatrix: expected a rigid motion"):
         Camera.from_3dgs(h, w, tanfovx, tanfovy, 2 * view, full, position)
-    with pytest.raises(ValueError, match="campos: the centre of viewmatrix"):
+    with pytest.raises(ValueError, match="campos: expected the centre of viewmatrix"):
         Camera.from_3dgs(h, w, tanfovx, tanfovy, view, full, position + 1)
-    with pytest.raises(ValueError, match=r"viewmatrix: shape \[4,4\] wanted"):
+    with pytest.raises(ValueError, match=r"viewmatrix: expected shape \[4,4\]"):
         Camera.from_3dgs(h, w, tanfovx, tanfovy, view[:3], full, position)
 
 
@@ -131,7 +131,7 @@ def inputs(seed=0, dc_apart=False):
     ],
 )
 def test_each_layout_draws_the_reference(layout, options):
-    """The 3σ square cuts what lies beyond it: opacities are low enough that this is below the threshold."""
+    """The 3σ square cuts splats off; opacities are so low that alpha is below the threshold there."""
     camera = reference.turned_camera(cx=14.0)
     arguments = inputs(dc_apart=layout == "3dgs-accelerated")
     arguments["opacities"] = (arguments["opacities"].detach() * 0.3).requires_grad_()
@@ -150,7 +150,7 @@ def test_each_layout_draws_the_reference(layout, options):
         low_pass=0.1 if mip else 0.3,
         compensate_opacity=mip or options.get("antialiasing", False),
     )
-    # float32 matrices of 3DGS: the principal point is good to about 1e-6 of the image.
+    # float32 matrices of 3DGS: the principal point is accurate to about 1e-6 of the image size.
     assert (color - image).abs().max() < 1e-4
     assert radii.dtype == torch.int32 and torch.equal(radii > 0, radii != 0)
     assert len(done) == (2 if layout in ("3dgs-2023", "mip-splatting") else 3)
@@ -253,7 +253,7 @@ def test_wrong_combinations_are_refused():
     mip = module("mip-splatting").GaussianRasterizer(
         settings("mip-splatting", reference.turned_camera(), subpixel_offset=offset)
     )
-    with pytest.raises(ValueError, match="subpixel_offset: zeros wanted"):
+    with pytest.raises(ValueError, match="subpixel_offset: expected zeros"):
         mip(**arguments)
 
 
@@ -273,12 +273,12 @@ def test_sparse_adam_steps_what_was_visible():
         assert torch.allclose(value.detach(), expected, atol=1e-6)
     assert torch.equal(value.detach()[~visible], torch.ones(2, 2))
     assert {"exp_avg", "exp_avg_sq"} <= set(optimizer.state[value])
-    with pytest.raises(ValueError, match=r"visibility: bool \[4\] wanted"):
+    with pytest.raises(ValueError, match=r"visibility: expected bool \[4\]"):
         optimizer.step(visible[:3], 4)
 
 
 def test_install_drop_ins():
-    """In a process of its own: sys.modules is the whole process's."""
+    """In a separate process, since sys.modules is global."""
     script = """
 import sys, splatboost
 from splatboost.drop_ins import LAYOUTS
@@ -338,11 +338,11 @@ def test_deformable_gives_absolute_gradients_and_depth():
     again = module("3dgs-2023").GaussianRasterizer(settings("3dgs-2023", reference.turned_camera()))(**plain)
     assert torch.equal(again[0], color) and torch.equal(again[1], radii)
     again[0].square().sum().backward()
-    # A GPU adds gradients up in any order.
+    # A GPU sums gradients in any order.
     torch.testing.assert_close(given["means2D"].grad[:, :2], plain["means2D"].grad[:, :2], rtol=1e-5, atol=1e-5)
     torch.testing.assert_close(densify.grad[:, :2], plain["means2D"].grad[:, 2:], rtol=1e-5, atol=1e-5)
     assert (densify.grad[:, :2] >= given["means2D"].grad[:, :2].abs() - 1e-5).all()
-    # Where all is opaque, depth is that of what is seen; here it lies between nothing and the farthest Gaussian.
+    # Depth is blended: where alpha is below 1, it lies between 0 and the depth of the farthest Gaussian.
     view = settings("deformable-3dgs", reference.turned_camera()).viewmatrix
     z = given["means3D"].detach() @ view[:3, 2] + view[3, 2]
     assert 0 < depth.max() <= z.max()
@@ -379,7 +379,7 @@ def plane_inputs():
 
 
 def exact_planes(camera, given, moved=None, **options):
-    """Maps, depth of planes and counts of the double-precision renderer; the depth by its formula, pixel by pixel."""
+    """Maps, depth of planes, alpha and counts of the double-precision renderer; depth by its formula for each pixel."""
     names = {"means": "means3D", "opacities": "opacities", "scales": "scales", "rotations": "rotations", "features": "all_map"}
     exact = {k: given[v].detach().double() for k, v in names.items()}
     for name, change in (moved or {}).items():
@@ -388,7 +388,7 @@ def exact_planes(camera, given, moved=None, **options):
     depth = torch.zeros(camera.height, camera.width, dtype=torch.float64)
     for j in range(camera.height):
         for i in range(camera.width):
-            # The host takes the ray through a pixel's corner.
+            # The host uses the ray through a pixel's corner.
             ray = torch.tensor([(i - 0.5 * camera.width) / camera.fx, (j - 0.5 * camera.height) / camera.fy, 1.0]).double()
             depth[j, i] = -maps[4, j, i] / (maps[:3, j, i] @ ray + 1e-8)
     return maps, depth, alpha, counts
@@ -413,7 +413,7 @@ def test_planes_are_the_reference_s():
 
 
 def test_gradients_go_through_planes():
-    """Against differences of the double-precision renderer: each input moves along a direction of its own."""
+    """Against finite differences of the double-precision renderer: each input changes along a random direction."""
     camera, given = reference.turned_camera(12, 9), plane_inputs()
     splatboost.set_beta(1.0)
     _, _, alpha, _ = exact_planes(camera, given)
@@ -434,7 +434,7 @@ def test_gradients_go_through_planes():
         wanted = ((up - down) / (2 * h)).item()
         found = (given[argument].grad.double() * direction).sum().item()
         assert abs(wanted) > 0.1 and abs(found - wanted) < 2e-3 * (1 + abs(wanted)), (argument, found, wanted)
-    # What the density control of the host reads.
+    # The gradients that the host's density control reads.
     signed, absolute = given["means2D"].grad, given["means2D_abs"].grad
     assert signed[:, :2].abs().max() > 0 and (absolute[:, :2] >= 0.999 * signed[:, :2].abs()).all()
     assert not signed[:, 2].any() and not absolute[:, 2].any() and not torch.equal(absolute[:, :2], signed[:, :2].abs())
@@ -446,10 +446,10 @@ def test_without_planes_their_maps_are_zero():
     assert observed.any() and maps.shape == (5, 22, 30) and depth.shape == (1, 22, 30)
     assert not maps.any() and not depth.any() and not maps.requires_grad
     given["all_map"] = given["all_map"].detach()[:, :4]
-    with pytest.raises(ValueError, match=r"all_map: shape \[N,5\] wanted"):
+    with pytest.raises(ValueError, match=r"all_map: expected shape \[N,5\]"):
         module("pgsr").GaussianRasterizer(plane_settings(camera))(**given)
     del given["all_map"]
-    with pytest.raises(ValueError, match="all_map: .* wanted with render_geo"):
+    with pytest.raises(ValueError, match="all_map: expected .* with render_geo"):
         module("pgsr").GaussianRasterizer(plane_settings(camera))(**given)
 
 
@@ -463,5 +463,5 @@ def test_stand_ins_of_pgsr():
     _stand_ins._open3d(root)
     integration = root.pipelines.integration
     volume = integration.ScalableTSDFVolume(voxel_length=1, sdf_trunc=4, color_type=integration.TSDFVolumeColorType.RGB8)
-    with pytest.raises(ModuleNotFoundError, match="open3d is not installed"):
+    with pytest.raises(ModuleNotFoundError, match="open3d: required for meshes, but not installed"):
         volume.integrate(1)

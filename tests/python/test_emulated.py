@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The package's tests once more, with CUDA tensors: on the emulator, where there need be no GPU."""
+"""Repeats the package's tests with CUDA tensors on the emulator, which needs no GPU."""
 
 import os
 import pathlib
@@ -17,7 +17,7 @@ LIBRARY = conftest.BUILD / "lib/libsplatboost_emulated.so"
 @pytest.mark.skipif(not LIBRARY.exists(), reason="the emulator's library is not built")
 def test_the_package_on_the_emulator():
     folder = pathlib.Path(__file__).parent
-    # What draws hundreds of views takes the emulator long; a host trains in test_cuda.py.
+    # Tests that draw hundreds of views are slow on the emulator; a host trains in test_cuda.py.
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "not test_gradcheck and not test_trains"]
     done = subprocess.run(
         command + [str(folder / ("test_%s.py" % name)) for name in FILES],

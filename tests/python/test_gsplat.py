@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SplatBoostStrategy in a training loop: on a miniature double of gsplat, and on gsplat's own classes and operations
-where it is installed. Its rasterizer needs CUDA, so SplatBoost's draws in its place."""
+"""SplatBoostStrategy in a training loop: with a test double of gsplat, and with gsplat's own classes and operations
+where it is installed. gsplat's rasterizer needs CUDA, so SplatBoost's is used instead."""
 
 import os
 import subprocess
@@ -38,7 +38,7 @@ def strategy_module(request):
 
 
 class Trainer:
-    """Draws as gsplat's rasterization() does, as far as a strategy can see: info with means2d, absgrad and radii."""
+    """Trains with the `info` of gsplat's rasterization() that a strategy uses: means2d, absgrad and radii."""
 
     def __init__(self, module, max_steps, absgrad=True, **settings):
         t = {k: v.float() for k, v in gaussians(3).items()}
@@ -59,13 +59,13 @@ class Trainer:
                 pose = torch.tensor(camera.camera_from_world).view(4, 4)
                 self.views.append(module.View(pose, k, image.permute(1, 2, 0)))
                 self.truths.append(image)
-        kept = torch.arange(N) % 3 > 0  # a third is missing, and must be grown again
+        kept = torch.arange(N) % 3 > 0  # a third is missing, and must grow back
         self.params = {k: torch.nn.Parameter(v[kept].clone()) for k, v in values.items()}
         rates = {"means": 1e-3, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 1e-4}
         self.optimizers = {k: torch.optim.Adam([p], lr=rates[k], eps=1e-15) for k, p in self.params.items()}
         self.strategy = module.SplatBoostStrategy(
             max_steps=max_steps, near_plane=0.2, settings=settings, reset_every=200000, absgrad=absgrad
-        )  # short runs do not recover from a reset
+        )  # opacities do not recover from a reset in short runs
         self.strategy.score_on(self.views)
         self.module = module
         self.strategy.check_sanity(self.params, self.optimizers)
@@ -130,8 +130,8 @@ def test_trains_grows_and_prunes(strategy_module):
             state = trainer.optimizers[name].state.get(p)
             assert state is None or state["exp_avg"].shape == p.shape
         assert trainer.state["count"].shape == (n,) and "origins" not in trainer.state
-    # Growth until half of the run brings the loss down; then every event removes what scores worst. A scene of so few
-    # feels each one, so the loss is judged before that.
+    # Growth until half of the run reduces the loss; then every event prunes the worst scores. In so small a scene each
+    # pruning is visible in the loss, so it is compared before that.
     assert max(counts) > before and counts[-1] < max(counts)
     assert sum(trainer.losses[270:300]) < 0.6 * sum(trainer.losses[:30])
     opacities = torch.sigmoid(trainer.params["opacities"])
@@ -139,7 +139,7 @@ def test_trains_grows_and_prunes(strategy_module):
 
 
 def test_growth_is_the_adapter_s(strategy_module):
-    """One event: what gsplat's operations are asked for is what the adapter says of the same scores."""
+    """One event: the calls of gsplat's operations are the adapter's decisions for the same scores."""
     trainer = Trainer(
         strategy_module, 30000, tau_d=0.5, gradient_threshold=1e-5, gradient_abs_threshold=1e-4, percent_dense=0.15
     )
@@ -172,7 +172,7 @@ def test_accumulated_gradients_are_applied_before_surgery(strategy_module):
     rest = trainer.params["shN"].detach().clone()
     for step in range(5):
         trainer.step(step)
-    assert torch.equal(trainer.params["shN"].detach(), rest)  # it steps every 16
+    assert torch.equal(trainer.params["shN"].detach(), rest)  # it steps every 16 iterations
     trainer.strategy._apply_pending(trainer.params, trainer.optimizers)
     assert not torch.equal(trainer.params["shN"].detach(), rest) and trainer.params["shN"].grad is None
 
@@ -216,7 +216,7 @@ def test_packed_and_two_radii(strategy_module):
 
 
 def test_needs(strategy_module, monkeypatch):
-    with pytest.raises(ValueError, match="views: at least one"):
+    with pytest.raises(ValueError, match="views: expected at least one"):
         strategy_module.SplatBoostStrategy().score_on([])
     unready = strategy_module.SplatBoostStrategy()
     with pytest.raises(ValueError, match="call score_on"):
@@ -224,21 +224,21 @@ def test_needs(strategy_module, monkeypatch):
     trainer = Trainer(strategy_module, 100)
     params = {k: v for k, v in trainer.params.items() if k != "sh0"}
     optimizers = {k: v for k, v in trainer.optimizers.items() if k != "sh0"}
-    with pytest.raises(ValueError, match="params: sh0 wanted"):
+    with pytest.raises(ValueError, match="params: expected sh0"):
         trainer.strategy.check_sanity(params, optimizers)
-    # Rows that came and went otherwise would be taken for others.
+    # Rows added or removed by others are detected.
     trainer.strategy._rows(trainer.params)
     with pytest.raises(ValueError, match="params: 15 Gaussians, but 16 came of"):
         trainer.strategy._rows({name: p[1:] for name, p in trainer.params.items()})
     forget_gsplat()
     monkeypatch.setitem(sys.modules, "gsplat", None)
-    with pytest.raises(ImportError, match="needs gsplat, which is not there: pip install gsplat"):
+    with pytest.raises(ImportError, match="needs gsplat, which is not installed: pip install gsplat"):
         import splatboost.gsplat  # noqa: F401
 
 
 @pytest.mark.skipif(conftest.EMULATED, reason="hundreds of views take the emulator long")
 def test_without_absolute_gradients(strategy_module):
-    """3DGS's own rule makes the candidates then, from the signed gradient."""
+    """Without them 3DGS's own rule selects the candidates, from the signed gradient."""
     trainer = Trainer(strategy_module, 600, absgrad=False, tau_d=0.5, gradient_threshold=1e-5, percent_dense=0.15)
     assert not trainer.strategy.adapter().settings["absgrad"]
     before = trainer.params["means"].shape[0]
@@ -247,7 +247,7 @@ def test_without_absolute_gradients(strategy_module):
 
 
 def test_views_of_a_data_set_and_masks(strategy_module):
-    """Items as those of simple_trainer's Dataset, and its configuration; a masked pixel is not scored."""
+    """Items like those of simple_trainer's Dataset, and its configuration; masked pixels are not scored."""
     import types
 
     trainer = Trainer(strategy_module, 300)
@@ -267,7 +267,7 @@ def test_views_of_a_data_set_and_masks(strategy_module):
     strategy_module.score_views(config, Dataset())
     strategy = trainer.strategy
     assert (strategy.max_steps, strategy.antialiased, strategy.adapter().total_iterations) == (77, True, 77)
-    # Its adjust_steps() has scaled reset_every as it scales max_steps; a second look changes nothing.
+    # simple_trainer's adjust_steps() has scaled reset_every like max_steps; a second call changes nothing.
     strategy.reset_every, config.steps_scaler = 750, 0.25
     for _ in range(2):
         strategy_module.score_views(config, Dataset())
@@ -279,14 +279,14 @@ def test_views_of_a_data_set_and_masks(strategy_module):
     assert torch.allclose(from_items.color, from_views.color, atol=1e-5)
     assert (from_items.truth.int() - from_views.truth.int()).abs().max() <= 1
     assert torch.equal(from_items.valid, masks[1]) and from_views.valid is None
-    strategy_module.score_views(types.SimpleNamespace(strategy=object()), Dataset())  # another strategy's: nothing
+    strategy_module.score_views(types.SimpleNamespace(strategy=object()), Dataset())  # another strategy: no effect
 
 
 def test_optimizers_that_wait_and_those_that_cannot(strategy_module):
     trainer = Trainer(strategy_module, 30000)
     due = strategy_module.optimizers_at(trainer.strategy, trainer.optimizers, 3)
     assert trainer.optimizers["shN"] not in due and trainer.optimizers["means"] in due
-    assert len(strategy_module.optimizers_at(trainer.strategy, trainer.optimizers, 29999)) == 6  # nothing is left at the end
+    assert len(strategy_module.optimizers_at(trainer.strategy, trainer.optimizers, 29999)) == 6  # all step at the end
 
     class SelectiveAdam:
         pass
@@ -297,7 +297,7 @@ def test_optimizers_that_wait_and_those_that_cannot(strategy_module):
 
 
 def test_what_lies_beside_parameters_follows(strategy_module):
-    """gsplat 1.6 tells its scene of every operation."""
+    """gsplat 1.6 notifies its scene of every operation."""
     trainer = Trainer(strategy_module, 300)
     calls = []
     trainer.step(0)
@@ -314,7 +314,7 @@ def test_what_lies_beside_parameters_follows(strategy_module):
     assert calls == [("remove", "a scene")]
 
 
-#: Names and order of gsplat's simple_trainer, as far as the recipe and the strategy meet it.
+#: Names and order of calls of gsplat's simple_trainer, as far as the recipe and the strategy depend on them.
 SIMPLE_TRAINER = """
 import sys
 import types
@@ -390,6 +390,6 @@ def test_the_recipe_for_simple_trainer(tmp_path):
     assert len([line for line in new if line not in old]) <= 5
     assert run(sys.executable, trainer, "default").split()[0] == "360"  # six optimizers
     steps, n = map(int, run(sys.executable, trainer, "splatboost").splitlines()[-1].split())
-    assert steps == 5 * 60 + 3 and n > 0  # spherical harmonics every 16
+    assert steps == 5 * 60 + 3 and n > 0  # spherical harmonics step every 16 iterations
     run(program, "patch", "revert", tmp_path)
     assert trainer.read_text() == SIMPLE_TRAINER

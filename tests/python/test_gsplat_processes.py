@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SplatBoostStrategy in two processes, with Gaussians dealt out as gsplat's simple_trainer does, leaves what one process does."""
+"""SplatBoostStrategy in two processes, with Gaussians split as in gsplat's simple_trainer, gives the results of one."""
 
 import os
 import pathlib
@@ -19,8 +19,8 @@ STEPS, LENGTH, CAMERAS, CAP = 135, 220, 2, 28
 
 
 def run(processes):
-    """Trains with two cameras a step, as two processes of one camera each do; all Gaussians in the order of their ids, and how
-    many there were on the way. What gsplat's rasterization() does among processes is done by every process here."""
+    """Trains with two cameras per step, like two processes with one camera each. Every process does what gsplat's
+    rasterization() distributes. Returns all Gaussians in the order of their ids, and their numbers on the way."""
     gsplat_double.install()
     import test_gsplat
 
@@ -48,7 +48,7 @@ def run(processes):
                 found.append(shard.own_rows(values[0]))
         for name, p in trainer.params.items():
             grad = shard.own_rows(everyone[name].grad)
-            p.grad = grad if p.grad is None else p.grad + grad  # what waits between steps accumulates
+            p.grad = grad if p.grad is None else p.grad + grad  # gradients accumulate between steps
         means2d = torch.zeros_like(torch.stack(grads), requires_grad=True)
         means2d.grad, means2d.absgrad = torch.stack(grads), torch.stack(absolute)
         info.update(means2d=means2d, radii=torch.stack(radii), n_cameras=CAMERAS)

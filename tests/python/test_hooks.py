@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hooks by themselves. Whole patched hosts are in test_hosts.py."""
+"""The hooks in isolation. Whole patched hosts are tested in test_hosts.py."""
 
 import types
 
@@ -12,7 +12,7 @@ N = 6
 
 
 class Adapter:
-    """Decides as it is told."""
+    """A fake adapter with given decisions."""
 
     beta = 0.5
 
@@ -35,7 +35,7 @@ class Adapter:
 
 
 class Model:
-    """A host's model of N numbers, with tmp_radii as 3DGS has it since October 2024."""
+    """A host's model with N numbers, and with tmp_radii as in 3DGS since October 2024."""
 
     def __init__(self):
         self.value = torch.nn.Parameter(torch.arange(float(N)))
@@ -86,7 +86,7 @@ def test_waiting_groups_gather_gradients_and_lose_none():
         (model.slow * gradient).sum().backward()
         boost.optimizer.step()
         boost.optimizer.zero_grad(set_to_none=True)
-        # The same by hand: nothing but a step on the sum of three.
+        # The expected result: a step on the sum of three gradients.
         (other.slow * gradient).sum().backward()
         if iteration % 3 == 0 or iteration == 7:  # at 7 the host writes a checkpoint
             other.optimizer.step()
@@ -303,7 +303,7 @@ def test_pgsr_grows_from_its_own_candidates():
     g.max_radii2D = torch.tensor([50.0, 50.0, 50.0, 50.0, 20.0, 50.0, 50.0])
     own = boost._own_growth(gradients, scales, 2.0)
     assert own["clone"].tolist() == [True] + 6 * [False]
-    # Signed gradients, and of what is large on screen and blurred the two of the largest absolute gradients.
+    # By signed gradients; and of those large on screen and blurred, the two with the largest absolute gradients.
     assert own["split"].tolist() == [False, True, False, False, False, True, True]
     options.boost_beta, options.boost_tau_d = 1.0, 5.0
     options.densify_from_iter, options.densify_until_iter, options.densification_interval = 500, 15000, 100

@@ -19,7 +19,7 @@ PROGRAM = conftest.BUILD / "bin/splatboost"
 LAYOUTS = list(miniature_host.RECIPES)
 # Growth every 10 iterations from 20 to 60; late pruning after 60.
 RUN = "--iterations 120 --densification_interval 10 --densify_from_iter 10 --densify_until_iter 61".split()
-# Growth at 15, 30 and 45, late pruning from 30 on; the host's own removal after that.
+# Growth at 15, 30 and 45, late pruning from 30 on; then the host's own pruning.
 RUN_OF_CONVEXES = "--iterations 90 --densification_interval 15 --densify_from_iter 10 --densify_until_iter 50".split()
 RUN_OF_ANCHORS = "--iterations 90 --start_stat 3 --update_interval 10 --update_from 9 --update_until 61".split()
 
@@ -31,7 +31,7 @@ def patch(*arguments):
 
 
 def command(tree, script, *arguments):
-    """The command line itself; host_runner.run is the same but for the import of torch."""
+    """Runs the command line itself; host_runner.run does the same without importing torch anew."""
     environment = dict(os.environ, PYTHONPATH=str(conftest.PACKAGE), OMP_NUM_THREADS="1")
     return subprocess.run([sys.executable, "-m", "splatboost.cpu", str(tree / script), *map(str, arguments)],
                           capture_output=True, text=True, check=False, env=environment, timeout=300)
@@ -41,7 +41,7 @@ def train(tree, model, *arguments, run=None):
     done = host_runner.run(tree, "train.py", "--model_path", model, *(run or RUN), *arguments)
     assert done.returncode == 0, done.stderr
     boosted = "splatboost" in (tree / "train.py").read_text() and "off" not in arguments
-    assert done.stdout.count("SplatBoost: ") == boosted  # one line about itself
+    assert done.stdout.count("SplatBoost: ") == boosted  # one line of information
     return dict(json.loads((model / "losses.json").read_text()), told=done.stdout)
 
 
@@ -67,7 +67,7 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
     assert off["counts"] == unpatched["counts"]
     assert not (tmp_path / "off/splatboost.json").exists()
 
-    # A box that cuts, also where the default does not, so that the renders below tell whether it is used.
+    # A box that cuts, even if the default does not, so that the renders below show whether it is used.
     hosts_own = layout in ("2dgs", "gof")  # the host's rasterizer draws
     on = train(tree, tmp_path / "on", *([] if hosts_own else ["--boost_beta", "0.5"]))
     assert on["counts"][-1] < off["counts"][-1]
@@ -113,7 +113,7 @@ def test_a_layout_of_anchors_from_patch_to_revert(tmp_path, layout):
     assert (tmp_path / "off/model.npz").read_bytes() == (tmp_path / "unpatched/model.npz").read_bytes()
     assert not (tmp_path / "off/splatboost.json").exists()
 
-    # Slots are numbered by anchors; a gate that took them in another order would not spare as many anchors.
+    # Slots are numbered anchor by anchor; with another order the gate would prevent less growth.
     on = train(tree, tmp_path / "on", "--boost_tau_d", "4.2", run=RUN_OF_ANCHORS)
     assert 60 < on["counts"][-1] < 0.9 * off["counts"][-1]
     assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
@@ -124,7 +124,7 @@ def test_a_layout_of_anchors_from_patch_to_revert(tmp_path, layout):
     if layout == "scaffold":
         capped = train(tree, tmp_path / "capped", "--boost_max_anchors", "75", "--boost_tau_d", "4.2", run=RUN_OF_ANCHORS)
         assert 60 < max(capped["counts"]) <= 75
-    else:  # a gate that nothing passes changes nothing but growth: levels of detail move on
+    else:  # a closed gate stops growth only: levels of detail still change
         closed = train(tree, tmp_path / "closed", "--boost_tau_d", "1e9", run=RUN_OF_ANCHORS)
         assert max(closed["counts"]) == 60 and closed["extra"] > 0
 
@@ -153,7 +153,7 @@ def test_convexes_from_patch_to_revert(tmp_path):
     assert (tmp_path / "off/model.npz").read_bytes() == (tmp_path / "unpatched/model.npz").read_bytes()
     assert not (tmp_path / "off/splatboost.json").exists()
 
-    # Importance of images this small is scaled down, and convexes cover much of them.
+    # The threshold is scaled down for images this small, and convexes cover much of them.
     on = train(tree, tmp_path / "on", "--boost_tau_d", "30000", run=RUN_OF_CONVEXES)
     assert on["counts"][0] < on["counts"][-1] < 0.6 * off["counts"][-1]
     assert sum(on["losses"][-20:]) < 0.7 * sum(on["losses"][:20]), "it does not learn"
@@ -164,7 +164,7 @@ def test_convexes_from_patch_to_revert(tmp_path):
 
     capped = train(tree, tmp_path / "capped", "--boost_max_convexes", "90", "--boost_tau_d", "0", run=RUN_OF_CONVEXES)
     assert 80 < max(capped["counts"]) <= 90
-    # Nothing passes: nothing but growth changes, and what the host gathers starts again as with growth.
+    # With a closed gate only growth changes; the host's statistics are reset as with growth.
     closed = train(tree, tmp_path / "closed", "--boost_tau_d", "1e9", run=RUN_OF_CONVEXES)
     assert max(closed["counts"]) == 60
 
@@ -196,7 +196,7 @@ def test_pgsr_reads_cameras_of_one_focal_length_and_its_cap_holds(tmp_path):
         focals()
     patch("apply", "pgsr", tree)
     assert focals() == (50.0, 50.0, 2.0)
-    # Where there is no room for all, the most wanted grow; the host's own functions would choose others.
+    # Under a cap those with the highest priority grow; the host's own functions would choose others.
     capped = train(tree, tmp_path / "model", "--max_all_points", "75", "--boost_max_gaussians", "900")
     assert 60 < max(capped["counts"]) <= 75
     assert capped["told"].startswith("SplatBoost: default rules of pgsr, beta 1,")
@@ -208,11 +208,11 @@ def test_options_of_the_patch(tmp_path):
     patch("apply", "3dgs", tree)
     done = command(tree, "train.py", "--model_path", tmp_path / "model", "--iterations", "5", "--boost", "perhaps")
     assert done.returncode == 2
-    assert "--boost: on or off wanted, perhaps given" in done.stderr
+    assert "--boost: expected on or off, got perhaps" in done.stderr
     capped = train(tree, tmp_path / "model", "--boost_max_gaussians", "70", "--boost_beta", "0.7")
     assert max(capped["counts"]) == 70
     assert json.loads((tmp_path / "model/splatboost.json").read_text())["beta"] == pytest.approx(0.7)
-    # A model that is trained anew without boost forgets beta.
+    # Training again without the boost removes the stored beta.
     train(tree, tmp_path / "model", "--boost", "off")
     assert not (tmp_path / "model/splatboost.json").exists()
 
@@ -225,7 +225,7 @@ def test_errors_of_the_runner(tmp_path):
     done = command(tmp_path, "needy.py")
     assert done.returncode == 2
     assert "needy.py needs the Python module no_such_package_at_all: pip install" in done.stderr
-    # All that is missing at once, by their names on PyPI; what is imported only if it is there is not missed.
+    # All missing modules are listed at once, by their names on PyPI; optional imports are not.
     (tmp_path / "part").mkdir()
     (tmp_path / "part/__init__.py").write_text("from . import inner\n")
     (tmp_path / "part/inner.py").write_text("import no_such_b.sub\n\ndef f():\n    import no_such_c\n")

@@ -37,11 +37,11 @@ def test_fused_ssim_refuses():
     image = torch.rand(1, 3, 20, 20)
     with pytest.raises(ValueError, match="padding"):
         splatboost.fused_ssim(image, image, padding="full")
-    with pytest.raises(ValueError, match=r"img2: shape \[1,3,20,20\] wanted"):
+    with pytest.raises(ValueError, match=r"img2: expected shape \[1,3,20,20\]"):
         splatboost.fused_ssim(image, image[:, :2])
-    with pytest.raises(ValueError, match=r"img1: shape \[B,C,H,W\] wanted"):
+    with pytest.raises(ValueError, match=r"img1: expected shape \[B,C,H,W\]"):
         splatboost.fused_ssim(image[0], image)
-    with pytest.raises(ValueError, match="holds no window"):
+    with pytest.raises(ValueError, match="contains no window"):
         splatboost.fused_ssim(image[..., :10], image[..., :10], padding="valid")
     value = splatboost.fused_ssim(image.requires_grad_(), image.detach(), train=False)
     with pytest.raises(RuntimeError, match="train=False"):
@@ -86,7 +86,7 @@ def test_scores_and_selections():
     assert splatboost.pruning_scores(torch.full((4,), 2.0).double()).tolist() == [0] * 4
     every = torch.ones(3, dtype=torch.bool)
     assert splatboost.keep_important(importance, 2.5, every).tolist() == [False, True, True]
-    assert every.all()  # masks that come in stay
+    assert every.all()  # input masks are unchanged
     priorities = torch.tensor([1.0, 3.0, 2.0])
     assert splatboost.keep_largest(priorities, 2, every).tolist() == [False, True, True]
     assert splatboost.spare_one(priorities, every).tolist() == [True, False, True]
@@ -95,7 +95,7 @@ def test_scores_and_selections():
     assert kept.sum() == 100 and not (kept & ~candidates).any()
     assert torch.equal(kept, splatboost.keep_weighted_sample(weights, 100, candidates, seed=1, iteration=7))
     assert not torch.equal(kept, splatboost.keep_weighted_sample(weights, 100, candidates, seed=2, iteration=7))
-    with pytest.raises(ValueError, match="candidates: bool wanted, uint8 given"):
+    with pytest.raises(ValueError, match="candidates: expected bool, got uint8"):
         splatboost.keep_largest(priorities, 2, every.to(torch.uint8))
     with pytest.raises(ValueError, match="keep must not be negative"):
         splatboost.keep_largest(priorities, -1, every)
@@ -106,12 +106,12 @@ def test_neighbors_by_brute_force():
     squared = torch.cdist(points.double(), points.double()).square()
     squared.fill_diagonal_(float("inf"))
     wanted = squared.sort(dim=1).values[:, :3].mean(1)
-    ours = splatboost.mean_squared_neighbor_distances(points.t().contiguous().t())  # of any strides
+    ours = splatboost.mean_squared_neighbor_distances(points.t().contiguous().t())  # not contiguous
     assert ((ours - wanted) / wanted).abs().max() < 1e-4
-    if not conftest.EMULATED:  # values on a GPU are not looked at
+    if not conftest.EMULATED:  # values on a GPU are not checked
         with pytest.raises(ValueError, match="finite"):
             splatboost.mean_squared_neighbor_distances(points * float("nan"))
-    with pytest.raises(ValueError, match=r"points: shape \[N,3\] wanted"):
+    with pytest.raises(ValueError, match=r"points: expected shape \[N,3\]"):
         splatboost.mean_squared_neighbor_distances(points[:, :2])
 
 
@@ -127,7 +127,7 @@ def test_adam_is_torch_s():
         optimizer.step()
         splatboost.adam_step(values, gradients, first, second, step, lr=0.02)
         assert (values - theirs.detach()).abs().max() < 1e-6 and not gradients.any()
-    with pytest.raises(ValueError, match="gradients: a contiguous tensor wanted"):
+    with pytest.raises(ValueError, match="gradients: expected a contiguous tensor"):
         splatboost.adam_step(values, torch.zeros(3, 7).t(), first, second, 1)
 
 

@@ -112,7 +112,7 @@ else:
     assert done.returncode == 0, done.stderr
     done = run("import splatboost; splatboost.scaled_iteration(1, 2)", SPLATBOOST_LIBRARY="/nowhere/libsplatboost.so")
     assert done.returncode == 1 and "libsplatboost was not found" in done.stderr
-    assert "/nowhere/libsplatboost.so: not there" in done.stderr
+    assert "/nowhere/libsplatboost.so: not found" in done.stderr
 
 
 def test_a_library_of_another_abi_is_refused(tmp_path):
@@ -170,7 +170,7 @@ def test_doctor_looks_at_a_checkout(tmp_path):
     assert "needs dateutil_of_no_one, no_such_a, no_such_b, not installed" in done.stdout
     (tmp_path / "train.py").write_text("import json\n")
     done = run("import sys; from splatboost import doctor; sys.exit(doctor.main(%r))" % str(tmp_path))
-    assert "its scripts find the Python modules that they need" in done.stdout
+    assert "all Python modules that its scripts need are installed" in done.stdout
     done = run("import sys; from splatboost import doctor; sys.exit(doctor.main(%r))" % str(tmp_path / "nowhere"))
     assert done.returncode == 1 and "there is no train.py" in done.stdout
 

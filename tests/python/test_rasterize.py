@@ -10,7 +10,7 @@ import splatboost
 from splatboost import _render
 
 N = 24
-# The library is float32; gradients are sums over hundreds of pixels of it.
+# The library computes in float32; gradients are sums over hundreds of pixels.
 VALUE, GRADIENT = 2e-5, 2e-3
 
 
@@ -32,7 +32,7 @@ def gaussians(seed=0, degree=3):
 
 
 def assert_same(found, expected):
-    """Gradients of one view; on a GPU they are sums by atomics, whose order is not the same each time."""
+    """Gradients of one view; on a GPU they are summed by atomics, in varying order."""
     if not conftest.EMULATED:
         assert torch.equal(found, expected)
     largest = expected.abs().max().item()
@@ -88,7 +88,7 @@ def test_agrees_with_the_reference(case):
     for name in names:
         a, b = truth[1][name], ours[1][name]
         assert (a - b).abs().max() < GRADIENT * (1 + a.abs().max()), name
-        assert a.abs().max() > 1e-2, name  # it is not all zero
+        assert a.abs().max() > 1e-2, name  # not all zero
 
 
 def test_sh_in_two_parts_is_the_same():
@@ -106,7 +106,7 @@ def test_sh_in_two_parts_is_the_same():
 
 
 def test_gradcheck():
-    """torch's own check, by differences of float32 renders: images are linear in colours and features."""
+    """torch.autograd.gradcheck with float32 renders: images are linear in colours and features."""
     camera = reference.turned_camera(16, 12)
     tensors = gaussians(1)
     fixed = {k: tensors[k].float() for k in ("means", "opacities", "scales", "rotations")}
@@ -164,10 +164,10 @@ def test_weights_make_up_the_alpha():
         weights = done.weights()
         blended = done.count_flagged(torch.ones(camera.height, camera.width, dtype=torch.bool))
         assert (weights <= 256 * blended).all() and (weights > 0).sum() > N / 4
-        # Each pixel's weights sum to its alpha, but for rounding of half a unit each.
+        # The weights of a pixel sum to its alpha, up to half a unit of rounding each.
         assert abs(float(weights.sum()) / 256 - float(done.alpha.sum())) < 0.5 / 256 * float(blended.sum())
         splatboost.rasterize(camera, **tensors, beta=1.0)
-        with pytest.raises(RuntimeError, match="weights: this render's tile lists are gone"):
+        with pytest.raises(RuntimeError, match="weights: this render's tile lists were overwritten"):
             done.weights()
 
 
@@ -187,7 +187,7 @@ def test_counts_are_the_reference_s():
 
 
 def test_renders_may_wait_for_their_backward_passes():
-    """Each waiting render has tile lists of its own; gradients do not mix."""
+    """Each render whose backward pass is pending has its own tile lists; gradients do not mix."""
     camera, a, b = reference.turned_camera(), small(0), small(1)
     alone = []
     for tensors in (a, b):
@@ -207,7 +207,7 @@ def test_a_second_backward_pass_draws_again():
     loss = done.color.square().sum()
     once = torch.autograd.grad(loss, list(a.values()), retain_graph=True)
     splatboost.rasterize(camera, **b)  # takes the tile lists
-    with pytest.raises(RuntimeError, match="another view was drawn since"):
+    with pytest.raises(RuntimeError, match="overwritten by a later render"):
         done.count_flagged(torch.ones(camera.height, camera.width, dtype=torch.bool))
     twice = torch.autograd.grad(loss, list(a.values()))
     for i, j in zip(once, twice):
@@ -242,7 +242,7 @@ def test_no_gaussians_give_the_background():
 
 def test_visible_radii_are_those_of_the_square():
     camera, tensors = reference.turned_camera(), small(4)
-    tensors["means"].data[:5] *= 8  # some beyond the image's sides
+    tensors["means"].data[:5] *= 8  # some outside of the image
     radii = splatboost.rasterize(camera, **tensors).radii
     ours = splatboost.visible_radii(camera, tensors["means"], scales=tensors["scales"], rotations=tensors["rotations"])
     assert torch.equal(radii, ours) and 0 < (radii > 0).sum() < N
@@ -253,23 +253,23 @@ def test_visible_radii_are_those_of_the_square():
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"means": torch.zeros(N, 2)}, r"means: shape \[N,3\] wanted, \[24, 2\] given"),
-        ({"means": torch.zeros(N, 3).double()}, "means: float32 wanted, float64 given"),
-        ({"means": [[0.0, 0.0, 0.0]]}, "means: a tensor wanted, list given"),
-        ({"opacities": torch.zeros(N + 1, 1)}, r"opacities: shape \[24,1\] or \[24\] wanted, \[25, 1\] given"),
+        ({"means": torch.zeros(N, 2)}, r"means: expected shape \[N,3\], got \[24, 2\]"),
+        ({"means": torch.zeros(N, 3).double()}, "means: expected float32, got float64"),
+        ({"means": [[0.0, 0.0, 0.0]]}, "means: expected a tensor, got list"),
+        ({"opacities": torch.zeros(N + 1, 1)}, r"opacities: expected shape \[24,1\] or \[24\], got \[25, 1\]"),
         ({"scales": None}, "either scales and rotations, or covariances"),
         ({"colors": None}, "either sh, or sh_dc"),
         ({"features": torch.zeros(N, 9)}, "features: at most 8 channels"),
-        ({"background": (0.0, 1.0)}, "background: 3 numbers wanted, 2 given"),
+        ({"background": (0.0, 1.0)}, "background: expected 3 numbers, got 2"),
         ({"beta": 1.5}, "beta must lie in"),
-        ({"screen_points": torch.zeros(N, 2)}, r"screen_points: shape \[24,3\] or \[24,4\] wanted"),
+        ({"screen_points": torch.zeros(N, 2)}, r"screen_points: expected shape \[24,3\] or \[24,4\]"),
         (
             {"means": torch.zeros(N, 3, device="meta")},
-            "means: a tensor of the CPU or of CUDA wanted, one on meta given",
+            "means: expected a tensor on the CPU or on CUDA, got one on meta",
         ),
         (
             {"opacities": torch.zeros(N, 1, device="meta")},
-            "opacities: a tensor on cpu wanted .as means., one on meta given",
+            "opacities: expected a tensor on cpu .as means., got one on meta",
         ),
     ],
 )
@@ -281,5 +281,5 @@ def test_bad_arguments_are_named(change, message):
 def test_sh_too_short_for_its_degree():
     tensors = small()
     del tensors["colors"]
-    with pytest.raises(ValueError, match="sh_rest: 8 coefficients wanted for sh_degree 2, 3 given"):
+    with pytest.raises(ValueError, match="sh_rest: expected 8 coefficients for sh_degree 2, got 3"):
         splatboost.rasterize(reference.turned_camera(), **tensors, sh=torch.zeros(N, 4, 3), sh_degree=2)

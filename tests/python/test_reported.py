@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What users of other implementations report, each as a test: crashes, wrong scores, settings that did not hold."""
+"""Problems reported by users of other implementations, as tests: crashes, wrong scores, ignored settings."""
 
 import shutil
 import struct
@@ -28,7 +28,7 @@ def single(seed=3):
     return {name: value.float() for name, value in gaussians(seed).items()}
 
 
-# An opacity of 1/255 or less made the logarithm of the compact box negative, and its root not a number.
+# An opacity of 1/255 or less made the logarithm of the compact box negative, and its square root NaN.
 @pytest.mark.parametrize("beta", [0.5, 1.0])
 @pytest.mark.parametrize("opacity", [0.0, 1e-30, 0.5 / 255, 1 / 255])
 def test_opacities_of_a_255th_and_less_in_the_compact_box(beta, opacity):
@@ -51,7 +51,7 @@ def test_one_faint_gaussian_among_others_changes_nothing():
 
 
 class Views:
-    """A few views of a scene of which one half is drawn wrong, and how often each was scored."""
+    """A few views of a scene, one half of which is wrong, and the number of times that each was scored."""
 
     def __init__(self, count, values, error=None):
         self.drawn = [0] * count
@@ -79,7 +79,7 @@ def grow(adapter, views, n, iteration=1000):
                         max_scales=torch.full((n,), 0.001))
 
 
-# The sampler of K = 10 views failed on fewer, and 28 were called too few.
+# Sampling K = 10 views failed with fewer views, and 28 were reported as too few.
 @pytest.mark.parametrize("count", [1, 2, 9, 10, 28])
 def test_any_number_of_views_is_scored(count):
     values = single()
@@ -89,10 +89,10 @@ def test_any_number_of_views_is_scored(count):
     views = Views(count, values, error)
     clone, _ = grow(splatboost.Adapter("vanilla", total_iterations=30000, tau_d=0.5, literal=True), views, n)
     assert sum(views.drawn) == min(10, count) and max(views.drawn) == 1
-    assert 0 < int(clone.sum()) < n  # who is in the wrong half, and no other
+    assert 0 < int(clone.sum()) < n  # only Gaussians in the wrong half
 
 
-# Scores were of the Gaussians before growth, and were read by the rows after it.
+# Scores of the Gaussians before growth were indexed by the rows after it.
 def test_scores_follow_gaussians_through_clones_and_splits():
     values = single()
     n = len(values["means"])
@@ -107,7 +107,7 @@ def test_scores_follow_gaussians_through_clones_and_splits():
         counts += done.count_flagged((error > 0).to(torch.uint8))
     bad, good = (counts == counts.max()).nonzero()[0], (counts == 0).nonzero()[:, 0]
     assert len(good) > 2
-    # After growth the best rows stand where the worst did, and children of the worst at the end.
+    # After growth the first rows come from good Gaussians, and the last rows are children of a bad one.
     origins = torch.cat([good.repeat(20)[:30], bad.repeat(30)])
     removed = adapter.prune(1000, views.sources(), candidates=torch.ones(60, dtype=torch.bool), origins=origins,
                             opacities=torch.full((60,), 0.5))
@@ -137,7 +137,7 @@ def test_spherical_harmonics_below_degree_3(degree):
     assert color.shape == (3, 30, 40)
 
 
-# Iteration numbers were those of a run of 30 000: a longer one pruned on and on, and 28 704 Gaussians were left.
+# Iteration numbers were those of a run of 30 000: a longer one never stopped pruning, and 28 704 Gaussians were left.
 @pytest.mark.parametrize("total", [7000, 30_000, 100_000])
 def test_runs_of_any_length_grow_and_prune_in_the_same_share(total):
     adapter = splatboost.Adapter("vanilla", total_iterations=total)
@@ -150,7 +150,7 @@ def test_runs_of_any_length_grow_and_prune_in_the_same_share(total):
     assert max(b - a for a, b in zip(steps, steps[1:])) <= 64 and total - steps[-1] < 64
 
 
-# Masks of the host's views: what lies outside never gets better, and would be the worst error of every view.
+# Masks of the host's views: pixels outside never improve, and would be the largest error of every view.
 def test_masks_of_hosts_take_no_part_in_scores():
     image = torch.zeros(3, 4, 6)
     mask = torch.ones(1, 4, 6)
@@ -165,7 +165,7 @@ def test_masks_of_hosts_take_no_part_in_scores():
 
 @pytest.mark.parametrize("layout", ["2024-08", "2024-10"])
 def test_exposure_and_masks_of_hosts_are_drawn_as_the_loss_sees_them(layout):
-    """The recipe's own line for views that are scored."""
+    """Checks the line of the recipe that adds the scored views."""
     import json
 
     recipe = json.loads((conftest.ROOT / "patches/3dgs/recipe.json").read_text())
@@ -174,11 +174,11 @@ def test_exposure_and_masks_of_hosts_are_drawn_as_the_loss_sees_them(layout):
     assert len(lines) == 1
     text = " ".join(lines[0])
     assert "use_trained_exp=dataset.train_test_exp" in text
-    assert ("camera.alpha_mask" in text) == (layout == "2024-10")  # where the host's loss has it too
+    assert ("camera.alpha_mask" in text) == (layout == "2024-10")  # only in the layout whose loss uses it
 
 
 def rename_images(path, rename):
-    """Other names in an images.bin of COLMAP."""
+    """Renames the images in a COLMAP images.bin."""
     data, out = path.read_bytes(), b""
     (count,), at = struct.unpack_from("<Q", data, 0), 8
     out += data[:8]
@@ -195,7 +195,7 @@ def rename_images(path, rename):
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
 def test_pictures_in_a_folder_for_each_camera_of_a_rig(tmp_path):
-    """Names as cam0/0001.png and cam1/0001.png, the same file name in each."""
+    """Names like cam0/0001.png and cam1/0001.png, with the same file name in each folder."""
     def run(*command):
         done = subprocess.run([str(PROGRAM), *map(str, command)], capture_output=True, text=True, check=False, timeout=120)
         assert done.returncode == 0, done.stderr
@@ -218,7 +218,7 @@ def test_pictures_in_a_folder_for_each_camera_of_a_rig(tmp_path):
     for scene in (flat, rig):
         run("train", "-s", scene, "-m", tmp_path / ("out" + scene.name), "--iterations", 20, "--threads", 1, "--seed", 1, "--eval")
         run("render", "-m", tmp_path / ("out" + scene.name))
-    # None is lost where two have the same file name.
+    # No image is lost if two have the same file name.
     for kind, count in (("train", 7), ("test", 1)):
         for scene in ("flat", "rig"):
             assert len(list((tmp_path / ("out" + scene) / kind / "renders").iterdir())) == count

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m splatboost view`: what it reads, what it refuses, and the page in a headless browser."""
+"""`python -m splatboost view`: files it reads, errors, and the page in a headless browser."""
 
 import json
 import os
@@ -36,7 +36,7 @@ def ball(x, y, z, color, scale=0.3, opacity=4.0):
 
 
 def write_model(folder, rows, iteration=30):
-    """A model seen by a camera at the origin, which looks along z."""
+    """Writes a model whose first camera is at the origin and looks along z."""
     write_ply(folder / ("point_cloud/iteration_%d/point_cloud.ply" % iteration), rows)
     camera = {"id": 0, "img_name": "a", "split": "train", "width": 64, "height": 48, "position": [0, 0, 0],
               "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fx": 48, "fy": 48}
@@ -59,7 +59,7 @@ def test_gaussians_are_read_as_they_are_drawn(tmp_path):
     assert np.allclose(found.opacities, 1 / (1 + np.exp(-4)))
     assert np.allclose(found.colors(np.zeros(3)), [[0.2, 0.4, 0.6]], atol=1e-5)
 
-    # Mip-Splatting: wider by the filter, fainter by as much.
+    # Mip-Splatting: the 3D filter widens a Gaussian and lowers its opacity in proportion.
     found = models.read_gaussians(str(write_ply(tmp_path / "b.ply", [row + [0.4]], NAMES + ["filter_3D"])))
     assert np.allclose(found.covariances[0], np.diag([0.2, 0.17, 0.25]), atol=1e-6)
     assert np.allclose(found.opacities, np.sqrt(0.01 * 0.04 * 0.09 / (0.17 * 0.2 * 0.25)) / (1 + np.exp(-4)))
@@ -103,8 +103,8 @@ def test_what_is_no_model_is_told_in_one_line(tmp_path):
     short.write_bytes(short.read_bytes()[:-1])
     (tmp_path / "photo.ply").write_bytes(b"\x89PNG")
     for path, words in ((anchors, "model of anchors.*splatboost render -m MODEL"), (convexes, "splatboost export -m MODEL"),
-                        (points, "no model of Gaussians: it lacks opacity"), (short, "ends before its 1 vertices do"),
-                        (tmp_path / "photo.ply", "is no .ply file"), (tmp_path / "nowhere.ply", "No such file")):
+                        (points, "not a model of Gaussians: it lacks opacity"), (short, "ends before all of its 1 vertices"),
+                        (tmp_path / "photo.ply", "not a .ply file"), (tmp_path / "nowhere.ply", "No such file")):
         with pytest.raises(models.ModelError, match=words) as error:
             models.read_gaussians(str(path))
         assert "\n" not in str(error.value)
@@ -144,7 +144,7 @@ CHROMIUM = next((found for found in map(shutil.which, ("chromium", "chromium-bro
 
 @pytest.fixture
 def browser(tmp_path):
-    """Opens a page in a headless browser that draws by software."""
+    """Opens a page in a headless browser with software rendering."""
     pytest.importorskip("viser", reason="viser is not installed: " + VISER)
     if CHROMIUM is None:
         pytest.skip("chromium is not installed")
@@ -177,7 +177,7 @@ def client_of(shown):
 
 
 def middle_of(shown, channel):
-    """(row, column) of what the page draws in red, green or blue, of 24 by 32 pixels; None where it does not."""
+    """Centroid (row, column) of what a page shows in red, green or blue in 24×32 pixels; None if there is none."""
     drawn = client_of(shown).get_render(height=24, width=32, transport_format="png", timeout=60)[..., :3] / 255.0
     weights = np.clip(drawn[..., channel] - np.delete(drawn, channel, axis=2).max(axis=2) - 0.3, 0, None)
     return tuple((weights * index).sum() / weights.sum() for index in np.indices((24, 32))) if weights.sum() > 0.3 else None
@@ -198,7 +198,7 @@ def test_the_page_shows_both_models_and_links_their_cameras(tmp_path, browser):
         assert red < 14 < 18 < blue and 14 < green < 18 and abs(red_row - 12) < 2 and abs(blue_row - 12) < 2 and green_row < 9
         assert middle_of(boosted, 0)[1] < 14 and middle_of(boosted, 1) is None and middle_of(boosted, 2) is None
 
-        # The camera of one page moves that of the other, and not back.
+        # The camera of one page moves that of the other, without feedback.
         camera = client_of(baseline).camera
         assert np.allclose(camera.position, client_of(boosted).camera.position, atol=1e-3)
         camera.position, camera.look_at = (0.0, 0.0, -2.0), (0.0, 0.0, 4.0)
@@ -207,9 +207,9 @@ def test_the_page_shows_both_models_and_links_their_cameras(tmp_path, browser):
         time.sleep(0.8)
         assert np.allclose(camera.position, (0, 0, -2), atol=1e-3)
 
-        # What training saves is shown while the page is open.
+        # A model saved during training is shown while the page is open.
         write_model(tmp_path / "boosted", [ball(-1, 0, 4, GREEN)], 60)
-        assert not viewer.refresh()  # it may still be growing
+        assert not viewer.refresh()  # the file may still be being written
         assert viewer.refresh()
         wait_for(lambda: middle_of(boosted, 1) and middle_of(boosted, 0) is None)
         assert "iteration 60, 1 Gaussians" in boosted._told.content

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wheel that scripts/wheel makes, in empty environments. SPLATBOOST_WHEEL names it; otherwise it is the one in dist/."""
+"""The wheel built by scripts/wheel, in empty environments. SPLATBOOST_WHEEL names it; otherwise it is the one in dist/."""
 
 import os
 import pathlib
@@ -36,7 +36,7 @@ def test_what_is_in_it():
     for part in ("libsplatboost.so", "bin/splatboost", "py.typed", "hooks/scaffold_gs.py",
                  "share/splatboost/patches/3dgs/recipe.json"):
         assert "splatboost/" + part in names, part
-    # Nothing of the machine that it was made on.
+    # No files of the build machine.
     assert not [n for n in names if "__pycache__" in n or "/tests/" in n or n.endswith((".cpp", ".h"))]
 
 

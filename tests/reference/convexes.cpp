@@ -13,7 +13,7 @@ constexpr int kSeeds = 16;
 using Wide = Dual<kSeeds>;
 // Half a unit in the last place of a float near 1.
 constexpr double kFloatRounding = 6e-8;
-/// Pixels by which an implementation may move the edges of a footprint, and by which share of their reach.
+/// Amounts by which an implementation may move the edges of a footprint, in pixels and as a fraction of their reach.
 constexpr double kFootprintSlack = 0.06, kReachSlack = 3e-4;
 
 template <class Scalar>
@@ -21,7 +21,7 @@ struct Edge {
   Scalar x, y, offset;  ///< L(q) = x·q_x + y·q_y + offset
 };
 
-/// A convex on the screen.
+/// A projected convex.
 template <class Scalar>
 struct Shape {
   bool drawn = false;
@@ -29,12 +29,12 @@ struct Shape {
   Scalar depth;
   double centre_x = 0, centre_y = 0;
   double farthest_vertex = 0;
-  std::vector<Edge<Scalar>> edges;  ///< one after the other around the hull
+  std::vector<Edge<Scalar>> edges;  ///< in order around the hull
   std::array<Scalar, 3> color;
   Scalar opacity, scale, steepness;  ///< scale: z·δ·pixel_size²
 };
 
-/// Colour towards the camera, from the mean of the points.
+/// Colour seen by the camera, in the direction to the mean of the points.
 template <class Scalar>
 std::array<Scalar, 3> color_of(const ConvexScene<Scalar>& scene, std::size_t i, const std::array<Scalar, 3>& mean,
                                const Camera& camera, const ConvexOptions& options, bool& uncertain) {
@@ -95,7 +95,7 @@ Shape<Scalar> project(const ConvexScene<Scalar>& scene, std::size_t i, const Cam
     if (!(std::hypot(value_of(u[p]) - shape.centre_x, value_of(v[p]) - shape.centre_y) < 10000)) return shape;
   }
 
-  // An edge of the hull has all other points on one side.
+  // Edges of the hull are those with all other points on one side.
   std::vector<std::size_t> next(n, n);
   std::size_t first = n;
   for (std::size_t a = 0; a < n; ++a) {
@@ -137,13 +137,13 @@ Shape<Scalar> project(const ConvexScene<Scalar>& scene, std::size_t i, const Cam
   return shape;
 }
 
-/// Greatest φ with opacity·I >= 1/255.
+/// Greatest φ with opacity·I ≥ 1/255.
 template <class Scalar>
 double farthest_of(const Shape<Scalar>& shape) {
   return std::log(value_of(shape.opacity) / kAlphaFloor - 1) / value_of(shape.steepness);
 }
 
-/// Radius of the released square before it is rounded up; 0: it has none.
+/// Radius of the released code's square before it is rounded up; 0: not drawn.
 template <class Scalar>
 double released_radius(const Shape<Scalar>& shape) {
   const double margin = 2.1 / (value_of(shape.scale) * value_of(shape.steepness));
@@ -156,7 +156,7 @@ double released_radius(const Shape<Scalar>& shape) {
     const double cosine = (ax * bx + ay * by) / (std::hypot(ax, ay) * std::hypot(bx, by));
     const double angle = std::acos(std::clamp(cosine, -1.0, 1.0));
     if (angle <= 0.1 || angle >= 3.0) continue;
-    // Both lines at `margin`: Cramer's rule.
+    // Intersection of the two lines moved outwards to L = `margin`, by Cramer's rule.
     const double right_a = margin - value_of(a.offset), right_b = margin - value_of(b.offset);
     const double det = ax * by - ay * bx;
     sum += std::hypot((right_a * by - right_b * ay) / det - shape.centre_x,
@@ -166,14 +166,14 @@ double released_radius(const Shape<Scalar>& shape) {
   return corners == 0 ? 0 : std::max(1.1 * shape.farthest_vertex, sum / corners);
 }
 
-/// Whether a square of that radius meets a tile on one axis, in 3DGS's pixel coordinates (centres at integers).
+/// Whether a square of this radius intersects a tile on one axis, in 3DGS's pixel coordinates (centres at integers).
 bool square_meets(double centre, double radius, int tile, int tiles) {
   const int begin = std::clamp(static_cast<int>(std::floor((centre - 0.5 - radius) / kTile)), 0, tiles);
   const int end = std::clamp(static_cast<int>(std::floor((centre - 0.5 + radius + kTile - 1) / kTile)), 0, tiles);
   return tile >= begin && tile < end;
 }
 
-/// Whether a rectangle holds a point with scale·L_k <= reach for all edges: it is cut by one after the other.
+/// Whether a rectangle contains a point with scale·L_k ≤ reach for all edges: it is clipped by each of them.
 template <class Scalar>
 bool rectangle_meets(const Shape<Scalar>& shape, double reach, double slack, double x0, double x1, double y0,
                      double y1) {
@@ -226,7 +226,7 @@ TileListing tile_lists(const Shape<Scalar>& shape, int tile_x, int tile_y, const
   const double x1 = std::min(camera.width, (tile_x + 1) * kTile) - 0.5;
   const double y1 = std::min(camera.height, (tile_y + 1) * kTile) - 0.5;
   listing.listed = rectangle_meets(shape, reach, 0, x0, x1, y0, y1);
-  // The image's last pixels end its tiles, but an implementation may ask of whole ones.
+  // Tiles end at the image's last pixels here, but an implementation may test whole tiles.
   listing.uncertain = !listing.listed && rectangle_meets(shape, reach + kReachSlack * std::abs(reach), kFootprintSlack,
                                                          x0 - kFootprintSlack, tile_x * kTile + 15.5 + kFootprintSlack,
                                                          y0 - kFootprintSlack, tile_y * kTile + 15.5 + kFootprintSlack);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The slow, obvious rasterizer of smooth convexes in double precision, written from the formulas of 3D Convex
-/// Splatting. Like reference/rasterizer.h it depends on nothing of the core, and is templated on the scalar.
+/// @file Reference rasterizer of smooth convexes in double precision, simple and slow, written from the formulas of 3D
+/// Convex Splatting. Like reference/rasterizer.h it does not depend on the core and is templated on the scalar.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@
 namespace splatboost::reference {
 
 struct ConvexOptions {
-  bool compact = false;  ///< the exact bound; otherwise the released square
+  bool compact = false;  ///< the exact bound; otherwise the square of the released code
   double beta = 1;
   double near_plane = 0.2f;
   std::array<double, 3> background{};
@@ -48,10 +48,10 @@ template <class Scalar>
 struct ConvexRendering {
   std::vector<Scalar> color;  ///< [3,H,W]
   std::vector<Scalar> alpha;  ///< [H,W]
-  /// [H,W] non-zero where a decision of this pixel is so close that single precision may decide otherwise.
+  /// [H,W] non-zero where single precision may decide differently at a threshold of this pixel.
   std::vector<std::uint8_t> uncertain;
-  std::vector<std::uint8_t> visible;            ///< [N] listed in a tile
-  std::vector<std::uint8_t> listing_uncertain;  ///< [N] whether a tile lists it may be decided otherwise
+  std::vector<std::uint8_t> visible;            ///< [N] listed in at least one tile
+  std::vector<std::uint8_t> listing_uncertain;  ///< [N] single precision may decide differently whether a tile lists it
   std::size_t tile_entries = 0;                 ///< (tile, convex) pairs
   std::size_t uncertain_entries = 0;
 };
@@ -60,16 +60,16 @@ template <class Scalar>
 ConvexRendering<Scalar> render(const ConvexScene<Scalar>& scene, const Camera& camera, const ConvexOptions& options,
                                const BlendObserver& blended = {});
 
-/// Number of flagged pixels where each convex is blended.
+/// [N] number of flagged pixels in which each convex is blended.
 std::vector<std::int64_t> count_flagged(const ConvexScene<double>& scene, const Camera& camera,
                                         const ConvexOptions& options, const std::vector<std::uint8_t>& flagged);
 
-/// Blending weights α·T of each convex, in 1/256 and rounded a pixel.
-/// @param certain [N] 0 where a rounding may go the other way
+/// [N] blending weights α·T of each convex, rounded to 1/256 per pixel and summed over the pixels, in that unit.
+/// @param certain [N] receives 0 where rounding of a weight may go either way
 std::vector<std::int64_t> blending_weights(const ConvexScene<double>& scene, const Camera& camera,
                                            const ConvexOptions& options, std::vector<std::uint8_t>& certain);
 
-/// dL/d image, both required.
+/// dL/d image; both are required.
 struct ConvexImageGradients {
   std::vector<double> color, alpha;
 };
@@ -78,7 +78,7 @@ struct ConvexImageGradients {
 Gradient gradient(const ConvexScene<double>& scene, const Camera& camera, const ConvexOptions& options,
                   const ConvexImageGradients& image_gradients, ConvexInput input);
 
-/// L itself.
+/// The value of L.
 double objective(const ConvexScene<double>& scene, const Camera& camera, const ConvexOptions& options,
                  const ConvexImageGradients& image_gradients);
 

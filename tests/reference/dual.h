@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Forward-mode dual numbers: a value and N derivatives, carried through the same code as a double.
+/// @file Forward-mode dual numbers: a value and N derivatives, usable in the same code as a double.
 #pragma once
 
 #include <array>
@@ -7,15 +7,15 @@
 
 namespace splatboost::reference {
 
-/// A number and its partial derivatives with respect to N chosen variables. Comparisons look at the value alone, so
-/// code that branches takes the branch that the value takes, and differentiates that branch.
+/// A number and its partial derivatives with respect to N chosen variables. Comparisons use the value only, so code
+/// with branches takes the same branch as for a double, and that branch is differentiated.
 template <int N>
 struct Dual {
   double value = 0;
   std::array<double, N> slopes{};
 
   Dual() = default;
-  Dual(double constant) : value(constant) {}  // implicit: constants mix freely with variables
+  Dual(double constant) : value(constant) {}  // implicit, so that constants and variables can be mixed
 
   /// The k-th variable.
   static Dual variable(double value, int k) {
@@ -24,7 +24,7 @@ struct Dual {
     return result;
   }
 
-  /// f(x) from f's value and derivative at x: the chain rule.
+  /// f(x) from the value and derivative of f at x, by the chain rule.
   static Dual chain(const Dual& x, double value, double derivative) {
     Dual result(value);
     for (std::size_t k = 0; k < N; ++k) result.slopes[k] = derivative * x.slopes[k];

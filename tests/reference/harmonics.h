@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Spherical harmonics for the witnesses.
+/// @file Spherical harmonics for the reference implementations.
 #pragma once
 
 #include <array>
@@ -10,8 +10,8 @@ namespace splatboost::reference {
 
 inline constexpr double kPi = std::numbers::pi;
 
-/// Real spherical harmonics up to degree 3 in closed form, in the field's order and with its signs (Condon-Shortley
-/// phase kept: odd orders carry a minus).
+/// Real spherical harmonics up to degree 3 in closed form, in the order and with the signs of 3DGS (including the
+/// Condon-Shortley phase: odd orders have a negative sign).
 template <class Scalar>
 std::array<Scalar, 16> sh_basis(const Scalar& x, const Scalar& y, const Scalar& z) {
   const Scalar xx = x * x;

@@ -11,7 +11,7 @@
 namespace splatboost::reference {
 namespace {
 
-constexpr int kHalf = 5;  // of the 11×11 window
+constexpr int kHalf = 5;  // half size of the 11×11 window
 constexpr double kSigma = 1.5;
 constexpr double kC1 = 0.01 * 0.01;
 constexpr double kC2 = 0.03 * 0.03;
@@ -41,7 +41,7 @@ std::size_t valid_pixels(const ImagePair& images) {
   return number;
 }
 
-/// SSIM of the window around a pixel. The render's element `seed` is the variable of differentiation.
+/// SSIM of the window around a pixel. The derivative is with respect to the render's element `seed`.
 template <class Scalar>
 Scalar ssim_at(const ImagePair& images, int channel, int x, int y, std::size_t seed) {
   Scalar mean_r(0);
@@ -118,7 +118,7 @@ std::vector<double> photometric_gradient(const ImagePair& images, double lambda,
       slope = (1 - lambda) * (difference > 0 ? 1 : difference < 0 ? -1 : 0) / number;
       const int x = static_cast<int>(pixel % width);
       const int y = static_cast<int>(pixel / width);
-      // The element is seen by the windows of the pixels within half a window.
+      // The element contributes to the windows of all pixels within half a window of it.
       for (int wy = std::max(0, y - kHalf); wy <= std::min(images.height - 1, y + kHalf); ++wy) {
         for (int wx = std::max(0, x - kHalf); wx <= std::min(images.width - 1, x + kHalf); ++wx) {
           if (!counts(images, static_cast<std::size_t>(wy) * width + static_cast<std::size_t>(wx))) continue;

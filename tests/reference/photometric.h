@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The photometric loss by brute force.
+/// @file The photometric loss, by brute force in double precision.
 #pragma once
 
 #include <cstddef>
@@ -23,11 +23,11 @@ struct Loss {
   double total = 0;  ///< (1−λ)·l1 + λ·(1−ssim)
 };
 
-/// L1 and SSIM (11×11 Gaussian window of σ 1.5, zeros beyond the border, means over valid pixels and channels).
-/// Invalid pixels read as truth inside the windows.
+/// L1 and SSIM (11×11 Gaussian window with σ 1.5, zero padding, means over valid pixels and channels).
+/// Within the windows, the render's invalid pixels are replaced by the truth.
 Loss photometric(const ImagePair& images, double lambda);
 
-/// d total / d render at the given elements (empty: all), by dual numbers.
+/// d total / d render at the given elements (empty: all), computed with dual numbers.
 std::vector<double> photometric_gradient(const ImagePair& images, double lambda,
                                          const std::vector<std::size_t>& elements = {});
 

@@ -62,7 +62,7 @@ Matrix3<Scalar> world_covariance(const Scene<Scalar>& scene, std::size_t i) {
   return sigma;
 }
 
-/// Colour towards the camera. The dual numbers carry the derivative through the direction to the mean.
+/// Colour seen by the camera. Its derivative with respect to the mean, through the direction, is included.
 template <class Scalar>
 std::array<Scalar, 3> color_of(const Scene<Scalar>& scene, std::size_t i, const Camera& camera, bool& uncertain) {
   using std::sqrt;
@@ -73,7 +73,7 @@ std::array<Scalar, 3> color_of(const Scene<Scalar>& scene, std::size_t i, const 
   }
   std::array<Scalar, 3> direction;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    double centre = 0;  // of projection: −Rᵀ·translation
+    double centre = 0;  // camera centre, −Rᵀ·translation
     for (std::size_t k = 0; k < 3; ++k) centre -= camera.rotation[k][axis] * camera.translation[k];
     direction[axis] = scene.means[3 * i + axis] - centre;
   }
@@ -121,7 +121,7 @@ TileListing square_lists(double position, const int (&radii)[3], int tile, int t
   return result;
 }
 
-/// An upper bound of the error that single precision makes in ½·dᵀ conic d, relative to the alpha that follows.
+/// An upper bound of the relative error of alpha caused by rounding ½·dᵀ conic d in single precision.
 template <class Scalar>
 double alpha_error(const Splat<Scalar>& splat, double exponent, const Camera& camera) {
   const double position = std::abs(value_of(splat.x)) + std::abs(value_of(splat.y)) + camera.width + camera.height;
@@ -150,7 +150,7 @@ Scene<Scalar> lift(const Scene<double>& scene) {
   return result;
 }
 
-/// Σ image · image gradient of one pixel.
+/// Σ image · image gradient at one pixel.
 template <class Scalar>
 Scalar pixel_objective(const Rendering<Scalar>& images, const ImageGradients& gradients, std::size_t pixel,
                        std::size_t pixels) {
@@ -209,7 +209,7 @@ Splat<Scalar> project(const Scene<Scalar>& scene, std::size_t i, const Camera& c
   if (!(value_of(t[2]) > options.near_plane)) return splat;
   if (near(value_of(t[2]), options.near_plane, 1e-6)) splat.uncertain = true;
 
-  // Affine approximation of the projection at the mean, which is held inside a widened field of view.
+  // Affine approximation of the projection at the mean, clamped to a widened field of view.
   const double limits[2] = {kFieldMargin * camera.width / (2 * camera.fx),
                             kFieldMargin * camera.height / (2 * camera.fy)};
   std::array<Scalar, 2> held;
@@ -284,7 +284,7 @@ double smallest_in_rectangle(double conic_xx, double conic_xy, double conic_yy, 
                              double x1, double y0, double y1) {
   if (x >= x0 && x <= x1 && y >= y0 && y <= y1) return 0;
   // The form is convex and its minimum lies outside, so the smallest value is on an edge. Along an edge it is a
-  // parabola; its minimum, held inside the edge, is the edge's smallest value.
+  // parabola, whose smallest value is at its vertex, clamped to the edge.
   double smallest = std::numeric_limits<double>::infinity();
   const auto at = [&](double px, double py) {
     const double dx = px - x;
@@ -305,12 +305,12 @@ TileListing tile_lists(const Splat<Scalar>& splat, int tile_x, int tile_y, const
     const int radii[3] = {splat.radius_low, splat.radius, splat.radius_high};
     const TileListing in_x = square_lists(x - 0.5, radii, tile_x, camera.tiles_x());
     const TileListing in_y = square_lists(y - 0.5, radii, tile_y, camera.tiles_y());
-    // Clearly outside in one direction settles it.
+    // If it is certainly outside along one axis, the result is certain.
     const bool settled = (!in_x.listed && !in_x.uncertain) || (!in_y.listed && !in_y.uncertain);
     return {in_x.listed && in_y.listed, !settled && (in_x.uncertain || in_y.uncertain)};
   }
   const double level = options.beta * 2 * std::log(value_of(splat.opacity) / kAlphaFloor);
-  // Centres of the tile's pixels, also of those that the image's border cuts off.
+  // Range of the centres of the tile's pixels, including those beyond the image's border.
   const double x0 = kTile * tile_x + 0.5;
   const double y0 = kTile * tile_y + 0.5;
   const auto smallest_with = [&](double slack) {
@@ -389,7 +389,7 @@ Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const
           Scalar inverse_depth(0);
           for (const Entry& entry : entries) {
             const Splat<Scalar>& splat = splats[entry.gaussian];
-            // The decision first, by value alone: most splats do not reach most pixels.
+            // Decide first, with values only, which is fast: most splats do not reach most pixels.
             const double vx = value_of(splat.x) - (column + 0.5);
             const double vy = value_of(splat.y) - (row + 0.5);
             const double exponent = 0.5 * (value_of(splat.conic_xx) * vx * vx + 2 * value_of(splat.conic_xy) * vx * vy +

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The slow, obvious rasterizer in double precision: the first of the three witnesses.
+/// @file Reference rasterizer in double precision, simple and slow ("witness" in the names of tests).
 ///
-/// It depends on nothing of the core. It is written from the formulas of 3D Gaussian Splatting (EWA splatting with an
-/// affine projection, front-to-back blending) and is templated on the scalar: with dual numbers its derivatives are
-/// exact derivatives of the very same code.
+/// It does not depend on the core. It is written from the formulas of 3D Gaussian Splatting (EWA splatting with an
+/// affine projection, front-to-back alpha blending) and is templated on the scalar: with dual numbers it computes exact
+/// derivatives of the same code.
 #pragma once
 
 #include <array>
@@ -16,16 +16,16 @@
 
 namespace splatboost::reference {
 
-// The model's numbers, restated on purpose: a witness that reads the core's constants could not see them change. The
-// model is defined with the floats nearest to these decimals.
+// The model's constants, repeated on purpose: a reference that uses the core's constants would not notice if they
+// change. The model is defined with the floats nearest to these decimals.
 inline constexpr int kTile = 16;
 inline constexpr double kAlphaFloor = 1.0f / 255.0f;
 inline constexpr double kAlphaCeiling = 0.99f;
 inline constexpr double kTransmittanceFloor = 1e-4f;
 inline constexpr double kFieldMargin = 1.3f;
 inline constexpr double kCompensation2Floor = 2.5e-5f;
-/// Pixels by which an implementation may widen an ellipse, so that rounding loses no tile: tiles that only the widened
-/// ellipse meets count as uncertain. Tiles that the ellipse itself meets do not.
+/// Pixels by which an implementation may widen an ellipse, so that rounding does not lose tiles. Tiles that only the
+/// widened ellipse intersects count as uncertain; tiles that the ellipse itself intersects do not.
 inline constexpr double kTileSlack = 1.1e-3;
 
 /// Pinhole camera in COLMAP's frame; pixel (i, j) has its centre at (i + 0.5, j + 0.5).
@@ -68,7 +68,7 @@ struct Scene {
   std::vector<Scalar> colors;    ///< [N,3]; used where sh_dc is empty
   std::vector<Scalar> features;  ///< [N,features_per_gaussian]
   int features_per_gaussian = 0;
-  /// [N,2] added to the projected means. Zero; it exists to be differentiated (gradient of the mean on screen).
+  /// [N,2] added to the projected means. Zero; present only so that the gradient of the screen means can be computed.
   std::vector<Scalar> screen_means;
 };
 
@@ -85,15 +85,15 @@ struct Splat {
   Scalar x, y;   ///< mean on the image, pixels
   Scalar depth;  ///< along the view axis
   Scalar conic_xx, conic_xy, conic_yy;
-  Scalar opacity;  ///< compensated where that is asked for
+  Scalar opacity;  ///< compensated if Options::compensate_opacity
   std::array<Scalar, 3> color;
   int radius = 0;      ///< of the 3σ square, pixels
-  int radius_low = 0;  ///< the same where float arithmetic may round the other way
+  int radius_low = 0;  ///< bounds of the radius under single-precision rounding
   int radius_high = 0;
-  double condition = 1;  ///< of the covariance on screen: how much its inversion amplifies rounding
+  double condition = 1;  ///< condition number of the screen covariance: how much its inversion amplifies rounding
   double conic_norm = 0;
   bool uncertain =
-      false;  ///< a clamp of the projection (field of view, colour at 0, compensation) acts or not by a hair
+      false;  ///< within rounding of a threshold of the projection (near plane, field of view, colour 0, compensation)
 };
 
 template <class Scalar>
@@ -102,7 +102,7 @@ Splat<Scalar> project(const Scene<Scalar>& scene, std::size_t index, const Camer
 /// Whether a tile lists a splat.
 struct TileListing {
   bool listed = false;
-  bool uncertain = false;  ///< rounding in single precision may say otherwise
+  bool uncertain = false;  ///< single-precision rounding may give the opposite result
 };
 
 template <class Scalar>
@@ -119,11 +119,11 @@ struct Rendering {
   std::vector<Scalar> features;       ///< [F,H,W]
   std::vector<Scalar> inverse_depth;  ///< [H,W]
   std::vector<Scalar> alpha;          ///< [H,W]
-  /// [H,W] non-zero where a decision of this pixel (alpha against 1/255 or 0.99, transmittance against 1e-4, order of
-  /// depths, listed in the tile) is so close that single precision may decide otherwise.
+  /// [H,W] non-zero where single precision may decide differently at this pixel (alpha against 1/255 or 0.99,
+  /// transmittance against 1e-4, order of depths, listed in the tile).
   std::vector<std::uint8_t> uncertain;
-  std::vector<std::uint8_t> visible;            ///< [N] listed in a tile
-  std::vector<std::uint8_t> listing_uncertain;  ///< [N] whether a tile lists it may be decided otherwise
+  std::vector<std::uint8_t> visible;            ///< [N] listed in at least one tile
+  std::vector<std::uint8_t> listing_uncertain;  ///< [N] single precision may decide differently whether a tile lists it
   std::vector<int> radii;                       ///< [N] 0 where not visible
   std::vector<int> radii_low;                   ///< [N] bounds of the radius under rounding
   std::vector<int> radii_high;
@@ -138,11 +138,11 @@ template <class Scalar>
 Rendering<Scalar> render(const Scene<Scalar>& scene, const Camera& camera, const Options& options,
                          const BlendObserver& blended = {});
 
-/// Number of flagged pixels where each Gaussian is blended.
+/// [N] number of flagged pixels in which each Gaussian is blended.
 std::vector<std::int64_t> count_flagged(const Scene<double>& scene, const Camera& camera, const Options& options,
                                         const std::vector<std::uint8_t>& flagged);
 
-/// Blending weights of each Gaussian, each rounded to 1/256 and summed over the pixels, in that unit.
+/// [N] blending weights of each Gaussian, rounded to 1/256 per pixel and summed over the pixels, in that unit.
 /// @param certain [N] receives 0 where rounding of a weight may go either way
 std::vector<std::int64_t> blending_weights(const Scene<double>& scene, const Camera& camera, const Options& options,
                                            std::vector<std::uint8_t>& certain);
@@ -164,12 +164,12 @@ struct Gradient {
 Gradient gradient(const Scene<double>& scene, const Camera& camera, const Options& options,
                   const ImageGradients& image_gradients, Input input, const std::vector<std::size_t>& elements = {});
 
-/// L itself.
+/// The value of L.
 double objective(const Scene<double>& scene, const Camera& camera, const Options& options,
                  const ImageGradients& image_gradients);
 
-/// Derivative of L along a direction in the space of all inputs: direction's fields are empty (no motion) or of the
-/// scene's shape.
+/// Derivative of L along a direction in the space of all inputs. The direction's fields are empty (zero) or have the
+/// shapes of the scene's.
 double directional_derivative(const Scene<double>& scene, const Scene<double>& direction, const Camera& camera,
                               const Options& options, const ImageGradients& image_gradients);
 

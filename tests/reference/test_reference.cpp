@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The witness is checked against itself: known answers, and dual numbers against finite differences.
+// Checks of the reference implementation: known answers, and dual numbers against finite differences.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -66,7 +66,7 @@ TEST(Dual, FollowsTheRulesOfCalculus) {
   EXPECT_NEAR(f.slopes[1], 0.7 / (2 * root) / s - 1.2 / 1.9 - std::log(1.9), 1e-14);
 }
 
-// A Gaussian straight ahead, isotropic: everything is known by hand.
+// An isotropic Gaussian on the optical axis: all results are known analytically.
 TEST(ReferenceRasterizer, KnowsACentredSplat) {
   Camera camera;
   camera.width = camera.height = 33;
@@ -114,7 +114,7 @@ TEST(ReferenceRasterizer, BlendsFrontToBackAndStopsBeforeSaturation) {
 }
 
 TEST(ReferenceRasterizer, SphericalHarmonicsAreOrthonormalOnTheSphere) {
-  // One Gaussian seen from many directions: the mean of basis_j · basis_k over the sphere is δ_jk / 4π.
+  // One Gaussian seen from many directions. The mean of basis_j · basis_k over the sphere is δ_jk / 4π.
   Numbers random(3);
   std::vector<double> gram(16 * 16, 0);
   const int samples = 40000;
@@ -133,7 +133,7 @@ TEST(ReferenceRasterizer, SphericalHarmonicsAreOrthonormalOnTheSphere) {
     const double angle = sample * 2.399963229728653;
     const double ring = std::sqrt(1 - z * z);
     const double d[3] = {ring * std::cos(angle), ring * std::sin(angle), z};
-    // Turn the camera to look along d: rows of the rotation are any basis whose third is d.
+    // Rotate the camera to look along d: the rows of the rotation are an orthonormal basis whose third vector is d.
     const double h[3] = {std::abs(d[2]) < 0.9 ? 0.0 : 1.0, 0, std::abs(d[2]) < 0.9 ? 1.0 : 0.0};
     std::array<double, 3> right{h[1] * d[2] - h[2] * d[1], h[2] * d[0] - h[0] * d[2], h[0] * d[1] - h[1] * d[0]};
     const double length = std::sqrt(right[0] * right[0] + right[1] * right[1] + right[2] * right[2]);
@@ -161,7 +161,7 @@ TEST(ReferenceRasterizer, SphericalHarmonicsAreOrthonormalOnTheSphere) {
   }
 }
 
-// The signs of the field: published constants of 3DGS scenes, which must render alike here.
+// The signs of the basis functions must be those of 3DGS, so that its published scenes render the same here.
 TEST(ReferenceRasterizer, SphericalHarmonicsHaveTheFieldsSigns) {
   Camera camera;
   camera.width = camera.height = 1;
@@ -213,8 +213,6 @@ TEST(ReferenceRasterizer, GradientsAgreeWithFiniteDifferences) {
   for (std::size_t k = 0; k < 2 * pixels; ++k) weights.features.push_back(random(-1, 1));
   for (std::size_t k = 0; k < pixels; ++k) weights.inverse_depth.push_back(random(-1, 1));
   for (std::size_t k = 0; k < pixels; ++k) weights.alpha.push_back(random(-1, 1));
-  // Keep clear of thresholds, where the image itself jumps.
-  const auto images = render(scene, camera, options);
   const double step = 1e-6;
   for (const Input input : {Input::means, Input::scales, Input::rotations, Input::opacities, Input::sh_dc,
                             Input::sh_rest, Input::features, Input::screen_means}) {
@@ -230,7 +228,7 @@ TEST(ReferenceRasterizer, GradientsAgreeWithFiniteDifferences) {
       const double below = objective(scene, camera, options, weights);
       values[k] = value;
       const double slope = (above - below) / (2 * step);
-      // A pixel at alpha 1/255 may have crossed: a jump of about 1/255 over 2e-6. Everything else agrees closely.
+      // A pixel may have crossed alpha = 1/255: a jump of about 1/255 over 2e-6. All other derivatives agree closely.
       if (std::abs(slope - exact.sum[k]) > 100) {
         ++jumped;
       } else {
@@ -312,7 +310,7 @@ TEST(ReferencePhotometric, EqualImagesHaveNoLoss) {
 TEST(ReferenceTraining, InclusionProbabilitiesSumToTheDraws) {
   const auto inclusion = inclusion_probabilities({1, 2, 3, 4}, 2);
   EXPECT_NEAR(inclusion[0] + inclusion[1] + inclusion[2] + inclusion[3], 2, 1e-12);
-  // By hand: 0.1 first, or second after each other one.
+  // Worked out by hand: item 0 is drawn first, or second after each of the others.
   EXPECT_NEAR(inclusion[0], 0.1 + 0.2 * 1 / 8 + 0.3 * 1 / 7 + 0.4 * 1 / 6, 1e-12);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Adam, neighbours and scores, straight from their definitions, in double precision.
+/// @file Adam, nearest neighbours and sampling probabilities, directly from their definitions, in double precision.
 #pragma once
 
 #include <cstddef>
@@ -18,11 +18,11 @@ struct AdamState {
 void adam_step(AdamState& state, const std::vector<double>& gradients, std::int64_t step, double learning_rate,
                double beta1, double beta2, double epsilon);
 
-/// Mean squared distance of each point [N,3] to its k nearest others (to all others where there are fewer; 0 for one).
+/// Mean squared distance of each point [N,3] to its k nearest others (to all others if there are fewer; 0 if N is 1).
 std::vector<double> mean_squared_neighbor_distances(const std::vector<double>& points, int k);
 
-/// Chance that each item is among the first `keep` drawn one by one without replacement, each time with probability
-/// proportional to weight among those left. All weights > 0; enumerates every sequence, so few items only.
+/// Probability of each item to be among the first `keep` drawn successively without replacement, each with probability
+/// proportional to its weight among those left. Weights must be positive. Enumerates all sequences: for few items only.
 std::vector<double> inclusion_probabilities(const std::vector<double>& weights, std::size_t keep);
 
 }  // namespace splatboost::reference

@@ -26,8 +26,8 @@ LONGEST_OUTPUT = 1 << 20
 
 
 def run(*arguments, cwd=None, faults=None):
-    """Under limits, and with a clock so fast that nothing is timed for long.
-    @param faults environment of file_faults.c
+    """Runs the program under limits, with a clock that runs fast, so that timed sections are short.
+    @param faults environment variables for file_faults.c
     @return the finished process; returncode None: it took too long"""
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
@@ -49,7 +49,7 @@ def run_well(*arguments, cwd=None, faults=None):
 
 
 def broken_rule(done, may_be_killed=False):
-    """@return how a command ended against the rule: exit 0, 1 or 2; one line where it failed, none with raw bytes"""
+    """@return how a command broke the rule (exit 0, 1 or 2; one line on failure, no raw bytes); empty: it did not"""
     if done.returncode is None:
         return f"took more than {SECONDS} s"
     if done.returncode == -9 and may_be_killed:
@@ -72,7 +72,7 @@ def broken_rule(done, may_be_killed=False):
 
 
 class Totals:
-    """Counts cases; keeps what broke the rule with how to see it again."""
+    """Counts cases, and keeps those that broke the rule with instructions to reproduce them."""
 
     def __init__(self):
         self.cases = 0
@@ -102,7 +102,7 @@ class Totals:
                 "broken": self.broken}
 
     def finish(self, arguments, key):
-        """Prints the totals, and with --json puts them into that file.
+        """Prints the totals, and with --json writes them to that file.
         @return the exit status"""
         record = self.record(command_of(sys.argv))
         print(f"{self.cases} cases; exits: " + ", ".join(f"{code}: {n}" for code, n in record["exits"].items()))
@@ -118,7 +118,7 @@ class Totals:
 
 
 def command_of(argv):
-    """Without what says only where the output goes."""
+    """The command line without options that only control the output."""
     words = ["tests/robustness/" + pathlib.Path(argv[0]).name]
     left_out = ("--json", "--keep", "--jobs")
     for before, word in zip(argv, argv[1:]):
@@ -139,7 +139,7 @@ def now():
 
 
 def checksum(data, before=0):
-    """That of packed scenes and checkpoints (backbones/trainer/support/checksum.h)."""
+    """The checksum of packed scenes and checkpoints (backbones/trainer/support/checksum.h)."""
     mask = (1 << 64) - 1
     total = (len(data) + before) & mask
     for (word,) in struct.iter_unpack("<Q", data + bytes(-len(data) % 8)):
@@ -149,8 +149,8 @@ def checksum(data, before=0):
 
 
 def read_archive(data):
-    """A checkpoint (backbones/trainer/support/archive.cpp).
-    @return entries by name, with their type's byte; ValueError: not whole"""
+    """Reads a checkpoint (backbones/trainer/support/archive.cpp).
+    @return entries by name, with their type byte. Raises ValueError if it is not complete."""
     at, total = 0, 0
 
     def block(length):

@@ -68,7 +68,7 @@ def repeat(data, chance):
 
 
 def swap(data, chance):
-    """Two parts of the same length change places."""
+    """Swaps two parts of the same length."""
     length = min(chance.choice([1, 4, 8, 32]), len(data) // 2)
     a = chance.randrange(len(data) - 2 * length + 1)
     b = chance.randrange(a + length, len(data) - length + 1)
@@ -76,7 +76,7 @@ def swap(data, chance):
 
 
 def word(data, chance):
-    """A number of the file becomes an extreme one."""
+    """Replaces some bytes by an extreme number."""
     value = chance.choice(WORDS)
     if len(data) > len(value):
         at = chance.randrange(len(data) - len(value))
@@ -134,7 +134,7 @@ def damage(data, mutations, chance):
 
 
 def damage_json(data, chance):
-    """Well-formed JSON in which one value is another."""
+    """Well-formed JSON with one value changed."""
     document = json.loads(data)
     places = []
 
@@ -160,7 +160,7 @@ def damage_json(data, chance):
 
 
 def damage_checkpoint(data, chance):
-    """Half of them with a checksum that is right, so that what is behind it is reached."""
+    """Damages entries; most results have valid checksums, so that the code behind the check is reached."""
     if chance.random() < 0.3:
         return damage(data, BYTES, chance)
     entries = attacks.read_archive(data)
@@ -180,7 +180,7 @@ def damage_checkpoint(data, chance):
 
 
 def damage_packed(data, chance):
-    """As damage_checkpoint(). Behind the magic: the listing's length and the listing, each with its checksum."""
+    """Like damage_checkpoint(). After the magic: the listing's length and the listing, each with its checksum."""
     if chance.random() < 0.3:
         return damage(data, BYTES, chance)
     start = data.index(b"{")
@@ -204,7 +204,7 @@ RUN = ["--iterations", "1", "--threads", "1", "--quiet"]
 
 
 class Target:
-    """Commands that read one of `files`. The folder of a case is a copy of that of prepare()."""
+    """Commands that read one of `files`. Each case runs in a copy of the folder of prepare()."""
 
     def __init__(self, files, how, commands):
         self.files, self.how, self.commands = files, how, commands
@@ -310,7 +310,7 @@ def npy(width, rows):
 
 
 def write_moving(work, lens, images, points):
-    """The same photos as a capture of Nerfies, one a moment, and as a rig of two cameras."""
+    """Writes the same photos as a capture of Nerfies, one per time, and as a rig of two cameras."""
     width, height, focal, cx, cy = lens
     shutil.copytree(work / "colmap/images", work / "capture/rgb/1x")
     (work / "capture/camera").mkdir()
@@ -339,7 +339,7 @@ def write_moving(work, lens, images, points):
 
 
 def prepare(work):
-    """Writes one whole file of each kind."""
+    """Writes one valid file of each kind."""
     run_well("synth", "colmap", *attacks.TINY_SCENE, cwd=work)
     (width, height, focal, cx, cy), images, points = read_colmap(work / "colmap/sparse/0")
     sparse = work / "text/sparse/0"
@@ -412,7 +412,7 @@ def attack(name, whole, first, cases, seed, keep=None):
                 if keep:
                     pathlib.Path(keep).mkdir(parents=True, exist_ok=True)
                     (pathlib.Path(keep) / f"{name}-{seed}-{number}-{pathlib.Path(file).name}".replace(" ", "-")).write_bytes(data)
-            # What a command left must not change the next case.
+            # Files left by a command must not affect the next case.
             for used in {file.split("/")[0], command[command.index("-m") + 1] if "-m" in command else "out", "out",
                          "out.sbscene", "out.glb", "plain", "host"}:
                 if (work / used).is_dir():

@@ -26,10 +26,10 @@ import miniature_host  # noqa: E402
 
 PLY = "point_cloud/iteration_4/point_cloud.ply"
 KINDS = ["error", "full", "kill"]
-# What of a run is not the same twice.
+# Keys whose values differ from run to run.
 VARYING = {"train_seconds", "fps", "peak_memory_bytes", "estimated_memory_bytes", "date", "command", "stage_seconds",
            "seconds", "stages", "ratios"}
-#: what a new run takes away before it begins
+#: Files that a new run removes before it starts.
 RESULTS = ("point_cloud", "test", "train", "training.json", "results.json", "compare.json", "report.html", "cameras.json")
 
 
@@ -40,7 +40,7 @@ def without_varying(value):
 
 
 def essence(path):
-    """@return what of the file is the same for every run; None: it is not whole"""
+    """@return the content of a file that is the same in every run; None: the file is not complete"""
     data = path.read_bytes()
     try:
         if path.name in ("results.json", "training.json", "compare.json", "patch.json"):
@@ -69,11 +69,11 @@ def content(folder, working_files=False):
 
 
 class Scenario:
-    """A command in a folder that begins as a copy of `start`. The folder keeps its name, which settings hold."""
+    """A command in a folder that starts as a copy of `start`. The folder's name is fixed, since settings contain it."""
 
     name = ""
-    removes = ()  # what may be gone when the command failed
-    passing = {"training.json"}  # files that are there for a while only
+    removes = ()  # files that may be missing after a failure
+    passing = {"training.json"}  # files that exist only temporarily
 
     def __init__(self, work):
         self.work = work
@@ -88,7 +88,7 @@ class Scenario:
         raise NotImplementedError
 
     def again(self, found):
-        """The command that brings the folder to its end after a failure that left `found`."""
+        """The command that completes the folder after a failure that left the files `found`."""
         return self.command()
 
     def check_more(self, found, done, complain):
@@ -184,7 +184,7 @@ class Train(Scenario):
         return self.command()
 
     def check_more(self, found, done, complain):
-        """A model at its end needs no training again."""
+        """A complete model need not be trained again."""
         model = {name for name in self.after if name.startswith("point_cloud/iteration_4/")}
         if not all(found.get(name) == self.after[name] for name in model) or \
            "results.json" in found or found.get("config.json") != self.after["config.json"]:
@@ -292,7 +292,7 @@ class Synth(Scenario):
 
 class PatchApply(Scenario):
     name = "patch apply"
-    passing = {".splatboost/patch.json"}  # says on the way what is done
+    passing = {".splatboost/patch.json"}  # records the progress while the command runs
 
     def prepare(self):
         miniature_host.write_host(self.start, "3dgs-2023")
@@ -345,7 +345,7 @@ SCENARIOS = {scenario.name: scenario for scenario in (
 
 
 def attack(name, sample=None, seed=0):
-    """@param sample how many operations, evenly spread, each in one way; None: each operation in every way"""
+    """@param sample number of operations, evenly spread, each with one fault; None: each operation with every fault"""
     totals = Totals()
     with tempfile.TemporaryDirectory(prefix="splatboost-faults-") as folder:
         scenario = SCENARIOS[name](pathlib.Path(folder).resolve())

@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def script(request):
-    """The script that the test module names SCRIPT, as a module; it has no .py at its end, so `import` cannot find it."""
+    """The script at the test module's SCRIPT, as a module; without the suffix .py `import` cannot find it."""
     path = request.module.SCRIPT
     loader = importlib.machinery.SourceFileLoader(path.name, str(path))
     module = importlib.util.module_from_spec(importlib.util.spec_from_loader(path.name, loader))

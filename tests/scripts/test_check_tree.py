@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tree keeps its layers, and the check would tell where it does not."""
+"""The tree respects its layers, and the check detects violations."""
 import subprocess
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def test_the_tree_keeps_its_layers():
 
 @pytest.fixture
 def tree(tmp_path):
-    """A small tree with the layer table of this one."""
+    """A small tree with this repository's layer table."""
     def write(path, text):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text(text)
@@ -51,7 +51,7 @@ def test_what_the_table_allows_passes(tree, tmp_path):
     ("backbones/trainer/support/a.h", "trainer/evaluation/results.h", "layer 'trainer_support' may not use layer"),
     ("backbones/program/session/a.cpp", "program/commands/commands.h", "program/session may not use program/commands"),
     ("patches/tool/a.cpp", "splatboost/adam.h", "layer 'patch' may not use the core"),
-    ("core/src/loss/a.cpp", "loss/nowhere.h", "loss/nowhere.h is no file of the tree"),
+    ("core/src/loss/a.cpp", "loss/nowhere.h", "loss/nowhere.h is not a file of the tree"),
 ])
 def test_an_include_against_the_order_is_named(tree, tmp_path, path, include, fault):
     tree(path, f'#pragma once\n#include "{include}"\n')

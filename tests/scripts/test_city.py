@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""scripts/city: which block owns what, what each trains on, and one model of all."""
+"""scripts/city: the areas of blocks, the views each trains on, and the merged model."""
 import json
 import os
 import shutil
@@ -75,7 +75,7 @@ def test_blocks_train_alone_and_become_one(street, tmp_path):
     for block in plan["blocks"]:
         part = blocks.Scene(out / "blocks" / block["name"] / "scene")
         assert 0 < len(part.names) < 21 and len(part.names) == block["views"]
-        assert not set(part.names) & set(whole.names[::8])  # held out everywhere
+        assert not set(part.names) & set(whole.names[::8])  # test views of the whole scene are in no part
         at = whole.names.index(part.names[0])
         assert np.allclose(part.centres[0], whole.centres[at]) and 0 < len(part.points) <= len(whole.points)
     for block in plan["blocks"]:
@@ -85,7 +85,7 @@ def test_blocks_train_alone_and_become_one(street, tmp_path):
     run(PROGRAM, "eval", "-m", out / "merged", "--threads", 1)
     results = json.loads((out / "merged/results.json").read_text())
     assert [view["name"] for view in results["views"]] == whole.names[::8] and results["psnr"] > 5
-    # Of each block's model exactly what it owns, bit by bit.
+    # The merged model has exactly the Gaussians that each block owns, bit by bit.
     grid = blocks.Grid(**plan["grid"])
     _, merged = blocks.read_ply(out / "merged/point_cloud/iteration_8/point_cloud.ply")
     owners = grid.owners(np.stack([merged[a] for a in "xyz"], 1).astype(float))
@@ -107,7 +107,8 @@ def test_the_workflow(street, tmp_path):
 
 
 def test_what_cannot_be_is_told_in_one_line(street, tmp_path):
-    for arguments, words in ((("--grid", 20, 20), "cannot be cut into"), (("--", "--eval"), "--eval: is not for the blocks"),
+    for arguments, words in ((("--grid", 20, 20), "cannot be cut into"),
+                             (("--", "--eval"), "--eval: cannot be passed to the blocks"),
                              (("--grid", 0, 1), "--grid must be at least 1 1")):
         assert words in city(street, tmp_path / "a", "--split-only", *arguments, code=2)
         assert not (tmp_path / "a/plan.json").exists()
@@ -116,6 +117,6 @@ def test_what_cannot_be_is_told_in_one_line(street, tmp_path):
     shutil.copytree(street, broken)
     images = broken / "sparse/0/images.bin"
     images.write_bytes(images.read_bytes()[:-100])
-    assert "is no whole COLMAP model" in city(broken, tmp_path / "c", "--split-only", code=2)
+    assert "is not a complete COLMAP model" in city(broken, tmp_path / "c", "--split-only", code=2)
     city(street, tmp_path / "d", "--split-only", "--grid", 2, 1)
-    assert "holds blocks of another command" in city(street, tmp_path / "d", "--split-only", "--grid", 1, 2, code=2)
+    assert "contains blocks of another command" in city(street, tmp_path / "d", "--split-only", "--grid", 1, 2, code=2)

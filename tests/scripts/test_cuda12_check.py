@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What CUDA 12 has not is refused. The check itself is a step of CI, since it fetches headers."""
+"""Code that CUDA 12 does not support is refused. The check itself runs in CI, since it downloads headers."""
 import shutil
 import subprocess
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop over a tile's splats is found in what nvdisasm writes."""
+"""The loop over a tile's splats is found in the output of nvdisasm."""
 import json
 import subprocess
 import sys
@@ -12,7 +12,7 @@ from script_fixture import script  # noqa: F401, a fixture
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "scripts/cuda_instructions"
 
-# Two loops, the inner one with the power; and a kernel that has none.
+# Two loops, the inner one with the exponential (ex2); and a kernel without a loop.
 TEXT = """.text._ZN12blend_kernelILi0ELb0EEEv:
         /*0000*/                   MOV R1, c[0x0][0x28] ;
 .L_x_2:

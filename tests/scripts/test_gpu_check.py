@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""scripts/gpu-check says what it cannot do; what it measures is tested by running it on a GPU."""
+"""scripts/gpu-check reports what it cannot do; its measurements are only tested by running it on a GPU."""
 
 import json
 import os
@@ -37,16 +37,16 @@ def test_no_nvcc(tmp_path):
 
 
 def test_unknown_step():
-    assert "'mesure' is no step; there are: build, tests" in fails("mesure")
+    assert "'mesure' is not a step; available: build, tests" in fails("mesure")
 
 
 def test_compare_needs_a_scene():
     assert "--scene FILE" in fails("compare")
-    assert "there is no" in fails("compare", "--scene", "/nowhere/fox.sbscene")
+    assert "not found" in fails("compare", "--scene", "/nowhere/fox.sbscene")
 
 
 def test_a_failure_does_not_keep_the_next_step_from_running(tmp_path):
-    """On a tree of its own, with programs that only pretend: bench fails, compare writes what it should."""
+    """In a separate tree with fake programs: bench fails, compare writes the expected files."""
     machine, tree = tmp_path / "machine", tmp_path / "tree"
     for folder in (machine, tree / "scripts", tree / "build/gpu/bin"):
         folder.mkdir(parents=True)
@@ -76,7 +76,7 @@ mkdir -p "$5" && echo '{"boosted": {"psnr": 30}}' > "$5/compare.json"
 
 
 def test_a_step_without_a_scene_is_told(tmp_path):
-    """All steps, none of whose programs exist: each has its line and its file, compare is left out."""
+    """All steps, none of whose programs exist: each has its line and its file; compare is left out."""
     machine, tree = tmp_path / "machine", tmp_path / "tree"
     for folder in (machine, tree / "scripts"):
         folder.mkdir(parents=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No kernel needs markedly more instructions than the committed counts say, and the guard would tell."""
+"""No kernel needs markedly more instructions than the committed counts, and the check detects if one does."""
 import json
 import shutil
 import subprocess

@@ -23,11 +23,11 @@ REAL_WEIGHTS = ROOT / "../shared/data/lpips/lpips_squeeze_v0.1.npz"
 FIRES = {3: (64, 16, 64), 4: (128, 16, 64), 6: (128, 32, 128), 7: (256, 32, 128),
          9: (256, 48, 192), 10: (384, 48, 192), 11: (384, 64, 256), 12: (512, 64, 256)}
 TAP_CHANNELS = [64, 128, 256, 384, 384, 512, 512]
-# Odd and even sizes; between them, every pool meets rows that fit its windows and rows that need ceil mode.
+# Odd and even sizes, so that every pooling has inputs that fit its windows and inputs that need ceil mode.
 SIZES = [(32, 32), (37, 40), (40, 37), (33, 47), (64, 51), (62, 35)]
 
 
-# --- the plain implementation -----------------------------------------------------------------------------------------
+# --- reference implementation -----------------------------------------------------------------------------------------
 
 def convolve(x, weight, bias, stride=1, padding=0):
     x = np.pad(x, ((0, 0), (padding, padding), (padding, padding)))
@@ -42,7 +42,7 @@ def convolve(x, weight, bias, stride=1, padding=0):
 
 
 def pool(x):
-    """3×3, stride 2, ceil mode: a last window may hang over the edge, and sees only what is there."""
+    """3×3 max pooling, stride 2, ceil mode: the last window is cut off at the image border."""
     rows, columns = (-(-(n - 3) // 2) + 1 for n in x.shape[1:])
     return np.stack([[x[:, 2 * i:2 * i + 3, 2 * j:2 * j + 3].max(axis=(1, 2)) for j in range(columns)]
                      for i in range(rows)]).transpose(2, 0, 1)
@@ -85,7 +85,7 @@ def random_weights(seed=7):
     weights = {}
 
     def convolution(name, out, channels, size):
-        deviation = np.sqrt(2 / (channels * size * size))  # keeps the signal's strength through the ReLUs
+        deviation = np.sqrt(2 / (channels * size * size))  # keeps the variance of activations through the ReLUs
         weights[f"backbone/{name}.weight"] = random.normal(0, deviation, (out, channels, size, size)).astype("f4")
         weights[f"backbone/{name}.bias"] = random.normal(0, 0.1, out).astype("f4")
 
@@ -104,7 +104,7 @@ def convert(npz, onnx):
 
 
 def write_png(path, image):
-    """8-bit RGB [H,W,3] or grey [H,W] as PNG, with the standard library alone."""
+    """Writes 8-bit RGB [H,W,3] or grey [H,W] as PNG, with the standard library only."""
     rows, columns = image.shape[:2]
     lines = b"".join(b"\0" + image[y].tobytes() for y in range(rows))
     header = struct.pack(">IIBBBBB", columns, rows, 8, 2 if image.ndim == 3 else 0, 0, 0, 0)
@@ -121,7 +121,7 @@ def planar(image):
 def random_pair(rows, columns, seed=1):
     random = np.random.default_rng(seed)
     truth = random.integers(0, 256, (rows, columns, 3), dtype=np.uint8)
-    # Half related, so that the distance is of the size seen in practice.
+    # Half of the pixels are equal, so that the distance is of a realistic size.
     render = np.where(random.random((rows, columns, 1)) < 0.5, truth, random.integers(0, 256, truth.shape, np.uint8))
     return render.astype(np.uint8), truth
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No blend kernel spills registers, and the guard would tell."""
+"""No blend kernel spills registers, and the check detects if one does."""
 import json
 import shutil
 import subprocess

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures in the documents are those of the committed measurements."""
+"""Numbers in the documentation are those of the committed measurements."""
 import subprocess
 from pathlib import Path
 

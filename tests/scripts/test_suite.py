@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""scripts/suite: its statistics on known answers, its plan, its pictures and tables, and a small suite from end to end.
+"""scripts/suite: statistics against known values, plan, pictures and tables, and a small suite from end to end.
 
-SPLATBOOST_BIN names the folder with the built `splatboost` (default: build/release/bin). What needs Snakemake is skipped
-where there is none; scripts/test installs it.
+SPLATBOOST_BIN names the folder with the built `splatboost` (default: build/release/bin). Tests that need Snakemake are
+skipped where there is none; scripts/test installs it.
 """
 import json
 import math
@@ -74,7 +74,7 @@ def test_worst_scene():
 def test_quality_on_a_curve():
     curve = [(10000, 30.0), (100, 20.0), (1000, 26.0), (1000, 24.0)]
     assert stats.on_curve(curve, 1000) == 25.0
-    assert stats.on_curve(curve, 10 ** 2.5) == pytest.approx(22.5)  # half way in the logarithm
+    assert stats.on_curve(curve, 10 ** 2.5) == pytest.approx(22.5)  # interpolated in the logarithm
     assert stats.on_curve(curve, 100) == 20.0 and stats.on_curve(curve, 10000) == 30.0
     assert stats.on_curve(curve, 99) is None and stats.on_curve(curve, 10001) is None and stats.on_curve([], 5) is None
 
@@ -179,7 +179,7 @@ def test_rows_of_the_paper_give_its_means(dataset, method):
             if (row["dataset"], row["method"]) == (dataset, method) and row["scene"]]
     scenes = next(d for d in planning.read_json(SUITE / "datasets.json")["datasets"] if d["name"] == dataset)["scenes"]
     assert sorted(row["scene"] for row in rows) == sorted(scenes)
-    # What it gives is rounded, scenes and means alike.
+    # The paper rounds the values of scenes and the means.
     for key, mean, rounding in zip(("minutes", "psnr", "ssim", "lpips", "millions"), TABLE_1[dataset, method],
                                    (.011, .0101, .00101, .00101, .0101)):
         if mean is not None:
@@ -254,7 +254,7 @@ def test_the_window_is_where_the_second_render_is_worse():
         return png.Picture(12, [bytearray([value] * 36) for _ in range(12)])
     truth, reference, render = flat(100), flat(90), flat(90)
     for y in range(12):
-        reference.rows[y][:12] = bytes([0] * 12)  # both are bad on the left
+        reference.rows[y][:12] = bytes([0] * 12)  # the reference is wrong on the left too
         render.rows[y][:12] = bytes([0] * 12)
     for y in range(8, 12):
         render.rows[y][24:36] = bytes([20] * 12)
@@ -264,7 +264,7 @@ def test_the_window_is_where_the_second_render_is_worse():
 # --- tables -----------------------------------------------------------------------------------------------------------
 
 def made_up_suite():
-    """Two scenes, two seeds, published and default, and published under default's number."""
+    """Two scenes, two seeds, rules published and default, and published with default's number of primitives as cap."""
     runs = []
     for scene, group, gain in (("a", "develop", 0.5), ("b", "report", -1.0)):
         for seed in (0, 1):
@@ -308,14 +308,14 @@ def test_page_and_tables_say_what_was_measured():
     suite = made_up_suite()
     text = page.markdown(suite)
     assert "| SplatBoost | all (2) | −0.20 ± 0.04 | −0.95 ± 0.05 (b) |" in text and "0.25× | 0.40× | 1.00× |" in text
-    assert "LPIPS" not in text  # was not measured
+    assert "LPIPS" not in text  # not measured
     html = page.html(suite, page.frontier_svg(suite), [("a", [("truth", "data:,")])])
     assert "<td class=bad>−0.95 ± 0.05</td>" in html and "<td class=good>+0.55 ± 0.05</td>" in html
     assert "&lt;late&gt;" in html and "<m>" not in html and "http://" not in html.replace("http://www.w3.org/2000/svg", "")
     assert html.count("<circle") == 2 + 2 * 3
 
 
-# --- the whole --------------------------------------------------------------------------------------------------------
+# --- end to end -------------------------------------------------------------------------------------------------------
 
 def small_list(path):
     size = ["--width", "64", "--height", "48", "--views", "12", "--points", "200"]
@@ -353,11 +353,11 @@ def test_a_small_suite_from_end_to_end(tmp_path):
     assert html.count("data:image/png") == 6  # truth and two rule sets of two scenes
     assert "ΔPSNR" in (tmp_path / "out/suite.md").read_text()
 
-    # The same suite trains nothing again; a cap adds only its own runs, which keep within it.
+    # Running the same suite again trains nothing; a cap only adds its own runs, which respect it.
     records = {path: path.stat().st_mtime_ns for path in (tmp_path / "out/runs").glob("*/record.json")}
     assert len(records) == 8
     done = run_suite(*words, "--caps", 0.5, "--scenes", "room")
-    assert done.returncode == 0 and "6 runs, 4 of them there already" in done.stderr, done.stderr
+    assert done.returncode == 0 and "6 runs, 4 of them already done" in done.stderr, done.stderr
     assert {path: path.stat().st_mtime_ns for path in records} == records
     suite = json.loads((tmp_path / "out/suite.json").read_text())
     number = {(run["scene"], run["seed"]): run["primitives"] for run in suite["runs"]
@@ -382,10 +382,10 @@ def test_a_run_that_fails_leaves_the_others_and_a_page(tmp_path):
 
 
 @pytest.mark.parametrize("words,message", [
-    (["--scenes", "nowhere"], "no scene or group 'nowhere'"), (["--rules", "wat"], "no rule set 'wat'"),
+    (["--scenes", "nowhere"], "unknown scene or group 'nowhere'"), (["--rules", "wat"], "unknown rule set 'wat'"),
     (["--rules", "none.json"], "none.json: No such file"), (["--caps", "-1"], "neither a share"),
     (["--rules", "default", "--caps", "0.5"], "add published"), (["--table", "17"], "needs --data"),
-    (["--own", "/nonexistent"], "no such folder"), (["--program", "/nonexistent"], "is no program")])
+    (["--own", "/nonexistent"], "no such folder"), (["--program", "/nonexistent"], "is not a program")])
 def test_bad_input_is_one_line(words, message, tmp_path):
     program = tmp_path / "splatboost"
     program.write_text("#!/bin/sh\necho --no-boost\n")

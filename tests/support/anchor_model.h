@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Looks into an anchor backbone from outside: its exported rows, its checkpoints, its quality.
+/// @file Inspects an anchor backbone through its public interface: exported rows, checkpoints, quality.
 #pragma once
 
 #include <numeric>
@@ -29,7 +29,7 @@ inline std::vector<float> exported(const Backbone& backbone, const std::string& 
   return exported(backbone, numbered(prefix, count));
 }
 
-/// World positions of all slots [N·k,3], as the .ply says.
+/// World positions of all slots [N·k,3], from the exported .ply.
 inline std::vector<float> slot_positions(const Backbone& backbone, std::size_t k) {
   const std::vector<float> anchors = exported(backbone, {"x", "y", "z"});
   const std::vector<float> offsets = exported(backbone, "f_offset_", 3 * k);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What must hold for every backbone, looked at from outside: its files and its pictures.
+/// @file Checks that every backbone must pass, through its public interface: its files and its images.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -29,7 +29,7 @@ inline void train(Backbone& backbone, const Scene& scene, int first, int last) {
   for (int i = first; i <= last; ++i) backbone.train_step(i, view_at(scene, i));
 }
 
-/// All bytes that a model is made of.
+/// The bytes of all files of an exported model.
 inline std::string model_bytes(const Backbone& backbone) {
   const test::TemporaryFolder folder;
   backbone.export_model(folder.path());
@@ -59,8 +59,8 @@ inline std::vector<float> picture(Backbone& backbone, const View& view) {
   return color;
 }
 
-/// A run that is cut, saved and continued gives the bytes of one that is not, at every cut.
-/// @param optimizer may make gradients accumulate over the cut
+/// Expects that a run that is saved and resumed gives byte-identical results to an uninterrupted one, for every cut.
+/// @param cuts iterations to stop at @param optimizer hook that may accumulate gradients across the cut
 inline void expect_exact_resume(const MakeBackbone& make, const Scene& scene, int iterations,
                                 const std::vector<int>& cuts, OptimizerHook* optimizer = nullptr) {
   const auto made = [&] {
@@ -99,7 +99,7 @@ inline void expect_same_bytes_for_any_threads(const std::function<std::unique_pt
   EXPECT_EQ(bytes[0], bytes[1]);
 }
 
-/// The group stands still where a hook takes its rate to 0, and only it.
+/// Expects that a hook that sets the rate of one group to 0 freezes that group and no other.
 inline void expect_rates_times_factor(Backbone& backbone, const Scene& scene, const std::string& still,
                                       const std::string& moving) {
   class Stills : public OptimizerHook {
@@ -124,7 +124,7 @@ inline void expect_rates_times_factor(Backbone& backbone, const Scene& scene, co
   EXPECT_NE(values(moving), moving_before);
 }
 
-/// Each of the JSON texts is refused in one line that holds the word.
+/// Expects that each of the JSON texts is refused with a one-line message that contains the word.
 inline void expect_one_clear_line(const std::function<void(const nlohmann::json&)>& read,
                                   const std::map<const char*, const char*>& text_to_word) {
   for (const auto& [text, word] : text_to_word) {
@@ -139,7 +139,7 @@ inline void expect_one_clear_line(const std::function<void(const nlohmann::json&
   }
 }
 
-/// Lets nothing grow.
+/// A density hook that prevents all growth.
 class ClosedGate : public DensityHook {
  public:
   void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& decisions) override {

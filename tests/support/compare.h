@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Single precision against the double-precision witness: bounds that can fail, and a counted band at thresholds.
+/// @file Compares single precision with the double-precision reference, with tight tolerances away from thresholds.
 ///
-/// Where a decision of the model (alpha against 1/255, transmittance against 1e-4, a tile listed or not) is closer
-/// than rounding can tell, both answers are right. The witness marks those pixels. They are left out of comparisons,
-/// and a test asserts that there are few of them; tolerances stay tight everywhere else.
+/// Where a decision of the model (alpha against 1/255, transmittance against 1e-4, a tile listed or not) depends on
+/// rounding, both results are correct. The reference marks those pixels as uncertain. They are left out of comparisons,
+/// and tests assert that there are few; tolerances stay tight everywhere else.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -19,19 +19,19 @@
 namespace splatboost::test {
 
 struct Tolerance {
-  double relative = 1e-4;  ///< of an element's expected value
-  double scale = 1e-5;     ///< of the largest expected magnitude
+  double relative = 1e-4;  ///< relative to an element's expected value
+  double scale = 1e-5;     ///< relative to the largest expected magnitude
   double absolute = 0;     ///< in the unit of the values
   double l2 = 2e-5;        ///< ‖actual − expected‖ / ‖expected‖
 };
 
-/// Images of values of order one. Single precision makes about a third of this.
+/// For images with values of order one. Errors of single precision are about a third of this.
 inline constexpr Tolerance kImageTolerance{.relative = 1e-5, .scale = 1e-6, .absolute = 1e-6, .l2 = 2e-6};
-/// Gradients: sums over pixels of terms of both signs, so the scale of the whole tensor counts.
-/// Single precision makes about a third of this.
+/// For gradients: they are sums over pixels of terms of both signs, so the scale of the whole tensor matters.
+/// Errors of single precision are about a third of this.
 inline constexpr Tolerance kGradientTolerance{.relative = 2e-4, .scale = 2e-5, .absolute = 0, .l2 = 2e-5};
 
-/// Elementwise and in norm. Element k belongs to pixel k % excluded.size(); elements of excluded pixels are skipped.
+/// Compares elements and the L2 norm. Element k belongs to pixel k % excluded.size(); excluded pixels are skipped.
 inline ::testing::AssertionResult is_close(std::span<const float> actual, const std::vector<double>& expected,
                                            const Tolerance& tolerance, std::span<const std::uint8_t> excluded = {}) {
   if (actual.size() != expected.size()) {
@@ -75,7 +75,7 @@ inline ::testing::AssertionResult is_close(std::span<const float> actual, const 
   return ::testing::AssertionSuccess();
 }
 
-/// Asserts that the band is narrow: at most `fraction` of `total`, rounded up.
+/// Asserts that there are few uncertain elements: at most `fraction` of `total`, rounded up.
 inline ::testing::AssertionResult are_few(std::size_t number, std::size_t total, double fraction = 0.02) {
   const auto allowed = static_cast<std::size_t>(std::ceil(fraction * static_cast<double>(total)));
   if (number <= allowed) return ::testing::AssertionSuccess();

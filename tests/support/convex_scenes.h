@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Random convexes for tests, and their translation for the double-precision witness.
+/// @file Random convexes for tests, and their conversion for the double-precision reference.
 #pragma once
 
 #include <cmath>
@@ -13,22 +13,22 @@
 
 namespace splatboost::test {
 
-/// What a random scene of convexes holds.
+/// Parameters of a random scene of convexes.
 struct ConvexSceneSpec {
   std::size_t count = 12;
   int points_per_convex = 6;
   int sh_degree = 3;    ///< ignored with colors
-  bool colors = false;  ///< given colours instead of spherical harmonics
+  bool colors = false;  ///< colours instead of spherical harmonics
   double smallest = 3;  ///< distance of the points from the centre on screen, pixels
   double largest = 16;
   double opacity_low = 0.05;
   double opacity_high = 0.98;
-  double soft = 0.4;  ///< z·σ·φ half way to the edge, about
+  double soft = 0.4;  ///< approximate range of z·σ·φ half way to the edge: soft … steep
   double steep = 8;
   double behind = 0.1;  ///< fraction of convexes behind the camera
 };
 
-/// A scene's memory.
+/// Owns a scene's arrays.
 struct ConvexSceneData {
   std::size_t count = 0;
   int points_per_convex = 6;
@@ -123,7 +123,7 @@ inline reference::ConvexOptions reference_options(const ConvexOptions& options) 
   return result;
 }
 
-/// Memory for every gradient that the scene has.
+/// Owns an array for every gradient of the scene.
 struct ConvexGradientData {
   std::vector<float> points, smoothness, sharpness, opacities, sh_dc, sh_rest, colors, view_sharpness,
       view_sharpness_abs, screen_points;
@@ -144,7 +144,7 @@ struct ConvexGradientData {
     return {mode,    points, smoothness,     sharpness,          opacities,    sh_dc,
             sh_rest, colors, view_sharpness, view_sharpness_abs, screen_points};
   }
-  /// All of them.
+  /// All gradient arrays.
   std::vector<const std::vector<float>*> all() const {
     return {&points,  &smoothness, &sharpness,      &opacities,          &sh_dc,
             &sh_rest, &colors,     &view_sharpness, &view_sharpness_abs, &screen_points};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Anchors with nets of random parameters, for every combination of a decoder's options.
+/// @file Anchors with networks of random parameters, for every combination of a decoder's options.
 #pragma once
 
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Writes down what a backbone decides by its own rules.
+/// @file Records the density decisions that a backbone makes by its own rules.
 #pragma once
 
 #include <cstdint>
@@ -9,17 +9,17 @@
 
 namespace splatboost::testing {
 
-/// What one call of the hook saw, and what the backbone had decided before it.
+/// The statistics passed to one call of the hook, and the backbone's own decisions before it.
 struct DensityEvent {
   int iteration;
   bool growth;
   std::vector<float> gradients, gradients_abs, opacities, max_scales;
   std::vector<std::uint8_t> clone, split, remove;
   std::vector<std::uint32_t> origins;
-  PruneRule rule = PruneRule::growth;  ///< of a removal
+  PruneRule rule = PruneRule::growth;  ///< of a call of prune()
 };
 
-/// Changes nothing, writes everything down.
+/// Records every call without changing any decision.
 class DensityRecorder : public DensityHook {
  public:
   void grow(const DensityStatistics& s, RasterizerHook&, GrowDecisions& d) override {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What an adapter sees of a backbone, made by hand: statistics, and a renderer whose errors are given.
+/// @file Fakes of what an adapter sees of a backbone: statistics, and a renderer with known errors.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 namespace splatboost::testing {
 
-/// A count a primitive, the same in all views. In 8×8 views 32 pixels are flagged.
+/// One count per primitive, the same in all views. In 8×8 views 32 pixels are flagged.
 class FakeRasterizer : public GivenCounts {
  public:
   explicit FakeRasterizer(const std::vector<std::int32_t>& counts, std::size_t views = 10, int width = 8,
@@ -31,7 +31,7 @@ class FakeRasterizer : public GivenCounts {
 
 inline constexpr float kExtent = 10;  // the border between small and large is extent × percent_dense
 
-/// Statistics of hand-made Gaussians.
+/// Density statistics of Gaussians with values given by the test.
 struct Hand {
   std::vector<float> gradients, gradients_abs, opacities, max_scales;
   DensityStatistics at(int iteration) const {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What must hold for every backbone of explicit Gaussians.
+/// @file Checks that every backbone of explicit Gaussians must pass.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -45,7 +45,7 @@ struct CloudGradients {
   std::vector<float> means, scales, rotations, opacities;
 };
 
-/// Those that a training iteration of the backbone gathers at these parameters.
+/// The gradients that a training iteration of the backbone accumulates at these parameters.
 inline CloudGradients gathered_gradients(Backbone& backbone, const SplatCloud& cloud, int iteration, const View& view) {
   NeverSteps never;
   import_cloud(backbone, cloud);
@@ -62,8 +62,8 @@ inline CloudGradients gathered_gradients(Backbone& backbone, const SplatCloud& c
   return gradients;
 }
 
-/// Those of a view drawn by the rasterizer (which has witnesses of its own) with these scales and opacities, colours of
-/// degree 0; the loss is l1_weight·L1 + ssim_weight·(1 − SSIM).
+/// The gradients of a view drawn by the rasterizer (which has its own tests) with these scales and opacities and
+/// spherical harmonics of degree 0; the loss is l1_weight·L1 + ssim_weight·(1 − SSIM).
 inline CloudGradients gradients_of_view(const SplatCloud& cloud, std::span<const float> scales,
                                         std::span<const float> opacities, const View& view,
                                         const RasterOptions& options, float l1_weight, float ssim_weight,
@@ -100,7 +100,7 @@ inline CloudGradients gradients_of_view(const SplatCloud& cloud, std::span<const
   return out;
 }
 
-/// Equal but for rounding, relative to the largest.
+/// Expects equality up to `tolerance` times the largest expected magnitude.
 inline void expect_close(const std::vector<float>& found, const std::vector<double>& expected, double tolerance) {
   ASSERT_EQ(found.size(), expected.size());
   double largest = 0;

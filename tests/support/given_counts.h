@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A renderer whose counts are given, to test adapters with known answers.
+/// @file A fake renderer with given counts, to test adapters with known answers.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace splatboost::testing {
 
-/// Views are black and their left half is wrong. A primitive has a count a view (or one for all).
+/// Renders black views whose left half differs from the truth. A primitive has one count per view, or one for all.
 class GivenCounts : public RasterizerHook {
  public:
   GivenCounts(std::vector<std::vector<std::int32_t>> counts, std::size_t views, int width, int height)
@@ -40,8 +40,8 @@ class GivenCounts : public RasterizerHook {
     for (std::size_t i = 0; i < added.size() && !weights.empty(); ++i) added[i] += weights[i];
   }
   std::vector<std::int32_t> weights;  ///< of each primitive in every view; empty: none
-  std::vector<std::uint8_t> valid;    ///< of every view's pixels; empty: all
-  /// Counts where every valid pixel is flagged; empty: the same.
+  std::vector<std::uint8_t> valid;    ///< [H·W] mask of valid pixels of every view; empty: all
+  /// Counts returned if every valid pixel is flagged; empty: the same as otherwise.
   std::vector<std::vector<std::int32_t>> drawn;
   std::vector<std::size_t> rendered;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// main() of tests that need a GPU: 77, which ctest takes for skipped, where there is none and nothing failed.
+// main() of tests that need a GPU: returns 77, which ctest reports as skipped, if there is no GPU and nothing failed.
 #include <gtest/gtest.h>
 
 #include "splatboost/cuda_stream.h"

@@ -11,12 +11,12 @@
 
 namespace splatboost::test {
 
-/// All instruction sets again, whatever happens.
+/// Enables all instruction sets again on destruction.
 struct RestoreTargets {
   ~RestoreTargets() { hwy::SetSupportedTargetsForTest(0); }
 };
 
-/// Calls body once for each instruction set, with dispatch held to it.
+/// Calls body once for each instruction set, with dispatch restricted to it.
 template <class Body>
 void for_each_target(const Body& body) {
   const RestoreTargets restore;

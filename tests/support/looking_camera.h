@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Cameras of tests.
+/// @file Cameras for tests.
 #pragma once
 
 #include <glm/geometric.hpp>

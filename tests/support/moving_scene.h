@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A scene small enough to train in a test, that moves: blobs, half of which slide along y.
+/// @file A moving scene small enough to train in a test: blobs, half of which slide along y.
 #pragma once
 
 #include <cmath>
@@ -8,9 +8,9 @@
 
 namespace splatboost::testing {
 
-inline constexpr float kSlide = 0.7f;  ///< from time 0 to time 1
+inline constexpr float kSlide = 0.7f;  ///< distance from time 0 to time 1
 
-/// What the scene looks like at a time.
+/// Ground-truth image of the scene at a time.
 inline std::vector<std::uint8_t> moving_truth(const Camera& camera, float time, Threads& threads, int blobs = 40) {
   const RandomStream random(11, 0, RandomPurpose::synth);
   std::uint64_t next = 0;
@@ -44,11 +44,11 @@ inline std::vector<std::uint8_t> moving_truth(const Camera& camera, float time, 
   return color;
 }
 
-/// One camera a moment, as a monocular video has them; every eighth is held out.
+/// One camera per moment, as in a monocular video; every eighth is held out.
 inline Scene moving_scene(Threads& threads, int views = 24, int width = 40, int height = 32) {
   Scene scene;
   for (int v = 0; v < views; ++v) {
-    // Neither the angle nor the time of a neighbour tells those of a view.
+    // Neighbouring times get distant angles, so that time and pose are not correlated.
     const double angle = 6.283185307179586 * (v * 7 % views) / views;
     View view;
     view.name = "frame_" + std::to_string(v) + ".png";

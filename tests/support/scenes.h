@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Cameras and random Gaussians for tests, and their translation for the double-precision witness.
+/// @file Cameras and random Gaussians for tests, and their conversion for the double-precision reference.
 #pragma once
 
 #include <cmath>
@@ -19,7 +19,7 @@
 
 namespace splatboost::test {
 
-/// Uniform numbers that are the same with every standard library.
+/// Uniform random numbers that are the same with every standard library.
 class Numbers {
  public:
   explicit Numbers(std::uint64_t seed) : engine_(seed) {}
@@ -27,7 +27,7 @@ class Numbers {
     return low + (high - low) * (static_cast<double>(engine_() >> 11) * 0x1.0p-53);
   }
   float real(double low, double high) { return static_cast<float>(uniform(low, high)); }
-  /// Log-uniform: every order of magnitude alike.
+  /// Log-uniform.
   double magnitude(double low, double high) { return std::exp(uniform(std::log(low), std::log(high))); }
   std::uint64_t bits() { return engine_(); }
 
@@ -42,7 +42,7 @@ inline std::vector<float> numbers(std::size_t n, double low, double high, std::u
   return values;
 }
 
-/// A camera with an oblique pose and a principal point off the centre.
+/// A camera with an oblique pose and an off-centre principal point.
 inline Camera oblique_camera(int width, int height) {
   Camera camera;
   camera.width = width;
@@ -58,13 +58,13 @@ inline Camera oblique_camera(int width, int height) {
   return camera;
 }
 
-/// What a random scene holds.
+/// Parameters of a random scene.
 struct SceneSpec {
   std::size_t count = 24;
   int sh_degree = 3;         ///< ignored with colors
-  int sh_rest_rows = -1;     ///< −1: as the degree needs
-  bool colors = false;       ///< given colours instead of spherical harmonics
-  bool covariances = false;  ///< given covariances instead of scales and rotations
+  int sh_rest_rows = -1;     ///< −1: as many as the degree needs
+  bool colors = false;       ///< colours instead of spherical harmonics
+  bool covariances = false;  ///< covariances instead of scales and rotations
   int features = 0;
   double smallest = 0.6;  ///< standard deviations on screen, pixels
   double largest = 7;
@@ -76,7 +76,7 @@ struct SceneSpec {
   double behind = 0.1;   ///< fraction of means behind the camera
 };
 
-/// A scene's memory.
+/// Owns a scene's arrays.
 struct SceneData {
   std::size_t count = 0;
   std::vector<float> means, scales, rotations, covariances, opacities, sh_dc, sh_rest, colors, features;
@@ -210,7 +210,7 @@ struct ImageData {
 
   ImageData(const Camera& camera, int feature_count) {
     const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
-    const float garbage = std::nanf("");  // what a pass leaves unwritten shows
+    const float garbage = std::nanf("");  // so that elements that a pass does not write are noticed
     color.assign(3 * pixels, garbage);
     features.assign(static_cast<std::size_t>(feature_count) * pixels, garbage);
     inverse_depth.assign(pixels, garbage);
@@ -220,14 +220,14 @@ struct ImageData {
   RasterImages view() { return {color, features, inverse_depth, alpha}; }
 };
 
-/// Asks for the colour image alone.
+/// Requests the colour image only.
 inline RasterImages color_only(std::vector<float>& color) {
   RasterImages images;
   images.color = color;
   return images;
 }
 
-/// Memory for every gradient that the scene has.
+/// Owns an array for every gradient of the scene.
 struct GradientData {
   std::vector<float> means, scales, rotations, covariances, opacities, sh_dc, sh_rest, colors, features, screen_means,
       screen_means_abs;
@@ -263,11 +263,11 @@ struct GradientData {
   }
 };
 
-/// dL/d image, random, of both signs.
+/// Random dL/d image with both signs.
 struct ImageGradientData {
   std::vector<float> color, features, inverse_depth, alpha;
 
-  /// Zero at excluded pixels, so that a decision at a threshold cannot touch any gradient.
+  /// Zero at excluded pixels, so that decisions at thresholds do not affect any gradient.
   ImageGradientData(const Camera& camera, int feature_count, std::uint64_t seed,
                     const std::vector<std::uint8_t>& excluded) {
     Numbers random(seed);

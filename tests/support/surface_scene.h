@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Two cameras over a textured plane, with planes blended per pixel, and the surface loss of them restated
-/// plainly in double.
+/// @file Two cameras over a textured plane, with planes blended per pixel, and a plain double-precision version of the
+/// surface loss.
 #pragma once
 
 #include <algorithm>
@@ -34,7 +34,7 @@ struct SurfaceScene {
   std::vector<float> planes[2], alphas[2];
   std::vector<std::uint8_t> photos[2];
 
-  /// @param noise by which planes of pixels differ, relative
+  /// @param noise standard deviation of noise per pixel, added to the normal and, relatively, to the distance
   explicit SurfaceScene(double noise) {
     const RandomStream numbers(1, 0, RandomPurpose::synth);
     std::uint64_t next = 0;
@@ -74,15 +74,15 @@ struct SurfaceScene {
   static RandomStream random() { return {2, 3, RandomPurpose::synth}; }
 };
 
-/// What gets no gradient, from the first evaluation.
+/// Values that get no gradient: fixed in the first evaluation and reused in later ones.
 struct Frozen {
   bool set = false;
-  std::vector<double> weights;       ///< e^−noise, 0 where a pixel does not agree
-  std::vector<std::uint8_t> counts;  ///< patches that do
+  std::vector<double> weights;       ///< [H·W] e^−noise; 0 where the two views disagree
+  std::vector<std::uint8_t> counts;  ///< [H·W] 1 where the patch around a pixel is used
   double agreeing = 0, patches = 0;
 };
 
-/// SurfaceLoss for max_patches above the number of pixels.
+/// The loss of SurfaceLoss if max_patches exceeds the number of pixels.
 inline double plain_surface_loss(const SurfaceScene& scene, const std::vector<double>& first,
                                  const std::vector<double>& second, const SurfaceTerms& terms, Frozen& frozen) {
   using glm::dvec2;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Small things that the tests of the data layer share.
+/// @file Helpers shared by the tests of the data layer.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -37,7 +37,7 @@ inline std::size_t files_in(const std::filesystem::path& folder) {
   return count;
 }
 
-/// What `action` throws as InputError; a failure if it throws nothing or something else. One line, always.
+/// Message of the InputError that `action` throws. Fails unless it throws one whose message is a single line.
 template <class Action>
 std::string input_error_of(Action&& action) {
   try {
@@ -58,7 +58,7 @@ inline void expect_contains(const std::string& message, const std::string& part)
   EXPECT_NE(message.find(part), std::string::npos) << "'" << part << "' is missing in: " << message;
 }
 
-/// A dataset of the development machine, or an empty path.
+/// Path of a dataset in $SPLATBOOST_DATA or the default folder; empty if it is not there.
 inline std::filesystem::path shared_data(const std::string& name) {
   const char* given = std::getenv("SPLATBOOST_DATA");
   const std::filesystem::path root = given != nullptr ? given : SPLATBOOST_SOURCE_DIR "/../shared/data";

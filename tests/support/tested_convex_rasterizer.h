@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The rasterizer of convexes that its tests speak of, as support/tested_rasterizer.h has it for Gaussians.
+/// @file The rasterizer of convexes that its tests use on every device; see support/tested_rasterizer.h.
 #pragma once
 
 #include "splatboost/convex_rasterizer.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The rasterizer that the tests of rasterizing speak of. Their files are built for the CPU, where it is the
-/// core's, and for CUDA (SPLATBOOST_TEST_ON_CUDA), where it carries what a test gives it to the device and back: every
-/// device has the same tests.
+/// @file The rasterizer under test. The files of its tests are built twice, so that every device has the same tests:
+/// for the CPU, where this is the core's rasterizer, and for CUDA (SPLATBOOST_TEST_ON_CUDA), where it copies inputs to
+/// the device and results back.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -14,10 +14,10 @@
 
 namespace splatboost::test {
 
-/// Cases of a test that draws many.
+/// Number of cases to run of a test with many random cases.
 constexpr int some_of(int cases) { return cases; }
 
-/// Gradients of two backward passes over one frame: the same bytes.
+/// Expects gradients of two backward passes over the same frame to be bitwise equal.
 inline void expect_same_gradients(const std::vector<float>& a, const std::vector<float>& b) { EXPECT_EQ(a, b); }
 
 }  // namespace splatboost::test
@@ -35,10 +35,10 @@ inline void expect_same_gradients(const std::vector<float>& a, const std::vector
 
 namespace splatboost::test {
 
-/// The emulator takes its time.
+/// Fewer cases, because the emulator is slow.
 constexpr int some_of(int cases) { return cases / 20; }
 
-/// On a GPU sums over pixels come in any order.
+/// With a tolerance, because a GPU sums over pixels in any order.
 inline void expect_same_gradients(const std::vector<float>& a, const std::vector<float>& b) {
   ASSERT_EQ(a.size(), b.size());
   float largest = 0;
@@ -46,13 +46,13 @@ inline void expect_same_gradients(const std::vector<float>& a, const std::vector
   for (std::size_t k = 0; k < a.size(); ++k) EXPECT_NEAR(a[k], b[k], 1e-5f * (largest + std::abs(a[k]))) << k;
 }
 
-/// The device of these tests. Throws NoDeviceError where there is none.
+/// The stream of the tested device. Throws NoDeviceError if there is no device.
 inline CudaStream& test_stream() {
   static CudaStream stream;
   return stream;
 }
 
-/// Without a device all tests are skipped. The environment chooses the way of the backward pass.
+/// Skips all tests if there is no device. SPLATBOOST_TEST_CUDA_BACKWARD selects the variant of the backward pass.
 class NeedsDevice : public ::testing::Environment {
   void SetUp() override {
     const char* const way = std::getenv("SPLATBOOST_TEST_CUDA_BACKWARD");
@@ -66,7 +66,7 @@ class NeedsDevice : public ::testing::Environment {
 };
 inline ::testing::Environment* const needs_device = ::testing::AddGlobalTestEnvironment(new NeedsDevice);
 
-/// Memory of the host, on the device for a while.
+/// Copies host memory to the device, and back if requested.
 template <class T>
 class Carried {
  public:
@@ -75,7 +75,7 @@ class Carried {
     array_.upload(host);
     return array_.span();
   }
-  /// What the test has in it goes along, so that what is left unwritten shows.
+  /// Also copies the current content to the device, so that elements that are not written there are noticed.
   std::span<T> there_and_back(std::span<T> host) {
     host_ = host;
     if (host.empty()) return {};

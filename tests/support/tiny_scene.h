@@ -11,7 +11,7 @@
 
 namespace splatboost::testing {
 
-/// Views of `blobs` random Gaussians, and `points` sparse points near them.
+/// Views of `blobs` random Gaussians, with `points` sparse points near them.
 inline Scene tiny_scene(Threads& threads, int views = 6, int width = 48, int height = 40, int blobs = 60,
                         int points = 40) {
   const RandomStream random(7, 0, RandomPurpose::synth);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Methods of explicit Gaussians that use what the families' interface offers, each as small as can be.
+/// @file Minimal methods of explicit Gaussians that exercise the interface of the families.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 
 namespace splatboost::testing {
 
-/// A config under which runs of some 60 iterations grow every four.
+/// A config for runs of about 60 iterations, which grow every four iterations.
 inline GaussianConfig eager_toy_config() {
   GaussianConfig config;
   config.densify_interval = 4;
@@ -27,11 +27,11 @@ class ToyMethod : public GaussianMethod {
   LossForm loss() const override { return {0.2f, 1}; }
 };
 
-/// With time, Gaussians of the half space x > 0 move away from the origin and turn.
+/// Gaussians of the half space x > 0 move away from the origin and rotate over time.
 class MovingMethod : public ToyMethod {
  public:
   static constexpr float kMotion = 0.4f;
-  static constexpr float kTurn = 0.8f;  ///< of the quaternion's w
+  static constexpr float kTurn = 0.8f;  ///< relative change of the quaternion's w by time 1
 
   explicit MovingMethod(Device device)
       : device_(device),
@@ -76,7 +76,7 @@ class MovingMethod : public ToyMethod {
   void save(ArchiveWriter& archive) const override { archive.put("toy.moves", std::span<const float>(moves_)); }
   void load(const ArchiveReader& archive, std::size_t) override { moves_ = archive.floats("toy.moves"); }
 
-  std::vector<DrawContext> contexts;  ///< of all drawings
+  std::vector<DrawContext> contexts;  ///< of all draws so far
 
  private:
   Device device_;
@@ -84,8 +84,8 @@ class MovingMethod : public ToyMethod {
   Array<float> mean_factors_, rotation_factors_, means_, rotations_, mean_gradients_, rotation_gradients_;
 };
 
-/// A moving method with a loss of its own, the sum over its views of that of one: mean squared colours and inverse
-/// depths, and mean alpha. The second view is that after the first, or none.
+/// A moving method with a loss of its own, summed over its one or two views: mean squared colour error, mean squared
+/// inverse depth and mean alpha. The second view, if any, is the training view after the first.
 class OwnLossMethod : public MovingMethod {
  public:
   OwnLossMethod(Device device, const Scene& scene, bool two_views, float weight = 1, LossForm form = {0.2f, 0})
@@ -115,7 +115,7 @@ class OwnLossMethod : public MovingMethod {
   }
 
  private:
-  /// weight · mean of (image − target)², or without squares of the difference.
+  /// Adds weight · mean of (image − target)² if squares is 1, else of (image − target). @return the loss
   template <class Target>
   double add(std::span<const float> image, std::span<float> gradient, const Target& target, int squares) {
     const std::vector<float> values = copy_to_host(image, device_);
@@ -142,7 +142,7 @@ class OwnLossMethod : public MovingMethod {
   LossForm form_;
 };
 
-/// Every ten iterations all Gaussians fainter than 0.11 go, besides what growth removes.
+/// Every ten iterations removes all Gaussians with opacity below 0.11, in addition to what growth removes.
 class TrimmingMethod : public ToyMethod {
  public:
   static constexpr float kFaint = 0.11f;
@@ -152,7 +152,7 @@ class TrimmingMethod : public ToyMethod {
   }
 };
 
-/// Has groups of its own: a factor of each opacity, a label of each Gaussian, which never changes, and, dense, a shift
+/// Has parameter groups of its own: a factor for each opacity, a constant label for each Gaussian, and, dense, a shift
 /// of all means.
 class OwnGroupsMethod : public ToyMethod {
  public:
@@ -211,7 +211,7 @@ class OwnGroupsMethod : public ToyMethod {
   Array<float> opacities_, means_, mean_gradients_, opacity_gradients_;
 };
 
-/// The training and test views get times from 0 to 1.
+/// Sets the times of the training and test views, evenly in [0, 1).
 inline void spread_times(Scene& scene) {
   for (auto* views : {&scene.train, &scene.test}) {
     for (std::size_t v = 0; v < views->size(); ++v) {

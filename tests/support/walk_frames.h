@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The first frames of the synthetic walk, with exact depth, to test trackers and mappers with.
+/// @file The first frames of the synthetic walk, with exact depth, for tests of trackers and mappers.
 #pragma once
 
 #include <string>
@@ -13,7 +13,7 @@
 
 namespace splatboost::testing {
 
-/// Frames 0 … count − 1 of a walk of `whole` frames. Ray tracing takes most of a test's time: make them once.
+/// Frames 0 … count − 1 of a walk of `whole` frames. Ray tracing takes most of a test's time, so make them once.
 inline std::vector<SequenceFrame> walk_frames(int width, int height, int count, int whole) {
   const auto world = synthetic::make_room();
   const synthetic::Intrinsics camera(width, height);

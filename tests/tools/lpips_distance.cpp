@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // lpips_distance NETWORK.onnx RENDER.png TRUTH.png [RENDER.png TRUTH.png …] [--mask MASK.png]
-// Prints the LPIPS of each pair, one a line, as the program computes it. For tests/scripts/test_lpips.py.
-// A mask (non-zero = valid) counts for every pair.
+// Prints the LPIPS of each pair, one per line, as the program computes it. For tests/scripts/test_lpips.py.
+// A mask (non-zero = valid) applies to every pair.
 #include <cstdint>
 #include <cstdio>
 #include <exception>
@@ -22,7 +22,7 @@ cv::Mat read(const std::string& path, int mode) {
   return image;
 }
 
-// Planar RGB, as the project keeps pixels; OpenCV reads interleaved BGR.
+// Planar RGB, the project's layout; OpenCV reads interleaved BGR.
 std::vector<std::uint8_t> read_planar(const std::string& path, int& width, int& height) {
   const cv::Mat image = read(path, cv::IMREAD_COLOR);
   width = image.cols;

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """SplatBoost for PyTorch: faster training of 3D Gaussian Splatting by controlling which Gaussians exist.
 
-See the README of the package for what is here. Importing it needs neither torch nor the library; using it does.
+The package's README describes its contents. Importing it needs neither torch nor the library; using it needs both.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     )
     from .schedule import StepIntervals, exponential_rate, scaled_iteration, steps_at
 
-# name → module, imported when it is first asked for
+# name → module, imported on first access
 _NAMES = {
     name: module
     for module, names in {

@@ -10,11 +10,11 @@ from . import doctor, view
 _USAGE = """usage: python -m splatboost doctor [CHECKOUT]
        python -m splatboost view MODEL [MODEL] [--live] [--port N] [--host ADDRESS]
 
-  doctor   what of SplatBoost, torch and CUDA is there, what is missing, and how to get it; with the folder of a
-           backbone's checkout, also the Python modules that its scripts need
-  view     shows a trained model in a browser, or the two of a comparison side by side (--help tells more)
+  doctor   shows which parts of SplatBoost, torch and CUDA are installed and how to install what is missing; with the
+           folder of a backbone's checkout, also checks the Python modules that its scripts need
+  view     shows a trained model in a browser, or the two of a comparison side by side (see --help)
 
-python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (--help tells more)
+python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (see --help)
 """
 
 

@@ -21,7 +21,7 @@ _NAMES = ("points", "smoothness", "sharpness", "opacities", "sh_dc", "sh_rest", 
 
 @dataclass
 class _Call:
-    """What of a render is no tensor, and the render's lease."""
+    """The arguments of a render that are not tensors, and its lease."""
 
     camera: Camera
     options: Any
@@ -36,7 +36,7 @@ def _convexes(place: Place, tensors: Tensors, sh_degree: int) -> lib.Convexes:
 
 
 def _draw(place: Place, call: _Call, tensors: Tensors) -> Any:
-    """Takes a workspace and draws; returns color and visible."""
+    """Takes a workspace and renders; returns color and visible."""
     points = tensors["points"]
     assert points is not None
     color = place.empty((3, call.camera.height, call.camera.width))
@@ -116,19 +116,20 @@ def rasterize_convexes(
     released_view_direction: bool = False,
     screen_points: Optional[torch.Tensor] = None,
 ) -> Render:
-    """Draws N smooth convexes of K points each, 3 to 8; gradients flow to every tensor of them. All are float32, on one
-    device. `radii` of the result is 1 where a convex is visible, else 0.
+    """Renders N smooth convexes of K points each, 3 to 8, differentiable with respect to all of their tensors. All are
+    float32, on one device. `radii` of the result is 1 for visible convexes, else 0.
 
     points         [N,K,3] world
-    smoothness     [N,1] or [N] δ, activated; sharpness: σ
+    smoothness     [N,1] or [N] δ, activated
+    sharpness      [N,1] or [N] σ, activated
     opacities      [N,1] or [N], activated
-    sh             [N,K,3] spherical harmonics of all degrees, or colors [N,3]. sh_degree: the active one, 0 to 3
-    background     three numbers; no gradient
-    beta           of the compact box, in (0, 1]; None: the released square
-    pixel_size     side of a pixel in those that δ and σ are of
-    released_view_direction   evaluates harmonics as the release does by a slip (convex_rasterizer.h)
-    screen_points  [N,3], its values are not read: its gradient receives Σ along x, Σ along y, and Σ of both absolute
-                   values of the gradients of the convex's points on screen, in pixels, as the release has it
+    sh             [N,B,3] spherical harmonics of all degrees, or colors [N,3]. sh_degree: the active degree, 0 to 3
+    background     color, three numbers; no gradient
+    beta           β of the compact box, in (0, 1]; None: the square of the published code
+    pixel_size     side of a pixel, in the pixels that δ and σ refer to
+    released_view_direction   evaluates spherical harmonics with the published code's bug (convex_rasterizer.h)
+    screen_points  [N,3], values are not read: its gradient receives, over the gradients of a convex's projected points
+                   in pixels, the sum along x, the sum along y and the sum of both absolute values, as published
     """
     n = points.shape[0] if isinstance(points, torch.Tensor) and points.dim() > 0 else 0
     check(points, "points", _F32, ("N", "K", 3))
@@ -145,7 +146,7 @@ def rasterize_convexes(
     if (sh is None) == (colors is None):
         raise ValueError("give either sh or colors")
     if sh is not None and sh.shape[1] < 1:
-        raise ValueError("sh: shape [%d,K,3] with K > 0 wanted, %s given" % (n, list(sh.shape)))
+        raise ValueError("sh: expected shape [%d,K,3] with K > 0, got %s" % (n, list(sh.shape)))
     options = lib.ConvexOptions(
         box=lib.CONVEX_BOX_SQUARE if beta is None else lib.CONVEX_BOX_COMPACT,
         beta=1.0 if beta is None else beta,
@@ -155,7 +156,7 @@ def rasterize_convexes(
     )
     shade = host_rows(background)[0]
     if len(shade) != 3:
-        raise ValueError("background: 3 numbers wanted, %d given" % len(shade))
+        raise ValueError("background: expected 3 numbers, got %d" % len(shade))
     options.background[:] = shade
     if screen_points is not None:
         Place(points, "points").check_here(screen_points, "screen_points")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""libsplatboost through ctypes: its structs, its entries, and errors as exceptions. No torch here."""
+"""libsplatboost through ctypes: its structs, its entries, and errors as exceptions. Does not need torch."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ CONVEX_BOX_SQUARE, CONVEX_BOX_COMPACT = 0, 1
 
 
 class LibraryError(RuntimeError):
-    """libsplatboost was not found, does not fit this package, or failed."""
+    """libsplatboost was not found, has another ABI version than this package, or failed."""
 
 
 class NoCudaError(RuntimeError):
-    """A CUDA tensor met a libsplatboost without CUDA, or a machine where it finds no device."""
+    """A CUDA tensor was passed, but libsplatboost was built without CUDA or finds no device."""
 
 
-#: How a library with CUDA is had. pip builds for the GPUs of the machine that it runs on.
+#: How to get a library with CUDA. pip builds for the GPUs of the machine that it runs on.
 CUDA_REMEDY = "pip install . --config-settings=cmake.define.SPLATBOOST_CUDA=ON   (in SplatBoost's source tree, with nvcc on PATH)"
 
 
@@ -52,11 +52,11 @@ TensorPointer = POINTER(Tensor)
 
 
 def _tensors(names: str) -> List[Tuple[str, Any]]:
-    """Fields that point to tensors."""
+    """Struct fields that are tensor pointers."""
     return [(name, TensorPointer) for name in names.split()]
 
 
-# What structs share: the tensors of Gaussians and of images.
+# Fields shared by several structs: the tensors of Gaussians and of images.
 _GAUSSIANS = _tensors("means scales rotations covariances opacities sh_dc sh_rest colors features")
 _IMAGES = _tensors("color features inverse_depth alpha")
 
@@ -148,7 +148,7 @@ class StepIntervals(ctypes.Structure):
     ]
 
 
-#: Kinds of settings, as sb_boost_setting() tells them.
+#: Kinds of settings, indexed by the value of sb_boost_setting().
 SETTING_KINDS = (bool, int, float)
 
 
@@ -256,7 +256,7 @@ _loaded: Optional[ctypes.CDLL] = None
 
 
 def candidates() -> List[str]:
-    """Where the library is looked for, in order."""
+    """Paths at which the library is searched, in order."""
     named = os.environ.get("SPLATBOOST_LIBRARY")
     if named:
         return [named]
@@ -264,18 +264,18 @@ def candidates() -> List[str]:
     found = [str(package / _FILE)]
     if (package.parents[2] / "CMakePresets.json").exists():  # a source tree
         found.append(str(package.parents[2] / "build" / "release" / "lib" / _FILE))
-    return found + [_FILE + "." + str(ABI_VERSION)]  # where the system looks
+    return found + [_FILE + "." + str(ABI_VERSION)]  # the system's search path
 
 
 def load() -> ctypes.CDLL:
-    """The library, loaded once. Raises LibraryError where there is none, or one of another ABI."""
+    """The library, loaded once. Raises LibraryError if it is not found or has another ABI version."""
     global _loaded
     if _loaded is not None:
         return _loaded
     tried = []
     for path in candidates():
         if os.path.dirname(path) and not os.path.exists(path):
-            tried.append(path + ": not there")
+            tried.append(path + ": not found")
             continue
         try:
             library = ctypes.CDLL(path)
@@ -297,8 +297,8 @@ def load() -> ctypes.CDLL:
         _loaded = library
         return library
     raise LibraryError(
-        "libsplatboost was not found: 'pip install .' in the source tree builds it, or set SPLATBOOST_LIBRARY to its "
-        "path. Looked at: " + "; ".join(tried)
+        "libsplatboost was not found: build it with 'pip install .' in the source tree, or set SPLATBOOST_LIBRARY to its "
+        "path. Searched: " + "; ".join(tried)
     )
 
 
@@ -323,16 +323,16 @@ _MAX_THREADS = 4096  # kMaxThreads of splatboost/threads.h, which the library ch
 
 
 def set_threads(threads: int) -> None:
-    """CPU threads of the operations from now on. 0: as many as OMP_NUM_THREADS says, or one for each CPU
-    that the process may use, by its affinity mask and the quotas of its control groups."""
+    """Sets the number of CPU threads of the operations. 0: OMP_NUM_THREADS if set, else one per CPU that the
+    process may use, given its affinity mask and the quotas of its control groups."""
     global _threads
     if isinstance(threads, bool) or not isinstance(threads, int) or not 0 <= threads <= _MAX_THREADS:
-        raise ValueError("threads: a whole number from 0 to %d wanted, %r given" % (_MAX_THREADS, threads))
+        raise ValueError("threads: expected a whole number from 0 to %d, got %r" % (_MAX_THREADS, threads))
     _threads = threads
 
 
 def get_threads() -> int:
-    """CPU threads of the operations; 0: one for each CPU that the process may use."""
+    """Number of CPU threads of the operations; 0: one per CPU that the process may use."""
     if _threads == 0:
         wanted = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
         return int(wanted) if wanted.isdigit() else 0
@@ -346,7 +346,7 @@ def cuda_architectures() -> str:
 
 
 def cuda_activity() -> Tuple[int, int]:
-    """Allocations of the library for CUDA, and its waits for a device, since the process began."""
+    """Numbers of the library's CUDA allocations and device synchronizations since the process started."""
     allocations, waits = c_int64(), c_int64()
     call("sb_cuda_activity", ctypes.byref(allocations), ctypes.byref(waits))
     return allocations.value, waits.value

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trained models on disk, for looking at them: the newest .ply of a folder, its Gaussians, and the cameras beside it."""
+"""Reads trained models for the viewer: the newest .ply of a folder, its Gaussians, and the cameras next to it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 
 class ModelError(ValueError):
-    """A model that cannot be shown: what, where, what to do, in one line."""
+    """A model cannot be shown. The message is one line: file, cause and remedy."""
 
 
 @dataclass
@@ -26,7 +26,7 @@ class Gaussians:
     sh: np.ndarray
 
     def colors(self, eye: np.ndarray) -> np.ndarray:
-        """[N,3] in [0, 1], as they are seen from a point of the world."""
+        """[N,3] colors in [0, 1], as seen from the point `eye` [3] in world coordinates."""
         directions = self.means - np.asarray(eye, np.float32)
         directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
         basis = sh_basis(directions, int(round(self.sh.shape[1] ** 0.5)) - 1)
@@ -35,7 +35,7 @@ class Gaussians:
 
 @dataclass
 class ViewCamera:
-    """A camera of cameras.json. rotation [3,3]: world from camera, whose x is right, y down, z forward."""
+    """A camera of cameras.json. rotation [3,3]: world from camera; camera axes: x right, y down, z forward."""
 
     name: str
     split: str
@@ -70,7 +70,7 @@ _TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2
 
 
 def _vertices(path: str) -> Dict[str, np.ndarray]:
-    """The properties of a .ply's vertices, which must be its first element."""
+    """The vertex properties of a .ply file by name; the vertices must be its first element."""
     try:
         with open(path, "rb") as file:
             data = file.read()
@@ -80,10 +80,10 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
     end = data.find(b"\n", end) + 1 if end >= 0 else 0
     lines = [line.split() for line in data[:end].decode("latin-1").splitlines()]
     if end == 0 or lines[0] != ["ply"]:
-        raise ModelError("%s: is no .ply file" % path)
+        raise ModelError("%s: not a .ply file" % path)
     elements = [line for line in lines if line[:1] == ["element"]]
     if not elements or elements[0][1] != "vertex" or not elements[0][2].isdigit():
-        raise ModelError("%s: its first element is not the vertices" % path)
+        raise ModelError("%s: its first element is not vertex" % path)
     count = int(elements[0][2])
     fields: List[Tuple[str, str]] = []
     inside = False
@@ -95,7 +95,7 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
                 raise ModelError("%s: property %s cannot be read" % (path, " ".join(line[1:])))
             fields.append((line[2], _TYPES[line[1]]))
     form = next((line[1] for line in lines if line[:1] == ["format"]), "")
-    short = ModelError("%s: ends before its %d vertices do; is it still being written?" % (path, count))
+    short = ModelError("%s: ends before all of its %d vertices; is it still being written?" % (path, count))
     if form == "ascii":
         words = data[end:].split()
         if len(words) < count * len(fields):
@@ -106,7 +106,7 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
             raise ModelError("%s: %s" % (path, e)) from e
         return {name: table[:, i].astype(np.float32) for i, (name, _) in enumerate(fields)}
     if form not in ("binary_little_endian", "binary_big_endian"):
-        raise ModelError("%s: format %s is not known" % (path, form or "(none)"))
+        raise ModelError("%s: unknown format %s" % (path, form or "(none)"))
     order = "<" if form == "binary_little_endian" else ">"
     row = np.dtype([(name, order + kind) for name, kind in fields])
     if len(data) - end < count * row.itemsize:
@@ -116,7 +116,7 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
 
 
 def read_gaussians(path: str) -> Gaussians:
-    """Gaussians of a .ply as 3DGS and its successors write it."""
+    """Reads the Gaussians of a .ply file written by 3DGS and its successors. Raises ModelError."""
     found = _vertices(path)
 
     def stacked(prefix: str) -> np.ndarray:
@@ -124,40 +124,40 @@ def read_gaussians(path: str) -> Gaussians:
         return np.stack([found[n] for n in names], axis=1) if names else np.zeros((len(found["x"]), 0), np.float32)
 
     if "f_anchor_feat_0" in found:
-        raise ModelError("%s: is a model of anchors, whose Gaussians only its nets know; draw it with: splatboost render -m MODEL "
-                         "--video orbit.mp4 --orbit 120" % path)
+        raise ModelError("%s: is a model of anchors, whose Gaussians its networks compute; render it with: splatboost render "
+                         "-m MODEL --video orbit.mp4 --orbit 120" % path)
     if "point_0_x" in found:
-        raise ModelError("%s: is a model of convexes; make triangles for a viewer of meshes with: splatboost export -m MODEL "
+        raise ModelError("%s: is a model of convexes; export triangles for a mesh viewer with: splatboost export -m MODEL "
                          "-o convexes.glb" % path)
     absent = [n for n in ("x", "y", "z", "opacity", "scale_0", "scale_1", "rot_0", "rot_3", "f_dc_0", "f_dc_2") if n not in found]
     if absent:
-        raise ModelError("%s: is no model of Gaussians: it lacks %s" % (path, ", ".join(absent)))
+        raise ModelError("%s: not a model of Gaussians: it lacks %s" % (path, ", ".join(absent)))
     means = np.stack([found[n] for n in "xyz"], axis=1)
     count = len(means)
     rest = stacked("f_rest_")
     bands = 1 + rest.shape[1] // 3
     if rest.shape[1] % 3 or bands not in (1, 4, 9, 16):
-        raise ModelError("%s: %d properties f_rest_*, wanted 0, 9, 24 or 45" % (path, rest.shape[1]))
+        raise ModelError("%s: %d properties f_rest_*, expected 0, 9, 24 or 45" % (path, rest.shape[1]))
     sh = np.concatenate([stacked("f_dc_")[:, None, :3], rest.reshape(count, 3, bands - 1).transpose(0, 2, 1)], axis=1)
     opacities = 1 / (1 + np.exp(-np.clip(found["opacity"], -80, 80)))
     scales = stacked("scale_")
     squares = np.exp(2 * np.clip(scales, -40, 40))
     if scales.shape[1] == 2:  # surfels
         squares = np.concatenate([squares, np.zeros((count, 1), np.float32)], axis=1)
-    if "filter_3D" in found:  # Mip-Splatting: the filter widens a Gaussian and keeps what it covers
+    if "filter_3D" in found:  # Mip-Splatting: the filter widens a Gaussian and reduces its opacity to compensate
         widened = squares + found["filter_3D"][:, None] ** 2
         opacities = opacities * np.sqrt(np.prod(squares / np.maximum(widened, 1e-30), axis=1))
         squares = widened
     axes = _rotations(stacked("rot_")) * np.sqrt(squares)[:, None, :]
     whole = np.isfinite(means).all(1) & np.isfinite(axes).all((1, 2)) & np.isfinite(opacities) & np.isfinite(sh).all((1, 2))
     if not whole.any():
-        raise ModelError("%s: has no Gaussian of finite numbers" % path)
+        raise ModelError("%s: has no Gaussian with finite values" % path)
     axes = axes[whole]
     return Gaussians(means[whole], axes @ axes.transpose(0, 2, 1), opacities[whole], sh[whole])
 
 
 def _rotations(quaternions: np.ndarray) -> np.ndarray:
-    """[N,3,3] of [N,4] (w x y z) of any length."""
+    """[N,3,3] rotation matrices of quaternions [N,4] (w x y z) of any length."""
     w, x, y, z = (quaternions / np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)).T
     return np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
                      2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
@@ -165,7 +165,7 @@ def _rotations(quaternions: np.ndarray) -> np.ndarray:
 
 
 def newest_model(model: str) -> Optional[str]:
-    """The .ply to show: `model` itself, or that of the last iteration in a model folder; None where none was saved yet."""
+    """The .ply to show: `model` itself, or that of the last iteration in a model folder; None if none was saved yet."""
     if os.path.isfile(model):
         return model
     saved = os.path.join(model, "point_cloud")
@@ -177,7 +177,7 @@ def newest_model(model: str) -> Optional[str]:
 
 
 def folder_of(model: str) -> str:
-    """The model folder of what a user named."""
+    """The model folder of a path that the user gave: a model folder or a .ply file in it."""
     if not os.path.isfile(model):
         return model
     folder = os.path.dirname(os.path.abspath(model))
@@ -187,7 +187,7 @@ def folder_of(model: str) -> str:
 
 
 def read_cameras(folder: str) -> List[ViewCamera]:
-    """Cameras of the run, from cameras.json; none where there is no such file."""
+    """Cameras of the run, from cameras.json; empty if there is no such file."""
     path = os.path.join(folder, "cameras.json")
     try:
         with open(path, encoding="utf-8") as file:
@@ -202,7 +202,7 @@ def read_cameras(folder: str) -> List[ViewCamera]:
 
 
 def has_white_background(folder: str) -> bool:
-    """Whether a model was trained over white: from SplatBoost's config.json or a host's cfg_args; else it was black."""
+    """Whether a model was trained on a white background, from SplatBoost's config.json or a host's cfg_args."""
     try:
         with open(os.path.join(folder, "config.json"), encoding="utf-8") as file:
             config: Any = json.load(file)

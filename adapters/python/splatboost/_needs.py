@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which Python modules a host's script needs, which of them are missing, and the one command that installs them."""
+"""Finds the Python modules that a host's script needs, which are missing, and the command that installs them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import os
 import sys
 from typing import Iterable, Iterator, List, Optional, Set
 
-#: Modules whose package on PyPI has another name.
+#: Module → its package on PyPI, if the names differ.
 PACKAGES = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
@@ -20,12 +20,12 @@ PACKAGES = {
     "yaml": "pyyaml",
 }
 
-#: The command that makes an environment in which Debian's torch is seen.
+#: Command that creates an environment in which Debian's torch can be imported.
 ENVIRONMENT = "/usr/bin/python3 -m venv --system-site-packages"
 
 
 def _imports(tree: ast.AST) -> Iterator[str]:
-    """Modules that are imported whenever the file is: not within functions, and not where a failure is caught."""
+    """Modules imported whenever the file is: excludes imports within functions and try blocks."""
     waiting: List[ast.AST] = [tree]
     while waiting:
         node = waiting.pop()
@@ -44,7 +44,7 @@ def _imports(tree: ast.AST) -> Iterator[str]:
 
 
 def _file_of(folder: str, module: str) -> Optional[str]:
-    """The file of a module of the checkout; None for any other module."""
+    """The file of a module in the checkout; None for other modules."""
     base = os.path.join(folder, *module.split("."))
     for path in (base + ".py", os.path.join(base, "__init__.py")):
         if os.path.isfile(path):
@@ -53,7 +53,7 @@ def _file_of(folder: str, module: str) -> Optional[str]:
 
 
 def needed_modules(script: str) -> List[str]:
-    """Top-level modules that a script and the files of its folder that it imports need, sorted."""
+    """Top-level modules needed by a script and by the files of its folder that it imports, sorted."""
     folder = os.path.dirname(os.path.abspath(script))
     found: Set[str] = set()
     seen: Set[str] = set()
@@ -75,7 +75,7 @@ def needed_modules(script: str) -> List[str]:
                 for _ in range(len(module) - len(module.lstrip(".")) - 1):
                     here = os.path.dirname(here)
                 module = module.lstrip(".")
-            # Also the packages that it lies in are imported.
+            # Importing a module imports its parent packages too.
             names = module.split(".")
             files = [_file_of(here, ".".join(names[: i + 1])) for i in range(len(names))]
             waiting.extend(file for file in files if file is not None)
@@ -94,19 +94,19 @@ def _is_there(module: str) -> bool:
 
 
 def missing_modules(script: str, stand_ins: Iterable[str] = ()) -> List[str]:
-    """Those that are not installed. stand_ins: what whoever runs the script provides."""
+    """The needed modules that are not installed. stand_ins: modules that the runner of the script provides."""
     provided = set(stand_ins)
     return [name for name in needed_modules(script) if name not in provided and not _is_there(name)]
 
 
 def install_command(modules: Iterable[str]) -> str:
-    """One command for all of them that leaves torch and its numpy working."""
+    """One command that installs all of them without breaking torch's numpy."""
     packages = sorted({PACKAGES.get(name.split(".")[0], name.split(".")[0]) for name in modules})
     return "pip install " + " ".join(_numpy_limit() + packages)
 
 
 def _numpy_limit() -> List[str]:
-    """A torch that was built for numpy 1 cannot use numpy 2, which newest packages would bring along."""
+    """A torch built for numpy 1 cannot use numpy 2, which the newest packages would install."""
     try:
         import torch
     except Exception:
@@ -119,13 +119,13 @@ def _version_of(text: str) -> List[int]:
 
 
 def numpy_trouble() -> Optional[str]:
-    """What keeps torch from sharing memory with numpy, and what to do; None where nothing does."""
+    """Why torch cannot share memory with numpy, and the remedy; None if it can."""
     import torch
 
     try:
         torch.zeros(1).numpy()
         return None
-    except Exception as error:  # torch says it in several ways
+    except Exception as error:  # its type and message depend on the version of torch
         try:
             import numpy
 
@@ -137,9 +137,9 @@ def numpy_trouble() -> Optional[str]:
 
 
 def where_torch_is() -> str:
-    """How to get torch, for a Python that has none."""
+    """How to get torch, for a Python without it."""
     debian = "/usr/lib/python3/dist-packages/torch"
     if os.path.isdir(debian):
-        return "Debian's torch is there, but %s does not see it: %s ~/sb && . ~/sb/bin/activate" % (
+        return "Debian's torch is installed, but %s cannot find it: %s ~/sb && . ~/sb/bin/activate" % (
             sys.executable, ENVIRONMENT)
     return "pip install torch --index-url https://download.pytorch.org/whl/cpu, or apt-get install python3-torch"

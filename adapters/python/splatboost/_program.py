@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `splatboost` of an installed package: the program that wheels hold."""
+"""The command `splatboost` of an installed package: runs the program that wheels contain."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ PATH = os.path.join(os.path.dirname(os.path.abspath(__file__)), "bin", "splatboo
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Becomes the program; returns where there is none."""
+    """Replaces this process by the program; returns 2 if it is not installed."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if not os.access(PATH, os.X_OK):
-        sys.stderr.write("splatboost: this installation holds the Python package alone; scripts/build in the source tree builds "
-                         "the program, and wheels hold it\n")
+        sys.stderr.write("splatboost: this installation contains only the Python package; scripts/build in the source tree "
+                         "builds the program, and wheels include it\n")
         return 2
     os.execv(PATH, ["splatboost"] + arguments)
 

@@ -20,7 +20,7 @@ _F32 = torch.float32
 
 @dataclass
 class _Call:
-    """What of a render is no tensor, and the render's lease."""
+    """The arguments of a render that are not tensors, and its lease."""
 
     camera: Camera
     options: Any
@@ -44,7 +44,7 @@ def _gaussians(place: Place, tensors: Tensors, sh_degree: int) -> lib.Gaussians:
 
 
 def _draw(place: Place, call: _Call, tensors: Tensors) -> Tensors:
-    """Takes a workspace and draws into new images."""
+    """Takes a workspace and renders into new images."""
     means, features = tensors["means"], tensors["features"]
     assert means is not None
     h, w, n = call.camera.height, call.camera.width, means.shape[0]
@@ -78,7 +78,7 @@ class _Rasterize(torch.autograd.Function):
         images = _draw(place, call, tensors)
         assert call.lease is not None
         call.lease.pending = call.differentiable and any(ctx.needs_input_grad)
-        if not call.lease.pending:  # for scores or evaluation, where every splat counts; training does not wait for it
+        if not call.lease.pending:  # scores and evaluation need every splat; training does not, and does not wait
             place.call("sb_rasterizer_settle", call.lease.workspace.handle, None, place.stream)
         ctx.call = call
         ctx.screen_points = None if screen_points is None else screen_points.shape[1]
@@ -164,24 +164,23 @@ def rasterize(
     screen_points: Optional[torch.Tensor] = None,
     absolute_sum: bool = False,
 ) -> Render:
-    """Draws N Gaussians; gradients flow to every tensor of them. All are float32, on one device.
+    """Renders N Gaussians, differentiable with respect to all of their tensors. All are float32, on one device.
 
     means          [N,3] world
     opacities      [N,1] or [N], activated
     scales         [N,3] standard deviations, with rotations [N,4], quaternions (w,x,y,z) of any length;
                    or covariances [N,6]: xx xy xz yy yz zz
     sh             [N,K,3] spherical harmonics of all degrees; or sh_dc [N,1,3] or [N,3], with sh_rest [N,K-1,3];
-                   or colors [N,3]. sh_degree: the active one, 0 to 3
+                   or colors [N,3]. sh_degree: the active degree, 0 to 3
     features       [N,F] extra channels to blend, F <= 8, over a background of zero
-    background     three numbers; no gradient
-    beta           of the compact box, in (0, 1]; None: 3DGS's 3σ square
-    low_pass       variance in px² added to a splat's both axes
+    background     color, three numbers; no gradient
+    beta           β of the compact box, in (0, 1]; None: 3DGS's 3σ square
+    low_pass       variance in px² added to both axes of a splat
     compensate_opacity   opacity × sqrt(det Σ / det(Σ + low_pass)): 3DGS's antialiasing, Mip-Splatting's 2D filter
-    inverse_depth, alpha  whether to draw them
-    screen_points  [N,3] or [N,4], its values are not read: its gradient receives that of the means on screen, in
-                   NDC units as 3DGS has it. With 4 columns, 2 and 3 are the sums over pixels of the absolute
-                   gradients along x and y (AbsGS); with 3, column 2 is 0, or their sum with absolute_sum
-                   (Mip-Splatting)
+    inverse_depth, alpha  whether to render them
+    screen_points  [N,3] or [N,4], values are not read: its gradient receives that of the projected means, in NDC units
+                   as in 3DGS. With 4 columns, columns 2 and 3 are the sums over pixels of the absolute gradients along
+                   x and y (AbsGS). With 3, column 2 is 0, or the sum of both with absolute_sum (Mip-Splatting)
     """
     n = means.shape[0] if isinstance(means, torch.Tensor) and means.dim() > 0 else 0
     check(means, "means", _F32, ("N", 3))
@@ -206,7 +205,7 @@ def rasterize(
     if sh_rest is not None and sh_dc is None:
         raise ValueError("sh_rest needs sh_dc")
     if sh is not None and sh.shape[1] < 1:
-        raise ValueError("sh: shape [%d,K,3] with K > 0 wanted, %s given" % (n, list(sh.shape)))
+        raise ValueError("sh: expected shape [%d,K,3] with K > 0, got %s" % (n, list(sh.shape)))
 
     options = lib.RasterOptions(
         lib.BOX_SQUARE if beta is None else lib.BOX_ELLIPSE,
@@ -217,7 +216,7 @@ def rasterize(
     )
     shade = host_rows(background)[0]
     if len(shade) != 3:
-        raise ValueError("background: 3 numbers wanted, %d given" % len(shade))
+        raise ValueError("background: expected 3 numbers, got %d" % len(shade))
     options.background[:] = shade
     place = Place(means, "means")
     for tensor, name in ((opacities, "opacities"), (screen_points, "screen_points")):
@@ -257,7 +256,7 @@ def visible_radii(
     low_pass: float = 0.3,
     near_plane: float = 0.2,
 ) -> torch.Tensor:
-    """int32 [N] radii of the 3σ squares that meet the image, 0 elsewhere, without drawing (visible_filter)."""
+    """int32 [N] radii in px of the 3σ squares that overlap the image, 0 for others (visible_filter); no rendering."""
     check(means, "means", _F32, ("N", 3))
     n = means.shape[0]
     for tensor, name, width in ((scales, "scales", 3), (rotations, "rotations", 4), (covariances, "covariances", 6)):

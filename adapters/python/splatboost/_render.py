@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the rasterizers of Gaussians and of convexes share: a render, its workspace, and its part in autograd."""
+"""Shared by the rasterizers of Gaussians and of convexes: a render, its workspace, and helpers for autograd."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import torch
 from . import _library as lib
 from ._tensors import Place, check
 
-# Inputs of a primitive by name, None where not given.
+# Input tensors by name; None if not given.
 Tensors = Dict[str, Optional[torch.Tensor]]
 
 
 class Lease:
     """A render's claim on the workspace that holds its tile lists.
 
-    A workspace that nobody waits for goes to the next render: when the lease is gone, or when its backward pass has
-    run. A backward pass that comes after that draws the view again first.
+    A workspace is free for the next render once its lease no longer exists or no backward pass of it is pending. A
+    backward pass that runs after that renders the view again first.
     """
 
     def __init__(self, workspace: "_Workspace"):
@@ -34,7 +34,7 @@ class Lease:
 
 
 class _Workspace:
-    """entries: how the names of the rasterizer's entries begin, "sb_rasterizer" or "sb_convex_rasterizer"."""
+    """entries: prefix of the rasterizer's entries, "sb_rasterizer" or "sb_convex_rasterizer"."""
 
     def __init__(self, entries: str, place: Place):
         handle = ctypes.c_void_p()
@@ -65,8 +65,8 @@ def take_workspace(entries: str, place: Place) -> Lease:
 
 
 def save_inputs(ctx: Any, names: Sequence[str], inputs: Sequence[Any], sh: Optional[torch.Tensor]) -> Tensors:
-    """Saves what was given for the backward pass. sh: harmonics of all degrees in one tensor, as 3DGS passes them; they take
-    the places of sh_dc and sh_rest."""
+    """Saves the given inputs for the backward pass. sh: spherical harmonics of all degrees in one tensor, as in 3DGS;
+    it is split into sh_dc and sh_rest."""
     tensors: Tensors = dict(zip(names, inputs))
     if sh is not None:
         tensors["sh_dc"], tensors["sh_rest"] = sh[:, :1].contiguous(), sh[:, 1:].contiguous()
@@ -83,7 +83,7 @@ def saved_inputs(ctx: Any, names: Sequence[str]) -> Tensors:
 
 
 def new_gradients(ctx: Any, tensors: Tensors, needed: Sequence[bool], sh_needed: bool) -> Tensors:
-    """Room for the gradients of the inputs that need one, None for the others."""
+    """Allocates gradients for the inputs that need one; None for the others."""
     needs = dict(zip(tensors, needed))
     if ctx.together:
         needs["sh_dc"] = needs["sh_rest"] = sh_needed
@@ -96,7 +96,7 @@ def new_gradients(ctx: Any, tensors: Tensors, needed: Sequence[bool], sh_needed:
 
 
 def returned_gradients(ctx: Any, gradients: Tensors) -> Tuple[Any, ...]:
-    """That of sh, if it was one tensor, and then those of the inputs, in their order."""
+    """The gradient of sh (None unless it was one tensor), then those of the inputs, in their order."""
     g_sh = None
     if ctx.together and gradients["sh_dc"] is not None:
         g_sh = torch.cat([gradients["sh_dc"], gradients["sh_rest"]], dim=1)  # type: ignore[list-item]
@@ -105,9 +105,9 @@ def returned_gradients(ctx: Any, gradients: Tensors) -> Tuple[Any, ...]:
 
 
 class Render:
-    """A view that was drawn.
+    """A rendered view.
 
-    color          [3,H,W] background added, not clamped
+    color          [3,H,W] with background, not clamped
     radii          int32 [N] 3σ radius in pixels, rounded up; 0 where not visible
     features       [F,H,W], or None
     inverse_depth  [1,H,W] Σ wᵢ / zᵢ, or None
@@ -132,13 +132,13 @@ class Render:
 
     @property
     def visible(self) -> torch.Tensor:
-        """bool [N] whether each Gaussian is listed in at least one tile."""
+        """bool [N]: whether each Gaussian is listed in at least one tile."""
         return self.radii > 0
 
     def count_flagged(self, flagged: torch.Tensor, counts: Optional[torch.Tensor] = None) -> torch.Tensor:
-        """Adds to counts the flagged pixels where each Gaussian was blended (paper eq. 9), and returns them.
+        """Adds to counts the number of flagged pixels in which each Gaussian was blended (paper eq. 9); returns counts.
 
-        flagged: bool or uint8 [H,W]. counts: int32 [N], contiguous; zeros where not given.
+        flagged: bool or uint8 [H,W]. counts: int32 [N], contiguous; None: new zeros.
         Replays the tile lists of this render, so it must come before the next render.
         """
         h, w = self.color.shape[1:]
@@ -153,7 +153,7 @@ class Render:
         return counts
 
     def count_observed(self, min_transmittance: float = 0.5) -> torch.Tensor:
-        """int32 [N]: pixels where each Gaussian was blended while the transmittance before it was above this one.
+        """int32 [N]: number of pixels in which each Gaussian was blended at a transmittance above min_transmittance.
 
         Replays the tile lists of this render, so it must come before the next render.
         """
@@ -162,13 +162,13 @@ class Render:
         self._check_held("count_observed")
         workspace = self._lease.workspace
         if workspace.entries != "sb_rasterizer":
-            raise TypeError("count_observed: only renders of Gaussians tell it")
+            raise TypeError("count_observed: only available for renders of Gaussians")
         target = place.target(counts, "counts")
         lib.call("sb_rasterizer_count_observed", workspace.handle, min_transmittance, target, place.stream)
         return counts
 
     def weights(self) -> torch.Tensor:
-        """int32 [N]: blending weights of each Gaussian, summed over pixels, in 1/256 (rounded a pixel).
+        """int32 [N]: blending weights of each Gaussian, summed over pixels, in units of 1/256 (rounded per pixel).
 
         Replays the tile lists of this render, so it must come before the next render.
         """
@@ -179,7 +179,7 @@ class Render:
 
     def _check_held(self, what: str) -> None:
         if not self._lease.held:
-            raise RuntimeError("%s: this render's tile lists are gone, another view was drawn since" % what)
+            raise RuntimeError("%s: this render's tile lists were overwritten by a later render" % what)
 
     def _add_weights(self, weights: Any, place: Place) -> None:
         self._check_held("weights")

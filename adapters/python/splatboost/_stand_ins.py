@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What hosts import and a machine without a GPU may lack, as far as their training, rendering and metrics use it."""
+"""Stand-ins for packages that hosts import but a machine without a GPU may lack.
+
+They cover what the hosts' training, rendering and metrics use.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +19,14 @@ from typing import Any, List, Optional, Tuple
 
 #: Packages that hosts import but do not use in training, rendering and metrics.
 _OPTIONAL = ("open3d", "joblib", "wandb", "matplotlib")
-#: What a host need not have installed.
+#: Packages that a host can run without, because this module or the drop-ins provide them.
 PROVIDED = _OPTIONAL + ("torchvision", "torch_scatter", "lpips", "lpipsPyTorch", "diff_gaussian_rasterization",
                         "diff_gaussian_rasterization_abs", "diff_surfel_rasterization", "diff_convex_rasterization",
                         "diff_plane_rasterization", "simple_knn", "fused_ssim", "pytorch3d")
 
 
 def install() -> None:
-    """Puts stand-ins where the real thing is not installed."""
+    """Installs stand-ins for the packages that are not installed."""
     for name in _OPTIONAL:
         if _lacks(name):
             sys.modules[name] = _Missing(name)
@@ -49,7 +52,7 @@ def install() -> None:
 
 
 def _numpy_names() -> None:
-    """Names of Python's own types that numpy had until 1.24, and that hosts of 2023 use."""
+    """Restores numpy's aliases of Python types, removed in 1.24, which hosts of 2023 still use."""
     import numpy
 
     for kind in (bool, int, float, complex, object):
@@ -58,7 +61,7 @@ def _numpy_names() -> None:
 
 
 def _pictures() -> None:
-    """Hosts make pictures from arrays of numpy.byte, which is signed; Pillow from 11.3 on takes unsigned bytes alone."""
+    """Hosts create images from arrays of numpy.byte, which is signed; Pillow since 11.3 accepts only unsigned bytes."""
     if _lacks("PIL"):
         return
     import numpy
@@ -76,7 +79,7 @@ def _pictures() -> None:
 
 
 def _histograms() -> None:
-    """Histograms for TensorBoard, which torch before 2.0 cannot make with numpy from 1.24 on, are left out."""
+    """Skips TensorBoard histograms, which torch before 2.0 cannot create with numpy 1.24 or later."""
     import torch
 
     if _lacks("tensorboard") or int(torch.__version__.split(".")[0]) >= 2:
@@ -100,7 +103,7 @@ def _lacks(name: str) -> bool:
 
 
 class _Missing(types.ModuleType):
-    """Stands for a package that is not installed: importing it is fine, using it is not."""
+    """Stands in for a package that is not installed: importing it succeeds, using it raises ModuleNotFoundError."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -110,14 +113,14 @@ class _Missing(types.ModuleType):
 
 
 def _open3d(root: Any) -> None:
-    """PGSR's render.py makes a volume also where nothing is fused into it."""
+    """PGSR's render.py creates a TSDF volume even if nothing is fused into it."""
 
     class ScalableTSDFVolume:
         def __init__(self, *_: Any, **__: Any):
             pass
 
         def __getattr__(self, name: str) -> Any:
-            raise ModuleNotFoundError("open3d: a mesh is wanted, but open3d is not installed", name="open3d")
+            raise ModuleNotFoundError("open3d: required for meshes, but not installed", name="open3d")
 
     integration: Any = types.ModuleType("open3d.pipelines.integration")
     integration.ScalableTSDFVolume = ScalableTSDFVolume
@@ -126,7 +129,7 @@ def _open3d(root: Any) -> None:
 
 
 def quaternion_to_matrix(quaternions: Any) -> Any:
-    """[…,3,3] rotations of quaternions (w,x,y,z) […,4] of any length but 0."""
+    """[…,3,3] rotation matrices of quaternions (w,x,y,z) […,4] of any nonzero length."""
     import torch
 
     w, x, y, z = torch.nn.functional.normalize(quaternions, dim=-1).unbind(dim=-1)
@@ -139,7 +142,7 @@ def quaternion_to_matrix(quaternions: Any) -> Any:
 
 
 def _pytorch3d() -> None:
-    """What PGSR uses of it."""
+    """The part of pytorch3d that PGSR uses."""
     root: Any = types.ModuleType("pytorch3d")
     root.__path__ = []
     transforms: Any = types.ModuleType("pytorch3d.transforms")
@@ -150,14 +153,14 @@ def _pytorch3d() -> None:
 
 
 def scatter_max(values: Any, index: Any, dim: int = -1, *_: Any) -> Tuple[Any, Any]:
-    """The largest of the values [N,C] of each index, [M,C], and its row; along dim 0, without an output to fill."""
+    """[M,C] maximum of the values [N,C] per index, and its row. Only along dim 0, without an output argument."""
     import torch
 
     if dim != 0 or values.dim() != 2 or index.shape != values.shape:
-        raise NotImplementedError("scatter_max: values and index [N,C] along dim 0 wanted")
+        raise NotImplementedError("scatter_max: expected values and index [N,C] along dim 0")
     n, channels = values.shape
     rows = int(index.max()) + 1 if n else 0
-    warnings.filterwarnings("ignore", "scatter_reduce")  # of torch 1.13, where it is new
+    warnings.filterwarnings("ignore", "scatter_reduce")  # torch 1.13 warns that it is in beta
     largest = values.new_zeros((rows, channels)).scatter_reduce(0, index, values, "amax", include_self=False)
     at = torch.arange(n, device=values.device).unsqueeze(1).expand(n, channels)
     where = torch.where(values == largest.gather(0, index), at, torch.full_like(at, n)) if n else at
@@ -166,7 +169,7 @@ def scatter_max(values: Any, index: Any, dim: int = -1, *_: Any) -> Tuple[Any, A
 
 
 def _to_tensor(picture: Any) -> Any:
-    """float32 [C,H,W] of a PIL picture or of an array [H,W] or [H,W,C]; of bytes, from 0 to 1."""
+    """[C,H,W] from a PIL image or an array [H,W] or [H,W,C]; uint8 becomes float32 in [0, 1]."""
     import numpy
     import torch
 
@@ -178,7 +181,7 @@ def _to_tensor(picture: Any) -> Any:
 
 
 def _save_image(image: Any, path: Any, *_: Any, **__: Any) -> None:
-    """A picture [C,H,W] or [1,C,H,W] of values from 0 to 1."""
+    """Saves an image [C,H,W] or [1,C,H,W] with values in [0, 1]."""
     import torch
     from PIL import Image
 
@@ -186,7 +189,7 @@ def _save_image(image: Any, path: Any, *_: Any, **__: Any) -> None:
     if image.dim() == 4 and image.shape[0] == 1:
         image = image[0]
     if image.dim() != 3:
-        raise NotImplementedError("save_image: one picture [C,H,W] wanted, %s given: pip install torchvision"
+        raise NotImplementedError("save_image: expected one image [C,H,W], got %s: pip install torchvision"
                                   % list(image.shape))
     if image.shape[0] == 1:
         image = image.expand(3, -1, -1)
@@ -195,7 +198,7 @@ def _save_image(image: Any, path: Any, *_: Any, **__: Any) -> None:
 
 
 def _torchvision() -> None:
-    """Reading and writing pictures; nets need the real one."""
+    """Reading and writing images; networks need the real torchvision."""
     root: Any = types.ModuleType("torchvision")
     root.__path__ = []
     utils: Any = types.ModuleType("torchvision.utils")
@@ -212,7 +215,7 @@ def _torchvision() -> None:
 
 
 def _vgg() -> Optional[str]:
-    """Where VGG's weights would have to be; None if they are there."""
+    """The path at which VGG's weights are missing; None if they exist."""
     import torch
 
     path = os.path.join(torch.hub.get_dir(), "checkpoints", "vgg16-397923af.pth")
@@ -220,7 +223,7 @@ def _vgg() -> Optional[str]:
 
 
 def _lpips() -> None:
-    """LPIPS needs weights that torchvision would download. Without them it is NaN, said once."""
+    """LPIPS needs weights that torchvision would download. Without them it returns NaN, with one message."""
     import torch
 
     weights = _vgg()
@@ -250,7 +253,7 @@ def _lpips() -> None:
 
 
 def _nvidia_smi() -> None:
-    """Scaffold-GS and its kin ask nvidia-smi for the device with the most free memory, and fail without an answer."""
+    """Scaffold-GS and its successors query nvidia-smi for the device with the most free memory, and fail without it."""
     folder = tempfile.mkdtemp(prefix="splatboost-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     path = os.path.join(folder, "nvidia-smi")

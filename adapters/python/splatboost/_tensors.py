@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torch tensors as the C ABI's views, with the checks that name the argument."""
+"""Converts torch tensors to tensors of the C ABI, with checks that name the argument."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ _TYPES = {
     torch.bool: lib.UINT8,  # a byte of 0 or 1
 }
 
-#: The library's kinds of the devices whose tensors it takes.
+#: torch device type → device kind of the library.
 _KINDS = {"cpu": lib.CPU, "cuda": lib.CUDA}
 
-Size = Union[int, str]  # a number, or the name of a size that is free
+Size = Union[int, str]  # a number, or a name for an arbitrary size
 
 
 def check(tensor: Any, name: str, dtype: torch.dtype, *shapes: Sequence[Size]) -> None:
     """Raises ValueError unless the tensor has the type and one of the shapes; a name in a shape fits any size."""
     if not isinstance(tensor, torch.Tensor):
-        raise ValueError("%s: a tensor wanted, %s given" % (name, type(tensor).__name__))
+        raise ValueError("%s: expected a tensor, got %s" % (name, type(tensor).__name__))
     if tensor.dtype != dtype:
-        raise ValueError("%s: %s wanted, %s given" % (name, _name(dtype), _name(tensor.dtype)))
+        raise ValueError("%s: expected %s, got %s" % (name, _name(dtype), _name(tensor.dtype)))
     for shape in shapes:
         if len(shape) == tensor.dim() and all(isinstance(w, str) or w == s for w, s in zip(shape, tensor.shape)):
             return
     wanted = " or ".join("[" + ",".join(str(s) for s in shape) + "]" for shape in shapes)
-    raise ValueError("%s: shape %s wanted, %s given" % (name, wanted, list(tensor.shape)))
+    raise ValueError("%s: expected shape %s, got %s" % (name, wanted, list(tensor.shape)))
 
 
 def _name(dtype: torch.dtype) -> str:
@@ -43,18 +43,18 @@ def _name(dtype: torch.dtype) -> str:
 
 
 class Place:
-    """Where a call runs: the device of its first tensor, on torch's current stream there. Makes views of further tensors,
-    which must live there too. The library itself makes the device current for the time of a call.
+    """Where a call runs: on the device of its first tensor and torch's current stream there. Makes views of further
+    tensors, which must be on the same device. The library itself sets the current CUDA device during a call.
     """
 
     def __init__(self, tensor: Any, name: str):
         if not isinstance(tensor, torch.Tensor):
-            raise ValueError("%s: a tensor wanted, %s given" % (name, type(tensor).__name__))
+            raise ValueError("%s: expected a tensor, got %s" % (name, type(tensor).__name__))
         self.device: torch.device = tensor.device
         self._first = name
         self._keep: List[Any] = []
         if self.device.type not in _KINDS:
-            raise ValueError("%s: a tensor of the CPU or of CUDA wanted, one on %s given" % (name, self.device))
+            raise ValueError("%s: expected a tensor on the CPU or on CUDA, got one on %s" % (name, self.device))
         self.kind = _KINDS[self.device.type]
         self.index = int(self.device.index or 0) if self.kind == lib.CUDA else 0
         if self.kind == lib.CUDA and not lib.cuda_architectures():
@@ -76,27 +76,27 @@ class Place:
         return ctypes.byref(lib.Device(self.kind, self.index, self.threads, self.stream))
 
     def call(self, entry: str, *arguments: Any) -> None:
-        """Calls an entry that may be called again when it failed for lack of memory."""
+        """Calls an entry; on a GPU, frees torch's cached memory and retries once if memory runs out."""
         try:
             lib.call(entry, *arguments)
         except MemoryError:
             if self.kind != lib.CUDA:
                 raise
-            torch.cuda.empty_cache()  # what torch keeps for later may be enough
+            torch.cuda.empty_cache()  # torch's cached memory may be enough
             lib.call(entry, *arguments)
 
     def check_here(self, tensor: torch.Tensor, name: str) -> None:
         if tensor.device != self.device:
             raise ValueError(
-                "%s: a tensor on %s wanted (as %s), one on %s given" % (name, self.device, self._first, tensor.device)
+                "%s: expected a tensor on %s (as %s), got one on %s" % (name, self.device, self._first, tensor.device)
             )
 
     def view(
         self, tensor: Optional[torch.Tensor], name: str, dtype: Optional[torch.dtype] = None, *shapes: Sequence[Size]
     ) -> Any:
-        """Pointer to a view, or None for None. A tensor that is read may have any strides; it is copied if it must.
+        """Pointer to a view of an input tensor; None for None. A tensor that is not contiguous is copied.
 
-        The view is valid as long as this place is.
+        The view is valid as long as this place exists.
         """
         if tensor is None:
             return None
@@ -107,12 +107,12 @@ class Place:
         return self._pointer(dense)
 
     def target(self, tensor: Optional[torch.Tensor], name: str) -> Any:
-        """Pointer to a view that is written; it must be dense already."""
+        """Pointer to a view of an output tensor, which must be contiguous; None for None."""
         if tensor is None:
             return None
         self.check_here(tensor, name)
         if not tensor.is_contiguous():
-            raise ValueError("%s: a contiguous tensor wanted, one of strides %s given" % (name, list(tensor.stride())))
+            raise ValueError("%s: expected a contiguous tensor, got one with strides %s" % (name, list(tensor.stride())))
         return self._pointer(tensor.detach())
 
     def _pointer(self, dense: torch.Tensor) -> Any:
@@ -132,14 +132,14 @@ class Place:
 
 
 class _OnCuda:
-    """Memory of a GPU, as torch takes it over without copying."""
+    """GPU memory that torch can wrap without copying."""
 
     def __init__(self, address: int, count: int):
         self.__cuda_array_interface__ = {"data": (address, False), "shape": (count,), "typestr": "<i4", "version": 2}
 
 
 def counts_of(pointer: Any, place: Place) -> torch.Tensor:
-    """The library's own int32 [N] as a tensor in the same memory, valid as long as that is."""
+    """An int32 [N] tensor of the library, wrapped as a torch tensor without copying; valid as long as that memory."""
     view = pointer[0]
     count = int(view.shape[0])
     if count == 0:

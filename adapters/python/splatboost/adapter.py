@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The decisions of a backbone's adapter: which primitives grow, split and go, and when parameter groups step."""
+"""Decisions of a backbone's adapter: which primitives grow, split and are removed; when parameter groups step."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ _F32 = torch.float32
 
 @dataclass
 class ScoredView:
-    """A training view as rendered without anything random (dropout, jitter).
+    """A training view rendered without randomness (dropout, jitter).
 
     color   float32 [3,H,W] the render
     truth   [3,H,W] uint8, or float32 in [0, 1]
-    valid   bool or uint8 [H,W]: pixels that count; None: all
-    render  what counts its flagged pixels; None: the render that a drop-in made last
+    valid   bool or uint8 [H,W]: valid pixels; None: all
+    render  the Render that counts its flagged pixels; None: the last render of a drop-in
     """
 
     color: torch.Tensor
     truth: torch.Tensor
     valid: Optional[torch.Tensor] = None
-    render: Any = None  # a Render, or what has its _add_counts and _add_weights
+    render: Any = None  # a Render, or an object with its _add_counts and _add_weights
 
 
 #: views[j]() renders training view j
@@ -51,15 +51,15 @@ def _setting_kinds(boost: Any) -> Dict[str, Any]:
 class Adapter:
     """Decisions of one run.
 
-    backbone: "vanilla", "mip-splatting", "dropgaussian", … as the program's --backbone. total_iterations: length of the
-    host's run, to which the published iteration numbers scale. device: where the host's renders and masks are. seed: of
-    the draws. settings: those of the backbone's adapter by name, such as vcd, vcp, cb, absgrad, schedule (parts: True or
-    False), views (K), beta, tau_d, gradient_threshold, densify_until; see `settings`.
+    backbone: "vanilla", "mip-splatting", "dropgaussian", … as for the program's --backbone. total_iterations: length of
+    the host's run, to which the published iteration numbers scale. device: where the host's renders and masks are.
+    seed: of the random draws. settings: those of the backbone's adapter by name, such as vcd, vcp, cb, absgrad,
+    schedule (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until; see `settings`.
     """
 
     def __init__(self, backbone: str, *, total_iterations: int, device: Any = "cpu", seed: int = 0, **settings: Any):
         if total_iterations <= 0:
-            raise ValueError("total_iterations: a number above 0 wanted, %r given" % (total_iterations,))
+            raise ValueError("total_iterations: expected a number above 0, got %r" % (total_iterations,))
         self.backbone = backbone
         self.total_iterations = int(total_iterations)
         self.device = torch.device(device)
@@ -70,7 +70,7 @@ class Adapter:
             self._kinds = _setting_kinds(boost)
             for name, value in settings.items():
                 self._set(boost, name, value)
-            #: All settings by name, with the values in use.
+            #: All settings by name, with their current values.
             self.settings = {name: self._get(boost, name) for name in self._kinds}
             place = Place(torch.empty(0, device=self.device), "device")
             handle = ctypes.c_void_p()
@@ -82,9 +82,9 @@ class Adapter:
 
     def _set(self, boost: Any, name: str, value: Any) -> None:
         if name not in self._kinds:
-            raise ValueError("%s: no such setting; there are %s" % (name, ", ".join(sorted(self._kinds))))
+            raise ValueError("%s: no such setting; available: %s" % (name, ", ".join(sorted(self._kinds))))
         if self._kinds[name] is not float and not isinstance(value, int):
-            raise ValueError("%s: a whole number wanted, %r given" % (name, value))
+            raise ValueError("%s: expected a whole number, got %r" % (name, value))
         lib.call("sb_boost_set", boost, name.encode(), float(value))
 
     def _get(self, boost: Any, name: str) -> Any:
@@ -94,7 +94,7 @@ class Adapter:
 
     @property
     def beta(self) -> Optional[float]:
-        """β for set_beta; None without the compact box."""
+        """β of the compact box, for set_beta; None without the compact box."""
         beta = ctypes.c_float()
         lib.call("sb_adapter_beta", self._handle, ctypes.byref(beta))
         return float(self.settings["beta"]) if beta.value > 0 else None
@@ -121,7 +121,7 @@ class Adapter:
         return bool(answer.value)
 
     def rate_factor(self, group: str, iteration: int) -> float:
-        """What the host's own learning rate of a parameter group is multiplied by now."""
+        """Factor on the host's own learning rate of a parameter group at this iteration."""
         factor = ctypes.c_float()
         lib.call(
             "sb_adapter_rate_factor", self._handle, group.encode(), iteration, self.total_iterations, ctypes.byref(factor)
@@ -148,11 +148,12 @@ class Adapter:
     ) -> Tuple[torch.Tensor, torch.Tensor]:
         """Scores up to K of the views and decides growth. Returns clone and split, bool [N].
 
-        gradients      float32 [N] or [N,1] mean norm of the signed screen gradient, NDC units
-        gradients_abs  of the absolute one (Mip-Splatting: of its sums); needed unless absgrad is off
-        max_scales     longest standard deviation, world units; needed unless absgrad is off
-        clone, split   bool [N] the host's own decisions; needed where absgrad is off, which decides from them
-        max_primitives growth makes no more of them, the strongest candidates first; 0: no cap
+        scene_extent   radius of the camera positions, world units
+        gradients      float32 [N] or [N,1] mean norm of the signed screen-space gradient, NDC units
+        gradients_abs  same of the absolute gradient (Mip-Splatting: of its sums); required unless absgrad is off
+        max_scales     longest standard deviation, world units; required unless absgrad is off
+        clone, split   bool [N] the host's own decisions; required if absgrad is off, which selects from them
+        max_primitives cap on their number after growth, which keeps the strongest candidates; 0: no cap
         """
         n = self._rows(gradients, "gradients")
         masks = []
@@ -194,12 +195,12 @@ class Adapter:
         origins: Optional[torch.Tensor] = None,
         opacities: Optional[torch.Tensor] = None,
     ) -> torch.Tensor:
-        """Decides removal; returns bool [M].
+        """Decides removal; returns bool [M]: the primitives to remove.
 
-        candidates  bool [M] what the host's own rule would remove
-        origins     integers [M]: index that each primitive, or the one it was made from, had in the grow of this
-                    iteration. None: not within growth. Then late pruning, which scores the views and needs the
-                    opacities, adds to the candidates at its own iterations (prunes_at); at others nothing changes
+        candidates  bool [M] primitives that the host's own rule would remove
+        origins     integers [M]: index that each primitive, or the one it was made from, had in grow() of this
+                    iteration. None if not within growth: then late pruning, which scores the views and needs the
+                    opacities, adds candidates at its own iterations (prunes_at); at others nothing changes
         opacities   float32 [M] or [M,1], activated
         """
         m = self._rows(candidates, "candidates")
@@ -224,9 +225,9 @@ class Adapter:
 
     def _rows(self, tensor: Any, name: str) -> int:
         if not isinstance(tensor, torch.Tensor) or tensor.dim() == 0:
-            raise ValueError("%s: a tensor of at least one dimension wanted" % name)
+            raise ValueError("%s: expected a tensor of at least one dimension" % name)
         if tensor.device.type != self.device.type:
-            raise ValueError("%s: a tensor on %s wanted, one on %s given" % (name, self.device, tensor.device))
+            raise ValueError("%s: expected a tensor on %s, got one on %s" % (name, self.device, tensor.device))
         return int(tensor.shape[0])
 
     def _density(
@@ -241,7 +242,7 @@ class Adapter:
 
 
 class _Host:
-    """The host's views as the library calls them. What they raise is raised again when the library has returned."""
+    """The library's callbacks for the host's views. Exceptions in them are re-raised after the library has returned."""
 
     def __init__(self, views: ViewSource, primitives: int, device: torch.device):
         self._sources = views
@@ -289,7 +290,7 @@ class _Host:
             scored[0].truth = lib.Truth(place.view(truth, "truth"), place.view(valid, "valid"))
             self._view, self._place = view, place
             return 0
-        except BaseException as e:  # it must not pass through C
+        except BaseException as e:  # exceptions must not propagate through C
             self._error = e
             return 1
 

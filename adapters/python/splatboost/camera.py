@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pinhole camera, and how the matrices of 3DGS become one. No torch needed."""
+"""A pinhole camera, and its conversion from the matrices of 3DGS. Does not need torch."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Rows = List[List[float]]
 class Camera:
     """Pinhole in COLMAP's frame: x right, y down, z forward; pixel (i, j) has its centre at (i + 0.5, j + 0.5).
 
-    fx, fy, cx, cy in pixels. camera_from_world: rigid 4×4, row after row; points are columns.
+    fx, fy, cx, cy in pixels. camera_from_world: rigid 4×4 matrix, row-major, for column vectors.
     """
 
     width: int
@@ -33,9 +33,9 @@ class Camera:
         """From a 3×3 matrix of intrinsics and a 4×4 (or 3×4) pose: tensors, arrays or nested lists."""
         k, pose = host_rows(intrinsics), host_rows(camera_from_world)
         if len(k) != 3 or any(len(r) != 3 for r in k):
-            raise ValueError("intrinsics: shape [3,3] wanted")
+            raise ValueError("intrinsics: expected shape [3,3]")
         if len(pose) not in (3, 4) or any(len(r) != 4 for r in pose):
-            raise ValueError("camera_from_world: shape [4,4] wanted")
+            raise ValueError("camera_from_world: expected shape [4,4]")
         flat = [v for r in pose[:3] for v in r] + [0.0, 0.0, 0.0, 1.0]
         return Camera(int(width), int(height), k[0][0], k[1][1], k[0][2], k[1][2], tuple(flat))
 
@@ -43,23 +43,23 @@ class Camera:
     def from_3dgs(
         height: int, width: int, tanfovx: float, tanfovy: float, viewmatrix: Any, projmatrix: Any, campos: Any = None
     ) -> "Camera":
-        """From what 3DGS's rasterizer is given.
+        """From the arguments of 3DGS's rasterizer.
 
-        viewmatrix, projmatrix: 4×4 for points that are rows (world → camera, world → clip). The principal point is in
-        projmatrix. campos must be the centre that viewmatrix has; view directions of spherical harmonics start there.
+        viewmatrix, projmatrix: 4×4 for row vectors (world → camera, world → clip). projmatrix contains the principal
+        point. campos must be the camera centre of viewmatrix, the origin of view directions for spherical harmonics.
         """
         view, full = host_rows(viewmatrix), host_rows(projmatrix)
         for name, m in (("viewmatrix", view), ("projmatrix", full)):
             if len(m) != 4 or any(len(r) != 4 for r in m):
-                raise ValueError("%s: shape [4,4] wanted" % name)
+                raise ValueError("%s: expected shape [4,4]" % name)
         rotation = [[view[j][i] for j in range(3)] for i in range(3)]
         translation = [view[3][i] for i in range(3)]
         for a in range(3):
             for b in range(3):
                 dot = sum(rotation[a][k] * rotation[b][k] for k in range(3))
                 if not abs(dot - (a == b)) < 1e-3:
-                    raise ValueError("viewmatrix: a rigid motion wanted, this one scales or shears")
-        # Clip coordinates of a point in the camera frame, x/z and y/z part: P = clip_from_world · world_from_camera.
+                    raise ValueError("viewmatrix: expected a rigid motion, got one that scales or shears")
+        # Rows x, y and w of clip_from_camera = clip_from_world · world_from_camera, without translation.
         clip = [[sum(full[k][i] * rotation[c][k] for k in range(3)) for c in range(3)] for i in (0, 1, 3)]
         focal_x, focal_y = 1.0 / tanfovx, 1.0 / tanfovy
         fits = (
@@ -72,13 +72,13 @@ class Camera:
             and abs(clip[2][2] - 1.0) < 1e-3
         )
         if not fits:
-            raise ValueError("projmatrix: a pinhole projection that fits viewmatrix, tanfovx and tanfovy wanted")
+            raise ValueError("projmatrix: expected a pinhole projection that matches viewmatrix, tanfovx and tanfovy")
         if campos is not None:
             centre = [-sum(rotation[k][i] * translation[k] for k in range(3)) for i in range(3)]
             given = host_rows(campos)[0]
             size = 1.0 + max(abs(c) for c in centre)
             if len(given) != 3 or any(not abs(a - b) < 1e-3 * size for a, b in zip(given, centre)):
-                raise ValueError("campos: the centre of viewmatrix, %s, wanted, %s given" % (centre, given))
+                raise ValueError("campos: expected the centre of viewmatrix, %s, got %s" % (centre, given))
         # Rounding of a centred matrix must not move the principal point.
         shift = [0.0 if abs(clip[i][2]) < 1e-6 else clip[i][2] for i in (0, 1)]
         flat = [v for i in range(3) for v in rotation[i] + [translation[i]]] + [0.0, 0.0, 0.0, 1.0]
@@ -95,18 +95,18 @@ class Camera:
     def c_struct(self) -> lib.Camera:
         camera = lib.Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
         if len(self.camera_from_world) != 16:
-            raise ValueError("camera_from_world: 16 numbers wanted, %d given" % len(self.camera_from_world))
+            raise ValueError("camera_from_world: expected 16 numbers, got %d" % len(self.camera_from_world))
         camera.camera_from_world[:] = self.camera_from_world
         return camera
 
 
-# Numbers of small tensors that live on a GPU, so that a camera that comes back costs no wait:
-# id → (tensor, version, rows).
+# Host copies of small GPU tensors, so that a camera that is used again needs no synchronization:
+# id → (weak reference to the tensor, version, rows).
 _copies: Dict[int, Tuple[Any, int, Rows]] = {}
 
 
 def host_rows(matrix: Any) -> Rows:
-    """A small matrix (or a vector, as one row) as numbers on the host."""
+    """A small matrix (or a vector, as one row) as Python floats on the host."""
     device = getattr(matrix, "device", None)
     if device is None or getattr(device, "type", "cpu") == "cpu":
         return _rows(matrix)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs a 3DGS repository's own script without a GPU: `python -m splatboost.cpu train.py -s SCENE -m OUT`.
 
-What the script asks of CUDA happens on the CPU, and it draws with SplatBoost's rasterizer. Meant for trying a checkout or
-a patch before renting a GPU.
+CUDA calls of the script run on the CPU, and it renders with SplatBoost's rasterizer. Meant for trying a checkout or a
+patch before renting a GPU.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _METHODS = "new_empty new_full new_ones new_tensor new_zeros".split()
 
 
 def _on_cpu(device: Any) -> Any:
-    """The device to use for one that a script names; other values pass."""
+    """Maps a CUDA device that a script names to the CPU; returns other values unchanged."""
     import torch
 
     if isinstance(device, torch.device) and device.type == "cuda":
@@ -49,7 +49,7 @@ def _with_device(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _with_any_device(function: Callable[..., Any]) -> Callable[..., Any]:
-    """For functions whose device may stand anywhere, as in tensor.to("cuda")."""
+    """For functions whose device may be any argument, as in tensor.to("cuda")."""
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
@@ -61,7 +61,7 @@ def _with_any_device(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class _Event:
-    """torch.cuda.Event by the clock."""
+    """torch.cuda.Event, implemented with the host's clock."""
 
     def __init__(self, *_: Any, **__: Any):
         self._seconds = 0.0
@@ -89,7 +89,7 @@ def _peak_memory(*_: Any) -> int:
 
 
 def map_cuda() -> None:
-    """Lets torch do on the CPU what is asked of CUDA, in this process. A second call changes nothing."""
+    """Patches torch in this process so that CUDA requests run on the CPU. A second call has no effect."""
     import torch
 
     if getattr(torch, "_splatboost_on_cpu", False):
@@ -140,7 +140,7 @@ def map_cuda() -> None:
 
 
 def detect_layout(folder: str) -> Optional[str]:
-    """Which drop-in layout the checkout in a folder draws with; None where it is no 3DGS checkout."""
+    """The drop-in layout that the checkout in a folder needs; None if it is not a 3DGS checkout."""
     if os.path.exists(os.path.join(folder, "convex_renderer", "__init__.py")):
         return "convexes"
     path = os.path.join(folder, "gaussian_renderer", "__init__.py")
@@ -182,9 +182,9 @@ def main(arguments: Optional[List[str]] = None) -> int:
         prog="python -m splatboost.cpu",
         description="Runs a 3DGS repository's own script on the CPU, with SplatBoost's rasterizer.",
         epilog="Example: python -m splatboost.cpu train.py -s scene -m out --iterations 600 -r 8")
-    parser.add_argument("--layout", choices=sorted(LAYOUTS), help="of the rasterizer; default: found in the checkout")
+    parser.add_argument("--layout", choices=sorted(LAYOUTS), help="layout of the rasterizer; default: detected from the checkout")
     parser.add_argument("script", help="the host's train.py, render.py, metrics.py, …")
-    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="of the script")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")
     options = parser.parse_args(arguments)
 
     if not os.path.isfile(options.script):

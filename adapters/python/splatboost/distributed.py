@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decisions of one run by several processes of torch.distributed, the same for any number of them.
+"""Decisions of one run in several processes of torch.distributed, independent of the number of processes.
 
-Views are shared out: each is drawn by one process. Gaussians may be too: each process holds some rows. Every process
-makes every decision, from the same numbers: pictures and integer counts come from the view's owner, statistics are sums
-of integers, rows are in the order of their ids, and draws depend on ids. Floating-point sums over processes, whose
-rounding hangs on how many there are, take no part.
+Views are divided: each is rendered by one process, its owner. Gaussians may be sharded too: each process holds some
+rows. Every process makes every decision from identical data: images and integer counts come from the view's owner,
+statistics are integer sums, rows are ordered by id, and random draws depend on ids. Floating-point sums over processes
+are avoided, because their rounding depends on the number of processes.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from ._tensors import Place, counts_of
 from .adapter import Adapter, ScoredView
 from .operations import as_bytes, spare_one
 
-#: Sums are of multiples of 2^-40: of gradients up to 8e6, exact in any order.
+#: Values are summed as integer multiples of 2^-40: exact in any order, for gradients that sum to at most 8e6.
 _UNIT = 2.0**-40
 
 
 class Processes:
-    """The processes of a run; one, where torch.distributed is not initialised."""
+    """The processes of a run; a single one if torch.distributed is not initialized."""
 
     def __init__(self, group: Any = None):
         self.group = group
@@ -32,29 +32,29 @@ class Processes:
         self.count = dist.get_world_size(group) if there else 1
 
     def owner_of_view(self, view: int) -> int:
-        """Which process draws a training view."""
+        """Rank of the process that renders a training view."""
         return view % self.count
 
     def from_owner(self, tensor: torch.Tensor, owner: int) -> torch.Tensor:
-        """The owner's tensor, in place."""
+        """Broadcasts the owner's tensor, in place."""
         if self.count > 1:
             source = owner if self.group is None else dist.get_global_rank(self.group, owner)
             dist.broadcast(tensor, source, group=self.group)
         return tensor
 
     def sum(self, integers: torch.Tensor) -> torch.Tensor:
-        """The sum over processes of an int64 tensor, in place."""
+        """Sums an int64 tensor over processes, in place."""
         if integers.dtype != torch.int64:
-            raise ValueError("integers: int64 wanted, %s given: other sums hang on the number of processes" % integers.dtype)
+            raise ValueError("integers: expected int64, got %s: other sums depend on the number of processes" % integers.dtype)
         if self.count > 1:
             dist.all_reduce(integers, group=self.group)
         return integers
 
     def rows(self, tensor: torch.Tensor) -> torch.Tensor:
-        """Rows of all processes, one after the other; they may have any number each, none too."""
+        """Concatenates the rows of all processes, in rank order; their numbers may differ, and may be 0."""
         if self.count == 1:
             return tensor
-        if tensor.dtype == torch.bool:  # gloo has none
+        if tensor.dtype == torch.bool:  # gloo does not support bool
             return self.rows(tensor.to(torch.uint8)).bool()
         sizes = torch.zeros(self.count, dtype=torch.int64, device=tensor.device)
         sizes[self.rank] = tensor.shape[0]
@@ -69,7 +69,7 @@ class Processes:
 
 
 class ExactSum:
-    """A sum for every row over views, the same for any split of the views. values: float32 [N], at most some thousands."""
+    """Per-row sums over views, independent of how the views are divided. values: float32 [N], up to a few thousand."""
 
     def __init__(self, rows: int, device: Any = "cpu"):
         self._units = torch.zeros(rows, dtype=torch.int64, device=device)
@@ -78,15 +78,15 @@ class ExactSum:
         self._units += torch.round(values.double() / _UNIT).to(torch.int64)
 
     def total(self, processes: Processes) -> torch.Tensor:
-        """float64 [N] over the views of all processes."""
+        """float64 [N] sums over the views of all processes."""
         return processes.sum(self._units.clone()).double() * _UNIT
 
 
 class Shard:
-    """The rows that this process holds, of Gaussians with ids; ids never change, and are not given twice.
+    """The rows that this process holds, of Gaussians with ids; ids never change and are never reused.
 
-    rows: how many there are in all processes at the start. Each then holds as many of them, in order, give or take one;
-    `mine` are their indices.
+    rows: total number in all processes at the start. They are divided evenly, in order; `mine` are the indices of this
+    process's rows.
     """
 
     def __init__(self, rows: int, processes: Optional[Processes] = None, device: Any = "cpu"):
@@ -98,7 +98,7 @@ class Shard:
 
     @classmethod
     def dealt(cls, rows_here: int, processes: Optional[Processes] = None, device: Any = "cpu") -> "Shard":
-        """Of rows that were dealt out in turn, as tensor[rank::count]: row i here is row i · count + rank of all."""
+        """For rows distributed round-robin, as tensor[rank::count]: local row i is row i · count + rank of all."""
         shard = cls(0, processes, device)
         count, rank = shard.processes.count, shard.processes.rank
         shard.mine = slice(rank, None, count)
@@ -113,14 +113,14 @@ class Shard:
         return self.processes.rows(tensor)[order]
 
     def own_rows(self, tensor: torch.Tensor) -> torch.Tensor:
-        """Of a tensor in the order of ids, the rows held here."""
+        """The rows held here, from a tensor with all rows in the order of their ids."""
         everyone, _ = torch.sort(self.processes.rows(self.ids))
         return tensor[torch.searchsorted(everyone, self.ids)]
 
     def grow(self, clone: torch.Tensor, split: torch.Tensor, children: int = 2) -> torch.Tensor:
-        """Takes note of growth, where new rows follow as in 3DGS: those that were not split, clones, the first children
-        of all, the second ones … clone, split: bool, of the rows held here. Returns int64: of every row now, the id of
-        the row that it was or was made from."""
+        """Records growth. Rows are then ordered as in 3DGS: those not split, clones, the first children of all splits,
+        their second children, … clone, split: bool masks of the rows held here. Returns int64, for each row now: the id
+        of the row that it was or was made from."""
         parts, origins = [self.ids[~split]], [self.ids[~split]]
         for mask in [clone] + [split] * children:
             parents, _ = torch.sort(self.processes.rows(self.ids[mask]))
@@ -131,12 +131,12 @@ class Shard:
         return torch.cat(origins)
 
     def remove(self, mask: torch.Tensor) -> None:
-        """Takes note that these rows, bool, went."""
+        """Records the removal of rows. mask: bool, of the rows held here."""
         self.ids = self.ids[~mask]
 
     def normal(self, seed: int, iteration: int, columns: int) -> torch.Tensor:
-        """float32 [rows, columns] of standard normal draws for the rows held here, of which each hangs on seed, iteration,
-        the row's id and the column alone. Split a Gaussian by them and its children are the same wherever it lives."""
+        """float32 [rows, columns]: standard normal draws for the rows held here. Each depends only on seed, iteration,
+        the row's id and the column, so that a Gaussian's children are the same whichever process splits it."""
         column = torch.arange(2 * columns, dtype=torch.int64, device=self.ids.device)
         key = _mixed(torch.tensor(seed * 1_000_003 + iteration, dtype=torch.int64, device=self.ids.device))
         bits = _mixed(_mixed(key + self.ids.unsqueeze(1)) + column)
@@ -146,7 +146,7 @@ class Shard:
 
 
 def _mixed(x: torch.Tensor) -> torch.Tensor:
-    """SplitMix64 (Steele, Lea, Flood 2014): 64 bits that look random, of 64 bits."""
+    """SplitMix64 (Steele, Lea, Flood 2014): hashes int64 to 64 pseudorandom bits."""
     x = x + -7046029254386353131
     x = (x ^ ((x >> 30) & ((1 << 34) - 1))) * -4658895280553007687
     x = (x ^ ((x >> 27) & ((1 << 37) - 1))) * -7723592293110705685
@@ -154,7 +154,7 @@ def _mixed(x: torch.Tensor) -> torch.Tensor:
 
 
 class _FromOwner:
-    """What counts and weighs in a view that one process drew."""
+    """Counts and weights of a view that one process rendered, broadcast to all."""
 
     def __init__(self, processes: Processes, owner: int, render: Any):
         self._processes, self._owner, self._render = processes, owner, render
@@ -175,10 +175,10 @@ class _FromOwner:
 
 
 def shared_views(views: Sequence[Callable[[], ScoredView]], processes: Processes, device: Any) -> List[Callable[[], ScoredView]]:
-    """Views for an Adapter that every process runs: each is drawn by its owner, and the others are told.
+    """Views for an Adapter that every process runs: each is rendered by its owner and broadcast to the others.
 
-    views[j] is called in its owner alone (owner_of_view), and may be anything elsewhere. It draws all Gaussians, in the
-    order of their ids, where these are shared out.
+    views[j] is called only in its owner (owner_of_view), and may be anything elsewhere. If the Gaussians are sharded,
+    it must render all of them, in the order of their ids.
     """
 
     def source(j: int) -> Callable[[], ScoredView]:
@@ -215,11 +215,11 @@ def shared_views(views: Sequence[Callable[[], ScoredView]], processes: Processes
 
 
 class SharedAdapter:
-    """An Adapter whose decisions are those of one process that holds everything.
+    """An Adapter whose decisions equal those of a single process that holds everything.
 
-    adapter       of the same settings and seed in every process
+    adapter       must have the same settings and seed in every process
     shard         the rows held here; None: every process holds all Gaussians
-    max_gaussians growth never makes more of them, in all processes together; 0: no cap
+    max_gaussians cap on the number of Gaussians after growth, over all processes; 0: no cap
     """
 
     def __init__(self, adapter: Adapter, shard: Optional[Shard] = None, processes: Optional[Processes] = None,
@@ -242,7 +242,7 @@ class SharedAdapter:
              gradients: torch.Tensor, gradients_abs: Optional[torch.Tensor] = None,
              max_scales: Optional[torch.Tensor] = None, clone: Optional[torch.Tensor] = None,
              split: Optional[torch.Tensor] = None) -> Tuple[torch.Tensor, torch.Tensor]:
-        """As Adapter.grow, of the rows held here; statistics are means over the views of all processes (ExactSum)."""
+        """As Adapter.grow, for the rows held here; statistics are means over the views of all processes (ExactSum)."""
         every = self._all(gradients)
         grows, splits = self.adapter.grow(
             iteration, shared_views(views, self.processes, self.adapter.device), scene_extent=scene_extent,
@@ -254,8 +254,8 @@ class SharedAdapter:
 
     def prune(self, iteration: int, views: Sequence[Callable[[], ScoredView]], *, candidates: torch.Tensor,
               opacities: torch.Tensor, origins: Optional[torch.Tensor] = None) -> torch.Tensor:
-        """As Adapter.prune, of the rows held here, never all of them in all processes. origins: with a shard, as its
-        grow() returned them."""
+        """As Adapter.prune, for the rows held here; at least one row over all processes is kept. origins: with a shard,
+        as returned by its grow()."""
         if origins is not None and self.shard is not None:
             assert self._before is not None
             origins = torch.searchsorted(self._before, self._all(origins))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is there, what is missing, and how to get it: `python -m splatboost doctor [CHECKOUT]`."""
+"""Reports what is installed, what is missing, and how to get it: `python -m splatboost doctor [CHECKOUT]`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Callable, List, Optional, Tuple
 from . import __version__, _needs, _stand_ins
 from . import _library as lib
 
-#: state, what, remedy (empty where nothing is missing). States: "ok", "note" (works without) and "missing".
+#: (state, what, remedy); remedy is empty if nothing is missing. States: "ok", "note" (optional) and "missing".
 Line = Tuple[str, str, str]
 
 
@@ -28,27 +28,27 @@ def _library() -> List[Line]:
         ("ok", "libsplatboost %s, ABI %d, %s" % (lib.version(), lib.ABI_VERSION, getattr(library, "path", "")), "")
     ]
     if lib.version() != __version__:
-        lines.append(("note", "this package is of version %s" % __version__, "install both from one source tree"))
+        lines.append(("note", "this package has version %s" % __version__, "install both from one source tree"))
     return lines + _library_cuda() + _cuda()
 
 
 def _library_cuda() -> List[Line]:
     built_for = lib.cuda_architectures()
     if not built_for:
-        return [("note", "libsplatboost was built without CUDA: it takes tensors of the CPU", "for a GPU: " + lib.CUDA_REMEDY)]
+        return [("note", "libsplatboost was built without CUDA: it supports only CPU tensors", "for a GPU: " + lib.CUDA_REMEDY)]
     lines: List[Line] = [("ok", "libsplatboost was built with CUDA, for compute capability %s" % built_for, "")]
     try:
         handle = ctypes.c_void_p()
         lib.call("sb_rasterizer_create", ctypes.byref(lib.Device(lib.CUDA, 0, 0, None)), ctypes.byref(handle))
         lib.load().sb_rasterizer_destroy(handle)
     except (lib.NoCudaError, lib.LibraryError, MemoryError) as e:
-        remedy = "NVIDIA's driver must be there, and of the CUDA version that built the library, or newer"
+        remedy = "install an NVIDIA driver that supports the CUDA version the library was built with, or newer"
         lines.append(("note", "libsplatboost cannot use a GPU here: %s" % e, remedy))
     return lines
 
 
 def _cuda() -> List[Line]:
-    """The driver, its devices, and the compiler that a library with CUDA needs."""
+    """Checks the driver, its devices, and the compiler needed to build a library with CUDA."""
     lines: List[Line] = []
     if shutil.which("nvidia-smi"):
         query = ["nvidia-smi", "--query-gpu=index,name,compute_cap,driver_version", "--format=csv,noheader"]
@@ -70,7 +70,7 @@ def _cuda() -> List[Line]:
 def _torch() -> List[Line]:
     try:
         import torch
-    except Exception as e:  # a broken install says many things
+    except Exception as e:  # a broken installation may raise any exception
         return [("missing", "torch: %s" % e, _needs.where_torch_is())]
     lines: List[Line] = [("ok", "torch %s, %s" % (torch.__version__, torch.__file__), "")]
     trouble = _needs.numpy_trouble()
@@ -83,37 +83,37 @@ def _torch() -> List[Line]:
     if torch.version.cuda is None:
         lines.append(("note", "torch was built without CUDA", "for a GPU: https://pytorch.org/get-started/locally"))
     elif not torch.cuda.is_available():
-        lines.append(("note", "torch, of CUDA %s, sees no device" % torch.version.cuda, "see NVIDIA's driver"))
+        lines.append(("note", "torch, built for CUDA %s, finds no device" % torch.version.cuda, "see NVIDIA's driver"))
     else:
         for i in range(torch.cuda.device_count()):
             capability = "%d.%d" % torch.cuda.get_device_capability(i)
-            what = "torch, of CUDA %s, sees cuda:%d: %s, compute capability %s"
+            what = "torch, built for CUDA %s, finds cuda:%d: %s, compute capability %s"
             lines.append(("ok", what % (torch.version.cuda, i, torch.cuda.get_device_name(i), capability), ""))
     return lines
 
 
 def _upstream() -> List[Line]:
-    """The CUDA extensions that drop-ins stand in for: which of them are installed beside us."""
+    """Lists which of the CUDA extensions that the drop-ins replace are installed."""
     lines: List[Line] = []
     for name in ("diff_gaussian_rasterization", "simple_knn", "fused_ssim"):
         found = name in sys.modules or importlib.util.find_spec(name) is not None
-        what = "installed; the drop-in takes its place" if found else "not installed; the drop-in does its work"
+        what = "installed; the drop-in takes its place" if found else "not installed; the drop-in replaces it"
         lines.append(("ok", "%s: %s after install_drop_ins" % (name, what), ""))
     found = importlib.util.find_spec("gsplat") is not None
     lines.append(
         ("ok", "gsplat: installed", "")
         if found
-        else ("note", "gsplat: not installed", "only SplatBoostStrategy is for it: pip install gsplat")
+        else ("note", "gsplat: not installed", "only SplatBoostStrategy needs it: pip install gsplat")
     )
     return lines
 
 
-#: Scripts of a host that its users call.
+#: Scripts of a host that its users run.
 _SCRIPTS = ("train.py", "render.py", "metrics.py")
 
 
 def _host(folder: str) -> List[Line]:
-    """The Python modules that the scripts of a host's checkout need."""
+    """Checks the Python modules that the scripts of a host's checkout need."""
     scripts = [os.path.join(folder, name) for name in _SCRIPTS if os.path.isfile(os.path.join(folder, name))]
     if not scripts:
         return [("missing", "%s: there is no train.py" % folder, "give the folder of a backbone's checkout")]
@@ -124,17 +124,17 @@ def _host(folder: str) -> List[Line]:
         what = "%s needs %s, not installed" % (folder, ", ".join(sorted(missing)))
         lines.append(("missing", what, _needs.install_command(missing)))
     else:
-        lines.append(("ok", "%s: its scripts find the Python modules that they need" % folder, ""))
+        lines.append(("ok", "%s: all Python modules that its scripts need are installed" % folder, ""))
     absent = [name for name in sorted(needed & set(_stand_ins.PROVIDED))
               if importlib.util.find_spec(name) is None]
     if absent:
         what = "not installed: %s" % ", ".join(absent)
-        lines.append(("note", what, "python -m splatboost.cpu does without; the scripts themselves need them"))
+        lines.append(("note", what, "python -m splatboost.cpu works without them; the scripts themselves need them"))
     return lines
 
 
 def _works() -> List[Line]:
-    """Draws one Gaussian, forward and backward, wherever torch and the library both can."""
+    """Renders one Gaussian, forward and backward, on every device that both torch and the library support."""
     import torch
 
     lines = [_works_on("cpu", "the CPU", "see the lines above; otherwise report it")]
@@ -169,7 +169,7 @@ def _works_on(device: str, name: str, remedy: str) -> Line:
 
 
 def examine(folder: Optional[str] = None) -> List[Line]:
-    """All findings. folder: a checkout of a backbone, whose needs are looked at too."""
+    """All findings. folder: a checkout of a backbone whose requirements are checked too."""
     lines: List[Line] = [
         ("ok", "Python %s, %s" % (platform.python_version(), sys.executable), ""),
         ("ok", "splatboost %s, %s" % (__version__, __file__), ""),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Puts the drop-ins into sys.modules under the upstream's names."""
+"""Installs the drop-ins in sys.modules under the names of the upstream extensions."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ LAYOUTS = {
     "pgsr": "diff_plane_rasterization",
 }
 
-#: layout → the name that its host imports, where it is another than diff_gaussian_rasterization
+#: layout → the name that its host imports, if other than diff_gaussian_rasterization
 _NAMES = {"absgs": "diff_gaussian_rasterization_abs", "surfels": "diff_surfel_rasterization",
           "convexes": "diff_convex_rasterization", "pgsr": "diff_plane_rasterization"}
 
 
 def install_drop_ins(layout: str) -> List[str]:
-    """Makes `import diff_gaussian_rasterization`, `simple_knn._C` and `fused_ssim` give SplatBoost's.
+    """Makes `import diff_gaussian_rasterization`, `simple_knn._C` and `fused_ssim` import SplatBoost's drop-ins.
 
-    layout: one of LAYOUTS. Call it before the host's imports. Returns the names that were set. A second call with the
-    same layout changes nothing.
+    layout: one of LAYOUTS. Must be called before the host's imports. Returns the names of the modules set. A second
+    call with the same layout has no effect.
     """
     if layout not in LAYOUTS:
-        raise ValueError("layout: one of %s wanted, %r given" % (", ".join(sorted(LAYOUTS)), layout))
+        raise ValueError("layout: expected one of %s, got %r" % (", ".join(sorted(LAYOUTS)), layout))
     compat = __package__ + ".compat." if __package__ else "splatboost.compat."
     rasterization = importlib.import_module(compat + LAYOUTS[layout])
     name = _NAMES.get(layout, "diff_gaussian_rasterization")

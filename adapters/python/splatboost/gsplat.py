@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """SplatBoost as a densification strategy of gsplat (https://github.com/nerfstudio-project/gsplat).
 
-gsplat's tensors, optimizers and operations stay; the scores and the decisions are SplatBoost's. gsplat draws with
-boxes of its own, so the compact box is no part of this.
+gsplat keeps its tensors, optimizers and operations; SplatBoost adds the scores and the decisions. gsplat rasterizes
+with its own boxes, so the compact box is not used.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from .operations import as_bytes
 try:
     from gsplat.strategy import DefaultStrategy, ops
 except ImportError as e:
-    raise ImportError("splatboost.gsplat needs gsplat, which is not there: pip install gsplat (%s)" % e) from e
+    raise ImportError("splatboost.gsplat needs gsplat, which is not installed: pip install gsplat (%s)" % e) from e
 
 Params = Dict[str, Any]  # or a torch.nn.ParameterDict
 Optimizers = Dict[str, torch.optim.Optimizer]
 
-#: Where 3DGS ends growth. The adapter is called until then even where it ends growth earlier, for it prunes meanwhile.
+#: End of growth in 3DGS. The adapter is called until then even if it ends growth earlier, because it still prunes.
 _PUBLISHED_GROWTH_END = 15000
 
 _REQUIRED = ("means", "scales", "quats", "opacities", "sh0", "shN")
@@ -34,12 +34,12 @@ _REQUIRED = ("means", "scales", "quats", "opacities", "sh0", "shN")
 
 @dataclass
 class View:
-    """A training view that may be scored, in gsplat's terms.
+    """A training view that may be scored, in gsplat's conventions.
 
     viewmat  [4,4] camera from world
     K        [3,3] intrinsics in pixels
-    image    [H,W,3] the truth: uint8, or float32 in [0, 1]
-    mask     bool [H,W]: pixels that count; None: all
+    image    [H,W,3] ground truth: uint8, or float32 in [0, 1]
+    mask     bool [H,W]: valid pixels; None: all
     """
 
     viewmat: torch.Tensor
@@ -48,18 +48,18 @@ class View:
     mask: Optional[torch.Tensor] = None
 
 
-#: Optimizers that know the Gaussians of one view only: they step at every iteration.
+#: Optimizers that update the Gaussians of one view only, so they must step at every iteration.
 _OF_ONE_VIEW = ("SelectiveAdam", "SparseAdam")
 
 
 def score_views(config: Any, views: Any) -> None:
-    """strategy.score_on(views, config) for the strategy of gsplat's simple_trainer's configuration, if it is ours."""
+    """Calls score_on(views, config) of config.strategy (simple_trainer's configuration) if it is SplatBoostStrategy."""
     if isinstance(config.strategy, SplatBoostStrategy):
         config.strategy.score_on(views, config)
 
 
 def optimizers_at(strategy: Any, optimizers: Optimizers, step: int) -> List[torch.optim.Optimizer]:
-    """Those that step now, for loops of any strategy; the others keep their gradients."""
+    """The optimizers that step now, for any strategy (all, unless it is ours); the others keep their gradients."""
     if not isinstance(strategy, SplatBoostStrategy):
         return list(optimizers.values())
     return [optimizer for name, optimizer in optimizers.items()
@@ -67,7 +67,7 @@ def optimizers_at(strategy: Any, optimizers: Optimizers, step: int) -> List[torc
 
 
 def _view_of(item: Dict[str, Any]) -> View:
-    """A View of an item of a data set."""
+    """Converts an item of a data set to a View."""
     image, mask = torch.as_tensor(item["image"]), item.get("mask")
     image = image if image.dtype == torch.uint8 else image.float() / 255
     return View(torch.inverse(torch.as_tensor(item["camtoworld"]).float()), torch.as_tensor(item["K"]).float(),
@@ -76,22 +76,22 @@ def _view_of(item: Dict[str, Any]) -> View:
 
 @dataclass
 class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
-    """Multi-view consistent densification and pruning, in the place of gsplat's DefaultStrategy.
+    """Multi-view consistent densification and pruning, a replacement of gsplat's DefaultStrategy.
 
-    Of DefaultStrategy's settings count absgrad, prune_opa, prune_scale3d, reset_every, revised_opacity and verbose;
-    when to grow is SplatBoost's, for any length of run. Of them all, reset_every is an iteration of a run of 30 000.
+    Of DefaultStrategy's settings, only absgrad, prune_opa, prune_scale3d, reset_every, revised_opacity and verbose are
+    used; SplatBoost decides when to grow, for any length of run. reset_every refers to a run of 30 000 iterations.
 
     max_steps    length of the run
-    settings     of splatboost.Adapter: vcd, vcp, schedule, tau_d, views (K), … Whole numbers for True, False and counts
-    max_gaussians  growth never makes more of them, in all processes together; 0: no cap
-    eps2d, near_plane, antialiased, background   as gsplat's rasterization() is called
+    settings     of splatboost.Adapter: vcd, vcp, schedule, tau_d, views (K), … Integers for booleans and counts
+    max_gaussians  cap on the number of Gaussians after growth, over all processes; 0: no cap
+    eps2d, near_plane, antialiased, background   the arguments of your calls of gsplat's rasterization()
 
-    Several processes: as gsplat's rasterization(..., distributed=True) has it, each holds Gaussians of its own, dealt out in turn
-    (points[rank::count]), and all of them the same views. The decisions are those of one process that draws as many cameras a step.
-    At an event each process gathers all Gaussians, and draws its share of the views.
+    Several processes: as for gsplat's rasterization(..., distributed=True), each holds its own Gaussians, distributed
+    round-robin (points[rank::count]), and all have the same views. The decisions equal those of one process that
+    renders all cameras of a step. At events, every process gathers all Gaussians and renders its share of the views.
 
-    Give it the training views, call rasterization(..., absgrad=strategy.absgrad), and step the optimizers that
-    optimizers_at() names, before or after step_post_backward:
+    Pass it the training views, call rasterization(..., absgrad=strategy.absgrad), and step the optimizers that
+    optimizers_at() returns, before or after step_post_backward:
 
         strategy.score_on(views)
         …
@@ -123,28 +123,29 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         self._truths: Dict[int, torch.Tensor] = {}
 
     def score_on(self, views: Any, config: Any = None) -> None:
-        """Scores these training views, up to K at each event.
+        """Sets the training views to score, up to K at each event.
 
-        views   Views; or a data set as that of gsplat's simple_trainer, whose items have camtoworld, K, image (to 255)
-                and maybe mask
-        config  that trainer's: max_steps, near_plane and antialiased are taken from it, and steps_scaler out of reset_every
+        views   Views; or a data set such as that of gsplat's simple_trainer, whose items have camtoworld, K, image
+                (0 to 255) and optionally mask
+        config  simple_trainer's: max_steps, near_plane and antialiased are read from it, and reset_every is divided by
+                its steps_scaler
         """
         if len(views) == 0:
-            raise ValueError("views: at least one training view wanted")
+            raise ValueError("views: expected at least one training view")
         self._views = views
         self._lists_views = isinstance(views[0], View)
         self._truths.clear()
         for name in ("max_steps", "near_plane", "antialiased"):
             if config is not None and hasattr(config, name):
                 setattr(self, name, getattr(config, name))
-        # That trainer has scaled its strategies' iterations, too; here reset_every stays one of a run of 30 000.
+        # simple_trainer has scaled its strategy's iterations; here reset_every refers to a run of 30 000.
         scaler = float(getattr(config, "steps_scaler", self._scaled_by))
         self.reset_every = round(self.reset_every * self._scaled_by / scaler)
         self._scaled_by = scaler
         self._adapter = None
 
     def initialize_state(self, scene_scale: float = 1.0) -> Dict[str, Any]:
-        """State of a run. Its tensors have a row a Gaussian, and gsplat's operations carry them along."""
+        """State of a run. Its tensors have one row per Gaussian, which gsplat's operations keep up to date."""
         self._shard = None
         return {"scene_scale": scene_scale, "grad2d": None, "absgrad2d": None, "count": None}
 
@@ -152,10 +153,10 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         super().check_sanity(params, optimizers)
         for name in _REQUIRED:
             if name not in params:
-                raise ValueError("params: %s wanted, there are %s" % (name, ", ".join(sorted(params.keys()))))
+                raise ValueError("params: expected %s, got %s" % (name, ", ".join(sorted(params.keys()))))
 
     def adapter(self, device: Any = None) -> Adapter:
-        """The decisions in use, on a device if it is given."""
+        """The adapter in use; on the given device, if any."""
         if self._adapter is None or (device is not None and self._adapter.device != torch.device(device)):
             device = "cpu" if device is None else device
             settings = {name: int(v) if float(v).is_integer() else v for name, v in self.settings.items()}
@@ -172,7 +173,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         self, params: Params, optimizers: Optimizers, state: Dict[str, Any], step: int, info: Dict[str, Any]
     ) -> None:
         if "means2d" not in info:
-            raise ValueError("info: means2d wanted, as gsplat's rasterization() returns it")
+            raise ValueError("info: expected means2d, as returned by gsplat's rasterization()")
         info["means2d"].retain_grad()
 
     @torch.no_grad()
@@ -186,7 +187,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         packed: bool = False,
         scene: Any = None,
     ) -> None:
-        """scene: gsplat 1.6's, which keeps what is beside the parameters of Gaussians."""
+        """scene: gsplat 1.6's scene object, which keeps data beside the parameters of Gaussians."""
         if not self._views:
             raise ValueError("no views to score: call score_on(views) before training")
         iteration = step + 1
@@ -208,18 +209,18 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
             ops.reset_opa(params=params, optimizers=optimizers, state=state, value=2 * self.prune_opa)
 
     def _rows(self, params: Params) -> Shard:
-        """Which Gaussians are held here."""
+        """The Gaussians that this process holds."""
         n = params["means"].shape[0]
         if self._shard is None:
             self._shard = Shard.dealt(n, Processes(), params["means"].device)
         elif self._shard.ids.shape[0] != n:
-            raise ValueError("params: %d Gaussians, but %d came of this strategy's own growth; what else adds or removes some?"
+            raise ValueError("params: %d Gaussians, but expected %d from this strategy; does other code add or remove some?"
                              % (n, self._shard.ids.shape[0]))
         return self._shard
 
     def _shared(self, params: Params) -> SharedAdapter:
         shard = self._rows(params)
-        several = shard.processes.count > 1  # one holds its rows in the order of ids
+        several = shard.processes.count > 1  # a single process holds its rows in the order of their ids
         return SharedAdapter(self.adapter(), shard if several else None, shard.processes, self.max_gaussians)
 
     def _at(self, published: int) -> int:
@@ -236,9 +237,9 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         if means2d.grad is None:
             raise ValueError("info: means2d without a gradient: call step_pre_backward before backward, and "
                              "step_post_backward after it")
-        if radii.dim() == means2d.dim():  # gsplat since 1.5: a radius an axis
+        if radii.dim() == means2d.dim():  # gsplat since 1.5: one radius per axis
             radii = radii.amin(dim=-1)
-        # To NDC units, of the loss of one camera.
+        # To NDC units, for the loss of one camera.
         half = [0.5 * info["n_cameras"] * info[size] for size in ("width", "height")]
 
         def add(name: str, values: torch.Tensor) -> None:
@@ -246,7 +247,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
                 state[name] = torch.zeros(n, device=values.device)
             if packed:
                 state[name].index_add_(0, info["gaussian_ids"], values)
-            else:  # by a mask: picking would wait for a GPU to learn how many there are
+            else:  # a mask, since indexing would synchronize with the GPU to get the number of rows
                 state[name] += values.masked_fill(radii <= 0, 0).sum(dim=0)
 
         for name, gradient in (("grad2d", means2d.grad), ("absgrad2d", getattr(means2d, "absgrad", None))):
@@ -255,7 +256,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         add("count", torch.ones(means2d.shape[:-1], device=means2d.device))
 
     def _apply_pending(self, params: Params, optimizers: Optimizers) -> None:
-        """Steps with what has accumulated: the parameters that follow are new ones, without gradients."""
+        """Applies the accumulated gradients, which would be lost when the parameters are replaced."""
         for name, optimizer in optimizers.items():
             if params[name].grad is not None and type(optimizer).__name__ not in _OF_ONE_VIEW:
                 optimizer.step()
@@ -278,7 +279,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         truth = self._truths.get(index)
         if truth is None:
             truth = as_bytes(view.image.permute(2, 0, 1)).to(device).contiguous()
-            if self._lists_views:  # a data set may crop each time anew
+            if self._lists_views:  # a data set may return a new crop each time
                 self._truths[index] = truth
         height, width = truth.shape[1:]
         bands = 1 + params["shN"].shape[1]
@@ -360,7 +361,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
 
     @staticmethod
     def _children(params: Params, mask: torch.Tensor, shard: Shard, iteration: int, seed: int) -> torch.Tensor:
-        """[2 n, 3] places for the children of split Gaussians, drawn by their ids: the same in any process."""
+        """[2 n, 3] means of the children of split Gaussians; the random draws depend on ids, not on the process."""
         parents = torch.where(mask)[0].repeat(2)
         turn = torch.nn.functional.normalize(params["quats"][parents], dim=-1)
         away = shard.normal(seed, iteration, 3)[-parents.shape[0]:] * torch.exp(params["scales"][parents])

@@ -16,7 +16,7 @@ _F32 = torch.float32
 
 
 def as_bytes(image: torch.Tensor, name: str = "truth") -> torch.Tensor:
-    """An image as the scores keep it: uint8 as it is; float32 in [0, 1] rounded to 8 bit, which is exact for photos."""
+    """Converts an image to uint8 for the scores. float32 in [0, 1] is rounded, which is exact for 8-bit photos."""
     if isinstance(image, torch.Tensor) and image.dtype == torch.uint8:
         return image
     check(image, name, _F32, (3, "H", "W"))
@@ -35,9 +35,9 @@ def _truth(place: Place, truth: torch.Tensor, valid: Optional[torch.Tensor], h: 
 def flag_errors(
     render: torch.Tensor, truth: torch.Tensor, valid: Optional[torch.Tensor] = None, tau: float = 0.1
 ) -> Tuple[torch.Tensor, torch.Tensor]:
-    """Pixels of large min-max normalised error (paper eqs. 6-8).
+    """Flags pixels whose min-max normalized error exceeds tau (paper eqs. 6-8).
 
-    render [3,H,W] float32; truth [3,H,W] uint8, or float32 in [0, 1]; valid bool or uint8 [H,W]: pixels that count.
+    render [3,H,W] float32; truth [3,H,W] uint8, or float32 in [0, 1]; valid bool or uint8 [H,W]: valid pixels.
     Returns flagged, bool [H,W], and the error, float32 [H,W].
     """
     check(render, "render", _F32, (3, "H", "W"))
@@ -69,9 +69,9 @@ class Loss(NamedTuple):
 def photometric_loss(
     render: torch.Tensor, truth: torch.Tensor, valid: Optional[torch.Tensor] = None, lambda_dssim: float = 0.2
 ) -> Loss:
-    """(1−λ)·L1 + λ·(1−SSIM) of a view as the scores weigh it (paper eq. 10); no gradient. Shapes as flag_errors.
+    """View loss (1−λ)·L1 + λ·(1−SSIM) that weights the scores (paper eq. 10); no gradient. Shapes as in flag_errors.
 
-    The values are Python's: this waits for a GPU.
+    Returns Python floats, so it synchronizes with the GPU.
     """
     check(render, "render", _F32, (3, "H", "W"))
     place = Place(render, "render")
@@ -122,7 +122,7 @@ def fused_ssim(img1: torch.Tensor, img2: torch.Tensor, padding: str = "same", tr
     padding: "same" (zeros around the image) or "valid" (only windows within it). train=False: value only.
     """
     if padding not in ("same", "valid"):
-        raise ValueError('padding: "same" or "valid" wanted, %r given' % (padding,))
+        raise ValueError('padding: expected "same" or "valid", got %r' % (padding,))
     check(img1, "img1", _F32, ("B", "C", "H", "W"))
     check(img2, "img2", _F32, tuple(img1.shape))
     result: torch.Tensor = _Ssim.apply(img1, img2, padding == "valid", train)
@@ -130,7 +130,7 @@ def fused_ssim(img1: torch.Tensor, img2: torch.Tensor, padding: str = "same", tr
 
 
 def importance_scores(counts: torch.Tensor, views: int) -> torch.Tensor:
-    """s⁺, int64 [N] (paper eq. 9). counts: int64 [N], sums over the views."""
+    """s⁺, int64 [N] (paper eq. 9). counts: int64 [N], flagged pixels summed over the views."""
     check(counts, "counts", torch.int64, ("N",))
     place = Place(counts, "counts")
     scores = torch.empty_like(counts, memory_format=torch.contiguous_format)
@@ -193,7 +193,7 @@ def keep_weighted_sample(
 
 
 def keep_largest(priorities: torch.Tensor, keep: int, candidates: torch.Tensor) -> torch.Tensor:
-    """bool [N]: the `keep` candidates (bool [N]) of the largest priority (float32 [N]); ties to the lower index."""
+    """bool [N]: the `keep` candidates (bool [N]) with the largest priority (float32 [N]); ties: lower index."""
     check(priorities, "priorities", _F32, ("N",))
     place, kept = Place(priorities, "priorities"), _mask(candidates, "candidates", priorities.shape[0])
     place.call(
@@ -207,7 +207,7 @@ def keep_largest(priorities: torch.Tensor, keep: int, candidates: torch.Tensor) 
 
 
 def spare_one(priorities: torch.Tensor, removals: torch.Tensor) -> torch.Tensor:
-    """bool [N]: the removals (bool [N]); if these are all, the one of the largest priority (float32 [N]) is spared."""
+    """bool [N]: the removals (bool [N]); if these are all, that of the largest priority (float32 [N]) is kept."""
     check(priorities, "priorities", _F32, ("N",))
     place, kept = Place(priorities, "priorities"), _mask(removals, "removals", priorities.shape[0])
     place.call(
@@ -242,9 +242,9 @@ def adam_step(
     betas: Tuple[float, float] = (0.9, 0.999),
     eps: float = 1e-15,
 ) -> None:
-    """One Adam step in place, as torch.optim.Adam's; the gradients are zero afterwards.
+    """One Adam step in place, as in torch.optim.Adam; the gradients are zeroed.
 
-    All float32, contiguous, of one shape (1 to 4 dimensions). step: number of this step, from 1.
+    All tensors are float32, contiguous, of one shape (1 to 4 dimensions). step: number of this step, from 1.
     """
     check(values, "values", _F32, tuple(values.shape))
     place = Place(values, "values")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When things happen in a run of any length. No torch needed."""
+"""Scales the schedule of the published run to runs of any length. Does not need torch."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PUBLISHED_ITERATIONS = 30000
 
 
 class StepIntervals(NamedTuple):
-    """How often a parameter group steps in each of three phases; their ends are of the published run."""
+    """Step intervals of a parameter group in each of three phases; their ends refer to the published run."""
 
     early: int = 1
     middle: int = 1
@@ -23,7 +23,7 @@ class StepIntervals(NamedTuple):
 
 
 def steps_at(intervals: StepIntervals, iteration: int, total: int) -> bool:
-    """Whether a group of these intervals steps at this iteration (from 1) of a run of `total`."""
+    """Whether a group with these intervals steps at this iteration (from 1) of a run of `total`."""
     steps = ctypes.c_int32()
     lib.call("sb_steps_at", ctypes.byref(lib.StepIntervals(*intervals)), iteration, total, ctypes.byref(steps))
     return bool(steps.value)
@@ -37,7 +37,7 @@ def scaled_iteration(published: int, total: int, published_total: int = PUBLISHE
 
 
 def exponential_rate(initial: float, final: float, iteration: int, steps: int) -> float:
-    """Log-linear from `initial` at iteration 0 to `final` at `steps` and after."""
+    """Log-linear interpolation from `initial` at iteration 0 to `final` at `steps` and after."""
     rate = ctypes.c_double()
     lib.call("sb_exponential_rate", initial, final, iteration, steps, ctypes.byref(rate))
     return float(rate.value)

@@ -31,7 +31,7 @@ for (const frame of document.querySelectorAll("iframe"))
 
 
 class _Shown:
-    """A model on a page of its own."""
+    """One model on its own page."""
 
     def __init__(self, model: str, label: str, host: str, port: int, small: bool):
         import viser
@@ -47,9 +47,9 @@ class _Shown:
         self._eye: Any = None
         self._near = 0.0
         self.up: Any = None
-        self._frusta: List[Tuple[Any, Any]] = []  # with their positions
+        self._frusta: List[Tuple[Any, Any]] = []  # (frustum, camera position)
         self._lock = threading.Lock()
-        with contextlib.redirect_stdout(io.StringIO()):  # its banner names ports that are not the page's
+        with contextlib.redirect_stdout(io.StringIO()):  # hides its banner, whose port is not that of our page
             self.server = viser.ViserServer(host=host, port=port, label="SplatBoost: " + label, verbose=False)
         self.port = int(self.server.get_port())
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
@@ -64,24 +64,24 @@ class _Shown:
         self._boxes.on_update(lambda _: self._show_frusta())
 
     def _show_frusta(self) -> None:
-        """All but those that one looks out of."""
+        """Shows all camera frusta except those near the viewpoint."""
         for frustum, position in self._frusta:
             frustum.visible = bool(self._boxes.value and ((position - self._eye) ** 2).sum() > self._near**2)
 
     def reload(self, waits: bool) -> bool:
-        """Shows the newest model if it is not shown yet; whether it was. waits: a file that is not there or still grows is for
-        later; otherwise it is a ModelError."""
+        """Shows the newest model if it is not shown yet; returns whether it did. waits: if the file is missing or still
+        growing, return and try again later instead of raising ModelError."""
         from . import _models
 
         path = _models.newest_model(self.model)
         if path is None:
             if waits:
                 return False
-            raise _models.ModelError("%s: holds no model: wanted a .ply, or a folder with point_cloud/iteration_N/point_cloud.ply "
-                                     "(--live waits for it)" % self.model)
+            raise _models.ModelError("%s: contains no model: expected a .ply, or a folder with "
+                                     "point_cloud/iteration_N/point_cloud.ply (--live waits for it)" % self.model)
         try:
             status = os.stat(path)
-        except OSError as e:  # a training took the folder over
+        except OSError as e:  # a training run replaced the folder
             if waits:
                 return False
             raise _models.ModelError("%s: %s" % (path, e.strerror))
@@ -107,7 +107,7 @@ class _Shown:
         return True
 
     def _set_cameras(self, gaussians: Any) -> None:
-        """Where the first look is from, what is up, and the frusta."""
+        """Sets the initial viewpoint and up direction, and adds the camera frusta."""
         import numpy as np
         import viser.transforms
 
@@ -118,13 +118,13 @@ class _Shown:
         if cameras:
             first = next((c for c in cameras if c.split != "train"), cameras[0])
             up = -np.mean([c.rotation[:, 1] for c in cameras], axis=0)
-            if np.linalg.norm(up) < 1e-3:  # cameras all around
+            if np.linalg.norm(up) < 1e-3:  # no common up direction
                 up = -first.rotation[:, 1]
             places = np.array([c.position for c in cameras])
             reach = max(float(np.linalg.norm(places - places.mean(axis=0), axis=1).max()), 1e-3)
         else:
             spread = float(np.median(np.linalg.norm(gaussians.means - middle, axis=1)))
-            up, reach = np.array([0.0, -1.0, 0.0]), max(spread, 1e-3)  # COLMAP's y is down, more or less
+            up, reach = np.array([0.0, -1.0, 0.0]), max(spread, 1e-3)  # COLMAP's y axis points roughly down
         start = self.server.initial_camera
         self.up = up / np.linalg.norm(up)
         self.server.scene.set_up_direction(self.up)
@@ -155,7 +155,7 @@ class _Shown:
 
     @staticmethod
     def _target(camera: Any, middle: Any, reach: float) -> Any:
-        """The point of a camera's axis to orbit around: where it is nearest to the middle of the scene."""
+        """The point to orbit around: on the camera's optical axis, nearest to the centre of the scene."""
         ahead = camera.rotation[:, 2]
         return camera.position + max(float(ahead @ (middle - camera.position)), 0.2 * reach) * ahead
 
@@ -179,35 +179,35 @@ class _Shown:
             if self._splats is not None and len(self._splats.buffer) == len(colors) and self._drawn is gaussians:
                 self._splats.rgbs = colors
                 return
-            # Viser keeps covariances in half precision.
+            # Viser stores covariances in half precision.
             covariances = np.clip(gaussians.covariances, -6e4, 6e4)
             self._splats = self.server.scene.add_gaussian_splats("/model", gaussians.means, covariances, colors, opacities)
             self._drawn = gaussians
 
     def look_from(self, eye: Any) -> None:
-        """Colours as from this point: Gaussians change theirs with the direction."""
+        """Updates the view-dependent colors for this viewpoint."""
         self._eye = eye
         self._draw()
         self._show_frusta()
 
 
 class _Linked:
-    """Moves the cameras of all pages with the one that a user moves, and lets colours follow when it rests."""
+    """Synchronizes the cameras of all pages; colors are updated once the camera stops moving."""
 
-    #: seconds after which a page that was told where to go has its say even if it did not get there
+    #: seconds after which a page's own camera updates count again, even if it never reported the pose it was sent
     PATIENCE = 10.0
 
     def __init__(self, shown: Sequence[_Shown]):
         self._shown = shown
-        self._pose: Any = None  # position, look_at, up and field of view that all should have
-        self._told: Dict[Any, Tuple[float, Any]] = {}  # by client: when it was told to go where, until it reports that it is there
+        self._pose: Any = None  # position, look_at, up and field of view shared by all pages
+        self._told: Dict[Any, Tuple[float, Any]] = {}  # client → (time, position) sent, until it arrives
         self._lock = threading.Lock()
         self._latest = 0
         for one in shown:
             one.server.on_client_connect(self._follow)
 
     def _follow(self, client: Any) -> None:
-        """Puts a new page where the others are. What a page reports before it is there is where it was, and moves none."""
+        """Moves a new page to the shared pose. Poses that it reports before it arrives are old, and are ignored."""
         with self._lock:
             if self._pose is None:
                 start = self._shown[0].server.initial_camera
@@ -245,13 +245,13 @@ class _Linked:
                     if other is not client:
                         self._tell(other)
         time.sleep(0.15)
-        if turn == self._latest:  # it rests
+        if turn == self._latest:  # no movement since
             for one in self._shown:
                 one.look_from(eye)
 
 
 def _models_of(given: List[str]) -> List[Tuple[str, str]]:
-    """(model, label) of what the user named: one or two models, or a comparison's folder."""
+    """(model, label) of the user's arguments: one or two models, or a folder of `splatboost compare`."""
     from ._models import ModelError
 
     for name in given:
@@ -268,16 +268,16 @@ def _models_of(given: List[str]) -> List[Tuple[str, str]]:
 class Viewer:
     """The pages of one or two models.
 
-    models   model folders or .ply files; one folder of `splatboost compare` is two
-    live     shows a model again when its file changes, and waits for one that is not there yet
-    port     of the page; the pages of two models take the next ones too
+    models   model folders or .ply files; a folder of `splatboost compare` stands for two models
+    live     reloads a model when its file changes, and waits for a model that does not exist yet
+    port     of the page; with two models, their pages use the next two ports
     """
 
     def __init__(self, models: List[str], live: bool = False, host: str = "127.0.0.1", port: int = 8080):
         self._live = live
         named = _models_of(models)
         self._page: Optional[http.server.ThreadingHTTPServer] = None
-        if len(named) == 2:  # first: it refuses a port that is taken
+        if len(named) == 2:  # first, because it fails if the port is in use
             self._page = http.server.ThreadingHTTPServer((host, port), http.server.BaseHTTPRequestHandler)
         self.shown: List[_Shown] = []
         try:
@@ -299,7 +299,7 @@ class Viewer:
     @staticmethod
     def _wait_for_whole(one: _Shown) -> None:
         one.reload(waits=True)
-        one.reload(waits=True)  # a file is settled when two looks at it agree
+        one.reload(waits=True)  # a file is complete once two checks agree
 
     def _serve_page(self, page: http.server.ThreadingHTTPServer) -> None:
         frames = "".join('<section><h1>%s</h1><iframe title="%s" data-port="%d"></iframe></section>'
@@ -322,7 +322,7 @@ class Viewer:
         threading.Thread(target=page.serve_forever, daemon=True).start()
 
     def refresh(self) -> bool:
-        """Looks for changed files; whether there was one. Of a live page."""
+        """Reloads changed files of a live page; returns whether there was one."""
         return any([one.reload(waits=True) for one in self.shown])
 
     def stop(self) -> None:
@@ -337,12 +337,13 @@ class Viewer:
 def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m splatboost view", description="Shows a trained model in a browser.",
-        epilog="Drag to orbit, wheel to come nearer, right button to move; click on a camera's frustum to look through it. "
+        epilog="Drag to orbit, wheel to zoom, right button to move; click on a camera's frustum to look through it. "
                "example: python -m splatboost view OUT   (of splatboost compare: both models side by side)")
     parser.add_argument("models", metavar="MODEL", nargs="+",
                         help="model folder, .ply file, or a folder of splatboost compare; two are shown side by side")
-    parser.add_argument("--live", action="store_true", help="show the model again whenever it was saved, during training")
-    parser.add_argument("--port", metavar="N", type=int, default=8080, help="of the page; two models take the next two too [8080]")
+    parser.add_argument("--live", action="store_true", help="reload the model whenever it is saved during training")
+    parser.add_argument("--port", metavar="N", type=int, default=8080,
+                        help="port of the page; two models also use the next two ports [8080]")
     parser.add_argument("--host", metavar="ADDRESS", default="127.0.0.1",
                         help="0.0.0.0 shows it to other machines too [127.0.0.1, this one only]")
     given = parser.parse_args(arguments)
@@ -363,7 +364,7 @@ def main(arguments: Sequence[str]) -> int:
         print("splatboost view: %s" % e, file=sys.stderr)
         return 2
     except OSError as e:
-        print("splatboost view: port %d of %s: %s; --port takes another one" % (given.port, given.host, e.strerror or e),
+        print("splatboost view: port %d of %s: %s; choose another --port" % (given.port, given.host, e.strerror or e),
               file=sys.stderr)
         return 2
     print("open %s in a browser; Ctrl-C ends" % viewer.url, flush=True)

@@ -18,7 +18,7 @@ namespace splatboost {
 namespace {
 
 constexpr std::size_t kGrain = 4096;
-constexpr float kLogitTenth = -2.1972246f;  // opacity of an anchor in files; nothing reads it
+constexpr float kLogitTenth = -2.1972246f;  // opacity of an anchor in files; not read by anything
 constexpr const char* kNetsFile = "nets.bin";
 
 }  // namespace
@@ -73,7 +73,7 @@ int AnchorBackbone::at(int published) const {
 
 void AnchorBackbone::set_anchors(std::span<const float> positions, std::span<const float> log_sizes) {
   const std::size_t given = positions.size() / 3;
-  require(given > 0, "the scene has no point to put an anchor at; give it a point cloud");
+  require(given > 0, "the scene has no points to place anchors at; add a point cloud to the dataset");
   const std::size_t n = context_.max_primitives > 0 ? std::min(given, context_.max_primitives) : given;
   std::vector<float> scaling;
   std::vector<std::uint8_t> dropped(given, 1);
@@ -102,7 +102,7 @@ void AnchorBackbone::activate() {
   scales_.ensure(scaling_.values.size());
   if (device_.is_cuda()) {
     exponentials(scaling_.values, scales_, device_);
-  } else {  // by the function that the nets' kernels have: the same bytes with every instruction set
+  } else {  // smooth_exp, as in the nets' kernels: the same result with every instruction set
     const std::vector<float>& logarithms = scaling_.values.host();
     std::vector<float>& scales = scales_.host();
     context_.threads.for_range(scales.size(), kGrain, [&](std::size_t begin, std::size_t end) {
@@ -128,7 +128,7 @@ void AnchorBackbone::use_embedding_of(const View* view) {
     view_embedding_ = embedding_.values.span().subspan(width * *row, width);
     return;
   }
-  // A view that training did not see has no embedding of its own: the mean of all is the neutral one.
+  // A view that is not a training view has no embedding; the mean of all is the neutral one.
   if (mean_embedding_.empty()) {
     std::vector<float> copy, mean(width, 0.0f);
     const std::span<const float> rows = embedding_.values.on_host(copy);
@@ -141,7 +141,7 @@ void AnchorBackbone::use_embedding_of(const View* view) {
 
 void AnchorBackbone::decode(const Camera& camera, bool ahead) {
   activate();
-  const std::span<const std::uint8_t> usable = usable_anchors(camera);  // may forget_views(), so it comes first
+  const std::span<const std::uint8_t> usable = usable_anchors(camera);  // first, because it may call forget_views()
   decoded_ = &view_.decode(camera, decoder_inputs(), usable, ahead);
 }
 
@@ -173,7 +173,7 @@ std::size_t AnchorBackbone::bytes_per_primitive() const {
   const std::size_t trained = 4 * (3 * slots + shape_.features + 6) * sizeof(float);  // values, gradients, two moments
   const std::size_t gathered = slots * (2 * sizeof(float) + 32);                      // statistics and scores
   const std::size_t decoded = (3 * shape_.features + outputs) * sizeof(float);
-  // In photos of rooms and streets a quarter of all slots was drawn where a view saw most.
+  // In photos of rooms and streets the view that saw most drew a quarter of all slots.
   return trained + gathered + decoded + slots * (drawn_memory_bytes() + 30 * sizeof(float)) / 4;
 }
 
@@ -190,7 +190,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
 
   const auto lambda = static_cast<float>(config_.lambda_dssim);
   const TruthImage truth = truths_.of(view);
-  // The run ends with the loss of its end.
+  // In the last iteration wait for the loss, so that the run reports the final one.
   const bool last = iteration == context_.iterations;
   const PhotometricLoss loss = last ? photometric_.evaluate(image_, truth, lambda, image_gradient_)
                                     : photometric_.evaluate_ahead(image_, truth, lambda, image_gradient_);
@@ -270,7 +270,7 @@ void AnchorBackbone::change_anchors() {
   statistics_.slots_seen_over(0.5 * anchor_views, judged_);
   growing_.assign(judged_.size(), 0);
   choose_growing(mean_gradients_, judged_, growing_);
-  anchors_changed_ = true;  // side rows may have
+  anchors_changed_ = true;  // choose_growing() may change side rows
   if (density_ != nullptr) {
     const DensityStatistics known{moment(), context_.scene.extent, mean_gradients_, {}, {}, {}};
     GrowDecisions decisions{growing_, {}};
@@ -278,7 +278,7 @@ void AnchorBackbone::change_anchors() {
   }
   grow(mean_gradients_, growing_);
 
-  // Which slots start again is decided by what was seen, not by what grew: a gate on growth must not disturb it.
+  // Reset the slots that were judged, not those that grew: a density hook must not change this.
   statistics_.restart_slots(judged_);
   statistics_.faint_anchors(anchor_views, config_.min_opacity, removed_);
   statistics_.restart_anchors_seen_over(anchor_views);
@@ -305,7 +305,7 @@ std::size_t AnchorBackbone::append_anchors(std::span<const float> positions, flo
   const auto added = static_cast<std::size_t>(std::count(kept.begin(), kept.end(), std::uint8_t{1}));
   if (added == 0) return 0;
   const std::size_t first = primitives();
-  // All or none: where memory is short the model stays whole.
+  // Reserve all groups first: if memory runs out, the model stays intact.
   for (TrainedGroup* group : anchor_groups()) group->reserve_rows(first + added);
   statistics_.reserve(first + added);
   const Array<std::uint32_t> any(device_, std::vector<std::uint32_t>(added, 0));
@@ -404,7 +404,7 @@ std::uint64_t AnchorBackbone::export_model(const std::filesystem::path& folder) 
   for (std::size_t i = 0; i < primitives(); ++i) {
     std::vector<float>& out = table.values;
     out.insert(out.end(), &positions_[3 * i], &positions_[3 * i] + 3);
-    out.insert(out.end(), 3, 0.0f);  // normals: the layout has them, nobody fills them
+    out.insert(out.end(), 3, 0.0f);  // normals: part of the layout, unused
     for (const SideRow& row : side_rows_) out.push_back((*row.values)[i]);
     const float* offset = &offsets[3 * k * i];
     for (std::size_t c = 0; c < 3; ++c) {  // the layout's order: all x, all y, all z
@@ -432,7 +432,7 @@ std::uint64_t AnchorBackbone::export_model(const std::filesystem::path& folder) 
 void AnchorBackbone::import_model(const std::filesystem::path& folder) {
   const FloatTable table = read_float_ply(folder / "point_cloud.ply", model_columns());
   const std::size_t k = shape_.offsets, width = table.names.size(), n = table.rows();
-  require(n > 0, (folder / "point_cloud.ply").string() + ": holds no anchor");
+  require(n > 0, (folder / "point_cloud.ply").string() + ": contains no anchors");
   positions_.clear();
   std::vector<float> offsets(3 * k * n), features, scaling;
   for (const SideRow& row : side_rows_) row.values->resize(n);
@@ -456,11 +456,11 @@ void AnchorBackbone::import_model(const std::filesystem::path& folder) {
   for (TrainedGroup* group : groups_) {
     if (group->width != 1 && group != &embedding_) continue;
     std::vector<float> values = archive.floats(group->name);
-    // A model may be shown with other views than it was trained on: they need no embedding of their own.
+    // A model may be rendered with other views than those of training, so the number of embeddings may differ.
     const bool fits = group == &embedding_ ? !values.empty() && values.size() % group->width == 0
                                            : values.size() == group->values.size();
     require(fits, archive.path().string() + ": " + group->name +
-                      " is not of the size that the settings give; use the config.json that the model came with");
+                      " does not have the size given by the settings; use the config.json of this model");
     group->assign(std::move(values));
   }
   for (const Constant& constant : constants_) {
@@ -469,7 +469,7 @@ void AnchorBackbone::import_model(const std::filesystem::path& folder) {
     *constant.value = value[0];
   }
   statistics_.reset(n);
-  iteration_ = context_.iterations;  // a finished model: all levels are open
+  iteration_ = context_.iterations;  // a finished model: all levels are in use
   mean_embedding_.ensure(0);
   stale_ = anchors_changed_ = true;
 }
@@ -489,7 +489,7 @@ void AnchorBackbone::save(ArchiveWriter& archive) const {
 void AnchorBackbone::load(ArchiveReader& archive) {
   if (archive.text("anchors.config") != config().dump()) {
     throw InputError(archive.path().string() +
-                     ": the checkpoint was made with other backbone constants; continue with the same --config");
+                     ": the checkpoint was made with a different backbone config; continue with the same --config");
   }
   positions_ = archive.floats("anchors.positions");
   const std::size_t n = primitives();
@@ -510,7 +510,7 @@ void AnchorBackbone::load(ArchiveReader& archive) {
     if (value.size() == 1) *constant.value = value[0];
   }
   fits = statistics_.load(archive, n) && fits;
-  if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
+  if (!fits) throw InputError(archive.path().string() + ": tensor sizes do not match; the checkpoint is damaged");
   iteration_ = static_cast<int>(archive.integer("anchors.iteration"));
   mean_embedding_.ensure(0);
   stale_ = anchors_changed_ = true;

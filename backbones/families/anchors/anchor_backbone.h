@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Training of anchors: what Scaffold-GS and Octree-GS have in common. A backbone of this kind says where anchors
-/// sit at the start, which of them a view may use, and where new ones grow.
+/// @file Base class for training anchors: the common part of Scaffold-GS and Octree-GS. A derived backbone defines the
+/// initial anchors, which of them a view may use, and where new ones grow.
 #pragma once
 
 #include <array>
@@ -21,11 +21,11 @@
 
 namespace splatboost {
 
-/// Positions of anchors never move: their published learning rate is 0. A primitive of the program is an anchor; one of
-/// the hooks is a slot, anchor·k + offset.
+/// Anchor positions are not trained: their published learning rate is 0. The program counts anchors as primitives; for
+/// hooks a primitive is a slot, with index anchor·k + offset.
 ///
-/// Tensors lie in memory of the device. Positions and side rows, which change with growth only, are of the host, and so
-/// is all that growth decides.
+/// Tensors are in device memory. Positions and side rows change in growth only and are in host memory; growth is
+/// decided on the host.
 class AnchorBackbone : public Backbone {
  public:
   double train_step(int iteration, const View& view) override;
@@ -51,57 +51,59 @@ class AnchorBackbone : public Backbone {
   const StageClock& stages() const override { return clock_; }
 
  protected:
-  /// A number that an anchor has besides its parameters: its name in files, and its values [N].
+  /// A per-anchor value besides the parameters: its name in files, and the values [N].
   struct SideRow {
     std::string name;
     std::vector<float>* values;
   };
-  /// A number of the whole model that files must keep.
+  /// A scalar of the model that is stored in files.
   struct Constant {
     std::string name;
     float* value;
   };
 
-  /// @param published_iterations length of the run that the constants are of
+  /// @param published_iterations length of the published run, to which iterations in `config` refer
   AnchorBackbone(const BackboneContext& context, const AnchorConfig& config, const DecoderShape& shape,
                  int published_iterations);
 
-  /// Derived constructors call it once. Anchors of size exp(log_sizes[i]); a cap keeps an even subset of them.
+  /// To be called once by derived constructors. Anchor i gets size exp(log_sizes[i]); a cap keeps an even subset.
+  /// @param positions [N,3] @param log_sizes [N]
   void set_anchors(std::span<const float> positions, std::span<const float> log_sizes);
-  /// Rows that derived classes keep; they follow the anchors. Called before set_anchors().
+  /// Registers per-anchor values of a derived class, which are then kept in step with the anchors. To be called before
+  /// set_anchors().
   void add_side_row(SideRow row) { side_rows_.push_back(std::move(row)); }
   void add_constant(Constant constant) { constants_.push_back(std::move(constant)); }
 
-  /// Anchors, side rows or constants changed: what of them the device needs shall go there. Called before the next
-  /// view.
+  /// Called before the next view after anchors, side rows or constants changed: copies what the device needs of them
+  /// there.
   virtual void anchors_changed() {}
-  /// [N] zero where this view may not use an anchor, in memory of the device; empty: it may use all.
+  /// [N] zero where this view may not use an anchor, in device memory; empty: it may use all.
   virtual std::span<const std::uint8_t> usable_anchors(const Camera& camera) {
     (void)camera;
     return {};
   }
-  /// To be called before the first view of training that may use other shares of the anchors than those before.
+  /// See AnchorView::forget_views(). To be called when the share of usable anchors per view changes.
   void forget_views() { view_.forget_views(); }
-  /// [N] of DecoderShape::level, in memory of the device.
+  /// [N] levels for DecoderShape::level, in device memory.
   virtual std::span<const float> levels() const { return {}; }
-  /// The backbone's own rule: marks [N·k] the slots that grow. @param judged slots seen often enough
+  /// The backbone's own rule: marks the slots that grow, [N·k]. @param judged slots seen often enough
   virtual void choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,
                               std::span<std::uint8_t> growing) = 0;
-  /// Adds anchors from the slots that grow.
+  /// Adds anchors at the slots that grow.
   virtual void grow(std::span<const float> gradients, std::span<const std::uint8_t> growing) = 0;
 
-  /// Appends anchors, the most important first where the cap does not let all in. Side rows get zeros.
-  /// @param positions [C,3]; @param features [C,F]; @param importance [C]; @return how many: they are the last rows,
-  /// in the given order
+  /// Appends anchors; if the cap does not admit all, the most important ones. Side rows are zero.
+  /// @param positions [C,3]; @param features [C,F]; @param importance [C]
+  /// @return number of anchors added: they are the last rows, in the given order
   std::size_t append_anchors(std::span<const float> positions, float log_size, std::span<const float> features,
                              std::span<const float> importance);
   std::size_t slots_per_anchor() const { return shape_.offsets; }
   std::span<const float> positions() const { return positions_; }
-  /// The same in memory of the device.
+  /// The same in device memory.
   std::span<const float> positions_on_device() const;
 
-  // Within grow(), of what was there when it began:
-  /// World position of what a slot draws.
+  // Valid within grow(), for the anchors present when it was called:
+  /// World position of a slot's Gaussian.
   std::array<float, 3> slot_position(std::size_t slot) const;
   std::span<const float> anchor_feature(std::size_t anchor) const;
   int at(int published) const;
@@ -109,7 +111,7 @@ class AnchorBackbone : public Backbone {
   const BackboneContext& context() const { return context_; }
 
  private:
-  /// Operations of the renderer that adapters may call. Its primitives are slots.
+  /// Rasterizer operations that adapters may call. Primitives are slots.
   class SlotsHook final : public RasterizerHook {
    public:
     explicit SlotsHook(AnchorBackbone& owner) : owner_(owner) {}
@@ -125,7 +127,7 @@ class AnchorBackbone : public Backbone {
   };
 
   std::vector<TrainedGroup*> anchor_groups() { return {&offsets_, &features_, &scaling_}; }
-  /// A learning rate that falls over the run.
+  /// A learning rate that decays exponentially over the run.
   std::function<double(int)> falling(double initial, double final_value) const;
   void step_all();
   void parameters_moved();
@@ -157,20 +159,20 @@ class AnchorBackbone : public Backbone {
   int iteration_ = 0;
 
   std::vector<float> positions_;            ///< [N,3]
-  Array<float> device_positions_{device_};  ///< the same for a GPU, which they are copied to
-  // Names of the groups are Scaffold-GS's.
+  Array<float> device_positions_{device_};  ///< copy on a GPU
+  // Group names are those of Scaffold-GS.
   TrainedGroup offsets_, features_, scaling_, opacity_net_, cov_net_, color_net_, bank_net_;
-  TrainedGroup embedding_;             ///< a row a training view
-  std::vector<TrainedGroup*> groups_;  ///< of these, those that there are
+  TrainedGroup embedding_;             ///< one row per training view
+  std::vector<TrainedGroup*> groups_;  ///< those of the above in use
   std::vector<SideRow> side_rows_;
   std::vector<Constant> constants_;
 
-  bool stale_ = true;                       ///< parameters moved since activate()
-  bool anchors_changed_ = true;             ///< ... or the set of anchors, or what the host keeps of them
-  Array<float> scales_{device_};            ///< [N,6] exp of scaling
-  std::span<const float> view_embedding_;   ///< of the view that is being decoded
-  Array<float> mean_embedding_{device_};    ///< of views that training did not see; empty: not known
-  const ViewGaussians* decoded_ = nullptr;  ///< of the last decode()
+  bool stale_ = true;                       ///< parameters changed since activate()
+  bool anchors_changed_ = true;             ///< anchors, side rows or constants changed since activate()
+  Array<float> scales_{device_};            ///< [N,6] exp of scaling_
+  std::span<const float> view_embedding_;   ///< of the view being decoded
+  Array<float> mean_embedding_{device_};    ///< for views without their own; empty: not computed
+  const ViewGaussians* decoded_ = nullptr;  ///< result of the last decode()
   Array<float> image_{device_}, image_gradient_{device_}, screen_{device_};
   /// Gradients of the view's Gaussians.
   struct {
@@ -179,11 +181,11 @@ class AnchorBackbone : public Backbone {
                         Array<float>(device_)};
   TrainingTruths truths_{context_.scene, device_};
 
-  // Of growth, which is decided on the host.
+  // For growth, which is decided on the host.
   struct OnHost {
     std::vector<float> offsets, features, scales;
   };
-  OnHost on_host_;  ///< copies of a GPU's tensors
+  OnHost on_host_;  ///< copies of tensors in device memory
   std::vector<float> mean_gradients_;
   std::vector<std::uint8_t> judged_, growing_, removed_;
 };

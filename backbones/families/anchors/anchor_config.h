@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The constants that Scaffold-GS and Octree-GS share, with Scaffold-GS's values.
+/// @file Settings shared by Scaffold-GS and Octree-GS, with the values of Scaffold-GS.
 #pragma once
 
 #include <string>
@@ -8,8 +8,8 @@
 
 namespace splatboost {
 
-/// Iteration numbers are of the published run of the backbone and scale with the run's length. A rate that has an
-/// initial and a final value falls log-linearly over the run.
+/// Iterations are those of the backbone's published run; they scale with the length of the run. A rate with an initial
+/// and a final value decays log-linearly over the run.
 struct AnchorConfig {
   int feat_dim = 32;
   int n_offsets = 10;
@@ -33,19 +33,19 @@ struct AnchorConfig {
   double appearance_rate_initial = 0.05;
   double appearance_rate_final = 5e-4;
   double lambda_dssim = 0.2;
-  double volume_weight = 0.01;       ///< of the mean volume of the Gaussians in view, in the loss
-  double gradient_threshold = 2e-4;  ///< of the mean screen gradient of a slot, NDC units
-  /// Share of grow_interval that an anchor must have been in view to be judged; half of it for a slot.
+  double volume_weight = 0.01;       ///< loss weight of the mean volume of the Gaussians in view
+  double gradient_threshold = 2e-4;  ///< for the mean norm of a slot's screen gradient, NDC units
+  /// An anchor is judged after being in view for this share of grow_interval, a slot after half of it.
   double success_threshold = 0.8;
-  double min_opacity = 0.005;  ///< mean sum of an anchor's opacities below which it goes
-  double max_log_size = 0.05;  ///< logarithm of the bound of a Gaussian's size, held at every growth
+  double min_opacity = 0.005;  ///< anchors with a lower mean sum of opacities are pruned
+  double max_log_size = 0.05;  ///< upper limit of the log size bound of Gaussians, applied at every growth
   int statistics_from = 500;
   int grow_from = 1500;
   int grow_until = 15000;
-  int grow_interval = 100;  ///< not scaled: statistics need that many views
+  int grow_interval = 100;  ///< not scaled: the statistics need this many views
 };
 
-/// Calls visit(name, field) for every constant.
+/// Calls visit(name, field) for every setting.
 template <class Config, class Visit>
 void for_each_anchor_field(Config& c, Visit&& visit) {
   visit("feat_dim", c.feat_dim);
@@ -81,7 +81,7 @@ void for_each_anchor_field(Config& c, Visit&& visit) {
   visit("grow_interval", c.grow_interval);
 }
 
-/// Throws InputError on a value that no run can have. @param what "config of backbone scaffold-gs: "
+/// Throws InputError if a value is out of range. @param what prefix of the message, "config of backbone scaffold-gs: "
 inline void check_anchor_config(const AnchorConfig& c, const std::string& what) {
   require(c.feat_dim >= 4 && c.feat_dim <= 256 && c.feat_dim % 4 == 0,
           what + "feat_dim must be a multiple of 4 from 4 to 256");
@@ -92,7 +92,7 @@ inline void check_anchor_config(const AnchorConfig& c, const std::string& what) 
         c.opacity_net_rate_final, c.cov_net_rate_initial, c.cov_net_rate_final, c.color_net_rate_initial,
         c.color_net_rate_final, c.feat_bank_rate_initial, c.feat_bank_rate_final, c.appearance_rate_initial,
         c.appearance_rate_final}) {
-    require(rate > 0, what + "all rates must be above 0");
+    require(rate > 0, what + "all learning rates must be above 0");
   }
   require(c.lambda_dssim >= 0 && c.lambda_dssim <= 1, what + "lambda_dssim must lie in [0, 1]");
   require(c.volume_weight >= 0, what + "volume_weight must not be negative");

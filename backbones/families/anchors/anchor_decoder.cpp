@@ -8,13 +8,13 @@
 namespace splatboost {
 namespace {
 
-/// Anchors of a block: what they hold fits the second-level cache, and a view has enough blocks for many threads.
+/// Anchors per block: their data fits into the L2 cache, and a view has enough blocks for many threads.
 constexpr std::size_t kBlock = 256;
 constexpr std::size_t kGrain = 4096;
 
 }  // namespace
 
-/// Rows of one block. Kept a thread, so that blocks allocate nothing.
+/// Buffers for one block, kept per thread so that blocks do not allocate.
 template <class Real>
 struct AnchorDecoder<Real>::Scratch {
   std::vector<Real> mixed, x, hidden_gradient, x_gradient, feature_gradient;
@@ -24,7 +24,7 @@ struct AnchorDecoder<Real>::Scratch {
     thread_local Scratch scratch;
     return scratch;
   }
-  /// At least `size` values, whatever they are.
+  /// At least `size` values, uninitialised.
   static Real* room(std::vector<Real>& values, std::size_t size) {
     if (values.size() < size) values.resize(size);
     return values.data();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file From anchors to the Gaussians of one view and back (Scaffold-GS, Lu et al. 2024): each anchor in view offers k
-/// Gaussians, whose opacity, colour and shape three nets make of the anchor's feature and the direction of view.
+/// @file Decoding of anchors to the Gaussians of one view, and its backward pass (Scaffold-GS, Lu et al. 2024): each
+/// anchor in view has k Gaussians, whose opacities, colours and shapes are predicted by three MLPs from the anchor's
+/// feature and the viewing direction.
 #pragma once
 
 #include <array>
@@ -14,17 +15,17 @@
 
 namespace splatboost {
 
-/// What the nets are made of.
+/// Inputs and sizes of the nets.
 struct DecoderShape {
-  std::size_t features = 32;      ///< F of an anchor, and hidden width of every net
-  std::size_t offsets = 10;       ///< k, Gaussians that an anchor offers
+  std::size_t features = 32;      ///< F, width of an anchor's feature and of the nets' hidden layers
+  std::size_t offsets = 10;       ///< k, Gaussians per anchor
   std::size_t appearance = 0;     ///< size of a view's embedding, an input of the colour net; 0: none
-  bool opacity_distance = false;  ///< whether the nets are told the distance to the camera
+  bool opacity_distance = false;  ///< whether the distance to the camera is an input of the net
   bool covariance_distance = false;
   bool color_distance = false;
-  bool level = false;         ///< whether all nets are told the anchor's level
-  bool feature_bank = false;  ///< mixes three resolutions of the feature by view
-  bool bank_distance = true;  ///< whether the bank's net is told the distance
+  bool level = false;         ///< whether the anchor's level is an input of all nets
+  bool feature_bank = false;  ///< view-dependent mix of three resolutions of the feature
+  bool bank_distance = true;  ///< whether the distance is an input of the bank's net
 
   NetShape opacity() const { return {common(opacity_distance), features, offsets}; }
   NetShape covariance() const { return {common(covariance_distance), features, 7 * offsets}; }
@@ -35,19 +36,19 @@ struct DecoderShape {
   std::size_t common(bool distance) const { return features + 3 + std::size_t{distance} + std::size_t{level}; }
 };
 
-/// All that Gaussians are decoded from; views of the caller's memory.
+/// Inputs of the decoder; views of the caller's memory.
 template <class Real>
 struct DecoderInputs {
-  std::span<const Real> positions;  ///< [N,3] of the anchors, world
-  std::span<const Real> offsets;    ///< [N,k,3] in units of the anchor's own scales 0..2
+  std::span<const Real> positions;  ///< [N,3] of the anchors, world space
+  std::span<const Real> offsets;    ///< [N,k,3] in units of the anchor's scales 0..2
   std::span<const Real> features;   ///< [N,F]
-  std::span<const Real> scales;     ///< [N,6] activated: 0..2 scale the offsets, 3..5 bound the Gaussians' size
-  std::span<const Real> levels;     ///< [N] where DecoderShape::level, else empty
-  std::span<const Real> opacity_net, covariance_net, color_net, bank_net;  ///< parameters
-  std::span<const Real> embedding;                                         ///< [appearance] of this view
+  std::span<const Real> scales;     ///< [N,6] activated: 0..2 scale the offsets, 3..5 bound the Gaussians' scales
+  std::span<const Real> levels;     ///< [N] if DecoderShape::level, else empty
+  std::span<const Real> opacity_net, covariance_net, color_net, bank_net;  ///< parameters, see NetShape
+  std::span<const Real> embedding;                                         ///< [appearance] of the view
 };
 
-/// Gradients of the same; they are added to.
+/// Gradients with respect to DecoderInputs; they are added to.
 template <class Real>
 struct DecoderGradients {
   std::span<Real> offsets;
@@ -57,37 +58,37 @@ struct DecoderGradients {
   std::span<Real> embedding;
 };
 
-/// M Gaussians of a view, in the order of their slots. A slot is anchor·k + offset.
+/// M Gaussians of a view, in ascending order of their slots; a slot is anchor·k + offset.
 template <class Real>
 struct NeuralGaussians {
-  std::vector<Real> means, scales, rotations, opacities, colors;  ///< rotations of any length, opacities in (0, 1)
+  std::vector<Real> means, scales, rotations, opacities, colors;  ///< rotations not normalised, opacities in (0, 1)
   std::vector<std::uint32_t> slots;                               ///< [M] ascending
   std::size_t size() const { return slots.size(); }
 };
 
-/// Gradients with respect to the Gaussians, shapes as there.
+/// Gradients with respect to the Gaussians, of the same shapes.
 template <class Real>
 struct NeuralGaussianGradients {
   std::span<const Real> means, scales, rotations, opacities, colors;
 };
 
-/// Owns the workspace of one view; it grows and is kept, so that a steady loop allocates nothing. The same bytes for
-/// any number of threads: anchors are cut into blocks of fixed size, and their gradients of the nets are summed in
-/// order.
+/// Owns the workspace of one view, which is reused, so that a steady loop does not allocate. Results do not depend on
+/// the number of threads: anchors are processed in blocks of fixed size, whose net gradients are summed in order.
 template <class Real>
 class AnchorDecoder {
  public:
   AnchorDecoder(const DecoderShape& shape, Threads& threads) : shape_(shape), threads_(threads) {}
 
-  /// Gaussians of the given anchors (ascending) as seen from `centre`: those slots whose opacity is above 0.
+  /// Decodes the given anchors (ascending) as seen from `centre`; slots with an opacity above 0 become Gaussians. The
+  /// result is valid until the next call.
   const NeuralGaussians<Real>& forward(const DecoderInputs<Real>& inputs, std::span<const std::uint32_t> anchors,
                                        const std::array<Real, 3>& centre);
 
-  /// Of the last forward(), whose inputs must be unchanged.
+  /// Backward pass of the last forward(); its inputs must be unchanged.
   void backward(const DecoderInputs<Real>& inputs, const NeuralGaussianGradients<Real>& given,
                 const DecoderGradients<Real>& gradients);
 
-  /// [V,k] opacities of all slots of the anchors of the last forward(), in (-1, 1).
+  /// [V,k] opacities of all slots of the anchors in the last forward(), in (-1, 1).
   std::span<const Real> all_opacities() const { return opacity_; }
 
  private:

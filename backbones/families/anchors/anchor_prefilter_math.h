@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Whether an anchor is in view, which every device decides alike.
+/// @file Visibility test of an anchor, shared by all devices.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace splatboost {
 
-/// A camera in the form that the test reads.
+/// Camera data for the test.
 struct AnchorScreen {
   explicit AnchorScreen(const Camera& view)
       : camera(make_projection_camera(view)), width(view.width), height(view.height) {}
@@ -19,7 +19,8 @@ struct AnchorScreen {
   int width, height;
 };
 
-/// Whether [mean ± radius] meets a tile of an axis of `size` pixels. 3DGS counts pixel centres at whole numbers.
+/// Whether [mean ± radius] overlaps a tile along an axis of `size` pixels. Subtracts 0.5 because pixel centres of 3DGS
+/// are at integers.
 SPLATBOOST_SHARED_MATH bool meets_tiles(float mean, float radius, int size) {
   const float tiles = static_cast<float>((size + kTileSize - 1) / kTileSize);
   const float first = std::floor((mean - 0.5f - radius) / kTileSize);
@@ -27,8 +28,8 @@ SPLATBOOST_SHARED_MATH bool meets_tiles(float mean, float radius, int size) {
   return std::clamp(first, 0.0f, tiles) < std::clamp(last, 0.0f, tiles);
 }
 
-/// Whether the 3σ square of an anchor's own ellipsoid meets a tile.
-/// @param position [3] @param scale [3] standard deviations along the world's axes
+/// Whether the 3σ square of an anchor's own ellipsoid overlaps a tile.
+/// @param position [3] @param scale [3] standard deviations along the world axes
 SPLATBOOST_SHARED_MATH bool sees_anchor(const AnchorScreen& screen, const float* position, const float* scale) {
   const ProjectionCamera& camera = screen.camera;
   const auto along = [&](const float* axis) {
@@ -40,7 +41,7 @@ SPLATBOOST_SHARED_MATH bool sees_anchor(const AnchorScreen& screen, const float*
   const float y = (along(camera.axis_y) + camera.translation[1]) / z;
   const float bounded_x = std::clamp(x, -camera.limit_x, camera.limit_x);
   const float bounded_y = std::clamp(y, -camera.limit_y, camera.limit_y);
-  // Rows of the Jacobian of the projection, times the standard deviations: covariance on screen is their Gram matrix.
+  // Rows of the projection's Jacobian times the standard deviations; their Gram matrix is the screen covariance.
   float row_x[3], row_y[3];
   for (int k = 0; k < 3; ++k) {
     row_x[k] = camera.fx / z * (camera.axis_x[k] - bounded_x * camera.axis_z[k]) * scale[k];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many anchors are in view is known to the device only, which the host does not wait for. So a view has more rows
-// than it needs: the anchors in view come first, behind them are rows of zeros, and slots of theirs that are not drawn.
+// The number of anchors in view is known on the device only, and the host does not wait for it. So a view has more rows
+// than needed: the anchors in view come first, then padding rows of zeros, whose slots are not drawn.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,7 +18,7 @@
 namespace splatboost::cuda {
 namespace {
 
-/// The places have one more than there are anchors: the last becomes the number of all that are in view.
+/// `places` has one entry more than there are anchors: after the prefix sum the last one is the number in view.
 __global__ void __launch_bounds__(kBlockThreads)
     anchors_in_view_kernel(AnchorScreen screen, DeviceView<const float> positions, DeviceView<const float> scales,
                            DeviceView<const std::uint8_t> usable, DeviceView<std::uint32_t> places) {
@@ -61,14 +61,14 @@ __global__ void __launch_bounds__(kBlockThreads)
   for (std::size_t c = 0; c < 4; ++c) views[4 * v + c] = view[c];
 }
 
-/// What the inputs of a net are made of. Columns: the feature, or nothing for the bank's net; the direction and, where
-/// it is told, the distance; the level; the view's embedding.
+/// Input columns of a net: the feature (not for the bank's net); the direction and, if used, the distance; the level;
+/// the view's embedding.
 struct InputColumns {
   DeviceView<const std::uint32_t> anchors;
   DeviceView<const float> features, views, bank, levels, embedding;
   std::size_t feature_width;  ///< 0 for the bank's net
   std::size_t view_width;     ///< 3, or 4 with the distance
-  std::size_t width;          ///< of all
+  std::size_t width;          ///< total
 
   __device__ float at(std::size_t v, std::size_t c) const {
     const std::size_t a = anchors[v];
@@ -103,7 +103,7 @@ __global__ void __launch_bounds__(kBlockThreads) softmax_kernel(DeviceView<float
   for (std::size_t c = 0; c < 3; ++c) bank[3 * v + c] = w[c];
 }
 
-/// Gaussians as they are written, a row a slot of an anchor in view.
+/// Output Gaussians, one row per slot of an anchor in view.
 struct OfferedGaussians {
   DeviceView<float> means, scales, rotations, opacities, colors, volumes;
   DeviceView<std::uint32_t> slots;
@@ -140,7 +140,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   out.volumes[i] = volume;
 }
 
-/// @param totals sum of the volumes, and how many there are
+/// @param totals sum of the volumes, and number of Gaussians drawn
 __global__ void __launch_bounds__(kBlockThreads)
     volume_gradient_kernel(float weight, DeviceView<const double> totals, DeviceView<const std::uint32_t> slots,
                            DeviceView<const float> scales, DeviceView<float> gradients) {
@@ -153,14 +153,15 @@ __global__ void __launch_bounds__(kBlockThreads)
   gradients[3 * i + 2] += share * x * y;
 }
 
-/// Gaussians' gradients as kernels read them.
+/// Gradients with respect to the Gaussians, as kernel arguments.
 struct GivenGradients {
   DeviceView<const float> means, scales, rotations, opacities, colors;
   explicit GivenGradients(const NeuralGaussianGradients<float>& g)
       : means(g.means), scales(g.scales), rotations(g.rotations), opacities(g.opacities), colors(g.colors) {}
 };
 
-/// From a slot's Gaussian to its offset, and to what the nets said. Each slot is in the view once.
+/// Gradients with respect to a slot's offset and to the outputs of the nets, from those of its Gaussian. Each slot
+/// occurs once in the view.
 __global__ void __launch_bounds__(kBlockThreads)
     slot_gradients_kernel(DeviceView<const std::uint32_t> slots, std::size_t k, GivenGradients given,
                           DeviceView<const float> sizes, DeviceView<const float> opacities,
@@ -186,7 +187,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   for (std::size_t c = 0; c < 4; ++c) by_shapes[7 * i + 3 + c] = drawn ? given.rotations[4 * i + c] : 0.0f;
 }
 
-/// One of the six log-scales of each anchor in view, from all its slots in their order.
+/// Gradient with respect to one of the six log scales of an anchor in view, summed over its slots in order.
 __global__ void __launch_bounds__(kBlockThreads)
     size_gradients_kernel(DeviceView<const std::uint32_t> anchors, DeviceView<const std::uint32_t> slots, std::size_t k,
                           GivenGradients given, DeviceView<const float> offsets, DeviceView<const float> sizes,
@@ -206,7 +207,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   by_log_sizes[6 * a + c] += sum;
 }
 
-/// Adds the first columns of a net's input gradient up over the nets.
+/// Sums the feature columns of the input gradients over the nets.
 __global__ void __launch_bounds__(kBlockThreads)
     add_by_features_kernel(DeviceView<const float> x_gradient, std::size_t inputs, std::size_t width, bool first,
                            DeviceView<float> by_mixed) {
@@ -216,7 +217,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   by_mixed[i] = first ? value : by_mixed[i] + value;
 }
 
-/// To the features of the anchors. @param bank empty where features are not mixed
+/// Gradients with respect to the anchors' features. @param bank empty if features are not mixed
 __global__ void __launch_bounds__(kBlockThreads)
     feature_gradients_kernel(DeviceView<const std::uint32_t> anchors, std::size_t width, DeviceView<const float> bank,
                              DeviceView<const float> by_mixed, DeviceView<float> by_features) {
@@ -229,7 +230,7 @@ __global__ void __launch_bounds__(kBlockThreads)
     by_features[width * a + c] += by_mixed[i];
     return;
   }
-  // The channels of the mix that this one is in: one a period of each resolution.
+  // Sum over the mixed channels that read this one: one per period of each resolution.
   float sum = bank[3 * v + 2] * by_mixed[i];
   const std::size_t quarter = width / 4, half = width / 2;
   if (c % 2 == 0) {
@@ -241,7 +242,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   by_features[width * a + c] += sum;
 }
 
-/// To what went into the softmax of the bank's weights.
+/// Gradients with respect to the inputs of the softmax of the bank's weights.
 __global__ void __launch_bounds__(kBlockThreads)
     bank_gradients_kernel(DeviceView<const std::uint32_t> anchors, std::size_t width, DeviceView<const float> features,
                           DeviceView<const float> bank, DeviceView<const float> by_mixed, DeviceView<float> by_bank) {
@@ -260,13 +261,13 @@ __global__ void __launch_bounds__(kBlockThreads)
   for (std::size_t i = 0; i < 3; ++i) by_bank[3 * v + i] = bank[3 * v + i] * (by_weight[i] - mean);
 }
 
-/// How many rows a view gets: half as many again as the views whose numbers are known needed at most, as a share of all
-/// anchors and as a number.
+/// Number of rows to allocate for a view: 1.5 times the largest need of the views with known numbers, where need is the
+/// larger of the share of all anchors and the absolute number.
 class RowsOfViews {
  public:
   explicit RowsOfViews(CudaStream& stream) : numbers_(stream) {}
 
-  /// @param in_view on the device: anchors in view @param anchors there are
+  /// @param in_view number of anchors in view, in device memory @param anchors number of all anchors
   std::size_t next(const std::uint32_t* in_view, std::size_t anchors, bool ahead) {
     if (numbers_.is_full()) note(numbers_.wait());
     numbers_.send(in_view);
@@ -275,7 +276,7 @@ class RowsOfViews {
     while (!ahead && !numbers_.is_empty()) note(numbers_.wait());
     if (ahead && known_ < forgotten_ + kViewsWithAll) return anchors;
     const double most = std::max(largest_share_ * static_cast<double>(anchors), static_cast<double>(largest_));
-    // Some to spare, in steps, so that few shapes of matrices occur.
+    // Rounded up to a multiple of kGrain with some to spare, so that few matrix shapes occur.
     const std::size_t rows = (static_cast<std::size_t>(kRoomFactor * most) / kGrain + 2) * kGrain;
     return std::min(anchors, rows);
   }
@@ -300,10 +301,10 @@ class RowsOfViews {
   }
 
   Readbacks<std::uint32_t, kMaxUnderWay> numbers_;
-  std::array<std::size_t, kMaxUnderWay> anchors_of_{};  ///< of the views whose numbers are under way
-  std::size_t sent_ = 0, known_ = 0;                    ///< numbers so far
-  std::size_t forgotten_ = 0;                           ///< the first of them say nothing of the views to come
-  double largest_share_ = 0;                            ///< of all anchors, in one view
+  std::array<std::size_t, kMaxUnderWay> anchors_of_{};  ///< of the views whose numbers are in transit
+  std::size_t sent_ = 0, known_ = 0;                    ///< counts of numbers
+  std::size_t forgotten_ = 0;                           ///< this many first numbers are ignored, see forget()
+  double largest_share_ = 0;                            ///< of all anchors, in any view
   std::uint32_t largest_ = 0;
 };
 
@@ -370,7 +371,7 @@ class WorkOnCuda final : public AnchorView::Work {
                 slots_.span(), scales_.span(), scale_gradients);
 
     const auto note = [&](const std::array<double, 2>& totals) {
-      if (!std::isfinite(newest_volume_loss_)) return;  // so that none of these is missed
+      if (!std::isfinite(newest_volume_loss_)) return;  // keep the first loss that is not finite
       newest_volume_loss_ = totals[1] > 0 ? weight * totals[0] / totals[1] : 0;
     };
     if (volume_losses_.is_full()) note(volume_losses_.wait());
@@ -455,7 +456,7 @@ class WorkOnCuda final : public AnchorView::Work {
     return made;
   }
 
-  /// The nets' inputs are made anew for the way back: kept, they would take as much memory as all else.
+  /// Writes the inputs of a net. The backward pass computes them again: storing them would double the memory.
   void pack(const NetShape& net, const InputColumns& columns) {
     x_.ensure(anchors_.size() * net.inputs);
     launch_each(stream_, "pack_inputs", pack_inputs_kernel, x_.size(), columns, x_.span());
@@ -488,11 +489,11 @@ class WorkOnCuda final : public AnchorView::Work {
   CudaNets nets_;
   RowsOfViews rows_;
   DeviceArray<std::uint8_t> scratch_{stream_};
-  DeviceArray<std::uint32_t> places_{stream_};   ///< [N+1] anchors in view before each
-  DeviceArray<std::uint32_t> anchors_{stream_};  ///< [V], V rows of the view
+  DeviceArray<std::uint32_t> places_{stream_};   ///< [N+1] number of anchors in view before each
+  DeviceArray<std::uint32_t> anchors_{stream_};  ///< [V], V = number of rows of the view
   DeviceArray<float> views_{stream_};            ///< [V,4] direction and distance
-  DeviceArray<float> x_{stream_};                ///< inputs of the net that is at work
-  DeviceArray<float> bank_{stream_};             ///< [V,3] weights of the feature bank; empty: there is none
+  DeviceArray<float> x_{stream_};                ///< inputs of the current net
+  DeviceArray<float> bank_{stream_};             ///< [V,3] weights of the feature bank; empty without one
   DeviceArray<float> opacity_{stream_}, covariance_{stream_}, color_{stream_};  ///< [V,k], [V,7k] raw, [V,3k]
   DeviceArray<float> bank_hidden_{stream_}, opacity_hidden_{stream_}, covariance_hidden_{stream_},
       color_hidden_{stream_};  ///< [V,F]
@@ -504,11 +505,11 @@ class WorkOnCuda final : public AnchorView::Work {
   DeviceArray<std::uint8_t> drawn_{stream_};
   ViewGaussians gaussians_;
 
-  DeviceArray<double> totals_{stream_};  ///< volume of all, and how many there are
+  DeviceArray<double> totals_{stream_};  ///< sum of the volumes, and number of Gaussians drawn
   Readbacks<std::array<double, 2>> volume_losses_;
   double newest_volume_loss_ = 0;
 
-  // Gradients by what the names say.
+  // Gradients with respect to the named quantities.
   DeviceArray<float> by_opacities_{stream_}, by_shapes_{stream_}, by_colors_{stream_}, by_bank_{stream_};
   DeviceArray<float> by_hidden_{stream_}, by_x_{stream_}, by_mixed_{stream_};
 };

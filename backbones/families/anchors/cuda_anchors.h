@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The operations of anchors on a CUDA device, as the public functions call them. Each is defined in the .cu file
-/// of its name; a build without CUDA or without cuBLAS's header has cuda_anchors_absent.cpp in their place.
+/// @file CUDA implementations behind the public functions for anchors, defined in anchor_view_cuda.cu and
+/// slot_statistics_cuda.cu; a build without CUDA or without the cuBLAS header has cuda_anchors_absent.cpp instead.
 #pragma once
 
 #include <cstdint>

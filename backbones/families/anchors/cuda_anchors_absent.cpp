@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a build has in place of the .cu files where nvcc or cuBLAS's header is missing. Anchors refuse a GPU before any
-// other of these could be reached.
+// Replaces the .cu files in builds without nvcc or the cuBLAS header. make_anchor_view() throws first, so the other
+// functions are never reached.
 #include "families/anchors/cuda_anchors.h"
 #include "splatboost/errors.h"
 
@@ -8,7 +8,7 @@ namespace splatboost::cuda {
 namespace {
 [[noreturn]] void absent() {
   throw NoDeviceError(
-      "this build of SplatBoost trains no anchors on a GPU: build it where nvcc and cuBLAS are installed");
+      "this build of SplatBoost cannot train anchors on a GPU; rebuild it with nvcc and cuBLAS installed");
 }
 }  // namespace
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What growth and pruning of anchors are decided on, gathered view by view.
+/// @file Statistics for growth and pruning of anchors, accumulated over views.
 #pragma once
 
 #include <cstddef>
@@ -13,22 +13,22 @@
 
 namespace splatboost {
 
-/// Sums over views. A slot is anchor·k + offset. Slots and anchors are judged once they have been seen often enough,
-/// and only those that were judged start again: the others keep gathering from event to event.
+/// Sums over views. A slot is anchor·k + offset. Slots and anchors are judged once they have been seen often enough;
+/// growth resets only those judged, the others keep accumulating.
 ///
-/// Sums lie in memory of the device, and so does what a view adds, which costs no wait; what is decided on them is of
-/// the host. Places of lists that are kNothing (anchor_view.h) are passed over.
+/// Sums and the inputs of a view are in device memory, so that adding a view does not synchronise; results for growth
+/// and pruning are in host memory. List entries that are kNothing (anchor_view.h) are skipped.
 class SlotStatistics {
  public:
-  /// @param slots k, slots of an anchor
+  /// @param slots k, slots per anchor
   SlotStatistics(std::size_t slots, Device device) : slots_(slots), device_(device) {}
 
   void reset(std::size_t anchors);
 
-  /// One view. @param anchors [V] in view @param opacities [V,k] of their slots, below 0 where nothing was drawn
+  /// Adds one view. @param anchors [V] in view @param opacities [V,k] of their slots, negative where not drawn
   void add_anchors(std::span<const std::uint32_t> anchors, std::span<const float> opacities);
-  /// One view. @param slots [M] of its Gaussians, each once @param drawn [M] @param gradients [M,2] of the mean on
-  /// screen, pixels
+  /// Adds one view. @param slots [M] of its Gaussians, without duplicates @param drawn [M] zero: not drawn
+  /// @param gradients [M,2] with respect to the screen means, in pixels
   void add_gaussians(std::span<const std::uint32_t> slots, std::span<const std::uint8_t> drawn,
                      std::span<const float> gradients, int width, int height);
 
@@ -36,20 +36,20 @@ class SlotStatistics {
   void mean_gradients(std::vector<float>& means) const;
   /// [N·k] non-zero where drawn in more than `views` views.
   void slots_seen_over(double views, std::vector<std::uint8_t>& mask) const;
-  /// [N] non-zero where in more than `views` views with a mean opacity sum below `opacity`.
+  /// [N] non-zero for anchors in more than `views` views whose mean opacity sum is below `opacity`.
   void faint_anchors(double views, double opacity, std::vector<std::uint8_t>& mask) const;
 
   void restart_slots(std::span<const std::uint8_t> mask);
   void restart_anchors_seen_over(double views);
-  /// Makes room for so many anchors in all: where memory is short nothing has changed.
+  /// Reserves memory for this total number of anchors; if memory runs out, nothing has changed.
   void reserve(std::size_t anchors);
   void append(std::size_t anchors);
-  /// Leaves the anchors that the list names, in its order. @param workspace as of select_rows(), for k floats an anchor
+  /// Keeps the listed anchors, in the order of the list. @param workspace see select_rows(); k floats per anchor
   void select(std::span<const std::uint32_t> anchors, Array<float>& workspace);
 
   std::size_t anchors() const { return anchor_seen_.size(); }
   void save(ArchiveWriter& archive) const;
-  /// @return whether what was read has `anchors` rows
+  /// @return whether the loaded statistics have `anchors` rows
   bool load(const ArchiveReader& archive, std::size_t anchors);
 
  private:
@@ -59,7 +59,7 @@ class SlotStatistics {
   Array<float> gradient_sum_{device_}, slot_seen_{device_};   ///< [N,k]
 };
 
-/// counts[slots[i]] += view_counts[i]: from the Gaussians of a view to the slots that they are of.
+/// counts[slots[i]] += view_counts[i]: adds counts of a view's Gaussians to their slots.
 void add_slot_counts(std::span<const std::uint32_t> slots, std::span<const std::int32_t> view_counts,
                      std::span<std::int32_t> counts, Device device);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A slot and an anchor are in a view at most once: nothing is added to from two threads.
+// A view contains each anchor and slot at most once, so no two threads add to the same element.
 #include <cmath>
 
 #include "device/device_view.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The trainer of explicit Gaussians: parameters, activation, Adam, density control, model files, checkpoints.
+/// @file Trainer of explicit Gaussians: parameters, activation, Adam, density control, model files, checkpoints.
 #pragma once
 
 #include <memory>
@@ -10,7 +10,7 @@
 
 namespace splatboost {
 
-/// A backbone of this method. Hooks and the training loop see a Backbone, whatever the method.
+/// Creates a backbone that trains Gaussians with `method`.
 std::unique_ptr<Backbone> make_gaussian_backbone(const BackboneContext& context, const GaussianConfig& config,
                                                  std::unique_ptr<GaussianMethod> method);
 

@@ -8,7 +8,8 @@ namespace splatboost {
 void check_gaussian_config(const GaussianConfig& config, const std::string& backbone) {
   const std::string what = "config of backbone " + backbone + ": ";
   require(config.sh_degree >= 0 && config.sh_degree <= 3, what + "sh_degree must be 0 to 3");
-  require(config.position_rate_initial > 0 && config.position_rate_final > 0, what + "position rates must be above 0");
+  require(config.position_rate_initial > 0 && config.position_rate_final > 0,
+          what + "learning rates of positions must be above 0");
   require(config.lambda_dssim >= 0 && config.lambda_dssim <= 1, what + "lambda_dssim must lie in [0, 1]");
   require(config.initial_opacity > 0 && config.initial_opacity < 1, what + "initial_opacity must lie in (0, 1)");
   require(config.reset_opacity > 0 && config.reset_opacity < 1, what + "reset_opacity must lie in (0, 1)");

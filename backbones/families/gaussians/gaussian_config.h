@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The constants that all backbones of explicit Gaussians share.
+/// @file Settings shared by all backbones of explicit Gaussians.
 #pragma once
 
 #include <string>
@@ -10,7 +10,8 @@
 
 namespace splatboost {
 
-/// Defaults are 3DGS's (Kerbl et al. 2023). Iteration numbers are of the published run and scale with the run's length.
+/// Defaults are those of 3DGS (Kerbl et al. 2023). Iterations are those of the published run; they scale with the
+/// length of the run.
 struct GaussianConfig {
   int sh_degree = 3;
   double position_rate_initial = 1.6e-4;  ///< × position_rate_scale
@@ -20,22 +21,22 @@ struct GaussianConfig {
   double scaling_rate = 5e-3;
   double rotation_rate = 1e-3;
   double lambda_dssim = 0.2;
-  double percent_dense = 0.01;       ///< × scene extent: largest scale that is cloned rather than split
-  double gradient_threshold = 2e-4;  ///< of the mean screen gradient, NDC units
+  double percent_dense = 0.01;       ///< × scene extent; up to this scale Gaussians clone, above it they split
+  double gradient_threshold = 2e-4;  ///< for the mean norm of the screen gradient, NDC units
   double min_opacity = 0.005;
-  double max_world_scale = 0.1;  ///< × scene extent; larger ones go after the first opacity reset; 0: none goes
+  double max_world_scale = 0.1;  ///< × scene extent; larger ones are pruned after the first opacity reset; 0: never
   double initial_opacity = 0.1;
   double reset_opacity = 0.01;
   int densify_from = 500;
   int densify_until = 15000;
-  int densify_interval = 100;         ///< not scaled: statistics need that many views
-  int opacity_reset_interval = 3000;  ///< in short runs not below 5 densify intervals
-  int sh_interval = 1000;             ///< one degree more every so many iterations
+  int densify_interval = 100;         ///< not scaled: the statistics need this many views
+  int opacity_reset_interval = 3000;  ///< scaled, but at least 5 densify intervals
+  int sh_interval = 1000;             ///< iterations per additional degree
 
-  /// Length of the published run. It belongs to the method and is no setting.
+  /// Length of the published run; given by the method, not a setting.
   int published_iterations = kPublishedIterations;
-  // Likewise.
-  double position_rate_scale = 0;  ///< 0: the scene's extent
+  // Also given by the method.
+  double position_rate_scale = 0;  ///< 0: the scene extent
   int position_rate_until = 0;     ///< 0: the end of the run
 };
 
@@ -63,7 +64,7 @@ void for_each_gaussian_field(Config& c, Visit&& visit) {
   visit("sh_interval", c.sh_interval);
 }
 
-/// Throws InputError naming the backbone and the constant unless all are possible.
+/// Throws InputError naming the backbone and the setting if a value is out of range.
 void check_gaussian_config(const GaussianConfig& config, const std::string& backbone);
 
 }  // namespace splatboost

@@ -37,7 +37,7 @@ void GaussianTrainer::control_density() {
   const int until = at(config_.densify_until);
   const bool own =
       iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
-  // No statistics are gathered after the end of growth, whatever a hook says.
+  // After densify_until no statistics are gathered, so a hook cannot request growth.
   if (density_ != nullptr ? iteration_ < until && density_->grows_at(moment(), own) : own) {
     step_all();
     grow();
@@ -50,7 +50,7 @@ void GaussianTrainer::control_density() {
     prune(PruneRule::trim);
     restart_statistics();
   }
-  // A method that grows to the end of the run may have just grown.
+  // May follow growth in the same iteration, if the method grows until the end of the run.
   if (density_ != nullptr && density_->prunes_at(moment(), false)) {
     step_all();
     prune(PruneRule::late);
@@ -88,7 +88,7 @@ void GaussianTrainer::grow() {
     density_->grow(known, *this, decisions);
   }
   if (context_.max_primitives > 0) {
-    // Clones and splits alike add one each.
+    // A clone and a split each add one Gaussian.
     hold_cap(priorities, context_.max_primitives - std::min(context_.max_primitives, n), clone, split);
   }
 
@@ -102,7 +102,7 @@ void GaussianTrainer::grow() {
       clones.push_back(static_cast<std::uint32_t>(i));
     }
   }
-  // All or none: where memory is short the model stays whole.
+  // Reserve all groups first: if memory runs out, the model stays intact.
   for (TrainedGroup* group : row_groups_) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
   const Array<std::uint32_t> listed(device_, clones);
   const std::size_t first_clone = primitives();
@@ -120,7 +120,7 @@ void GaussianTrainer::grow() {
     stale_ = set_changed_ = true;
   }
   append_children(parents);
-  split.resize(primitives(), 0);  // parents go, clones and children stay
+  split.resize(primitives(), 0);  // remove parents, keep clones and children
   remove(split);
 }
 
@@ -180,7 +180,7 @@ void GaussianTrainer::prune(PruneRule rule) {
   const std::size_t n = primitives();
   std::vector<std::uint8_t> removed(n, 0);
   if (rule == PruneRule::growth) {
-    // The released code also tests sizes on screen, but zeroes them in the growth just before: that test never holds.
+    // The released code also tests sizes on screen, but zeroes them in the preceding growth, so that test never passes.
     const bool large_go = config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
     const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
     for (std::size_t i = 0; i < n; ++i) {
@@ -207,7 +207,7 @@ void GaussianTrainer::reset_opacities() {
       if (factors.empty()) {
         value = std::min(value, cap);
       } else if (config_.reset_opacity < static_cast<double>(factors[i])) {
-        // The reset speaks of what is drawn; where the factor alone keeps that below, nothing is left to do.
+        // The reset limits the rendered opacity; if the factor alone is below the limit, nothing is to be done.
         value = std::min(value, logit(config_.reset_opacity / static_cast<double>(factors[i])));
       }
     }

@@ -10,9 +10,9 @@
 namespace splatboost {
 namespace {
 
-constexpr const char* kGroupsFile = "parameters.bin";  ///< of a model: the method's groups
+constexpr const char* kGroupsFile = "parameters.bin";  ///< model file with the method's groups
 
-/// Where memory ran out while Gaussians were added, some arrays are longer than others.
+/// Truncates all arrays to the shortest: if memory ran out while Gaussians were added, their lengths differ.
 void keep_whole_rows(SplatCloud& cloud) {
   const std::size_t rest = 3 * static_cast<std::size_t>(cloud.sh_rest_rows);
   const std::size_t n =
@@ -41,7 +41,7 @@ void GaussianTrainer::export_moment(float time, const std::filesystem::path& fil
     cloud.logit_opacities.push_back(logit(std::clamp(static_cast<double>(opacity), 1e-6, 1 - 1e-6)));
   }
   for (const float scale : copy_to_host(moment.scales, device_)) {
-    // A Gaussian is the same with either sign of a scale, and a file holds its logarithm.
+    // The sign of a scale has no effect, and the file stores its logarithm.
     cloud.log_scales.push_back(std::log(std::max(std::abs(scale), 1e-10f)));
   }
   cloud.rotations = copy_to_host(moment.rotations, device_);
@@ -78,7 +78,7 @@ void GaussianTrainer::import_model(const std::filesystem::path& folder) {
     for (TrainedGroup* group : kept) {
       std::vector<float> values = archive.floats(group->name);
       require(values.size() == (group->shape == GroupShape::rows ? n * group->width : group->values.size()),
-              archive.path().string() + ": '" + group->name + "' does not fit to point_cloud.ply or to this backbone");
+              archive.path().string() + ": '" + group->name + "' does not match point_cloud.ply or this backbone");
       group->assign(std::move(values));
     }
   }
@@ -99,7 +99,7 @@ void GaussianTrainer::import_model(const std::filesystem::path& folder) {
   scaling_.assign(std::move(cloud.log_scales));
   rotation_.assign(std::move(cloud.rotations));
   restart_statistics();
-  iteration_ = context_.iterations;  // a finished model: all degrees are active
+  iteration_ = context_.iterations;  // a finished model: all SH degrees are active
   stale_ = true;
   activate();
 }
@@ -118,7 +118,7 @@ void GaussianTrainer::save(ArchiveWriter& archive) const {
 void GaussianTrainer::load(ArchiveReader& archive) {
   if (archive.text(entry("config")) != method_->config().dump()) {
     throw InputError(archive.path().string() +
-                     ": the checkpoint was made with other backbone constants; continue with the same --config");
+                     ": the checkpoint was made with a different backbone config; continue with the same --config");
   }
   std::vector<std::size_t> dense_sizes;
   for (TrainedGroup* group : groups_) {
@@ -136,7 +136,7 @@ void GaussianTrainer::load(ArchiveReader& archive) {
   for (const TrainedGroup* group : groups_) {
     if (group->shape == GroupShape::dense) fits = fits && group->values.size() == *dense_size++;
   }
-  if (!fits) throw InputError(archive.path().string() + ": tensors do not fit together; the checkpoint is damaged");
+  if (!fits) throw InputError(archive.path().string() + ": tensor sizes do not match; the checkpoint is damaged");
   method_->load(archive, n);
   stale_ = true;
   set_changed_ = false;

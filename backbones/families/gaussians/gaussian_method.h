@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What one backbone of explicit Gaussians does differently from 3DGS.
+/// @file Interface for what a backbone of explicit Gaussians does differently from 3DGS.
 #pragma once
 
 #include <cstddef>
@@ -26,199 +26,200 @@ namespace splatboost {
 struct LossForm {
   float lambda_dssim = 0.2f;
   float scale = 1;
-  bool clamped = false;  ///< of the image cut at 1, where no gradient passes; scores are of that image too
+  bool clamped = false;  ///< clamp the image to at most 1, without gradient there; applies to scored images too
 };
 
-/// What the loss of a training step reads besides the colour of its view.
+/// Inputs of a training step's loss besides the colour of its view.
 struct LossInputs {
   bool inverse_depth = false;
   bool alpha = false;
-  bool features = false;         ///< those that draw() gives the Gaussians
-  const View* second = nullptr;  ///< another view that is drawn in this step too; null: none. Without a photo: no truth
-  bool second_color = true;      ///< whether the loss reads the colour of that one
+  bool features = false;         ///< those that draw() assigns to the Gaussians
+  const View* second = nullptr;  ///< a second view to render in this step, with an empty truth if it has no photo
+  bool second_color = true;      ///< whether the loss reads the colour of the second view
 };
 
-/// Stages that draw() and add_gradients() are timed as, literals; null: of what is around them.
+/// Stage names (string literals) for timing draw() and add_gradients(); null: counted in the enclosing stage.
 struct MethodStages {
   const char* draw = nullptr;
   const char* add_gradients = nullptr;
 };
 
-/// A view of a training step as it was drawn, in memory of the device.
+/// A view as rendered in a training step, in device memory.
 struct StepView {
   DrawContext context;
   TruthImage truth;
-  RasterImages images;                    ///< colour and what LossInputs names, to be read
-  RasterImages gradients;                 ///< of the loss, with respect to these, to be added to
-  std::span<const std::uint8_t> visible;  ///< [N] Gaussians, as Rasterizer::visible() says
+  RasterImages images;                    ///< colour and the images that LossInputs requests; read only
+  RasterImages gradients;                 ///< gradients of the loss with respect to `images`; add to them
+  std::span<const std::uint8_t> visible;  ///< [N] see Rasterizer::visible()
 };
 
-/// Draws training views apart from steps, as they are scored.
+/// Renders training views outside of training steps, as for scoring.
 class ViewDrawer {
  public:
   virtual ~ViewDrawer() = default;
   virtual std::size_t views() const = 0;
-  /// @return what drew it, for counts and radii; valid until the next view
+  /// @return the rasterizer that rendered it, for counts and radii; valid until the next view
   virtual Rasterizer& draw(std::size_t view) = 0;
 };
 
-/// The points where a backbone may vary; the trainer (gaussian_backbone.h) does the rest. Defaults are 3DGS.
-/// Spans have one row a Gaussian, activated, in memory of the backbone's device, and are valid during the call. Those
-/// of add_growing() and trim() are of the host.
+/// Customisation points of a backbone; the trainer (gaussian_backbone.h) does the rest. Defaults are 3DGS.
+/// Spans have one row per Gaussian, hold activated values, are in memory of the backbone's device and are valid during
+/// the call. Spans of add_growing(), trim() and spare() are in host memory.
 class GaussianMethod {
  public:
   virtual ~GaussianMethod() = default;
 
-  /// As the program, messages and checkpoints call it.
+  /// Name used by the program, in messages and in checkpoints.
   virtual std::string_view name() const = 0;
-  /// All settings in use, as --config takes them.
+  /// All settings in use, in the format of --config.
   virtual nlohmann::json config() const = 0;
 
-  /// Of the view that a step is given. A scale of 0: not at all, add_loss() is the whole loss.
+  /// Photometric loss of the step's view. A scale of 0 disables it: add_loss() is then the whole loss.
   virtual LossForm loss() const = 0;
-  /// @param first the view that the step is given
+  /// @param first the step's view
   virtual LossInputs loss_inputs(const DrawContext& first) {
     (void)first;
     return {};
   }
-  /// Adds the gradients of its own terms. Those of a second view go to the parameters too, but not to the statistics of
-  /// density control.
+  /// Adds the gradients of the method's own loss terms. Gradients of a second view reach the parameters, but not the
+  /// statistics of density control.
   /// @param views the first, and the second if there is one
-  /// @return the sum of its terms; on a GPU the newest that is known, and one that is not finite stays
+  /// @return the sum of these terms; on a GPU the latest known sum; once not finite, it stays not finite
   virtual double add_loss(std::span<const StepView> views) {
     (void)views;
     return 0;
   }
   virtual MethodStages stages() const { return {}; }
-  /// Memory of its own that a Gaussian takes while it trains, groups excluded.
+  /// The method's own memory per Gaussian during training, in bytes, without its groups.
   virtual std::size_t bytes_per_gaussian() const { return 0; }
-  /// Low-pass, compensation, near plane. Box and background are the trainer's.
+  /// Low-pass filter, compensation, near plane. The trainer sets box and background.
   virtual RasterOptions raster_options() const { return {}; }
 
-  // Parameters of its own, besides 3DGS's six groups.
+  // The method's own parameters, besides the six groups of 3DGS.
 
-  /// The same at every call, which live as long as the method. add_gradients() adds to their gradients and sets
+  /// The same groups at every call; they live as long as the method. add_gradients() adds to their gradients and sets
   /// `pending`; a group that is not pending does not step.
   virtual std::vector<TrainedGroup*> groups() { return {}; }
-  /// The Gaussians that a run starts from: gives its groups of rows a row each and its dense ones their values. Comes
-  /// once, also before a checkpoint or a model is read into them.
+  /// Initialises the method's groups for the initial Gaussians: one row per Gaussian in row groups, values in dense
+  /// groups. Called once, also if a checkpoint or a model is read into them afterwards.
   virtual void start(std::span<const float> means) { (void)means; }
 
-  /// Whether what is drawn depends on the view's time.
+  /// Whether renders depend on the view's time.
   virtual bool uses_time() const { return false; }
 
-  // Drawing. What is drawn may differ from what is activated (by a filter, dropout, motion); the method owns the
-  // difference. Density control reads what is activated.
+  // Rendering. The rendered Gaussians may differ from the activated ones (filter, dropout, motion); the method handles
+  // the difference. Density control reads the activated ones.
 
-  /// Gaussians were added, removed or numbered anew, or renews_at() asked for it. Called before activated().
+  /// Called when Gaussians were added, removed or reordered, or renews_at() requested it; before activated().
   virtual void gaussians_changed(std::span<const float> means) { (void)means; }
-  /// Whether gaussians_changed() shall be called at the end of this iteration even if they did not.
+  /// Whether to call gaussians_changed() at the end of this iteration even if the Gaussians did not change.
   virtual bool renews_at(Moment moment) const {
     (void)moment;
     return false;
   }
-  /// Scales and opacities have new values.
+  /// Called when scales and opacities have new values.
   virtual void activated(std::span<const float> scales, std::span<const float> opacities) {
     (void)scales;
     (void)opacities;
   }
-  /// May put other means, scales, rotations, opacities and colours, and features, in memory of its own, into what is
-  /// drawn. That memory keeps its values until the next draw(). `drawn` comes with the activated ones. A view may be
-  /// drawn twice in a step (a second one is, for its backward pass): both are the same.
+  /// May replace means, scales, rotations, opacities and colours in `drawn`, which holds the activated ones on entry,
+  /// and set features. These spans are in the method's memory and must keep their values until the next draw(). A view
+  /// may be drawn twice in a step (a second view is, for its backward pass); both calls must give the same result.
   virtual void draw(Gaussians& drawn, const DrawContext& context) {
     (void)drawn;
     (void)context;
   }
-  /// Before the backward pass of the training view drawn last: lets gradients of whatever draw() replaced go to memory
-  /// of its own, zeroed (they are added) …
+  /// Called before the backward pass of the training view drawn last: directs the gradients of what draw() replaced to
+  /// memory of the method, which must be zeroed because gradients are accumulated.
   virtual void redirect(GaussianGradients& gradients) { (void)gradients; }
-  /// … and afterwards adds what came there to the gradients of the activated ones.
+  /// Called after the backward pass: adds the redirected gradients to the gradients of the activated values.
   virtual void add_gradients(const GaussianGradients& activated) { (void)activated; }
 
-  // What others see of a drawing.
+  // Postprocessing of renders.
 
-  /// May change the image of a training view before it is scored (by the view's exposure).
+  /// May change the render of a training view before it is scored (for example by the view's exposure).
   /// @param color [3,H,W]
   virtual void compensate(std::span<float> color, const View& view) {
     (void)color;
     (void)view;
   }
-  /// Depth along z of the surface that a view shows, 0 where nothing is, from what was drawn for
+  /// Computes the depth along z of the surface in a view, 0 where there is none, from what was rendered for
   /// DrawPurpose::surface.
-  /// @param features [F,H,W] those that draw() gave the Gaussians
-  /// @param depth [H,W] of the device
-  /// @return whether it knows better than the inverse of the mean inverse depth
+  /// @param features [F,H,W] rendered features that draw() assigned to the Gaussians
+  /// @param depth [H,W] in device memory
+  /// @return whether depth was computed; if not, the inverse of the mean inverse depth is used
   virtual bool surface_depth(std::span<const float> features, const Camera& camera, std::span<float> depth) {
     (void)features, (void)camera, (void)depth;
     return false;
   }
-  /// Whether the loss is of surfaces too.
+  /// Whether the loss has terms for surfaces.
   virtual bool trains_surfaces() const { return false; }
 
   // Density control.
 
   virtual bool needs_absolute_gradients() const { return false; }
-  /// Whether the threshold is of the mean absolute gradient in place of the signed one.
+  /// Whether the growth threshold applies to the mean absolute gradient instead of the signed one.
   virtual bool grows_by_absolute_gradients() const { return false; }
   virtual AbsoluteNorm absolute_norm() const { return AbsoluteNorm::euclidean; }
-  /// How many views one view stands for in which a Gaussian was listed in a tile.
+  /// Number of views that a view counts as in the statistics of the Gaussians visible in it.
   virtual float views_seen(bool compact_box) const {
     (void)compact_box;
     return 1;
   }
-  /// Adds Gaussians to those that grow since their mean gradient reaches the threshold.
-  /// @param priorities [N] of all Gaussians under a cap; those that are added get theirs (growth_priority())
+  /// May select further Gaussians to grow, besides those whose mean gradient reaches the threshold.
+  /// @param growing [N] non-zero: grows
+  /// @param priorities [N] which Gaussians grow first under a cap; to be set for those added (growth_priority())
   virtual void add_growing(const DensityStatistics& statistics, std::span<std::uint8_t> growing,
                            std::span<float> priorities) const {
     (void)statistics;
     (void)growing;
     (void)priorities;
   }
-  /// Statistics of its own, after the backward pass of the view that a step is given, while Gaussians may grow.
-  /// @param rasterizer that drew it
+  /// Gathers the method's own statistics, after the backward pass of the step's view, while Gaussians may grow.
+  /// @param rasterizer the one that rendered the view
   virtual void gather(Rasterizer& rasterizer) { (void)rasterizer; }
-  /// Those statistics begin anew. @param count Gaussians that there are now
+  /// Resets these statistics. @param count current number of Gaussians
   virtual void restart_statistics(std::size_t count) { (void)count; }
-  /// Whether clones are placed at a point of their Gaussian's distribution, instead of at its mean.
+  /// Whether clones are placed at a sample of their Gaussian's distribution instead of at its mean.
   virtual bool scatters_clones() const { return false; }
-  /// Whether Gaussians go at this moment by a rule of the method's apart from that of growth.
+  /// Whether the method prunes Gaussians at this moment by a rule of its own, besides the pruning after growth.
   virtual bool trims_at(Moment moment) const {
     (void)moment;
     return false;
   }
-  /// Says which. Views may be drawn for it. @param remove [N] of the host, zero
+  /// Selects the Gaussians to prune; may render views. @param remove [N] zero on entry; non-zero: prune
   virtual void trim(const DensityStatistics& statistics, ViewDrawer& views, std::span<std::uint8_t> remove) {
     (void)statistics;
     (void)views;
     (void)remove;
   }
-  // A set that grows and moves from outside of density control (a mapper's), in a run whose end is not known.
+  // Gaussians inserted and moved outside of density control (by a mapper), in a run of unknown length.
 
-  /// At the beginning of every iteration, before its view is drawn: may insert Gaussians and move them.
+  /// Called at the start of every iteration, before its view is rendered: may insert and move Gaussians.
   virtual void edit(GaussianSet& set, int iteration) {
     (void)set;
     (void)iteration;
   }
-  /// Clears those that stay whatever a hook has decided; not asked where there is no hook. @param remove [N] of the
-  /// host
+  /// Clears the flags of Gaussians that must be kept whatever the density hook decided; not called without a hook.
+  /// @param remove [N] non-zero: prune
   virtual void spare(Moment moment, PruneRule rule, std::span<std::uint8_t> remove) {
     (void)moment;
     (void)rule;
     (void)remove;
   }
-  /// The length of the run as far as it is known at this iteration; schedules and hooks see shares of it.
-  /// @param given as the run was asked for
+  /// The length of the run as known at this iteration; schedules and hooks are relative to it.
+  /// @param given the requested number of iterations
   virtual int planned_iterations(int iteration, int given) const {
     (void)iteration;
     return given;
   }
-  /// How far the rate of positions has fallen (a mapper's falls with the uses of a view).
+  /// Progress of the decay of the position learning rate (for a mapper it depends on the uses of a view).
   virtual Moment position_rate_moment(Moment run) const { return run; }
 
-  /// [N] drawn over activated opacity, for the reset of opacities; empty: 1.
+  /// [N] ratio of rendered to activated opacity, for the opacity reset; empty: all 1.
   virtual std::span<const float> opacity_factors() const { return {}; }
 
-  // Files: what the method keeps a Gaussian beyond parameters. Its groups are saved by the trainer, in models as
+  // Files: per-Gaussian data of the method besides parameters. The trainer saves its groups, in models as
   // parameters.bin.
 
   virtual void save(ArchiveWriter& archive) const { (void)archive; }
@@ -228,7 +229,7 @@ class GaussianMethod {
     (void)count;
   }
   virtual void export_to(SplatCloud& cloud) const { (void)cloud; }
-  /// @return whether the model held it; if not, gaussians_changed() is called
+  /// @return whether the model contained the data; if not, gaussians_changed() is called
   virtual bool import_from(const SplatCloud& cloud) {
     (void)cloud;
     return false;

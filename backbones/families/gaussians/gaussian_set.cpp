@@ -16,7 +16,7 @@ namespace splatboost {
 namespace {
 
 constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
-constexpr float kMinSquaredDistance = 1e-7f;   // of neighbours at initialisation, keeps log-scales finite
+constexpr float kMinSquaredDistance = 1e-7f;   // between neighbours at initialisation; keeps log scales finite
 
 void append_rows(TrainedGroup& group, std::span<const float> rows) {
   const std::size_t first = group.values.size();
@@ -34,7 +34,7 @@ void GaussianTrainer::initialise() {
   for (TrainedGroup* group : method_->groups()) groups_.push_back(group);
   std::set<std::string_view> names;
   for (TrainedGroup* group : groups_) {
-    SPLATBOOST_CHECK(names.insert(group->name).second, "two groups of parameters are called " + group->name);
+    SPLATBOOST_CHECK(names.insert(group->name).second, "two parameter groups have the name " + group->name);
     if (group->shape == GroupShape::rows) row_groups_.push_back(group);
   }
   const PointCloud& points = context_.scene.points;
@@ -83,7 +83,7 @@ std::vector<std::uint32_t> GaussianTrainer::insert(const PointCloud& points) {
   NewRows rows = rows_of(points, most);
   const std::size_t n = rows.points.size();
   if (n == 0) return {};
-  // All or none: where memory is short the model stays whole.
+  // Reserve all groups first: if memory runs out, the model stays intact.
   for (TrainedGroup* group : row_groups_) group->reserve_rows(before + n);
   append_rows(xyz_, rows.means);
   append_rows(f_dc_, rows.dc);
@@ -99,7 +99,7 @@ std::vector<std::uint32_t> GaussianTrainer::insert(const PointCloud& points) {
 }
 
 void GaussianTrainer::transform(std::span<const std::int32_t> which, std::span<const Similarity> transforms) {
-  SPLATBOOST_CHECK(which.size() == primitives(), "there must be a transform, or -1, for each Gaussian");
+  SPLATBOOST_CHECK(which.size() == primitives(), "there must be one transform index, or -1, per Gaussian");
   step_all();
   const auto for_each_moved = [&](std::span<float> values, std::size_t width, const auto& move) {
     for (std::size_t i = 0; i < which.size(); ++i) {
@@ -140,7 +140,7 @@ void GaussianTrainer::select(const Array<std::uint32_t>& rows) {
   stale_ = set_changed_ = true;
 }
 
-/// Growth appends; here neighbours in space become neighbours in memory again, to improve cache locality.
+/// Sorts Gaussians in spatial order, because growth appends new ones at the end; improves cache locality.
 void GaussianTrainer::reorder() {
   Array<std::uint32_t> order(device_);
   order.ensure(primitives());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The Gaussians of a run as a mapper changes them: what comes and moves from outside of density control.
+/// @file Insertion and motion of Gaussians outside of density control, for mappers.
 #pragma once
 
 #include <cstddef>
@@ -21,20 +21,20 @@ struct Similarity {
   double scale = 1;
 };
 
-/// A GaussianMethod gets it in edit(). Everything is in memory of the host. Gaussians keep their places until growth or
-/// removal; those inserted come last.
+/// Passed to GaussianMethod::edit(). All data is in host memory. Gaussians keep their indices until growth or pruning;
+/// inserted ones are appended.
 class GaussianSet {
  public:
   virtual std::size_t size() const = 0;
   /// [N,3], a copy
   virtual std::vector<float> means() const = 0;
-  /// Appends Gaussians as a run's start makes them of points: isotropic, as large as the new points are apart, of the
-  /// initial opacity. What density control has gathered of the others stays. Of more points than the cap has room for
-  /// an even subset is taken. The rows of the method's groups are zeros.
-  /// @return which of the points were taken, in the order of the new Gaussians
+  /// Appends Gaussians initialised from points as at the start of a run: isotropic, sized by the distance between the
+  /// new points, with the initial opacity. Keeps the density statistics of the other Gaussians. If the cap does not
+  /// admit all points, an even subset is used. New rows of the method's groups are zero.
+  /// @return indices of the points used, in the order of the new Gaussians
   virtual std::vector<std::uint32_t> insert(const PointCloud& points) = 0;
-  /// Moves Gaussian i by transforms[which[i]]; -1: it stays. Moments of positions and rotations begin anew, and so do
-  /// the statistics of density control. Colours are not turned.
+  /// Moves Gaussian i by transforms[which[i]]; -1: unchanged. Resets the Adam moments of positions and rotations and
+  /// the statistics of density control. Spherical harmonics are not rotated.
   /// @param which [N]
   virtual void transform(std::span<const std::int32_t> which, std::span<const Similarity> transforms) = 0;
 

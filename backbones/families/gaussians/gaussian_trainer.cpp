@@ -57,7 +57,7 @@ Gaussians GaussianTrainer::drawn(const DrawContext& context) {
 
 Gaussians GaussianTrainer::drawn_second(const DrawContext& context, const LossInputs& inputs) {
   Gaussians gaussians = drawn(context);
-  if (!inputs.second_color) gaussians.sh_degree = 0;  // nobody looks
+  if (!inputs.second_color) gaussians.sh_degree = 0;  // its colour is not used
   return gaussians;
 }
 
@@ -88,14 +88,14 @@ void GaussianTrainer::ImageSet::clear(bool color_too) {
 StepView GaussianTrainer::draw_second(const View& view, int iteration, const LossInputs& inputs) {
   if (!second_) second_ = std::make_unique<SecondView>(device_);
   SecondView& second = *second_;
-  // A camera of the method's own has no photo.
+  // A camera made by the method has no photo.
   StepView step{{view.camera, view.time, iteration, DrawPurpose::train, &view},
                 view.color.empty() ? TruthImage{} : truths_.of(view),
                 {},
                 {},
                 {}};
   if (device_.is_cuda()) {
-    // The truth of the first view may take the place of this one.
+    // Copy, because fetching the truth of the first view may overwrite this one.
     const std::size_t color = step.truth.color.size(), valid = step.truth.valid.size();
     second.truth.ensure(color + valid);
     std::uint8_t* at = second.truth.cuda().data();
@@ -120,7 +120,7 @@ double GaussianTrainer::evaluate_loss(std::span<const StepView> views) {
   double loss = 0;
   if (form.scale != 0) {
     if (form.clamped) clamp_above(images_.color, 1, device_);
-    // The run ends with the loss of its end.
+    // In the last iteration wait for the loss, so that the run reports the final one.
     const bool ahead = first.context.iteration != total();
     const PhotometricLoss measured =
         ahead ? photometric_.evaluate_ahead(images_.color, first.truth, form.lambda_dssim, gradients_.color)
@@ -212,7 +212,7 @@ double GaussianTrainer::train_step(int iteration, const View& view) {
   if (step_due_groups(groups_, optimizer_, moment(), device_)) stale_ = true;
   clock_.lap("optimizer");
   control_density();
-  // Now rather than before the next view, so that a checkpoint holds it.
+  // Now rather than before the next view, so that checkpoints include it.
   if (method_->renews_at(moment())) set_changed_ = true;
   if (set_changed_) activate();
   clock_.lap("density");

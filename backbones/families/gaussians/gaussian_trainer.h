@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The trainer behind make_gaussian_backbone(): its state, for the sources that share its work.
-/// gaussian_trainer.cpp: activation, drawing, the training step. gaussian_set.cpp: Gaussians that come, go and move
-/// from outside. gaussian_density.cpp: density control. gaussian_files.cpp: models and checkpoints.
+/// @file The trainer behind make_gaussian_backbone(). Implemented in
+/// gaussian_trainer.cpp: activation, rendering, the training step; gaussian_set.cpp: initialisation, insertion, motion
+/// and removal of Gaussians; gaussian_density.cpp: density control; gaussian_files.cpp: models and checkpoints.
 #pragma once
 
 #include <algorithm>
@@ -31,9 +31,9 @@ inline constexpr int kMinGrowthsAReset = 5;
 
 inline float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
 
-/// Rows of new Gaussians.
+/// Parameters of new Gaussians.
 struct NewRows {
-  std::vector<std::uint32_t> points;  ///< that they are made of
+  std::vector<std::uint32_t> points;  ///< index of the point of each
   std::vector<float> means, dc, log_scales, rotations;
 };
 
@@ -99,18 +99,18 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   void transform(std::span<const std::int32_t> which, std::span<const Similarity> transforms) override;
 
   void initialise();
-  /// Of at most `most` points, evenly chosen.
+  /// Gaussians for at most `most` of the points, an even subset.
   NewRows rows_of(const PointCloud& points, std::size_t most) const;
   void activate();
   Gaussians activated() const;
-  /// What the rasterizer gets.
+  /// The Gaussians passed to the rasterizer.
   Gaussians drawn(const DrawContext& context);
   Gaussians drawn_second(const DrawContext& context, const LossInputs& inputs);
   RasterOptions raster_options(std::optional<float> beta) const;
   int at(int published) const { return scaled_iteration(published, total(), config_.published_iterations); }
-  /// Of the run, as far as it is known.
+  /// Length of the run as currently known.
   int total() const { return method_->planned_iterations(iteration_, context_.iterations); }
-  /// Scaled as all phases are, but in a short run opacities need time to come back.
+  /// Scaled like all phases, with a minimum: opacities need time to recover in short runs.
   int opacity_reset_interval() const {
     return std::max(at(config_.opacity_reset_interval), kMinGrowthsAReset * config_.densify_interval);
   }
@@ -128,7 +128,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
     return method_->needs_absolute_gradients() || method_->grows_by_absolute_gradients() ||
            (density_ != nullptr && density_->needs_absolute_gradients());
   }
-  /// The method's that models hold.
+  /// Groups of the method that are part of models.
   std::vector<TrainedGroup*> model_groups() const {
     std::vector<TrainedGroup*> kept;
     for (std::size_t i = own_groups_.size(); i < groups_.size(); ++i) {
@@ -139,9 +139,10 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   std::string entry(const char* what) const { return std::string(method_->name()) + "." + what; }
 
   StepView draw_second(const View& view, int iteration, const LossInputs& inputs);
-  /// @return the loss; leaves its gradients in those of the views
+  /// @return the loss; writes its gradients to StepView::gradients
   double evaluate_loss(std::span<const StepView> views);
-  /// Adds a view's gradients to those of the parameters. @param gradients where those of density control go
+  /// Adds a view's gradients to those of the parameters.
+  /// @param gradients destination of the screen gradients for density control
   void backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
                 GaussianGradients gradients);
   void step_all();
@@ -151,7 +152,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   void grow();
   void prune(PruneRule rule);
   void append_children(std::span<const std::uint32_t> parents);
-  /// A point of each one's own distribution, relative to its mean. @param scales [n,3] @param rotations [n,4]
+  /// One sample of each Gaussian's distribution, relative to its mean. @param scales [n,3] @param rotations [n,4]
   static std::vector<float> scattered(std::span<const float> scales, std::span<const float> rotations,
                                       const RandomStream& random, std::uint64_t first_number);
   void remove(std::span<const std::uint8_t> removed);
@@ -173,49 +174,49 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   StageClock clock_{device_};
   int iteration_ = 0;
 
-  // Names of the groups are 3DGS's.
+  // Group names are those of 3DGS.
   TrainedGroup xyz_{"xyz", 3, device_, [this](int iteration) { return position_rate(iteration); }};
   TrainedGroup f_dc_{"f_dc", 3, device_, [this](int) { return config_.feature_rate; }};
   TrainedGroup f_rest_{"f_rest", 3 * kRestRows, device_, [this](int) { return config_.feature_rate / 20.0; }};
   TrainedGroup opacity_{"opacity", 1, device_, [this](int) { return config_.opacity_rate; }, Activation::sigmoid};
   TrainedGroup scaling_{"scaling", 3, device_, [this](int) { return config_.scaling_rate; }, Activation::exponential};
   TrainedGroup rotation_{"rotation", 4, device_, [this](int) { return config_.rotation_rate; }};
-  std::vector<TrainedGroup*> own_groups_;  ///< these
-  std::vector<TrainedGroup*> groups_;      ///< and the method's
-  std::vector<TrainedGroup*> row_groups_;  ///< of all
+  std::vector<TrainedGroup*> own_groups_;  ///< the groups above
+  std::vector<TrainedGroup*> groups_;      ///< own_groups_ and the method's
+  std::vector<TrainedGroup*> row_groups_;  ///< those of groups_ with one row per Gaussian
 
-  bool stale_ = true;        ///< parameters moved since activate()
-  bool set_changed_ = true;  ///< Gaussians came or went since activate(), or what the method keeps of them is due
+  bool stale_ = true;        ///< parameters changed since activate()
+  bool set_changed_ = true;  ///< Gaussians added or removed since activate(), or the method requested a renewal
 
-  /// Images of the rasterizer's shapes, or gradients with respect to them.
+  /// Rendered images, or gradients with respect to them.
   struct ImageSet {
     explicit ImageSet(Device device) : color(device), features(device), inverse_depth(device), alpha(device) {}
-    /// Makes room for those that the loss reads.
+    /// Allocates the images that the loss reads.
     RasterImages of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs);
     void clear(bool color_too);
     Array<float> color, features, inverse_depth, alpha;
   };
   struct SecondView {
     explicit SecondView(Device device) : rasterizer(device), images(device), gradients(device), truth(device) {}
-    Rasterizer rasterizer;  ///< of its own, because a backward pass needs the forward pass before it
+    Rasterizer rasterizer;  ///< separate, because backward() needs the state of its own forward()
     ImageSet images, gradients;
-    Array<std::uint8_t> truth;  ///< of a GPU: a copy
+    Array<std::uint8_t> truth;  ///< on a GPU: a copy of colour, then mask
   };
   ImageSet images_{device_}, gradients_{device_};
-  std::unique_ptr<SecondView> second_;  ///< from the first step on that has one
+  std::unique_ptr<SecondView> second_;  ///< created in the first step with a second view
   TrainingTruths truths_{context_.scene, device_};
   Array<float> screen_{device_}, screen_abs_{device_};                  ///< [N,2] gradients of this iteration
   Array<float> gradient_sum_{device_}, gradient_abs_sum_{device_};      ///< [N] norms since the last growth, NDC
-  Array<float> seen_{device_};                                          ///< [N] views that they come from
+  Array<float> seen_{device_};                                          ///< [N] number of views in these sums
   Array<float> mean_gradients_{device_}, mean_gradients_abs_{device_};  ///< [N]
   Array<float> max_scales_{device_};                                    ///< [N]
-  Array<float> workspace_{device_};                                     ///< of select()
+  Array<float> workspace_{device_};                                     ///< for select()
 
-  // Of density control, which is decided on the host.
+  // For density control, which runs on the host.
   struct OnHost {
     std::vector<float> mean_gradients, mean_gradients_abs, opacities, max_scales;
   };
-  OnHost on_host_;                      ///< copies of a GPU's statistics
+  OnHost on_host_;                      ///< copies of statistics in device memory
   std::vector<std::uint32_t> origins_;  ///< [N] index before the growth of this iteration
 };
 

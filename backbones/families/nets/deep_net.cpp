@@ -15,12 +15,12 @@
 namespace splatboost {
 namespace {
 
-/// Rows whose values of a layer fit into a core's cache.
+/// Rows per piece; one layer's values of a piece fit into a core's cache.
 constexpr std::size_t kPieceRows = 256;
-/// Rows of a piece are filled up to a multiple: Eigen makes products of a single row in another way, which rounds by
-/// where they lie in memory.
+/// Rows of a piece are padded to a multiple of this: Eigen computes products of a single row by another method, whose
+/// rounding depends on the address.
 constexpr std::size_t kRowMultiple = 8;
-/// Gradients are summed up by so many at a time, each over neighbouring pieces, and then in their order.
+/// Maximum number of partial sums of gradients; each is over consecutive pieces, and they are then added in order.
 constexpr std::size_t kMaxShares = 16;
 
 template <class Real>
@@ -29,7 +29,7 @@ DeepNetKernels<Real> kernels() {
     return double_deep_net_kernels();
   } else {
 #ifdef SPLATBOOST_NET_X86
-    // The instructions that the rasterizer uses too.
+    // The instruction set that the rasterizer uses.
     const std::string name = instruction_set_name();
     if (name.starts_with("AVX3") || name.starts_with("AVX10")) return avx512_deep_net_kernels();
     if (name == "AVX2") return avx2_deep_net_kernels();
@@ -45,7 +45,7 @@ DeepNetSizes sizes_of(const DeepNetShape& shape, std::size_t rows) {
 
 std::size_t filled_up(std::size_t rows) { return (rows + kRowMultiple - 1) / kRowMultiple * kRowMultiple; }
 
-/// Where the weights of the shared inputs of a layer that has them, and its biases, begin.
+/// Offsets of the shared inputs' weights (if the layer has them) and of the biases of a layer.
 struct SharedParts {
   SharedParts(const DeepNetShape& shape, std::size_t layer)
       : weights(shape.begin(layer) + shape.hidden * shape.inputs),
@@ -89,7 +89,7 @@ void DeepNet<Real>::forward(std::span<const Real> parameters, std::span<const Re
                             const WriteInputs& write_inputs, std::span<Real> y, bool keep) {
   SPLATBOOST_CHECK(
       parameters.size() == shape_.parameters() && shared.size() == shape_.shared && y.size() == rows * shape_.outputs,
-      "arrays of a net do not fit to its shape");
+      "the array sizes do not match the shape of the network");
   rows_ = rows;
   biases_.resize(shape_.layers * shape_.hidden);
   for (std::size_t l = 0; l < shape_.layers; ++l) {
@@ -105,7 +105,7 @@ void DeepNet<Real>::forward(std::span<const Real> parameters, std::span<const Re
   const std::size_t pieces = (rows + kPieceRows - 1) / kPieceRows, shares = std::min(pieces, kMaxShares);
   const std::size_t parts = keep ? pieces : shares;
   if (kept_.size() < parts * part_size()) {
-    kept_ = {};  // nothing of it is needed: old and new need not be there at once
+    kept_ = {};  // free the old buffer first; its contents are not needed
     kept_.resize(parts * part_size());
   }
   const std::size_t outputs_size = kPieceRows * shape_.outputs;
@@ -131,7 +131,7 @@ void DeepNet<Real>::backward(std::span<const Real> parameters, std::span<const R
                              std::span<Real> shared_gradient) {
   SPLATBOOST_CHECK(parameter_gradients.size() == shape_.parameters() && shared_gradient.size() == shape_.shared &&
                        y_gradient.size() == rows_ * shape_.outputs,
-                   "gradients of a net do not fit to its shape");
+                   "the gradient sizes do not match the shape of the network");
   const std::size_t pieces = (rows_ + kPieceRows - 1) / kPieceRows, shares = std::min(pieces, kMaxShares);
   const std::size_t all = shape_.parameters();
   const std::size_t scratch_size = kPieceRows * (shape_.outputs + 2 * shape_.hidden);
@@ -146,7 +146,7 @@ void DeepNet<Real>::backward(std::span<const Real> parameters, std::span<const R
       Real* const x = part(piece);
       Real* const values = x + kPieceRows * shape_.inputs;
       const std::size_t begin = piece * kPieceRows, count = std::min(kPieceRows, rows_ - begin);
-      // Rows with a gradient move to the front.
+      // Move rows with a nonzero gradient to the front.
       std::size_t used = 0;
       for (std::size_t row = 0; row < count; ++row) {
         const Real* const given = y_gradient.data() + (begin + row) * shape_.outputs;
@@ -167,7 +167,7 @@ void DeepNet<Real>::backward(std::span<const Real> parameters, std::span<const R
                    of_y + kPieceRows * shape_.outputs, sums);
     }
   });
-  std::vector<Real>& total = sums_;  // of the first share
+  std::vector<Real>& total = sums_;  // starts as the sum of the first share
   constexpr std::size_t kGrain = 1 << 14;
   threads_.for_range(all, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t share = 1; share < shares; ++share) {

@@ -7,7 +7,7 @@
 namespace splatboost::cuda {
 namespace {
 
-/// The weights of a layer that are of the shared inputs; none: the layer does not get them.
+/// A layer's weights of the shared inputs; empty if the layer does not have these inputs.
 struct SharedWeights {
   DeviceView<const float> weights;  ///< [hidden,shared]
   DeviceView<const float> shared;
@@ -58,7 +58,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   sums[c] = sum;
 }
 
-/// Where the parts of a layer are in the flat parameters.
+/// Parts of a layer in the flat parameters.
 template <class T>
 struct Parts {
   Parts(const DeepNetShape& shape, std::span<T> parameters, std::size_t layer) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The net of deep_net.h on a CUDA device: products by cuBLAS over all rows at once, and kernels for what is
-/// between them. For .cu files.
+/// @file The net of deep_net.h on a CUDA device: cuBLAS for the products over all rows, kernels for the rest. For .cu
+/// files.
 #pragma once
 
 #include <span>
@@ -11,10 +11,10 @@
 
 namespace splatboost::cuda {
 
-/// Spans are of device memory, shapes as in deep_net.h.
+/// Spans are in device memory; shapes as in deep_net.h.
 class CudaDeepNet {
  public:
-  /// @param matrices of the same stream; must outlive it
+  /// @param matrices on the same stream; must outlive this object
   CudaDeepNet(const DeepNetShape& shape, CudaStream& stream, CudaMatrices& matrices)
       : shape_(shape),
         stream_(stream),
@@ -27,7 +27,7 @@ class CudaDeepNet {
   /// @param x [rows,inputs] @param keep whether backward() follows
   void forward(std::span<const float> parameters, std::span<const float> shared, std::size_t rows,
                std::span<const float> x, std::span<float> y, bool keep);
-  /// Of the last forward().
+  /// Backward pass of the last forward(), which must have had `keep`.
   void backward(std::span<const float> parameters, std::span<const float> shared, std::span<const float> x,
                 std::span<const float> y_gradient, std::span<float> parameter_gradients,
                 std::span<float> shared_gradient);
@@ -37,10 +37,10 @@ class CudaDeepNet {
   CudaStream& stream_;
   CudaMatrices& matrices_;
   std::size_t rows_ = 0;
-  DeviceArray<float> biases_;          ///< [layers,hidden] with what the shared inputs add
-  DeviceArray<float> values_;          ///< [layers,rows,hidden], or of two layers in turn
+  DeviceArray<float> biases_;          ///< [layers,hidden] including the products of the shared inputs
+  DeviceArray<float> values_;          ///< [layers,rows,hidden]; [2,rows,hidden] in turn without `keep`
   DeviceArray<float> gradients_;       ///< [2,rows,hidden]
-  DeviceArray<float> bias_gradients_;  ///< [layers · hidden + outputs] of one call
+  DeviceArray<float> bias_gradients_;  ///< [layers · hidden + outputs] of the current call
 };
 
 }  // namespace splatboost::cuda

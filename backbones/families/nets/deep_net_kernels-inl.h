@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Included once by each net_*.cpp behind net_kernels-inl.h, whose matrices it uses.
+// Included once by each net_*.cpp, after net_kernels-inl.h, whose matrix types it uses.
 #include "families/nets/deep_net_kernels.h"
 
 namespace splatboost {
 namespace {
 
-/// Walks through the flat parameters, layer by layer.
+/// Pointers to one layer's parts of the flat parameters; null: the layer does not have it.
 template <class T>
 struct DeepLayer {
   T *of_inputs = nullptr, *of_below = nullptr, *biases = nullptr;
@@ -74,7 +74,7 @@ void deep_backward(const DeepNetSizes& sizes, const Real* parameters, const Real
   const auto n = static_cast<Eigen::Index>(sizes.rows), in = static_cast<Eigen::Index>(sizes.inputs),
              width = static_cast<Eigen::Index>(sizes.hidden), out = static_cast<Eigen::Index>(sizes.outputs);
   const std::size_t all = sizes.rows * sizes.hidden;
-  const Real* of_above = y_gradient;  // gradient of what the layer above made, before its relu
+  const Real* of_above = y_gradient;  // gradient of the layer above, before its ReLU
   Eigen::Index above_width = out;
   for (std::size_t l = sizes.layers + 1; l-- > 0;) {
     const auto layer = deep_layer(sizes, parameters, l);
@@ -97,7 +97,7 @@ void deep_backward(const DeepNetSizes& sizes, const Real* parameters, const Real
 
 template <class Real>
 void encode_rows(std::size_t rows, std::size_t frequencies, const Real* x, Real* encoded) {
-  // In blocks of a fixed size: a loop whose end is treated apart would round differently there.
+  // In blocks of fixed size: the remainder loop of a vectorised loop would round differently.
   constexpr std::size_t kBlock = 16, kMaxFrequencies = 32;
   const std::size_t count = 3 * frequencies, width = 3 + 2 * count;
   for (std::size_t r = 0; r < rows; ++r, x += 3, encoded += width) {

@@ -1,27 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The arithmetic of deep_net.h on a piece of the rows, compiled once an instruction set; see net_kernels.h.
+/// @file The arithmetic of deep_net.h for a piece of the rows, compiled once per instruction set; see net_kernels.h.
 #pragma once
 
 #include <cstddef>
 
 namespace splatboost {
 
-/// A DeepNetShape without functions, and the rows of a piece, at least two of them.
+/// A plain DeepNetShape, and the number of rows of a piece, at least two.
 struct DeepNetSizes {
   std::size_t rows, inputs, shared, hidden, layers, joined, outputs;
-  std::size_t layer_stride;  ///< values from one layer of `layers_values` to the next
+  std::size_t layer_stride;  ///< number of elements between consecutive layers in `values`
 };
 
 template <class Real>
 struct DeepNetKernels {
-  /// @param biases [layers,hidden], complete @param x [rows,inputs] @param values of all layers @param y [rows,outputs]
+  /// @param biases [layers,hidden] including the products of the shared inputs
+  /// @param x [rows,inputs] @param values of all layers @param y [rows,outputs]
   void (*forward)(const DeepNetSizes&, const Real* parameters, const Real* biases, const Real* x, Real* values,
                   Real* y);
   /// @param scratch [2,rows,hidden]
-  /// @param gradients of the parameters, are added to; those of shared inputs' weights are left alone
+  /// @param gradients of the parameters, are added to; those of the shared inputs' weights are not changed
   void (*backward)(const DeepNetSizes&, const Real* parameters, const Real* x, const Real* values,
                    const Real* y_gradient, Real* scratch, Real* gradients);
-  /// x and, for k = 0 … frequencies − 1, sin(2ᵏ·x) and cos(2ᵏ·x), each of three coordinates
+  /// x and, for k = 0 … frequencies − 1, sin(2ᵏ·x) and cos(2ᵏ·x), three coordinates each
   /// @param x [rows,3] @param encoded [rows,3·(1 + 2·frequencies)]
   void (*encode)(std::size_t rows, std::size_t frequencies, const Real* x, Real* encoded);
 };

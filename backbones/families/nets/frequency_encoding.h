@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file x, sin(2ᵏ·x) and cos(2ᵏ·x): what nets get in place of coordinates (NeRF, Mildenhall et al. 2020, without π).
+/// @file Frequency encoding of net inputs: x, sin(2ᵏ·x) and cos(2ᵏ·x) (NeRF, Mildenhall et al. 2020, without π).
 #pragma once
 
 #include <cstddef>
@@ -7,17 +7,17 @@
 
 namespace splatboost {
 
-/// Columns of `width` encoded coordinates: they, then for k = 0 … frequencies − 1 their sines, then cosines.
+/// Columns of `width` encoded coordinates: the coordinates, then for k = 0 … frequencies − 1 their sines, then cosines.
 constexpr std::size_t encoded_width(std::size_t width, std::size_t frequencies) {
   return width * (1 + 2 * frequencies);
 }
 
-/// Of rows of three coordinates. Real is float or double.
+/// Encodes rows of three coordinates. Real is float or double.
 /// @param x [rows,3] @param encoded [rows,3·(1 + 2·frequencies)]
 template <class Real>
 void encode_positions(std::size_t rows, std::size_t frequencies, const Real* x, Real* encoded);
 
-/// Of one number. @param encoded [1 + 2·frequencies]
+/// Encodes one number. @param encoded [1 + 2·frequencies]
 template <class Real>
 void encode_number(Real x, std::span<Real> encoded);
 

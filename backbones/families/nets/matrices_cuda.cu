@@ -19,7 +19,7 @@
 namespace splatboost::cuda {
 namespace {
 
-/// The functions of cuBLAS that are used here.
+/// The cuBLAS functions used here.
 struct Cublas {
   decltype(&cublasCreate) create;
   decltype(&cublasDestroy) destroy;
@@ -35,16 +35,16 @@ Cublas load_cublas() { return {cublasCreate, cublasDestroy, cublasSetStream, cub
 
 Cublas load_cublas() {
   const std::string name = "libcublas.so." + std::to_string(CUBLAS_VER_MAJOR);
-  // Where the system looks for libraries, or else in the toolkit that this was built with.
+  // The library search path first, then the toolkit used in this build.
   void* library = dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) library = dlopen((SPLATBOOST_CUDA_LIBRARIES "/" + name).c_str(), RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) {
-    throw NoDeviceError("backbones with nets need cuBLAS on a GPU, and there is no " + name +
-                        ": install it, or put its folder into LD_LIBRARY_PATH");
+    throw NoDeviceError("backbones with neural networks need cuBLAS on a GPU, but " + name +
+                        " was not found; install it, or add its folder to LD_LIBRARY_PATH");
   }
   const auto find = [&](auto& function, const char* symbol) {
     function = reinterpret_cast<std::remove_reference_t<decltype(function)> >(dlsym(library, symbol));
-    if (function == nullptr) throw NoDeviceError(name + " has no " + symbol + ": it is not a cuBLAS that works here");
+    if (function == nullptr) throw NoDeviceError(name + " has no function " + symbol + "; install a supported cuBLAS");
   };
   Cublas cublas{};
   find(cublas.create, "cublasCreate_v2");
@@ -61,12 +61,12 @@ const Cublas& cublas() {
   return loaded;
 }
 
-constexpr unsigned kColumns = 32, kRowLanes = 8;  // of a block
+constexpr unsigned kColumns = 32, kRowLanes = 8;  // per block
 constexpr std::size_t kMaxRowBlocks = 512;
 
-/// A block adds up kColumns of the columns, over every gridDim.x-th group of rows; blocks of one x write one row of
-/// sums.
-/// @param add to what is there; else it is overwritten
+/// A block sums kColumns columns over every gridDim.x-th group of kRowLanes rows; blocks of equal blockIdx.x write one
+/// row of `sums`.
+/// @param add whether to add to `sums` instead of overwriting it
 __global__ void __launch_bounds__(kColumns* kRowLanes)
     column_sums_kernel(DeviceView<const float> a, std::size_t m, std::size_t width, std::size_t first,
                        std::size_t columns, bool add, DeviceView<float> sums) {
@@ -107,8 +107,8 @@ struct CudaMatrices::State {
     if (status == CUBLAS_STATUS_SUCCESS) return;
     throw DeviceError(std::string(what) + " failed: cuBLAS status " + std::to_string(static_cast<int>(status)));
   }
-  /// A row-major matrix is the transposed one in the order of columns that cuBLAS knows: c = op(a)·op(b) is asked for
-  /// as cᵀ = op(b)ᵀ·op(a)ᵀ.
+  /// cuBLAS is column-major, where a row-major matrix is its transpose: c = op(a)·op(b) is computed as
+  /// cᵀ = op(b)ᵀ·op(a)ᵀ.
   void sgemm(cublasOperation_t of_b, cublasOperation_t of_a, std::size_t m, std::size_t n, std::size_t k,
              std::span<const float> b, std::size_t b_width, std::span<const float> a, std::size_t a_width, float beta,
              std::span<float> c) {

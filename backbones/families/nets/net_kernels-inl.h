@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Included once by each net_*.cpp, which renames Eigen's namespace first: templates of one instruction set must not
-// meet those of another in the linker.
+// Included once by each net_*.cpp, which renames Eigen's namespace first, so that the linker does not merge template
+// instances compiled for different instruction sets.
 
-// Small products by Eigen's other method would round differently from address to address: all are made by its GEMM.
+// Use GEMM for all products: Eigen's method for small products rounds differently depending on the address.
 #define EIGEN_GEMM_TO_COEFFBASED_THRESHOLD 0
 #include <cstring>
 
@@ -23,7 +23,7 @@ using ConstRows = Eigen::Map<const Matrix<Real>>;
 template <class Real>
 using ConstRow = Eigen::Map<const Eigen::Matrix<Real, 1, Eigen::Dynamic>>;
 
-/// Sizes as Eigen counts, and where the parts of the flat parameters begin.
+/// Sizes as Eigen::Index, and offsets of the parts of the flat parameters.
 struct Layout {
   explicit Layout(NetSizes s)
       : n(static_cast<Eigen::Index>(s.rows)),
@@ -48,7 +48,7 @@ void forward(NetSizes sizes, const Real* p, const Real* x, Real* hidden, Real* y
   result.rowwise() += ConstRow<Real>(p + at.b2, at.out);
 }
 
-/// Row by row, so that every column is summed in the same order wherever it lies in memory; Eigen's sum is not.
+/// Row by row: the order of summation does not depend on the address, unlike that of Eigen's sum().
 template <class Real>
 void add_column_sums(const Real* rows, Eigen::Index n, Eigen::Index width, Real* sums) {
   for (Eigen::Index r = 0; r < n; ++r) {
@@ -71,7 +71,7 @@ void backward(NetSizes sizes, const Real* p, const Real* x, const Real* hidden, 
   Rows<Real>(x_gradient, at.n, at.in).noalias() = dh * ConstRows<Real>(p, at.middle, at.in);
 }
 
-/// In whole vectors, the last one padded: loops whose ends are treated apart would round differently there.
+/// In whole vectors, the last one padded: the remainder loop of a vectorised loop would round differently.
 template <class Function>
 void for_all(float* values, std::size_t n, Function&& function) {
   constexpr std::size_t kWidth = 16;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The arithmetic of a net of two layers, compiled once an instruction set. Plain pointers and sizes only: an
-/// inline function of another header would be compiled for these instructions too, and the linker might choose it for
-/// machines that lack them.
+/// @file The arithmetic of a two-layer net, compiled once per instruction set. Plain pointers and sizes only: an inline
+/// function of another header would be compiled for these instructions too, and the linker might choose that instance
+/// for machines that lack them.
 #pragma once
 
 #include <cstddef>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #define Eigen eigen_portable
 #include "families/nets/net_kernels-inl.h"
-// Behind it.
+// Uses the header above.
 #include "families/nets/deep_net_kernels-inl.h"
 
 namespace splatboost {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Marks formulas that every device shares. Of internal linkage, because some are compiled for
+/// @file Marks formulas shared by all devices. They have internal linkage, because some are compiled for
 /// several instruction sets.
 #pragma once
 

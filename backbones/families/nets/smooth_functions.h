@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file exp, sigmoid and tanh in a form that compilers turn into SIMD code: no branches, no calls. Of internal
-/// linkage, because they are compiled for several instruction sets. GPUs take the same.
+/// @file exp, sigmoid, tanh, sine and cosine in a form that compilers can vectorise: no branches, no calls. They have
+/// internal linkage, because they are compiled for several instruction sets. GPUs use the same functions.
 #pragma once
 
 #include <algorithm>
@@ -13,13 +13,13 @@
 
 namespace splatboost {
 
-/// Within 3e-7 of exp(x), relatively, for x in [-87, 88], and clamped to that range; doubles get the library's.
+/// exp(x) with a relative error below 3e-7; x is clamped to [-87, 88]. Doubles use std::exp.
 template <class Real>
 SPLATBOOST_SHARED_MATH Real smooth_exp(Real x) {
   if constexpr (!std::is_same_v<Real, float>) {
     return std::exp(x);
   } else {
-    // exp(x) = 2ⁿ·exp(r) with |r| <= ln 2 / 2, where Taylor's series of degree 7 is good to 1e-8.
+    // exp(x) = 2ⁿ·exp(r) with |r| <= ln 2 / 2, where the Taylor series of degree 7 is accurate to 1e-8.
     constexpr float kLog2E = 1.44269504f, kLn2High = 0.693359375f, kLn2Low = -2.12194440e-4f;
     constexpr float kRound = 12582912.0f;  // 1.5·2²³: adding it leaves the nearest whole number in the low bits
     const float bounded = std::min(std::max(x, -87.0f), 88.0f);
@@ -49,14 +49,14 @@ SPLATBOOST_SHARED_MATH Real smooth_tanh(Real x) {
   return Real(1) - Real(2) / (smooth_exp(Real(2) * x) + Real(1));
 }
 
-/// Within 2e-7 of sin(x) and cos(x), for |x| up to 1e9; doubles get the library's.
+/// sin(x) and cos(x) with an error below 2e-7, for |x| up to 1e9. Doubles use the standard library.
 template <class Real>
 SPLATBOOST_SHARED_MATH void smooth_sine_cosine(Real x, Real& sine, Real& cosine) {
   if constexpr (!std::is_same_v<Real, float>) {
     sine = std::sin(x);
     cosine = std::cos(x);
   } else {
-    // Quarter turns are taken off in double precision: x is a coordinate times a power of two, and so large.
+    // Reduced by quarter turns in double precision, because x is a coordinate times a power of two and can be large.
     constexpr double kQuartersPerRadian = 0.63661977236758134, kQuarter = 1.5707963267948966;
     constexpr double kRound = 6755399441055744.0;  // 1.5·2⁵²: adding it leaves the nearest whole number in the low bits
     const double quarters = static_cast<double>(x) * kQuartersPerRadian;

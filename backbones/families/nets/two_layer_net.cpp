@@ -11,7 +11,7 @@
 namespace splatboost {
 namespace {
 
-/// For the instructions that the rasterizer uses too.
+/// For the instruction set that the rasterizer uses.
 NetKernels kernels() {
 #ifdef SPLATBOOST_NET_X86
   const std::string name = instruction_set_name();

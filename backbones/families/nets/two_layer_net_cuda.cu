@@ -34,7 +34,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (i < gradient.size() && !(hidden[i] > 0.0f)) gradient[i] = 0.0f;
 }
 
-/// Where the parts of the flat parameters are.
+/// Parts of the flat parameters.
 template <class T>
 struct Parts {
   Parts(const NetShape& shape, std::span<T> parameters)

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The nets of two_layer_net.h on a CUDA device: products by cuBLAS, and kernels for what is between them. For
-/// .cu files.
+/// @file The nets of two_layer_net.h on a CUDA device: cuBLAS for the products, kernels for the rest. For .cu files.
 #pragma once
 
 #include <span>
@@ -10,17 +9,17 @@
 
 namespace splatboost::cuda {
 
-/// What follows the last layer.
+/// Output activation.
 enum class Activation { none, tanh, sigmoid };
 
-/// Spans are of device memory, shapes as in two_layer_net.h; what is longer than needed is not touched beyond that.
+/// Spans are in device memory; shapes as in two_layer_net.h. Spans may be longer than needed; the rest is not accessed.
 class CudaNets {
  public:
   explicit CudaNets(CudaStream& stream) : stream_(stream), matrices_(stream) {}
 
   void forward(const NetShape& shape, std::span<const float> parameters, std::size_t rows, std::span<const float> x,
                Activation activation, std::span<float> hidden, std::span<float> y);
-  /// @param y_gradient of what went into the activation
+  /// @param y_gradient with respect to the input of the activation
   void backward(const NetShape& shape, std::span<const float> parameters, std::size_t rows, std::span<const float> x,
                 std::span<const float> hidden, std::span<const float> y_gradient, std::span<float> hidden_gradient,
                 std::span<float> parameter_gradients, std::span<float> x_gradient);

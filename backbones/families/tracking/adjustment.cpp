@@ -11,12 +11,12 @@
 namespace splatboost::tracking {
 namespace {
 
-constexpr double kNearest = 1e-3;  ///< metres: nearer, and behind the camera, errors say nothing
+constexpr double kNearest = 1e-3;  ///< metres; no residual for nearer points and behind the camera
 constexpr int kRefinements = 3;
 constexpr int kRefinementSteps = 8;
-constexpr double kGraphRotationWeight = 4;  ///< a radian counts as so many metres
+constexpr double kGraphRotationWeight = 4;  ///< metres per radian
 
-/// x, y, z, w of the rotation, then the translation.
+/// Rotation quaternion x, y, z, w, then translation.
 using PoseBlock = Eigen::Matrix<double, 7, 1>;
 
 PoseBlock to_block(const Pose& pose) {
@@ -29,15 +29,15 @@ Pose to_pose(const double* block) {
   return {Eigen::Quaterniond(Eigen::Map<const Eigen::Vector4d>(block)).normalized(), Eigen::Map<const Vec3>(block + 4)};
 }
 
-/// Rotation by the vector's length about the vector.
+/// Rotation by |w| radians about w.
 Eigen::Quaterniond turned_by(const Vec3& w) {
   const double angle = w.norm();
   return angle < 1e-12 ? Eigen::Quaterniond(1, w.x() / 2, w.y() / 2, w.z() / 2).normalized()
                        : Eigen::Quaterniond(Eigen::AngleAxisd(angle, w / angle));
 }
 
-/// A small motion (translation, rotation) after the pose. The cost functions below give their derivatives with respect
-/// to it in the first six columns, so the derivative of the block by it is never formed.
+/// Tangent space: a small motion (translation, rotation) applied after the pose. The cost functions below return their
+/// derivatives with respect to it in the first six columns, so the Jacobian of the block is not computed.
 class PoseManifold final : public ceres::Manifold {
  public:
   int AmbientSize() const override { return 7; }
@@ -71,13 +71,13 @@ class PoseManifold final : public ceres::Manifold {
   }
 };
 
-/// Errors of one sighting: of the pixel and, of three, of the disparity.
+/// Residuals of one sighting: of the pixel position and, with three, of the disparity.
 template <int Errors>
 struct SightingError {
   Optics optics;
   Sighting sighting;
 
-  /// @param by_point derivatives by the point in the camera's frame, or null
+  /// @param by_point derivatives with respect to the point in camera space, or null
   bool evaluate(const Vec3& p, double* errors, Eigen::Matrix<double, Errors, 3>* by_point) const {
     if (p.z() < kNearest) return false;
     const double inverse = 1 / p.z(), weight = 1 / sighting.sigma, disparity = kDepthBaseline * optics.fx;
@@ -96,7 +96,7 @@ struct SightingError {
     return true;
   }
 
-  /// By a small motion of the camera: the point moves by v + w × p.
+  /// Derivatives with respect to a small motion of the camera: the point moves by v + w × p.
   static void by_pose(const Vec3& p, const Eigen::Matrix<double, Errors, 3>& by_point, double* jacobian) {
     Eigen::Map<Eigen::Matrix<double, Errors, 7, Eigen::RowMajor>> j(jacobian);
     Eigen::Matrix3d cross;
@@ -171,7 +171,7 @@ struct EdgeError {
 ceres::Solver::Options solver_options(int iterations) {
   ceres::Solver::Options options;
   options.max_num_iterations = iterations;
-  options.num_threads = 1;  // sums in a fixed order
+  options.num_threads = 1;  // deterministic order of summation
   options.logging_type = ceres::SILENT;
   options.function_tolerance = 1e-5;
   return options;
@@ -198,7 +198,7 @@ std::size_t refine_pose(const Optics& optics, std::span<const Vec3> points, std:
   for (int round = 0; round < kRefinements; ++round) {
     PoseBlock block = to_block(pose);
     ceres::Problem problem;
-    PoseManifold* const manifold = new PoseManifold;  // the problem's
+    PoseManifold* const manifold = new PoseManifold;  // owned by the problem
     problem.AddParameterBlock(block.data(), 7, manifold);
     for (std::size_t i = 0; i < sightings.size(); ++i) {
       if (fits[i] == 0) continue;
@@ -209,7 +209,7 @@ std::size_t refine_pose(const Optics& optics, std::span<const Vec3> points, std:
       } else {
         cost = new PoseCost<2>(optics, s, points[s.point]);
       }
-      // In the last round only what fits is left.
+      // The last round has only inliers and needs no robust loss.
       ceres::LossFunction* const loss =
           round + 1 < kRefinements ? new ceres::HuberLoss(std::sqrt(likely_error(s))) : nullptr;
       problem.AddResidualBlock(cost, loss, block.data());

@@ -14,21 +14,21 @@
 namespace splatboost::tracking {
 namespace {
 
-constexpr int kSurplus = 3;         ///< times as many are detected as are kept
-constexpr int kCellSide = 32;       ///< px: the strongest of each cell come first
+constexpr int kSurplus = 3;         ///< ratio of detected to kept features
+constexpr int kCellSide = 32;       ///< px; the strongest features of each cell are kept first
 constexpr int kFastThreshold = 10;  ///< grey levels
-constexpr int kMaxBits = 60;        ///< of 256 by which descriptors of one point differ
-constexpr int kFarBits = 80;        ///< the same where there is no second one to confuse it with
-constexpr double kClearly = 0.8;    ///< best over second best distance, at most
-constexpr int kLevelsApart = 2;
-constexpr int kBorder = 19;     ///< px without features at each side of a level: half of a patch, turned
-constexpr float kEdge = 0.05f;  ///< share by which depths beside a feature differ at an edge
+constexpr int kMaxBits = 60;        ///< maximum Hamming distance (of 256 bits) between descriptors of one point
+constexpr int kFarBits = 80;        ///< the same for matches near an expected position
+constexpr double kClearly = 0.8;    ///< ratio test: best / second best distance, upper bound
+constexpr int kLevelsApart = 2;     ///< maximum difference of pyramid levels
+constexpr int kBorder = 19;         ///< px without features at each side of a level: half of a rotated patch
+constexpr float kEdge = 0.05f;      ///< relative depth difference of neighbouring pixels at an edge
 
 int bits_apart(const std::uint8_t* a, const std::uint8_t* b) {
   return static_cast<int>(cv::hal::normHamming(a, b, 32));
 }
 
-/// The depth at a pixel; 0 at the edge of a surface, where it may be that of either side.
+/// The depth at a pixel; 0 at depth edges, where it may belong to either side.
 double depth_at(std::span<const float> depth, int width, int height, int x, int y) {
   const auto at = [&](int column, int row) {
     return depth[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column)];
@@ -64,7 +64,7 @@ Features FeatureExtractor::extract(int width, int height, std::span<const std::u
                    static_cast<std::size_t>(std::lround(k.pt.x))] == 0;
     });
   }
-  // Round by round the strongest that is left of every cell.
+  // In rounds: each takes the strongest remaining feature of every cell.
   std::ranges::sort(found, [](const cv::KeyPoint& a, const cv::KeyPoint& b) {
     return std::make_tuple(-a.response, a.octave, a.pt.y, a.pt.x) <
            std::make_tuple(-b.response, b.octave, b.pt.y, b.pt.x);
@@ -83,7 +83,7 @@ Features FeatureExtractor::extract(int width, int height, std::span<const std::u
     kept.push_back(found[i]);
     kept.back().class_id = static_cast<int>(kept.size());
   }
-  // OpenCV describes them level by level: they are put back in order, the first stand for all.
+  // OpenCV reorders keypoints by level; restore the order, because similar_keyframes() compares the first ones only.
   cv::Mat descriptors;
   if (!kept.empty()) describer_->compute(grey, kept, descriptors);
   std::vector<std::size_t> order(kept.size());
@@ -122,7 +122,7 @@ FeatureGrid::~FeatureGrid() = default;
 
 namespace {
 
-/// What the tree's search fills.
+/// Result set of the tree's search.
 struct Within {
   using DistanceType = double;
   double most;
@@ -171,7 +171,7 @@ std::vector<int> match_expected(std::span<const Expected> expected, const Featur
       }
     }
     if (at < 0 || (best_level == second_level && best >= kClearly * second)) continue;
-    // A feature belongs to one point: the nearest.
+    // Assign a feature to the point with the nearest descriptor only.
     const auto slot = static_cast<std::size_t>(at);
     if (owner[slot] >= 0) {
       if (distance_of[slot] <= best) continue;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file ORB features of a picture, and which of two pictures, or of a picture and points, belong together.
+/// @file ORB features of images, and matching between two images or between an image and map points.
 #pragma once
 
 #include <array>
@@ -15,23 +15,23 @@
 
 namespace splatboost::tracking {
 
-inline constexpr double kLevelFactor = 1.2;  ///< of the sizes of ORB's pyramid
+inline constexpr double kLevelFactor = 1.2;  ///< scale factor between levels of the ORB pyramid
 inline constexpr int kLevels = 8;
 
 struct Features {
   std::vector<Vec2> pixels;
-  std::vector<double> depths;  ///< 0: not known
-  std::vector<int> levels;     ///< of the pyramid
-  std::vector<float> strengths;
-  cv::Mat descriptors;  ///< [N,32] bytes
+  std::vector<double> depths;    ///< metres; 0: unknown
+  std::vector<int> levels;       ///< pyramid level
+  std::vector<float> strengths;  ///< detector response
+  cv::Mat descriptors;           ///< [N,32] bytes
   std::size_t size() const { return pixels.size(); }
 };
 
 class FeatureExtractor {
  public:
-  /// @param count features that are wanted, spread over the picture
+  /// @param count maximum number of features per image, spread over the image
   explicit FeatureExtractor(int count);
-  /// @param color [H,W,3] RGB @param depth [H,W] metres, or empty @param valid [H,W], or empty: no feature elsewhere
+  /// @param color [H,W,3] RGB @param depth [H,W] metres, or empty @param valid [H,W] zero: no features there; or empty
   Features extract(int width, int height, std::span<const std::uint8_t> color, std::span<const float> depth,
                    std::span<const std::uint8_t> valid) const;
 
@@ -40,12 +40,12 @@ class FeatureExtractor {
   cv::Ptr<cv::ORB> detector_, describer_;
 };
 
-/// Features of a picture by place.
+/// Spatial index of the features of an image. The features must outlive it.
 class FeatureGrid {
  public:
   explicit FeatureGrid(const Features& features);
   ~FeatureGrid();
-  /// Numbers of the features nearer than `radius`, ascending.
+  /// Indices of the features nearer than `radius` pixels, ascending.
   void within(const Vec2& place, double radius, std::vector<std::size_t>& found) const;
 
  private:
@@ -53,19 +53,19 @@ class FeatureGrid {
   std::unique_ptr<Tree> tree_;
 };
 
-/// What is looked for in a picture.
+/// A map point to search for in an image.
 struct Expected {
   Vec2 place = Vec2::Zero();
   double radius = 0;   ///< px
-  int level = 0;       ///< of the pyramid, about
+  int level = 0;       ///< approximate pyramid level
   cv::Mat descriptor;  ///< [1,32]
 };
 
-/// For each what fits best and clearly enough, once each; -1: nothing does.
+/// For each expected point the index of the best feature if it is close and unambiguous, else -1. A feature is matched
+/// at most once.
 std::vector<int> match_expected(std::span<const Expected> expected, const Features& features, const FeatureGrid& grid);
 
-/// For each descriptor of `a` the number of that of `b` which is clearly nearest and of which it is the nearest too;
-/// -1: there is none.
+/// Mutual nearest neighbours that pass a ratio test: for each descriptor of `a` the index of its match in `b`, or -1.
 std::vector<int> match_descriptors(const cv::Mat& a, const cv::Mat& b);
 
 }  // namespace splatboost::tracking

@@ -13,10 +13,10 @@ namespace splatboost::tracking {
 namespace {
 
 constexpr std::array kFactors = {0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.12, 1.25, 1.4, 1.6, 1.8, 2.0, 2.25, 2.5};
-constexpr double kFarOff = 1.2;         ///< a factor nearer to 1 is none to speak of
-constexpr double kClearlyBetter = 0.7;  ///< of the error as given
+constexpr double kFarOff = 1.2;         ///< factors closer to 1 are not reported
+constexpr double kClearlyBetter = 0.7;  ///< × error with the given focal lengths
 constexpr std::size_t kMinShared = 30;
-constexpr std::size_t kKeptPercent = 60;  ///< of the points of a pair, those that fit best
+constexpr std::size_t kKeptPercent = 60;  ///< share of a pair's points that is kept, those that fit best
 
 struct Seen {
   Vec2 first, second;  ///< px from the principal point
@@ -39,7 +39,7 @@ std::vector<Seen> shared_points(const SparseMap& map, std::size_t a, std::size_t
   return shared;
 }
 
-/// Median error, px of the focal lengths as given, of the rigid motion that fits best.
+/// Median reprojection error, px, of the points kept (kKeptPercent) under the rigid motion that fits them best.
 double error_of(const std::vector<Seen>& seen, double fx, double fy, double factor) {
   const auto place = [&](const Vec2& pixel, double depth) -> Vec3 {
     return Vec3(pixel.x() / (factor * fx), pixel.y() / (factor * fy), 1) * depth;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Whether depth and pictures agree with the focal lengths that a user gave.
+/// @file Check of the given focal lengths against images and depth.
 #pragma once
 
 #include <optional>
@@ -8,9 +8,9 @@
 
 namespace splatboost::tracking {
 
-/// By what the focal lengths must be multiplied so that what two keyframes see together fits best to one rigid motion.
-/// None where that is no surprise: where they fit about as well as they are, or motion or matches do not tell (a camera
-/// that only shifts fits to any focal length).
+/// Factor for the focal lengths with which the points shared by two keyframes fit a rigid motion best. None if the
+/// given focal lengths fit about as well, or if motion and matches are inconclusive (any focal length fits a camera
+/// that only translates).
 std::optional<double> better_focal_factor(const SparseMap& map);
 
 }  // namespace splatboost::tracking

@@ -9,24 +9,24 @@
 namespace splatboost::tracking {
 namespace {
 
-constexpr std::size_t kMinApart = 10;  ///< keyframes between a place and the return to it
+constexpr std::size_t kMinApart = 10;  ///< minimum number of keyframes between the two visits of a place
 constexpr std::size_t kCandidates = 2;
 constexpr std::size_t kNeighbours = 8;
-constexpr std::size_t kMatchedNeighbours = 3;  ///< whose descriptors are compared
-constexpr int kConnected = 15;                 ///< shared points of keyframes that see the same place
-constexpr std::size_t kFirstFits = 20;         ///< matches by descriptor alone that fit one pose
-constexpr std::size_t kFits = 40;              ///< the same after the search by place
-/// … and of the points that should be in the picture this share is found: where a pattern repeats, only it is.
+constexpr std::size_t kMatchedNeighbours = 3;  ///< number of neighbours to match descriptors with
+constexpr int kConnected = 15;                 ///< minimum number of shared points of keyframes at the same place
+constexpr std::size_t kFirstFits = 20;         ///< minimum number of inliers when matching by descriptors alone
+constexpr std::size_t kFits = 40;              ///< the same after the search by projection
+/// Minimum share of the expected points that are found: where only a pattern repeats, fewer are.
 constexpr double kFoundShare = 0.3;
 constexpr double kSearchRadius = 8;  ///< px
-/// What is taken for possible drift, so that places that look alike are told apart: metres a metre of the way, metres
-/// at least, and radians.
+/// Maximum drift, to reject different places that look alike: metres per metre travelled, its minimum in metres, and
+/// the rotation in radians.
 constexpr double kDrift = 0.1, kMinDrift = 0.1, kMaxTurn = 0.35;
-constexpr double kMaxAway = 1.0;  ///< radians between directions in which the same place is seen
-constexpr int kEdgeShared = 30;   ///< points that make an edge of the graph
+constexpr double kMaxAway = 1.0;  ///< radians between viewing directions of the same place
+constexpr int kEdgeShared = 30;   ///< minimum number of shared points for an edge of the pose graph
 constexpr int kFinalIterations = 8;
 
-/// `keyframe` and those that see most of what it sees.
+/// `keyframe` and the keyframes that share most points with it.
 std::vector<std::size_t> neighbourhood(const SparseMap& map, std::size_t keyframe) {
   std::vector<std::size_t> around{keyframe};
   for (const auto& [other, shared] : map.covisible(keyframe)) {
@@ -40,7 +40,7 @@ std::size_t count_of(const std::vector<int>& points) {
   return static_cast<std::size_t>(std::ranges::count_if(points, [](int p) { return p >= 0; }));
 }
 
-/// How far the camera can be from where it seems to be at `keyframe`, seen from `earlier`.
+/// Upper bound for the position error of `keyframe` relative to `earlier`, metres.
 double possible_drift(const SparseMap& map, std::size_t earlier, std::size_t keyframe) {
   double way = 0;
   for (std::size_t i = earlier; i < keyframe; ++i) {
@@ -67,7 +67,7 @@ std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size
     }
   }
   if (!locate(map, features, loop.point_of_feature, loop.pose, kFirstFits)) return std::nullopt;
-  // More of the place by where it should be in the picture.
+  // Find more points of the place by projection.
   std::vector<int> known = map.seen_by(around), visible;
   const std::set<int> matched(loop.point_of_feature.begin(), loop.point_of_feature.end());
   std::erase_if(known, [&](int p) { return matched.contains(p); });
@@ -95,7 +95,7 @@ std::vector<Edge> edges_of(const SparseMap& map) {
       if (other >= i || (shared < kEdgeShared && other + 1 != i)) continue;
       edges.push_back({other, i, keyframes[i].pose * keyframes[other].pose.inverse(), std::sqrt(shared / 100.0)});
     }
-    // Also where sight was lost for a moment.
+    // Connects consecutive keyframes even where they share no points.
     if (i > 0) edges.push_back({i - 1, i, keyframes[i].pose * keyframes[i - 1].pose.inverse(), 0.3});
   }
   return edges;
@@ -136,7 +136,7 @@ void close_loop(SparseMap& map, const Loop& loop) {
   for (std::size_t i = 0; i < keyframes.size(); ++i) keyframes[i].pose = after[i];
   for (MapPoint& p : map.points()) p.position = after[p.keyframe].inverse() * (before[p.keyframe] * p.position);
 
-  // What is on the map twice becomes one: first in the keyframe that came back, then around it.
+  // Merge duplicate points, first in the keyframe that returned, then in its neighbours.
   const auto join = [&](std::size_t keyframe, std::size_t feature, int earlier_point) {
     if (map.point(earlier_point).gone) return;
     const int now = keyframes[keyframe].points[feature];

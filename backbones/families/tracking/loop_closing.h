@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A camera that is back where it was: found by what it sees, checked by geometry, and put right.
+/// @file Loop closing: detection by appearance, geometric verification and correction of the map.
 #pragma once
 
 #include <cstddef>
@@ -11,16 +11,16 @@
 namespace splatboost::tracking {
 
 struct Loop {
-  std::size_t keyframe = 0;           ///< that came back …
-  std::size_t earlier = 0;            ///< … to what this one saw
-  Pose pose;                          ///< of `keyframe` by the points of that time
-  std::vector<int> point_of_feature;  ///< of `keyframe`: those points
+  std::size_t keyframe = 0;           ///< the keyframe that returned to a known place
+  std::size_t earlier = 0;            ///< the keyframe that saw this place before
+  Pose pose;                          ///< of `keyframe` relative to the earlier points
+  std::vector<int> point_of_feature;  ///< of `keyframe`: index of the earlier point, or -1
 };
 
-/// Looks for a place among the keyframes that see nothing of what `keyframe` and its neighbours see.
+/// Searches for a loop among the keyframes that are not covisible with `keyframe` and its neighbours.
 std::optional<Loop> find_loop(const SparseMap& map, std::size_t keyframe);
 
-/// Spreads what the loop is off over the keyframes between, joins what was mapped twice, and adjusts everything.
+/// Distributes the error of the loop over the keyframes, merges duplicate points and runs a full bundle adjustment.
 void close_loop(SparseMap& map, const Loop& loop);
 
 }  // namespace splatboost::tracking

@@ -10,14 +10,14 @@
 namespace splatboost::tracking {
 namespace {
 
-constexpr std::size_t kMaxMoving = 8;     ///< keyframes of a local bundle
-constexpr std::size_t kMaxStanding = 10;  ///< others that hold it
+constexpr std::size_t kMaxMoving = 8;     ///< keyframes optimised in a local bundle adjustment
+constexpr std::size_t kMaxStanding = 10;  ///< further keyframes, held constant
 constexpr int kLocalIterations = 5;
 constexpr int kRansacIterations = 300;
 constexpr float kRansacPixels = 4;
-constexpr std::size_t kComparedAtOnce = 30000;  ///< descriptors, of all keyframes that are compared
-constexpr std::size_t kMinCompared = 100, kMaxCompared = 300;
-constexpr int kMinAlike = 10;
+constexpr std::size_t kComparedAtOnce = 30000;  ///< total number of descriptors of all keyframes compared
+constexpr std::size_t kMinCompared = 100, kMaxCompared = 300;  ///< descriptors per keyframe
+constexpr int kMinAlike = 10;                                  ///< matches of a similar keyframe
 
 }  // namespace
 
@@ -98,7 +98,7 @@ void SparseMap::adjust_around(std::size_t keyframe) {
       standing.push_back(other);
     }
   }
-  // Something must hold the world: its oldest keyframe here.
+  // Fixes the gauge by the oldest keyframe: at least one pose must be constant.
   if (standing.empty() || *std::ranges::min_element(moving) == 0) {
     const auto oldest = std::ranges::min_element(moving);
     standing.push_back(*oldest);
@@ -133,14 +133,14 @@ void SparseMap::adjust_these(std::span<const std::size_t> moving, std::span<cons
   std::vector<Where> where;
   for (const int number : seen_by(moving)) {
     const MapPoint& p = point(number);
-    if (p.sightings.size() < 2) continue;  // it moves with the keyframe that made it
+    if (p.sightings.size() < 2) continue;  // not optimised; moves with the keyframe that created it, below
     for (const auto& [keyframe, feature] : p.sightings) {
       const auto found = place.find(keyframe);
       if (found == place.end()) continue;
       Sighting s = sighting(keyframe, feature);
       s.camera = found->second;
       s.point = numbers.size();
-      // From behind a camera nothing leads back.
+      // The optimiser cannot recover points behind a camera.
       if (!std::isfinite(squared_error(optics_, bundle.poses[s.camera], p.position, s))) continue;
       bundle.sightings.push_back(s);
       where.push_back({number, keyframe});
@@ -232,7 +232,7 @@ bool locate(const SparseMap& map, const Features& features, std::vector<int>& po
                             0.99, inliers, cv::SOLVEPNP_EPNP)) {
       return false;
     }
-  } catch (const cv::Exception&) {  // points on a line, or at one place
+  } catch (const cv::Exception&) {  // degenerate points, collinear or coincident
     return false;
   }
   if (inliers.size() < least) return false;
@@ -252,7 +252,7 @@ bool locate(const SparseMap& map, const Features& features, std::vector<int>& po
 std::vector<std::size_t> similar_keyframes(const SparseMap& map, const Features& features,
                                            std::span<const std::size_t> among, std::size_t count) {
   if (among.empty()) return {};
-  // Features come spread over the picture, the strongest first: the first of them stand for all.
+  // Compare the first features only: they are the strongest and spread over the image.
   const auto rows = static_cast<int>(std::clamp(kComparedAtOnce / among.size(), kMinCompared, kMaxCompared));
   const auto first_rows = [&](const cv::Mat& descriptors) {
     return descriptors.rowRange(0, std::min(rows, descriptors.rows));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Keyframes and the points that they see.
+/// @file Sparse map: keyframes and the points that they observe.
 #pragma once
 
 #include <array>
@@ -20,13 +20,13 @@ using Color = std::array<std::uint8_t, 3>;
 struct MapPoint {
   Vec3 position = Vec3::Zero();                  ///< world
   cv::Mat descriptor;                            ///< [1,32]
-  int level = 0;                                 ///< of the pyramid where it was found …
-  double distance = 1;                           ///< … from so far away
-  std::size_t keyframe = 0;                      ///< that it was made of
+  int level = 0;                                 ///< pyramid level at which it was detected …
+  double distance = 1;                           ///< … from this distance, metres
+  std::size_t keyframe = 0;                      ///< that created it
   std::map<std::size_t, std::size_t> sightings;  ///< keyframe → feature
   Color color{};
-  int expected = 1, found = 1;  ///< frames in which it should have been seen, and was
-  bool gone = false;
+  int expected = 1, found = 1;  ///< frames in which it should have been seen, frames in which it was
+  bool gone = false;            ///< removed or merged; the index stays in use
 };
 
 struct MapKeyframe {
@@ -36,7 +36,7 @@ struct MapKeyframe {
   std::vector<int> points;  ///< [features] -1: none
   std::vector<Color> colors;
   double median_depth = 1;
-  std::size_t made_points = 0;  ///< it saw when it was made
+  std::size_t made_points = 0;  ///< number of points that it saw when created
 };
 
 class SparseMap {
@@ -53,18 +53,18 @@ class SparseMap {
 
   void add_sighting(int point, std::size_t keyframe, std::size_t feature);
   void remove_sighting(int point, std::size_t keyframe);
-  /// All that saw `from` sees `into`.
+  /// Moves the sightings of point `from` to `into` and removes `from`.
   void merge(int from, int into);
-  /// Keyframe `keyframe` sees as many of the points that the others see; the most first, ties by number.
+  /// Other keyframes that see points of `keyframe`, with the number of shared points; most first, ties by index.
   std::vector<std::pair<std::size_t, int>> covisible(std::size_t keyframe) const;
-  /// Points that these keyframes see, ascending.
+  /// Indices of the points that these keyframes see, ascending.
   std::vector<int> seen_by(std::span<const std::size_t> keyframes) const;
 
   Sighting sighting(std::size_t keyframe, std::size_t feature) const;
 
-  /// Bundle adjustment of a keyframe, its neighbours and their points. Sightings that do not fit go.
+  /// Bundle adjustment of a keyframe, its neighbours and their points. Removes outlier sightings.
   void adjust_around(std::size_t keyframe);
-  /// Of everything.
+  /// Bundle adjustment of the whole map.
   void adjust_all(int iterations);
 
  private:
@@ -75,20 +75,21 @@ class SparseMap {
   std::vector<MapPoint> points_;
 };
 
-/// Where points of the map should be in a picture, those that can be. @param radius px at the finest level
-/// @param visible gets the numbers of the points that are expected, in the same order
+/// Projects map points into an image and returns those inside it. @param radius search radius at the finest level, px
+/// @param visible receives the indices of the returned points, in the same order
 std::vector<Expected> expected_in(const SparseMap& map, const Pose& pose, std::span<const int> points, double radius,
                                   std::vector<int>& visible);
 
-/// The pose from matches of points with features, by PnP and RANSAC, then refined; false: none fits enough of them.
-/// @param point_of_feature -1: none; those that do not fit are cleared
+/// Computes a pose from matches of features with points by PnP with RANSAC, then refines it.
+/// @param point_of_feature -1: none; outliers are set to -1
+/// @param least minimum number of inliers @return whether there are enough
 bool locate(const SparseMap& map, const Features& features, std::vector<int>& point_of_feature, Pose& pose,
             std::size_t least);
 
-/// Refines a pose by all matches; those that do not fit are cleared. @return how many are left
+/// Refines a pose by all matches; outliers are set to -1. @return number of inliers
 std::size_t refine(const SparseMap& map, const Features& features, std::vector<int>& point_of_feature, Pose& pose);
 
-/// Keyframes that look most like these features, at most `count`, the best first.
+/// Keyframes of `among` whose features are most similar to these, at most `count`, the best first.
 std::vector<std::size_t> similar_keyframes(const SparseMap& map, const Features& features,
                                            std::span<const std::size_t> among, std::size_t count);
 

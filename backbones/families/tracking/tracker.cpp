@@ -15,15 +15,15 @@ namespace {
 
 using namespace tracking;
 
-constexpr std::size_t kFirstFeatures = 50;              ///< with depth, of which a map begins
-constexpr std::size_t kMinMatches = 20;                 ///< of a tracked frame
-constexpr std::size_t kMinFound = 30;                   ///< of one that was lost
-constexpr double kNarrow = 4, kUsual = 15, kWide = 40;  ///< px in which points are looked for
+constexpr std::size_t kFirstFeatures = 50;              ///< minimum number of features with depth to start a map
+constexpr std::size_t kMinMatches = 20;                 ///< minimum number of inliers of a tracked frame
+constexpr std::size_t kMinFound = 30;                   ///< the same for relocalisation
+constexpr double kNarrow = 4, kUsual = 15, kWide = 40;  ///< search radii for map points, px
 constexpr std::size_t kLocalKeyframes = 10;
-constexpr std::size_t kRelocalizations = 5;  ///< keyframes that a lost frame is compared with
-constexpr std::size_t kLoopPause = 5;        ///< keyframes after a loop in which none is looked for
-constexpr std::size_t kPointTrial = 3;       ///< keyframes after which a point must have proved itself
-constexpr double kFoundShare = 0.25;
+constexpr std::size_t kRelocalizations = 5;  ///< candidate keyframes for a lost frame
+constexpr std::size_t kLoopPause = 5;        ///< keyframes after a loop without loop detection
+constexpr std::size_t kPointTrial = 3;       ///< keyframes after which points are checked by kFoundShare
+constexpr double kFoundShare = 0.25;         ///< minimum of MapPoint::found / expected
 
 glm::dmat4 to_glm(const Pose& pose) {
   const Eigen::Matrix3d r = pose.rotation.toRotationMatrix();
@@ -47,21 +47,21 @@ struct Tracker::State {
   SparseMap map;
   FeatureExtractor extractor;
 
-  // The last frame that was tracked, relative to a keyframe.
+  // The last tracked frame, relative to a keyframe.
   std::size_t reference = 0;
   Pose last_from_reference;
-  std::optional<Pose> velocity;  ///< this frame from the last one
+  std::optional<Pose> velocity;  ///< motion between the last two tracked frames
   std::vector<int> last_points;
   std::size_t last_number = 0;
   bool lost = false;
-  std::size_t keyframe_number = 0;  ///< frame of the last keyframe
-  std::size_t last_loop = 0;        ///< keyframe
+  std::size_t keyframe_number = 0;  ///< frame number of the last keyframe
+  std::size_t last_loop = 0;        ///< index of the keyframe that closed it
   int loops = 0;
 
-  // What take_change() has not told yet.
+  // Changes for the next take_change().
   std::vector<int> new_points;
   std::vector<std::size_t> new_keyframes;
-  std::vector<Pose> before_loop;  ///< of the keyframes; empty: none was closed
+  std::vector<Pose> before_loop;  ///< poses of the keyframes; empty: no loop was closed
 
   Features features_of(const SequenceFrame& frame) const {
     Features features = extractor.extract(frame.width, frame.height, frame.color, frame.depth, frame.valid);
@@ -71,7 +71,7 @@ struct Tracker::State {
     return features;
   }
 
-  /// Looks for points of the map that no feature has yet.
+  /// Searches for candidate map points that are not matched yet. @param count whether to update MapPoint::expected
   void search(const Features& features, const FeatureGrid& grid, const Pose& pose, std::vector<int> candidates,
               double radius, std::vector<int>& points, bool count) {
     const std::set<int> known(points.begin(), points.end());
@@ -87,7 +87,7 @@ struct Tracker::State {
     }
   }
 
-  /// Keyframes that see most of `points`, at most kLocalKeyframes, the most first, ties by number.
+  /// Keyframes that see most of `points`, at most kLocalKeyframes; most first, ties by index.
   std::vector<std::size_t> local_keyframes(const std::vector<int>& points) const {
     std::map<std::size_t, int> shared;
     for (const int p : points) {
@@ -128,7 +128,7 @@ struct Tracker::State {
     return match_keyframe(reference, features, points, pose, kMinMatches);
   }
 
-  /// By descriptors alone.
+  /// Matches a frame with a keyframe by descriptors alone. @return number of inliers
   std::size_t match_keyframe(std::size_t keyframe, const Features& features, std::vector<int>& points, Pose& pose,
                              std::size_t least) const {
     const MapKeyframe& known = map.keyframes()[keyframe];
@@ -167,8 +167,8 @@ struct Tracker::State {
            static_cast<double>(matches) < options.keyframe_share * static_cast<double>(last.made_points);
   }
 
-  /// A keyframe before the last that was taken from here, so that a camera that comes back adds none and memory has a
-  /// bound. Not the last: keyframe_gap lets a slow camera add one within the motion that else makes keyframes.
+  /// An earlier keyframe taken near this pose. Returning to it instead of adding a keyframe bounds memory. The last
+  /// keyframe is excluded: keyframe_gap allows a slow camera to add one within keyframe_shift and keyframe_turn.
   std::optional<std::size_t> keyframe_from_here(const Pose& pose, const std::vector<int>& points) const {
     for (const std::size_t keyframe : local_keyframes(points)) {
       if (keyframe + 1 < map.keyframes().size() && is_near(pose, map.keyframes()[keyframe])) return keyframe;
@@ -223,7 +223,7 @@ struct Tracker::State {
     reference = number;
   }
 
-  /// Points that were looked for and hardly found go.
+  /// Removes points that were often expected but rarely found.
   void drop_failed_points(std::size_t keyframe) {
     if (keyframe < kPointTrial) return;
     const MapKeyframe& older = map.keyframes()[keyframe - kPointTrial];

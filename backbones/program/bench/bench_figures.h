@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How `splatboost bench` writes down what it measured (docs/formats.md).
+/// @file JSON output of `splatboost bench` (docs/formats.md).
 #pragma once
 
 #include <map>
@@ -14,17 +14,17 @@
 
 namespace splatboost::program {
 
-/// Repeats before those that count.
+/// Warm-up repeats, which do not count.
 inline constexpr int kBenchWarmUp = 3;
 
 /// Milliseconds of each repeat, by stage.
 using BenchSamples = std::map<std::string, std::vector<double>>;
 
-/// Medians of those of bench_stages() that were measured.
+/// Medians of the stages of bench_stages() that were measured.
 nlohmann::json medians_json(const BenchSamples& samples);
 nlohmann::json limits_json(const MachineLimits& limits);
 nlohmann::json effort_json(const Effort& effort, double milliseconds, const MachineLimits& limits);
-/// What scenes of all devices have.
+/// The fields that scenes have on every device.
 nlohmann::json scene_json(const BenchSize& size, const BlendWork& work, const nlohmann::json& milliseconds);
 
 }  // namespace splatboost::program

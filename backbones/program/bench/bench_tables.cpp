@@ -26,7 +26,7 @@ constexpr BenchStage kStages[] = {
     {"iteration", "iteration"},
     {"count", "count replay"},
     {"scoring", "scoring a view"},
-    // The other way of a GPU's backward pass.
+    // With CudaBackward::per_splat.
     {"tile_lists_per_splat", "per splat: sort and bin"},
     {"blend_per_splat", "... blend forward"},
     {"blend_backward_per_splat", "... blend backward"},
@@ -50,7 +50,7 @@ std::string fixed(double value, const char* format) {
   return text;
 }
 
-/// Milliseconds of a scene's stage in a file of ours; NaN where it has none.
+/// Milliseconds of a stage of a scene in a results file; NaN if it has none.
 double find_milliseconds(const Json& document, const std::string& scene, const std::string& stage) {
   for (const Json& entry : document.value("scenes", Json::array())) {
     if (!entry.is_object() || entry.value("name", Json()) != scene) continue;
@@ -60,7 +60,7 @@ double find_milliseconds(const Json& document, const std::string& scene, const s
   return std::nan("");
 }
 
-/// What the times are of.
+/// The device or machine on which the times were measured.
 std::string subject_of(const Json& now) {
   if (now.contains("cuda_runtime")) {
     return now["device"].get<std::string>() + ", CUDA " + now["cuda_runtime"].get<std::string>();
@@ -71,7 +71,7 @@ std::string subject_of(const Json& now) {
 
 void print_limits(const Json& now, const char* of) {
   const Json& limits = now["limits"];
-  std::printf("\nlimits of this %s: %.1f GB/s, %.0f billion operations a second (one multiply-add: two)\n", of,
+  std::printf("\nlimits of this %s: %.1f GB/s, %.0f billion operations per second (a multiply-add counts as two)\n", of,
               1e-9 * limits["bytes_per_second"].get<double>(), 1e-9 * limits["operations_per_second"].get<double>());
 }
 
@@ -108,7 +108,7 @@ void print_times(const Json& now, const Json* old) {
     }
     std::printf("%s\n", row.c_str());
   }
-  std::string density = label("splats blended a pixel");
+  std::string density = label("splats blended per pixel");
   for (const Json& scene : now["scenes"]) {
     density += column(fixed(scene["blended_per_pixel"].get<double>(), "%.1f"), kColumn);
     if (old != nullptr) density += column("", kRatio);
@@ -144,7 +144,7 @@ void print_efforts(const Json& now) {
 }
 
 void print_scaling(const Json& scaling) {
-  std::printf("\nscaling, milliseconds an iteration\n");
+  std::printf("\nscaling, milliseconds per iteration\n");
   for (const char* of : {"splats", "pixels", "threads"}) {
     if (!scaling.contains(of)) continue;
     std::string row = std::string("by ") + of + ":";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What `splatboost bench` prints of the figures that it writes (docs/formats.md).
+/// @file Tables that `splatboost bench` prints of its results (docs/formats.md).
 #pragma once
 
 #include <span>
@@ -13,15 +13,15 @@ struct BenchStage {
   const char* name;
   const char* title;
 };
-/// In the order of an iteration. "iteration" is all before it and what lies between them; "scoring" is one scored view:
-/// render, error map, loss, count replay.
+/// In the order of an iteration. "iteration" covers all stages before it and the time between them; "scoring" is one
+/// scored view: render, error map, loss, count replay.
 std::span<const BenchStage> bench_stages();
 
-/// Times by stage and scene. @param old an earlier file, whose times it sets these against; or null
+/// Prints the times by stage and scene. @param old an earlier file to compare with, or null
 void print_times(const nlohmann::json& now, const nlohmann::json* old);
-/// The CPU's limits, and how near blending comes to them.
+/// Prints the CPU's limits and how close blending comes to them.
 void print_blend_work(const nlohmann::json& now);
-/// A GPU's limits, and how near each stage comes to them.
+/// Prints a GPU's limits and how close each stage comes to them.
 void print_efforts(const nlohmann::json& now);
 void print_scaling(const nlohmann::json& scaling);
 

@@ -10,16 +10,16 @@
 namespace splatboost::program {
 namespace {
 
-// Operations a pixel of a row. Both directions: exponent 4, power of two 13, clamp 1, transmittance 2.
+// Operations per pixel of a row. Both directions: exponent 4, power of two 13, clamp 1, transmittance 2.
 constexpr double kStep = 20;
 constexpr double kBlendRow = kStep + 7;           // weight 1, three colours 6
 constexpr double kBlendBackwardRow = kStep + 27;  // slope of alpha 15, colours' slopes 6, weight 1, moments 5
-// Operations an entry, for each of its 16 columns or rows. Both directions: the exponent's part that rows share 5,
-// offsets of rows 1.
+// Operations per entry, for each of its 16 columns or rows. Both directions: the part of the exponent that rows share
+// 5, offsets of rows 1.
 constexpr double kBlendEntry = 6 + 12;             // greatest exponent of a row
 constexpr double kBlendBackwardEntry = 6 + 9 + 9;  // moments of columns, their sums
 
-// Bytes an entry: its place in the lists, the rows it reaches, its splat's record, its sums. Bytes a pixel.
+// Bytes per entry: its place in the lists, the rows it reaches, its splat's record, its sums. Then bytes per pixel.
 constexpr double kList = 8, kRows = 2, kRecord = 64, kMoments = 64;
 constexpr double kTilePixel = 16;   // colour and alpha of a tile's image
 constexpr double kImagePixel = 12;  // colour, or its gradient

@@ -14,21 +14,21 @@ namespace {
 
 const BenchSize kSize{"convexes", 20000, 400, 300};
 
-constexpr float kRadius = 2.4f;  // deviations
-// At a distance of kSoftness pixels outside an edge the indicator's exponent is 1.
+constexpr float kRadius = 2.4f;  // standard deviations
+// The indicator's exponent is 1 at a distance of kSoftness pixels outside an edge.
 constexpr double kSoftness = 1.0;
 constexpr double kTerm = 20;  // z·δ·L of one pixel outside an edge: sums over edges matter near corners only
 
-// Operations a pixel of a row. Both directions: six terms 12, the two greatest 18, exponent 1, power of two 15,
+// Operations per pixel of a row. Both directions: six terms 12, the two greatest 18, exponent 1, power of two 15,
 // indicator 2, alpha 2, transmittance 2.
 constexpr double kStep = 52;
 constexpr double kBlendRow = kStep + 7;           // weight 1, three colours 6
 constexpr double kBlendBackwardRow = kStep + 53;  // slope of alpha 16, colours' slopes 6, weight 1, of φ 5, edges 25
-// Operations an entry, for each of its 16 columns or rows. Both directions: the terms' part that rows share 13.
+// Operations per entry, for each of its 16 columns or rows. Both directions: the part of the terms that rows share 13.
 constexpr double kBlendEntry = 13 + 30;               // greatest term of a row
 constexpr double kBlendBackwardEntry = 13 + 18 + 24;  // moments of columns, their sums
 
-// Bytes as of splats (blend_work.cpp).
+// Bytes as for splats (blend_work.cpp).
 constexpr double kList = 8, kRows = 2, kRecord = 160, kMoments = 128;
 constexpr double kTilePixel = 16, kImagePixel = 12;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The fixed scene of convexes that `splatboost bench` measures, and how much work blending it is.
+/// @file The fixed scene of convexes that `splatboost bench` measures, and the amount of work to blend it.
 #pragma once
 
 #include <memory>
@@ -12,13 +12,13 @@
 
 namespace splatboost::program {
 
-/// A convex for each splat of a BenchScene: six points about the splat's mean, which reach 2.4 of its deviations, with
-/// edges about two pixels soft. Same size, same bytes.
+/// One convex per splat of a BenchScene: six points around the splat's mean at 2.4 of its standard deviations (their
+/// geometric mean), with edges about two pixels soft. The same size gives the same bytes.
 struct ConvexBench {
   BenchScene splats;
-  std::vector<float> points, log_smoothness, log_sharpness;  ///< [N,6,3], [N], [N]; the rest is the splats'
+  std::vector<float> points, log_smoothness, log_sharpness;  ///< [N,6,3], [N], [N]; the rest is in `splats`
   std::vector<float> smoothness, sharpness;                  ///< [N], activated
-  /// Views of this scene.
+  /// Non-owning: its spans refer to this object.
   Convexes convexes() const;
 };
 
@@ -26,14 +26,16 @@ struct ConvexBench {
 const BenchSize& convex_bench_size();
 ConvexBench make_convex_bench(const BenchSize& size);
 
-/// The published backbone with these convexes and rates of nearly zero: every repeat then sees the same scene.
+/// The published backbone with these convexes and learning rates of nearly zero, so that every repeat sees the same
+/// scene.
 std::unique_ptr<Backbone> make_still_convexes(const ConvexBench& bench, Threads& threads);
 
 /// Counts of one view, drawn with the exact compact box (β = 1).
 BlendWork count_blend_work(const ConvexBench& bench, const PixelCell& cell, Threads& threads);
 
-/// On the CPU, of work counted by kTileRow, as blend_effort(). Operations are those of hulls of six edges where one
-/// edge decides: pixels that need the sum over edges are not counted, and take more than twice as many.
+/// On the CPU, as blend_effort(). Operations assume hulls of six edges of which one determines the value: pixels that
+/// need the sum over edges take more than twice as many, which is not counted.
+/// @param work counted by kTileRow
 Effort blend_convexes_effort(const BlendWork& work);
 Effort blend_convexes_backward_effort(const BlendWork& work);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Counts of blended pixels, and of cells of them, by replays of a view, whatever its primitives.
+/// @file Counts blended pixels, and cells with blended pixels, by replaying a view; for any kind of primitive.
 #pragma once
 
 #include <algorithm>
@@ -11,9 +11,9 @@
 
 namespace splatboost::program {
 
-/// Cells with a blended pixel, by replays for which a few cells are flagged: a primitive then counts where it has one
-/// of them. Flagged cells are so far apart, down and across, that a primitive meets one of them only; one of more than
-/// 64 × 128 pixels counts too few.
+/// Number of (cell, primitive) pairs with at least one blended pixel. Each replay flags a sparse grid of cells and
+/// counts the primitives that blend a pixel of a flagged cell. Flagged cells are 64 pixels apart vertically and 128
+/// horizontally, so that a primitive meets only one of them; larger primitives are undercounted.
 template <class AnyRasterizer>
 std::uint64_t count_cells(AnyRasterizer& rasterizer, const PixelCell& cell, const Camera& camera,
                           std::size_t primitives) {
@@ -40,7 +40,7 @@ std::uint64_t count_cells(AnyRasterizer& rasterizer, const PixelCell& cell, cons
   return cells;
 }
 
-/// Fills in the pairs and cells of the view that was just drawn.
+/// Sets the pairs and cells of the view that was just drawn. @param work its pixels are set
 template <class AnyRasterizer>
 void count_pixels(AnyRasterizer& rasterizer, const PixelCell& cell, const Camera& camera, std::size_t primitives,
                   BlendWork& work) {

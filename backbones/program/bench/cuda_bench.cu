@@ -22,7 +22,7 @@ namespace {
 
 constexpr float kLambdaDssim = 0.2f;
 
-/// A parameter that is trained. Its rate is nearly zero: every repeat then sees the same scene.
+/// A trained parameter. Its learning rate is nearly zero, so that every repeat sees the same scene.
 struct Parameter {
   DeviceArray<float> values, gradients, first, second;
 
@@ -112,7 +112,7 @@ class CudaIteration final : private RasterizerHook {
   }
   void score() { scorer_.score(*this, {.views = 1}, RandomStream(0, 0, RandomPurpose::scored_views)); }
 
-  /// Waits.
+  /// Waits for the device.
   const RasterSeconds& raster_seconds() const { return rasterizer_.seconds(); }
 
  private:
@@ -143,13 +143,13 @@ class CudaIteration final : private RasterizerHook {
   std::int64_t step_ = 0;
 };
 
-/// Time between two marks in the stream.
+/// Measures the time between two events in the stream.
 class DeviceClock {
  public:
   explicit DeviceClock(CudaStream& stream) : begin_(stream, cudaEventDefault), end_(stream, cudaEventDefault) {}
 
-  /// Milliseconds of a call on the device. It is made twice: the second time is given to the device while that is still
-  /// at the first, and counts.
+  /// Milliseconds of a call on the device. The call is made twice and the second one is timed: the host submits it
+  /// while the device still works on the first, so that no launch latency is included.
   template <class Call>
   double milliseconds(const Call& call) {
     call();
@@ -164,7 +164,7 @@ class DeviceClock {
   cuda::Event begin_, end_;
 };
 
-/// Holds the rasterizers to a way of the backward pass while it lives.
+/// Selects a way of the backward pass for its lifetime.
 class HeldWay {
  public:
   explicit HeldWay(CudaBackward way) : before_(cuda_backward()) { use_cuda_backward(way); }
@@ -176,7 +176,7 @@ class HeldWay {
   CudaBackward before_;
 };
 
-/// One value of each stage.
+/// Times each stage once.
 std::map<std::string, double> time_stages(CudaIteration& iteration, DeviceClock& clock) {
   std::map<std::string, double> milliseconds;
   milliseconds["activate"] = clock.milliseconds([&] { iteration.activate(); });

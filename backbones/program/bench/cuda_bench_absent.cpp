@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a build without CUDA has in place of cuda_bench.cu and cuda_limits.cu. There is no stream: nothing here is ever
-// reached.
+// Replaces cuda_bench.cu and cuda_limits.cu in a build without CUDA. Such a build cannot create a CudaStream, so these
+// functions are never called.
 #include "program/bench/cuda_bench.h"
 #include "program/bench/cuda_limits.h"
 #include "splatboost/errors.h"

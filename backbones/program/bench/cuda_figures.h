@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What `splatboost bench --device cuda` finds out.
+/// @file Results of `splatboost bench --device cuda`.
 #pragma once
 
 #include <span>
@@ -13,8 +13,8 @@
 
 namespace splatboost::program {
 
-/// Adds to a document what the device is, its limits, and for each scene times, counted work and shares of the limits.
-/// @param threads for the counting, which the CPU does
+/// Adds the device, its limits and, for each scene, times, counted work and shares of the limits to a document.
+/// @param threads CPU threads for counting the work
 void add_cuda_figures(std::span<const BenchSize> sizes, int repeats, CudaStream& stream, Threads& threads,
                       nlohmann::json& document, const CudaProbe& probe = {});
 

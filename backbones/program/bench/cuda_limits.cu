@@ -21,7 +21,7 @@ __global__ void __launch_bounds__(kBlockThreads) copy_kernel(DeviceView<const fl
   if (i < to.size()) to[i] = from[i];
 }
 
-/// Independent chains, so that the latency of a multiply-add is hidden. The sums are kept, so that the work is.
+/// Independent chains hide the latency of a multiply-add. The sums are stored, so that the compiler keeps the work.
 __global__ void __launch_bounds__(kBlockThreads) multiply_add_kernel(int rounds, float factor, DeviceView<float> sums) {
   const std::size_t i = element_index();
   if (i >= sums.size()) return;

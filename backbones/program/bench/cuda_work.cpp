@@ -6,27 +6,27 @@
 namespace splatboost::program {
 namespace {
 
-// Numbers a Gaussian.
+// Parameters per Gaussian.
 constexpr double kGeometry = 3 + 3 + 4 + 1;  // mean, scale, rotation, opacity
 constexpr double kRest = 45, kDc = 3;        // spherical harmonics
 constexpr double kParameters = kGeometry + kDc + kRest;
 
-// Operations a Gaussian, of functions that several stages call.
+// Operations per Gaussian of functions that several stages call.
 constexpr double kShape = 82;        // covariance of scale and rotation
 constexpr double kProject = 103;     // project_gaussian()
 constexpr double kTileRowEnds = 49;  // ellipse_tiles_in_row(), of at least one row
 constexpr double kRay = 13;
 constexpr double kBasis = 49;  // sh_basis() of degree 3
 
-// Bytes of what stages hand on (cuda_frame.h).
+// Bytes of the data that stages pass on (cuda_frame.h).
 constexpr double kRecord = 48, kEllipse = 32, kBox = 8, kTileCount = 4, kVisible = 1, kRadius = 4;
 constexpr double kMomentRow = 64;
 constexpr double kEntry = 4;
 constexpr double kOwnPixel = 16, kImagePixel = 12;  // colour and alpha as the backward pass reads them; colour
-constexpr double kStates = 16 * 256 / 32.0;         // an entry: four numbers a pixel of the tile, every 32 entries
-constexpr double kStop = 4;                         // a pixel
+constexpr double kStates = 16 * 256 / 32.0;         // per entry: four numbers per pixel of the tile, every 32 entries
+constexpr double kStop = 4;                         // per pixel
 
-// Operations of a pixel and a splat.
+// Operations per pixel and splat.
 constexpr double kStep = 14;          // offsets 2, exponent 8, power 1, clamp 1, transmittance 2
 constexpr double kBlend = kStep + 7;  // weight 1, three colours 6
 // Weight 1, the splat's part of the gradient 6, gain 1, what lies behind 1, slope of alpha 3, first and second moments
@@ -47,7 +47,7 @@ Effort project(double visible) {
 
 Effort tile_lists(double splats, double visible, double entries, std::size_t tiles) {
   constexpr double kPair = 8;                          // key and value
-  constexpr double kDepthSort = 4 * 2 * kPair + 4;     // four times to and fro, keys once more for the histograms
+  constexpr double kDepthSort = 4 * 2 * kPair + 4;     // four passes, keys read once more for the histograms
   constexpr double kListed = 4 + 4 + kPair;            // place and depth to key and value
   constexpr double kOffsets = 4 + kTileCount + 4 + 8;  // order, tiles, and their sums
   const double passes = static_cast<int>(std::bit_width(tiles) + 7) / 8;
@@ -68,13 +68,13 @@ Effort loss(double values) {
 Effort project_backward(double visible) {
   const double harmonics = kRay + kBasis + 123 + 128;  // coefficients, direction
   const double operations = kShape + kProject + 8 + 4 + 149 + 142 + harmonics + 3 + 3 + 2;
-  return {(operations + kParameters) * visible,  // gradients are added to those of views before
+  return {(operations + kParameters) * visible,  // gradients are added to those of earlier views
           (kVisible + kRecord + kMomentRow + 4 * (kGeometry + kRest) + 2 * 4 * kParameters + 4 * 4) * visible};
 }
 
 Effort optimizer(double splats) {
   constexpr double kAdam = 13;                                              // first moment 3, second 4, step 6
-  return {kAdam * kParameters * splats, 4 * 2 * 4 * kParameters * splats};  // value, gradient and moments, to and fro
+  return {kAdam * kParameters * splats, 4 * 2 * 4 * kParameters * splats};  // value, gradient, moments: read, written
 }
 
 }  // namespace

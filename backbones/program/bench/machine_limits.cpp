@@ -9,7 +9,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "program/bench/machine_limits.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -22,7 +22,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 float multiply_add(std::size_t rounds, float factor) {
   const hn::ScalableTag<float> d;
   const auto f = hn::Set(d, factor), g = hn::Set(d, 1 - factor);
-  // Chains that begin alike would be one to a compiler.
+  // Different initial values keep the compiler from merging the chains.
   auto a = hn::Iota(d, 0.0f), b = hn::Iota(d, 0.1f), c = hn::Iota(d, 0.2f), e = hn::Iota(d, 0.3f);
   auto h = hn::Iota(d, 0.4f), i = hn::Iota(d, 0.5f), j = hn::Iota(d, 0.6f), k = hn::Iota(d, 0.7f);
   auto l = hn::Iota(d, 0.8f), m = hn::Iota(d, 0.9f), n = hn::Iota(d, 1.1f), o = hn::Iota(d, 1.2f);
@@ -83,7 +83,7 @@ double best_of_runs(const Run& run) {
 
 double measure_operations(Threads& threads) {
   constexpr std::size_t kRounds = 20000;
-  const std::size_t pieces = 64 * static_cast<std::size_t>(threads.count());  // small, so that no thread ends late
+  const std::size_t pieces = 64 * static_cast<std::size_t>(threads.count());  // many, so that threads finish together
   std::atomic<float> sink = 0;
   const double seconds = best_of_runs([&] {
     threads.for_range(pieces, 1,
@@ -94,7 +94,7 @@ double measure_operations(Threads& threads) {
 }
 
 double measure_bytes(Threads& threads) {
-  constexpr std::size_t kElements = std::size_t{1} << 26;  // 256 MiB an array
+  constexpr std::size_t kElements = std::size_t{1} << 26;  // 256 MiB per array
   constexpr std::size_t kGrain = std::size_t{1} << 16;
   const auto array = [] { return std::make_unique_for_overwrite<float[]>(kElements); };
   const auto a = array(), b = array(), c = array();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What this machine can do at most: the limits that a kernel's speed is read against.
+/// @file Peak rates of this machine, with which a kernel's speed is compared.
 #pragma once
 
 #include "splatboost/threads.h"
@@ -7,7 +7,7 @@
 namespace splatboost::program {
 
 struct MachineLimits {
-  /// Of a[i] = b[i] + s·c[i] over arrays beyond any cache; 12 bytes an element, as STREAM counts.
+  /// For a[i] = b[i] + s·c[i] over arrays larger than any cache; 12 bytes per element, as STREAM counts.
   double bytes_per_second = 0;
   /// Single-precision multiply-adds of the instruction set in use, two operations each.
   double operations_per_second = 0;

@@ -29,7 +29,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-// Far from every event of the published run (growth, reset), with all degrees of spherical harmonics active.
+// Far from every event of the published run (densification, opacity reset), with all degrees of spherical harmonics
+// active.
 constexpr int kFirstIteration = 10001;
 constexpr int kMaxRepeats = 95;
 
@@ -37,7 +38,7 @@ double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// The published constants with rates of nearly zero: every repeat then sees the same scene.
+/// The published constants with learning rates of nearly zero, so that every repeat sees the same scene.
 VanillaConfig still_config() {
   VanillaConfig config;
   config.position_rate_initial = config.position_rate_final = 1e-20;
@@ -112,7 +113,7 @@ Json measure_convexes(Threads& threads, int repeats, const MachineLimits& limits
                          limits);
 }
 
-/// Iterations of one scene that differs from the next in one thing.
+/// Times of an iteration for scenes that differ in one size.
 Json measure_series(const std::vector<BenchSize>& sizes, Threads& threads, int repeats) {
   Json series = Json::array();
   for (const BenchSize& size : sizes) {
@@ -161,18 +162,19 @@ struct Bench {
 
   explicit Bench(CLI::App& app) {
     add_checked_option(app, "-o,--output", output, "write the figures as JSON")->type_name("FILE");
-    add_checked_option(app, "--compare", compare, "an earlier JSON; prints ratios")->type_name("FILE");
-    add_checked_option(app, "--scenes", scenes, "some of 20k, 60k, 200k [these], convexes")
+    add_checked_option(app, "--compare", compare, "JSON file of an earlier run; also prints the ratios of the times")
+        ->type_name("FILE");
+    add_checked_option(app, "--scenes", scenes, "scenes to time: 20k, 60k, 200k [these three], convexes")
         ->delimiter(',')
         ->type_name("NAME,NAME");
-    add_checked_option(app, "--repeats", repeats, "iterations to take the median of")
+    add_checked_option(app, "--repeats", repeats, "number of iterations; the median is reported")
         ->type_name("N")
         ->capture_default_str();
-    app.add_flag("--scaling", scaling, "also an iteration against splats, pixels and threads");
+    app.add_flag("--scaling", scaling, "also time an iteration for varying numbers of splats, pixels and threads");
     add_checked_option(app, "--device", device, "cpu, cuda, or cuda:N, the N-th GPU from 0")
         ->type_name("NAME")
         ->capture_default_str();
-    add_checked_option(app, "--threads", threads, "threads that work at a time; 0: all CPUs that the process may use")
+    add_checked_option(app, "--threads", threads, "number of threads; 0: all CPUs available to the process")
         ->type_name("N")
         ->capture_default_str();
     add_checked_option(app, "--instruction-set", instruction_set, "best, avx512, avx2 or portable")
@@ -186,7 +188,7 @@ struct Bench {
     }
     check_threads(threads);
     check_device_name(device);
-    if (scaling && device != "cpu") throw UsageError("--scaling is of the CPU: leave out --device");
+    if (scaling && device != "cpu") throw UsageError("--scaling is only available on the CPU: leave out --device");
     std::vector<BenchSize> chosen;
     for (const BenchSize& size : bench_sizes()) {
       if (scenes.empty() || std::find(scenes.begin(), scenes.end(), size.name) != scenes.end()) chosen.push_back(size);
@@ -194,16 +196,18 @@ struct Bench {
     for (const std::string& name : scenes) {
       const auto known = [&](const BenchSize& size) { return size.name == name; };
       if (name != convex_bench_size().name && std::none_of(chosen.begin(), chosen.end(), known)) {
-        throw UsageError("--scenes: no scene '" + name + "'; there are 20k, 60k, 200k and convexes");
+        throw UsageError("--scenes: unknown scene '" + name + "'; available: 20k, 60k, 200k, convexes");
       }
     }
     const bool with_convexes = std::ranges::find(scenes, convex_bench_size().name) != scenes.end();
-    if (with_convexes && device != "cpu") throw UsageError("--scenes convexes is of the CPU: leave out --device");
+    if (with_convexes && device != "cpu")
+      throw UsageError("--scenes convexes is only available on the CPU: leave out --device");
     hold_instruction_set();
     Json old;
     if (!compare.empty()) {
       old = read_json_file(compare);
-      require(old.contains("scenes") && old["scenes"].is_array(), compare.string() + ": no file of splatboost bench");
+      require(old.contains("scenes") && old["scenes"].is_array(),
+              compare.string() + ": not an output file of splatboost bench");
     }
 
     ChosenDevice where(device, threads);
@@ -250,7 +254,7 @@ struct Bench {
         return;
       }
     }
-    throw UsageError("--instruction-set: '" + instruction_set + "' is none of best, avx512, avx2, portable");
+    throw UsageError("--instruction-set: '" + instruction_set + "' is not one of best, avx512, avx2, portable");
   }
 };
 

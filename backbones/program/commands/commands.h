@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The subcommands. Each adds itself to the program and returns what runs it.
+/// @file The subcommands. Each function adds one to the program and returns the function that runs it.
 #pragma once
 
 #include <functional>

@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 
 struct Compare {
   explicit Compare(CLI::App& app) : set(app) {
-    add_run_options(set, options, "output folder; gets baseline/ and boosted/", false);
+    add_run_options(set, options, "output folder; baseline/ and boosted/ are created in it", false);
   }
 
   int run(const std::string& command_line) {
@@ -27,7 +27,7 @@ struct Compare {
     for (const fs::path& folder : {options.model, folder_of(false), folder_of(true)}) require_ours_or_empty(folder);
     Workbench bench = make_workbench(options);
     const std::string config = config_text(set, options, true, nullptr);
-    check_backbone(bench, options, true);  // what the second run would be refused for is told before the first
+    check_backbone(bench, options, true);  // reports errors of the second run before the first one starts
 
     std::vector<FolderLock> locks;
     std::vector<ReportRun> runs;

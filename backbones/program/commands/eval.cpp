@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kDidNotEnd[] = ": missing: the run did not end; let it end with splatboost train --resume";
+constexpr char kDidNotEnd[] = ": missing: the run did not finish; finish it with splatboost train --resume";
 
 std::string fixed(double value, int digits) {
   char text[40];
@@ -38,12 +38,12 @@ struct Eval {
     require(measured || fs::exists(training_path), results_path.string() + kDidNotEnd);
     const nlohmann::json before = read_json_file(measured ? results_path : training_path);
     Results results = results_of(before, measured ? results_path : training_path);
-    // A model saved on the way is shown, but results.json speaks of the run's end.
+    // A model saved before the end is measured and printed, but results.json describes the end of the run.
     const bool of_the_end = saved_iteration(saved.folder) == results.iterations;
     require(measured || of_the_end || options.iteration == 0, results_path.string() + kDidNotEnd);
     require(measured || of_the_end, results_path.string() +
-                                        ": missing: the run was stopped while it measured; measure "
-                                        "the model at its end first, without --iteration");
+                                        ": missing: the run was interrupted during the evaluation; evaluate "
+                                        "the final model first, without --iteration");
 
     OpenModel model(saved, options);
     Backbone& backbone = model.backbone();
@@ -56,7 +56,7 @@ struct Eval {
     if (measured) {
       evaluate(backbone, model.scene(), lpips, {}, results);
     } else {
-      // The run was killed after its last iteration: what it would have left is made now.
+      // The run was killed after its last iteration: complete its output now.
       results.storage_bytes = 0;
       for (const auto& file : fs::directory_iterator(saved.folder)) {
         if (!is_working_file(file.path())) results.storage_bytes += file.file_size();
@@ -69,8 +69,7 @@ struct Eval {
 
     if (of_the_end && measured) {
       nlohmann::json json = to_json(results);
-      if (before.contains("slam"))
-        json["slam"] = before.at("slam");  // how the camera was tracked is not measured again
+      if (before.contains("slam")) json["slam"] = before.at("slam");  // the tracking is not measured again
       write_text_atomically(results_path, json.dump(2) + "\n");
     }
     print(results, exact, saved.beta);
@@ -98,7 +97,7 @@ struct Eval {
     line("PSNR, dB", fixed(results.psnr, 2), fixed(exact.psnr, 2));
     line("SSIM", fixed(results.ssim, 4), fixed(exact.ssim, 4));
     if (results.lpips && exact.lpips) line("LPIPS (SqueezeNet)", fixed(*results.lpips, 4), fixed(*exact.lpips, 4));
-    line("frames a second", fixed(results.fps, 1), fixed(exact.fps, 1));
+    line("frames per second", fixed(results.fps, 1), fixed(exact.fps, 1));
     const std::string labels[] = {"as trained", "beta 1"};
     const Results both[] = {results, exact};
     std::printf("\n%s", scales_table(labels, both).c_str());

@@ -27,7 +27,7 @@ int run_export(const ExportOptions& options) {
     throw UsageError("no file to write given: name it with -o/--output, FILE.ply or FILE.glb");
   const std::string ending = options.output.extension().string();
   if (ending != ".ply" && ending != ".glb") {
-    throw UsageError(options.output.string() + ": the name of a mesh ends in .ply or .glb");
+    throw UsageError(options.output.string() + ": the file name of a mesh must end in .ply or .glb");
   }
   require(!fs::is_directory(options.output), options.output.string() + ": is a folder");
   const nlohmann::json config = read_config(options.model);
@@ -37,7 +37,7 @@ int run_export(const ExportOptions& options) {
   read_value(config["backbone"]["name"], place, name);
   const BackboneEntry& entry = find_backbone(name);
   require(entry.export_mesh != nullptr, options.model.string() + ": a model of " + name +
-                                            " has no triangles; its point_cloud.ply is what viewers show");
+                                            " cannot be exported as triangles; open its point_cloud.ply in a viewer");
   const fs::path saved = saved_model(options.model, options.iteration);
   remove_stale_files(fs::absolute(options.output).parent_path());
   entry.export_mesh(saved, options.output);

@@ -26,13 +26,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kVoxelsAcross = 400;  // of the depth that meshes reach, unless told
-constexpr double kFarPoints = 0.95;    // share of the points that a mesh reaches, unless told, and ...
-constexpr double kReach = 1.2;         // ... by how much farther it does
-constexpr float kMinAlpha = 0.5f;      // of a pixel that shows a surface
+constexpr double kVoxelsAcross = 400;  // default: voxels along the largest depth of the mesh
+constexpr double kFarPoints = 0.95;    // default of the largest depth: this quantile of the point depths, ...
+constexpr double kReach = 1.2;         // ... times this factor
+constexpr float kMinAlpha = 0.5f;      // least alpha of a pixel that shows a surface
 constexpr double kTruncation = 4;      // voxels
 
-/// Depth that most points have in the training views that see them; 0 if there are none.
+/// The depth within which most points lie in the training views that see them, with a margin; 0 without points.
 double far_depth(const Scene& scene) {
   std::vector<float> depths;
   for (const View& view : scene.train) {
@@ -59,25 +59,28 @@ struct Mesh {
     set.set_group("Output");
     set.add("-o,--output", output, "mesh to write, .ply or .glb [mesh.ply in the model folder]", false)
         ->type_name("FILE");
-    set.add("--voxel-size", voxel, "world units [the mesh's reach / 400]", false)->type_name("X");
-    set.add("--max-depth", max_depth, "farther surfaces are left out, world units; 0: none [by the sparse points]",
-            false)
+    set.add("--voxel-size", voxel, "voxel size, world units [maximum depth / 400]", false)->type_name("X");
+    set.add("--max-depth", max_depth,
+            "leave out surfaces farther away, world units; 0: no limit [from the sparse points]", false)
         ->type_name("X");
-    set.add("--max-angle", max_angle, "steeper surfaces are left out of a view, degrees between ray and normal", false)
+    set.add("--max-angle", max_angle, "leave out surfaces at a steeper angle to a view, degrees between ray and normal",
+            false)
         ->type_name("X")
         ->capture_default_str();
-    set.add("--least-views", least_views, "views that must have seen a surface", false)
+    set.add("--least-views", least_views, "number of views that must see a surface", false)
         ->type_name("N")
         ->capture_default_str();
-    set.add("--least-triangles", least_triangles, "smaller loose parts are left out", false)
+    set.add("--least-triangles", least_triangles, "remove disconnected parts with fewer triangles", false)
         ->type_name("N")
         ->capture_default_str();
-    set.add("--parts", parts, "leave so many of the largest parts; 0: all", false)
+    set.add("--parts", parts, "number of the largest parts to keep; 0: all", false)
         ->type_name("N")
         ->capture_default_str();
-    set.add("--masks", masks, "folder of PNG masks named as the views; what is black is left out", false)
+    set.add("--masks", masks, "folder of PNG masks named like the views; black pixels are left out", false)
         ->type_name("DIR");
-    set.add("--max-memory", max_memory, "of the volume, MiB", false)->type_name("N")->capture_default_str();
+    set.add("--max-memory", max_memory, "memory limit of the volume, MiB", false)
+        ->type_name("N")
+        ->capture_default_str();
     add_drawing_options(set, options);
   }
 
@@ -90,19 +93,20 @@ struct Mesh {
     if (!output.empty() && output.extension() != ".ply" && output.extension() != ".glb") {
       throw UsageError("--output must end in .ply or .glb");
     }
-    require(masks.empty() || fs::is_directory(masks), masks.string() + ": there is no such folder of masks");
-    if (!has_tsdf_volumes()) TsdfVolume absent({});  // says what to install
+    require(masks.empty() || fs::is_directory(masks), masks.string() + ": no such folder of masks");
+    if (!has_tsdf_volumes()) TsdfVolume absent({});  // throws: the message says what to install
     const SavedModel saved = find_saved_model(set, options);
     options.lpips.clear();  // nothing is measured
     OpenModel model(saved, options);
-    require(model.backbone().has_surfaces(), "backbone " + options.backbone + " gives no depth to make a mesh of");
+    require(model.backbone().has_surfaces(),
+            "backbone " + options.backbone + " renders no depth, which a mesh is made from");
     if (output.empty()) output = options.model / "mesh.ply";
 
     const double far = far_depth(model.scene());
     if (!set.given("max-depth")) max_depth = far;
     if (!set.given("voxel-size")) {
       const double reach = max_depth > 0 ? max_depth : far;
-      require(reach > 0, "the scene has no points to tell its size by: give --voxel-size and --max-depth");
+      require(reach > 0, "the scene has no points to determine its size: set --voxel-size and --max-depth");
       voxel = reach / kVoxelsAcross;
     }
     TsdfVolume volume({static_cast<float>(voxel), static_cast<float>(kTruncation * voxel), max_memory << 20});
@@ -110,17 +114,18 @@ struct Mesh {
     fuse(model.backbone(), model.scene(), volume, threads);
     TriangleMesh mesh = volume.mesh(least_views, threads);
     const std::size_t all_parts = keep_largest_parts(mesh, least_triangles, parts);
-    require(mesh.size() > 0, "no surface was found: give a larger --voxel-size or --max-depth");
+    require(mesh.size() > 0, "no surface was found: increase --voxel-size or --max-depth");
     write_mesh(output, mesh);
     std::printf(
-        "mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones went; voxel %.4g, depth up to %.4g)\n",
+        "mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones were removed; voxel %.4g, depth up to "
+        "%.4g)\n",
         output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
     std::printf("picture: %s\n", write_picture(mesh, model.scene()).c_str());
     return 0;
   }
 
  private:
-  /// The mesh as the first measured view sees it, in the run's folder and its report.
+  /// Draws the mesh from the first measured view, into the run's folder and its report.
   fs::path write_picture(const TriangleMesh& mesh, const Scene& scene) const {
     const Camera& camera = measured_views(scene).front().camera;
     const fs::path picture = options.model / "mesh.png";
@@ -165,15 +170,15 @@ struct Mesh {
     if (live) std::printf("\n");
   }
 
-  /// [H,W], of the view's size; empty: none.
+  /// Mask [H,W] of the view's size; empty: no masks.
   std::vector<std::uint8_t> mask_of(const View& view) const {
     if (masks.empty()) return {};
     const fs::path file = masks / fs::path(view.name).replace_extension(".png");
-    require(fs::exists(file), file.string() + ": missing; each view needs a mask of its name");
+    require(fs::exists(file), file.string() + ": missing; each view needs a mask with its name");
     std::ifstream in(file, std::ios::binary);
     const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};
     const Pixels pixels = decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, file);
-    require(pixels.bits == 8, file.string() + ": a mask has 8 bits");
+    require(pixels.bits == 8, file.string() + ": a mask must have 8 bits per channel");
     std::vector<std::uint8_t> mask;
     for (int y = 0; y < view.camera.height; ++y) {
       for (int x = 0; x < view.camera.width; ++x) {

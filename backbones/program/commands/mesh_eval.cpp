@@ -23,33 +23,35 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kThreshold = 0.005;    // of the truth's diagonal, unless told
-constexpr double kVertexSpacing = 0.5;  // of the threshold, by which Tanks and Temples thins points
+constexpr double kThreshold = 0.005;    // default, relative to the truth's diagonal
+constexpr double kVertexSpacing = 0.5;  // relative to the threshold, as in Tanks and Temples
 
 struct MeshEval {
   explicit MeshEval(CLI::App& app) : given(&app) {
-    add_checked_option(app, "--mesh,mesh", mesh, "what was reconstructed, .ply")->type_name("FILE");
-    add_checked_option(app, "--truth,truth", truth, "mesh or points that it is compared to, .ply")->type_name("FILE");
+    add_checked_option(app, "--mesh,mesh", mesh, "reconstructed mesh, .ply")->type_name("FILE");
+    add_checked_option(app, "--truth,truth", truth, "true mesh or points to compare it with, .ply")->type_name("FILE");
     add_checked_option(app, "--threshold", threshold,
-                       "of precision and recall, world units [0.005 of the truth's diagonal]")
+                       "distance for precision and recall, world units [0.005 of the truth's diagonal]")
         ->type_name("X");
     add_checked_option(app, "--spacing", spacing,
-                       "both surfaces become points about so far apart [half of the threshold]")
+                       "distance between the points sampled on both surfaces [half of the threshold]")
         ->type_name("X");
-    add_checked_option(app, "--cut", cut, "pairs that lie farther apart do not count in means [all count]")
-        ->type_name("X");
-    add_checked_option(app, "--align", align, "4x4 matrix, as text, that takes the mesh to the truth")
+    add_checked_option(app, "--cut", cut, "exclude pairs farther apart from the means [no limit]")->type_name("X");
+    add_checked_option(app, "--align", align, "text file of the 4x4 matrix that transforms the mesh to the truth")
         ->type_name("FILE");
-    add_checked_option(app, "--crop", crop, "volume of Tanks and Temples' SCENE.json that counts, in the truth's frame")
+    add_checked_option(app, "--crop", crop,
+                       "SCENE.json of Tanks and Temples: the volume to evaluate, in the truth's frame")
         ->type_name("FILE");
-    add_checked_option(app, "--dtu-mask", dtu_mask,
-                       "ObsMaskN_10.mat: what DTU's scanner observed, in mm; with it --spacing is 0.2 and --cut 20")
+    add_checked_option(
+        app, "--dtu-mask", dtu_mask,
+        "ObsMaskN_10.mat: volume observed by DTU's scanner, in mm; defaults are then --spacing 0.2 --cut 20")
         ->type_name("FILE");
-    add_checked_option(app, "--dtu-plane", dtu_plane, "PlaneN.mat: the table, above which DTU's scan counts")
+    add_checked_option(app, "--dtu-plane", dtu_plane,
+                       "PlaneN.mat: plane of the table; only DTU's scan above it is evaluated")
         ->type_name("FILE");
-    app.add_flag("--vertices", vertices, "of the mesh alone become points, as Tanks and Temples has it");
-    add_checked_option(app, "-o,--output", output, "the numbers as JSON, too")->type_name("FILE");
-    add_checked_option(app, "--threads", threads, "threads that work at a time; 0: all CPUs")
+    app.add_flag("--vertices", vertices, "use the vertices of the mesh as its points, as in Tanks and Temples");
+    add_checked_option(app, "-o,--output", output, "also write the results as JSON")->type_name("FILE");
+    add_checked_option(app, "--threads", threads, "number of threads; 0: all CPUs")
         ->type_name("N")
         ->capture_default_str();
   }
@@ -60,9 +62,9 @@ struct MeshEval {
       const CLI::Option* option = given->get_option(name);
       if (option->count() > 0 && !(option->as<double>() > 0)) throw UsageError(std::string(name) + " must be above 0");
     }
-    if (dtu_mask.empty() != dtu_plane.empty()) throw UsageError("--dtu-mask and --dtu-plane come together");
+    if (dtu_mask.empty() != dtu_plane.empty()) throw UsageError("--dtu-mask and --dtu-plane must be given together");
     if (!dtu_mask.empty() && !crop.empty())
-      throw UsageError("--crop is of Tanks and Temples, --dtu-mask of DTU: give one");
+      throw UsageError("--crop is for Tanks and Temples, --dtu-mask for DTU: give only one");
     check_threads(threads);
     Threads workers(threads);
     const bool dtu = !dtu_mask.empty();
@@ -74,10 +76,10 @@ struct MeshEval {
     const TriangleMesh known = read_mesh(truth);
     if (!align.empty()) transform_points(read_transform(align), found.positions);
     if (!(threshold > 0)) threshold = kThreshold * diagonal_of(known);
-    require(threshold > 0, truth.string() + ": its points are all one; give --threshold");
+    require(threshold > 0, truth.string() + ": all points coincide; set --threshold");
     if (!(spacing > 0)) spacing = kVertexSpacing * threshold;
     if (vertices) found.triangles.clear();
-    // DTU's scan counts as it is, without more points and without fewer.
+    // DTU's scan is used as it is: no points are added or removed.
     std::vector<float> points = sample_surface(found, spacing);
     std::vector<float> others = dtu ? known.positions : sample_surface(known, spacing);
     if (!crop.empty()) {
@@ -116,13 +118,13 @@ struct MeshEval {
   }
 
  private:
-  /// What was observed is compared with the whole scan, and the scan above the table with all that is near the box.
+  /// Compares the observed points with the whole scan, and the scan above the table with all points near the box.
   SurfaceDistance compare_as_dtu(const std::vector<float>& points, const std::vector<float>& scan, const DtuMask& mask,
                                  const std::array<double, 4>& table, Threads& workers) const {
     const std::vector<float> near = near_mask(points, mask), seen = observed(near, mask);
     const std::vector<float> standing = above_plane(scan, table);
     require(!seen.empty(),
-            "nothing of the mesh lies where DTU's scanner observed: is it in DTU's frame, in mm? (--align)");
+            "no part of the mesh lies in the volume observed by DTU's scanner: is it in DTU's frame, in mm? (--align)");
     require(!standing.empty(), truth.string() + ": none of its points lies above the plane of --dtu-plane");
     return summarize_distances(nearest_distances(seen, scan, workers), nearest_distances(standing, near, workers),
                                threshold, cut);

@@ -15,11 +15,11 @@ namespace {
 
 constexpr double kTwoPi = 6.283185307179586;
 
-// Where no camera stands in more than this much of the circle, a full turn would show what no photo has seen.
+// If the largest gap between cameras is wider than this, a full circle would show parts that no photo shows.
 constexpr double kLargestGap = kTwoPi / 4;
 
-// Weight of the point cloud's middle against a camera's axis in the search for the middle of interest: only where the
-// axes are nearly parallel, and do not fix a point, does it matter.
+// Weight of the median of the point cloud against a camera's axis in the search for the centre of interest. It matters
+// only if the axes are nearly parallel and do not determine a point.
 constexpr double kCloudWeight = 0.02;
 
 glm::dvec3 axis(const Camera& camera, int row) {
@@ -61,8 +61,9 @@ glm::dvec3 middle_of_interest(const Scene& scene) {
   return glm::inverse(a + glm::dmat3(weight)) * (b + weight * middle);
 }
 
-/// Away from the ground. Photographers keep the horizon level, so it is what all cameras' right axes are at right
-/// angles to, even where most of them look down from one side; where the right axes agree, the cameras' own up decides.
+/// Direction away from the ground. Photographers keep the horizon level, so it is perpendicular to the right axes of
+/// all cameras, even if most of them look down from one side. If the right axes agree, the up axes of the cameras
+/// decide.
 glm::dvec3 up_of(const std::vector<View>& views) {
   constexpr int kSteps = 200;
   glm::dvec3 up(0);
@@ -103,7 +104,7 @@ std::vector<Camera> orbit_cameras(const Scene& scene, int count) {
   const glm::dvec3 middle = middle_of_interest(scene);
   const glm::dvec3 up = up_of(scene.train);
 
-  // An orthogonal frame around `up`, from whichever world axis is far from it.
+  // An orthonormal frame around `up`, from a world axis that is far from parallel to it.
   const glm::dvec3 helper = std::abs(up.x) < 0.7 ? glm::dvec3(1, 0, 0) : glm::dvec3(0, 1, 0);
   const glm::dvec3 e1 = glm::normalize(glm::cross(up, helper));
   const glm::dvec3 e2 = glm::cross(up, e1);
@@ -141,7 +142,7 @@ std::vector<Camera> orbit_cameras(const Scene& scene, int count) {
     const double phase = kTwoPi * i / count;
     const double angle = turns ? arc_begin + phase : arc_begin + half_arc + half_arc * std::sin(phase);
     const glm::dvec3 eye = middle + height * up + radius * (std::cos(angle) * e1 + std::sin(angle) * e2);
-    // Cameras that look out of a ring see nothing of its middle.
+    // Cameras that look outwards do not see the centre, so the orbit looks outwards too.
     const glm::dvec3 target = outward > 0 ? eye + (eye - middle) : middle;
     cameras.push_back(looking_at(scene.train[0].camera, eye, target, up));
   }

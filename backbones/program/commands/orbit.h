@@ -9,8 +9,9 @@
 
 namespace splatboost::program {
 
-/// `count` cameras on a circle at the training cameras' mean distance and height, or, where these stand on one side of
-/// the scene only, to and fro on the arc they cover. Optics are those of the first training camera.
+/// `count` cameras on a circle at the training cameras' mean distance and height, or, if these stand on one side of the
+/// scene only, back and forth on the arc that they cover. Image size and focal lengths are those of the first training
+/// camera.
 std::vector<Camera> orbit_cameras(const Scene& scene, int count);
 
 }  // namespace splatboost::program

@@ -24,9 +24,9 @@ int run_pack(const PackOptions& options) {
   const SceneOptions& scene = options.scene;
   if (scene.source.empty()) throw UsageError("no scene given: splatboost pack SCENE OUT.sbscene");
   if (options.output.empty()) throw UsageError("no file to write given: splatboost pack SCENE OUT.sbscene");
-  // What is there under such a name is a packed scene, which may be replaced.
+  // An existing file with this extension is a packed scene, which may be replaced.
   if (options.output.extension() != kExtension) {
-    throw UsageError(options.output.string() + ": the name of a packed scene ends in " + kExtension);
+    throw UsageError(options.output.string() + ": the file name of a packed scene must end in " + kExtension);
   }
   require(!fs::is_directory(options.output), options.output.string() + ": is a folder");
   remove_stale_files(fs::absolute(options.output).parent_path());
@@ -40,7 +40,7 @@ int run_pack(const PackOptions& options) {
 }  // namespace
 
 Command add_pack(CLI::App& program) {
-  CLI::App* app = program.add_subcommand("pack", "Put a scene into one file that is read fast, and without OpenCV");
+  CLI::App* app = program.add_subcommand("pack", "Pack a scene into one file that loads fast and without OpenCV");
   app->footer("Example: splatboost pack SCENE scene.sbscene && splatboost train -s scene.sbscene -m OUT --eval");
   const auto options = std::make_shared<PackOptions>();
   add_checked_option(*app, "-s,--source,source", options->scene.source,

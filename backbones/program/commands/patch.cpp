@@ -37,17 +37,16 @@ struct Patch {
     app.require_subcommand(0, 1);
     add_checked_option(app, "--recipes", recipes, "folder of recipes; default: those of this program")
         ->type_name("DIR");
-    list = subcommand("list", "Recipes there are, and their layouts");
-    show = subcommand("show", "What a recipe changes, and why");
-    apply = subcommand("apply", "Patch a checkout; a second time changes nothing");
-    verify = subcommand("verify", "Check that a patch is in place, whole and once");
-    status = subcommand("status", "Whether a checkout is patched, and which recipe fits it");
-    doctor = subcommand("doctor", "Which recipe comes nearest to a checkout, what of it holds there and what does not");
-    revert = subcommand("revert", "Take the patch back to the byte; your own changes stay");
-    validate =
-        subcommand("validate", "Check a recipe of your own: its form, and mistakes that show without a checkout");
+    list = subcommand("list", "List the recipes and their layouts");
+    show = subcommand("show", "Show what a recipe changes, and why");
+    apply = subcommand("apply", "Patch a checkout; patching it again changes nothing");
+    verify = subcommand("verify", "Check that a patch is applied completely and exactly once");
+    status = subcommand("status", "Show whether a checkout is patched, and which recipe fits it");
+    doctor = subcommand("doctor", "Show which recipe is nearest to a checkout, and which parts of it match");
+    revert = subcommand("revert", "Remove the patch and restore the files byte for byte; your own changes are kept");
+    validate = subcommand("validate", "Check your own recipe for errors that can be found without a checkout");
     for (CLI::App* command : {show, apply, validate}) {
-      add_checked_option(*command, "name", name, "recipe, as splatboost patch list names it")
+      add_checked_option(*command, "name", name, "name of the recipe, see splatboost patch list")
           ->type_name("NAME")
           ->required();
     }
@@ -77,11 +76,11 @@ struct Patch {
       if (validate->parsed()) return run_validate();
       if (revert->parsed()) return run_revert();
     } catch (const patch::WriteError&) {
-      throw;  // a failure, no mistake of the user's
+      throw;  // a failure rather than a user error
     } catch (const patch::PatchError& error) {
       throw InputError(error.what());
     }
-    throw UsageError("no command given; there are: list, show, apply, verify, status, doctor, revert, validate");
+    throw UsageError("no command given; available: list, show, apply, verify, status, doctor, revert, validate");
   }
 
  private:
@@ -152,13 +151,13 @@ struct Patch {
     } else {
       std::printf("%s: patched with %s (layout %s), %s\n", path.c_str(), found.name.c_str(), outcome.layout.c_str(),
                   size_of(outcome).c_str());
-      // A recipe may only offer what the host did not have, or have its switch elsewhere.
+      // A recipe may have no --boost switch: it may only add what the host lacks, or switch elsewhere.
       const bool has_switch = std::any_of(found.options.begin(), found.options.end(),
                                           [](const patch::HostOption& option) { return option.name == "--boost"; });
       const std::string how = has_switch               ? "; --boost off trains as before the patch"
-                              : !found.options.empty() ? "; splatboost patch show " + found.name + " tells its options"
+                              : !found.options.empty() ? "; splatboost patch show " + found.name + " lists its options"
                                                        : "";
-      std::printf("Train as ever%s. To undo: splatboost patch revert %s\n", how.c_str(), path.c_str());
+      std::printf("Train as before%s. To undo: splatboost patch revert %s\n", how.c_str(), path.c_str());
     }
     return 0;
   }
@@ -179,7 +178,7 @@ struct Patch {
     const patch::SourceTree tree(path);
     if (const std::optional<patch::Manifest> manifest = patch::read_manifest(tree)) {
       if (manifest->state == patch::State::applied) return run_verify();
-      std::printf("%s: half patched with %s, which was interrupted: splatboost patch revert %s mends it\n",
+      std::printf("%s: partly patched with %s, which was interrupted: splatboost patch revert %s repairs it\n",
                   path.c_str(), manifest->recipe.c_str(), path.c_str());
       return 0;
     }
@@ -194,7 +193,7 @@ struct Patch {
       const patch::Recipe found = patch::load_recipe(folder, one);
       try {
         (void)patch::detect_layout(found, [&](const std::string& file) { return tree.read(file); });
-      } catch (const patch::PatchError&) {  // another may fit
+      } catch (const patch::PatchError&) {  // another recipe may fit
         continue;
       }
       try {
@@ -226,7 +225,7 @@ struct Patch {
 
   int run_doctor() const {
     const patch::SourceTree tree(path);
-    if (patch::read_manifest(tree)) return run_status();  // what is patched says nothing about the host
+    if (patch::read_manifest(tree)) return run_status();  // a patched checkout tells nothing about the original host
     const fs::path folder = recipe_folder();
     std::vector<patch::Diagnosis> found;
     for (const std::string& one : patch::recipe_names(folder)) {
@@ -239,7 +238,7 @@ struct Patch {
     std::stable_sort(found.begin(), found.end(),
                      [](const patch::Diagnosis& a, const patch::Diagnosis& b) { return a.likeness() > b.likeness(); });
     if (found.empty() || found.front().held(patch::Sought::anchor) == 0) {
-      std::printf("%s: no recipe knows anything of it; give the folder of a checkout, where its train.py is\n",
+      std::printf("%s: no part of any recipe matches; give the folder of a checkout, which contains train.py\n",
                   path.c_str());
       return 0;
     }
@@ -249,7 +248,7 @@ struct Patch {
                                                                    {patch::Sought::anchor, "anchors of edits"},
                                                                    {patch::Sought::need, "what the edits rely on"}};
     for (const auto& [sought, title] : kSections) {
-      std::printf("\n%s: %d of %d hold\n", title, nearest.held(sought), nearest.all(sought));
+      std::printf("\n%s: %d of %d match\n", title, nearest.held(sought), nearest.all(sought));
       for (const patch::Finding& finding : nearest.findings) {
         if (finding.sought != sought) continue;
         const std::string place = finding.file + (finding.line > 0 ? ":" + std::to_string(finding.line) : "");
@@ -263,10 +262,10 @@ struct Patch {
                   100 * found[i].likeness());
     }
     if (nearest.likeness() == 1) {
-      std::printf("\nAll holds: splatboost patch apply %s %s\n", nearest.recipe.c_str(), path.c_str());
+      std::printf("\nEverything matches: splatboost patch apply %s %s\n", nearest.recipe.c_str(), path.c_str());
     } else {
       std::printf(
-          "\nTo patch it, copy the recipe %s and change what does not hold: docs/patching.md, A recipe for a "
+          "\nTo patch it, copy the recipe %s and change what does not match: docs/patching.md, A recipe for a "
           "fork\n",
           (folder / nearest.recipe).c_str());
     }
@@ -285,7 +284,7 @@ struct Patch {
     } else if (dry_run) {
       std::fputs(outcome.diff.c_str(), stdout);
     } else {
-      std::printf("%s: the patch of %s is gone\n", path.c_str(), outcome.recipe.c_str());
+      std::printf("%s: the patch of %s was removed\n", path.c_str(), outcome.recipe.c_str());
       print_edited(outcome);
     }
     return 0;
@@ -293,7 +292,7 @@ struct Patch {
 
   static void print_edited(const patch::Outcome& outcome) {
     if (!outcome.edited_by_user.empty()) {
-      std::printf("your own changes stay in %s\n", list_of(outcome.edited_by_user).c_str());
+      std::printf("your own changes are kept in %s\n", list_of(outcome.edited_by_user).c_str());
     }
   }
 
@@ -315,9 +314,9 @@ struct Patch {
 }  // namespace
 
 Command add_patch(CLI::App& program) {
-  CLI::App* app =
-      program.add_subcommand("patch", "Accelerate the checkout of a backbone's own repository, and undo that");
-  app->footer("splatboost patch COMMAND --help tells more. Example: splatboost patch apply 3dgs ~/gaussian-splatting");
+  CLI::App* app = program.add_subcommand(
+      "patch", "Patch a checkout of a backbone's own repository to accelerate it, or revert the patch");
+  app->footer("See splatboost patch COMMAND --help. Example: splatboost patch apply 3dgs ~/gaussian-splatting");
   const auto patch = std::make_shared<Patch>(*app);
   return {app, [patch](const std::string&) { return patch->run(); }};
 }

@@ -25,15 +25,16 @@ struct Render {
     add_saved_model_options(set, options);
     set.set_group("Output");
     set.add("-o,--output", output, "folder of the PNG files [the model folder]", false)->type_name("DIR");
-    set.add("--orbit", orbit, "instead of the scene's views, so many on a circle around it", false)->type_name("N");
-    set.add("--video", video, "the circle as a video instead of PNG files; time runs too", false)
-        ->type_name("FILE.mp4");
-    set.add("--time", time, "in [0, 1], of a scene that moves, instead of each view's own", false)->type_name("T");
-    set.add("--view", view, "with --orbit or --video: stay at this view's camera while time runs", false)
-        ->type_name("NAME");
-    set.add("--sequence", sequence, "instead of pictures: N standard .ply files from time 0 to 1", false)
+    set.add("--orbit", orbit, "render N views on a circle around the scene instead of the scene's views", false)
         ->type_name("N");
-    set.add("--fps", frames_per_second, "of the video", false)->type_name("N")->capture_default_str();
+    set.add("--video", video, "write the circle as a video instead of PNG files; time advances too", false)
+        ->type_name("FILE.mp4");
+    set.add("--time", time, "time in [0, 1] for a moving scene, instead of each view's own", false)->type_name("T");
+    set.add("--view", view, "with --orbit or --video: keep this view's camera while time advances", false)
+        ->type_name("NAME");
+    set.add("--sequence", sequence, "write N standard .ply files from time 0 to 1 instead of images", false)
+        ->type_name("N");
+    set.add("--fps", frames_per_second, "frame rate of the video", false)->type_name("N")->capture_default_str();
     add_drawing_options(set, options);
   }
 
@@ -45,9 +46,9 @@ struct Render {
     if (set.given("sequence") && sequence < 1) throw UsageError("--sequence must be at least 1");
     if (sequence > 0 && (!video.empty() || orbit > 0 || time || !view.empty()))
       throw UsageError("--sequence writes models: leave out --video, --orbit, --view and --time");
-    if (!view.empty() && video.empty() && orbit == 0)
-      throw UsageError("--view is of --video and --orbit; give one of them");
-    if (!view.empty() && time) throw UsageError("with --view time runs; leave out --time");
+    if (!view.empty() && video.empty() && orbit == 0) throw UsageError("--view requires --video or --orbit");
+    if (!view.empty() && time)
+      throw UsageError("--view and --time cannot be combined: with --view, time advances; leave out --time");
     const SavedModel saved = find_saved_model(set, options);
     options.lpips.clear();  // nothing is measured
     OpenModel model(saved, options);
@@ -62,7 +63,7 @@ struct Render {
     std::optional<FolderLock> lock;
     if (output.empty()) {
       output = options.model;
-      lock.emplace(options.model);  // a run that measures writes pictures of the same names
+      lock.emplace(options.model);  // a run that measures writes pictures with the same names
     }
     if (sequence > 0) {
       export_sequence(backbone);
@@ -128,7 +129,8 @@ struct Render {
         if (candidate.name == view || fs::path(candidate.name).stem() == view) return candidate.camera;
       }
     }
-    throw InputError("--view: the scene has no view '" + view + "', such as '" + scene.train.front().name + "'");
+    throw InputError("--view: the scene has no view '" + view + "'; an example of a view is '" +
+                     scene.train.front().name + "'");
   }
 
   void export_sequence(Backbone& backbone) const {
@@ -139,7 +141,7 @@ struct Render {
       std::snprintf(name, sizeof name, "%05d.ply", i);
       backbone.export_moment(static_cast<float>(i) / static_cast<float>(std::max(sequence - 1, 1)), folder / name);
     }
-    // Those of a longer sequence that was here before are of other times.
+    // Remove the rest of an earlier, longer sequence: its files are of other times.
     for (int i = sequence;; ++i) {
       char name[32];
       std::snprintf(name, sizeof name, "%05d.ply", i);

@@ -37,43 +37,45 @@ struct Slam {
             "sequence: Replica, TUM RGB-D, EuRoC (stereo), or pictures with calibration.json")
         ->type_name("DIR");
     add_model_option(set, options, "output folder");
-    own.add("--calibration", slam.sequence.calibration, "camera, in place of the dataset's own")->type_name("JSON");
+    own.add("--calibration", slam.sequence.calibration, "camera calibration to use instead of the dataset's own")
+        ->type_name("JSON");
     own.add("-r,--resolution", options.scene.resolution,
-            std::string("of the pictures that are mapped; ") + kResolutionHelp)
+            std::string("resolution of the mapped images; ") + kResolutionHelp)
         ->type_name("N");
     own.add("--first-frame", slam.sequence.first, "begin with this frame")->type_name("N")->capture_default_str();
-    own.add("--frames", slam.sequence.count, "most frames; 0: all")->type_name("N")->capture_default_str();
-    own.add("--stride", slam.sequence.stride, "every so many-th frame")->type_name("N")->capture_default_str();
+    own.add("--frames", slam.sequence.count, "maximum number of frames; 0: all")->type_name("N")->capture_default_str();
+    own.add("--stride", slam.sequence.stride, "use every N-th frame")->type_name("N")->capture_default_str();
     own.set_group("Tracking");
-    own.add("--features", slam.tracker.features, "a frame")->type_name("N")->capture_default_str();
-    own.add("--max-depth", slam.tracker.farthest_depth, "metres; depth beyond is not used")
+    own.add("--features", slam.tracker.features, "features per frame")->type_name("N")->capture_default_str();
+    own.add("--max-depth", slam.tracker.farthest_depth, "ignore larger depths, metres")
         ->type_name("X")
         ->capture_default_str();
-    own.add("--no-loops", no_loops, "look for no loops");
+    own.add("--no-loops", no_loops, "do not detect loops");
     own.set_group("Mapping");
     set.set_group("Mapping");
-    set.add("--backbone", options.backbone, "method that maps", false)->type_name("NAME")->capture_default_str();
+    set.add("--backbone", options.backbone, "method used for mapping", false)->type_name("NAME")->capture_default_str();
     set.add("--boost,!--no-boost", options.boost, "map accelerated (default), or as published", false);
     set.add("--iterations", options.iterations,
-            "of the mapper in all; longer where the sequence takes more than half of them [30000]")
+            "total iterations of the mapper; more if the sequence takes more than half of them [30000]")
         ->type_name("N");
-    own.add("--seconds", slam.seconds, "end when the sequence has and so many seconds have passed")->type_name("X");
-    own.add("--lockstep", slam.lockstep, "so many iterations a keyframe, in a fixed order: same seed, same bytes")
+    own.add("--seconds", slam.seconds, "end after the sequence has ended and X seconds have passed")->type_name("X");
+    own.add("--lockstep", slam.lockstep,
+            "N iterations per keyframe in a fixed order; the same seed gives the same bytes")
         ->type_name("N");
-    own.add("--initial-keyframes", slam.initial_keyframes, "mapping begins with so many")
+    own.add("--initial-keyframes", slam.initial_keyframes, "number of keyframes needed to begin mapping")
         ->type_name("N")
         ->capture_default_str();
     set.add("--max-primitives", options.max_primitives, "hard cap on primitives; 0: none")
         ->type_name("N")
         ->capture_default_str();
-    set.add("--seed", options.seed, "of everything random")->type_name("N")->capture_default_str();
+    set.add("--seed", options.seed, "seed of all random numbers")->type_name("N")->capture_default_str();
     add_boost_options(set, options);
     add_machine_options(set, options);
     add_lpips_option(set, options);
     add_config_option(set, options);
   }
 
-  /// Of config.json of a run and the like: what only this command has lies in "slam".
+  /// Reads --config, which may be config.json of a run. Options that only this command has are in "slam".
   void read_settings() {
     if (options.config.empty()) return;
     const std::string place = options.config.string();
@@ -86,7 +88,7 @@ struct Slam {
     apply_settings(settings, place, set, options);
   }
 
-  /// For commands that read scenes, the run's scene is its keyframes.
+  /// The source in config.json is the keyframes, so that commands that read scenes can open the run.
   std::string config_of(const PluggedBackbone& plugged) const {
     Json config = Json::parse(config_text(set, options, options.boost, &plugged));
     config["slam"] = own.record();
@@ -103,7 +105,8 @@ struct Slam {
     check_options(options);
     usage(!slam.lockstep || *slam.lockstep >= 0, "--lockstep must be at least 0");
     usage(!slam.seconds || (*slam.seconds >= 0 && std::isfinite(*slam.seconds)), "--seconds must be at least 0");
-    usage(!(slam.lockstep && slam.seconds), "--lockstep and --seconds exclude each other: a clock is never the same");
+    usage(!(slam.lockstep && slam.seconds),
+          "--lockstep and --seconds cannot be combined: a time limit is not reproducible");
     usage(slam.initial_keyframes >= 1, "--initial-keyframes must be at least 1");
     usage(slam.tracker.features >= 100 && slam.tracker.features <= 20000, "--features must be 100 to 20000");
     usage(slam.tracker.farthest_depth > slam.tracker.nearest_depth && std::isfinite(slam.tracker.farthest_depth),
@@ -126,7 +129,7 @@ struct Slam {
     const std::unique_ptr<Sequence> sequence = open_sequence(slam.sequence);
     require(sequence->calibration().depth_scale > 0,
             options.scene.source.string() +
-                ": has no depth (no depth_scale in its calibration); a camera alone is not tracked yet");
+                ": has no depth (no depth_scale in its calibration); tracking without depth is not supported yet");
     for (const std::string& note : sequence->notes()) {
       if (!options.quiet) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
     }
@@ -143,8 +146,9 @@ struct Slam {
               device.device()};
           PluggedBackbone plugged =
               make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
-          require(dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
-                  "--backbone: " + options.backbone + " cannot train while its views come in; photo-slam can");
+          require(
+              dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
+              "--backbone: " + options.backbone + " cannot train on views that arrive during training; use photo-slam");
           lock = take_model_folder(options.model, false);
           write_config(options.model, config_of(plugged));
           return plugged;
@@ -175,7 +179,7 @@ struct Slam {
            " keyframes, model and results so far are in " + options.model.string();
   }
 
-  /// Writes what there is and throws what the run failed with, with a word about that.
+  /// Writes the output so far and throws the error of the run again, with a note about that output.
   [[noreturn]] void keep_after_failure(SlamRun& mapping, const SlamOutcome& outcome, Sequence& sequence,
                                        ChosenDevice& device, const std::string& command_line) const {
     std::string what = "out of memory";
@@ -193,7 +197,7 @@ struct Slam {
     try {
       write(mapping, outcome, sequence, device, nullptr, command_line, [] { return true; });
     } catch (const std::exception& reason) {
-      saved = "not all that there was could be saved: " + std::string(reason.what());
+      saved = "not all results could be saved: " + std::string(reason.what());
     }
     what += " " + place_of(outcome, sequence) + ", with " + std::to_string(mapping.backbone().primitives()) +
             " primitives; " + saved;
@@ -201,7 +205,7 @@ struct Slam {
     throw std::runtime_error(what);
   }
 
-  /// @return frames that were measured
+  /// @return number of measured frames
   std::size_t write(SlamRun& mapping, const SlamOutcome& outcome, Sequence& sequence, ChosenDevice& device,
                     Lpips* lpips, const std::string& command_line, const std::function<bool()>& stopped) const {
     const fs::path& folder = options.model;
@@ -211,7 +215,7 @@ struct Slam {
     results.train_seconds = outcome.mapping_seconds;
     results.stage_seconds = outcome.stage_seconds;
     results.curve = outcome.curve;
-    write_tracking(mapping, outcome, sequence, folder);  // first: a model may fail for want of memory
+    write_tracking(mapping, outcome, sequence, folder);  // first, because exporting the model may run out of memory
     write_cameras(folder, mapping.scene());
     const fs::path model = folder / "point_cloud" / ("iteration_" + std::to_string(outcome.iterations));
     make_folder(model);
@@ -256,7 +260,7 @@ struct Slam {
     const Json& s = json.at("slam");
     const auto tracked = s.at("tracked").get<std::size_t>();
     std::printf("%s", results_table(results).c_str());
-    std::printf("frames: %zu of %zu tracked at %.1f a second, %zu keyframes, %zu points, %d loops\n", tracked,
+    std::printf("frames: %zu of %zu tracked at %.1f per second, %zu keyframes, %zu points, %d loops\n", tracked,
                 s.at("frames").get<std::size_t>(), s.at("tracking_fps").get<double>(),
                 s.at("keyframes").at("frames").get<std::size_t>(), s.at("map_points").get<std::size_t>(),
                 s.at("loops").get<int>());
@@ -279,13 +283,13 @@ struct Slam {
   RunOptions options;
   SlamOptions slam;
   bool no_loops = false;
-  OptionSet set, own;  ///< what training has too, and what only this command has
+  OptionSet set, own;  ///< options shared with training, and those of this command only
 };
 
 }  // namespace
 
 Command add_slam(CLI::App& program) {
-  CLI::App* app = program.add_subcommand("slam", "Track a camera with depth and map what it sees while it moves");
+  CLI::App* app = program.add_subcommand("slam", "Track a camera with depth and map the scene while the camera moves");
   app->footer("Example: splatboost slam -s SEQUENCE -m OUT --iterations 3000");
   const auto slam = std::make_shared<Slam>(*app);
   return {app, [slam](const std::string& command_line) { return slam->run(command_line); }};

@@ -16,7 +16,7 @@ Command add_synth(CLI::App& program) {
       program.add_subcommand("synth", "Make a ray-traced scene with exact cameras, depth, normals and masks");
   app->footer("Example: splatboost synth room && splatboost compare -s room -m out --eval --iterations 1000");
   const auto options = std::make_shared<SynthOptions>();
-  add_checked_option(*app, "-o,--output,output", options->output, "folder to make")->type_name("DIR");
+  add_checked_option(*app, "-o,--output,output", options->output, "folder to create")->type_name("DIR");
   add_checked_option(*app, "--scene", options->scene,
                      "room; street: large, seen at several scales; moving: with times; walk: a sequence with depth for "
                      "splatboost slam")
@@ -25,29 +25,33 @@ Command add_synth(CLI::App& program) {
   add_checked_option(*app, "--width", options->width, "px")->type_name("N")->capture_default_str();
   add_checked_option(*app, "--height", options->height, "px")->type_name("N")->capture_default_str();
   const CLI::Option* const views =
-      add_checked_option(*app, "--views", options->views, "cameras [48; walk " + std::to_string(kWalkFrames) + "]")
+      add_checked_option(*app, "--views", options->views,
+                         "number of cameras [48; walk " + std::to_string(kWalkFrames) + "]")
           ->type_name("N");
-  add_checked_option(*app, "--cameras", options->cameras, "moving: of a rig; 0: one that walks around")
+  add_checked_option(*app, "--cameras", options->cameras,
+                     "moving: number of cameras of a rig; 0: one camera that walks around")
       ->type_name("N")
       ->capture_default_str();
   add_checked_option(*app, "--baseline", options->baseline,
-                     "walk: metres between two cameras, a stereo pair in EuRoC's layout; 0: one with depth")
+                     "walk: metres between the cameras of a stereo pair, in EuRoC's layout; 0: one camera with depth")
       ->type_name("X")
       ->capture_default_str();
-  add_checked_option(*app, "--points", options->points, "points of the sparse cloud")
+  add_checked_option(*app, "--points", options->points, "number of points of the sparse cloud")
       ->type_name("N")
       ->capture_default_str();
   add_checked_option(*app, "--point-noise", options->point_noise, "standard deviation of the points, world units")
       ->type_name("X")
       ->capture_default_str();
   add_checked_option(*app, "--surface-points", options->surface_points,
-                     "exact points of what the views see, for splatboost mesh-eval: surface.ply")
+                     "number of exact points on the visible surfaces in surface.ply, for splatboost mesh-eval")
       ->type_name("N")
       ->capture_default_str();
-  add_checked_option(*app, "--samples", options->samples, "per pixel and axis, against aliasing")
+  add_checked_option(*app, "--samples", options->samples, "samples per pixel and axis, against aliasing")
       ->type_name("N")
       ->capture_default_str();
-  add_checked_option(*app, "--seed", options->seed, "same seed, same bytes")->type_name("N")->capture_default_str();
+  add_checked_option(*app, "--seed", options->seed, "random seed; the same seed gives the same bytes")
+      ->type_name("N")
+      ->capture_default_str();
   return {app, [options, views](const std::string&) {
             if (options->scene == "walk" && views->count() == 0) options->views = kWalkFrames;
             if (options->output.empty()) throw UsageError("no output folder given: splatboost synth DIR");

@@ -18,7 +18,7 @@ struct Train {
   /// MODEL/checkpoints/iteration_N.ckpt → MODEL
   fs::path folder_of_checkpoint() const { return fs::absolute(options.resume).parent_path().parent_path(); }
 
-  /// Settings, the weakest first: those of the run that a checkpoint is of, then --config, then the command line.
+  /// Later ones override earlier ones: settings of the run of the checkpoint, then --config, then the command line.
   void read_settings() {
     nlohmann::json settings = nlohmann::json::object();
     std::string place = options.config.string();

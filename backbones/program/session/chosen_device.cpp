@@ -12,7 +12,7 @@
 namespace splatboost::program {
 namespace {
 
-/// The number of the GPU; none: the CPU.
+/// The index of the GPU; none: the CPU.
 std::optional<int> ordinal_of(const std::string& name) {
   if (name == "cpu") return std::nullopt;
   if (name == "cuda") return 0;
@@ -23,7 +23,7 @@ std::optional<int> ordinal_of(const std::string& name) {
     const auto parsed = std::from_chars(name.data() + kPrefix.size(), end, ordinal);
     if (parsed.ec == std::errc{} && parsed.ptr == end && ordinal >= 0) return ordinal;
   }
-  throw UsageError("--device: '" + name + "' is none of cpu, cuda and cuda:N");
+  throw UsageError("--device: '" + name + "' is not one of cpu, cuda and cuda:N");
 }
 
 }  // namespace
@@ -42,7 +42,7 @@ ChosenDevice::ChosenDevice(const std::string& name, int threads) : threads_(thre
   try {
     stream_ = std::make_unique<CudaStream>(*ordinal);
   } catch (const NoDeviceError& error) {
-    throw InputError("--device " + name + ": " + error.what() + "; --device cpu needs none");
+    throw InputError("--device " + name + ": " + error.what() + "; use --device cpu to run without a GPU");
   }
 }
 

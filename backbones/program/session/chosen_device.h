@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What --device and --threads choose: where the program computes.
+/// @file The device and threads chosen by --device and --threads.
 #pragma once
 
 #include <memory>
@@ -13,15 +13,15 @@ namespace splatboost::program {
 
 /// Throws UsageError unless it is one of "cpu", "cuda" and "cuda:N".
 void check_device_name(const std::string& name);
-/// Throws UsageError unless so many threads can be asked for.
+/// Throws UsageError if the number of threads is out of range.
 void check_threads(int threads);
 
-/// Owns the threads and, on a GPU, the stream. Backbones keep references: it outlives them.
+/// Owns the threads and, on a GPU, the stream. Must outlive the backbones, which keep references to them.
 class ChosenDevice {
  public:
-  /// @param name cpu; cuda, the first GPU; cuda:N, the N-th from 0. Throws InputError in one line where the machine has
-  /// no such GPU or the build no CUDA.
-  /// @param threads for what the CPU does, on a GPU too; 0: available_cpus()
+  /// @param name cpu; cuda, the first GPU; cuda:N, the N-th, counted from 0. Throws InputError if the machine has no
+  /// such GPU or the build no CUDA.
+  /// @param threads for the work of the CPU, also when the device is a GPU; 0: available_cpus()
   ChosenDevice(const std::string& name, int threads);
 
   Device device() { return stream_ ? Device(*stream_) : Device(threads_); }

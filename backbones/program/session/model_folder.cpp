@@ -62,21 +62,23 @@ void require_ours_or_empty(const fs::path& folder) {
     empty = empty && is_working_file(entry->path());
   }
   require(!error, folder.string() + ": cannot be read: " + error.message());
-  require(empty || is_ours(folder), folder.string() +
-                                        ": holds files that are not of a SplatBoost run, and they would be mixed; "
-                                        "give another --model");
+  require(empty || is_ours(folder),
+          folder.string() +
+              ": contains files that do not belong to a SplatBoost run and would be mixed with it; "
+              "give another --model");
 }
 
 FolderLock take_model_folder(const fs::path& folder, bool keep_results) {
   std::error_code error;
   fs::create_directories(folder, error);
-  require(!error, folder.string() + ": cannot make this folder: " + error.message());
+  require(!error, folder.string() + ": cannot create this folder: " + error.message());
   FolderLock lock(folder);
   require_ours_or_empty(folder);
   remove_stale_files(folder);
   remove_stale_files(folder / "checkpoints");
   if (keep_results) return lock;
-  // What is there when a run ends must be of that run. Checkpoints are hours of work and say whose they are: they stay.
+  // When a run ends, all results in the folder must be its own. Checkpoints are kept: they took hours and identify
+  // their run.
   for (const char* name : {"point_cloud", "test", "train", kTrainingFile, "results.json", "compare.json", "report.html",
                            "cameras.json", "mesh.ply", "mesh.png", "keyframes", "keyframes.txt", "trajectory.txt"}) {
     fs::remove_all(folder / name, error);
@@ -116,14 +118,15 @@ Json read_config(const fs::path& folder) {
   std::error_code error;
   require(fs::is_directory(folder, error), folder.string() + ": no such model folder");
   require(fs::exists(folder / "config.json", error),
-          folder.string() + ": no model folder of SplatBoost: it has no config.json");
+          folder.string() + ": not a model folder of SplatBoost: it has no config.json");
   return read_settings_file(folder / "config.json");
 }
 
 std::optional<float> trained_beta(const Json& config) {
   const std::string place = "config.json: trained: beta";
   require(config.contains("trained") && config["trained"].is_object() && config["trained"].contains("beta"),
-          "config.json has no trained.beta: it is not of a single run; name one of its runs, such as MODEL/boosted");
+          "config.json has no trained.beta: it does not belong to a single run; give one of its runs, such as "
+          "MODEL/boosted");
   std::optional<float> beta;
   read_value(config["trained"]["beta"], place, beta);
   require(!beta || (*beta > 0 && *beta <= 1), place + " must be in (0, 1]");

@@ -13,7 +13,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-// Keys of a settings file that are not options: what a run says about itself, and the constants.
+// Keys of a settings file that are not options: records of the run, and the constants.
 const std::set<std::string>& reserved_keys() {
   static const std::set<std::string> keys = {"splatboost", "trained", "backbone", "boost", "slam"};
   return keys;
@@ -25,7 +25,7 @@ std::string backbone_names() {
   return names;
 }
 
-/// "30000; dropgaussian 10000": the paper's, and those that differ.
+/// "30000; dropgaussian 10000": the usual length, then the backbones that differ.
 std::string published_lengths() {
   std::string lengths = std::to_string(kPublishedIterations);
   for (const BackboneEntry& entry : backbones()) {
@@ -35,7 +35,7 @@ std::string published_lengths() {
   return lengths;
 }
 
-/// "0.5; scaffold-gs 0.7": the paper's, and those that differ.
+/// "0.5; scaffold-gs 0.7": the paper's β, then the backbones that differ.
 std::string default_betas() {
   const std::string paper = to_json(*find_adapter("vanilla").make_settings(false))["beta"].dump();
   std::string betas = paper;
@@ -101,15 +101,13 @@ void add_data_options(OptionSet& set, RunOptions& options) {
   set.set_group("Data");
   set.add("-r,--resolution", scene.resolution, kResolutionHelp)->type_name("N");
   set.add("--eval", scene.eval, "hold out test views (every llffhold-th, or the dataset's own)");
-  set.add("--llffhold", scene.llffhold, "every so many views is a test view")->type_name("N")->capture_default_str();
-  set.add("--test-list", scene.test_list, "file naming the test images, one a line")->type_name("FILE");
+  set.add("--llffhold", scene.llffhold, "use every N-th view as a test view")->type_name("N")->capture_default_str();
+  set.add("--test-list", scene.test_list, "file that lists the test images, one per line")->type_name("FILE");
   set.add("--frame-times", scene.frame_times, kFrameTimesHelp);
   set.add("--frames", scene.frames, kFramesHelp)->type_name("N");
-  set.add("--n-views", scene.n_views, "train on so many views, evenly spread; 0: all")
-      ->type_name("N")
-      ->capture_default_str();
+  set.add("--n-views", scene.n_views, "train on N evenly spread views; 0: all")->type_name("N")->capture_default_str();
   set.add("-i,--images", scene.images, kImagesHelp)->type_name("NAME");
-  set.add("-w,--white-background", scene.white_background, "white instead of black behind the scene");
+  set.add("-w,--white-background", scene.white_background, "use a white instead of a black background");
 }
 
 void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost) {
@@ -120,42 +118,45 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
   if (choose_boost)
     set.add("--boost,!--no-boost", options.boost, "train accelerated (default), or as published", false);
   set.add("--iterations", options.iterations,
-          "length of the run; schedules scale with it [" + published_lengths() + "]")
+          "number of iterations; schedules scale with it [" + published_lengths() + "]")
       ->type_name("N");
   set.add("--max-primitives", options.max_primitives, "hard cap on primitives; 0: none")
       ->type_name("N")
       ->capture_default_str();
-  set.add("--seed", options.seed, "same seed, same bytes")->type_name("N")->capture_default_str();
-  set.add("--save-iterations", options.save_iterations, "save the model at these too")
+  set.add("--seed", options.seed, "random seed; the same seed gives the same bytes")
+      ->type_name("N")
+      ->capture_default_str();
+  set.add("--save-iterations", options.save_iterations, "also save the model at these iterations")
       ->type_name("N,N")
       ->delimiter(',');
-  set.add("--checkpoint-iterations", options.checkpoint_iterations, "write a checkpoint at these")
+  set.add("--checkpoint-iterations", options.checkpoint_iterations, "write a checkpoint at these iterations")
       ->type_name("N,N")
       ->delimiter(',');
 }
 
 void add_boost_options(OptionSet& set, RunOptions& options) {
   set.set_group("Acceleration");
-  set.add("--beta", options.beta, "compact box, in (0, 1]; smaller: faster, cuts faint rims [" + default_betas() + "]",
-          false)
+  set.add("--beta", options.beta,
+          "compact box, in (0, 1]; smaller is faster but cuts faint edges [" + default_betas() + "]", false)
       ->type_name("X");
-  set.add("--tau-d", options.tau_d, "importance a primitive needs to grow (docs/method.md); larger: fewer [5]", false)
+  set.add("--tau-d", options.tau_d,
+          "importance threshold for growth (docs/method.md); larger gives fewer primitives [5]", false)
       ->type_name("X");
-  set.add("--views", options.views, "K: views that score the primitives [10]", false)->type_name("N");
-  set.add("--literal", options.literal, "the paper's rules and numbers exactly, nothing of ours (docs/method.md)",
-          false);
+  set.add("--views", options.views, "K: number of views that score the primitives [10]", false)->type_name("N");
+  set.add("--literal", options.literal,
+          "exactly the paper's rules and constants, without our additions (docs/method.md)", false);
   set.add("--no-vcd", options.no_vcd, "without multi-view consistent densification", false);
   set.add("--no-vcp", options.no_vcp, "without multi-view consistent pruning", false);
   set.add("--no-cb", options.no_cb, "without the compact box", false);
   set.add("--no-absgrad", options.no_absgrad, "without absolute gradients", false);
   set.add("--no-schedule", options.no_schedule, "without the optimizer schedule", false);
-  set.add("--no-coarse", options.no_coarse, "without a start on views of half the size", false);
+  set.add("--no-coarse", options.no_coarse, "without the first phase on half-size views", false);
 }
 
 void add_machine_options(OptionSet& set, RunOptions& options) {
   set.set_group("Machine");
   set.add("--device", options.device, "cpu, cuda, or cuda:N of several GPUs")->type_name("NAME")->capture_default_str();
-  set.add("--threads", options.threads, "threads that work at a time; 0: all CPUs that the process may use")
+  set.add("--threads", options.threads, "number of threads; 0: all CPUs available to the process")
       ->type_name("N")
       ->capture_default_str();
 }
@@ -168,7 +169,8 @@ void add_lpips_option(OptionSet& set, RunOptions& options) {
 
 void add_config_option(OptionSet& set, RunOptions& options) {
   set.set_group("Output");
-  set.add("--config", options.config, "settings from a file, such as config.json of a run", false)->type_name("FILE");
+  set.add("--config", options.config, "read settings from a file, such as config.json of a run", false)
+      ->type_name("FILE");
   set.add("--quiet", options.quiet, "no progress line", false);
 }
 
@@ -178,7 +180,8 @@ void add_run_options(OptionSet& set, RunOptions& options, const std::string& mod
   add_data_options(set, options);
   add_training_options(set, options, one_run);
   if (one_run) {
-    set.add("--resume", options.resume, "go on from a checkpoint, with its run's settings", false)->type_name("CKPT");
+    set.add("--resume", options.resume, "resume from a checkpoint, with the settings of its run", false)
+        ->type_name("CKPT");
   }
   add_boost_options(set, options);
   add_machine_options(set, options);
@@ -207,8 +210,8 @@ void apply_settings(const Json& settings, const std::string& place, OptionSet& s
       read_value(constants["name"], place + ": backbone: name", name);
       constants.erase("name");
       if (!set.given("backbone")) options.backbone = name;
-      require(options.backbone == name || constants.empty(),
-              place + ": its constants are of backbone '" + name + "', but --backbone is '" + options.backbone + "'");
+      require(options.backbone == name || constants.empty(), place + ": its constants belong to backbone '" + name +
+                                                                 "', but --backbone is '" + options.backbone + "'");
     }
     options.backbone_settings = std::move(constants);
   }
@@ -278,7 +281,7 @@ void check_run_options(RunOptions& options) {
   require_source(options);
   require_model(options, "output");
   check_options(options);
-  boost_settings(options);  // throws on what it refuses
+  boost_settings(options);  // throws on invalid settings
 }
 
 }  // namespace splatboost::program

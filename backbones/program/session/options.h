@@ -27,7 +27,7 @@
 
 namespace splatboost::program {
 
-/// A mistake in how the program was called: the message is followed by where to read more.
+/// An error in the command line. The message is followed by a reference to --help.
 class UsageError : public InputError {
  public:
   using InputError::InputError;
@@ -42,9 +42,10 @@ struct OptionValue<std::optional<T>> : OptionValue<T> {};
 template <class T>
 struct OptionValue<std::vector<T>> : OptionValue<T> {};
 
-/// What is wrong with an option's text, or nothing. The parser would take an empty text, an unset variable of a shell,
-/// for no option at all, -1 for the largest number there is, and what no number holds for the largest.
-/// @tparam T of a single value
+/// Describes what is wrong with the text of an option; empty if nothing is. Without this check, the parser would take
+/// an empty text (an unset shell variable) for an absent option, and -1 and numbers out of range for the largest
+/// number.
+/// @tparam T type of a single value
 template <class T>
 std::string wrong_text(const std::string& text) {
   if (text.empty()) return "is empty; leave the option out, or give it a value";
@@ -61,20 +62,20 @@ std::string wrong_text(const std::string& text) {
   return {};
 }
 
-/// Adds an option whose text is checked so before it is parsed.
+/// Adds an option whose text is checked by wrong_text() before it is parsed.
 template <class T>
 CLI::Option* add_checked_option(CLI::App& app, const std::string& names, T& value, const std::string& help) {
   return app.add_option(names, value, help)->check(CLI::Validator(wrong_text<typename OptionValue<T>::type>, ""));
 }
 
-/// Options that a JSON file can give too, by their long names. The command line wins over the file.
+/// Options that a JSON file can also set, by their long names. The command line overrides the file.
 class OptionSet {
  public:
   /// Options join the app's help under the current group.
   explicit OptionSet(CLI::App& app) : app_(&app) {}
 
   void set_group(std::string group) { group_ = std::move(group); }
-  /// Options from here on can be given by files only: those of another subcommand whose files this one reads.
+  /// Options added from here on can be set by files only: those of another subcommand whose files this one reads.
   void files_only() { app_ = &unseen_; }
 
   /// @param recorded whether config.json of a run holds it
@@ -97,12 +98,12 @@ class OptionSet {
     return option;
   }
 
-  /// Takes the values of a file's object for options that the command line does not give. Keys in `reserved` are
-  /// somebody else's; any other unknown key throws InputError.
+  /// Sets the options that the command line does not give from a file's JSON object. Keys in `reserved` are skipped;
+  /// any other unknown key throws InputError.
   void overlay(const nlohmann::json& object, const std::string& place, const std::set<std::string>& reserved);
 
-  /// Values of the recorded options, paths made absolute, empty ones left out. Throws InputError on a path that is not
-  /// UTF-8, which JSON cannot hold.
+  /// Values of the recorded options, without empty ones and with absolute paths. Throws InputError on a path that is
+  /// not UTF-8, which JSON cannot hold.
   nlohmann::json record() const;
 
   bool given(const std::string& name) const;
@@ -136,16 +137,16 @@ inline constexpr char kResolutionHelp[] =
     "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide [-1]";
 inline constexpr char kIterationHelp[] = "model saved at this iteration; 0: the last";
 inline constexpr char kImagesHelp[] = "image folder of a COLMAP scene [images], or of a Nerfies capture [rgb/1x]";
-inline constexpr char kFrameTimesHelp[] = "COLMAP: the last number in a name is the frame, so the time";
-inline constexpr char kFramesHelp[] = "so many frames of each camera of a rig of videos; 0: all [24]";
+inline constexpr char kFrameTimesHelp[] = "COLMAP: the last number in an image name is the frame, which sets the time";
+inline constexpr char kFramesHelp[] = "number of frames of each camera of a rig of videos; 0: all [24]";
 
-/// What a run is told.
+/// The options of a run.
 struct RunOptions {
   SceneOptions scene;
   std::filesystem::path model;
   std::string backbone = "vanilla";
   bool boost = true;
-  std::optional<int> iterations;  ///< of every run after check_options()
+  std::optional<int> iterations;  ///< always set after check_options()
   std::uint64_t seed = 0;
   std::size_t max_primitives = 0;
   std::string device = "cpu";
@@ -165,10 +166,10 @@ struct RunOptions {
   std::vector<int> save_iterations;
   std::vector<int> checkpoint_iterations;
   std::filesystem::path resume;
-  int iteration = 0;  ///< of a saved model; 0: the last
+  int iteration = 0;  ///< iteration of a saved model; 0: the last
   bool quiet = false;
 
-  /// Constants that files give to the backbone and to its acceleration.
+  /// Constants of the backbone and of its acceleration, set by files.
   nlohmann::json backbone_settings = nlohmann::json::object();
   nlohmann::json boost_settings = nlohmann::json::object();
 };
@@ -182,30 +183,31 @@ void add_boost_options(OptionSet& set, RunOptions& options);
 void add_machine_options(OptionSet& set, RunOptions& options);
 void add_lpips_option(OptionSet& set, RunOptions& options);
 void add_config_option(OptionSet& set, RunOptions& options);
-/// All of these, as commands that train have them.
-/// @param one_run which is either boosted or not and may go on from a checkpoint; compare does both
+/// All options of the commands that train.
+/// @param one_run true: a single run, boosted or not, which may resume from a checkpoint; false: compare, which runs
+/// both
 void add_run_options(OptionSet& set, RunOptions& options, const std::string& model_help, bool one_run);
 
-/// A settings file as an object: {"backbone": {"name", constants…}, "boost": {"enabled", settings…}, options…}.
-/// "backbone" may be just the name and "boost" just true or false; both come out as objects.
+/// Reads a settings file as an object: {"backbone": {"name", constants…}, "boost": {"enabled", settings…}, options…}.
+/// "backbone" may be just the name and "boost" just true or false; both are returned as objects.
 nlohmann::json read_settings_file(const std::filesystem::path& path);
 
-/// Takes a settings object into the options that the command line does not give.
+/// Sets the options that the command line does not give from a settings object.
 void apply_settings(const nlohmann::json& settings, const std::string& place, OptionSet& set, RunOptions& options);
 
-/// Settings of the acceleration: of the files, overlaid with the command line; complete and checked.
+/// Settings of the acceleration, from the files and overridden by the command line; complete and checked.
 nlohmann::json boost_settings(const RunOptions& options);
 
-/// Throws on values no run can have, and on --device cuda for a backbone that has none. Names the option. Where no
-/// length is given, the run gets that of its backbone as published.
+/// Throws on invalid values, and on --device cuda for a backbone without CUDA support; the message names the option. If
+/// no number of iterations is given, sets the published one of the backbone.
 void check_options(RunOptions& options);
 
 /// Throws UsageError unless a source is given.
 void require_source(const RunOptions& options);
-/// Throws UsageError unless --model is given. @param kind of folder that is missing
+/// Throws UsageError unless --model is given. @param kind of folder, for the message
 void require_model(const RunOptions& options, const std::string& kind = "model");
 
-/// All that can be checked of a run before its data are read.
+/// Checks everything about a run that can be checked before its data are read.
 void check_run_options(RunOptions& options);
 
 }  // namespace splatboost::program

@@ -12,7 +12,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// For fields_to_json() and fields_from_json().
+/// Calls visitor(name, value) for each setting, as fields_to_json() and fields_from_json() need it.
 template <class Visitor>
 void visit_settings(BoostSettings& settings, Visitor&& visitor) {
   for (const BoostSettings::Setting& setting : settings.settings()) {
@@ -28,7 +28,7 @@ const BackboneEntry& find_backbone(std::string_view name) {
     if (entry.name == name) return entry;
     names += (names.empty() ? "" : ", ") + std::string(entry.name);
   }
-  throw InputError("--backbone: no '" + std::string(name) + "' here; there are: " + names);
+  throw InputError("--backbone: unknown backbone '" + std::string(name) + "'; available: " + names);
 }
 
 std::unique_ptr<BoostSettings> read_boost_settings(std::string_view backbone, const Json& given) {
@@ -51,7 +51,8 @@ Json to_json(BoostSettings& settings) {
 
 namespace {
 
-/// A backbone gathers statistics until its own end of growth: a later one of the user's could not be kept.
+/// A backbone stops gathering statistics at its own densify_until, so a later one set by the user could not take
+/// effect.
 void check_end_of_growth(std::string_view name, const Json& constants, const Json& settings) {
   const auto until = [](const Json& values) { return values.value("densify_until", 0); };
   const int wanted = until(settings), own = until(constants);

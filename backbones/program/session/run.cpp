@@ -29,11 +29,11 @@ namespace fs = std::filesystem;
 std::string scene_name(const fs::path& source) {
   // "scene/" and "." have no file name of their own.
   const fs::path whole = fs::absolute(source).lexically_normal();
-  if (fs::is_regular_file(whole)) return whole.stem().string();  // a packed scene is the scene
+  if (fs::is_regular_file(whole)) return whole.stem().string();  // a packed scene
   return whole.has_filename() ? whole.filename().string() : whole.parent_path().filename().string();
 }
 
-/// What a checkpoint must agree on, by the names that settings files use.
+/// The settings in which a checkpoint must match the run, by the names that settings files use.
 Json identity_of(const RunOptions& options, bool boost, const Json& constants) {
   Json identity = {{"backbone", options.backbone},
                    {"boost", boost},
@@ -56,14 +56,14 @@ void tell_memory(const MemoryEstimate& memory, std::size_t primitives, const Run
   if (warning) std::fprintf(stderr, "%s: %s\n", label.c_str(), warning->c_str());
 }
 
-/// Most primitives that a run is known to have had.
+/// The largest known number of primitives of a run.
 std::size_t most_primitives(const std::vector<CurvePoint>& curve, std::size_t at_the_end) {
   std::size_t most = at_the_end;
   for (const CurvePoint& point : curve) most = std::max(most, point.primitives);
   return most;
 }
 
-/// Saves the photos that measured renders are compared with; the views of a report.
+/// Saves the photos that renders are compared with. @return the views of a report
 std::vector<ReportView> write_truth(const Scene& scene, const fs::path& folder) {
   const std::vector<View>& views = measured_views(scene);
   const std::vector<std::string> names = picture_names(views);
@@ -84,7 +84,7 @@ BackboneContext context_of(Workbench& bench, const RunOptions& options) {
       bench.device->device()};
 }
 
-/// The camera of the first measured view at times from 0 to 1.
+/// Renders from the camera of the first measured view at times from 0 to 1.
 std::vector<fs::path> write_moments(Backbone& backbone, const Scene& scene, const fs::path& folder) {
   constexpr int kMoments = 6;
   const Camera& camera = (scene.test.empty() ? scene.train : scene.test).front().camera;
@@ -101,7 +101,7 @@ std::vector<fs::path> write_moments(Backbone& backbone, const Scene& scene, cons
   return files;
 }
 
-/// Depth and normals of some measured views, beside their renders.
+/// Writes depth and normals of some measured views, beside their renders.
 std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene, const fs::path& folder,
                                           const std::vector<ReportView>& truths, Threads& threads) {
   constexpr std::size_t kViews = 2;
@@ -129,7 +129,7 @@ Workbench make_workbench(const RunOptions& options) {
   Workbench bench;
   SceneOptions scene = options.scene;
   scene.seed = options.seed;
-  // Before the data: what cannot be had should not cost the time to read them.
+  // Before the data, which take time to read: a missing device or file should be reported first.
   bench.device = std::make_unique<ChosenDevice>(options.device, options.threads);
   if (!options.lpips.empty()) bench.lpips = std::make_unique<Lpips>(options.lpips);
   bench.scene = read_scene(scene);
@@ -149,7 +149,7 @@ void check_backbone(Workbench& bench, const RunOptions& options, bool boost) {
 
 RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
                     const fs::path& folder, const std::string& command, const std::function<void()>& take_folder) {
-  // Each run's peak is its own: what an earlier run freed goes back to the system first.
+  // Measure each run's own peak memory: return what an earlier run freed to the system first.
   malloc_trim(0);
   reset_peak_memory();
   const std::uint64_t resident = resident_memory_bytes();
@@ -162,7 +162,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   bench.scene.train_halves.clear();
   if (plugged.coarse_until > 0) bench.scene.train_halves = half_views(bench.scene.train, bench.device->threads());
   const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
-  // On a GPU primitives take none of the host's memory, which is what is estimated.
+  // On a GPU, primitives take no host memory, which is what is estimated.
   const bool on_host = !bench.device->device().is_cuda();
 
   TrainOptions train_options;
@@ -200,12 +200,12 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
       write_results(folder / kTrainingFile, results_of(trained));
       noted = true;
     } catch (const std::runtime_error&) {
-      // The model matters more: it is exported first, then this is tried again.
+      // The model is more important: it is exported first, then this is tried again.
     }
   };
   const TrainOutcome trained = train(backbone, bench.scene, train_options);
   if (trained.interrupted_by != 0) {
-    std::fprintf(stderr, "interrupted after iteration %d; go on with: splatboost train --resume %s\n",
+    std::fprintf(stderr, "interrupted after iteration %d; resume with: splatboost train --resume %s\n",
                  trained.iteration, trained.checkpoint.c_str());
     return {trained.interrupted_by, {}, {}};
   }
@@ -261,7 +261,7 @@ void write_results(const fs::path& path, const Results& results) {
 
 std::string results_table(const Results& results) {
   const std::vector<ResultRow> rows = result_rows(std::span(&results, 1));
-  // Columns are of characters, of which UTF-8's continuation bytes are none.
+  // Count characters rather than bytes: skip continuation bytes of UTF-8.
   const auto width = [](const std::string& text) {
     return std::count_if(text.begin(), text.end(),
                          [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; });

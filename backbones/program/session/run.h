@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file One run from scene to full output folder: what train does once and compare twice.
+/// @file One run, from the scene to the complete output folder: train does one, compare two.
 #pragma once
 
 #include <functional>
@@ -18,18 +18,18 @@
 
 namespace splatboost::program {
 
-/// What runs share: read once.
+/// What the runs of a command share; read only once.
 struct Workbench {
   Scene scene;
   std::unique_ptr<ChosenDevice> device;
   std::unique_ptr<Lpips> lpips;  ///< null unless asked for
 };
 
-/// Reads the scene and readies the device; prints what the data reader has to note.
+/// Reads the scene and prepares the device; prints the notes of the data reader.
 Workbench make_workbench(const RunOptions& options);
 
 struct RunOutcome {
-  int interrupted_by = 0;  ///< signal; the rest is then empty
+  int interrupted_by = 0;  ///< signal number, the rest is then empty; 0: not interrupted
   ReportRun run;
   std::vector<ReportView> views;
 };
@@ -37,36 +37,36 @@ struct RunOutcome {
 /// "boosted" or "baseline": the name of a run in reports and, in a comparison, of its folder.
 std::string run_label(bool boost);
 
-/// Builds the backbone of a run and lets it go again: throws InputError on constants that it refuses.
+/// Creates and discards the backbone of a run, so that constants that it refuses throw InputError early.
 void check_backbone(Workbench& bench, const RunOptions& options, bool boost);
 
 /// Trains, evaluates and fills `folder`.
-/// @param take_folder called once nothing can refuse the run any more, before anything is written; leaves the folder to
-/// the run
+/// @param take_folder called after all checks that may refuse the run, before anything is written; prepares the folder
+/// for the run
 RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
                     const std::filesystem::path& folder, const std::string& command,
                     const std::function<void()>& take_folder);
 
-/// What results say of any run that just ended: options, machine, time and place. What it made is to be filled in.
+/// The results common to all runs that just ended: options, machine, time and scene. The caller fills in the rest.
 /// @param command as typed
 Results results_of_run(const RunOptions& options, bool boost, const Scene& scene, ChosenDevice& device,
                        const std::string& command);
 
 /// Measures the model at the end of a run and writes the pictures, the report and, last, results.json.
-/// @param trained what kTrainingFile holds
+/// @param trained contents of kTrainingFile
 RunOutcome measure_run(Workbench& bench, Backbone& backbone, const std::filesystem::path& folder, Results trained);
 
 /// Writes results.json, or kTrainingFile.
 void write_results(const std::filesystem::path& path, const Results& results);
 
-/// The rows of one or two runs as text columns.
+/// The rows of a run as text columns.
 std::string results_table(const Results& results);
 
-/// Runs a subcommand's backbone without training: for rendering and evaluation of a saved model.
+/// Creates the backbone and loads a saved model into it, for rendering and measuring.
 PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const std::filesystem::path& saved,
                            std::optional<float> beta);
 
-/// What the shell reports of a program ended by this signal.
+/// The exit status that a shell reports for a program ended by this signal.
 int exit_code_of_signal(int signal_number);
 
 }  // namespace splatboost::program

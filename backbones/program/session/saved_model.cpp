@@ -6,7 +6,7 @@
 namespace splatboost::program {
 namespace {
 
-/// What config.json of the run holds beside the options that the command has.
+/// Adds, for files only, the options in config.json that the command itself does not have.
 void add_recorded_options(OptionSet& set, RunOptions& options) {
   set.files_only();
   add_data_options(set, options);
@@ -23,7 +23,7 @@ void add_saved_model_options(OptionSet& set, RunOptions& options) {
 
 void add_drawing_options(OptionSet& set, RunOptions& options) {
   set.set_group("Output");
-  set.add("--beta", options.beta, "compact box instead of the one in training, in (0, 1]; 1: exact", false)
+  set.add("--beta", options.beta, "compact box instead of the one used in training, in (0, 1]; 1: exact", false)
       ->type_name("X");
   add_machine_options(set, options);
   set.set_group("Output");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The model of an earlier run: the options of commands that open one, and what they get.
+/// @file The model of an earlier run: options of the commands that open one, and the opened model.
 #pragma once
 
 #include <filesystem>
@@ -13,22 +13,22 @@ namespace splatboost::program {
 /// -s, -m and --iteration.
 void add_saved_model_options(OptionSet& set, RunOptions& options);
 
-/// --beta, the machine's options and --quiet; what else config.json of the run holds is taken from there alone.
+/// --beta, the machine options and --quiet; all other settings of the run come from its config.json only.
 void add_drawing_options(OptionSet& set, RunOptions& options);
-/// The same of a command that measures: --lpips, but no --beta.
+/// The same for commands that measure: with --lpips, without --beta.
 void add_measuring_options(OptionSet& set, RunOptions& options);
 
 struct SavedModel {
-  std::filesystem::path folder;  ///< of the iteration
-  std::optional<float> beta;     ///< that the model was trained with, or --beta; none: the backbone's own box
+  std::filesystem::path folder;  ///< folder of the saved iteration
+  std::optional<float> beta;     ///< --beta, or the one it was trained with; none: the backbone's own box
 };
 
-/// Takes the settings of the run in --model, under those of the command line. Throws InputError where there is no such
+/// Reads the settings of the run in --model, which the command line overrides. Throws InputError if there is no such
 /// run or model.
 SavedModel find_saved_model(OptionSet& set, RunOptions& options);
 
-/// The model ready to draw, with its scene and its device. The backbone refers to the other two, so this stays where it
-/// is.
+/// A model ready to render, with its scene and its device. It cannot be copied or moved because the backbone refers to
+/// both.
 class OpenModel {
  public:
   OpenModel(const SavedModel& model, const RunOptions& options);

@@ -21,8 +21,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr std::size_t kPictures = 8;      ///< frames of which truth and render are kept
-constexpr std::size_t kMinPositions = 3;  ///< that an alignment needs
+constexpr std::size_t kPictures = 8;      ///< frames whose truth and render are saved
+constexpr std::size_t kMinPositions = 3;  ///< needed for an alignment
 
 struct Means {
   double psnr = 0, ssim = 0, lpips = 0, psnr_beta1 = 0;
@@ -136,7 +136,7 @@ Json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence
     }
     results.views.push_back(std::move(measured.result));
   }
-  if (stopped()) all = of_keyframes = {};  // means of the first frames would read as those of all
+  if (stopped()) all = of_keyframes = {};  // means of the first frames could be mistaken for those of all
   results.split = "tracked";
   results.psnr = all.mean(all.psnr);
   results.ssim = all.mean(all.ssim);

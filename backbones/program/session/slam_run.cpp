@@ -20,14 +20,14 @@
 namespace splatboost::program {
 namespace {
 
-constexpr double kLossWeight = 0.05;     ///< of the newest loss in the shown mean
+constexpr double kLossWeight = 0.05;     ///< weight of the newest loss in the shown mean
 constexpr double kShownEvery = 2;        ///< s
-constexpr std::size_t kMaxProblems = 5;  ///< lines about single frames
-constexpr float kMinExtent = 0.1f;       ///< metres: of a camera that only turns
+constexpr std::size_t kMaxProblems = 5;  ///< most messages about single frames
+constexpr float kMinExtent = 0.1f;       ///< metres, for a camera that only turns
 constexpr int kCurvePoints = 40;
-constexpr std::size_t kCheckedKeyframes = 6;  ///< of which the calibration is checked
-constexpr int kTimedIterations = 20;          ///< that first say how many there will be in a time
-constexpr int kPlannedIterations = 100;       ///< after which that is reckoned again
+constexpr std::size_t kCheckedKeyframes = 6;  ///< keyframes after which the calibration is checked
+constexpr int kTimedIterations = 20;          ///< iterations before the first prediction of their number
+constexpr int kPlannedIterations = 100;       ///< iterations between predictions
 constexpr auto kIdle = std::chrono::milliseconds(2);
 
 double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
@@ -44,7 +44,7 @@ View view_of(const SequenceFrame& frame, const Calibration& calibration, int res
   view.name = frame.name;
   const double across = static_cast<double>(size.width) / frame.width;
   const double down = static_cast<double>(size.height) / frame.height;
-  // The middle of the first pixel is at (0.5, 0.5) from here on.
+  // From here on, the centre of the first pixel is at (0.5, 0.5).
   view.camera.width = size.width;
   view.camera.height = size.height;
   view.camera.fx = static_cast<float>(calibration.fx * across);
@@ -59,7 +59,7 @@ View view_of(const SequenceFrame& frame, const Calibration& calibration, int res
     for (std::size_t c = 0; c < 3; ++c) view.color[c * count + i] = pixels.bytes[3 * i + c];
   }
   if (!frame.valid.empty()) {
-    // Valid where all that was averaged is.
+    // A pixel is valid if all pixels averaged into it are.
     view.valid.assign(count, 255);
     for (std::size_t i = 0; i < frame.valid.size(); ++i) {
       if (frame.valid[i] != 0) continue;
@@ -90,13 +90,13 @@ void SlamRun::tell(const TrackedFrame& frame, const SequenceFrame& picture) {
   };
   if (!picture.problem.empty() && ++problems_ <= kMaxProblems) {
     say(picture.problem + (picture.color.empty() ? "; left out" : "; tracked by colour alone") +
-        (problems_ == kMaxProblems ? " (no more such lines follow)" : ""));
+        (problems_ == kMaxProblems ? " (further messages of this kind are not printed)" : ""));
   }
   if (frame.state == TrackState::lost && last_state_ != TrackState::lost) {
-    say("tracking is lost: too little of the map is seen again; trying to find it at each of the next frames");
+    say("tracking lost: too little of the map is visible; trying to relocalize at each of the next frames");
   }
-  if (frame.relocalized) say("tracking goes on: the camera was found on the map again");
-  if (frame.closed_loop && !options_.quiet) say("a loop was closed: poses and Gaussians are corrected");
+  if (frame.relocalized) say("tracking resumed: the camera was relocalized in the map");
+  if (frame.closed_loop && !options_.quiet) say("a loop was closed: poses and Gaussians were corrected");
   if (frame.state != TrackState::dropped) last_state_ = frame.state;
 }
 
@@ -107,7 +107,7 @@ void SlamRun::check_focal_lengths() const {
   std::fprintf(
       stderr,
       "warning: pictures and depth fit focal lengths of about %.0f and %.0f px better than the %.0f and %.0f of "
-      "the calibration; check fx, fy and the size that they are for\n",
+      "the calibration; check fx, fy and the image size that they belong to\n",
       *factor * c.fx, *factor * c.fy, c.fx, c.fy);
 }
 
@@ -134,11 +134,11 @@ std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
 }
 
 void SlamRun::begin_mapping() {
-  scene_.points = first_points_.points;  // a copy: where memory does not do for the backbone, they are still there
+  scene_.points = first_points_.points;  // a copy, because making the backbone may run out of memory
   scene_.extent = std::max(camera_extent(scene_.train), kMinExtent);
   plugged_ = make_backbone_(scene_);
   online_ = dynamic_cast<OnlineBackbone*>(plugged_.backbone.get());
-  SPLATBOOST_CHECK(online_ != nullptr, "the backbone must be an online one");
+  SPLATBOOST_CHECK(online_ != nullptr, "the backbone must support online training");
   online_->map_changed({});
   first_points_ = {};
 }
@@ -158,7 +158,7 @@ void SlamRun::add_to_map(Update update) {
     scene_.train[i].camera.camera_from_world = glm::mat4(update.poses[i]);
   }
   if (online_ != nullptr) return online_->map_changed(update.change);
-  // The first keyframes, of whose points the map begins. Memory first: what fails then leaves the points whole.
+  // The first keyframes, whose points initialize the map. Reserve first, so that a failure leaves the points intact.
   const SeenPoints& more = update.change.map_points;
   std::vector<float>& positions = first_points_.points.positions;
   positions.reserve(positions.size() + more.points.positions.size());
@@ -268,13 +268,13 @@ void SlamRun::finish_mapping() {
     require(!scene_.train.empty(), options_.scene.source.string() +
                                        ": nothing could be tracked: no frame has enough features with depth; check "
                                        "depth_scale and the focal lengths of the calibration");
-    begin_mapping();  // of fewer keyframes than usual
+    begin_mapping();  // with fewer keyframes than usual
   }
   int total = online_->planned_iterations(iteration_);
   const double tail_began = seconds();
   const auto in_time = [&] { return iteration_ == 0 || seconds() < *slam_.seconds; };
-  // How many there will be follows from the rate of the last ones, which falls as Gaussians are added; the clock
-  // decides.
+  // The number of iterations is predicted from the rate of the last ones, which falls as Gaussians are added; the clock
+  // decides when to end.
   int planned_at = iteration_;
   double planned_since = tail_began;
   const auto plan = [&] {
@@ -314,7 +314,8 @@ void SlamRun::follow_sequence() {
   outcome_.iterations_in_sequence = iteration_;
 }
 
-/// Of a run that ends early. What cannot be taken any more is left out.
+/// For a run that ends early: adds the changes that wait for the mapper. Those that can no longer be added are left
+/// out.
 void SlamRun::keep_what_there_is() {
   try {
     take_waiting();

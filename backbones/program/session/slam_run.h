@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Mapping while a camera moves: a tracker finds its poses, and an online backbone trains on its keyframes.
+/// @file Mapping while a camera moves: a tracker estimates its poses, and an online backbone trains on its keyframes.
 #pragma once
 
 #include <cstddef>
@@ -25,40 +25,41 @@ namespace splatboost::program {
 struct SlamOptions {
   SequenceOptions sequence;
   TrackerOptions tracker;
-  int initial_keyframes = 10;     ///< mapping begins with so many, or with what the whole sequence has
-  std::optional<int> lockstep;    ///< iterations a keyframe, in a fixed order; none: tracking and mapping run at once
-  std::optional<double> seconds;  ///< mapping ends when the sequence has and so many have passed
+  int initial_keyframes = 10;     ///< mapping begins with this many, or with fewer if the sequence ends before
+  std::optional<int> lockstep;    ///< iterations per keyframe, in a fixed order; none: tracking and mapping in parallel
+  std::optional<double> seconds;  ///< mapping ends when the sequence has ended and this time has passed
 };
 
-/// The picture as it is mapped: at its size, with a pose.
+/// The frame as a view to map: resized, and with a pose.
 View view_of(const SequenceFrame& frame, const Calibration& calibration, int resolution,
              const glm::dmat4& camera_from_world);
 
 struct SlamOutcome {
-  std::vector<TrackedFrame> frames;  ///< of the whole sequence
+  std::vector<TrackedFrame> frames;  ///< all frames of the sequence
   std::vector<std::size_t> keyframe_frames;
-  int iterations = 0;              ///< of the mapper
-  int iterations_in_sequence = 0;  ///< of these, before its end
+  int iterations = 0;              ///< iterations of the mapper
+  int iterations_in_sequence = 0;  ///< of these, before the end of the sequence
   double sequence_seconds = 0;     ///< wall time from the first to the last frame
-  double tracking_seconds = 0;     ///< of these, reading and tracking frames
+  double tracking_seconds = 0;     ///< of these, for reading and tracking frames
   double mapping_seconds = 0;      ///< from the first frame to the last iteration
   std::vector<CurvePoint> curve;
   std::map<std::string, double> stage_seconds;
   bool complete = true;        ///< false: it was stopped, or failed, before its end
-  std::exception_ptr failure;  ///< why it failed, null: it did not
+  std::exception_ptr failure;  ///< null: it did not fail
 };
 
-/// A run. What it makes of the scene and the backbone is there afterwards.
+/// A run. Its scene and its backbone remain available afterwards.
 class SlamRun {
  public:
-  /// @param make_backbone called once, when there are enough keyframes, with the scene to train on; its backbone is an
+  /// @param make_backbone called once, when there are enough keyframes, with the scene to train on; must return an
   /// OnlineBackbone
-  /// @param stopped asked by both threads after every frame and iteration: whether the run is to end now
+  /// @param stopped called by both threads after every frame and iteration; true ends the run
   SlamRun(Sequence& sequence, const SlamOptions& slam, const RunOptions& options,
           std::function<PluggedBackbone(const Scene&)> make_backbone, std::function<bool()> stopped);
 
-  /// Throws InputError where nothing could be tracked or a setting is wrong. Where the run is stopped or fails once
-  /// there is a keyframe, it returns with all there is of trajectory, keyframes and model; stopped before, without any.
+  /// Throws InputError if nothing could be tracked or a setting is wrong. If the run is stopped or fails after the
+  /// first keyframe, returns the trajectory, the keyframes and the model so far; if it is stopped before that, without
+  /// them.
   SlamOutcome run();
 
   const Scene& scene() const { return scene_; }
@@ -67,16 +68,16 @@ class SlamRun {
   const Tracker& tracker() const { return tracker_; }
 
  private:
-  /// What the tracker tells the mapper.
+  /// A message from the tracker to the mapper.
   struct Update {
     std::vector<View> views;        ///< new keyframes
     std::vector<glm::dmat4> poses;  ///< camera_from_world of all keyframes
     MapChange change;
   };
 
-  /// Tracks one frame. @return what is new on the map, if anything is
+  /// Tracks one frame. @return the change of the map, if any
   std::optional<Update> track(std::size_t number);
-  /// Once it has thrown the map is a change behind the tracker, and no later change fits to it.
+  /// If this throws, the map lacks one change of the tracker, and no later change can be applied.
   void take(Update update);
   void add_to_map(Update update);
   void take_waiting();
@@ -99,10 +100,10 @@ class SlamRun {
   std::function<bool()> stopped_;
   Tracker tracker_;
   std::mutex waiting_mutex_;
-  std::deque<Update> waiting_;  ///< from the tracking thread to the mapper's
+  std::deque<Update> waiting_;  ///< from the tracking thread to the mapping thread
   bool take_failed_ = false;
   Scene scene_;
-  SeenPoints first_points_;  ///< before there is a backbone
+  SeenPoints first_points_;  ///< collected until there is a backbone
   PluggedBackbone plugged_;
   OnlineBackbone* online_ = nullptr;
   SlamOutcome outcome_;

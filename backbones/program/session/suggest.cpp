@@ -29,7 +29,7 @@ std::string nearest_name(std::string_view wrong, const std::vector<std::string>&
   std::size_t least = wrong.size() / 3 + 1;
   std::string nearest;
   for (const std::string& name : names) {
-    // "iter" for "iterations" is an abbreviation rather than a slip.
+    // "iter" for "iterations" is an abbreviation rather than a typo.
     const bool abbreviates = wrong.size() >= 3 && std::string_view(name).substr(0, wrong.size()) == wrong;
     const std::size_t distance = abbreviates ? 1 : edit_distance(wrong, name);
     if (distance < least || (distance == least && nearest.empty())) {

@@ -8,11 +8,11 @@
 
 namespace splatboost::program {
 
-/// The name nearest to a mistyped one, or empty if none is near: by insertions, deletions, changes and swaps of
-/// neighbours, of which a third of the letters may be wrong.
+/// The name nearest to a mistyped one by edit distance (insertions, deletions, substitutions and swaps of neighbours),
+/// or empty if more than about a third of the letters are wrong.
 std::string nearest_name(std::string_view wrong, const std::vector<std::string>& names);
 
-/// "; did you mean NEAREST?" or nothing.
+/// "; did you mean NEAREST?" or an empty text.
 std::string did_you_mean(std::string_view wrong, const std::vector<std::string>& names);
 
 }  // namespace splatboost::program

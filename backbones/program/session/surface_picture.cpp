@@ -10,8 +10,8 @@
 namespace splatboost::program {
 namespace {
 
-constexpr float kMinAlpha = 0.5f;                      // of a pixel that shows a surface
-constexpr double kNearShare = 0.02, kFarShare = 0.98;  // of the depths, between which greys lie
+constexpr float kMinAlpha = 0.5f;                      // least alpha of a pixel that shows a surface
+constexpr double kNearShare = 0.02, kFarShare = 0.98;  // quantiles of the depths that limit the greys
 constexpr float kFarthestGrey = 40, kNearestGrey = 255;
 
 float at_share(std::vector<float>& values, double share) {
@@ -44,8 +44,8 @@ SurfacePicture draw_surface(Backbone& backbone, const View& view, Threads& threa
     picture.depth[p] =
         static_cast<std::uint8_t>(std::lround(kFarthestGrey + (kNearestGrey - kFarthestGrey) * nearness));
     const float x = normals[p], y = normals[pixels + p], z = normals[2 * pixels + p];
-    if (x == 0 && y == 0 && z == 0) continue;  // none is known there
-    // Cameras look along z with y down; pictures have up and towards the camera positive.
+    if (x == 0 && y == 0 && z == 0) continue;  // no normal there
+    // In camera space y points down and z away from the camera; in the picture up and towards the camera are positive.
     const float shown[3] = {x, -y, -z};
     for (std::size_t c = 0; c < 3; ++c) {
       picture.normals[3 * p + c] =

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The surface that a view shows, as pictures.
+/// @file Pictures of the surface seen from a view.
 #pragma once
 
 #include <cstdint>
@@ -12,11 +12,11 @@
 namespace splatboost::program {
 
 struct SurfacePicture {
-  std::vector<std::uint8_t> depth;    ///< [H,W] grey: nearer is brighter, 0 where nothing is there
-  std::vector<std::uint8_t> normals;  ///< [H,W,3] of the depth: right, up and towards the camera as colours
+  std::vector<std::uint8_t> depth;    ///< [H,W] grey: nearer is brighter, 0 without a surface
+  std::vector<std::uint8_t> normals;  ///< [H,W,3] from the depth: right, up and towards the camera as colours
 };
 
-/// @param backbone one that has surfaces
+/// @param backbone must have surfaces
 SurfacePicture draw_surface(Backbone& backbone, const View& view, Threads& threads);
 
 }  // namespace splatboost::program

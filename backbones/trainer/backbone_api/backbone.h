@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What the trainer and the program need from a backbone. It knows of hooks, not of what is behind them.
+/// @file Interface of a backbone to the trainer and the program. It knows the hook interfaces, not what implements
+/// them.
 #pragma once
 
 #include <cstdint>
@@ -20,20 +21,20 @@
 
 namespace splatboost {
 
-/// What a backbone is made of. References outlive the backbone.
+/// What a backbone is constructed from. The references must outlive the backbone.
 struct BackboneContext {
   const Scene& scene;
-  Threads& threads;  ///< for what the host does
+  Threads& threads;  ///< for work on the host
   std::uint64_t seed = 0;
   int iterations = kPublishedIterations;
   std::size_t max_primitives = 0;  ///< hard cap, never exceeded; 0: none
-  Device device = threads;         ///< trains and renders
+  Device device = threads;         ///< where training and rendering run
 };
 
-/// The surface that a view shows. Planar images of the camera's size, in memory of the host.
+/// The surface seen from a camera: planar images of the camera's size, in host memory.
 struct SurfaceImages {
   std::span<float> color;  ///< [3,H,W]
-  std::span<float> depth;  ///< [H,W] along z, world units; 0: nothing is there
+  std::span<float> depth;  ///< [H,W] along z, world units; 0: no surface
   std::span<float> alpha;  ///< [H,W]
 };
 
@@ -42,38 +43,39 @@ class Backbone {
   virtual ~Backbone() = default;
 
   /// One iteration (from 1) on one training view: render, loss, backward, steps, density control.
-  /// A GPU may still be at work when this returns, so that the host prepares the next iterations.
-  /// @return the training loss; on a GPU the newest that is known, of an earlier iteration, except for the last
-  /// iteration of the run. Once one was not finite it stays so.
+  /// A GPU may still be working when this returns, so that the host can prepare the next iterations.
+  /// @return the training loss; on a GPU the latest known one, of an earlier iteration, except in the last iteration of
+  /// the run. After a loss that is not finite, the result stays not finite.
   virtual double train_step(int iteration, const View& view) = 0;
 
-  /// Returns when all iterations are done. On the CPU they are.
+  /// Waits until all iterations are done. On the CPU they already are.
   virtual void wait() {}
 
-  /// Applies what the optimizer has accumulated; called once after the last iteration and before a model is exported.
+  /// Applies gradients that are accumulated but not yet applied; called once, after the last iteration and before a
+  /// model is exported.
   virtual void finish() = 0;
 
   virtual std::size_t primitives() const = 0;
 
-  /// Memory that a primitive takes while it trains, for the estimate before a run: about.
+  /// Approximate memory per primitive during training, in bytes, for the estimate before a run.
   virtual std::size_t bytes_per_primitive() const { return gaussian_memory_bytes(); }
 
-  /// Renders as trained (hook's box), or with a compact box of `beta`.
-  /// @param color [3,H,W] of the camera's size, in memory of the host
+  /// Renders with the box of training (RasterizerHook::set_beta()), or with a compact box of `beta` if given.
+  /// @param color [3,H,W] of the camera's size, in host memory
   virtual void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) = 0;
 
-  /// Whether what is rendered depends on the time.
+  /// Whether renders depend on the time.
   virtual bool uses_time() const { return false; }
 
-  /// Writes the Gaussians as they are drawn at a time, in the standard .ply, for viewers that know no time. Throws
-  /// InputError where the backbone has none to write.
+  /// Writes the Gaussians as drawn at `time` in the standard .ply format, for viewers that do not support time. Throws
+  /// InputError if the model does not change with time.
   virtual void export_moment(float time, const std::filesystem::path& file);
 
-  /// Whether it knows surfaces.
+  /// Whether render_surface() is implemented.
   virtual bool has_surfaces() const { return false; }
-  /// Whether surfaces are part of what it is trained for, so that pictures of them belong into its report.
+  /// Whether it is trained for surfaces, so that its report shows pictures of them.
   virtual bool trains_surfaces() const { return false; }
-  /// Renders as render() does, with the depth of what is there; only where has_surfaces().
+  /// Renders as render() does, with depth and alpha of the surface; call only if has_surfaces().
   virtual void render_surface(const Camera& camera, float time, std::optional<float> beta,
                               const SurfaceImages& images) {
     (void)camera, (void)time, (void)beta, (void)images;
@@ -84,7 +86,7 @@ class Backbone {
   /// Reads what export_model() wrote.
   virtual void import_model(const std::filesystem::path& folder) = 0;
 
-  /// Everything that training needs to go on: loading and continuing gives the bytes of an uninterrupted run.
+  /// Everything needed to resume training: a resumed run gives the same bytes as an uninterrupted one.
   virtual void save(ArchiveWriter& archive) const = 0;
   virtual void load(ArchiveReader& archive) = 0;
 

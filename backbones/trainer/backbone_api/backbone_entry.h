@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How the program knows a backbone.
+/// @file Entry by which the program finds a backbone.
 #pragma once
 
 #include <filesystem>
@@ -17,14 +17,14 @@ namespace splatboost {
 struct BackboneEntry {
   std::string_view name;  ///< as --backbone takes it
   int iterations;         ///< length of the published run, the default
-  /// @param constants of the backbone by field name, over its defaults. Throws InputError on an unknown key, a wrong
-  /// type or an impossible value.
+  /// @param constants by field name; they override the backbone's defaults. Throws InputError on an unknown key, a
+  /// wrong type or an impossible value.
   std::unique_ptr<Backbone> (*make)(const BackboneContext& context, const nlohmann::json& constants);
-  /// Writes a model that export_model() left in a folder as triangles, .ply or .glb. Null: its primitives are none.
+  /// Writes a model folder of export_model() as triangles, .ply or .glb. Null: the primitives have no triangle form.
   void (*export_mesh)(const std::filesystem::path& model, const std::filesystem::path& file) = nullptr;
 };
 
-/// One for each folder of backbones/ that CMake found.
+/// One per backbone folder of backbones/ that CMake found.
 const std::vector<BackboneEntry>& backbones();
 
 }  // namespace splatboost

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What a backbone knows of a drawing: of which view, at which time, and what for.
+/// @file Context of a draw: which view, at which time, and for what purpose.
 #pragma once
 
 #include "splatboost/camera.h"
@@ -8,7 +8,7 @@
 namespace splatboost {
 
 enum class DrawPurpose {
-  train,     ///< its gradients are wanted; anything random (dropout, jitter) belongs here only
+  train,     ///< gradients will be computed; anything random (dropout, jitter) belongs here only
   score,     ///< RasterizerHook::render_for_score()
   evaluate,  ///< Backbone::render()
   surface,   ///< Backbone::render_surface()
@@ -16,10 +16,10 @@ enum class DrawPurpose {
 
 struct DrawContext {
   const Camera& camera;
-  float time = 0;     ///< [0,1], the view's own
+  float time = 0;     ///< [0,1], of the view
   int iteration = 0;  ///< of the run, from 1; 0 before the first
   DrawPurpose purpose = DrawPurpose::evaluate;
-  const View* view = nullptr;  ///< the training view, or its half; null in evaluation and of surfaces
+  const View* view = nullptr;  ///< the training view, or its half-size view; null for evaluate and surface
 };
 
 }  // namespace splatboost

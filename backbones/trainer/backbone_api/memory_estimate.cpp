@@ -17,14 +17,14 @@ constexpr std::size_t kActivated = 4 * kFloat;                 // scales, opacit
 constexpr std::size_t kStatistics = (2 + 2 + 3 + 3) * kFloat;  // screen gradients, their sums and means
 constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;             // sums over views, importance, pruning score, counts
 constexpr std::size_t kProjected = 64 + 8 + 9;                 // blend record, listing, small arrays
-// (tile, Gaussian) pairs a Gaussian. In scenes of photos 3 (small images) to 20 (half a megapixel) with the 3σ square,
-// 2 to 7 with the compact box, which needs room for scores instead.
+// (tile, Gaussian) pairs per Gaussian. In photo scenes: 3 (small images) to 20 (half a megapixel) with the 3σ square, 2
+// to 7 with the compact box, where runs need the rest for scores.
 constexpr std::size_t kEntries = 10;
 constexpr std::size_t kEntry = 4 + 4 + 8 + 8 + 4 + 64;  // listing, slot, key, list, rows, sums
 // Growth copies one tensor at a time; this is the largest.
 constexpr std::size_t kGrowth = 45 * kFloat;
 
-// A pixel of the largest view: image and its gradient; blended tiles; error and mask of a scored view.
+// Bytes per pixel of the largest view: image and its gradient; blended tiles; error and mask of a scored view.
 constexpr std::size_t kPixel = (3 + 3 + 4) * kFloat + kFloat + 1;
 
 double mebibytes(std::uint64_t bytes) { return static_cast<double>(bytes) / (1024.0 * 1024.0); }

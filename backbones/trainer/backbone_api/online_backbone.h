@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What a backbone offers besides Backbone that trains while its views are still coming in.
+/// @file Additional interface of a backbone that trains while its views are still arriving.
 #pragma once
 
 #include <cstddef>
@@ -12,32 +12,32 @@
 
 namespace splatboost {
 
-/// Points with the training view that each was seen from first.
+/// Points, each with the training view that saw it first.
 struct SeenPoints {
   PointCloud points;                 ///< world
-  std::vector<std::uint32_t> views;  ///< [N] numbers of training views
+  std::vector<std::uint32_t> views;  ///< [N] indices of training views
 };
 
-/// What is new on a map. Training views are numbered in the order in which they came, for good.
+/// A change of the map. Training views are numbered in order of arrival; the numbers never change.
 struct MapChange {
-  SeenPoints map_points;  ///< new on the map
-  SeenPoints features;    ///< of new views, with depth, whether on the map or not
-  /// [views] how a loop that was closed moved the world around each view: new ← old. Empty: no loop was closed.
+  SeenPoints map_points;  ///< added to the map
+  SeenPoints features;    ///< of the new views, those with depth, whether or not they are map points
+  /// [views] motion of the world around each view when a loop was closed: new ← old. Empty: no loop was closed.
   std::vector<glm::dmat4> corrections;
 };
 
-/// A Backbone may be one too. Its scene's training views are appended to and moved by whoever owns the scene, between
-/// two of its iterations; they are its scorable views, the newest last.
+/// A Backbone may implement this too. The owner of the scene appends and moves its training views between two
+/// iterations of the backbone; they are also the backbone's scorable views, the newest last.
 class OnlineBackbone {
  public:
   virtual ~OnlineBackbone() = default;
-  /// The scene has changed. Also to be called, with nothing new, before the first iteration.
+  /// Call after the scene has changed, and once with an empty change before the first iteration.
   virtual void map_changed(const MapChange& change) = 0;
-  /// What the iteration trains on; lives until the next call.
+  /// The view that the iteration trains on; valid until the next call.
   virtual const View& next_view(int iteration) = 0;
-  /// No more views come. @param iterations of the whole run, from now on
+  /// No more views will arrive. @param iterations length of the whole run, replacing the planned one
   virtual void views_complete(int iterations) = 0;
-  /// The length of the run, as far as it is known.
+  /// The length of the run as far as it is known at `iteration`.
   virtual int planned_iterations(int iteration) const = 0;
 };
 

@@ -63,8 +63,8 @@ void ParameterGroup::load(const ArchiveReader& archive) {
   pending = archive.integer(name + ".pending") != 0;
   const std::size_t size = values.size();
   if (size % width != 0 || gradients.size() != size || first_moments.size() != size || second_moments.size() != size) {
-    throw InputError(archive.path().string() + ": the tensors of '" + name +
-                     "' do not fit together; the checkpoint is damaged");
+    throw InputError(archive.path().string() + ": the tensor sizes of '" + name +
+                     "' do not match; the checkpoint is damaged");
   }
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Trainable rows with their gradients and Adam moments; they follow clones, splits and removals together.
+/// @file Trainable rows with their gradients and Adam moments; densification and pruning change them together.
 #pragma once
 
 #include <cstddef>
@@ -15,8 +15,8 @@
 
 namespace splatboost {
 
-/// One tensor [rows, width] in the memory of a device; lists of rows lie there too. Invariant: values, gradients and
-/// moments have the same size.
+/// One tensor [rows, width] in a device's memory; row lists must be in the same memory. Invariant: values, gradients
+/// and moments have the same size.
 struct ParameterGroup {
   std::string name;
   std::size_t width = 1;
@@ -25,9 +25,9 @@ struct ParameterGroup {
   Array<float> first_moments;
   Array<float> second_moments;
   std::int64_t steps = 0;  ///< Adam steps so far
-  bool pending = false;    ///< gradients hold something not yet applied
+  bool pending = false;    ///< gradients are accumulated but not yet applied
 
-  /// In memory of the host.
+  /// In host memory.
   ParameterGroup(std::string group_name, std::size_t row_width) : name(std::move(group_name)), width(row_width) {}
   ParameterGroup(std::string group_name, std::size_t row_width, Device device)
       : name(std::move(group_name)),
@@ -40,15 +40,15 @@ struct ParameterGroup {
   std::size_t rows() const { return values.size() / width; }
   /// Replaces the values; gradients and moments restart at zero.
   void assign(std::vector<float> new_values);
-  /// One Adam step with what has accumulated; does nothing if nothing has.
+  /// One Adam step with the accumulated gradients; does nothing if there are none.
   void step(const AdamOptions& options, Device device);
   /// Sets moments to zero (3DGS does so for opacities it resets).
   void forget_moments();
-  /// Leaves the rows that the list names, in its order (rows.h).
+  /// Keeps the listed rows, in the order of the list (rows.h).
   void select(std::span<const std::uint32_t> rows, Array<float>& workspace);
-  /// Makes room for so many rows in all: where memory is short nothing has changed.
+  /// Reserves memory for `rows` rows in total; if it runs out, the group is unchanged.
   void reserve_rows(std::size_t rows);
-  /// Appends copies of rows; their moments and gradients are zero.
+  /// Appends copies of the listed rows; their gradients and moments are zero.
   void append_copies(std::span<const std::uint32_t> source_rows);
   void save(ArchiveWriter& archive) const;
   void load(const ArchiveReader& archive);

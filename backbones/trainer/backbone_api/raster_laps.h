@@ -7,7 +7,7 @@
 
 namespace splatboost {
 
-/// The parts of a forward pass. On a GPU, where asking for them would wait, they are one stage.
+/// Records the parts of a forward pass. On a GPU they are one stage, because querying the parts would wait for it.
 template <class AnyRasterizer>
 void lap_forward(const AnyRasterizer& rasterizer, Device device, StageClock& clock) {
   if (device.is_cuda()) return clock.lap("render");
@@ -16,7 +16,7 @@ void lap_forward(const AnyRasterizer& rasterizer, Device device, StageClock& clo
   clock.add("blend", rasterizer.seconds().blend);
 }
 
-/// Those of a backward pass.
+/// Records the parts of a backward pass, likewise.
 template <class AnyRasterizer>
 void lap_backward(const AnyRasterizer& rasterizer, Device device, StageClock& clock) {
   if (device.is_cuda()) return clock.lap("render_backward");

@@ -31,7 +31,7 @@ const std::map<std::string, double, std::less<>>& StageClock::seconds() const {
 }
 
 void StageClock::sum_up(const char* stage, double seconds) const {
-  // The name is copied once a stage: a steady loop allocates nothing.
+  // The name is copied only once per stage, so that a steady loop does not allocate.
   const auto found = seconds_.find(stage);
   if (found != seconds_.end()) {
     found->second += seconds;

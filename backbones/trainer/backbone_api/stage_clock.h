@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Wall time by stage of training.
+/// @file Time per stage of training.
 #pragma once
 
 #include <chrono>
@@ -12,20 +12,20 @@
 
 namespace splatboost {
 
-/// Sums over a run, by stage ("project", "blend", …). On a GPU they are the device's time, which the host does not wait
-/// for; stages that were timed elsewhere are of the CPU only.
+/// Sums over a run, by stage ("project", "blend", …). On a GPU they are device times, measured without making the host
+/// wait; times passed to add() are always CPU times.
 class StageClock {
  public:
-  /// Of the CPU.
+  /// Measures on the CPU.
   StageClock() = default;
   explicit StageClock(Device device);
 
   /// Adds the time since the last call (or restart) to `stage`, a literal.
   void lap(const char* stage);
-  /// Adds a time that was measured elsewhere; what has passed since the last call counts to no stage.
+  /// Adds a time measured elsewhere; the time since the last call is assigned to no stage.
   void add(const char* stage, double seconds);
   void restart();
-  /// On a GPU of what it has done so far: all, once it was waited for.
+  /// On a GPU, covers the work that it has completed so far: wait for the device to get all of it.
   const std::map<std::string, double, std::less<>>& seconds() const;
 
  private:
@@ -34,7 +34,7 @@ class StageClock {
 
   mutable std::map<std::string, double, std::less<>> seconds_;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-  mutable std::optional<CudaLaps> laps_;  ///< of a GPU
+  mutable std::optional<CudaLaps> laps_;  ///< on a GPU only
 };
 
 }  // namespace splatboost

@@ -46,7 +46,7 @@ void select_rows(std::span<TrainedGroup* const> groups, const Array<std::uint32_
                  Device device) {
   std::size_t widest = 0;
   for (const TrainedGroup* group : groups) widest = std::max(widest, group->width);
-  if (device.is_cuda()) workspace.ensure(rows.size() * widest);  // the CPU needs none
+  if (device.is_cuda()) workspace.ensure(rows.size() * widest);  // the CPU needs no workspace
   for (TrainedGroup* group : groups) group->select(rows, workspace);
 }
 

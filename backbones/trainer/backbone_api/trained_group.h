@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A group of parameters as trainers train it: how its values become what is drawn, and how far it steps.
+/// @file A parameter group with its activation and its learning rate.
 #pragma once
 
 #include <cstdint>
@@ -14,23 +14,23 @@
 
 namespace splatboost {
 
-/// What becomes of the values before they are drawn.
+/// Applied to the values before rendering.
 enum class Activation { none, exponential, sigmoid };
 
 enum class GroupShape {
-  rows,   ///< one row a primitive, in their order: growth copies rows, removal and new numbering move them
-  dense,  ///< a block of a size of its own (a net's weights), which density control leaves alone
+  rows,   ///< one row per primitive, in order: densification copies rows, pruning and reordering move them
+  dense,  ///< a block of any size (network weights), unaffected by density control
 };
 
-/// The trainer activates, steps, saves and loads it. The optimizer hook sees its name.
+/// The trainer activates, steps, saves and loads it. The optimizer hook identifies it by its name.
 struct TrainedGroup : ParameterGroup {
   GroupShape shape;
-  std::function<double(int iteration)> rate;  ///< of Adam's step
+  std::function<double(int iteration)> rate;  ///< learning rate of Adam
   Activation activation;
-  bool in_model = true;    ///< false: of training alone; models are without it
-  Array<float> activated;  ///< kept by the trainer where there is an activation
+  bool in_model = true;    ///< false: used in training only, not part of exported models
+  Array<float> activated;  ///< kept by the trainer; unused without an activation
 
-  /// @param group_name unique, of the model's files and checkpoints too
+  /// @param group_name unique; also used in model files and checkpoints
   TrainedGroup(std::string group_name, std::size_t row_width, Device device, std::function<double(int)> rate_at,
                Activation activated_by = Activation::none, GroupShape of = GroupShape::rows)
       : ParameterGroup(std::move(group_name), row_width, device),
@@ -39,31 +39,31 @@ struct TrainedGroup : ParameterGroup {
         activation(activated_by),
         activated(device) {}
 
-  /// What is drawn, and what `gradients` are of until a step.
+  /// The values that are rendered; until a step, `gradients` are with respect to them.
   std::span<const float> drawn() const { return activation == Activation::none ? values.span() : activated.span(); }
 };
 
-/// Sets `activated` of those that have an activation.
+/// Computes `activated` of the groups that have an activation.
 void activate(std::span<TrainedGroup* const> groups, Device device);
 
-/// One Adam step with what has accumulated; does nothing if nothing has. Where there is an activation, `gradients` are
-/// of activated values, which must not have changed since the last step of the group.
+/// One Adam step with the accumulated gradients; does nothing if there are none. With an activation, `gradients` are
+/// with respect to `activated`, which must not have changed since the group's last step.
 /// @param hook null: none @return whether it stepped
 bool step_group(TrainedGroup& group, OptimizerHook* hook, Moment moment, Device device);
-/// Of all. @return whether any stepped
+/// Steps all groups. @return whether any stepped
 bool step_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook, Moment moment, Device device);
-/// Of those whose time has come by the hook.
+/// Steps the groups that are due at this moment according to the hook. @return whether any stepped
 bool step_due_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook, Moment moment, Device device);
 
-/// Leaves in each of the groups the rows that the list names, in its order.
-/// @param workspace of the groups' device; room for the widest tensor is made before anything changes, so that the
-/// model stays whole where memory is short
+/// Keeps the listed rows in each group, in the order of the list.
+/// @param workspace in the groups' device memory; it is grown for the widest tensor before anything changes, so that
+/// the model stays intact if memory runs out
 void select_rows(std::span<TrainedGroup* const> groups, const Array<std::uint32_t>& rows, Array<float>& workspace,
                  Device device);
 
-/// Leaves out the entries of what is removed; a list of another length, of another moment, stays as it is.
-/// @param removed [N] non-zero = gone
-/// @param list [N] of the host, one entry a row
+/// Drops the entries of removed primitives; a list of another length belongs to another state and is left unchanged.
+/// @param removed [N] non-zero: removed
+/// @param list [N] in host memory, one entry per row
 void drop_removed(std::span<const std::uint8_t> removed, std::vector<std::uint32_t>& list);
 
 }  // namespace splatboost

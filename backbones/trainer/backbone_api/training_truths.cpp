@@ -9,10 +9,10 @@
 namespace splatboost {
 namespace {
 
-/// One part in so many of a GPU's free memory is for truth images.
+/// 1/kShare of a GPU's free memory is used for truth images.
 constexpr std::size_t kShare = 4;
 
-/// Where in `views` the view lies; none: it does not.
+/// Index of the view if it is an element of `views`.
 std::optional<std::size_t> place_in(const std::vector<View>& views, const View& view) {
   const View* const at = &view;
   if (std::less<>()(at, views.data()) || !std::less<>()(at, views.data() + views.size())) return std::nullopt;

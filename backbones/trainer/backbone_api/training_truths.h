@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Truth images of a scene's training views, where a device reads them.
+/// @file Truth images of a scene's training views in memory that a device can read.
 #pragma once
 
 #include <cstddef>
@@ -13,8 +13,8 @@
 
 namespace splatboost {
 
-/// The place of a training view, or of its half, among the scene's training views; none: it is not one of them, but
-/// perhaps a copy.
+/// Index of a training view, or of its half-size view, among the training views; none if `view` is not an element of
+/// the scene (it may be a copy).
 std::optional<std::size_t> training_index(const Scene& scene, const View& view);
 
 /// The scene and the device must outlive it.
@@ -22,18 +22,18 @@ class TrainingTruths {
  public:
   TrainingTruths(const Scene& scene, Device device) : scene_(scene), device_(device) {}
 
-  /// On a GPU the first call uploads what part of the images a quarter of the free memory holds; the others are
-  /// uploaded when they are asked for.
-  /// Views that came after the first call, or that are none of the scene's (levels of a pyramid), are uploaded each
-  /// time.
+  /// On a GPU, the first call uploads as many images as fit into a quarter of the free memory; the others are uploaded
+  /// each time they are requested, as are views added after the first call and views outside the scene (levels of a
+  /// pyramid).
+  /// On a GPU, the result is valid for work submitted before the next call.
   TruthImage of(const View& view);
 
  private:
   const Scene& scene_;
   Device device_;
-  std::optional<TruthStore> store_;                      ///< of a GPU, from the first call on
-  std::size_t stored_ = 0;                               ///< training views in it; their halves follow
-  Array<std::uint8_t> color_{device_}, valid_{device_};  ///< of a view that is not in it
+  std::optional<TruthStore> store_;                      ///< on a GPU, from the first call on
+  std::size_t stored_ = 0;                               ///< training views in store_; their half-size views follow
+  Array<std::uint8_t> color_{device_}, valid_{device_};  ///< of a view that is not in store_
 };
 
 }  // namespace splatboost

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A scene in memory: undistorted pinhole views with 8-bit truth, and the points to start from.
+/// @file A scene in memory: undistorted pinhole views with 8-bit ground truth, and the initial points.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@ namespace splatboost {
 
 /// One photo with its camera. Pixels are planar [3,H,W]; transparent images are already composited.
 struct View {
-  std::string name;  ///< path below the image folder, as the dataset spells it
+  std::string name;  ///< path relative to the image folder, as written in the dataset
   Camera camera;
   std::vector<std::uint8_t> color;  ///< [3,H,W]
   std::vector<std::uint8_t> valid;  ///< [H,W] non-zero where the photo has data; empty: everywhere
@@ -21,7 +21,7 @@ struct View {
   TruthImage truth() const { return {camera.width, camera.height, color, valid}; }
 };
 
-/// Points to start from.
+/// Points that the Gaussians are initialised from.
 struct PointCloud {
   std::vector<float> positions;      ///< [N,3] world
   std::vector<std::uint8_t> colors;  ///< [N,3]
@@ -31,16 +31,17 @@ struct PointCloud {
 struct Scene {
   std::vector<View> train;
   std::vector<View> test;
-  /// The training views at half their size, in the same order, for the coarse start of a run; empty: it has none.
+  /// The training views at half their size, in the same order, for the coarse start of a run; empty if there are none.
   std::vector<View> train_halves;
   PointCloud points;
   float extent = 0;  ///< 1.1 × largest distance of a training camera from their mean (3DGS)
   bool white_background = false;
-  bool synthetic = false;  ///< pictures were computed (NeRF-synthetic, D-NeRF): exact poses, an empty background
-  std::vector<std::string> notes;  ///< what a user should know about how the data was read, a line each
+  bool synthetic = false;  ///< images were rendered (NeRF-synthetic, D-NeRF): exact poses, an empty background
+  /// Notes for the user on how the data was read, one line each.
+  std::vector<std::string> notes;
 };
 
-/// 3DGS's scene extent of these views.
+/// Scene extent of these views as in 3DGS; 0 if there are none.
 float camera_extent(const std::vector<View>& views);
 
 }  // namespace splatboost

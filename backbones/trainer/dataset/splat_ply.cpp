@@ -83,7 +83,7 @@ struct Property {
   std::size_t offset = 0;
 };
 
-/// The vertices of a .ply as rows of numbers. A float survives the way through double.
+/// The vertices of a .ply as rows of numbers. Converting a float to double and back is exact.
 class PlyVertices {
  public:
   explicit PlyVertices(const std::filesystem::path& path) : path_(path) {
@@ -169,7 +169,7 @@ class PlyVertices {
 
     bool in_vertex = false, after_vertex = false, has_format = false;
     bool skipped_list = false;
-    std::size_t skipped_stride = 0;  // of the element that is being declared, if it comes before the vertices
+    std::size_t skipped_stride = 0;  // bytes per row of the current element, if it is not the vertices
     std::size_t skipped_count = 0;
     const auto close_element = [&] {
       if (in_vertex) after_vertex = true;
@@ -234,11 +234,11 @@ class PlyVertices {
     if (!after_vertex) fail("has no element 'vertex'");
     if (properties_.empty()) fail("has vertices without properties");
 
-    // Before anything is allocated: can the promised rows be there at all? An ascii value takes two bytes with its gap.
+    // Checked before anything is allocated: is the file large enough? An ascii value and its separator take two bytes.
     const std::uint64_t begin = static_cast<std::uint64_t>(in_.tellg()) + (ascii_ ? 0 : bytes_before_);
     const std::uint64_t available = begin > file_size_ ? 0 : file_size_ - begin;
     const std::uint64_t row_bytes = ascii_ ? 2 * properties_.size() : stride_;
-    const std::uint64_t slack = ascii_ ? 1 : 0;  // the last line may lack its end
+    const std::uint64_t slack = ascii_ ? 1 : 0;  // the last line may lack its newline
     if (rows_ > (available + slack) / row_bytes) fail_truncated((available + slack) / row_bytes);
     if (!ascii_) in_.seekg(static_cast<std::streamoff>(begin));
   }
@@ -288,7 +288,7 @@ class PlyVertices {
   std::vector<Property> properties_;
 };
 
-/// Looks names up once and checks that what is read is finite.
+/// Columns of named properties. Looks the names up once, and checks that the values read are finite.
 class Columns {
  public:
   Columns(const PlyVertices& ply, const std::vector<std::string>& names) : ply_(ply) {
@@ -325,7 +325,7 @@ void write_header(std::ostream& out, std::size_t rows, const std::vector<std::st
   out << "end_header\n";
 }
 
-/// A model with a number that is not finite would be refused by every reader, ours too.
+/// Throws if a value is not finite: every reader, including ours, would reject the file.
 void require_finite(const std::filesystem::path& path, const std::vector<float>& values, std::size_t rows) {
   const auto wrong = std::ranges::find_if(values, [](float value) { return !std::isfinite(value); });
   if (wrong == values.end()) return;
@@ -345,7 +345,7 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
   SPLATBOOST_CHECK(cloud.means.size() == 3 * n && cloud.sh_dc.size() == 3 * n && cloud.log_scales.size() == 3 * n &&
                        cloud.rotations.size() == 4 * n && cloud.sh_rest.size() == 3 * n * rest_rows &&
                        (cloud.filters.empty() || cloud.filters.size() == n),
-                   "all arrays of a splat cloud must have one row a splat");
+                   "all arrays of a splat cloud must have one row per splat");
   for (const std::vector<float>* values : {&cloud.means, &cloud.sh_dc, &cloud.sh_rest, &cloud.logit_opacities,
                                            &cloud.log_scales, &cloud.rotations, &cloud.filters}) {
     require_finite(path, *values, n);
@@ -372,7 +372,7 @@ void write_splat_ply(const std::filesystem::path& path, const SplatCloud& cloud)
                        values.begin() + static_cast<std::ptrdiff_t>((i + 1) * width));
         };
         append(cloud.means, 3);
-        block.insert(block.end(), 3, 0.0f);  // normals: the layout has them, nobody fills them
+        block.insert(block.end(), 3, 0.0f);  // normals: part of the layout, but unused
         append(cloud.sh_dc, 3);
         for (std::size_t channel = 0; channel < 3; ++channel) {
           for (std::size_t k = 0; k < rest_rows; ++k) block.push_back(cloud.sh_rest[(i * rest_rows + k) * 3 + channel]);
@@ -450,7 +450,7 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
         continue;
       }
       const auto index = static_cast<std::size_t>(column);
-      // Bytes are 0..255; floating-point colours are 0..1 by custom.
+      // Bytes are 0..255; floating-point colours are 0..1 by convention.
       const PlyType type = ply.properties()[index].type;
       const bool unit = type == PlyType::float32 || type == PlyType::float64;
       const double value = unit ? values[index] * 255 : values[index];
@@ -462,7 +462,8 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
 }
 
 void write_float_ply(const std::filesystem::path& path, const FloatTable& table) {
-  SPLATBOOST_CHECK(table.values.size() == table.rows() * table.names.size(), "a table must have whole rows");
+  SPLATBOOST_CHECK(table.values.size() == table.rows() * table.names.size(),
+                   "the number of values of a table must be its number of rows times its number of columns");
   require_finite(path, table.values, table.rows());
   write_file_atomically(path, [&](std::ostream& out) {
     write_header(out, table.rows(), table.names);

@@ -18,9 +18,9 @@
 namespace splatboost {
 namespace {
 
-constexpr int kWidthLimit = 1600;  // 3DGS's, where no resolution is asked for
+constexpr int kWidthLimit = 1600;  // as in 3DGS, if no resolution is given
 constexpr int kLargestDivisor = 8;
-constexpr int kSmallestWidth = 16;  // below, a "width" is more likely a divisor that does not exist
+constexpr int kSmallestWidth = 16;  // a smaller "width" is more likely an unsupported divisor
 
 [[noreturn]] void fail(const Photo& photo, const std::string& cause) {
   throw InputError(photo.file.string() + ": " + cause);
@@ -71,7 +71,7 @@ std::uint32_t crc32(std::span<const std::uint8_t> bytes) {
   return ~crc;
 }
 
-/// Walks the chunks of a PNG. libpng would notice as well, but says so on stderr.
+/// Checks the chunks of a PNG. libpng detects damage as well, but reports it on stderr.
 void check_png(const Photo& photo, std::span<const std::uint8_t> bytes) {
   for (std::size_t at = 8;;) {
     if (bytes.size() - at < 12) fail(photo, "the PNG is cut short; copy it again");
@@ -86,12 +86,12 @@ void check_png(const Photo& photo, std::span<const std::uint8_t> bytes) {
   }
 }
 
-/// Looks for the end marker of a JPEG behind its first scan. libjpeg fills a truncated picture with grey, warns on
-/// stderr and reports success; training on that would be a silent error.
+/// Looks for the end marker of a JPEG after the start of its first scan. libjpeg fills a truncated image with grey,
+/// warns on stderr and reports success; training on that would be a silent error.
 void check_jpeg(const Photo& photo, std::span<const std::uint8_t> bytes) {
   std::size_t at = 2;
   while (at + 4 <= bytes.size()) {
-    if (bytes[at] != 0xff) return;  // not what a JPEG looks like: leave the verdict to the decoder
+    if (bytes[at] != 0xff) return;  // not a marker: the decoder decides
     const std::uint8_t marker = bytes[at + 1];
     if (marker == 0xff) {  // fill byte
       ++at;
@@ -108,7 +108,7 @@ void check_jpeg(const Photo& photo, std::span<const std::uint8_t> bytes) {
   fail(photo, "the JPEG is cut short; copy it again");
 }
 
-/// A BMP tells its size. OpenCV would notice as well, but says so on stderr.
+/// Compares a BMP with the size in its header. OpenCV detects truncation as well, but reports it on stderr.
 void check_bmp(const Photo& photo, std::span<const std::uint8_t> bytes) {
   constexpr std::size_t kHeader = 54;
   const bool complete = bytes.size() >= kHeader && (std::size_t{bytes[5]} << 24 | std::size_t{bytes[4]} << 16 |
@@ -141,7 +141,7 @@ void narrow(Pixels& pixels) {
   pixels.bits = 8;
 }
 
-/// To 8-bit RGB, transparent pixels over a background.
+/// Converts to 8-bit RGB; transparent pixels are composited over the background.
 Pixels to_rgb(Pixels pixels, bool white_background) {
   narrow(pixels);
   if (pixels.channels == 3) return pixels;
@@ -171,7 +171,7 @@ bool is_transparent(const Pixels& pixels) {
   return false;
 }
 
-/// The lens in the pixels of the photo on disk, nothing left open.
+/// The lens in pixels of the photo on disk, with all defaults filled in.
 Lens lens_of_photo(const Photo& photo, int width, int height) {
   Lens lens = photo.lens;
   if (lens.width == 0) lens.width = width;
@@ -186,7 +186,7 @@ Lens lens_of_photo(const Photo& photo, int width, int height) {
   lens.cy = lens.cy.value_or(0.5 * lens.height);
   if (lens.width == width && lens.height == height) return lens;
 
-  // images_2, images_4, …: one scale for both axes, up to the rounding of the size.
+  // Reduced copies (images_2, images_4, …) have one scale for both axes, up to the rounding of the size.
   const double scale_x = static_cast<double>(width) / lens.width;
   const double scale_y = static_cast<double>(height) / lens.height;
   if (std::abs(height - lens.height * scale_x) > 1.0 && std::abs(width - lens.width * scale_y) > 1.0) {
@@ -203,8 +203,8 @@ Lens lens_of_photo(const Photo& photo, int width, int height) {
   return lens;
 }
 
-/// The largest radius (on the plane z = 1) up to which the radial polynomial grows. Beyond it, the model folds the
-/// picture back over itself and has no meaning.
+/// The largest radius (on the plane z = 1, at most `largest`) up to which the distorted radius increases. Beyond it,
+/// the model folds the image back over itself and is invalid.
 double fold_radius(const Lens& lens, double largest) {
   constexpr int kSteps = 2048;
   for (int i = 1; i <= kSteps; ++i) {
@@ -215,7 +215,7 @@ double fold_radius(const Lens& lens, double largest) {
   return largest;
 }
 
-/// Resamples to the pinhole of the same focal lengths and principal point. @return [H,W] 255 where there is data
+/// Resamples to the pinhole of the same focal lengths and principal point. @return [H,W] 255: valid, 0: no data
 Pixels undistort(const Lens& lens, Pixels& rgb, const std::string& where) {
   const double far_x = std::max(*lens.cx, lens.width - *lens.cx) / lens.fx;
   const double far_y = std::max(*lens.cy, lens.height - *lens.cy) / lens.fy;
@@ -233,7 +233,7 @@ Pixels undistort(const Lens& lens, Pixels& rgb, const std::string& where) {
       const double radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3));
       const double u = x * radial + 2 * lens.p1 * x * y + lens.p2 * (r2 + 2 * x * x);
       const double v = y * radial + lens.p1 * (r2 + 2 * y * y) + 2 * lens.p2 * x * y;
-      // Counted from pixel centres; we count from the corner of the image.
+      // resample_image() measures from the centre of the first pixel, cx and cy from the corner of the image.
       const double source_x = lens.fx * u + *lens.cx - 0.5;
       const double source_y = lens.fy * v + *lens.cy - 0.5;
       const bool inside = source_x >= -0.5 && source_y >= -0.5 && source_x <= rgb.width - 0.5 &&
@@ -349,7 +349,7 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
     rgb = shrink_image(rgb, size.width, size.height, where);
     if (loaded.undistorted) {
       valid = shrink_image(valid, size.width, size.height, where);
-      for (std::uint8_t& value : valid.bytes) value = value == 255 ? 255 : 0;  // made of valid pixels only
+      for (std::uint8_t& value : valid.bytes) value = value == 255 ? 255 : 0;  // all source pixels valid
     }
     scale_lens(lens, size);
   }
@@ -358,7 +358,7 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
   view.name = photo.name;
   view.time = static_cast<float>(photo.time);
   view.color = to_planar(rgb);
-  // A mask of ones says nothing; no mask is cheaper.
+  // A mask that is valid everywhere is dropped: no mask is cheaper.
   if (std::ranges::any_of(valid.bytes, [](std::uint8_t value) { return value == 0; })) {
     view.valid = std::move(valid.bytes);
   }

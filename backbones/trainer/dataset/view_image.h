@@ -17,8 +17,8 @@ namespace splatboost {
 
 struct Pixels;
 
-/// How a photo was taken: a pinhole with a polynomial distortion (Brown-Conrady, as COLMAP and OpenCV define it).
-/// Pixels are those of width × height; the photo on disk may be a uniformly scaled version of it.
+/// Camera of a photo: a pinhole with polynomial distortion (Brown-Conrady, as COLMAP and OpenCV define it).
+/// In pixels of an image of width × height; the photo on disk may be a uniformly scaled version of that.
 struct Lens {
   int width = 0;  ///< 0: the photo's own
   int height = 0;
@@ -26,7 +26,7 @@ struct Lens {
   double fy = 0;       ///< 0: from angle_y if fx comes from angle_x and there is one, else equal to fx
   double angle_x = 0;  ///< full field of view in radians; 0: not known
   double angle_y = 0;
-  std::optional<double> cx;  ///< none: the middle
+  std::optional<double> cx;  ///< unset: the image centre
   std::optional<double> cy;
   double k1 = 0, k2 = 0, k3 = 0;  ///< radial
   double p1 = 0, p2 = 0;          ///< tangential
@@ -42,7 +42,7 @@ struct Photo {
   Lens lens;
   glm::dmat4 camera_from_world{1.0};
   double time = 0;
-  int video_frame = -1;  ///< which frame of `file`; -1: that is no video
+  int video_frame = -1;  ///< index of the frame if `file` is a video, else -1
 };
 
 struct ImageOptions {
@@ -50,7 +50,7 @@ struct ImageOptions {
   bool white_background = false;
 };
 
-/// Throws InputError, beginning with `where`, unless the lens can be used.
+/// Throws InputError, beginning with `where`, if the lens cannot be used.
 void check_lens(const Lens& lens, const std::string& where);
 
 struct ImageSize {
@@ -59,7 +59,7 @@ struct ImageSize {
   bool operator==(const ImageSize&) const = default;
 };
 
-/// What a photo of this size is shrunk to.
+/// The size that a photo of width × height is reduced to. @param resolution as SceneOptions::resolution
 ImageSize target_size(int width, int height, int resolution);
 
 /// Throws InputError unless the resolution is one that SceneOptions allows.
@@ -68,19 +68,19 @@ void check_resolution(int resolution);
 struct LoadedView {
   View view;
   ImageSize photo_size;      ///< before the resize
-  bool transparent = false;  ///< the background shows
-  bool limited = false;      ///< shrunk by the limit of 1600 px that resolution = -1 sets
+  bool transparent = false;  ///< has pixels that are not opaque
+  bool limited = false;      ///< reduced to the limit of 1600 px that resolution = -1 sets
   bool undistorted = false;
 };
 
 /// Reads one photo. Alpha is straight and composited over white or black; 16 bit becomes 8 bit, grey becomes RGB;
-/// a distorted photo is resampled to the pinhole of the same focal lengths and principal point, and pixels it has no
-/// data for are not valid; shrinking averages areas. Throws InputError in one line.
+/// a distorted photo is resampled to the pinhole of the same focal lengths and principal point, and pixels without
+/// data are not valid; downsampling averages areas. Throws InputError in one line.
 LoadedView load_view(const Photo& photo, const ImageOptions& options);
-/// The same of pixels that are decoded already.
+/// Same, for pixels that are already decoded.
 LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels stored);
 
-/// An image file as it is stored: interleaved, channels in the order R, G, B, A.
+/// An image file decoded without conversion: interleaved [H,W,channels], channels in the order R, G, B, A.
 struct RawImage {
   int width = 0;
   int height = 0;
@@ -95,7 +95,7 @@ struct RawImage {
 /// Reads depth maps, normals, masks: nothing is converted. Throws InputError in one line.
 RawImage read_raw_image(const std::filesystem::path& file);
 
-/// Writes a PNG of interleaved pixels, 1 (grey), 3 (RGB) or 4 (RGBA) channels, aside and then renamed.
+/// Atomically writes a PNG of interleaved pixels, 1 (grey), 3 (RGB) or 4 (RGBA) channels.
 void write_png(const std::filesystem::path& path, int width, int height, int channels,
                std::span<const std::uint8_t> pixels);
 void write_png(const std::filesystem::path& path, int width, int height, int channels,

@@ -15,18 +15,18 @@
 namespace splatboost {
 namespace {
 
-// Rendering is timed until both are reached: enough for a steady median, little beside a run.
+// Rendering is timed until both are reached: enough for a stable median, and short compared with a run.
 constexpr double kTimedSeconds = 1.0;
 constexpr std::size_t kTimedRenders = 20;
-// and never longer than this, for large scenes on slow machines
+// Upper limit of the timing, for large scenes on slow machines.
 constexpr double kMaxTiming = 10.0;
 
 constexpr int kSsimWindow = 11;  // pixels
 
-// File systems take 255 bytes; an extension and a number follow.
+// File systems allow 255 bytes; an extension and a number are appended.
 constexpr std::size_t kMaxPictureName = 230;
 
-/// At most `bytes` of the text, which is UTF-8, and no half character.
+/// The text (UTF-8) cut to at most `bytes` bytes, without splitting a character.
 std::string cut(const std::string& text, std::size_t bytes) {
   if (text.size() <= bytes) return text;
   while (bytes > 0 && (static_cast<unsigned char>(text[bytes]) & 0xc0) == 0x80) --bytes;
@@ -43,7 +43,7 @@ void render_clamped(Backbone& backbone, const View& view, std::optional<float> b
   for (float& value : color) value = std::clamp(value, 0.0f, 1.0f);
 }
 
-/// Frames a second: one over the median time of a render, after one that warms up.
+/// Frames per second: one over the median time of a render, after one warm-up render.
 double measure_fps(Backbone& backbone, const std::vector<View>& views) {
   using Clock = std::chrono::steady_clock;
   const auto seconds_since = [](Clock::time_point start) {
@@ -65,7 +65,7 @@ double measure_fps(Backbone& backbone, const std::vector<View>& views) {
   return 1.0 / std::max(*middle, 1e-9);
 }
 
-/// Quality at this and smaller scales, as trained.
+/// Quality at the trained scale and at smaller ones, rendered as trained.
 std::vector<ScaleResult> measure_scales(Backbone& backbone, const std::vector<View>& views) {
   std::vector<ScaleResult> scales;
   std::vector<float> color;
@@ -84,7 +84,7 @@ std::vector<ScaleResult> measure_scales(Backbone& backbone, const std::vector<Vi
   return scales;
 }
 
-/// Planar RGB to a PNG's interleaved.
+/// Writes planar RGB as a PNG, which is interleaved.
 template <class T, class Convert>
 void write_planar(const std::filesystem::path& path, std::span<const T> color, int width, int height, Convert convert) {
   const std::size_t plane = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
@@ -167,7 +167,7 @@ std::vector<std::string> picture_names(const std::vector<View>& views) {
   for (const View& view : views) {
     std::string name = stem(view);
     if (uses[name] > 1) {
-      // 0001.jpg and 0001.png may lie side by side: the whole name differs more often.
+      // Views may have the same stem, as 0001.jpg and 0001.png: the whole name is more often unique.
       name = view.name;
       std::replace(name.begin(), name.end(), '/', '_');
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How well a backbone renders the views that it is measured on.
+/// @file Measures how well a backbone renders the test views of a scene.
 #pragma once
 
 #include <cstdint>
@@ -15,31 +15,30 @@
 
 namespace splatboost {
 
-/// The views that a run is measured on: the test views, or the training views if there are none.
+/// The views that renders are measured on: the test views, or the training views if there are none.
 const std::vector<View>& measured_views(const Scene& scene);
 
-/// Renders the measured views as trained into `renders` as <picture_names>.png (none if empty), measures them, and
-/// fills the quality part of `results` (psnr, ssim, lpips, psnr_beta1, split, views, scales, fps). Lpips may be null.
-/// Scales at which a view would be smaller than SSIM's window are left out.
+/// Renders the measured views as trained, writes them to `renders`/<picture_names>.png (not written if `renders` is
+/// empty), measures them, and fills the quality part of `results` (psnr, ssim, lpips, psnr_beta1, split, views, scales,
+/// fps). Lpips may be null. Scales at which a view would be smaller than SSIM's window are left out.
 void evaluate(Backbone& backbone, const Scene& scene, Lpips* lpips, const std::filesystem::path& renders,
               Results& results);
 
-/// What a view is measured by.
+/// The measurements of one view.
 struct MeasuredView {
   ViewResult result;
   double psnr_beta1 = 0;
   double render_seconds = 0;
 };
 
-/// Renders one view as trained into `color`, [3,H,W] clamped to [0,1], and measures it. Lpips may be null.
+/// Renders one view as trained into `color` ([3,H,W], clamped to [0,1]) and measures it. Lpips may be null.
 MeasuredView measure_view(Backbone& backbone, const View& view, Lpips* lpips, std::vector<float>& color);
 
 /// Mean PSNR of up to `count` measured views, evenly spread, rendered as trained.
 double quick_psnr(Backbone& backbone, const Scene& scene, int count);
 
-/// File name stem of each view's pictures: the stem of its name, or, where views in several folders share one,
-/// of the whole name with '_' for '/'. Names are cut where a file system would refuse them, and where two are the same
-/// then, later ones get "_2", "_3", …
+/// File name stem of each view's pictures: the stem of the view's name or, if several views share it, the whole name
+/// with '_' for '/'. Names too long for a file system are cut. If this leaves equal names, later ones get "_2", "_3", …
 std::vector<std::string> picture_names(const std::vector<View>& views);
 
 /// Saves a planar [3,H,W] image as PNG; floats are clamped to [0,1]. Atomic.

@@ -21,9 +21,9 @@ namespace {
 
 constexpr int kSmallest = 32;  // smaller images leave no pixel after the network's four strides
 constexpr int kTaps = 7;
-constexpr double kEpsilon = 1e-10;  // LPIPS's guard of the division by the norm
+constexpr double kEpsilon = 1e-10;  // LPIPS's guard against division by zero
 
-// OpenCV reports a damaged file on the log as well as by exception; the exception is enough.
+// Silences the log of OpenCV: it reports a damaged file both there and by exception, and the exception is enough.
 class QuietLog {
  public:
   QuietLog() : level_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
@@ -35,7 +35,7 @@ class QuietLog {
   cv::utils::logging::LogLevel level_;
 };
 
-// OpenCV may put a prefix before the names of the file.
+// OpenCV may prepend a prefix to the output names of the file.
 std::vector<cv::String> find_outputs(const cv::dnn::Net& net) {
   const std::vector<cv::String> all = net.getUnconnectedOutLayersNames();
   std::vector<cv::String> found;
@@ -63,7 +63,7 @@ bool is_tap_list(const std::vector<cv::Mat>& maps) {
   return true;
 }
 
-// The mean over pixels of the squared difference of two taps, each over its norm.
+// The mean over pixels of the squared difference of two taps, each divided by its norm.
 double tap_distance(const cv::Mat& a, const cv::Mat& norm_a, const cv::Mat& b, const cv::Mat& norm_b) {
   const std::size_t pixels = static_cast<std::size_t>(a.size[2]) * static_cast<std::size_t>(a.size[3]);
   std::vector<double> scale_a(pixels), scale_b(pixels);
@@ -95,7 +95,7 @@ struct Lpips::Network {
     net.setInput(cv::Mat(4, shape.data(), CV_32F, image.data()));
     std::vector<cv::Mat> result;
     net.forward(result, outputs);
-    // OpenCV hands out its own buffers, which the next run overwrites.
+    // OpenCV returns its internal buffers, which the next run overwrites.
     for (cv::Mat& map : result) map = map.clone();
     return result;
   }
@@ -103,7 +103,7 @@ struct Lpips::Network {
 
 Lpips::Lpips(const std::filesystem::path& onnx) : network_(std::make_unique<Network>()) {
   if (!std::filesystem::is_regular_file(onnx) || !std::ifstream(onnx)) {
-    throw InputError("LPIPS weights: cannot read " + onnx.string() + "; scripts/lpips_to_onnx makes this file.");
+    throw InputError("LPIPS weights: cannot read " + onnx.string() + "; create this file with scripts/lpips_to_onnx.");
   }
   const QuietLog quiet;
   try {
@@ -134,7 +134,7 @@ double Lpips::distance(std::span<const float> render, const TruthImage& truth) {
   for (std::size_t i = 0; i < 3 * pixels; ++i) image[i] = static_cast<float>(truth.color[i]) / 255.0f;
   const std::vector<cv::Mat> of_truth = network_->run(truth.width, truth.height);
   for (std::size_t i = 0; i < 3 * pixels; ++i) {
-    // Where the truth is unknown the image keeps it, so that those pixels add no difference.
+    // `image` still holds the truth; invalid pixels keep it, so that they add no difference.
     if (truth.valid.empty() || truth.valid[i % pixels]) image[i] = std::clamp(render[i], 0.0f, 1.0f);
   }
   const std::vector<cv::Mat> of_render = network_->run(truth.width, truth.height);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for the file of this name in a build without OpenCV.
+// Replaces lpips.cpp in a build without OpenCV.
 #include "trainer/evaluation/metrics.h"
 #include "trainer/support/input_error.h"
 
@@ -8,11 +8,11 @@ namespace splatboost {
 struct Lpips::Network {};
 
 Lpips::Lpips(const std::filesystem::path&) {
-  throw InputError("LPIPS needs OpenCV, which this build does not have; leave out --lpips");
+  throw InputError("LPIPS needs OpenCV, which this build does not have; omit --lpips");
 }
 
 Lpips::~Lpips() = default;
 
-double Lpips::distance(std::span<const float>, const TruthImage&) { return 0; }  // there is no object to call it on
+double Lpips::distance(std::span<const float>, const TruthImage&) { return 0; }  // never called: the constructor throws
 
 }  // namespace splatboost

@@ -13,7 +13,7 @@ namespace {
 constexpr int kRadius = 5;
 constexpr int kTaps = 2 * kRadius + 1;
 constexpr double kSigma = 1.5;
-constexpr double kC1 = 0.01 * 0.01;  // (0.01·L)², L = 1: the stabilisers of Wang et al. 2004
+constexpr double kC1 = 0.01 * 0.01;  // (0.01·L)², L = 1: the stabilizing constants of Wang et al. 2004
 constexpr double kC2 = 0.03 * 0.03;
 constexpr double kEqual = 100.0;  // what PSNR reports for equal images, instead of infinity
 
@@ -71,7 +71,7 @@ class ChannelSsim {
     for (int x = 0; x < width_; ++x) {
       const double t = truth_value(truth[x]);
       const double r = valid && !valid[x] ? t : std::clamp(static_cast<double>(render[x]), 0.0, 1.0);
-      const int at = x + kRadius;  // the margins stay zero
+      const int at = x + kRadius;  // the margins stay zero (padding)
       padded_[kRender][at] = r;
       padded_[kTruth][at] = t;
       padded_[kRender2][at] = r * r;
@@ -93,7 +93,7 @@ class ChannelSsim {
     for (int m = 0; m < kMoments; ++m) {
       std::vector<double>& out = mean_[m];
       std::fill(out.begin(), out.end(), 0.0);
-      // Rows outside the image are the zero padding: they add nothing.
+      // Rows outside the image are zero padding and add nothing.
       for (int row = std::max(0, y - kRadius); row <= std::min(height_ - 1, y + kRadius); ++row) {
         const double weight = window_[row - y + kRadius];
         const double* in = ring_[row % kTaps][m].data();
@@ -136,10 +136,11 @@ double psnr(std::span<const float> render, const TruthImage& truth) {
     const double difference = std::clamp(static_cast<double>(render[i]), 0.0, 1.0) - truth_value(truth.color[i]);
     sum += difference * difference;
   }
-  // Also where no pixel is valid: nothing differs.
+  // This includes images without a valid pixel.
   if (sum == 0) return kEqual;
   const double decibel = 10 * std::log10(3.0 * static_cast<double>(count_valid(truth)) / sum);
-  // A float holds n/255 only to 2⁻²⁵, so equal images reach this line, far above 100. NaN passes: it must be seen.
+  // Floats represent n/255 only to 2⁻²⁵, so equal images reach this line with a value far above 100. NaN is returned as
+  // it is, so that it gets noticed.
   return decibel > kEqual ? kEqual : decibel;
 }
 

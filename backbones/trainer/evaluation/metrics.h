@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Image quality as the field reports it, on renders clamped to [0,1].
+/// @file Image quality metrics of the usual protocols. Renders are [3,H,W] and are clamped to [0,1].
 #pragma once
 
 #include <filesystem>
@@ -11,13 +11,13 @@
 
 namespace splatboost {
 
-/// 10·log10(1 / MSE) over valid pixels and channels; 100 where the images are equal.
+/// 10·log10(1 / MSE) over valid pixels and channels; 100 if the images are equal.
 double psnr(std::span<const float> render, const TruthImage& truth);
 
 /// Mean SSIM, 11×11 Gaussian window of σ 1.5, zero padding, over valid pixels and channels (3DGS's protocol).
 double ssim(std::span<const float> render, const TruthImage& truth);
 
-/// Learned perceptual similarity (LPIPS v0.1, SqueezeNet) by OpenCV's DNN module.
+/// Learned perceptual similarity (LPIPS v0.1, SqueezeNet), computed with OpenCV's DNN module.
 class Lpips {
  public:
   /// @param onnx file made by scripts/lpips_to_onnx. Throws InputError if it cannot be read.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Views of a scene at other scales than it was trained at.
+/// @file Views of a scene at scales other than the trained one.
 #pragma once
 
 #include <array>
@@ -10,17 +10,17 @@
 
 namespace splatboost {
 
-/// The scales of the field's protocol for one that was trained at 1: 1, 1/2, 1/4, 1/8.
+/// The scales of the usual protocol for a model trained at scale 1: 1, 1/2, 1/4, 1/8.
 inline constexpr std::array<int, 4> kScaleDivisors = {1, 2, 4, 8};
 
-/// The view as a camera sees it whose pixels are `divisor` times as wide: truth averaged over blocks of pixels. A rim
-/// that fills no block is cut off; a block is valid where all of its pixels are.
+/// The view as seen by a camera with pixels `divisor` times as wide: the truth is averaged over blocks of pixels.
+/// Incomplete blocks at the right and bottom edges are cut off; a block is valid if all of its pixels are.
 View smaller_view(const View& view, int divisor);
 
-/// A side of a picture that is halved again has at least so many pixels left.
+/// Minimum width and height of a half-size view, in pixels.
 inline constexpr int kMinHalfSide = 64;
 
-/// The views at half their size; none at all where one of them is too small for it.
+/// The views at half their size; empty if any half would be smaller than kMinHalfSide.
 std::vector<View> half_views(const std::vector<View>& views, Threads& threads);
 
 }  // namespace splatboost

@@ -35,7 +35,7 @@ std::string human_number(const std::optional<double>& value, int digits, const s
   return text + unit;
 }
 
-// "4.1", "0.28", "0.041", "12": two significant digits, three from 10 on only where they are whole.
+// "4.1", "0.28", "0.041", "12", "123": two significant digits, or a whole number from 10 on.
 std::string human_ratio(double ratio) {
   if (ratio >= 9.95) return format("%.0f", ratio);
   if (ratio >= 0.995) return format("%.1f", ratio);
@@ -45,7 +45,7 @@ std::string human_ratio(double ratio) {
 
 using Verdict = ResultRow::Verdict;
 
-// More of a value: good, bad, or neither.
+// Whether an increase of a value is good or bad.
 enum class More { kGood, kBad };
 
 struct Change {
@@ -66,14 +66,14 @@ Change speed_change(double factor) {
   return {human_ratio(1 / factor) + "× slower", Verdict::kWorse};
 }
 
-// The change of an amount of which less is better.
+// The change of an amount for which less is better.
 Change amount_change(double first, double second) {
   if (!(first > 0) || !std::isfinite(second)) return {};
   const double ratio = second / first;
   return {human_ratio(ratio) + "×", judge(ratio - 1, 0.005, More::kBad)};
 }
 
-// Shown to `digits`; what rounds to nothing is no change.
+// The difference with `digits` decimals; one that rounds to zero counts as no change.
 Change difference(const std::optional<double>& first, const std::optional<double>& second, int digits,
                   const std::string& unit, More more) {
   if (!first || !second || !std::isfinite(*first) || !std::isfinite(*second)) return {};
@@ -89,7 +89,7 @@ std::size_t display_width(const std::string& text) {
       std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
 }
 
-// Words of the first column to the left, numbers of the others to the right, a rule under the head.
+// Aligns the first column left and the others right, with a rule under the head.
 std::string text_table(const std::vector<std::vector<std::string>>& lines) {
   std::vector<std::size_t> widths(lines[0].size());
   for (const auto& line : lines) {
@@ -166,7 +166,7 @@ std::vector<ResultRow> result_rows(std::span<const Results> runs) {
   add(
       "Training time", [](const Results& r) { return human_seconds(r.train_seconds); },
       [](const Results& a, const Results& b) { return speed_change(a.train_seconds / b.train_seconds); });
-  // Runs that end at different quality are compared by the time to the same quality as well.
+  // Runs that end at different quality are also compared by the time to reach the same quality.
   if (runs.size() == 2 && !runs[0].curve.empty() && runs[0].curve.back().psnr) {
     const double target = *runs[0].curve.back().psnr;
     const auto reached = [&](const Results& r) { return seconds_to_psnr(r.curve, target); };

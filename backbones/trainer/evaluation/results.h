@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What a run measured: results.json.
+/// @file The measured results of a run: results.json.
 #pragma once
 
 #include <concepts>
@@ -22,7 +22,7 @@ struct ViewResult {
   std::optional<double> lpips;
 };
 
-/// Quality at another scale than the trained one, means over the measured views.
+/// Quality at one of the scales, means over the measured views.
 struct ScaleResult {
   int divisor = 1;  ///< of the trained resolution
   double psnr = 0;
@@ -35,10 +35,11 @@ struct CurvePoint {
   double seconds = 0;  ///< training time so far, evaluation excluded
   double loss = 0;     ///< exponential mean of the training loss
   std::size_t primitives = 0;
-  std::optional<double> psnr;  ///< on (a few) test views, where evaluated
+  std::optional<double> psnr;  ///< over a few test views; none if not evaluated at this point
 };
 
-/// Training seconds until the curve first shows `psnr`, in dB, linearly between its points; none if it never does.
+/// Training seconds until the curve first reaches `psnr` (dB), interpolated linearly between points; none if it never
+/// does.
 std::optional<double> seconds_to_psnr(std::span<const CurvePoint> curve, double psnr);
 
 struct Results {
@@ -48,14 +49,14 @@ struct Results {
   double psnr = 0;
   double ssim = 0;
   std::optional<double> lpips;
-  double psnr_beta1 = 0;  ///< what a viewer without the compact box shows
+  double psnr_beta1 = 0;  ///< PSNR in a viewer without the compact box
   std::string split;      ///< "test" or "train": which views were measured
   std::size_t primitives = 0;
   double train_seconds = 0;  ///< wall time of the loop, evaluation and saving excluded
-  double fps = 0;            ///< rendering the measured views
+  double fps = 0;            ///< frames per second when rendering the measured views
   std::uint64_t peak_memory_bytes = 0;
-  std::uint64_t estimated_memory_bytes = 0;  ///< what the estimate before training says for the primitives there were
-  std::uint64_t storage_bytes = 0;           ///< of the .ply
+  std::uint64_t estimated_memory_bytes = 0;  ///< estimated before training, for the largest number of primitives
+  std::uint64_t storage_bytes = 0;           ///< of the exported model
   std::string device;                        ///< "cpu", or the name of the GPU
   std::string machine;                       ///< processor name
   int threads = 0;
@@ -66,12 +67,12 @@ struct Results {
   std::string source;         ///< name of the scene folder
   int width = 0, height = 0;  ///< of the first training view
   std::vector<ViewResult> views;
-  std::vector<ScaleResult> scales;  ///< the trained one first
+  std::vector<ScaleResult> scales;  ///< the trained scale first
   std::map<std::string, double> stage_seconds;
   std::vector<CurvePoint> curve;
 };
 
-/// Whether results.json must have a field: earlier versions did not write all.
+/// Whether a field is required when results.json is read: earlier versions did not write all fields.
 enum class Presence { required, may_lack };
 
 /// Calls visit(name, field, presence) for every field.

@@ -76,7 +76,7 @@ const CameraModel& model_of(const std::filesystem::path& file, std::uint32_t cam
   }
 }
 
-/// Reads numbers from a binary file and never beyond its end.
+/// Reads values from a binary file; throws instead of reading beyond its end.
 class BinaryReader {
  public:
   explicit BinaryReader(std::filesystem::path file) : file_(std::move(file)), in_(file_, std::ios::binary) {
@@ -95,11 +95,11 @@ class BinaryReader {
     return value;
   }
 
-  /// The number of records of at least `record_bytes` each, which the rest of the file can hold.
+  /// Reads a number of records of at least `record_bytes` each; throws if they do not fit in the rest of the file.
   std::uint64_t read_count(std::uint64_t record_bytes, const std::string& what) {
     const auto count = read<std::uint64_t>();
     if (count > remaining_ / record_bytes) {
-      fail(file_, "is cut short or damaged: it announces " + std::to_string(count) + " " + what + ", but only " +
+      fail(file_, "is cut short or damaged: it declares " + std::to_string(count) + " " + what + ", but only " +
                       std::to_string(remaining_) + " bytes follow");
     }
     return count;
@@ -148,7 +148,7 @@ class TextLine {
     T value{};
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc() || end != text.data() + text.size()) {
-      fail_line("has '" + std::string(text.substr(0, 40)) + "' as " + what);
+      fail_line("has the invalid value '" + std::string(text.substr(0, 40)) + "' for " + what);
     }
     return value;
   }
@@ -158,7 +158,7 @@ class TextLine {
     return rest_.empty();
   }
 
-  /// All that is left: names may hold blanks.
+  /// The rest of the line: names may contain blanks.
   std::string remainder(const char* what) {
     if (at_end()) fail_line(std::string("has no ") + what);
     return std::string(rest_);
@@ -253,7 +253,7 @@ std::vector<ColmapImage> read_images_binary(const std::filesystem::path& file) {
   return images;
 }
 
-/// Whether it can be POINTS2D[] as (X, Y, POINT3D_ID): three numbers a point.
+/// Whether the line can be POINTS2D[] as (X, Y, POINT3D_ID): three numbers per point.
 bool is_points_line(std::string_view line) {
   std::size_t words = 0;
   while (true) {
@@ -281,7 +281,7 @@ std::vector<ColmapImage> read_images_text(const std::filesystem::path& file) {
     image.camera_id = words.number<std::uint32_t>("camera id");
     image.name = words.remainder("image name");
     images.push_back(std::move(image));
-    // Its 2D points, often an empty line. Where it is left out, the next image would be taken for it.
+    // The line of its 2D points, often empty. If it is missing, this reads the next image instead.
     if (in.next_raw(line) && !is_points_line(line)) {
       in.parse(line).fail_line("is not the list of 2D points of image '" + images.back().name +
                                "': every image takes two lines, of which the second may be empty");
@@ -345,7 +345,7 @@ std::optional<std::filesystem::path> model_file(const std::filesystem::path& fol
 }
 
 Lens lens_of(const ColmapCamera& camera, const std::string& where) {
-  // Sizes that no int holds are caught by check_lens as impossible.
+  // Sizes beyond the range of int are clamped; check_lens() rejects them.
   const auto side = [](std::uint64_t value) {
     return static_cast<int>(std::min<std::uint64_t>(value, std::numeric_limits<int>::max()));
   };
@@ -377,7 +377,7 @@ Lens lens_of(const ColmapCamera& camera, const std::string& where) {
       break;
   }
   check_lens(lens, where);
-  // Here zero does not mean "not known".
+  // In a Lens, zero means "not known"; here it is an error.
   if (lens.fx == 0 || lens.fy == 0) throw InputError(where + ": the focal length must be a finite number above zero");
   return lens;
 }

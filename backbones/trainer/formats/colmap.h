@@ -14,10 +14,10 @@ namespace splatboost {
 
 struct ColmapCamera {
   std::uint32_t id = 0;
-  int model = 1;  ///< COLMAP's number of the model; 1 is PINHOLE
+  int model = 1;  ///< COLMAP's model ID; 1 is PINHOLE
   std::uint64_t width = 0;
   std::uint64_t height = 0;
-  std::vector<double> params;
+  std::vector<double> params;  ///< in COLMAP's order for the model
 };
 
 struct ColmapImage {
@@ -32,7 +32,7 @@ struct ColmapModel {
   std::vector<ColmapCamera> cameras;
   std::vector<ColmapImage> images;
   PointCloud points;                   ///< empty if the model has none
-  std::filesystem::path cameras_file;  ///< which files it was read from
+  std::filesystem::path cameras_file;  ///< the files it was read from
   std::filesystem::path images_file;
 };
 

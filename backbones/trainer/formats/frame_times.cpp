@@ -12,7 +12,7 @@ namespace {
 
 constexpr char kDigits[] = "0123456789";
 
-/// The last number of the name; -1: none, or one that is no number of a frame.
+/// The last number in the file name; -1 if there is none or it is out of range.
 std::int64_t frame_of(const std::string& name) {
   const std::string stem = std::filesystem::path(name).stem().string();
   const std::size_t last = stem.find_last_of(kDigits);
@@ -32,10 +32,10 @@ void set_frame_times(std::vector<Photo>& photos, const std::string& where) {
   for (const Photo& photo : photos) {
     frames.push_back(frame_of(photo.name));
     require(frames.back() >= 0,
-            where + ": the name of image '" + photo.name + "' has no number of a frame, which --frame-times asks for");
+            where + ": the name of image '" + photo.name + "' has no frame number, which --frame-times requires");
   }
   const auto [first, last] = std::ranges::minmax(frames);
-  require(last > first, where + ": all images are of frame " + std::to_string(first) + ", so they have no times");
+  require(last > first, where + ": all images have frame number " + std::to_string(first) + ", so they have no times");
   for (std::size_t i = 0; i < photos.size(); ++i) {
     photos[i].time = static_cast<double>(frames[i] - first) / static_cast<double>(last - first);
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Times of photos from the numbers of their frames.
+/// @file Times of photos from their frame numbers.
 #pragma once
 
 #include <string>
@@ -9,9 +9,9 @@
 
 namespace splatboost {
 
-/// Takes the last number in each photo's file name for its frame (of cam2/take1_0007.png the 7) and spreads times over
-/// [0,1] from the first frame to the last. Throws InputError, beginning with `where`, if a name has no number or all
-/// have the same.
+/// Takes the last number in each photo's file name as its frame number (7 for cam2/take1_0007.png), and sets times that
+/// are linear in it, from 0 for the first frame to 1 for the last. Throws InputError, beginning with `where`, if a name
+/// has no number or all numbers are equal.
 void set_frame_times(std::vector<Photo>& photos, const std::string& where);
 
 }  // namespace splatboost

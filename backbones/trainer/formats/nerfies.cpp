@@ -34,7 +34,7 @@ T take_or(const Json& object, const fs::path& file, const char* key, const T& ot
   return object.contains(key) ? take<T>(object, file, key) : otherwise;
 }
 
-/// How the capture's world becomes that of training: (x − center)·scale.
+/// Transform from the capture's world to the world used in training: (x − center)·scale.
 struct World {
   glm::dvec3 center{0};
   double scale = 1;
@@ -69,7 +69,7 @@ void read_camera(const fs::path& file, const World& world, Photo& photo) {
   lens.cx = middle[0];
   lens.cy = middle[1];
   require(size[0] >= 1 && size[1] >= 1 && size[0] <= 1 << 20 && size[1] <= 1 << 20,
-          file.string() + ": 'image_size' is not possible");
+          file.string() + ": 'image_size' is out of range");
   lens.width = static_cast<int>(size[0]);
   lens.height = static_cast<int>(size[1]);
   require(std::abs(take_or(json, file, "skew", 0.0)) < 1e-6,
@@ -80,7 +80,7 @@ void read_camera(const fs::path& file, const World& world, Photo& photo) {
     lens.k2 = k[1];
     lens.k3 = k[2];
   }
-  // Some files spell it so.
+  // Some files use the shorter key.
   for (const char* key : {"tangential_distortion", "tangential"}) {
     if (!json.contains(key)) continue;
     const std::vector<double> p = take_numbers(json, file, key, 2);
@@ -89,7 +89,7 @@ void read_camera(const fs::path& file, const World& world, Photo& photo) {
   }
   check_lens(lens, file.string());
 
-  // Rows of the camera's axes: x to the right, y down, z ahead.
+  // Rows are the camera's axes: x right, y down, z forward.
   const auto rows = take<std::vector<std::vector<double>>>(json, file, "orientation");
   const bool square = rows.size() == 3 && std::ranges::all_of(rows, [](const auto& row) { return row.size() == 3; });
   require(square, file.string() + ": 'orientation' is not a 3x3 matrix");
@@ -103,7 +103,7 @@ void read_camera(const fs::path& file, const World& world, Photo& photo) {
   for (int column = 0; column < 3; ++column) {
     for (int row = 0; row < 3; ++row) {
       require(std::abs(product[column][row] - (row == column ? 1.0 : 0.0)) < 1e-2 && glm::determinant(rotation) > 0,
-              file.string() + ": 'orientation' is no rotation");
+              file.string() + ": 'orientation' is not a rotation");
     }
   }
   const glm::dvec3 centre = world.apply({position[0], position[1], position[2]});
@@ -150,9 +150,9 @@ NerfiesCapture read_nerfies(const fs::path& folder, const std::string& images) {
     photo.file = folder / images / photo.name;
     photo.listed_in = listing;
     read_camera(folder / "camera" / (id + ".json"), world, photo);
-    require(metadata.contains(id), metadata_file.string() + ": says nothing of image '" + id + "'");
+    require(metadata.contains(id), metadata_file.string() + ": has no entry for image '" + id + "'");
     const Json& of_photo = metadata[id];
-    // Nerfies calls it by what it was used for.
+    // Nerfies itself calls the time index warp_id, after its use.
     const char* key = of_photo.contains("time_id") ? "time_id" : "warp_id";
     times.push_back(static_cast<double>(take<std::int64_t>(of_photo, metadata_file, key)));
     capture.photos.push_back(std::move(photo));

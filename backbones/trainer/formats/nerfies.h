@@ -13,17 +13,17 @@
 namespace splatboost {
 
 struct NerfiesCapture {
-  std::vector<Photo> photos;  ///< those of the test split come last
-  std::size_t test = 0;       ///< how many these are
+  std::vector<Photo> photos;  ///< photos of the test split come last
+  std::size_t test = 0;       ///< number of photos in the test split
   PointCloud points;          ///< empty without points.npy
 };
 
-/// Whether the folder holds one.
+/// Whether the folder holds such a capture.
 bool is_nerfies_capture(const std::filesystem::path& folder);
 
-/// Reads a capture with its times. The test split is val_ids where dataset.json names some; else, as HyperNeRF's
-/// interpolation scenes have it, of ids every fourth is for training and every fourth, two behind it, for the test.
-/// @param images below the folder, such as rgb/2x
+/// Reads a capture with its times. The test split is val_ids if dataset.json has any; else, as for HyperNeRF's
+/// interpolation scenes, entries 0, 4, 8, … of ids are for training and entries 2, 6, 10, … for the test.
+/// @param images image folder, relative to `folder`, such as rgb/2x
 /// Throws InputError in one line.
 NerfiesCapture read_nerfies(const std::filesystem::path& folder, const std::string& images);
 

@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kRow = 17;  // of poses_bounds.npy: [3,5] of axes, centre and size, then two depths
+constexpr std::size_t kRow = 17;  // per camera in poses_bounds.npy: [3,5] of axes, centre and size, two depths
 
 bool is_video(const fs::path& camera) { return camera.extension() == ".mp4"; }
 
@@ -30,7 +30,7 @@ bool is_picture(const fs::path& file) {
   return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
 }
 
-/// Pictures of a folder, or of its folder images/, by name.
+/// Images in the folder, or in its subfolder images/ if there is one, sorted by name.
 std::vector<fs::path> pictures_of(const fs::path& folder) {
   std::vector<fs::path> files;
   std::error_code error;
@@ -42,8 +42,8 @@ std::vector<fs::path> pictures_of(const fs::path& folder) {
   return files;
 }
 
-/// What each camera filmed, in the order of names: a video, or the folder of its frames, which goes before a video of
-/// the same name.
+/// The source of each camera, sorted by name: a video, or a folder of its frames, which is preferred to a video of the
+/// same name.
 std::vector<fs::path> cameras_of(const fs::path& folder) {
   std::vector<fs::path> cameras;
   std::error_code error;
@@ -59,17 +59,17 @@ std::vector<fs::path> cameras_of(const fs::path& folder) {
   return cameras;
 }
 
-/// A row's camera: columns of its matrix point down, to the right and back, then the centre; then height, width, focal
-/// length.
+/// Reads the camera of a row. Columns of its [3,5] matrix: the axes down, right and back; the centre; height, width and
+/// focal length.
 void read_pose(const double* row, const std::string& where, Photo& photo) {
   const auto column = [&](int c) { return glm::dvec3(row[c], row[5 + c], row[10 + c]); };
-  for (std::size_t i = 0; i < kRow; ++i) require(std::isfinite(row[i]), where + ": is not finite");
+  for (std::size_t i = 0; i < kRow; ++i) require(std::isfinite(row[i]), where + ": has a value that is not finite");
   const glm::dmat3 world_from_camera(column(1), column(0), -column(2));
   const glm::dmat3 product = glm::transpose(world_from_camera) * world_from_camera;
   for (int c = 0; c < 3; ++c) {
     for (int r = 0; r < 3; ++r) {
       require(std::abs(product[c][r] - (r == c ? 1.0 : 0.0)) < 1e-2 && glm::determinant(world_from_camera) > 0,
-              where + ": holds no rotation");
+              where + ": the axes of the camera are not a rotation");
     }
   }
   const glm::dmat3 rotation = glm::transpose(world_from_camera);
@@ -77,14 +77,14 @@ void read_pose(const double* row, const std::string& where, Photo& photo) {
   photo.camera_from_world[3] = glm::dvec4(-(rotation * column(3)), 1.0);
   const glm::dvec3 size = column(4);
   require(size[0] >= 1 && size[1] >= 1 && size[0] <= 1 << 20 && size[1] <= 1 << 20,
-          where + ": the image size is not possible");
+          where + ": the image size is out of range");
   photo.lens.height = static_cast<int>(std::lround(size[0]));
   photo.lens.width = static_cast<int>(std::lround(size[1]));
   photo.lens.fx = photo.lens.fy = size[2];
   check_lens(photo.lens, where);
 }
 
-/// How long each camera's video is, as far as `frames` of them are asked for; nothing where it is a folder.
+/// Length of each camera's video, counted up to `frames` (0: all); zero for folders.
 std::vector<VideoLength> measure_videos(const std::vector<fs::path>& cameras, int frames) {
   std::vector<VideoLength> lengths(cameras.size());
   Threads().for_range(cameras.size(), 1, [&](std::size_t c, std::size_t) {
@@ -93,7 +93,7 @@ std::vector<VideoLength> measure_videos(const std::vector<fs::path>& cameras, in
   return lengths;
 }
 
-/// One line where videos hold fewer of the frames asked for than they say; else none.
+/// One line if a video has fewer readable frames than it claims, among those requested; else empty.
 std::string note_on_lengths(const std::vector<fs::path>& cameras, const std::vector<VideoLength>& lengths, int frames) {
   std::size_t count = 0, first = 0;
   for (std::size_t c = cameras.size(); c-- > 0;) {
@@ -104,10 +104,11 @@ std::string note_on_lengths(const std::vector<fs::path>& cameras, const std::vec
     first = c;
   }
   if (count == 0) return {};
-  const std::string others = count == 1 ? "" : " (and " + std::to_string(count - 1) + " more videos fewer than theirs)";
-  return cameras[first].filename().string() + " says that it has " + std::to_string(lengths[first].claimed) +
-         " frames, of which " + std::to_string(lengths[first].readable) + " can be read" + others +
-         "; training takes those";
+  const std::string others =
+      count == 1 ? "" : " (and " + std::to_string(count - 1) + " more videos are also shorter than declared)";
+  return cameras[first].filename().string() + " declares " + std::to_string(lengths[first].claimed) +
+         " frames, but only " + std::to_string(lengths[first].readable) + " can be read" + others +
+         "; training uses the readable frames";
 }
 
 }  // namespace
@@ -134,7 +135,7 @@ NeuralVideo read_neural_video(const fs::path& folder, int frames) {
     const std::vector<fs::path> files = video ? std::vector<fs::path>{} : pictures_of(cameras[c]);
     const std::size_t readable = video ? lengths[c].readable : files.size();
     const std::size_t count = frames == 0 ? readable : std::min(readable, static_cast<std::size_t>(frames));
-    // What lies behind the frames that were asked for is not decoded.
+    // Frames beyond those requested are not decoded: only the claimed number is known.
     const bool all_known = !video || frames == 0 || count < static_cast<std::size_t>(frames);
     const std::size_t there = all_known ? readable : std::max(readable, lengths[c].claimed);
     require(count > 0, cameras[c].string() + ": holds no frames");
@@ -159,8 +160,8 @@ NeuralVideo read_neural_video(const fs::path& folder, int frames) {
     for (Photo& photo : photos) photo.time = longest > 1 ? photo.time / static_cast<double>(longest - 1) : 0;
   }
   if (longest < most) {
-    rig.notes.push_back("the first " + std::to_string(longest) + " of " + std::to_string(most) +
-                        " frames of each camera; --frames takes more");
+    rig.notes.push_back("using the first " + std::to_string(longest) + " of " + std::to_string(most) +
+                        " frames of each camera; use --frames for more");
   }
   if (std::string note = note_on_lengths(cameras, lengths, frames); !note.empty()) rig.notes.push_back(std::move(note));
   rig.test = of_cameras.front().size();

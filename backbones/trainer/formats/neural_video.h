@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Rigs of film cameras as Neural 3D Video (Neu3D, DyNeRF) has them: poses_bounds.npy and a video a camera.
+/// @file Rigs of video cameras as in Neural 3D Video (Neu3D, DyNeRF): poses_bounds.npy and one video per camera.
 #pragma once
 
 #include <cstddef>
@@ -12,17 +12,18 @@
 namespace splatboost {
 
 struct NeuralVideo {
-  std::vector<Photo> photos;  ///< camera by camera; those of the held-out one come last
-  std::size_t test = 0;       ///< how many these are
+  std::vector<Photo> photos;  ///< ordered by camera; the held-out camera comes last
+  std::size_t test = 0;       ///< number of photos of the held-out camera
   std::vector<std::string> notes;
 };
 
-/// Whether the folder holds one: poses_bounds.npy, and at least two videos cam*.mp4 or folders cam* of pictures. (A
-/// still LLFF scene has the former too.)
+/// Whether the folder holds such a rig: poses_bounds.npy, and at least two videos cam*.mp4 or folders cam* of images.
+/// (A static LLFF scene has poses_bounds.npy too.)
 bool is_neural_video(const std::filesystem::path& folder);
 
-/// Lists the first frames of each camera, of a video those that can be read. The first camera is the test split.
-/// @param frames how many; 0: all
+/// Lists the first frames of each camera; of a video, only those that can be decoded. The first camera is the test
+/// split.
+/// @param frames per camera; 0: all
 /// Throws InputError in one line.
 NeuralVideo read_neural_video(const std::filesystem::path& folder, int frames);
 

@@ -16,7 +16,7 @@ namespace {
 constexpr std::string_view kMagic = "\x93NUMPY";
 constexpr std::size_t kMaxBytes = std::size_t{1} << 33;
 
-/// The text behind 'key': of the header, a Python dictionary.
+/// The text after 'key': in the header, which is a Python dictionary.
 std::string_view value_of(std::string_view header, std::string_view key) {
   const std::size_t at = header.find("'" + std::string(key) + "'");
   if (at == std::string_view::npos) return {};
@@ -39,7 +39,7 @@ NpyArray read_npy(const std::filesystem::path& file, std::size_t most_dimensions
   if (!in) fail("cannot be read; check its permissions");
 
   const auto byte = [&](std::size_t i) { return static_cast<std::size_t>(static_cast<unsigned char>(bytes[i])); };
-  if (size < 12 || !bytes.starts_with(kMagic)) fail("is not an array of numpy (.npy)");
+  if (size < 12 || !bytes.starts_with(kMagic)) fail("is not a NumPy array file (.npy)");
   const bool long_header = byte(6) >= 2;  // version
   const std::size_t begin = long_header ? 12 : 10;
   std::size_t length = byte(8) | byte(9) << 8;
@@ -49,8 +49,9 @@ NpyArray read_npy(const std::filesystem::path& file, std::size_t most_dimensions
 
   const std::string_view type = value_of(header, "descr");
   const bool single = type.starts_with("'<f4'");
-  if (!single && !type.starts_with("'<f8'")) fail("holds no 32- or 64-bit floats");
-  if (!value_of(header, "fortran_order").starts_with("False")) fail("holds its columns first (fortran_order)");
+  if (!single && !type.starts_with("'<f8'")) fail("does not contain 32- or 64-bit floats");
+  if (!value_of(header, "fortran_order").starts_with("False"))
+    fail("is in column-major order (fortran_order), which is not supported");
 
   NpyArray array;
   std::string_view shape = value_of(header, "shape");
@@ -63,7 +64,7 @@ NpyArray read_npy(const std::filesystem::path& file, std::size_t most_dimensions
     std::size_t side = 0;
     const auto parsed = std::from_chars(shape.data(), shape.data() + shape.size(), side);
     if (parsed.ec != std::errc{}) fail("has a shape that cannot be read");
-    if (side > kMaxBytes || (side != 0 && count > kMaxBytes / side)) fail("has a shape that is not possible");
+    if (side > kMaxBytes || (side != 0 && count > kMaxBytes / side)) fail("has a shape that is out of range");
     count *= side;
     array.shape.push_back(side);
     shape.remove_prefix(static_cast<std::size_t>(parsed.ptr - shape.data()));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file numpy's arrays of numbers, .npy.
+/// @file Reads numpy arrays of floats, .npy.
 #pragma once
 
 #include <cstddef>
@@ -10,11 +10,11 @@ namespace splatboost {
 
 struct NpyArray {
   std::vector<std::size_t> shape;
-  std::vector<double> values;  ///< the last index fastest
+  std::vector<double> values;  ///< row-major: the last index varies fastest
 };
 
-/// Reads an array of 32- or 64-bit floats, of at most `most_dimensions`. Throws InputError in one line on anything
-/// else, and on a file that is cut short.
+/// Reads a row-major array of little-endian 32- or 64-bit floats, of at most `most_dimensions` dimensions. Throws
+/// InputError in one line on anything else, and on a file that is cut short.
 NpyArray read_npy(const std::filesystem::path& file, std::size_t most_dimensions = 2);
 
 }  // namespace splatboost

@@ -27,8 +27,8 @@ using Json = nlohmann::json;
 namespace fs = std::filesystem;
 
 // File: magic, then blocks, each followed by its checksum: the listing's length (u64), the listing (JSON), positions
-// and colours of the points, the same of each few-view cloud, and of each photo its colours, those over white and its
-// mask, the last two only where the listing says so. Little endian.
+// and colours of the points, the same for each few-view cloud, and for each photo its colours, its colours over white
+// and its mask, the last two only if the listing says so. Little endian.
 constexpr std::string_view kMagic = "SBSCEN01";
 constexpr std::size_t kVersionDigits = 2;
 constexpr std::size_t kChecksum = sizeof(std::uint64_t);
@@ -128,7 +128,7 @@ T take(const Json& object, const char* key) {
 
 int take_side(const Json& object, const char* key) {
   const int side = take<int>(object, key);
-  require(side > 0 && side <= kLargestSide, std::string("'") + key + "' is not possible");
+  require(side > 0 && side <= kLargestSide, std::string("'") + key + "' is out of range");
   return side;
 }
 
@@ -210,11 +210,11 @@ PackedScene::PackedScene(fs::path path) : path_(std::move(path)) {
   std::uint64_t points = 0;
   std::vector<std::pair<int, std::uint64_t>> few;
   try {
-    const Json json = parse_json({listing.data(), listing.size()}, "the text");
+    const Json json = parse_json({listing.data(), listing.size()}, "its JSON text");
     require(json.contains("photos") && json["photos"].is_array(), "'photos' must be a list");
     for (const Json& photo : json["photos"]) listing_.photos.push_back(photo_from_json(photo));
     listing_.own_test = take<std::size_t>(json, "own_test");
-    require(listing_.own_test <= listing_.photos.size(), "'own_test' is not possible");
+    require(listing_.own_test <= listing_.photos.size(), "'own_test' is out of range");
     listing_.has_test_split = take<bool>(json, "has_test_split");
     listing_.blender = take<bool>(json, "blender");
     listing_.images = take<std::string>(json, "images");
@@ -225,10 +225,10 @@ PackedScene::PackedScene(fs::path path) : path_(std::move(path)) {
       few.emplace_back(take<int>(cloud, "views"), take<std::uint64_t>(cloud, "points"));
     }
   } catch (const InputError& wrong) {
-    fail(std::string("has a wrong listing: ") + wrong.what());
+    fail(std::string("has an invalid listing: ") + wrong.what());
   }
 
-  // Before anything is read or allocated by what the listing says.
+  // Sizes are checked before anything is read or allocated according to the listing.
   std::uint64_t end = at;
   const auto add = [&](std::uint64_t bytes) {
     if (bytes > size - end) fail("is cut short: " + std::to_string(size) + " bytes; copy it again");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A dataset in one file, as its readers made it: read fast, and without an image library. docs/formats.md has
-/// the layout.
+/// @file A dataset in one file, as decoded by its reader: loads fast, and without an image library. For the layout see
+/// docs/formats.md.
 #pragma once
 
 #include <cstddef>
@@ -15,47 +15,47 @@
 
 namespace splatboost {
 
-/// What a packed scene says of one photo.
+/// One photo of a packed scene.
 struct PackedPhoto {
-  View view;            ///< without pixels in PackedListing
-  int photo_width = 0;  ///< of the photo that was packed, before it was shrunk
+  View view;            ///< without pixels in PackedScene::listing()
+  int photo_width = 0;  ///< of the photo before it was reduced
   int photo_height = 0;
   bool transparent = false;
   bool masked = false;                         ///< some pixels have no data
-  std::vector<std::uint8_t> color_over_white;  ///< [3,H,W] of a transparent photo; view.color is over black
+  std::vector<std::uint8_t> color_over_white;  ///< [3,H,W] if transparent; view.color is over black
 };
 
-/// All of a dataset but its pixels.
+/// The content of a packed scene; after reading, without the pixels of its photos.
 struct PackedListing {
-  std::vector<PackedPhoto> photos;  ///< in the dataset's order; those of a test split of its own come last
-  std::size_t own_test = 0;         ///< how many these are
+  std::vector<PackedPhoto> photos;  ///< in the dataset's order; those of its own test split come last
+  std::size_t own_test = 0;         ///< number of photos in that test split
   bool has_test_split = false;
-  bool blender = false;       ///< points are drawn in the box of NeRF-synthetic, where there are none
+  bool blender = false;       ///< if there are no points, they are sampled in the box of NeRF-synthetic
   std::string images;         ///< image folder of a COLMAP scene or a Nerfies capture
-  std::optional<int> frames;  ///< that were asked for of a rig of videos, 0: all; none: another dataset, or not known
+  std::optional<int> frames;  ///< --frames of a rig of videos, 0: all; unset: another dataset, or not known
   PointCloud points;
-  std::map<int, PointCloud> few_view_points;  ///< by the number of views they were made of
+  std::map<int, PointCloud> few_view_points;  ///< by the number of views they were made from
 };
 
-/// Writes the file; see atomic_file.h. The photos hold their pixels.
+/// Writes the file atomically. The photos must have their pixels.
 void write_packed_scene(const std::filesystem::path& path, const PackedListing& dataset);
 
-/// Whether the file begins as a packed scene does, of whatever version.
+/// Whether the file begins like a packed scene of any version.
 bool is_packed_scene(const std::filesystem::path& path);
 
-/// A packed scene whose pixels are still on disk. Everything throws InputError, in one line, on a file that is cut
-/// short, damaged or of a newer version.
+/// A packed scene whose pixels stay on disk until load(). The constructor and load() throw InputError, in one line, if
+/// the file is cut short, damaged or of another version.
 class PackedScene {
  public:
   explicit PackedScene(std::filesystem::path path);
   const PackedListing& listing() const { return listing_; }
-  /// The photo with its pixels.
+  /// Reads the photo with its pixels; transparent ones over white or black.
   View load(std::size_t index, bool white_background) const;
 
  private:
   std::filesystem::path path_;
   PackedListing listing_;
-  std::vector<std::uint64_t> begins_;  ///< where in the file the pixels of each photo lie
+  std::vector<std::uint64_t> begins_;  ///< offset in the file of each photo's pixels
 };
 
 }  // namespace splatboost

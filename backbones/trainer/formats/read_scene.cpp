@@ -36,28 +36,28 @@
 namespace splatboost {
 namespace {
 
-constexpr float kBlenderBox = 1.3f;  // 3DGS's for NeRF-synthetic, whose objects fit into it
-// Products of two squared lengths, as in determinants of projected covariances, must be finite floats, with room for
-// what a training adds. No survey is that large, even one of the earth in millimetres.
+constexpr float kBlenderBox = 1.3f;  // half side; as in 3DGS, the objects of NeRF-synthetic fit into it
+// Squared distances must be finite floats, with a margin for training. No survey is larger than this, not even one of
+// the earth in millimetres.
 constexpr float kFarthest = 1e12f;
 constexpr char kImages[] = "images";
-constexpr char kCaptureImages[] = "rgb/1x";  // of Nerfies
+constexpr char kCaptureImages[] = "rgb/1x";  // for Nerfies captures
 constexpr int kFrames = 24;
 constexpr int kResolution = -1;
 
-/// What a dataset lists, before any photo is read.
+/// What a dataset lists, before any photo is decoded.
 struct Dataset {
-  std::filesystem::path listing;   ///< the file to name in messages
-  std::vector<std::string> names;  ///< of all photos; those of a test split of the dataset's own come last
-  std::size_t own_test = 0;        ///< how many these are
+  std::filesystem::path listing;   ///< the file to name in error messages
+  std::vector<std::string> names;  ///< of all photos; those of the dataset's own test split come last
+  std::size_t own_test = 0;        ///< number of photos in that test split
   bool has_test_split = false;
   bool blender = false;
-  std::string images = kImages;  ///< folder of the photos, where --images names it
-  std::optional<int> frames;     ///< that were asked for of a rig of videos
+  std::string images = kImages;  ///< image folder, for datasets that support --images
+  std::optional<int> frames;     ///< requested frames per camera of a rig of videos
   PointCloud points;
   std::vector<std::string> notes;
-  std::vector<Photo> photos;                  ///< of a folder
-  std::shared_ptr<const PackedScene> packed;  ///< instead
+  std::vector<Photo> photos;                  ///< if the source is a folder
+  std::shared_ptr<const PackedScene> packed;  ///< if the source is a packed scene
 };
 
 Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& folder) {
@@ -91,7 +91,7 @@ Dataset read_blender(const SceneOptions& options, const std::filesystem::path& t
   if (!transforms.points_file.empty()) {
     dataset.points = read_point_ply(transforms.points_file);
   } else if (const auto points = options.source / "points3d.ply"; is_file(points)) {
-    dataset.points = read_point_ply(points);  // where 3DGS leaves the points that it drew
+    dataset.points = read_point_ply(points);  // where 3DGS stores its random initial points
   }
   return dataset;
 }
@@ -134,7 +134,7 @@ Dataset read_rig(const SceneOptions& options) {
   return dataset;
 }
 
-/// Whether a listing of frames gives any of them a time after the first moment.
+/// Whether any frame of a transforms file has a time above 0.
 bool has_times(const std::filesystem::path& transforms) {
   std::ifstream in(transforms);
   const nlohmann::json listing = nlohmann::json::parse(in, nullptr, false, true);
@@ -146,11 +146,11 @@ bool has_times(const std::filesystem::path& transforms) {
 
 Dataset read_folder(const SceneOptions& options) {
   const std::filesystem::path& source = options.source;
-  // What moves comes first: such folders often hold a still model too, of one moment, to start from.
+  // Dynamic datasets first: their folders often also hold a static model of one moment, for the initial points.
   if (is_nerfies_capture(source)) return read_capture(options);
   if (is_neural_video(source)) return read_rig(options);
   if (const auto model = find_colmap_model(source)) {
-    // Whatever else a listing without times holds is of no interest beside the model.
+    // A transforms file without times is ignored if there is a COLMAP model.
     const auto file = source / "transforms_train.json";
     if (is_file(file) && has_times(file)) return read_blender(options, file);
     return read_colmap(options, *model);
@@ -166,21 +166,21 @@ Dataset read_folder(const SceneOptions& options) {
                    "poses_bounds.npy with videos)");
 }
 
-/// Refuses options that ask for other pictures than the packed ones.
+/// Throws InputError if the options ask for other images than the packed ones.
 void check_packed_pictures(const SceneOptions& options, const PackedListing& listing) {
-  const std::string again = "; pack the scene again to get those";
+  const std::string again = "; pack the scene again with that option";
   if (options.images && *options.images != listing.images) {
     throw InputError(options.source.string() + ": was packed from the image folder '" + listing.images +
-                     "', --images asks for '" + *options.images + "'" + again);
+                     "', but --images is '" + *options.images + "'" + again);
   }
   if (options.frames && listing.frames && *options.frames != *listing.frames) {
     throw InputError(options.source.string() + ": was packed with --frames " + std::to_string(*listing.frames) +
-                     ", --frames " + std::to_string(*options.frames) + " asks for others" + again);
+                     ", but --frames is " + std::to_string(*options.frames) + again);
   }
   const auto is_moving = [](const PackedPhoto& photo) { return photo.view.time > 0; };
   if (options.frame_times && std::ranges::none_of(listing.photos, is_moving)) {
     throw InputError(options.source.string() +
-                     ": its pictures were packed without times; pack the scene again with --frame-times to get those");
+                     ": its images were packed without times; pack the scene again with --frame-times");
   }
   if (!options.resolution) return;
   for (const PackedPhoto& photo : listing.photos) {
@@ -188,8 +188,8 @@ void check_packed_pictures(const SceneOptions& options, const PackedListing& lis
     const ImageSize packed{photo.view.camera.width, photo.view.camera.height};
     if (asked == packed) continue;
     const auto text = [](ImageSize size) { return std::to_string(size.width) + "x" + std::to_string(size.height); };
-    throw InputError(options.source.string() + ": its pictures were packed at " + text(packed) + ", --resolution " +
-                     std::to_string(*options.resolution) + " asks for " + text(asked) + again);
+    throw InputError(options.source.string() + ": its images were packed at " + text(packed) + ", but --resolution " +
+                     std::to_string(*options.resolution) + " requires " + text(asked) + again);
   }
 }
 
@@ -213,8 +213,8 @@ std::string number_text(double value) {
   return text;
 }
 
-/// Throws InputError unless a place, given by three coordinates, is near enough to the origin to train with.
-/// @param name says what lies there
+/// Throws InputError if a position [3] is too far from the origin to train with.
+/// @param name function that names what is at the position, for the message
 template <class Name>
 void check_position(const float* place, const std::filesystem::path& listing, const Name& name) {
   for (int axis = 0; axis < 3; ++axis) {
@@ -251,20 +251,20 @@ Dataset read_dataset(const SceneOptions& options) {
     dataset = read_packed(options);
   } else {
     throw InputError(source.string() +
-                     ": is not a folder, and no packed scene of SplatBoost either; --source takes one of them");
+                     ": is neither a folder nor a packed scene of SplatBoost; --source takes one of them");
   }
   if (dataset.names.empty()) throw InputError(dataset.listing.string() + ": lists no images");
   for (const std::string& name : dataset.names) {
-    // Results are JSON, which holds UTF-8 only; a file's name ends at a zero byte.
+    // Names go into JSON results, which must be UTF-8, and into paths, which end at a zero byte.
     if (is_utf8(name) && name.find('\0') == std::string::npos) continue;
     throw InputError(dataset.listing.string() + ": the name of the image '" + name +
-                     "' is not UTF-8; rename the image, there too");
+                     "' is not UTF-8; rename the image file and its entry in the dataset");
   }
   check_points(dataset.points, dataset.listing);
   return dataset;
 }
 
-/// Names of a list file, one a line; empty lines and # comments do not count.
+/// Names in a list file, one per line; empty lines and # comments are skipped.
 std::vector<std::string> read_names(const std::filesystem::path& file) {
   std::ifstream in(file);
   if (!is_file(file) || !in) throw InputError(file.string() + ": the list of test images cannot be opened");
@@ -278,7 +278,7 @@ std::vector<std::string> read_names(const std::filesystem::path& file) {
   return names;
 }
 
-/// A name may be written with or without its folder, and with or without its extension.
+/// A listed name may omit the folder, the extension, or both.
 bool names_match(const std::string& listed, const std::string& name) {
   const std::filesystem::path path(name);
   return listed == name || listed == path.filename().string() || listed == path.stem().string() ||
@@ -327,8 +327,8 @@ Split split_photos(const SceneOptions& options, const Dataset& dataset) {
   return split;
 }
 
-/// `count` photos from the first to the last, in even steps; half a step goes to the even neighbour, as numpy's
-/// rounding does in the published few-view splits.
+/// `count` photos evenly spaced from the first to the last. Indices are rounded half to even, as numpy does in the
+/// published few-view splits.
 std::vector<std::size_t> spread(const std::vector<std::size_t>& photos, std::size_t count) {
   if (count >= photos.size()) return photos;
   std::vector<std::size_t> kept;
@@ -345,8 +345,8 @@ std::vector<std::size_t> spread(const std::vector<std::size_t>& photos, std::siz
   return kept;
 }
 
-/// Points that somebody triangulated from these few views alone, where the few-view datasets keep them. Those of the
-/// COLMAP model come from all photos, the held-out ones too.
+/// Where few-view datasets keep the points triangulated from these few views alone. The points of the COLMAP model come
+/// from all photos, including the held-out ones.
 std::filesystem::path few_view_file(const std::filesystem::path& source, int views) {
   return source / (std::to_string(views) + "_views") / "dense" / "fused.ply";
 }
@@ -362,7 +362,7 @@ std::optional<PointCloud> few_view_points(const SceneOptions& options, const Dat
   return is_file(file) ? std::optional(read_point_ply(file)) : std::nullopt;
 }
 
-/// Those of every number of views that the folder has points of.
+/// The few-view points in the folder, for every number of views that it has.
 std::map<int, PointCloud> all_few_view_points(const std::filesystem::path& source) {
   std::map<int, PointCloud> clouds;
   for (const auto& entry : std::filesystem::directory_iterator(source)) {
@@ -376,11 +376,11 @@ std::map<int, PointCloud> all_few_view_points(const std::filesystem::path& sourc
   return clouds;
 }
 
-/// Reads photos on all CPUs that the process may use. Results are in order; of several broken photos the first is
-/// reported.
+/// Reads photos in parallel on all CPUs that the process may use. Results are in order; if several photos are broken,
+/// the first is reported.
 std::vector<LoadedView> load_photos(std::span<const Photo> photos, const ImageOptions& options) {
   std::vector<LoadedView> views(photos.size());
-  // A video is read once, from its beginning.
+  // Each video is decoded once, from its beginning.
   std::map<std::filesystem::path, std::vector<std::size_t>> of_videos;
   for (std::size_t i = 0; i < photos.size(); ++i) {
     if (photos[i].video_frame >= 0) of_videos[photos[i].file].push_back(i);
@@ -410,8 +410,8 @@ struct Box {
   double half = 0;
 };
 
-/// Where the cameras look: the point nearest to all optical axes, or, where the axes are almost parallel, a point
-/// in front of the cameras; and as far around it as the farthest camera is.
+/// The box that the cameras look at. Its centre is the point nearest to all optical axes or, if the axes are almost
+/// parallel, a point in front of the cameras; its half side is the distance to the farthest camera.
 Box look_at_box(const std::vector<View>& views) {
   const auto forward = [](const View& view) { return glm::dvec3(glm::transpose(view.camera.rotation())[2]); };
   glm::dvec3 mean_centre(0.0), mean_forward(0.0);
@@ -486,7 +486,7 @@ void note_images(const std::vector<LoadedView>& loaded, std::vector<std::string>
   }
   if (limited > 0) {
     notes.push_back("photos are " + std::to_string(widest) +
-                    " px wide and were reduced to 1600 px; --resolution 1 keeps them full");
+                    " px wide and were reduced to 1600 px; use --resolution 1 for full resolution");
   }
   if (undistorted > 0) notes.push_back(std::to_string(undistorted) + " photos were undistorted");
 }
@@ -495,7 +495,7 @@ ImageOptions image_options(const SceneOptions& options) {
   return {options.resolution.value_or(kResolution), options.white_background};
 }
 
-/// The chosen photos with their pixels, in that order.
+/// Loads the chosen photos (indices into Dataset::names), in the order of `chosen`.
 std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset, std::span<const std::size_t> chosen,
                              std::vector<std::string>& notes) {
   std::vector<View> views;
@@ -518,7 +518,7 @@ std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset
 std::vector<std::string> pack_scene(const SceneOptions& options, const std::filesystem::path& file) {
   check_options(options);
   const Dataset dataset = read_dataset(options);
-  require(!dataset.packed, options.source.string() + ": is packed already; copy it, or pack the folder it is of");
+  require(!dataset.packed, options.source.string() + ": is packed already; copy it, or pack the original dataset");
   ImageOptions pictures = image_options(options);
   pictures.white_background = false;
   std::vector<LoadedView> loaded = load_photos(dataset.photos, pictures);
@@ -600,7 +600,8 @@ Scene read_scene(const SceneOptions& options) {
                           " random ones");
   }
   if (!(scene.extent > 0)) {
-    // One camera, or all at one place: 3DGS's extent would be 0 and nothing would ever move. Take the scene's size.
+    // One camera, or all at one place: the extent of 3DGS, which scales the means' learning rate, would be 0. The
+    // distance to the farthest point is used instead.
     double farthest = 0;
     const glm::vec3 centre = scene.train.front().camera.centre();
     for (std::size_t i = 0; i < scene.points.size(); ++i) {
@@ -608,7 +609,8 @@ Scene read_scene(const SceneOptions& options) {
       farthest = std::max(farthest, static_cast<double>(glm::length(glm::vec3(p[0], p[1], p[2]) - centre)));
     }
     scene.extent = farthest > 0 ? static_cast<float>(farthest) : 1.0f;
-    scene.notes.push_back("all training cameras are at one place; the points give the size of the scene");
+    scene.notes.push_back(
+        "all training cameras are at the same position; the size of the scene is computed from its points");
   }
   return scene;
 }

@@ -15,30 +15,30 @@ namespace splatboost {
 
 struct SceneOptions {
   std::filesystem::path source;  ///< a folder, or a packed scene
-  /// Image folder of a COLMAP scene or a Nerfies capture; none: "images" or "rgb/1x", or what was packed.
+  /// Image folder of a COLMAP scene or a Nerfies capture; unset: "images" or "rgb/1x", or as packed.
   std::optional<std::string> images;
-  /// -1: full, but at most 1600 px wide (with a note); 1, 2, 4, 8: divisor; larger: width in px; none: -1, or as packed
+  /// -1: full, but at most 1600 px wide (with a note); 1, 2, 4, 8: divisor; larger: px width; unset: -1, or as packed
   std::optional<int> resolution;
   bool eval = false;  ///< hold out test views: every llffhold-th by name, or a Blender test split
   int llffhold = 8;
-  bool frame_times = false;   ///< of a COLMAP scene: the last number in an image's name tells its time
-  std::optional<int> frames;  ///< of each camera of a rig of videos, from the beginning; 0: all; none: 24, or as packed
-  std::filesystem::path test_list;  ///< file with one image name a line; instead of llffhold
-  /// > 0: keep that many training views, evenly spread (sparse-view protocol), and start from the points of
-  /// N_views/dense/fused.ply where there is this file
+  bool frame_times = false;   ///< COLMAP scenes: times from the last number in each image name
+  std::optional<int> frames;  ///< rigs of videos: first frames of each camera to read; 0: all; unset: 24, or as packed
+  std::filesystem::path test_list;  ///< file with one image name per line; replaces other test splits
+  /// > 0: number of training views to keep, evenly spread (sparse-view protocol); training then starts from the points
+  /// of N_views/dense/fused.ply if that file exists
   int n_views = 0;
   bool white_background = false;
-  int random_points = 100000;  ///< points to draw in the scene's box if the dataset has none
+  int random_points = 100000;  ///< points to sample in the scene's box if the dataset has none
   std::uint64_t seed = 0;
 };
 
-/// Throws InputError (file and cause in one line) on anything wrong with the data, and on a packed scene whose pictures
-/// are not those that the options ask for.
+/// Throws InputError (file and cause in one line) if the data is invalid, or if the options ask for other images than
+/// those in a packed scene.
 Scene read_scene(const SceneOptions& options);
 
-/// Packs the dataset of a folder with all its views, so that read_scene() of `file` gives what it gives of the folder.
-/// Of the options, `source`, `images`, `resolution`, `frames` and `frame_times` count. Throws InputError likewise.
-/// @return what a user should know about how the data was read, a line each
+/// Packs the dataset of a folder with all its views; read_scene() then gives the same result for `file` as for the
+/// folder. Only `source`, `images`, `resolution`, `frames` and `frame_times` are used. Throws InputError likewise.
+/// @return notes for the user on how the data was read, one line each
 std::vector<std::string> pack_scene(const SceneOptions& options, const std::filesystem::path& file);
 
 }  // namespace splatboost

@@ -20,7 +20,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// A JSON object together with the words that locate it in an error message.
+/// A JSON object and its location, for error messages.
 struct Place {
   const Json& json;
   std::string where;
@@ -39,12 +39,12 @@ struct Place {
   std::optional<std::string> text(const char* key) const {
     const auto found = json.find(key);
     if (found == json.end()) return std::nullopt;
-    if (!found->is_string()) fail(std::string("'") + key + "' is not a text");
+    if (!found->is_string()) fail(std::string("'") + key + "' is not a string");
     return found->get<std::string>();
   }
 };
 
-/// Writes the intrinsics that `place` gives over those at hand.
+/// Overwrites the intrinsics in `lens` that `place` has.
 void read_lens(const Place& place, Lens& lens) {
   const auto set = [&](const char* key, double& value) {
     if (const auto given = place.number(key)) value = *given;
@@ -52,7 +52,7 @@ void read_lens(const Place& place, Lens& lens) {
   const auto set_size = [&](const char* key, int& value) {
     const auto given = place.number(key);
     if (!given) return;
-    if (!(*given >= 1 && *given <= 1 << 20)) place.fail(std::string("'") + key + "' is not an image size");
+    if (!(*given >= 1 && *given <= 1 << 20)) place.fail(std::string("'") + key + "' is not a valid image size");
     value = static_cast<int>(std::lround(*given));
   };
   const auto set_focal = [&](const char* key, double& value) {
@@ -107,16 +107,16 @@ glm::dmat4 read_pose(const Place& frame) {
     }
   }
 
-  // Tools leave rounding errors, and some a scale, in the rotation; anything else is no camera.
+  // Rounding errors and a scale, which some tools leave in the rotation, are removed; anything else is an error.
   glm::dmat3 rotation(world_from_camera);
   const double volume = glm::determinant(rotation);
-  if (!(volume > 0)) frame.fail("'transform_matrix' holds no rotation (its determinant is not positive)");
+  if (!(volume > 0)) frame.fail("'transform_matrix' contains no rotation (its determinant is not positive)");
   rotation /= std::cbrt(volume);
   const glm::dmat3 product = glm::transpose(rotation) * rotation;
   for (int column = 0; column < 3; ++column) {
     for (int row = 0; row < 3; ++row) {
       if (!(std::abs(product[column][row] - (row == column ? 1.0 : 0.0)) < 1e-2)) {
-        frame.fail("'transform_matrix' holds no rotation (its axes are not orthogonal and of one length)");
+        frame.fail("'transform_matrix' contains no rotation (its axes are not orthogonal and of equal length)");
       }
     }
   }
@@ -133,7 +133,7 @@ glm::dmat4 read_pose(const Place& frame) {
   return camera_from_world;
 }
 
-/// Blender's files leave the extension out.
+/// The image file of a frame; Blender's files omit the extension.
 std::filesystem::path image_file(const std::filesystem::path& folder, const std::filesystem::path& listed) {
   const std::filesystem::path whole = folder / listed;
   std::error_code ignored;
@@ -143,7 +143,7 @@ std::filesystem::path image_file(const std::filesystem::path& folder, const std:
     file += extension;
     if (std::filesystem::is_regular_file(file, ignored)) return file;
   }
-  // Does not exist; load_view will say so about the most likely name.
+  // No such file; load_view() reports the most likely name.
   std::filesystem::path likely = whole;
   if (!likely.has_extension()) likely += ".png";
   return likely;
@@ -171,7 +171,7 @@ Transforms read_transforms(const std::filesystem::path& file) {
     Photo photo;
     photo.file = image_file(folder, *listed).lexically_normal();
     photo.name = std::filesystem::path(*listed).lexically_normal().generic_string();
-    // The name keeps what the dataset wrote, and gains the extension that it left out.
+    // The name is as in the dataset, plus the extension if it was omitted.
     if (const std::string extension = photo.file.extension().string(); !photo.name.ends_with(extension))
       photo.name += extension;
     photo.listed_in = file;

@@ -14,8 +14,8 @@ struct Transforms {
   std::filesystem::path points_file;  ///< ply_file_path; empty if there is none
 };
 
-/// Reads one file. Intrinsics of a frame go before those of the file; poses turn from OpenGL's convention (y up, z
-/// backward, camera to world) into ours. Throws InputError on anything missing, not a number, or not supported.
+/// Reads one file. Intrinsics of a frame override those of the file; poses are converted from OpenGL's convention (y
+/// up, z backward, camera to world) to ours. Throws InputError on anything missing, not a number, or not supported.
 Transforms read_transforms(const std::filesystem::path& file);
 
 }  // namespace splatboost

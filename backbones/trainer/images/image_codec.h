@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Image files and resampling, by OpenCV. A build without it has libpng: it reads and writes PNG files, and
-/// resamples nothing.
+/// @file Image files and resampling, with OpenCV. A build without OpenCV uses libpng: it reads and writes only PNG
+/// files, and cannot resample.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace splatboost {
 
-/// Interleaved pixels, channels in the order R, G, B, A (or one of grey); 16-bit ones in the machine's byte order.
+/// Interleaved pixels [H,W,channels] in the order R, G, B, A (or grey alone); 16-bit values in native byte order.
 struct Pixels {
   int width = 0;
   int height = 0;
@@ -22,19 +22,19 @@ struct Pixels {
 /// Whether this build has OpenCV.
 bool have_opencv();
 
-/// An image file as it is stored: no rotation by EXIF, since COLMAP did not rotate either; alpha and 16 bit kept.
-/// Throws InputError, beginning with `where`.
+/// Decodes an image file without conversion: alpha and 16 bit are kept, and the EXIF orientation is ignored, as COLMAP
+/// does. Throws InputError, beginning with `where`.
 Pixels decode_image(std::span<const std::uint8_t> file, const std::string& where);
 
 /// The bytes of a PNG file. Throws InputError, beginning with `where`.
 /// @param pixels 1 (grey), 3 (RGB) or 4 (RGBA) channels of 8 or 16 bits
 std::vector<std::uint8_t> encode_png(const Pixels& pixels, const std::string& where);
 
-/// 8-bit pixels at a smaller size, by the means over areas. Throws InputError, beginning with `where`.
+/// Downsamples 8-bit pixels by area averaging. Throws InputError, beginning with `where`.
 Pixels shrink_image(const Pixels& pixels, int width, int height, const std::string& where);
 
-/// 8-bit pixels resampled linearly; beyond the border its pixels go on. Throws InputError, beginning with `where`.
-/// @param positions [H,W,2] x, y of each result's source, counted from the middle of the first pixel
+/// Resamples 8-bit pixels bilinearly, replicating the border. Throws InputError, beginning with `where`.
+/// @param positions [H,W,2] source position x, y of each result pixel, measured from the centre of the first pixel
 Pixels resample_image(const Pixels& pixels, std::span<const float> positions, const std::string& where);
 
 }  // namespace splatboost

@@ -16,9 +16,9 @@
 namespace splatboost {
 namespace {
 
-constexpr int kPngCompression = 3;  // higher levels cost much time for a few per cent
+constexpr int kPngCompression = 3;  // higher levels take much longer and save a few per cent
 
-/// The user gets one line from us; OpenCV's own warnings would only surround it.
+/// Turns off OpenCV's own warnings: errors are reported to the user in one line of ours.
 void silence_opencv() {
   static const bool done = [] {
     cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
@@ -27,9 +27,9 @@ void silence_opencv() {
   (void)done;
 }
 
-/// While one lives, what libpng, libjpeg and others print onto the error stream is dropped: they write lines of their
-/// own beside our one, past OpenCV's logger. Several threads may decode at once; nothing else of the program prints
-/// then.
+/// Redirects stderr to /dev/null while an instance exists: libpng, libjpeg and other decoders print messages of their
+/// own, bypassing OpenCV's logger. Several threads may decode at once; nothing else in the program prints to stderr
+/// meanwhile.
 class QuietDecoders {
  public:
   QuietDecoders() {
@@ -57,13 +57,13 @@ class QuietDecoders {
   static inline int kept_ = -1;
 };
 
-/// The pixels in place; OpenCV only reads them.
+/// A matrix that shares the memory of the pixels. If they are const, it must only be read.
 cv::Mat wrap(const Pixels& pixels) {
   return cv::Mat(pixels.height, pixels.width, CV_MAKETYPE(pixels.bits == 8 ? CV_8U : CV_16U, pixels.channels),
                  const_cast<std::uint8_t*>(pixels.bytes.data()));
 }
 
-/// Room for pixels of a size, with a matrix to fill it by.
+/// Allocates pixels of the given size. @return a matrix that shares their memory, to fill them
 cv::Mat make_room(Pixels& pixels, int width, int height, int channels, int bits) {
   pixels.width = width;
   pixels.height = height;
@@ -89,7 +89,7 @@ Pixels decode_image(std::span<const std::uint8_t> file, const std::string& where
     throw InputError(where + ": the image cannot be decoded (" + error.err + ")");
   }
   require(!image.empty(),
-          where + ": the image cannot be decoded; it is damaged or of a format that OpenCV does not read");
+          where + ": the image cannot be decoded; it is damaged or in a format that OpenCV does not support");
   require(image.depth() == CV_8U || image.depth() == CV_16U,
           where + ": holds neither 8-bit nor 16-bit pixels; convert it to PNG or JPEG");
   const int channels = image.channels();

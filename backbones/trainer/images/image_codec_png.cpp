@@ -11,11 +11,11 @@
 namespace splatboost {
 namespace {
 
-constexpr int kPngCompression = 3;  // higher levels cost much time for a few per cent
+constexpr int kPngCompression = 3;  // higher levels take much longer and save a few per cent
 constexpr char kMagic[] = "\x89PNG\r\n\x1a\n";
 
 constexpr char kPackInstead[] =
-    "; this build has no OpenCV: where there is one, 'splatboost pack' makes a scene that is read anywhere";
+    "; this build has no OpenCV: pack the scene with 'splatboost pack' of a build with OpenCV";
 
 struct Input {
   std::span<const std::uint8_t> file;
@@ -36,15 +36,15 @@ void append_output(png_structp png, png_bytep from, std::size_t bytes) {
 
 void flush_output(png_structp) {}
 void ignore_warning(png_structp, png_const_charp) {}
-[[noreturn]] void return_to_caller(png_structp png, png_const_charp) { png_longjmp(png, 1); }  // and print nothing
+[[noreturn]] void return_to_caller(png_structp png, png_const_charp) { png_longjmp(png, 1); }  // prints nothing
 
-/// libpng returns here by longjmp, past whatever this function holds: it makes nothing that needs a destructor.
+/// On errors libpng jumps (longjmp) back here, skipping destructors: no local variable may need one.
 bool read_png(png_structp png, png_infop info, Pixels& pixels, std::vector<png_bytep>& rows) {
   if (setjmp(png_jmpbuf(png)) != 0) return false;
   png_read_info(png, info);
   png_set_expand(png);  // palettes to RGB, few bits to 8, a transparent colour to alpha
   if (std::endian::native == std::endian::little) png_set_swap(png);
-  // Grey with alpha becomes RGBA, as OpenCV makes it.
+  // Grey with alpha becomes RGBA, as OpenCV does.
   const bool alpha =
       (png_get_color_type(png, info) & PNG_COLOR_MASK_ALPHA) != 0 || png_get_valid(png, info, PNG_INFO_tRNS) != 0;
   if (alpha) png_set_gray_to_rgb(png);
@@ -106,16 +106,16 @@ std::vector<std::uint8_t> encode_png(const Pixels& pixels, const std::string& wh
   png_set_write_fn(png, &file, append_output, flush_output);
   const bool good = write_png(png, info, pixels);
   png_destroy_write_struct(&png, &info);
-  require(good, where + ": libpng cannot encode this picture");
+  require(good, where + ": libpng cannot encode this image");
   return file;
 }
 
 Pixels shrink_image(const Pixels&, int, int, const std::string& where) {
-  throw InputError(where + ": the image would have to be resized" + kPackInstead);
+  throw InputError(where + ": the image must be resized" + kPackInstead);
 }
 
 Pixels resample_image(const Pixels&, std::span<const float>, const std::string& where) {
-  throw InputError(where + ": the image would have to be undistorted" + kPackInstead);
+  throw InputError(where + ": the image must be undistorted" + kPackInstead);
 }
 
 }  // namespace splatboost

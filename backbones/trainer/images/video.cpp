@@ -19,15 +19,15 @@ namespace {
 namespace fs = std::filesystem;
 
 fs::path unfinished_name(const fs::path& path) {
-  // The suffix stays last: OpenCV chooses the container by it.
+  // The suffix stays last: OpenCV chooses the container format by it.
   return path.parent_path() / ("." + path.stem().string() + ".part" + path.extension().string());
 }
 
-/// Nothing but ours is printed. Before main(), because videos are opened by several threads and the environment is
-/// theirs to read.
+/// Silences OpenCV and FFmpeg. Done before main(): several threads open videos, and setenv() must not run while they
+/// read the environment.
 const bool kQuiet = [] {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // FFmpeg has lines of its own
+  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);  // FFmpeg has its own log level
   return true;
 }();
 
@@ -36,11 +36,11 @@ cv::VideoCapture open_video(const fs::path& path) {
   try {
     if (capture.open(path.string())) return capture;
   } catch (const cv::Exception&) {
-    // told below
+    // reported below
   }
   throw InputError(path.string() +
-                   ": this OpenCV cannot read the video (damaged, or no codec); give a folder of its frames of the "
-                   "same name in its place");
+                   ": OpenCV cannot read the video (damaged, or no codec); replace it with a folder of the same name "
+                   "that contains its frames");
 }
 
 }  // namespace
@@ -65,23 +65,22 @@ VideoFile::VideoFile(const fs::path& path, int width, int height, double frames_
   if (!path.parent_path().empty()) {
     std::error_code error;
     fs::create_directories(path.parent_path(), error);
-    if (error) throw InputError(path.string() + ": cannot make its folder: " + error.message());
+    if (error) throw InputError(path.string() + ": cannot create its folder: " + error.message());
   }
-  // A codec that is missing is tried and told in one line here, not in OpenCV's many.
+  // A missing codec is reported in one line below, instead of OpenCV's many lines.
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   for (const char* codec : {"avc1", "mp4v"}) {
     const int fourcc = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
     try {
       if (state_->writer.open(state_->unfinished.string(), fourcc, frames_per_second, state_->frame.size())) return;
     } catch (const cv::Exception&) {
-      // the next one
+      // try the next codec
     }
   }
   std::error_code ignored;
   fs::remove(state_->unfinished, ignored);
-  throw InputError(
-      path.string() +
-      ": this OpenCV cannot write such a video (no codec, or no permission); leave out --video for PNG files");
+  throw InputError(path.string() +
+                   ": OpenCV cannot write the video (no codec, or no permission); omit --video to write PNG files");
 }
 
 VideoFile::~VideoFile() {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Renders as a film, and films as photos.
+/// @file Writes renders to a video file, and reads videos as photos.
 #pragma once
 
 #include <cstddef>
@@ -11,18 +11,19 @@
 
 namespace splatboost {
 
-/// A video file that appears when it is whole. Its codec is H.264 where OpenCV was built with it, else MPEG-4.
+/// Writes a video file, which gets its name in finish(). The codec is H.264 if OpenCV was built with it, else MPEG-4.
 class VideoFile {
  public:
-  /// Sides are cut to even numbers, as codecs want them. Throws InputError if no codec or no file can be opened.
+  /// Crops width and height to even numbers, as codecs require. Throws InputError if no codec or file can be opened.
   VideoFile(const std::filesystem::path& path, int width, int height, double frames_per_second);
-  /// Removes what finish() has not completed.
+  /// Removes the unfinished file unless finish() succeeded.
   ~VideoFile();
   VideoFile(const VideoFile&) = delete;
   VideoFile& operator=(const VideoFile&) = delete;
 
   /// @param color [3,H,W], clamped to [0,1]
   void add(std::span<const float> color);
+  /// Closes the file and renames it to `path`. Throws std::runtime_error if that fails.
   void finish();
 
  private:
@@ -30,7 +31,7 @@ class VideoFile {
   std::unique_ptr<State> state_;
 };
 
-/// The frames of a video, in order. Both throw InputError where it cannot be read.
+/// Reads the frames of a video in order. The constructor and next() throw InputError if the video cannot be read.
 class VideoFrames {
  public:
   explicit VideoFrames(const std::filesystem::path& path);
@@ -38,7 +39,7 @@ class VideoFrames {
   VideoFrames(const VideoFrames&) = delete;
   VideoFrames& operator=(const VideoFrames&) = delete;
 
-  /// The next one, RGB of 8 bits.
+  /// The next frame, 8-bit RGB.
   Pixels next();
 
  private:
@@ -47,12 +48,12 @@ class VideoFrames {
 };
 
 struct VideoLength {
-  std::size_t readable = 0;  ///< frames from the beginning on that VideoFrames gives
-  std::size_t claimed = 0;   ///< that the file says it has; 0: it does not say
+  std::size_t readable = 0;  ///< frames from the beginning that VideoFrames can read
+  std::size_t claimed = 0;   ///< frames according to the file; 0: not stated
 };
 
-/// Decodes a video to tell how long it is. Throws InputError where it cannot be read at all.
-/// @param most frames to look for; 0: all
+/// Counts the frames of a video by decoding it. Throws InputError if it cannot be opened.
+/// @param most stop counting at this number of frames; 0: count all
 VideoLength measure_video(const std::filesystem::path& path, std::size_t most);
 
 }  // namespace splatboost

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for the file of this name in a build without OpenCV.
+// Replaces video.cpp in a build without OpenCV: all constructors throw.
 #include "trainer/images/video.h"
 #include "trainer/support/input_error.h"
 
@@ -9,7 +9,7 @@ struct VideoFile::State {};
 
 VideoFile::VideoFile(const std::filesystem::path& path, int, int, double) {
   throw InputError(path.string() +
-                   ": a video needs OpenCV, which this build does not have; leave out --video for PNG files");
+                   ": a video needs OpenCV, which this build does not have; omit --video to write PNG files");
 }
 
 VideoFile::~VideoFile() = default;
@@ -20,7 +20,7 @@ struct VideoFrames::State {};
 
 VideoFrames::VideoFrames(const std::filesystem::path& path) {
   throw InputError(path.string() +
-                   ": a video needs OpenCV, which this build does not have; give folders of its frames in its place");
+                   ": a video needs OpenCV, which this build does not have; replace it with a folder of its frames");
 }
 
 VideoFrames::~VideoFrames() = default;

@@ -44,7 +44,7 @@ DtuMask read_dtu_mask(const std::filesystem::path& path) {
     mask.low[c] = box.values[2 * c];
     mask.high[c] = box.values[2 * c + 1];
     mask.size[c] = flags.shape[c];
-    require(mask.low[c] < mask.high[c], file + ": BB must be a box of 2 x 3 numbers, the lower ones first");
+    require(mask.low[c] < mask.high[c], file + ": BB must be a box of 2 x 3 numbers, the lower corner first");
   }
   mask.resolution = step.values[0];
   mask.observed = std::move(flags.values);

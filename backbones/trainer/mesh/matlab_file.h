@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Arrays of numbers in MATLAB's files (.mat), by libmatio. A build without it reads none, and says so.
+/// @file Reads numeric arrays from MATLAB files (.mat) with libmatio. Without it, reading throws InputError.
 #pragma once
 
 #include <cstddef>
@@ -10,19 +10,19 @@
 
 namespace splatboost {
 
-/// The first of the shape runs fastest, as MATLAB stores them.
+/// The first dimension of the shape runs fastest, as MATLAB stores arrays.
 template <class Number>
 struct MatlabArray {
   std::vector<std::size_t> shape;
   std::vector<Number> values;
 };
 
-/// Reads one array of real numbers or truth values by its name; the second gives 1 where a number is not 0. Throws
-/// InputError on a file that is none of MATLAB's, and where the array is missing, of another kind or empty.
+/// Reads one array of real numbers or booleans by name; read_matlab_flags() gives 1 where a value is not 0. Throws
+/// InputError if the file is not a MATLAB file, or if the array is missing, empty or of another type.
 MatlabArray<double> read_matlab_numbers(const std::filesystem::path& path, const std::string& name);
 MatlabArray<std::uint8_t> read_matlab_flags(const std::filesystem::path& path, const std::string& name);
 
-/// Whether this build reads them.
+/// Whether this build can read MATLAB files.
 bool has_matlab_files();
 
 }  // namespace splatboost

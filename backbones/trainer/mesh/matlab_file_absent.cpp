@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for matlab_file_matio.cpp in a build without libmatio.
+// Replaces matlab_file_matio.cpp in a build without libmatio.
 #include "trainer/mesh/matlab_file.h"
 #include "trainer/support/input_error.h"
 
@@ -8,7 +8,7 @@ namespace {
 
 [[noreturn]] void refuse(const std::filesystem::path& path) {
   throw InputError(path.string() +
-                   ": this build reads no MATLAB files: install libmatio (Debian: libmatio-dev) and build again");
+                   ": this build cannot read MATLAB files; install libmatio (Debian: libmatio-dev) and build again");
 }
 
 }  // namespace

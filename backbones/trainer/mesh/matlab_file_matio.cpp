@@ -14,7 +14,7 @@ struct Close {
   void operator()(matvar_t* variable) const { Mat_VarFree(variable); }
 };
 
-/// Calls use(values, count) with the numbers of an array as they are stored.
+/// Calls use(values, count) with the values in their stored type.
 template <class Use>
 void with_values(const matvar_t& variable, const std::string& what, Use&& use) {
   std::size_t count = 1;
@@ -47,10 +47,10 @@ void with_values(const matvar_t& variable, const std::string& what, Use&& use) {
 
 template <class Number, class Convert>
 MatlabArray<Number> read(const std::filesystem::path& path, const std::string& name, Convert&& convert) {
-  Mat_LogInitFunc("splatboost", [](int, char*) {});  // it would write to the terminal
+  Mat_LogInitFunc("splatboost", [](int, char*) {});  // by default it would print to the terminal
   require(std::filesystem::is_regular_file(path), path.string() + ": there is no such file");
   const std::unique_ptr<mat_t, Close> file(Mat_Open(path.c_str(), MAT_ACC_RDONLY));
-  require(file != nullptr, path.string() + ": is no file of MATLAB's, or damaged");
+  require(file != nullptr, path.string() + ": is not a MATLAB file, or is damaged");
   const std::unique_ptr<matvar_t, Close> variable(Mat_VarRead(file.get(), name.c_str()));
   const std::string what = path.string() + ": " + name;
   require(variable != nullptr, what + " is missing or damaged");

@@ -15,11 +15,11 @@
 namespace splatboost {
 namespace {
 
-constexpr double kNear = 1e-6;    // of depth
-constexpr double kDarkest = 0.1;  // of what is seen edge-on
+constexpr double kNear = 1e-6;    // nearest depth drawn
+constexpr double kDarkest = 0.1;  // shade of surfaces seen edge-on
 constexpr double kPixelCenter = 0.5;
 
-/// Twice the area of a triangle, with its sign.
+/// Twice the signed area of a triangle.
 double area(glm::dvec2 a, glm::dvec2 b, glm::dvec2 c) { return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x); }
 
 }  // namespace
@@ -55,7 +55,7 @@ std::vector<std::uint8_t> draw_mesh(const TriangleMesh& mesh, const Camera& came
 
     const auto [left, right] = std::minmax({on_screen[0].x, on_screen[1].x, on_screen[2].x});
     const auto [top, bottom] = std::minmax({on_screen[0].y, on_screen[1].y, on_screen[2].y});
-    // Pixels whose centres may lie within.
+    // Range of pixels whose centres may lie inside the triangle.
     const auto from = [](double low) { return static_cast<std::size_t>(std::max(0.0, std::ceil(low - kPixelCenter))); };
     const auto to = [](double high, std::size_t most) {
       return static_cast<std::size_t>(std::clamp(std::floor(high - kPixelCenter) + 1, 0.0, static_cast<double>(most)));

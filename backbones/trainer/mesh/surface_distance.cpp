@@ -16,7 +16,7 @@
 namespace splatboost {
 namespace {
 
-constexpr const char* kNothingCounts = "one of the surfaces holds no point that counts";
+constexpr const char* kNothingCounts = "one of the surfaces has no points to compare";
 constexpr std::size_t kGrain = 1024;
 constexpr int kMaxSteps = 100000;  ///< along a side of a triangle
 
@@ -44,7 +44,8 @@ double mean_below(const std::vector<double>& distances, std::optional<double> cu
     sum += d;
     ++count;
   }
-  require(count > 0, "no point lies nearer to the other surface than the cut: is the mesh aligned with the truth?");
+  require(count > 0,
+          "no point is closer to the other surface than --cut; check that the mesh is aligned with the true surface");
   return sum / static_cast<double>(count);
 }
 
@@ -65,7 +66,7 @@ std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing) {
                                                std::to_string(kMaxSteps) +
                                                " points along a side; give a larger --spacing or --threshold");
     const int steps = static_cast<int>(std::ceil(longest / spacing));
-    // The corners are vertices: those of a triangle within the spacing are enough.
+    // The vertices are already among the points; a triangle no longer than the spacing needs no more.
     for (int i = 0; i < steps && steps > 1; ++i) {
       for (int j = 0; i + j < steps; ++j) {
         const double u = (i + 1.0 / 3) / steps, v = (j + 1.0 / 3) / steps;

@@ -13,18 +13,18 @@
 
 namespace splatboost {
 
-/// Points on the triangles, about `spacing` apart and evenly spread, with the vertices; a mesh without triangles gives
-/// its vertices. @return [N,3]
+/// Evenly spread points on the triangles, about `spacing` apart, and the vertices; a mesh without triangles gives its
+/// vertices. Throws InputError if the spacing is far too small for a triangle. @return [N,3]
 std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing);
 
-/// Leaves of points, taken in an order that a seed draws, those that no point taken before lies within `radius` of
-/// (DTU's down-sampling).
+/// Visits the points in a random order given by `seed` and keeps each that has no kept point within `radius` (DTU's
+/// down-sampling).
 std::vector<float> thin_points(std::span<const float> points, double radius, std::uint64_t seed);
 
 /// Distance of each point to the nearest of `others`, which must not be empty.
 std::vector<double> nearest_distances(std::span<const float> points, std::span<const float> others, Threads& threads);
 
-/// A box; points outside of it do not count.
+/// An axis-aligned box; points outside it are ignored.
 struct CropBox {
   std::array<float, 3> low, high;
 };
@@ -32,11 +32,11 @@ std::vector<float> cropped(std::span<const float> points, const CropBox& box);
 
 struct SurfaceDistance {
   std::size_t found_points = 0, true_points = 0;
-  double accuracy = 0;                       ///< mean distance of what was found to the truth
-  double completeness = 0;                   ///< mean distance of the truth to what was found
+  double accuracy = 0;                       ///< mean distance of found points to the truth
+  double completeness = 0;                   ///< mean distance of true points to the found ones
   double chamfer = 0;                        ///< mean of both
-  double median_accuracy = 0;                ///< half of what was found lies nearer
-  double precision = 0, recall = 0, f1 = 0;  ///< shares within the threshold
+  double median_accuracy = 0;                ///< median distance of found points to the truth
+  double precision = 0, recall = 0, f1 = 0;  ///< shares of points within the threshold
 };
 
 /// @param threshold of precision and recall (tau of Tanks and Temples)
@@ -44,8 +44,8 @@ struct SurfaceDistance {
 SurfaceDistance compare_surfaces(std::span<const float> found, std::span<const float> truth, double threshold,
                                  std::optional<double> cut, Threads& threads);
 
-/// The same of distances that are known already, where not all of one surface is compared with all of the other.
-/// @param to_truth of points that were found @param to_found of points of the truth; neither may be empty
+/// The same from given distances, for cases where only part of one surface is compared with all of the other.
+/// @param to_truth distances of the found points @param to_found distances of the true points; neither may be empty
 SurfaceDistance summarize_distances(std::vector<double> to_truth, const std::vector<double>& to_found, double threshold,
                                     std::optional<double> cut);
 

@@ -56,7 +56,7 @@ void write_glb(std::ostream& out, const TriangleMesh& mesh) {
   const std::size_t positions = 12 * n, colors = mesh.colors.empty() ? 0 : 4 * n, indices = 12 * mesh.size();
   const std::size_t bytes = positions + colors + indices;
   require(bytes < std::numeric_limits<std::uint32_t>::max() - (std::size_t{1} << 16),
-          "the mesh is too large for a .glb, whose lengths have 32 bits; write a .ply");
+          "the mesh is too large for a .glb file, which has 32-bit lengths; write a .ply file");
   nlohmann::json gltf = {
       {"asset", {{"version", "2.0"}, {"generator", "splatboost"}}},
       {"scene", 0},
@@ -100,9 +100,9 @@ void write_glb(std::ostream& out, const TriangleMesh& mesh) {
   out.write(reinterpret_cast<const char*>(mesh.triangles.data()), static_cast<std::streamsize>(indices));
 }
 
-/// What is declared of an element.
+/// A property that the header declares for an element.
 struct PlyProperty {
-  std::string name, type, count_type;  ///< count_type: of a list
+  std::string name, type, count_type;  ///< count_type: of a list, else empty
 };
 struct PlyElement {
   std::string name;
@@ -110,7 +110,7 @@ struct PlyElement {
   std::vector<PlyProperty> properties;
 };
 
-/// Reads numbers of a .ply one by one.
+/// Reads the numbers of a .ply one at a time.
 class PlyNumbers {
  public:
   PlyNumbers(std::istream& in, bool text, std::string file) : in_(in), text_(text), file_(std::move(file)) {}
@@ -118,7 +118,8 @@ class PlyNumbers {
   double next(const std::string& type) {
     if (text_) {
       double value = 0;
-      require(static_cast<bool>(in_ >> value), file_ + ": the file ends early or holds what is no number");
+      require(static_cast<bool>(in_ >> value),
+              file_ + ": the file ends early or contains a value that is not a number");
       return value;
     }
     if (type == "float" || type == "float32") return load<float>();
@@ -129,7 +130,7 @@ class PlyNumbers {
     if (type == "short" || type == "int16") return load<std::int16_t>();
     if (type == "uint" || type == "uint32") return load<std::uint32_t>();
     if (type == "int" || type == "int32") return load<std::int32_t>();
-    throw InputError(file_ + ": unknown type '" + type + "' of a property");
+    throw InputError(file_ + ": unknown property type '" + type + "'");
   }
 
  private:
@@ -196,7 +197,7 @@ std::size_t keep_largest_parts(TriangleMesh& mesh, std::size_t least_triangles, 
 
 void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh) {
   const std::string ending = path.extension();
-  require(ending == ".ply" || ending == ".glb", path.string() + ": a mesh is written to a .ply or a .glb file");
+  require(ending == ".ply" || ending == ".glb", path.string() + ": a mesh can only be written to a .ply or .glb file");
   write_file_atomically(path,
                         [&](std::ostream& out) { ending == ".ply" ? write_ply(out, mesh) : write_glb(out, mesh); });
 }
@@ -206,7 +207,7 @@ TriangleMesh read_mesh(const std::filesystem::path& path) {
   require(is_file(path), file + ": there is no such file");
   std::ifstream in(path, std::ios::binary);
   std::string line, word, format;
-  require(std::getline(in, line) && line.substr(0, 3) == "ply", file + ": this is no .ply file");
+  require(std::getline(in, line) && line.substr(0, 3) == "ply", file + ": not a .ply file");
   std::vector<PlyElement> elements;
   while (std::getline(in, line)) {
     if (!line.empty() && line.back() == '\r') line.pop_back();
@@ -228,13 +229,13 @@ TriangleMesh read_mesh(const std::filesystem::path& path) {
       elements.back().properties.push_back(property);
     }
   }
-  require(static_cast<bool>(in), file + ": the header does not end");
-  require(format == "ascii" || format == "binary_little_endian", file + ": format '" + format + "' is not read");
+  require(static_cast<bool>(in), file + ": the header has no end_header line");
+  require(format == "ascii" || format == "binary_little_endian", file + ": format '" + format + "' is not supported");
   PlyNumbers numbers(in, format == "ascii", file);
   TriangleMesh mesh;
   std::uint64_t bytes = std::filesystem::file_size(path);
   for (const PlyElement& element : elements) {
-    require(element.count <= bytes, file + ": the file is too small for what its header says");
+    require(element.count <= bytes, file + ": the file is too small for the element counts in its header");
     const bool is_vertex = element.name == "vertex", is_face = element.name == "face";
     for (std::size_t i = 0; i < element.count; ++i) {
       std::array<float, 3> position{NAN, NAN, NAN};
@@ -247,14 +248,14 @@ TriangleMesh read_mesh(const std::filesystem::path& path) {
           continue;
         }
         const double count = numbers.next(property.count_type);
-        require(count >= 0 && count <= static_cast<double>(bytes), file + ": a list of an impossible length");
+        require(count >= 0 && count <= static_cast<double>(bytes), file + ": a list has an invalid length");
         const bool corners = is_face && property.name.rfind("vertex_ind", 0) == 0;
         std::uint32_t first = 0, last = 0;
         for (int k = 0; k < static_cast<int>(count); ++k) {
           const double value = numbers.next(property.type);
           if (!corners) continue;
           require(value >= 0 && value < static_cast<double>(mesh.vertices()),
-                  file + ": a face names a vertex that is not there");
+                  file + ": a face refers to a vertex that does not exist");
           const auto corner = static_cast<std::uint32_t>(value);
           if (k == 0) first = corner;
           if (k >= 2) mesh.triangles.insert(mesh.triangles.end(), {first, last, corner});
@@ -262,11 +263,11 @@ TriangleMesh read_mesh(const std::filesystem::path& path) {
         }
       }
       if (!is_vertex) continue;
-      for (const float value : position) require(std::isfinite(value), file + ": a vertex without x, y or z");
+      for (const float value : position) require(std::isfinite(value), file + ": a vertex has no finite x, y or z");
       mesh.positions.insert(mesh.positions.end(), position.begin(), position.end());
     }
   }
-  require(mesh.vertices() > 0, file + ": it holds no vertex");
+  require(mesh.vertices() > 0, file + ": the mesh has no vertices");
   return mesh;
 }
 

@@ -18,18 +18,18 @@ struct TriangleMesh {
   std::size_t size() const { return triangles.size() / 3; }
 };
 
-/// Leaves the connected parts of at least so many triangles, and of these the largest.
-/// @param most how many; 0: all of them
-/// @return how many parts there were
+/// Keeps the largest of the connected parts that have at least `least_triangles` triangles.
+/// @param most number of parts to keep; 0: all of them
+/// @return number of connected parts before
 std::size_t keep_largest_parts(TriangleMesh& mesh, std::size_t least_triangles, std::size_t most);
 
-/// By the file's ending: .ply (binary little endian) or .glb (glTF 2.0, y up as the world has it; with opacities
-/// blended and seen from both sides). Written aside, then renamed. Throws InputError on another ending, and where a
-/// .glb, whose lengths have 32 bits, cannot hold the mesh.
+/// Writes a .ply (binary little endian) or .glb (glTF 2.0; positions as in the world, not turned to glTF's y up; with
+/// opacities, alpha blended and double-sided), by the file's extension. Written to a temporary file, then renamed.
+/// Throws InputError on another extension, and if the mesh is too large for a .glb, whose lengths have 32 bits.
 void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh);
 
-/// Reads a .ply of triangles or points (then without triangles), binary little endian or text; colours and other
-/// properties are not read. Polygons become fans. Throws InputError on anything missing or truncated.
+/// Reads a .ply of triangles or of points only, binary little endian or text; colours and other properties are ignored.
+/// Polygons are split into triangle fans. Throws InputError on anything missing or truncated.
 TriangleMesh read_mesh(const std::filesystem::path& path);
 
 }  // namespace splatboost

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Depth images fused into a truncated signed distance field (Curless and Levoy 1996), and the mesh of its zero.
+/// @file Depth images fused into a truncated signed distance field (Curless and Levoy 1996), and its zero level set.
 #pragma once
 
 #include <cstdint>
@@ -12,26 +12,26 @@
 
 namespace splatboost {
 
-/// Whether this build can make meshes: it needs OpenVDB. Otherwise a TsdfVolume throws an InputError that says so.
+/// Whether this build has OpenVDB, which meshes need. Without it, the constructor of TsdfVolume throws InputError.
 bool has_tsdf_volumes();
 
 struct TsdfOptions {
   float voxel = 0.01f;                               ///< side, world units
-  float truncation = 0.04f;                          ///< distances are kept up to this, world units
-  std::uint64_t max_bytes = std::uint64_t{4} << 30;  ///< of the volume
+  float truncation = 0.04f;                          ///< distances are truncated at this, world units
+  std::uint64_t max_bytes = std::uint64_t{4} << 30;  ///< memory limit of the volume
 };
 
-/// Blocks of voxels near surfaces alone take memory. Throws InputError where that would pass max_bytes.
+/// Only blocks of voxels near surfaces take memory. integrate() throws InputError if they would exceed max_bytes.
 class TsdfVolume {
  public:
   explicit TsdfVolume(const TsdfOptions& options);
   ~TsdfVolume();
 
-  /// @param depth [H,W] along z; 0: nothing is known
+  /// @param depth [H,W] along z; 0: unknown
   /// @param color [3,H,W]
   void integrate(const Camera& camera, std::span<const float> depth, std::span<const float> color, Threads& threads);
 
-  /// The zero between voxels that were all seen at least so often.
+  /// The zero level set in the cells whose eight corner voxels were each seen by at least `least_views` views.
   TriangleMesh mesh(int least_views, Threads& threads) const;
 
   std::uint64_t bytes() const;

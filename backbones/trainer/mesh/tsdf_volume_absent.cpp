@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A build without OpenVDB.
+// Replaces tsdf_volume_openvdb.cpp in a build without OpenVDB.
 #include "trainer/mesh/tsdf_volume.h"
 #include "trainer/support/input_error.h"
 
@@ -9,7 +9,8 @@ struct TsdfVolume::State {};
 
 bool has_tsdf_volumes() { return false; }
 TsdfVolume::TsdfVolume(const TsdfOptions&) {
-  throw InputError("this build makes no meshes: install OpenVDB (Debian: libopenvdb-dev libboost-dev) and build again");
+  throw InputError(
+      "this build cannot create meshes; install OpenVDB (Debian: libopenvdb-dev libboost-dev) and build again");
 }
 TsdfVolume::~TsdfVolume() = default;
 void TsdfVolume::integrate(const Camera&, std::span<const float>, std::span<const float>, Threads&) {}

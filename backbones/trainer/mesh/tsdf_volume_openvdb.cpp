@@ -34,7 +34,7 @@ struct TsdfVolume::State {
     color = Colors::create(openvdb::Vec3f(0.0f));
   }
 
-  /// Makes the blocks along the rays near the surface.
+  /// Allocates the blocks within the truncation distance of the surface, along the ray of each pixel.
   void touch(const Camera& camera, std::span<const float> depth) {
     const glm::mat4 world_from_camera = glm::inverse(camera.camera_from_world);
     auto accessor = distance->getAccessor();
@@ -54,7 +54,7 @@ struct TsdfVolume::State {
           if (!(at > 0)) continue;
           const glm::vec3 point(world_from_camera * glm::vec4(at * ray, 1));
           const glm::vec3 index = glm::floor(point / options.voxel);
-          // Farther off single precision does not tell voxels apart.
+          // Beyond this, single precision cannot distinguish neighbouring voxels.
           if (!(glm::all(glm::lessThan(glm::abs(index), glm::vec3(kFarthestIndex))))) continue;
           const Coordinates block(static_cast<int>(index.x) & ~(kBlock - 1), static_cast<int>(index.y) & ~(kBlock - 1),
                                   static_cast<int>(index.z) & ~(kBlock - 1));
@@ -82,7 +82,8 @@ struct TsdfVolume::State {
 bool has_tsdf_volumes() { return true; }
 
 TsdfVolume::TsdfVolume(const TsdfOptions& options) : state_(std::make_unique<State>(options)) {
-  require(options.voxel > 0 && options.truncation >= options.voxel, "the truncation must be at least a voxel");
+  require(options.voxel > 0 && options.truncation >= options.voxel,
+          "the truncation distance must be at least the voxel size");
 }
 TsdfVolume::~TsdfVolume() = default;
 
@@ -104,7 +105,7 @@ void TsdfVolume::integrate(const Camera& camera, std::span<const float> depth, s
   threads.for_range(distances.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t leaf = begin; leaf < end; ++leaf) {
       const Coordinates origin = distances[leaf]->origin();
-      // A block whose ball lies behind the camera is not seen.
+      // Skip blocks whose bounding sphere lies behind the camera.
       const float half = 0.5f * kBlock * voxel;
       const glm::vec3 corner(static_cast<float>(origin.x()) * voxel, static_cast<float>(origin.y()) * voxel,
                              static_cast<float>(origin.z()) * voxel);
@@ -124,7 +125,7 @@ void TsdfVolume::integrate(const Camera& camera, std::span<const float> depth, s
         const std::size_t p = static_cast<std::size_t>(v) * width + static_cast<std::size_t>(u);
         if (!(depth[p] > 0)) continue;
         const float ahead = depth[p] - point.z;
-        if (ahead < -truncation) continue;  // behind the surface: not seen
+        if (ahead < -truncation) continue;  // hidden behind the surface
         const float before = weights[leaf]->getValue(offset), share = 1 / (before + 1);
         const float old = before > 0 ? distances[leaf]->getValue(offset) : 0.0f;
         distances[leaf]->setValueOn(offset, old + (std::min(ahead, truncation) - old) * share);
@@ -141,7 +142,7 @@ TriangleMesh TsdfVolume::mesh(int least_views, Threads& threads) const {
   const State& state = *state_;
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
                                   static_cast<std::size_t>(threads.count()));
-  // Cells whose eight corners were seen.
+  // Cells whose eight corners were each seen by at least `least_views` views.
   auto mask = openvdb::BoolGrid::create(false);
   {
     auto weights = state.weight->getConstAccessor();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page holds no script, and its content policy forbids the browser to load anything.
+// The page contains no script, and its content security policy forbids the browser to load anything.
 #include "trainer/report/report.h"
 
 #include <algorithm>
@@ -74,8 +74,8 @@ std::string result_table(const std::vector<ReportRun>& runs, const std::vector<R
   out +=
       "</tbody></table></div>\n<p class=\"note\">Higher is better for PSNR and SSIM, lower for LPIPS. “In any viewer” "
       "is the same "
-      "model drawn without the compact box. Training time leaves out evaluation and saving. The time to the baseline's "
-      "PSNR is when the curve first shows the value at which the baseline's ends.</p></section>\n";
+      "model drawn without the compact box. Training time excludes evaluation and saving. The time to the baseline's "
+      "PSNR is when the curve first reaches the final value of the baseline's curve.</p></section>\n";
   return out;
 }
 
@@ -130,7 +130,7 @@ std::string how_it_was_run(const std::vector<ReportRun>& runs) {
       return code && !value.empty() ? "<code>" + escape(value) + "</code>" : escape(value.empty() ? "–" : value);
     };
     out += "<tr><th scope=\"row\">" + label + "</th>";
-    // What all runs share is said once.
+    // A value that all runs share is shown once.
     if (std::set<std::string>(values.begin(), values.end()).size() == 1) {
       out += "<td colspan=\"" + std::to_string(runs.size()) + "\">" + cell(values[0]) + "</td>";
     } else {

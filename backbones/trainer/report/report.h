@@ -11,9 +11,9 @@
 
 namespace splatboost {
 
-/// The surface that a view shows, as PNGs.
+/// The surface seen from a view, as PNGs.
 struct ReportSurface {
-  std::string name;               ///< of the view
+  std::string name;               ///< name of the view
   std::filesystem::path truth;    ///< the photo
   std::filesystem::path depth;    ///< grey, nearer is brighter
   std::filesystem::path normals;  ///< x, y, z as colours
@@ -23,7 +23,7 @@ struct ReportSurface {
 struct ReportRun {
   std::string label;  ///< "baseline", "boosted"
   Results results;
-  std::filesystem::path renders;  ///< folder of PNG renders, named as the views' truth files
+  std::filesystem::path renders;  ///< folder of PNG renders, named like the views' truth files
   /// PNGs of one camera at times from 0 to 1, evenly spread; empty: the model does not change with time.
   std::vector<std::filesystem::path> moments;
   std::vector<ReportSurface> surfaces = {};  ///< of some views; empty: it was not trained for surfaces
@@ -35,20 +35,20 @@ struct ReportView {
   std::filesystem::path truth;  ///< PNG; the renders of the view have its file name
 };
 
-/// A path of a camera, seen from one side: metres to the right and up; NaN where it is not known.
+/// A camera path projected onto a plane: metres to the right and up; NaN where it is unknown.
 struct ReportTrack {
   std::string label;
   std::vector<std::array<double, 2>> points;
 };
 
-/// Writes the page: the table, curves of PSNR, primitives and time and the paths (inline SVG), and for up to
-/// `max_views` views the pictures truth | each run's render | each run's error (embedded as data URIs). Written aside,
-/// then renamed.
+/// Writes the page: the table, curves of PSNR, primitives and time, the camera paths (inline SVG), and for up to
+/// `max_views` views the pictures truth | each run's render | each run's error (embedded as data URIs). Written to a
+/// temporary file, then renamed.
 void write_report(const std::filesystem::path& path, const std::string& title, const std::vector<ReportRun>& runs,
                   const std::vector<ReportView>& views, int max_views = 4, const std::vector<ReportTrack>& tracks = {});
 
-/// Puts the picture of a mesh into the page of one run, in place of an earlier one. Does nothing where there is no such
-/// page, or no picture.
+/// Inserts the picture of a mesh into the page of one run, replacing an earlier one. Does nothing if the page or the
+/// picture does not exist.
 void show_mesh_in_report(const std::filesystem::path& path, const std::filesystem::path& picture);
 
 }  // namespace splatboost

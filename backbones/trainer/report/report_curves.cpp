@@ -11,13 +11,13 @@
 namespace splatboost::report {
 namespace {
 
-constexpr std::size_t kLinePoints = 400;  // of a curve
+constexpr std::size_t kLinePoints = 400;  // most points of a curve
 constexpr std::size_t kHoverPoints = 60;
 
 struct Point {
   double x = 0;
   double y = 0;
-  std::string title;  // shown while the pointer rests on it
+  std::string title;  // tooltip
 };
 
 struct Series {
@@ -66,7 +66,7 @@ struct Chart {
   bool x_count = false;  // ticks as 10k
   bool y_count = false;
   bool y_from_zero = false;
-  int end_digits = 0;  // of the last value, where it is no count
+  int end_digits = 0;  // decimals of the last value, unless y_count
 };
 
 // Empty for a chart without points.
@@ -138,7 +138,7 @@ std::string draw(const Chart& chart) {
                     chart.y_count ? tick_text(last.y, y_axis.step / 10, true) : number(last.y, chart.end_digits),
                     series.color});
   }
-  // Points above all lines: what is drawn later takes the pointer.
+  // Points are drawn after all lines, so that they receive the pointer events.
   for (const Series& series : chart.series) {
     const bool few = series.points.size() <= 12;
     for (const std::size_t i : spread(series.points.size(), kHoverPoints)) {
@@ -150,8 +150,8 @@ std::string draw(const Chart& chart) {
              escape(point.title) + "</title></g>\n";
     }
   }
-  // The last values stand right of their points at the chart's edge, pushed apart where they would overlap, and above
-  // points inside the chart, where the other line goes on, unless the chart ends there.
+  // Each last value is written right of its point if that is at the chart's right edge, pushed down if it would overlap
+  // the one above. Inside the chart, where the other line continues, it is written above the point if there is room.
   std::stable_sort(ends.begin(), ends.end(), [](const End& a, const End& b) { return a.y < b.y; });
   End* above = nullptr;
   for (End& end : ends) {

@@ -9,7 +9,7 @@
 
 namespace splatboost::report {
 
-/// The section; empty where no run has a curve.
+/// The section of the curves; empty if no run has one.
 std::string curves(const std::vector<ReportRun>& runs);
 
 }  // namespace splatboost::report

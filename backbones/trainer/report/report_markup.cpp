@@ -27,7 +27,7 @@ std::string escape(const std::string& text) {
         out += "&#39;";
         break;
       default:
-        // Control characters are not allowed in XML, and show nothing in HTML.
+        // Control characters are not allowed in XML and invisible in HTML.
         if (static_cast<unsigned char>(c) >= 0x20 || c == '\n' || c == '\t') out += c;
     }
   }

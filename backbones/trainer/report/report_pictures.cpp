@@ -12,12 +12,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMaxSide = 960;  // of an embedded picture: sharp when enlarged, and pages of a few MB
+constexpr int kMaxSide = 960;  // of an embedded picture: sharp when enlarged, but pages stay at a few MB
 constexpr int kErrorMap = cv::COLORMAP_INFERNO;
 
 cv::Mat read_picture(const fs::path& path) {
   std::error_code error;
-  if (!fs::is_regular_file(path, error)) return {};  // OpenCV would warn on the terminal
+  if (!fs::is_regular_file(path, error)) return {};  // otherwise OpenCV prints a warning
   return cv::imread(path.string(), cv::IMREAD_COLOR);
 }
 
@@ -58,7 +58,7 @@ ReportPicture report_error_picture(const fs::path& render, const fs::path& truth
   cv::absdiff(a, b, difference);
   difference.convertTo(difference, CV_32F);
   cv::transform(difference, mean, cv::Matx13f(1 / 3.0f, 1 / 3.0f, 1 / 3.0f));
-  // Shrunk before it is coloured: means of errors have a meaning, means of colours do not.
+  // Shrink before applying the colour map: averaging errors is meaningful, averaging colours is not.
   shrink(mean).convertTo(bytes, CV_8U, kReportErrorGain);
   cv::applyColorMap(bytes, colored, kErrorMap);
   return encode(colored);

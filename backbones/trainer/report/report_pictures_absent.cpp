@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for the file of this name in a build without OpenCV.
+// Replaces report_pictures.cpp in a build without OpenCV.
 #include "trainer/report/report_pictures.h"
 
 namespace splatboost {

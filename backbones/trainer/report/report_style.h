@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How a report's page looks.
+/// @file Style sheet of a report's page.
 #pragma once
 
 namespace splatboost::report {
 
-/// CSS. It names no font to load and no picture.
+/// CSS. It loads no fonts and no pictures.
 extern const char* const kStyle;
 
 }  // namespace splatboost::report

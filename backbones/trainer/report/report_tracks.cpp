@@ -33,7 +33,7 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
   out += "</p>\n<div class=\"card\"><svg viewBox=\"0 0 " + number(kWidth, 0) + " " + number(height + kBarRoom, 0) +
          "\" role=\"img\" aria-label=\"paths of the camera\">\n";
   for (std::size_t t = 0; t < tracks.size(); ++t) {
-    // Where nothing was tracked a path is broken.
+    // The path is interrupted where tracking was lost.
     std::string line;
     bool pen_down = false;
     for (const std::array<double, 2>& point : tracks[t].points) {
@@ -48,7 +48,7 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
     out +=
         "<path fill=\"none\" stroke-width=\"2\" stroke=\"" + color_of(t, tracks.size()) + "\" d=\"" + line + "\"/>\n";
   }
-  // A length to compare with: the largest power of ten, or half or a fifth of one, that takes a quarter of the width.
+  // Scale bar: the largest of 1, 2 and 5 times a power of ten that takes at most a quarter of the width.
   const double most = 0.25 * (kWidth - 2 * kMargin) / scale;
   const double power = std::pow(10.0, std::floor(std::log10(most)));
   const double bar = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The paths of a moving camera, seen from one side, as inline SVG.
+/// @file Camera paths projected onto a plane, as inline SVG.
 #pragma once
 
 #include <string>
@@ -9,7 +9,7 @@
 
 namespace splatboost::report {
 
-/// The section; empty where there is no path.
+/// The section of the paths; empty if there are none.
 std::string tracks(const std::vector<ReportTrack>& tracks);
 
 }  // namespace splatboost::report

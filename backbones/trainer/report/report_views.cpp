@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A cell of a view's grid. A picture grows to the window while its (invisible) checkbox is checked: no script needed.
+// A cell of a view's grid. A picture fills the window while its (invisible) checkbox is checked: no script needed.
 std::string picture_cell(const ReportPicture& picture, const std::string& caption, const std::string& swatch,
                          const std::string& kind) {
   std::string out = "<figure class=\"" + kind + "\">";
@@ -37,7 +37,7 @@ const ViewResult* find_view(const Results& results, const std::string& name) {
 
 std::string metric(double value, int digits) { return std::isfinite(value) ? number(value, digits) : "–"; }
 
-// PSNR, SSIM, LPIPS of one view, a line a run.
+// PSNR, SSIM and LPIPS of one view, one row per run.
 std::string view_facts(const std::vector<ReportRun>& runs, const std::string& name) {
   std::string rows;
   for (std::size_t r = 0; r < runs.size(); ++r) {
@@ -53,7 +53,7 @@ std::string view_facts(const std::vector<ReportRun>& runs, const std::string& na
          rows + "</tbody></table>\n";
 }
 
-// The same in one line of text, for views whose grid has no cell to spare.
+// The same in one line of text, for views whose grid has no free cell.
 std::string view_facts_line(const std::vector<ReportRun>& runs, const std::string& name) {
   std::string out;
   for (std::size_t r = 0; r < runs.size(); ++r) {
@@ -81,8 +81,7 @@ std::string pictures(const std::vector<ReportRun>& runs, const std::vector<Repor
   if (views.empty() || max_views <= 0) return "";
   if (!have_opencv()) {
     return "<section><h2>Pictures</h2>\n<p class=\"note\">This page was written by a build without OpenCV, which "
-           "embeds "
-           "none; the PNG files are beside it.</p></section>\n";
+           "cannot embed pictures; the PNG files are beside it.</p></section>\n";
   }
   std::string out =
       "<section><h2>Pictures</h2>\n<p class=\"note\">Click a picture to enlarge it. Errors are mean absolute "

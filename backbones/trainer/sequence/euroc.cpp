@@ -20,11 +20,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMaxSecondsApart = 0.005;   ///< of a pair
-constexpr double kMaxSecondsToTruth = 0.02;  ///< of a picture and its true pose
-constexpr double kMaxRigidError = 1e-3;      ///< of R Rᵀ and the identity
+constexpr double kMaxSecondsApart = 0.005;   ///< between the images of a pair
+constexpr double kMaxSecondsToTruth = 0.02;  ///< between an image and its true pose
+constexpr double kMaxRigidError = 1e-3;      ///< of R Rᵀ − I
 
-/// Fields of a line of numbers and names between commas.
+/// Comma-separated fields of a line, without blanks.
 std::vector<std::string> fields_of(const std::string& line) {
   std::vector<std::string> fields(1);
   for (const char c : line) {
@@ -41,11 +41,11 @@ double number_of(const std::string& text, const std::string& where) {
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   require(error == std::errc() && end == text.data() + text.size() && std::isfinite(value),
-          where + ": '" + text + "' is no number");
+          where + ": '" + text + "' is not a number");
   return value;
 }
 
-/// Calls row(fields, where) for the lines that are no comments.
+/// Calls row(fields, where) for each line that is not a comment.
 template <class Row>
 void read_csv(const fs::path& file, std::size_t fields, const Row& row) {
   std::ifstream in(file);
@@ -55,7 +55,7 @@ void read_csv(const fs::path& file, std::size_t fields, const Row& row) {
     if (line.empty() || line[0] == '#' || line[0] == '\r') continue;
     const std::string where = file.string() + ":" + std::to_string(number);
     const std::vector<std::string> found = fields_of(line);
-    require(found.size() >= fields, where + ": expected " + std::to_string(fields) + " fields between commas");
+    require(found.size() >= fields, where + ": expected " + std::to_string(fields) + " comma-separated fields");
     row(found, where);
   }
 }
@@ -64,7 +64,7 @@ double seconds_of(const std::string& nanoseconds, const std::string& where) {
   return number_of(nanoseconds, where) * 1e-9;
 }
 
-/// The numbers in the brackets that follow `key:` (after `inside:`, where that is given) in sensor.yaml.
+/// The numbers in the brackets that follow `key:` (after `inside:`, if that is given) in sensor.yaml.
 std::vector<double> list_of(const std::string& text, const std::string& inside, const std::string& key,
                             std::size_t count, const fs::path& file) {
   const std::string where = file.string() + ": " + key;
@@ -92,14 +92,14 @@ struct EurocCamera {
   glm::dmat4 body_from_camera{1.0};
 };
 
-/// Where the file names a model, it must be one that begins so. Pictures of other lenses would be rectified wrongly.
+/// If the file names a model, its name must start with `beginning`: other models would be rectified wrongly.
 void require_model(const std::string& text, const std::string& key, const std::string& beginning,
                    const fs::path& file) {
   const std::size_t at = text.find(key);
   if (at == std::string::npos) return;
   const std::size_t begin = text.find_first_not_of(" \t\"'", at + key.size());
   require(begin != std::string::npos && text.compare(begin, beginning.size(), beginning) == 0,
-          file.string() + ": " + key + " is not one that is read; undistort the pictures, and give pinhole with " +
+          file.string() + ": " + key + " this model is not supported; undistort the images, and use pinhole with " +
               "radial-tangential");
 }
 
@@ -127,7 +127,7 @@ EurocCamera read_camera(const fs::path& file) {
   }
   const glm::dmat3 r(camera.body_from_camera), off = r * glm::transpose(r) - glm::dmat3(1.0);
   require(glm::length(off[0]) + glm::length(off[1]) + glm::length(off[2]) < kMaxRigidError,
-          file.string() + ": T_BS is no rigid motion");
+          file.string() + ": T_BS is not a rigid transform");
   return camera;
 }
 
@@ -136,7 +136,7 @@ std::vector<std::pair<double, fs::path>> read_pictures(const fs::path& camera) {
   read_csv(camera / "data.csv", 2, [&](const std::vector<std::string>& fields, const std::string& where) {
     pictures.emplace_back(seconds_of(fields[0], where), camera / "data" / fields[1]);
   });
-  require(!pictures.empty(), (camera / "data.csv").string() + ": names no picture");
+  require(!pictures.empty(), (camera / "data.csv").string() + ": lists no images");
   std::ranges::sort(pictures);
   return pictures;
 }
@@ -148,7 +148,7 @@ std::vector<TimedPose> read_truth(const fs::path& file) {
     double v[7];
     for (std::size_t i = 0; i < 7; ++i) v[i] = number_of(fields[i + 1], where);
     const glm::dquat q(v[3], v[4], v[5], v[6]);
-    require(glm::length(q) > 0.5, where + ": the rotation is no quaternion of length 1");
+    require(glm::length(q) > 0.5, where + ": the rotation is not a quaternion of length 1");
     TimedPose pose{seconds_of(fields[0], where), glm::mat4_cast(glm::normalize(q))};
     pose.world_from_camera[3] = glm::dvec4(v[0], v[1], v[2], 1);
     poses.push_back(pose);
@@ -170,10 +170,10 @@ SequenceFiles find_euroc(const fs::path& source) {
   SequenceFiles files;
   files.form = "EuRoC";
   require(fs::exists(mav / "cam1"),
-          source.string() + ": has no mav0/cam1; a camera alone is not tracked yet, it needs the second one or depth");
+          source.string() + ": has no mav0/cam1; tracking needs a second camera or depth images");
   const EurocCamera left = read_camera(mav / "cam0" / "sensor.yaml"), right = read_camera(mav / "cam1" / "sensor.yaml");
   require(left.calibration.width == right.calibration.width && left.calibration.height == right.calibration.height,
-          (mav / "cam1" / "sensor.yaml").string() + ": the two cameras have different sizes");
+          (mav / "cam1" / "sensor.yaml").string() + ": the two cameras have different image sizes");
   files.calibration = left.calibration;
   files.stereo =
       StereoRig{left.calibration, right.calibration, glm::inverse(right.body_from_camera) * left.body_from_camera};

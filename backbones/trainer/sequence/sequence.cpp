@@ -24,7 +24,7 @@ std::vector<std::uint8_t> bytes_of(const fs::path& file) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-/// Where each pixel without distortion lies in the distorted picture, [H,W,2].
+/// [H,W,2] position x, y in the distorted image of each pixel of the undistorted image.
 std::vector<float> distorted_places(const Calibration& c) {
   std::vector<float> places;
   places.reserve(2 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height));
@@ -83,7 +83,7 @@ class FileSequence final : public Sequence {
     if (calibration_.depth_scale <= 0) return frame;
     try {
       if (files.depth.empty()) {
-        throw InputError(files.color.string() + (stereo_ ? ": has no second picture" : ": has no picture of depth"));
+        throw InputError(files.color.string() + (stereo_ ? ": has no second image" : ": has no depth image"));
       }
       if (stereo_) {
         frame.depth = stereo_->depth(frame.color, read_color(files.depth));
@@ -102,14 +102,14 @@ class FileSequence final : public Sequence {
     const Calibration& c = files_.calibration;
     require(pixels.width == c.width && pixels.height == c.height,
             file.string() + ": has " + std::to_string(pixels.width) + "x" + std::to_string(pixels.height) +
-                " pixels, the calibration says " + std::to_string(c.width) + "x" + std::to_string(c.height));
+                " pixels, but the calibration has " + std::to_string(c.width) + "x" + std::to_string(c.height));
   }
 
   /// [H,W,3]
   std::vector<std::uint8_t> read_color(const fs::path& file) const {
     Pixels pixels = decode_image(bytes_of(file), file.string());
     require_size(pixels, file);
-    require(pixels.bits == 8, file.string() + ": pictures of colour must have 8 bits");
+    require(pixels.bits == 8, file.string() + ": colour images must have 8 bits per channel");
     if (!places_.empty()) pixels = resample_image(pixels, places_, file.string());
     const std::size_t count = static_cast<std::size_t>(pixels.width) * static_cast<std::size_t>(pixels.height);
     const auto channels = static_cast<std::size_t>(pixels.channels);
@@ -134,14 +134,13 @@ class FileSequence final : public Sequence {
   void read_depth(const fs::path& file, SequenceFrame& frame) const {
     const Pixels pixels = decode_image(bytes_of(file), file.string());
     require_size(pixels, file);
-    require(pixels.bits == 16 && pixels.channels == 1,
-            file.string() + ": pictures of depth must have one channel of 16 bits");
+    require(pixels.bits == 16 && pixels.channels == 1, file.string() + ": depth images must have one 16-bit channel");
     const std::size_t count = static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height);
     frame.depth.resize(count);
     bool any = false;
     for (std::size_t i = 0; i < count; ++i) {
       std::size_t from = i;
-      if (!places_.empty()) {  // the nearest one: between two surfaces there is none
+      if (!places_.empty()) {  // nearest pixel: interpolating across a depth edge is wrong
         if (!inside(i)) continue;
         from = static_cast<std::size_t>(std::lround(places_[2 * i + 1])) * static_cast<std::size_t>(frame.width) +
                static_cast<std::size_t>(std::lround(places_[2 * i]));
@@ -151,20 +150,20 @@ class FileSequence final : public Sequence {
       any = any || value != 0;
       frame.depth[i] = static_cast<float>(value / files_.calibration.depth_scale);
     }
-    require(any, file.string() + ": holds no depth at all");
+    require(any, file.string() + ": contains no depth values");
   }
 
   SequenceFiles files_;
-  Calibration calibration_;            ///< of what is handed out
-  std::optional<StereoDepth> stereo_;  ///< of pairs
-  std::vector<float> places_;          ///< empty: the camera has no distortion
+  Calibration calibration_;            ///< of the frames returned
+  std::optional<StereoDepth> stereo_;  ///< set for stereo pairs
+  std::vector<float> places_;          ///< distorted_places(); empty: no distortion
 };
 
 }  // namespace
 
 std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options) {
   require(options.first >= 0 && options.count >= 0 && options.stride >= 1,
-          "frames are counted from 0, and every so many-th is at least every one");
+          "the first frame and the number of frames must be at least 0, and the stride at least 1");
   return std::make_unique<FileSequence>(find_sequence_files(options));
 }
 

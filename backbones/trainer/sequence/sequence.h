@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Pictures that a moving camera took, one after the other, with depth.
+/// @file Image sequences of a moving camera, with depth.
 #pragma once
 
 #include <cstddef>
@@ -14,25 +14,25 @@
 
 namespace splatboost {
 
-/// How the camera of a sequence takes pictures; the middle of pixel (i, j) is at (i, j), as in OpenCV. Distortion is
-/// Brown-Conrady's; pictures are handed out without it.
+/// Intrinsics of the camera of a sequence; the centre of pixel (i, j) is at (i, j), as in OpenCV. Distortion is
+/// Brown-Conrady; frames are undistorted when read.
 struct Calibration {
   int width = 0, height = 0;  ///< px
   double fx = 0, fy = 0, cx = 0, cy = 0;
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
-  double depth_scale = 0;  ///< what a metre is in pictures of depth; 0: there are none
+  double depth_scale = 0;  ///< value of one metre in depth images; 0: there are none
 };
 
-/// One picture, undistorted.
+/// One image, undistorted.
 struct SequenceFrame {
   std::size_t number = 0;  ///< in the sequence, from 0
   double time = 0;         ///< s
   std::string name;
   int width = 0, height = 0;
-  std::vector<std::uint8_t> color;  ///< [H,W,3]; empty: the picture cannot be used
+  std::vector<std::uint8_t> color;  ///< [H,W,3]; empty: the image cannot be used
   std::vector<std::uint8_t> valid;  ///< [H,W] non-zero where there is colour; empty: everywhere
   std::vector<float> depth;         ///< [H,W] metres along z, 0: not known; empty: none
-  std::string problem;              ///< why there is no colour or no depth, a line; empty: all is well
+  std::string problem;              ///< why colour or depth is missing, one line; empty: no problem
 };
 
 class Sequence {
@@ -40,26 +40,26 @@ class Sequence {
   virtual ~Sequence() = default;
   virtual std::size_t size() const = 0;
   virtual const Calibration& calibration() const = 0;
-  /// Never throws for what is wrong with one picture: SequenceFrame::problem says it.
+  /// Does not throw if an image is missing or broken: SequenceFrame::problem says what is wrong.
   virtual SequenceFrame read(std::size_t number) = 0;
-  /// Of a frame, seconds.
+  /// Time of a frame, seconds.
   virtual double time_of(std::size_t number) const = 0;
-  /// world_from_camera where the dataset has it.
+  /// True world_from_camera, if the dataset has it.
   virtual std::optional<glm::dmat4> truth(std::size_t number) const = 0;
-  /// What a user should know about how the data was read, a line each.
+  /// Notes for the user on how the data was read, one line each.
   virtual std::vector<std::string> notes() const { return {}; }
 };
 
 struct SequenceOptions {
   std::filesystem::path source;
   std::filesystem::path calibration;  ///< file; empty: the dataset's own
-  int first = 0;                      ///< frame to begin with
-  int count = 0;                      ///< most frames; 0: all
-  int stride = 1;                     ///< every so many-th
+  int first = 0;                      ///< first frame
+  int count = 0;                      ///< maximum number of frames; 0: all
+  int stride = 1;                     ///< every stride-th frame
 };
 
 /// Replica (results/frame*.jpg, depth*.png, traj.txt, cam_params.json), TUM RGB-D (rgb.txt, depth.txt,
-/// groundtruth.txt), EuRoC (mav0/: pairs of pictures, of which depth is made), or a folder of pictures (images/ and
+/// groundtruth.txt), EuRoC (mav0/: stereo pairs, from which depth is computed), or a folder of images (images/ and
 /// depth/, or colour alone) with calibration.json. Throws InputError in one line.
 std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
 
@@ -67,7 +67,7 @@ std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
 /// "scale" likewise. Throws InputError naming the file and the key.
 Calibration read_calibration(const std::filesystem::path& file);
 
-/// Throws InputError, beginning with `where`, unless it can be a camera's.
+/// Throws InputError, beginning with `where`, if the calibration is not plausible.
 void check_calibration(const Calibration& calibration, const std::string& where);
 
 }  // namespace splatboost

@@ -19,8 +19,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr double kMaxSecondsApart = 0.02;  ///< of a picture and its depth, or its true pose
-constexpr double kFolderRate = 30;         ///< frames a second where a dataset has no times
+constexpr double kMaxSecondsApart = 0.02;  ///< between an image and its depth or true pose
+constexpr double kFolderRate = 30;         ///< frames per second if a dataset has no times
 
 bool is_picture(const fs::path& file) {
   std::string ending = file.extension().string();
@@ -40,10 +40,10 @@ std::vector<fs::path> pictures_in(const fs::path& folder, const std::string& pre
   return files;
 }
 
-/// What is left of a name without its prefix and its ending: the number of a frame.
+/// The file name without prefix and extension: the frame number.
 std::string key_of(const fs::path& file, std::size_t prefix) { return file.stem().string().substr(prefix); }
 
-/// Frames without depth of the same number stay without.
+/// Pairs colour and depth by frame number; colour without depth is kept.
 std::vector<FrameFiles> paired(const std::vector<fs::path>& color, std::size_t color_prefix,
                                const std::vector<fs::path>& depth, std::size_t depth_prefix) {
   std::map<std::string, fs::path> depths;
@@ -71,12 +71,12 @@ void read_replica_truth(const fs::path& file, SequenceFiles& files) {
       for (int column = 0; column < 4; ++column) words >> pose[column][row];
     }
     require(!words.fail(),
-            file.string() + ":" + std::to_string(number + 1) + ": expected 16 numbers, a pose row by row");
+            file.string() + ":" + std::to_string(number + 1) + ": expected the 16 numbers of a pose, row by row");
     if (number < files.frames.size()) files.frames[number].truth = pose;
     ++number;
   }
   if (number != files.frames.size()) {
-    files.notes.push_back(file.string() + ": holds " + std::to_string(number) + " poses for " +
+    files.notes.push_back(file.string() + ": contains " + std::to_string(number) + " poses for " +
                           std::to_string(files.frames.size()) + " frames");
   }
 }
@@ -86,12 +86,12 @@ SequenceFiles find_replica(const SequenceOptions& options) {
   files.form = "Replica";
   const fs::path results = options.source / "results";
   files.frames = paired(pictures_in(results, "frame"), 5, pictures_in(results, "depth"), 5);
-  require(!files.frames.empty(), results.string() + ": holds no frame*.jpg");
+  require(!files.frames.empty(), results.string() + ": contains no frame*.jpg");
   if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
   if (options.calibration.empty()) {
     fs::path file = options.source / "cam_params.json";
     if (!is_file(file)) file = fs::absolute(options.source).parent_path() / "cam_params.json";
-    require(is_file(file), options.source.string() + ": has no cam_params.json; name a file with --calibration");
+    require(is_file(file), options.source.string() + ": has no cam_params.json; give a file with --calibration");
     files.calibration = read_calibration(file);
   }
   return files;
@@ -117,7 +117,7 @@ std::vector<std::pair<double, std::string>> read_tum_list(const fs::path& file) 
   return list;
 }
 
-/// The cameras of the TUM RGB-D benchmark, as it publishes them, by the number in the folder's name.
+/// Published calibrations of the TUM RGB-D benchmark, selected by the number in the folder's name.
 std::optional<Calibration> tum_calibration(const std::string& name) {
   Calibration c;
   c.width = 640, c.height = 480, c.depth_scale = 5000;
@@ -165,11 +165,11 @@ SequenceFiles find_tum(const SequenceOptions& options) {
     if (truth_of[i] >= 0) frame.truth = truth[static_cast<std::size_t>(truth_of[i])].world_from_camera;
     files.frames.push_back(std::move(frame));
   }
-  require(!files.frames.empty(), (options.source / "rgb.txt").string() + ": names no picture");
+  require(!files.frames.empty(), (options.source / "rgb.txt").string() + ": lists no images");
   if (options.calibration.empty()) {
     const auto known = tum_calibration(fs::absolute(options.source).lexically_normal().string());
     require(known.has_value(), options.source.string() +
-                                   ": which camera took this is not known (no freiburg1, 2 or 3 in its name); name a "
+                                   ": the camera is unknown (no freiburg1, 2 or 3 in its name); give a "
                                    "file with --calibration");
     files.calibration = *known;
   }
@@ -184,13 +184,13 @@ SequenceFiles find_folder(const SequenceOptions& options) {
     if (color = pictures_in(options.source / name, ""); !color.empty()) break;
   }
   require(!color.empty(), options.source.string() +
-                              ": is no sequence: no results/frame*.jpg (Replica), no rgb.txt (TUM), no pictures "
-                              "in images/, rgb/, color/ or itself");
+                              ": is not a sequence: no results/frame*.jpg (Replica), no rgb.txt (TUM), no images "
+                              "in images/, rgb/, color/ or the folder itself");
   files.frames = paired(color, 0, pictures_in(options.source / "depth", ""), 0);
   if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
   if (options.calibration.empty()) {
     const fs::path file = options.source / "calibration.json";
-    require(is_file(file), options.source.string() + ": has no calibration.json; name a file with --calibration");
+    require(is_file(file), options.source.string() + ": has no calibration.json; give a file with --calibration");
     files.calibration = read_calibration(file);
   }
   return files;
@@ -226,13 +226,13 @@ Calibration read_calibration(const fs::path& file) {
 
 void check_calibration(const Calibration& c, const std::string& where) {
   require(c.width >= 32 && c.height >= 32 && c.width <= 16384 && c.height <= 16384,
-          where + ": the size " + std::to_string(c.width) + "x" + std::to_string(c.height) + " is not possible");
+          where + ": the image size " + std::to_string(c.width) + "x" + std::to_string(c.height) + " is out of range");
   require(std::isfinite(c.fx) && std::isfinite(c.fy) && c.fx > 0 && c.fy > 0,
           where + ": focal lengths must be above 0");
   require(c.fx > 0.05 * c.width && c.fx < 50 * c.width && c.fy > 0.05 * c.height && c.fy < 50 * c.height,
-          where + ": the focal lengths do not fit to the size; both are in pixels");
+          where + ": the focal lengths do not match the image size; both are in pixels");
   require(c.cx >= 0 && c.cx <= c.width && c.cy >= 0 && c.cy <= c.height,
-          where + ": the principal point lies outside of the picture");
+          where + ": the principal point is outside the image");
   require(std::isfinite(c.k1 + c.k2 + c.p1 + c.p2 + c.k3), where + ": distortion must be finite");
   require(std::isfinite(c.depth_scale) && c.depth_scale >= 0, where + ": depth_scale must be 0 or more");
 }
@@ -242,11 +242,13 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
   const fs::path& source = options.source;
   require(fs::exists(source, error), source.string() + ": no such file or folder");
   require(fs::is_directory(source, error),
-          source.string() + ": is no folder; a video has no depth, and a camera alone is not tracked yet");
+          source.string() +
+              ": is not a folder; videos are not supported, because tracking needs a second camera or depth images");
   const bool pairs = fs::is_directory(source / "mav0", error);
-  require(!pairs || options.calibration.empty(), source.string() +
-                                                     ": a pair has its cameras in mav0/cam0/sensor.yaml and "
-                                                     "mav0/cam1/sensor.yaml; --calibration is of one camera");
+  require(!pairs || options.calibration.empty(),
+          source.string() +
+              ": stereo cameras are read from mav0/cam0/sensor.yaml and "
+              "mav0/cam1/sensor.yaml; omit --calibration, which is for one camera");
   SequenceFiles files = pairs                                         ? find_euroc(source)
                         : fs::is_directory(source / "results", error) ? find_replica(options)
                         : is_file(source / "rgb.txt")                 ? find_tum(options)
@@ -259,13 +261,13 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
     if (options.count > 0 && chosen.size() == static_cast<std::size_t>(options.count)) break;
     chosen.push_back(std::move(files.frames[i]));
   }
-  require(!chosen.empty(), source.string() + ": has " + std::to_string(total) + " frames, none from " +
-                               std::to_string(options.first) + " on");
+  require(!chosen.empty(), source.string() + ": has " + std::to_string(total) + " frames, none of them from frame " +
+                               std::to_string(options.first) + " onwards");
   files.frames = std::move(chosen);
   const auto without = std::ranges::count_if(files.frames, [](const FrameFiles& f) { return f.depth.empty(); });
   if (without > 0 && static_cast<std::size_t>(without) < files.frames.size()) {
     files.notes.push_back(std::to_string(without) + " of " + std::to_string(files.frames.size()) +
-                          (pairs ? " frames have no second picture" : " frames have no depth") +
+                          (pairs ? " frames have no second image" : " frames have no depth") +
                           "; they are tracked by colour alone");
   }
   return files;

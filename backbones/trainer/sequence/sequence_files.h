@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Which files make up a sequence, by dataset.
+/// @file Finds the files of a sequence in the layouts of several datasets.
 #pragma once
 
 #include <filesystem>
@@ -17,15 +17,15 @@ namespace splatboost {
 struct FrameFiles {
   double time = 0;
   std::filesystem::path color;
-  std::filesystem::path depth;  ///< of a pair, the right picture; empty: none
+  std::filesystem::path depth;  ///< depth image, or the right image of a stereo pair; empty: none
   std::optional<glm::dmat4> truth;
 };
 
 struct SequenceFiles {
-  std::string form;  ///< as messages call it
+  std::string form;  ///< name of the dataset layout, for messages
   std::vector<FrameFiles> frames;
   Calibration calibration;
-  std::optional<StereoRig> stereo;  ///< frames are pairs; the calibration is the left camera's
+  std::optional<StereoRig> stereo;  ///< set if frames are stereo pairs; `calibration` is then of the left camera
   std::vector<std::string> notes;
 };
 

@@ -13,8 +13,8 @@ namespace splatboost {
 namespace {
 
 constexpr int kBlock = 5;              ///< px
-constexpr int kWidthsOfDisparity = 6;  ///< the largest disparity is the width over this
-constexpr double kMinDisparity = 1;    ///< px; depth beyond is mere noise
+constexpr int kWidthsOfDisparity = 6;  ///< the largest disparity is the image width divided by this
+constexpr double kMinDisparity = 1;    ///< px; depth from smaller ones is mostly noise
 constexpr int kSubpixels = 16;         ///< of StereoSGBM's disparities
 
 cv::Matx33d camera_matrix(const Calibration& c) { return {c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1}; }
@@ -32,7 +32,7 @@ struct StereoDepth::Rectified {
   cv::Size size;
   Calibration calibration;
   glm::dmat4 left_from_rectified{1.0};
-  double disparity_depth = 0;  ///< px · metres: focal length × distance of the cameras
+  double disparity_depth = 0;  ///< px · metres: focal length × baseline
   cv::Mat left_x, left_y, right_x, right_y;
 };
 
@@ -46,7 +46,7 @@ StereoDepth::StereoDepth(const StereoRig& rig) : rectified_(std::make_unique<Rec
     shift[row] = rig.right_from_left[3][row];
   }
   require(std::abs(shift[0]) > 1e-3 && std::abs(shift[0]) > std::abs(shift[1]) && shift[0] < 0,
-          "the two cameras of a pair must stand side by side, the right one to the right; check T_BS of both");
+          "the cameras of a stereo pair must be side by side, cam1 to the right of cam0; check T_BS of both");
   cv::Matx34d left_camera, right_camera;
   cv::Matx44d ignored;
   cv::stereoRectify(camera_matrix(rig.left), distortion(rig.left), camera_matrix(rig.right), distortion(rig.right),
@@ -95,7 +95,7 @@ std::vector<float> StereoDepth::depth(const std::vector<std::uint8_t>& left, std
   cv::Mat right_grey, disparity;
   cv::remap(grey(right, r.size), right_grey, r.right_x, r.right_y, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   const int largest = (r.size.width / kWidthsOfDisparity + 15) / 16 * 16;
-  // One pass, in one thread: the ways with several give disparities that depend on their number.
+  // Single pass in one thread: with the parallel modes, disparities depend on the number of threads.
   const auto matcher = cv::StereoSGBM::create(0, largest, kBlock, 8 * kBlock * kBlock, 32 * kBlock * kBlock, 1, 0, 10,
                                               100, 2, cv::StereoSGBM::MODE_SGBM);
   matcher->compute(left_grey, right_grey, disparity);

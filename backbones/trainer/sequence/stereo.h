@@ -11,25 +11,25 @@
 
 namespace splatboost {
 
-/// @param right_from_left metres
+/// Two cameras side by side; right_from_left is in metres.
 struct StereoRig {
   Calibration left, right;
   glm::dmat4 right_from_left{1.0};
 };
 
-/// A rig after rectification: rows of the two pictures match.
+/// A rig after rectification: corresponding points lie on the same row of both images.
 class StereoDepth {
  public:
-  /// Throws InputError where the cameras do not stand side by side, and in a build without OpenCV.
+  /// Throws InputError if the cameras are not side by side, and in a build without OpenCV.
   explicit StereoDepth(const StereoRig& rig);
   ~StereoDepth();
 
-  /// Of the rectified left camera, without distortion. Its depth_scale is 1: depth is made in metres.
+  /// Of the rectified left camera, without distortion. Its depth_scale is 1: depth() returns metres.
   const Calibration& calibration() const;
   glm::dmat4 left_from_rectified() const;
-  /// Rectifies. @param rgb [H,W,3] as taken; rectified on return @param valid gets [H,W]
+  /// Rectifies in place. @param rgb [H,W,3] @param valid set to [H,W], 255 where there is data, else 0
   void rectify_left(std::vector<std::uint8_t>& rgb, std::vector<std::uint8_t>& valid) const;
-  /// @param left rectified, RGB @param right as taken, RGB @return [H,W] metres along z, 0: not known
+  /// @param left [H,W,3] rectified @param right [H,W,3] not rectified @return [H,W] metres along z, 0: not known
   std::vector<float> depth(const std::vector<std::uint8_t>& left, std::vector<std::uint8_t> right) const;
 
  private:

@@ -8,8 +8,8 @@ struct StereoDepth::Rectified {};
 
 StereoDepth::StereoDepth(const StereoRig&) {
   throw InputError(
-      "this build has no depth from stereo pairs: OpenCV was not found; run scripts/install-deps, then scripts/build "
-      "again");
+      "this build cannot compute depth from stereo pairs: OpenCV was not found; run scripts/install-deps, then "
+      "scripts/build again");
 }
 StereoDepth::~StereoDepth() = default;
 const Calibration& StereoDepth::calibration() const {

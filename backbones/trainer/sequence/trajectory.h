@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Trajectories: files of TUM's form, and how far one is from the truth.
+/// @file Trajectories: files in TUM format, and the error against the ground truth.
 #pragma once
 
 #include <filesystem>
@@ -20,20 +20,20 @@ struct TimedPose {
 /// Lines of "time tx ty tz qx qy qz qw". Atomic.
 void write_tum_trajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
 
-/// Reads such a file; lines that begin with # are passed over. Throws InputError naming the line.
+/// Reads such a file; lines that begin with # are skipped. Throws InputError naming the line.
 std::vector<TimedPose> read_tum_trajectory(const std::filesystem::path& path);
 
-/// For each of `times` the number of the nearest of `others` (ascending), at most `most` seconds away; -1: none.
+/// For each of `times`, the index of the nearest of `others` (ascending) at most `most` seconds away; -1: none.
 std::vector<std::ptrdiff_t> nearest_in_time(std::span<const double> times, std::span<const double> others, double most);
 
-/// The motion that brings `from` nearest to `to` (Umeyama 1991), and what is left.
+/// The least-squares transform of `from` to `to` (Umeyama 1991), and its residual.
 struct Alignment {
   glm::dmat4 to_from{1.0};  ///< scale · rotation and translation
   double scale = 1;
-  double rmse = 0;  ///< of the distances that are left: the absolute trajectory error (ATE)
+  double rmse = 0;  ///< of the residual distances: the absolute trajectory error (ATE)
 };
 
-/// @param from, to [N], pairs; of fewer than 3 pairs rotation is not known: they are only shifted
+/// @param from, to [N] corresponding positions; fewer than 3 do not determine a rotation: they are only translated
 /// @param with_scale for a trajectory of unknown scale (one camera without depth)
 Alignment align(std::span<const glm::dvec3> from, std::span<const glm::dvec3> to, bool with_scale);
 

@@ -13,9 +13,9 @@
 namespace splatboost {
 namespace {
 
-// File: magic, number of entries (u32), then for each entry its name's length (u32), name, and the length (u64) and
-// bytes of its content; at the end the checksum (u64) of all of that, each of these parts a block that the next is
-// chained to. The content's first byte tells the type, so that a wrong get is noticed. Little endian.
+// File layout, little endian: magic; number of entries (u32); for each entry the length of its name (u32), the name,
+// the length of its content (u64) and the content; at the end the checksum (u64) of all of that, chained from field to
+// field. The first byte of a content is its type, so that reading an entry as another type is detected.
 constexpr char kMagic[8] = {'S', 'B', 'C', 'K', 'P', 'T', '0', '2'};
 constexpr std::size_t kVersionDigits = 2;
 constexpr std::uint32_t kMaxName = 4096;
@@ -34,7 +34,7 @@ std::vector<std::byte> tagged(char type, const void* data, std::size_t bytes) {
   return content;
 }
 
-/// Writes blocks, and at the end their checksum.
+/// Writes blocks and, in end(), their checksum.
 class CheckedOutput {
  public:
   explicit CheckedOutput(std::ostream& stream) : stream_(stream) {}
@@ -57,7 +57,7 @@ class CheckedOutput {
   std::uint64_t sum_ = 0;
 };
 
-/// Reads from a file whose size is known, and refuses to go past its end before anything is allocated.
+/// Reads from a file of known size; a read past its end throws before anything is allocated.
 class BoundedInput {
  public:
   BoundedInput(const std::filesystem::path& path, std::ifstream& stream, std::uint64_t size)
@@ -78,7 +78,7 @@ class BoundedInput {
     sum_ = checksum({static_cast<const std::byte*>(target), bytes}, sum_);
   }
 
-  /// Reads the checksum of all before it, which must be the end of the file.
+  /// Reads the checksum of everything before it; the file must end there.
   void end() {
     const std::uint64_t sum = sum_;
     if (number<std::uint64_t>() != sum) fail("is damaged: its checksum does not match; copy it again");
@@ -101,7 +101,7 @@ class BoundedInput {
 template <class T>
 std::vector<T> numbers(std::span<const std::byte> bytes, const std::filesystem::path& path, std::string_view name) {
   if (bytes.size() % sizeof(T) != 0) {
-    throw InputError(path.string() + ": checkpoint entry '" + std::string(name) + "' is not whole");
+    throw InputError(path.string() + ": checkpoint entry '" + std::string(name) + "' is incomplete");
   }
   std::vector<T> values(bytes.size() / sizeof(T));
   if (!values.empty()) std::memcpy(values.data(), bytes.data(), bytes.size());
@@ -111,7 +111,7 @@ std::vector<T> numbers(std::span<const std::byte> bytes, const std::filesystem::
 void require_type(std::span<const std::byte> content, char type, const std::filesystem::path& path,
                   std::string_view name) {
   if (static_cast<char>(content[0]) != type) {
-    throw InputError(path.string() + ": checkpoint entry '" + std::string(name) + "' is of another type");
+    throw InputError(path.string() + ": checkpoint entry '" + std::string(name) + "' has the wrong type");
   }
 }
 
@@ -158,7 +158,7 @@ ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)
   }
   BoundedInput input(path_, stream, size);
   char magic[sizeof kMagic] = {};
-  if (size < sizeof magic) input.fail("is truncated, or not one of SplatBoost");
+  if (size < sizeof magic) input.fail("is truncated or was not written by SplatBoost");
   input.read(magic, sizeof magic);
   if (std::memcmp(magic, kMagic, sizeof magic - kVersionDigits) != 0) {
     throw InputError(path_.string() + ": not a checkpoint of SplatBoost");
@@ -171,7 +171,7 @@ ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)
   const auto count = input.number<std::uint32_t>();
   for (std::uint32_t i = 0; i < count; ++i) {
     const auto name_length = input.number<std::uint32_t>();
-    if (name_length == 0 || name_length > kMaxName) input.fail("is damaged: impossible length of a name");
+    if (name_length == 0 || name_length > kMaxName) input.fail("is damaged: invalid length of a name");
     input.require(name_length);
     std::string name(name_length, '\0');
     input.read(name.data(), name.size());
@@ -210,7 +210,7 @@ std::int64_t ArchiveReader::integer(std::string_view name) const {
   require_type(content, kTypeInteger, path_, name);
   const auto values = numbers<std::int64_t>(content.subspan(1), path_, name);
   if (values.size() != 1)
-    throw InputError(path_.string() + ": checkpoint entry '" + std::string(name) + "' is not whole");
+    throw InputError(path_.string() + ": checkpoint entry '" + std::string(name) + "' is incomplete");
   return values[0];
 }
 

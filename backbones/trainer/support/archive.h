@@ -12,7 +12,7 @@
 
 namespace splatboost {
 
-/// Collects named arrays, then writes them to one file.
+/// Collects named arrays, then writes them to one file. put() replaces an entry of the same name.
 class ArchiveWriter {
  public:
   void put(std::string_view name, std::span<const float> values);
@@ -26,8 +26,8 @@ class ArchiveWriter {
   std::map<std::string, std::vector<std::byte>, std::less<>> entries_;
 };
 
-/// Reads such a file into memory, and throws InputError if its checksum does not match. Every get throws InputError
-/// naming file and entry if it is missing or not whole.
+/// Reads such a file into memory; throws InputError if it cannot be read or its checksum does not match. The getters
+/// throw InputError naming the file and the entry if the entry is missing, of another type or incomplete.
 class ArchiveReader {
  public:
   explicit ArchiveReader(std::filesystem::path path);

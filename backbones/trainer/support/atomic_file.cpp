@@ -25,12 +25,12 @@ namespace {
   throw std::runtime_error(path.string() + ": cannot be written: " + cause);
 }
 
-// The name does not contain the target's, which may be as long as a file system allows.
+// Not derived from the target's name, which may already have the maximum length of the file system.
 constexpr std::string_view kTemporaryPrefix = ".splatboost-";
 constexpr std::string_view kTemporarySuffix = ".tmp";
 constexpr char kLockName[] = ".splatboost.lock";
 
-/// Whether the name still leads to the open file.
+/// Whether the path still refers to the open file.
 bool is_at(int descriptor, const std::filesystem::path& path) {
   struct stat opened {};
   struct stat named {};
@@ -38,7 +38,7 @@ bool is_at(int descriptor, const std::filesystem::path& path) {
          opened.st_dev == named.st_dev;
 }
 
-/// A stream onto a file descriptor. std::ofstream would lose errno, hence the cause ("No space left on device"),
+/// A stream buffer for a file descriptor. std::ofstream loses errno, and with it the cause ("No space left on device"),
 /// and offers no fsync.
 class DescriptorBuffer final : public std::streambuf {
  public:
@@ -80,7 +80,7 @@ class DescriptorBuffer final : public std::streambuf {
   std::vector<char> buffer_;
 };
 
-/// The file beside the target: closed and removed unless it was renamed.
+/// The temporary file beside the target. The destructor closes it, and removes it unless it was renamed.
 struct TemporaryFile {
   std::filesystem::path path;
   int descriptor = -1;
@@ -92,9 +92,9 @@ struct TemporaryFile {
     for (;;) {
       path = target.parent_path() / (prefix + std::to_string(counter++) + std::string(kTemporarySuffix));
       descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-      if (descriptor < 0 && errno == EEXIST) continue;  // left by a killed process that had the same number
+      if (descriptor < 0 && errno == EEXIST) continue;  // left by a killed process with the same process ID
       if (descriptor < 0) fail(target, std::strerror(errno));
-      // Says that somebody writes it. remove_stale_files() may have come in between.
+      // The lock marks the file as in use. remove_stale_files() may have removed it before it was locked.
       if (::flock(descriptor, LOCK_EX | LOCK_NB) != 0 || is_at(descriptor, path)) return;
       ::close(descriptor);
     }
@@ -110,11 +110,11 @@ struct TemporaryFile {
 }  // namespace
 
 void write_file_atomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write) {
-  // Through a symbolic link the file it points to is replaced, not the link.
+  // If the path is a symbolic link, the file that it points to is replaced, not the link.
   std::error_code ignored;
   const std::filesystem::path target =
       std::filesystem::is_symlink(path, ignored) ? std::filesystem::weakly_canonical(path, ignored) : path;
-  if (target.empty()) fail(path, "the name is empty or a link that leads nowhere");
+  if (target.empty()) fail(path, "the name is empty or a broken symbolic link");
   if (std::filesystem::is_directory(target, ignored)) fail(path, "it is a folder");
 
   TemporaryFile temporary(target);
@@ -135,7 +135,7 @@ void write_file_atomically(const std::filesystem::path& path, const std::functio
   stream.flush();
   if (buffer.error() != 0) fail(path, std::strerror(buffer.error()));
   if (!stream) fail(path, "its content could not be produced");
-  // The bytes must be on disk before the name is, or a power cut could leave an empty file under the old name.
+  // The data must be on disk before the rename, or a power failure could leave an empty file under the old name.
   if (::fsync(descriptor) != 0 && errno != EINVAL && errno != ENOTSUP) fail(path, std::strerror(errno));
   temporary.descriptor = -1;
   if (::close(descriptor) != 0) fail(path, std::strerror(errno));
@@ -178,7 +178,7 @@ bool is_file(const std::filesystem::path& path) {
 void make_folder(const std::filesystem::path& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
-  if (error) throw std::runtime_error(folder.string() + ": cannot make this folder: " + error.message());
+  if (error) throw std::runtime_error(folder.string() + ": cannot create this folder: " + error.message());
   remove_stale_files(folder);
 }
 
@@ -190,10 +190,11 @@ FolderLock::FolderLock(const std::filesystem::path& folder) : file_(folder / kLo
     }
     if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
       ::close(descriptor_);
-      throw InputError(folder.string() +
-                       ": another splatboost works in this folder; wait until it has ended, or give another --model");
+      throw InputError(
+          folder.string() +
+          ": another splatboost process is using this folder; wait until it ends, or give another --model");
     }
-    // The one that had the lock may have removed the file since it was opened.
+    // The previous holder may have removed the file after it was opened here; then this lock has no effect.
     if (is_at(descriptor_, file_)) return;
     ::close(descriptor_);
   }
@@ -201,7 +202,7 @@ FolderLock::FolderLock(const std::filesystem::path& folder) : file_(folder / kLo
 
 FolderLock::~FolderLock() {
   if (descriptor_ < 0) return;
-  ::unlink(file_.c_str());  // before the lock ends: later it may be another's
+  ::unlink(file_.c_str());  // while locked: afterwards another process may own the file
   ::close(descriptor_);
 }
 

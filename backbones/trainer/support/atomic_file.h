@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Files appear whole or not at all; one process at a time writes into a folder.
+/// @file Atomic writing of files, and locks that let one process at a time write into a folder.
 #pragma once
 
 #include <filesystem>
@@ -9,32 +9,32 @@
 
 namespace splatboost {
 
-/// Lets `write` fill a temporary file beside `path` and renames it onto `path` once all bytes are on disk. On failure
-/// (disk full, no permission) the old file stays, the new one is removed, and std::runtime_error names path and cause.
+/// Calls `write` on a temporary file beside `path`, and renames that to `path` once all bytes are on disk. On failure
+/// (disk full, no permission) an old file is kept, the new one is removed, and std::runtime_error names path and cause.
 void write_file_atomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write);
 
-/// Same for text at hand.
+/// Same, with `text` as the content.
 void write_text_atomically(const std::filesystem::path& path, const std::string& text);
 
 /// Whether a file of this name is a temporary file of write_file_atomically() or the lock file of FolderLock.
 bool is_working_file(const std::filesystem::path& name);
 
-/// Removes the temporary files in the folder, not below it, that processes left which were killed. Those of processes
-/// that still write stay: each holds a lock on its own, which the kernel releases when the process ends.
+/// Removes the temporary files that killed processes left in the folder (not in its subfolders). Those of processes
+/// still writing are kept: each is locked, and the kernel releases the lock when the process ends.
 void remove_stale_files(const std::filesystem::path& folder);
 
-/// Whether it is a regular file. Throws InputError where the permissions of a folder keep that from being known.
+/// Whether `path` is a regular file. Throws InputError if folder permissions prevent the check.
 bool is_file(const std::filesystem::path& path);
 
-/// Makes the folder and those above it, and calls remove_stale_files() on it. Throws std::runtime_error naming it and
-/// the cause.
+/// Creates the folder and its parents, and calls remove_stale_files() on it. Throws std::runtime_error naming the
+/// folder and the cause.
 void make_folder(const std::filesystem::path& folder);
 
-/// Keeps other processes that ask for the same lock out of a folder, while it lives. Its file `.splatboost.lock` stays
-/// after a kill, but the lock ends with the process. On a file system without locks it does nothing.
+/// Locks a folder, for the lifetime of this object, against other processes that use FolderLock. If the process is
+/// killed, the file `.splatboost.lock` remains, but is no longer locked. Does nothing on a file system without locks.
 class FolderLock {
  public:
-  /// Throws InputError if another process has the lock, or if the folder, which must exist, cannot be written to.
+  /// Throws InputError if another process has the lock, or if the folder does not exist or cannot be written to.
   explicit FolderLock(const std::filesystem::path& folder);
   ~FolderLock();
   FolderLock(FolderLock&& other) noexcept;

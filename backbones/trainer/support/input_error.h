@@ -7,8 +7,8 @@
 
 namespace splatboost {
 
-/// Bad input: what is wrong, where, and what to do, in one line. The program prints it and exits with 2.
-/// Every other exception is a failure and exits with 1.
+/// Bad input. The message says in one line what is wrong, where, and what to do; the program prints it and exits with
+/// 2. Every other exception is a failure and exits with 1.
 class InputError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

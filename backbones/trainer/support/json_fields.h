@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Structs of constants from and to JSON, with unknown keys refused by name.
+/// @file Conversion of structs of constants to and from JSON; unknown keys are errors.
 #pragma once
 
 #include <set>
@@ -28,7 +28,7 @@ nlohmann::json fields_to_json(ForEach&& for_each) {
 }
 
 /// Overwrites the fields that the object names. Throws InputError on an unknown key or a value of the wrong type.
-/// @param what whose constants these are, for messages
+/// @param what owner of the constants, for error messages
 template <class ForEach>
 void fields_from_json(const nlohmann::json& json, const std::string& what, ForEach&& for_each) {
   if (!json.is_object()) throw InputError("config of " + what + ": expected a JSON object");
@@ -43,7 +43,7 @@ void fields_from_json(const nlohmann::json& json, const std::string& what, ForEa
     if (!known.contains(key)) {
       std::string names;
       for (const std::string& name : known) names += (names.empty() ? "" : ", ") + name;
-      throw InputError("config of " + what + ": unknown key '" + key + "'; known are " + names);
+      throw InputError("config of " + what + ": unknown key '" + key + "'; known keys are " + names);
     }
   }
 }

@@ -12,8 +12,8 @@ namespace splatboost {
 using Json = nlohmann::json;
 
 Json parse_json(std::string_view text, const std::string& place) {
-  // Copies and writers of JSON call themselves once a level, so that a deeper document could overflow the stack. None
-  // of ours has more than five levels.
+  // Copying and writing JSON recurse once per level, so that a deeper document could overflow the stack. None of our
+  // documents has more than five levels.
   constexpr int kDeepest = 64;
   const auto check_depth = [&](int depth, Json::parse_event_t, Json&) {
     if (depth > kDeepest) {
@@ -24,7 +24,7 @@ Json parse_json(std::string_view text, const std::string& place) {
   try {
     return Json::parse(text, check_depth, true, true);
   } catch (const Json::exception& error) {
-    // "[json.exception.parse_error.101] parse error at line 1, column 2: …"
+    // Drops the prefix of "[json.exception.parse_error.101] parse error at line 1, column 2: …".
     std::string what = error.what();
     if (const auto bracket = what.find("] "); bracket != std::string::npos) what.erase(0, bracket + 2);
     constexpr int kNumberOverflow = 406;

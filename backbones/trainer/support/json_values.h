@@ -31,7 +31,7 @@ inline void read_value(const nlohmann::json& json, const std::string& place, boo
 template <std::integral T>
 requires(!std::same_as<T, bool>) void read_value(const nlohmann::json& json, const std::string& place, T& value) {
   if (!json.is_number_integer()) wrong_type(place, "a whole number");
-  // Compared before it is narrowed, in the type that the number has.
+  // The range is checked before narrowing, in the type of the JSON number.
   const bool fits = json.is_number_unsigned() ? std::in_range<T>(json.get<std::uint64_t>())
                                               : std::in_range<T>(json.get<std::int64_t>());
   if (!fits) wrong_type(place, "a number in range");
@@ -41,7 +41,7 @@ requires(!std::same_as<T, bool>) void read_value(const nlohmann::json& json, con
 template <std::floating_point T>
 void read_value(const nlohmann::json& json, const std::string& place, T& value) {
   if (!json.is_number()) wrong_type(place, "a number");
-  // Compared before it is narrowed: the cast of a double that no float holds is undefined.
+  // The range is checked before narrowing: casting a double beyond the range of float is undefined.
   const auto given = json.get<double>();
   if (!(std::abs(given) <= static_cast<double>(std::numeric_limits<T>::max()))) wrong_type(place, "a number in range");
   value = static_cast<T>(given);
@@ -73,11 +73,11 @@ void read_value(const nlohmann::json& json, const std::string& place, std::optio
   }
 }
 
-/// Parses a document; // comments are allowed. Throws InputError, beginning with `place`, on text that is not JSON,
-/// that is nested too deep, or with a number that no double holds.
+/// Parses a document; // comments are allowed. Throws InputError, beginning with `place`, if the text is not JSON, is
+/// nested too deep, or has a number beyond the range of double.
 nlohmann::json parse_json(std::string_view text, const std::string& place);
 
-/// Parses a file that holds an object; throws InputError with its name likewise.
+/// Parses a file that must hold a JSON object. Throws InputError likewise, beginning with the path.
 nlohmann::json read_json_file(const std::filesystem::path& path);
 
 /// A float as the shortest decimal that reads back as the same float: 0.1, not 0.10000000149011612.

@@ -25,14 +25,14 @@ std::uint64_t find_number(const char* file, const std::string& key) {
   return 0;
 }
 
-/// Room left below the limit of the control group (version 2) that containers set; no limit: the largest number.
+/// Bytes left below the memory limit of the control group (version 2; containers set it); without a limit: the maximum.
 std::uint64_t control_group_room() {
   constexpr std::uint64_t kNone = std::numeric_limits<std::uint64_t>::max();
   std::uint64_t limit = 0, used = 0;
-  std::ifstream("/sys/fs/cgroup/memory.max") >> limit;  // "max" leaves 0
+  std::ifstream("/sys/fs/cgroup/memory.max") >> limit;  // "max" (no limit) does not parse: 0
   std::ifstream("/sys/fs/cgroup/memory.current") >> used;
   if (limit == 0) return kNone;
-  // Cached files go when memory is needed.
+  // The kernel drops cached files when memory is needed.
   used -= std::min(used, find_number("/sys/fs/cgroup/memory.stat", "inactive_file "));
   return limit - std::min(limit, used);
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A folder of our own among the system's temporary files.
+/// @file A private folder in the system's folder for temporary files.
 #pragma once
 
-#include <stdlib.h>  // mkdtemp, of POSIX
+#include <stdlib.h>  // mkdtemp (POSIX)
 
 #include <cerrno>
 #include <filesystem>
@@ -11,10 +11,10 @@
 
 namespace splatboost {
 
-/// Empty at first; goes away, with all that is in it, with this object.
+/// Empty when created; removed with all its content by the destructor.
 class TemporaryFolder {
  public:
-  /// Throws std::system_error where it cannot be made.
+  /// Throws std::system_error if it cannot be created.
   TemporaryFolder() {
     std::string pattern = (std::filesystem::temp_directory_path() / "splatboost-XXXXXX").string();
     if (mkdtemp(pattern.data()) == nullptr) throw std::system_error(errno, std::generic_category(), pattern);

@@ -6,7 +6,7 @@
 namespace splatboost {
 namespace {
 
-/// Length of the well-formed UTF-8 character at the beginning of the text; 0: there is none.
+/// Length of the well-formed UTF-8 character at the beginning of the text; 0 if there is none.
 std::size_t character_length(std::string_view text) {
   const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
   if (byte(0) < 0x80) return 1;
@@ -41,7 +41,7 @@ std::string printable(std::string_view text) {
   while (!text.empty()) {
     const auto first = static_cast<unsigned char>(text[0]);
     std::size_t length = character_length(text);
-    // U+0080 to U+009F are control characters too, of two bytes: the second is told alone in the next round.
+    // U+0080 to U+009F are control characters too, of two bytes; the next iteration escapes the second.
     const bool second_set = length == 2 && first == 0xc2 && static_cast<unsigned char>(text[1]) < 0xa0;
     if (length == 0 || first < 0x20 || first == 0x7f || second_set) {
       shown += {'\\', 'x', kDigits[first >> 4], kDigits[first & 0xf]};

@@ -12,14 +12,14 @@ namespace {
 constexpr std::uint64_t kSeed = 1;
 constexpr float kFocalPerWidth = 0.9f;
 constexpr int kRestRows = 15;
-// Spread of the logarithm of a standard deviation, an axis. With the default of BenchSize it gives the 60k scene the
-// density of cpu benchmarks of the field: about 56 splats blended a pixel.
+// Standard deviation of the logarithm of each axis' scale. With the default BenchSize::deviation, the 60k scene has the
+// density of the CPU benchmarks of the field: about 56 splats blended per pixel.
 constexpr double kDeviationSpread = 0.5;
 constexpr double kNearest = 2, kFarthest = 10;
 
 const BenchSize kSizes[] = {{"20k", 20000, 400, 300}, {"60k", 60000, 640, 480}, {"200k", 200000, 1024, 680}};
 
-/// Smooth noise: a few waves of random direction a channel.
+/// Smooth noise: a few waves of random direction per channel.
 std::vector<std::uint8_t> noise_photo(int width, int height) {
   const RandomStream random(kSeed, 1, RandomPurpose::synth);
   std::vector<std::uint8_t> photo;

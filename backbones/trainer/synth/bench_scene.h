@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The fixed scenes that every measurement of speed is made on: `splatboost bench` and the kernels' benchmarks.
+/// @file Fixed scenes for all speed measurements: `splatboost bench` and the benchmarks of the kernels.
 #pragma once
 
 #include <cstddef>
@@ -17,19 +17,19 @@ struct BenchSize {
   std::string name;
   std::size_t splats;
   int width, height;
-  double deviation = 3.2;  ///< geometric mean of the ellipses' standard deviations, px
+  double deviation = 3.2;  ///< geometric mean of the standard deviations of the splats, px
 };
 
 /// 20k, 60k and 200k splats at 400×300, 640×480 and 1024×680.
 std::span<const BenchSize> bench_sizes();
 
-/// One camera before `size.splats` random ellipses spread evenly over its image, most of them faint, and one photo of
-/// smooth noise. About 56 splats blend into a pixel of 60k. Same size, same bytes.
+/// One camera in front of `size.splats` random Gaussians spread evenly over its image, most of them faint, and one
+/// photo of smooth noise. In the 60k scene about 56 splats blend per pixel. The same size always gives the same bytes.
 struct BenchScene {
   Scene scene;
   SplatCloud cloud;
   std::vector<float> scales, opacities;  ///< the cloud's, activated
-  /// Views of this scene.
+  /// Spans of this object's arrays, valid while it lives.
   Gaussians gaussians() const;
 };
 BenchScene make_bench_scene(const BenchSize& size);

@@ -33,18 +33,18 @@ void check(const SynthOptions& options) {
   };
   require(!options.output.empty(), "no output folder is given");
   require(options.scene == "room" || options.scene == "street" || options.scene == "moving" || options.scene == "walk",
-          "there is no scene '" + options.scene + "'; there is: room, street, moving, walk");
+          "unknown scene '" + options.scene + "'; known scenes are room, street, moving, walk");
   require(options.cameras >= 0 && options.cameras <= options.views,
           std::to_string(options.cameras) +
-              " cameras of a rig are not possible; use 1 to --views, or 0 for one that moves");
-  require(options.scene == "moving" || options.cameras == 0, "only the scene 'moving' is filmed by a rig of cameras");
+              " cameras of a rig are not possible; use 1 to --views, or 0 for one moving camera");
+  require(options.scene == "moving" || options.cameras == 0, "only the scene 'moving' supports a rig of cameras");
   require(std::isfinite(options.baseline) && options.baseline >= 0 && options.baseline <= 1,
-          "two cameras stand at most 1 m apart; 0: there is one, with depth");
-  require(options.scene == "walk" || options.baseline == 0, "only the scene 'walk' is filmed by a pair of cameras");
-  require(options.scene != "moving" || options.views >= 2, "a scene that moves needs 2 views or more");
+          "the baseline of two cameras must be 0 to 1 m; 0: one camera with depth");
+  require(options.scene == "walk" || options.baseline == 0, "only the scene 'walk' supports a pair of cameras");
+  require(options.scene != "moving" || options.views >= 2, "the scene 'moving' needs 2 or more views");
   require(options.width >= 16 && options.height >= 16 && options.width <= 8192 && options.height <= 8192,
           "the size " + std::to_string(options.width) + "x" + std::to_string(options.height) +
-              " is not possible; both sides must lie in 16 to 8192");
+              " is not possible; both sides must be 16 to 8192");
   require(options.views >= 1 && options.views <= 9999,
           std::to_string(options.views) + " views are not possible; use 1 to 9999");
   require(options.surface_points >= 0,
@@ -104,7 +104,7 @@ void write_synthetic_scene(const SynthOptions& options) {
     model.images.push_back(std::move(image));
   }
 
-  // The sparse cloud: what random pixels of random views see, off by some noise, as triangulated points are.
+  // The sparse cloud: surface points at random pixels of random views, with noise, like triangulated points.
   const auto points = static_cast<std::size_t>(options.points);
   model.points.positions.resize(3 * points);
   model.points.colors.resize(3 * points);
@@ -116,7 +116,7 @@ void write_synthetic_scene(const SynthOptions& options) {
     const Seen seen = world->look(ray, 1.0 / camera.focal);
     for (int k = 0; k < 3; ++k) {
       const std::size_t at = 3 * i + static_cast<std::size_t>(k);
-      // normal(n) uses the numbers 2n and 2n + 1: here 16i + 4 … 16i + 9.
+      // normal(n) uses the random numbers 2n and 2n + 1: here 16i + 4 … 16i + 9.
       const double off =
           static_cast<double>(options.point_noise) * point_random.normal(8 * i + 2 + static_cast<std::uint64_t>(k));
       model.points.positions[at] = static_cast<float>((ray.origin + seen.distance * ray.direction)[k] + off);

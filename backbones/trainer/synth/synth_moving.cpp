@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A room in which things fly (rigid), an arm swings (articulated) and a stalk bends, filmed by one camera that walks
+// A room in which objects fly (rigid), an arm swings (articulated) and a stalk bends, seen by one camera that walks
 // around, or by a rig.
 #include "trainer/synth/synth_moving.h"
 
@@ -32,12 +32,12 @@ std::unique_ptr<World> make_moving_room(double time) {
   };
   add(Shape::cylinder, Material::podium, {1.18, 0, kPodiumHeight}, {0, 0, 0});
 
-  // What stands still.
+  // Static objects.
   add(Shape::cone, Material::spiral, {0.22, 0, 0.6}, {-0.42, 0.72, kPodiumHeight});
   add(Shape::box, Material::stone, Vec3(0.25, 0.25, 0.12), {0.02, 0.05, kPodiumHeight + 0.12}, about(0.3, {0, 0, 1}));
   add(Shape::cylinder, Material::can, {0.15, 0, 0.4}, {0.72, -0.52, kPodiumHeight}, about(1, {0, 0, 1}));
 
-  // Rigid: a globe rises and turns above the stone, a ball hops across, a ring rolls.
+  // Rigid motion: a globe rises and turns above the stone, a ball hops across, a ring rolls.
   add(Shape::sphere, Material::globe, Vec3(0.26), {0.02, 0.05, kPodiumHeight + 0.62 + 0.22 * std::sin(turn)},
       about(1.6 * turn / 2, glm::normalize(Vec3(0.2, 0.3, 1))));
   add(Shape::sphere, Material::beach_ball, Vec3(0.17),
@@ -77,7 +77,7 @@ namespace {
 
 using namespace synthetic;
 
-/// A picture to be taken.
+/// An image to render.
 struct Shot {
   Pose pose;
   double time = 0;
@@ -99,7 +99,7 @@ Film plan(const SynthOptions& options) {
                                               : room->camera(i, options.views, random),
                           time});
   }
-  // Times between those of training, seen from elsewhere than the camera was then.
+  // Times between the training times, from poses other than the training camera's at that time.
   const int tests = std::max(2, options.views / 6);
   for (int i = 0; i < tests; ++i) {
     const int place = (i + tests / 2) % tests;
@@ -145,7 +145,7 @@ void write_moving_scene(const SynthOptions& options) {
     write_text_atomically(options.output / ("transforms_" + split + ".json"), json.dump(1) + "\n");
   }
 
-  // What random pixels of random training views see, each at its time.
+  // Surface points at random pixels of random training views, at the time of the view.
   const RandomStream random(options.seed, 1, RandomPurpose::synth);
   FloatTable points{{"x", "y", "z", "red", "green", "blue"}, {}};
   for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(options.points); ++i) {

@@ -6,7 +6,7 @@
 
 namespace splatboost {
 
-/// As write_synthetic_scene(), whose checks the options have passed.
+/// As write_synthetic_scene(), which must have checked the options.
 void write_moving_scene(const SynthOptions& options);
 
 }  // namespace splatboost

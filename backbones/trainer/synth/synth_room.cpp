@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A room around a podium; cameras stand around it and look inwards.
+// A room around a podium; the cameras are placed around it and look inwards.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -24,7 +24,7 @@ struct Hit {
   int wall = 0;      // of the room: 0/1 x low/high, 2/3 y, 4 floor, 5 ceiling
 };
 
-/// Most rays miss most solids: does this one come near, before `farthest`?
+/// Whether the ray meets the solid's bounding sphere before `farthest`; a cheap test, as most rays miss most solids.
 inline bool comes_near(const Solid& solid, const Ray& ray, double farthest) {
   const Vec3 to_centre = solid.bound_centre - ray.origin;
   const double along = glm::dot(to_centre, ray.direction);
@@ -159,11 +159,11 @@ class Room final : public World {
     return hit.wall == 4 ? floor_surface(p, width) : ceiling_surface(p, width);
   }
 
-  /// Share of a small spherical lamp that a point sees: a fixed pattern of rays, the same for every view.
+  /// Visible fraction of a small spherical lamp from a point, by a fixed pattern of rays, the same for all views.
   double light_seen(const Vec3& from, const Vec3& to) const {
     constexpr double kLampRadius = 0.07;
     constexpr std::array<Vec3, 3> kPattern{Vec3{0.9, 0.1, -0.4}, Vec3{-0.5, 0.75, 0.4}, Vec3{-0.35, -0.85, 0.0}};
-    // Few solids come near the bundle of rays; most points have none.
+    // Collect the solids near the bundle of rays: few, and for most points none.
     const Vec3 middle_way = to - from;
     const double length = glm::length(middle_way);
     const Vec3 middle = middle_way / length;
@@ -191,16 +191,16 @@ class Room final : public World {
     return seen;
   }
 
-  /// Ambient light that reaches a point: less in the corners of the room and beside solids (as if they were spheres).
+  /// Ambient light that reaches a point, 0..1: less in the corners of the room and beside solids (taken as spheres).
   double openness(const Hit& hit, const Vec3& p) const {
     double open = 1;
     for (int axis = 0; axis < 3; ++axis) {
       for (const double distance : {p[axis] - kRoomLow[axis], kRoomHigh[axis] - p[axis]}) {
-        if (hit.solid < 0 && hit.wall / 2 == axis) continue;  // not its own wall
+        if (hit.solid < 0 && hit.wall / 2 == axis) continue;  // skip the point's own wall
         open *= 1 - 0.42 / (1 + distance * distance * 40);
       }
     }
-    for (std::size_t i = 1; i < solids_.size(); ++i) {  // 0 is the podium: too flat for a sphere
+    for (std::size_t i = 1; i < solids_.size(); ++i) {  // skip the podium: too flat to count as a sphere
       if (static_cast<int>(i) == hit.solid) continue;
       const Vec3 to = solids_[i].bound_centre - p;
       const double radius = 0.8 * solids_[i].bound_radius;

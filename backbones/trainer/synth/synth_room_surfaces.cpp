@@ -30,7 +30,7 @@ Vec3 painting(double u, double v, int kind, double width) {
   return mix(srgb(24, 22, 26), color, edge(cell.rim - 0.07, 7 * width));
 }
 
-/// Hangs a framed picture at (u, v); tells whether the point lies on it.
+/// Draws a framed picture around (centre_u, centre_v); returns whether the point (u, v) lies on it.
 bool framed_painting(double u, double v, double centre_u, double centre_v, double half_u, double half_v, int kind,
                      double width, Surface& surface) {
   constexpr double kFrame = 0.055;
@@ -96,7 +96,7 @@ Surface floor_surface(const Vec3& p, double width) {
     const double weave = std::sin(2 * kPi * p.x / 0.024) * std::sin(2 * kPi * p.y / 0.024) * visible(0.024, width);
     const double fuzz = fractal(p, 0.03, 2, width);
     const double zigzag = std::abs(fract(angle * 18 / kPi) - 0.5) * 2;
-    const double arc = radius * kPi / 18;  // length of one zigzag, to size its blur
+    const double arc = radius * kPi / 18;  // length of one zigzag, for the width of its blur
     Vec3 rug = srgb(140, 34, 40);
     rug = mix(rug, srgb(28, 42, 84), edge(radius - 1.28 - 0.09 * zigzag, width + 0.1 * width / arc));
     rug = mix(rug, srgb(232, 214, 170), band(radius, 1.22 + 0.09 * zigzag, 1.27 + 0.09 * zigzag, width));

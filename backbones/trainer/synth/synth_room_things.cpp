@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What stands in the room, and how solids are made.
+// The solids of the room, and their construction.
 #include <cmath>
 #include <utility>
 #include <vector>

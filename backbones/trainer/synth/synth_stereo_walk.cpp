@@ -17,7 +17,7 @@ namespace {
 
 using namespace synthetic;
 
-constexpr long long kFirstTime = 1'400'000'000'000'000'000, kFrameTime = 50'000'000;  // ns: 20 frames a second
+constexpr long long kFirstTime = 1'400'000'000'000'000'000, kFrameTime = 50'000'000;  // ns: 20 frames per second
 
 template <class... Values>
 std::string printed(const char* format, Values... values) {
@@ -26,13 +26,13 @@ std::string printed(const char* format, Values... values) {
   return text;
 }
 
-/// The second camera's pose in the first one's frame: beside it, and as real ones not quite parallel to it.
+/// Pose of the second camera in the frame of the first: beside it and, as in real rigs, not quite parallel to it.
 Pose second_from_first(double baseline) {
   const glm::dquat turn = glm::angleAxis(0.008, glm::normalize(glm::dvec3(0.3, 1, 0.2)));
   return {{baseline, 0.01 * baseline, -0.02 * baseline}, glm::mat3_cast(turn)};
 }
 
-/// The body's frame has x up, y to the left and z forward, as EuRoC's has about.
+/// The body frame has x up, y left and z forward, approximately as in EuRoC.
 const Mat3 kBodyFromCamera(Vec3(0, -1, 0), Vec3(-1, 0, 0), Vec3(0, 0, -1));
 
 std::string sensor_yaml(const Intrinsics& camera, const Pose& in_first) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A straight street of houses, 64 m long, under a sky that is a dome. Some cameras walk along it, some stand close to a
-// facade, some fly above: one scene at scales of centimetres and of tens of metres.
+// A straight street of houses, 64 m long, under a sky dome. Some cameras walk along it, some are close to a facade,
+// some fly above: one scene with scales from centimetres to tens of metres.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,7 +15,7 @@ namespace {
 using namespace street;
 
 constexpr double kSkyRadius = 75;
-constexpr int kHouses = 7;  // a side
+constexpr int kHouses = 7;  // per side
 const Vec3 kSun = glm::normalize(Vec3(0.5, -0.42, 0.76));
 
 struct Hit {
@@ -143,7 +143,7 @@ class Street final : public World {
         return looking(centre, {centre.x + ahead, 6 * jitter(3), 1});
       }
       default: {  // on foot
-        // Never out of the street at its ends.
+        // Near the ends of the street, never look out of it.
         const bool back = std::abs(along) > 12 ? along > 0 : jitter(0) > 0;
         const double yaw = (back ? kPi : 0.0) + 1.15 * jitter(1);
         const Vec3 centre{along, 0.9 * jitter(2), 1.6 + 0.25 * jitter(3)};
@@ -254,7 +254,7 @@ class Street final : public World {
     return 1;
   }
 
-  /// Ambient light: less near the ground, and on the ground less beside and under boxes.
+  /// Ambient light that reaches a point, 0..1: less near the ground, and on the ground less beside and under boxes.
   double openness(const Hit& hit, const Vec3& p) const {
     if (hit.solid >= 0) return 1 - 0.4 * std::exp(-3 * p.z) - (hit.normal.z < -0.5 ? 0.4 : 0.0);
     double open = 1;

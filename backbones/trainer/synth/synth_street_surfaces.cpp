@@ -67,7 +67,7 @@ Vec3 wall(const Solid& solid, const Vec3& p, const Vec3& n, double width) {
   } else {
     color = planks(u, v, 0.19, 2.6, solid.seed, width, plaster_color(solid.seed) * 0.7, plaster_color(solid.seed));
   }
-  // A plinth, quoins at the corners, and rows of windows; the door is where the middle one of the ground floor was.
+  // A plinth, quoins at the corners, and rows of windows; the door replaces the middle one of the ground floor.
   color = mix(color, srgb(150, 146, 138) * (1 + 0.3 * fractal(p, 0.12, 4, width)), edge(0.42 - v, width));
   const double quoin = 0.28 + 0.1 * (std::fmod(std::floor(v / 0.36), 2.0));
   const Vec3 stone = srgb(206, 198, 182) * (1 + 0.2 * fractal(p, 0.1, 3, width)) *
@@ -210,7 +210,7 @@ Surface ground(const Vec3& p, double width) {
   const double dash = band(fract(p.x / 3.0) * 3.0, 0.4, 1.9, width) * edge(0.07 - across, width);
   const double line = band(across, kRoad - 0.32, kRoad - 0.2, width);
   road = mix(road, srgb(232, 230, 220) * (1 + 0.25 * grain), std::max(dash, line));
-  // A crossing in the middle, a manhole now and then.
+  // A zebra crossing in the middle, and manhole covers at intervals.
   if (std::abs(p.x) < 1.6) {
     const double stripe = band(fract(p.y / 0.9), 0.0, 0.5, width / 0.9) * edge(1.5 - std::abs(p.x), width);
     road = mix(road, srgb(236, 234, 226) * (1 + 0.2 * grain), stripe * edge(kRoad - 0.4 - across, width));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What the street and the things in it look like from close by.
+/// @file Solids of the street, and the surface materials of the street and its solids.
 #pragma once
 
 #include <cmath>
@@ -8,11 +8,11 @@
 
 namespace splatboost::synthetic::street {
 
-// Metres across the street from its middle, and along it.
+// Metres: distances across the street from its middle; kLot is along it.
 inline constexpr double kRoad = 3.5;      // half width
-inline constexpr double kPavement = 6.0;  // its outer edge
-inline constexpr double kFronts = 8.0;    // of the houses
-inline constexpr double kLot = 8.5;       // width of a house's ground
+inline constexpr double kPavement = 6.0;  // outer edge of the pavement
+inline constexpr double kFronts = 8.0;    // fronts of the houses
+inline constexpr double kLot = 8.5;       // width of the ground of a house
 
 enum class Shape { box, gable, sphere, cylinder };
 enum class Material { house, roof, leaves, bark, metal, lamp, car, tyre, fence, pot, letterbox, bench };
@@ -29,12 +29,12 @@ struct Solid {
   double bound_radius = 0;
 };
 
-/// A number in [0, 1) of a thing, another one for each purpose.
+/// A random number in [0, 1) that depends on the solid's seed and on the purpose.
 inline double seeded(double seed, double purpose) { return hash01(std::floor(seed), std::floor(purpose), 77.0); }
 
 /// @param p point in the solid's own frame
-/// @param n normal there
-/// @param width of a pixel there
+/// @param n normal at p
+/// @param width of a pixel at p, metres
 Surface surface_of(const Solid& solid, const Vec3& p, const Vec3& n, double width);
 /// @param p point in the world
 Surface ground(const Vec3& p, double width);

@@ -50,7 +50,7 @@ void render_view(const World& world, const Intrinsics& camera, const Pose& pose,
 void make_picture_folder(const std::filesystem::path& folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
-  if (error) throw InputError(folder.string() + ": the folder cannot be made: " + error.message());
+  if (error) throw InputError(folder.string() + ": cannot create this folder: " + error.message());
   remove_stale_files(folder);
 }
 

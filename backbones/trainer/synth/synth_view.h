@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A view of a ray-traced scene with its truth.
+/// @file A view of a ray-traced scene with its ground truth.
 #pragma once
 
 #include <cmath>
@@ -14,7 +14,7 @@
 namespace splatboost::synthetic {
 
 inline constexpr double kFieldOfView = 66.0 * kPi / 180.0;  // horizontal
-inline constexpr double kFarthestDepth = 65.5;              // what 16 bits of millimetres can hold
+inline constexpr double kFarthestDepth = 65.5;              // metres; the range of 16-bit millimetres
 
 /// Pixel centres are at (i + 0.5, j + 0.5).
 struct Intrinsics {
@@ -40,17 +40,17 @@ struct Picture {
     normals.resize(3 * pixels);
     mask.resize(pixels);
   }
-  std::vector<std::uint8_t> color;    ///< RGB
-  std::vector<double> depth;          ///< z in metres, 0 in the sky
-  std::vector<std::uint8_t> normals;  ///< RGB, world, 127.5·(n + 1)
-  std::vector<std::uint8_t> mask;     ///< 255 for objects
+  std::vector<std::uint8_t> color;    ///< [H,W,3] sRGB
+  std::vector<double> depth;          ///< [H,W] z in metres, 0 in the sky
+  std::vector<std::uint8_t> normals;  ///< [H,W,3] world frame, 127.5·(n + 1)
+  std::vector<std::uint8_t> mask;     ///< [H,W] 255 for objects, else 0
 };
 
-/// @param samples per pixel and axis
+/// Renders a view and its ground truth. @param samples of colour per pixel and axis
 void render_view(const World& world, const Intrinsics& camera, const Pose& pose, int samples, Threads& threads,
                  Picture& picture);
 
-/// Makes a folder for write_picture(), without what a killed process left there.
+/// Creates a folder for write_picture(), and removes temporary files that killed processes left in it.
 void make_picture_folder(const std::filesystem::path& folder);
 
 /// Writes output/colors/name, output/depth/name (16 bit, mm, 0 beyond 65 m), output/normals/name and output/masks/name.

@@ -22,13 +22,13 @@ namespace {
 
 using namespace synthetic;
 
-constexpr double kTurns = 1.12;                  // around the room: the end is over the beginning
-constexpr double kDepthScale = 6553.5;           // Replica's
+constexpr double kTurns = 1.12;                  // around the room: the end overlaps the beginning
+constexpr double kDepthScale = 6553.5;           // as in Replica
 constexpr double kFarthest = 8, kNearest = 0.3;  // metres
-constexpr double kEdge = 0.04;                   // share of the depth by which neighbours differ at an edge
-constexpr double kGrazing = 0.15;                // cosine of the angle below which a surface sends nothing back
+constexpr double kEdge = 0.04;                   // relative depth difference of neighbours at an edge
+constexpr double kGrazing = 0.15;                // cosine to the normal below which there is no measurement
 
-/// What a sensor would measure, 0 where it would not.
+/// Depth that a sensor would measure, metres; 0: no measurement.
 double measured(const Picture& picture, const Intrinsics& camera, const Pose& pose, int x, int y,
                 const RandomStream& random) {
   const auto at = [&](int column, int row) {
@@ -54,7 +54,7 @@ Pose walk_pose(int index, int count) {
   const double angle = 2 * kPi * kTurns * index / std::max(1, count - 1);
   const double radius = 1.9 + 0.12 * std::sin(3 * angle + 0.5);
   const double height = 1.35 + 0.12 * std::sin(2.3 * angle);
-  // Ahead along the way: what is seen changes from place to place.
+  // Looks ahead along the path, so that the view changes from place to place.
   const double ahead = angle + 1.0 + 0.12 * std::sin(4.1 * angle);
   return looking({radius * std::cos(angle), radius * std::sin(angle), height},
                  {1.75 * std::cos(ahead), 1.75 * std::sin(ahead), 0.95 + 0.1 * std::sin(1.7 * angle)});
@@ -97,7 +97,7 @@ void write_walk(const SynthOptions& options) {
     }
     trajectory += "0 0 0 1\n";
   }
-  // A reader takes every frame there is: those of a longer walk that was here before go.
+  // Readers take all frames in the folder: remove those left from a longer walk.
   for (int i = options.views;; ++i) {
     char name[32];
     std::snprintf(name, sizeof(name), "%06d.png", i);
@@ -107,7 +107,7 @@ void write_walk(const SynthOptions& options) {
     if (!frame && !with_depth) break;
   }
   write_text_atomically(options.output / "traj.txt", trajectory);
-  // There the middle of the first pixel is at (0, 0).
+  // In this format, the centre of the first pixel is at (0, 0).
   char text[256];
   std::snprintf(text, sizeof(text),
                 "{\"camera\": {\"w\": %d, \"h\": %d, \"fx\": %.9f, \"fy\": %.9f, \"cx\": %.3f, \"cy\": %.3f, "

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A walk through the room with a camera of colour and depth, as a sequence for SLAM.
+/// @file A walk through the room with an RGB-D camera or a stereo pair, as a sequence for SLAM.
 #pragma once
 
 #include "trainer/synth/synth.h"
@@ -7,17 +7,17 @@
 
 namespace splatboost {
 
-/// Frames of a walk: once around, and on over its beginning.
+/// Default number of frames of a walk: once around the room, ending past the start.
 inline constexpr int kWalkFrames = 300;
 
-/// Where the camera is at frame `index`.
+/// Pose of the camera at frame `index` of `count`.
 synthetic::Pose walk_pose(int index, int count);
 
-/// Standard deviation of a depth camera's measurement at `z` metres (Nguyen et al. 2012, of the Kinect).
+/// Standard deviation, in metres, of a depth measurement at `z` metres (Kinect; Nguyen et al. 2012).
 double depth_sigma(double z);
 
 /// Writes the sequence in Replica's layout: results/frame*.png, results/depth*.png, traj.txt, cam_params.json. Depth
-/// has the noise of a sensor, and none at edges, at grazing angles and beyond 8 m.
+/// has the noise of a sensor, and is missing (0) at edges, at grazing angles and outside of 0.3 to 8 m.
 void write_walk(const SynthOptions& options);
 
 /// Writes the same walk with two cameras, options.baseline apart, in EuRoC's layout: mav0/cam0, mav0/cam1 and the

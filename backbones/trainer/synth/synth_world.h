@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What ray-traced scenes are made of: colour, noise, shapes and a few materials. The world is in metres, z up.
+/// @file Parts of ray-traced scenes: colour, noise, shapes and a few materials. The world is in metres, z up.
 /// Textures are functions of the surface point, blurred to the size of a pixel, so that views agree with each other.
 #pragma once
 
@@ -26,7 +26,7 @@ inline constexpr double kPi = std::numbers::pi;
 
 // ---------------------------------------------------------------------------------------------------- colour, noise
 
-/// sRGB 0..255 to linear 0..1. By a table: textures name their colours anew for every sample.
+/// sRGB 0..255 to linear 0..1. From a table, since textures convert their colours for every sample.
 inline Vec3 srgb(int r, int g, int b) {
   static const std::array<double, 256> kLinear = [] {
     std::array<double, 256> table{};
@@ -52,11 +52,11 @@ inline double fract(double x) { return x - std::floor(x); }
 
 /// 0 below the edge, 1 above, with a ramp as wide as a pixel.
 inline double edge(double x, double width) { return std::clamp(x / std::max(width, 1e-9) + 0.5, 0.0, 1.0); }
-/// 1 inside [low, high].
+/// 1 inside [low, high], 0 outside, with the same ramps.
 inline double band(double x, double low, double high, double width) {
   return edge(x - low, width) * edge(high - x, width);
 }
-/// How much of a pattern of this period a pixel of this width can still show.
+/// Contrast, from 1 to 0, of a pattern of this period that is left at this pixel width.
 inline double visible(double period, double width) { return std::clamp(1.6 - 2.4 * width / period, 0.0, 1.0); }
 
 inline double hash01(std::int64_t x, std::int64_t y, std::int64_t z) {
@@ -88,7 +88,7 @@ inline double noise(const Vec3& p) {
   return 2 * mix(planes[0], planes[1], w) - 1;
 }
 
-/// Octaves of noise, from features of `size` down; those that a pixel cannot show are left out.
+/// Octaves of noise, from features of `size` down; those too fine for a pixel are left out.
 inline double fractal(const Vec3& p, double size, int octaves, double width) {
   double sum = 0, amplitude = 0.55;
   for (int i = 0; i < octaves; ++i) {
@@ -217,7 +217,7 @@ inline Vec3 planks(double along, double across, double plank_width, double plank
   const double tone = hash01(row, column, seed + 11);
   const double in_row = fract(across / plank_width) * plank_width;
   const double in_column = fract((along + shift) / plank_length) * plank_length;
-  // Grain: noise drawn out along the plank, and rings where it bends.
+  // Grain: noise stretched along the plank, and rings where it bends.
   const Vec3 grain_at(along * 0.12 + 7 * tone, across, 31 * tone + seed);
   const double grain = fractal(grain_at, 0.05, 3, width);
   const double rings = std::sin(95 * across + 9 * fractal(grain_at, 0.25, 2, width)) * visible(0.066, width);
@@ -238,12 +238,12 @@ inline Vec3 bricks(double u, double v, double seed, double width) {
   const Vec3 p(u, v, seed);
   const double grit = fractal(p, 0.06, 3, width);
   Vec3 brick = mix(srgb(116, 52, 38), srgb(196, 112, 80), std::clamp(tone + 0.5 * grit, 0.0, 1.0));
-  if (tone > 0.86) brick = mix(brick, srgb(74, 58, 60), 0.65);  // an over-fired one here and there
+  if (tone > 0.86) brick = mix(brick, srgb(74, 58, 60), 0.65);  // some are over-fired
   const Vec3 mortar = srgb(188, 180, 166) * (1 + 0.35 * grit);
   return mix(mortar, brick, edge(rim - kJoint, std::max(width, 0.006)));
 }
 
-/// Cells around scattered points: distance to the rim, and the cell's own number.
+/// A Voronoi cell of scattered points: distance to the rim, and the cell's random number in [0, 1).
 struct Cell {
   double rim;
   double tone;
@@ -288,16 +288,16 @@ inline Pose looking(const Vec3& centre, const Vec3& target) {
   return {centre, Mat3(right, glm::cross(forward, right), forward)};
 }
 
-/// What a ray meets.
+/// What a ray hits.
 struct Seen {
   double distance = 0;
   Vec3 normal{0.0};     ///< world, towards the ray's origin; 0 for the sky
   bool object = false;  ///< white in masks
   bool sky = false;     ///< no depth
-  Vec3 color{0.0};      ///< linear, exposed; of look() only
+  Vec3 color{0.0};      ///< linear, after exposure; only from look()
 };
 
-/// A scene and where its cameras stand.
+/// A scene and the poses of its cameras. probe() finds the geometry that a ray hits, look() also its colour.
 class World {
  public:
   virtual ~World() = default;
@@ -309,7 +309,7 @@ class World {
 
 std::unique_ptr<World> make_room();
 std::unique_ptr<World> make_street();
-/// The room with things that move. @param time in [0,1]
+/// The room with moving objects. @param time in [0,1]
 std::unique_ptr<World> make_moving_room(double time);
 
 }  // namespace splatboost::synthetic

@@ -13,12 +13,12 @@
 namespace splatboost {
 namespace {
 
-/// The parts in the order in which a difference is told: another split has other photos too.
+/// The parts, in the order in which differences are reported: a different split implies different photos, too.
 constexpr std::pair<const char*, const char*> kParts[] = {
-    {"split", "another choice of training and test views, or other names of them"},
-    {"cameras", "other cameras of the training views"},
-    {"photos", "other photos: pixels of the training views differ"},
-    {"points", "other points to start from"}};
+    {"split", "a different choice or different names of training and test views"},
+    {"cameras", "different cameras of the training views"},
+    {"photos", "different photos: pixels of the training views differ"},
+    {"points", "different initial points"}};
 
 template <class T>
 std::uint64_t add(std::span<const T> values, std::uint64_t sum) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What data a run was given, so that a checkpoint goes on with the same.
+/// @file Identity of the data of a run, so that a checkpoint is resumed with the same data.
 #pragma once
 
 #include <string>
@@ -16,7 +16,7 @@ namespace splatboost {
 /// pixels once: about a second for 1.5 GB, that is 300 photos of 1600x1066, on one core.
 nlohmann::json data_identity(const Scene& scene);
 
-/// What differs first between two of them, in words; empty: nothing.
+/// The first difference between two identities, in words; empty if there is none.
 std::string data_difference(const nlohmann::json& one, const nlohmann::json& other);
 
 }  // namespace splatboost

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::chrono::milliseconds kTerminalInterval{200};
 constexpr std::chrono::seconds kPlainInterval{5};
-constexpr double kRateWindow = 1.0;  // seconds; shorter windows make the time left jump
+constexpr double kRateWindow = 1.0;  // seconds; shorter windows make the remaining time jump
 
 }  // namespace
 
@@ -33,7 +33,7 @@ void Progress::measure_rate(int iteration, double seconds) {
   if (window < kRateWindow && rate_ > 0) return;
   if (window <= 0) return;
   rate_ = (iteration - rate_iteration_) / window;
-  if (window < kRateWindow) return;  // the first figures, until there is a whole window
+  if (window < kRateWindow) return;  // provisional rate, until the first window is complete
   rate_iteration_ = iteration;
   rate_seconds_ = seconds;
 }

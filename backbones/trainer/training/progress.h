@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The progress of long work: one updating line on a terminal, a plain line now and then elsewhere.
+/// @file Progress of long tasks: one updating line on a terminal, otherwise a plain line every few seconds.
 #pragma once
 
 #include <chrono>
@@ -12,7 +12,7 @@ namespace splatboost {
 class Progress {
  public:
   /// @param label shown first; may be empty
-  /// @param done iterations that were done before (a resumed run)
+  /// @param done iterations that were done before (in a resumed run)
   Progress(std::string label, int total, int done, bool quiet);
   /// Ends the updating line.
   ~Progress();
@@ -21,7 +21,7 @@ class Progress {
 
   /// @param seconds training time of this process so far; pauses are not counted
   void update(int iteration, double loss, std::size_t primitives, double seconds);
-  /// A line of its own, also where quiet.
+  /// Prints a line of its own, even if quiet.
   void note(const std::string& text);
 
  private:
@@ -35,7 +35,7 @@ class Progress {
   std::chrono::steady_clock::time_point shown_;
   int rate_iteration_;
   double rate_seconds_ = 0;
-  double rate_ = 0;  ///< iterations a second, recent
+  double rate_ = 0;  ///< recent iterations per second
 };
 
 /// "4:05", "1:02:33"

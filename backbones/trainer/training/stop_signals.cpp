@@ -9,13 +9,13 @@ namespace {
 
 constexpr int kStopSignals[] = {SIGINT, SIGTERM, SIGHUP, SIGPIPE};
 
-// A handler may touch nothing else that threads share.
+// Lock-free atomics are the only shared state that a signal handler may access besides volatile sig_atomic_t.
 std::atomic<int> g_stop_signal = 0;
 static_assert(std::atomic<int>::is_always_lock_free);
 
 extern "C" void note_stop_signal(int signal_number) {
   g_stop_signal = signal_number;
-  // The second one kills at once. More lines for the closed pipe are no reason to.
+  // A second signal ends the process at once, but further writes to a closed pipe must not.
   for (const int stop : kStopSignals) std::signal(stop, stop == SIGPIPE ? SIG_IGN : SIG_DFL);
 }
 
@@ -36,7 +36,7 @@ StopSignals::StopSignals() {
 
 StopSignals::~StopSignals() {
   for (std::size_t i = 0; i < kCount; ++i) {
-    // The caller still has to say what happened, and may do so into the closed pipe.
+    // Keep ignoring SIGPIPE: the caller still reports what happened, possibly into the closed pipe.
     if (kStopSignals[i] == SIGPIPE && g_stop_signal == SIGPIPE) continue;
     sigaction(kStopSignals[i], &previous_[i], nullptr);
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Signals that ask a run to stop: it then keeps what it has and ends.
+/// @file Signals that ask a run to stop: it then saves its state and ends.
 #pragma once
 
 #include <csignal>
@@ -7,9 +7,9 @@
 
 namespace splatboost {
 
-/// Takes SIGINT, SIGTERM, SIGHUP (the terminal was closed) and SIGPIPE (nobody reads the progress any more) while it
-/// lives; one at a time. The first of them is noted; the second ends the process at once, except that a second SIGPIPE
-/// is ignored. One that was ignored before (nohup, a background job) stays so.
+/// Handles SIGINT, SIGTERM, SIGHUP (the terminal was closed) and SIGPIPE (the reader of the progress has exited) during
+/// its lifetime; at most one instance may exist. The first signal is recorded; the second ends the process at once,
+/// except that a second SIGPIPE is ignored. A signal that was ignored before (nohup, a background job) stays ignored.
 class StopSignals {
  public:
   StopSignals();
@@ -17,7 +17,7 @@ class StopSignals {
   StopSignals(const StopSignals&) = delete;
   StopSignals& operator=(const StopSignals&) = delete;
 
-  /// The signal that was noted, 0: none. Any thread may ask.
+  /// The recorded signal; 0: none. Thread-safe.
   int caught() const;
 
  private:

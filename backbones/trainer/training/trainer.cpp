@@ -28,7 +28,7 @@ using Json = nlohmann::json;
 constexpr double kLossWeight = 0.05;
 
 constexpr std::string_view kTrainerEntry = "trainer";
-constexpr char kDataKey[] = "data";  // of the identity
+constexpr char kDataKey[] = "data";  // key of data_identity() in the identity
 
 /// The order in which the views of one epoch are seen.
 void shuffle_epoch(std::uint64_t epoch, std::size_t views, std::uint64_t seed, std::vector<std::size_t>& order) {
@@ -44,12 +44,12 @@ bool contains(const std::vector<int>& numbers, int number) {
   return std::find(numbers.begin(), numbers.end(), number) != numbers.end();
 }
 
-/// Iterations at which the curve is sampled: evenly spread, the last included. One before the round numbers, because
-/// at those backbones reset opacities, and a curve of just-reset models would say nothing.
+/// Whether the curve is sampled at this iteration: evenly spaced, and at the last one. Samples are taken one iteration
+/// before the round numbers, at which backbones reset opacities: right after a reset, the quality would mean nothing.
 bool samples_curve_at(int iteration, int total, int points) {
   if (iteration == total) return true;
   if (points <= 0) return false;
-  // True where floor(iteration · points / total) is about to step up.
+  // True if floor(iteration · points / total) increases with the next iteration.
   const auto passed = [&](int i) { return static_cast<long long>(i) * points / total; };
   return iteration + 1 < total && passed(iteration + 1) != passed(iteration);
 }
@@ -81,14 +81,14 @@ std::vector<CurvePoint> curve_from_json(const Json& json) {
 
 std::string shown(const Json& value) { return value.is_string() ? value.get<std::string>() : value.dump(); }
 
-/// Refuses a checkpoint of another run: it would go on with other data or other rules and look like a result.
+/// Refuses a checkpoint of another run: resuming it would mix data or settings without a sign of it in the results.
 void require_same_run(const Json& saved, const Json& wanted, const std::filesystem::path& checkpoint) {
   for (const auto& [key, value] : wanted.items()) {
     if (key == kDataKey) continue;
     const Json other = saved.contains(key) ? saved.at(key) : Json("none");
     if (other != value) {
-      throw InputError(checkpoint.string() + ": made by a run with " + key + " = " + shown(other) + ", this run has " +
-                       shown(value) + "; resume with the settings of that run");
+      throw InputError(checkpoint.string() + ": made by a run with " + key + " = " + shown(other) +
+                       ", but this run has " + shown(value) + "; resume with the settings of that run");
     }
   }
   const std::string difference = data_difference(saved.at(kDataKey), wanted.at(kDataKey));
@@ -98,7 +98,7 @@ void require_same_run(const Json& saved, const Json& wanted, const std::filesyst
   }
 }
 
-/// One run of the loop: what it carries from iteration to iteration.
+/// One run of the training loop and its state.
 class Run {
  public:
   Run(Backbone& backbone, const Scene& scene, const TrainOptions& options)
@@ -139,14 +139,14 @@ class Run {
       const bool checkpoints = contains(options_.checkpoint_iterations, iteration);
       const double loss = saving_the_model(iteration, [&] { return backbone_.train_step(iteration, view); });
       if (last) backbone_.finish();
-      // What is not training is not timed, and begins when all of the training before it is done.
+      // Only training is timed, so all pending training must be done before other work starts.
       if (samples || saves || checkpoints) backbone_.wait();
       outcome_.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 
       if (!std::isfinite(loss)) {
-        throw std::runtime_error("the loss is not finite at iteration " + std::to_string(iteration) + " (view " +
-                                 view.name +
-                                 "), or on a GPU shortly before; lower the learning rates in --config, or report this");
+        throw std::runtime_error(
+            "the loss is not finite at iteration " + std::to_string(iteration) + " (view " + view.name +
+            "; on a GPU, possibly shortly before); lower the learning rates in --config, or report this");
       }
       outcome_.iteration = iteration;
       loss_ = std::isnan(loss_) ? loss : loss_ + kLossWeight * (loss - loss_);
@@ -170,7 +170,7 @@ class Run {
   }
 
  private:
-  /// Calls the body. If the device runs out of memory, saves the model as it is and throws the error again.
+  /// Calls the body. If the device runs out of memory, exports the model as it is and throws DeviceMemoryError again.
   template <class Body>
   std::invoke_result_t<const Body&> saving_the_model(int iteration, const Body& body) {
     try {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file From the parameters that are trained to those that are drawn.
+/// @file Activation functions: from trained parameters to the scales and opacities that are drawn.
 #pragma once
 
 #include <span>
@@ -14,7 +14,7 @@ void exponentials(std::span<const float> from, std::span<float> to, Device devic
 /// to[i] = 1 / (1 + exp(-from[i])): opacities. Relative error below 1e-6.
 void sigmoids(std::span<const float> from, std::span<float> to, Device device);
 
-// Backwards: gradients of what came out become those of what went in.
+// Backward passes: turn gradients with respect to outputs into gradients with respect to inputs, in place.
 
 /// gradients[i] *= exponentials[i]
 void exponential_gradients(std::span<const float> exponentials, std::span<float> gradients, Device device);

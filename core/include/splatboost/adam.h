@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file One Adam step of one parameter group (Kingma and Ba 2015, bias-corrected, as torch.optim.Adam does it).
+/// @file One Adam step of one parameter group (Kingma and Ba 2015, bias-corrected, as in torch.optim.Adam).
 #pragma once
 
 #include <cstdint>
@@ -16,8 +16,8 @@ struct AdamOptions {
   float epsilon = 1e-15f;  ///< 3DGS's value
 };
 
-/// values, gradients and moments are of one shape, owned by the caller. The gradients are consumed: they are zero
-/// afterwards, ready to accumulate again.
+/// values, gradients and moments have the same size and are owned by the caller. The step sets the gradients to zero,
+/// so that they can accumulate again.
 /// @param step number of this step, from 1
 void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
                std::span<float> second_moments, std::int64_t step, const AdamOptions& options, Device device);

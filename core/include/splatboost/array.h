@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file An array in the memory of a Device: what trainers keep their tensors in, whatever they run on.
+/// @file An array in the memory of a Device: trainers keep their tensors in it on any device.
 #pragma once
 
 #include <algorithm>
@@ -15,12 +15,12 @@
 
 namespace splatboost {
 
-/// Owns trivial values: a std::vector on the CPU, a DeviceArray on a GPU. It shrinks on neither, so that a loop of
-/// steady sizes allocates nothing. As a span it goes into the operations of its device.
+/// Owns trivial values: a std::vector on the CPU, a DeviceArray on a GPU. It never frees memory when it shrinks, so
+/// that a loop of steady sizes allocates nothing. It converts to the spans that operations of its device take.
 template <class T>
 class Array {
  public:
-  /// In memory of the host.
+  /// An array in host memory.
   Array() = default;
   explicit Array(Device device) {
     if (device.is_cuda()) cuda_.emplace(device.stream());
@@ -32,10 +32,10 @@ class Array {
   bool empty() const { return size() == 0; }
   std::span<T> span() { return cuda_ ? cuda_->span() : std::span<T>(host_); }
   std::span<const T> span() const { return cuda_ ? cuda_->span() : std::span<const T>(host_); }
-  operator std::span<T>() { return span(); }              // NOLINT: a view of it
+  operator std::span<T>() { return span(); }              // NOLINT: a view of this array
   operator std::span<const T>() const { return span(); }  // NOLINT
 
-  /// Makes it of n values; what they hold is undefined.
+  /// Sets the size to n; the values are undefined.
   void ensure(std::size_t n) {
     if (cuda_) {
       cuda_->ensure(n);
@@ -43,7 +43,7 @@ class Array {
       host_.resize(n);
     }
   }
-  /// Makes it of n values and keeps those it has; new ones are undefined. Where memory is short it stays as it was.
+  /// Sets the size to n and keeps the existing values; new ones are undefined. If memory runs out, nothing changes.
   void resize(std::size_t n) {
     if (cuda_) {
       cuda_->resize(n);
@@ -51,20 +51,20 @@ class Array {
       host_.resize(n);
     }
   }
-  /// Makes room for n values, so that resize() up to that many cannot fail.
+  /// Allocates memory for n values, so that resize() up to n cannot fail.
   void reserve(std::size_t n) {
     const std::size_t now = size();
     if (!cuda_) return host_.reserve(std::max(n, now));
     cuda_->resize(std::max(n, now));
     cuda_->resize(now);
   }
-  /// Makes it of n zeros.
+  /// Becomes n zeros.
   void assign_zeros(std::size_t n) {
     if (!cuda_) return host_.assign(n, T{});
     cuda_->ensure(n);
     cuda_->fill_zero();
   }
-  /// Takes the values.
+  /// Becomes these values; on a GPU a copy of them.
   void assign(std::vector<T> values) {
     if (cuda_) {
       cuda_->upload(values);
@@ -73,18 +73,18 @@ class Array {
     }
   }
 
-  // To the host. On a GPU these wait: do not call them in the training loop.
+  // Access from the host. On a GPU these wait: do not call them in the training loop.
 
-  /// A copy.
+  /// A copy of the values.
   std::vector<T> to_host() const { return cuda_ ? cuda_->to_host() : host_; }
-  /// The values where the host can read them: on the CPU these themselves, on a GPU a copy in `copy`.
+  /// The values in host memory: on the CPU the array itself, on a GPU a copy in `copy`.
   std::span<const T> on_host(std::vector<T>& copy) const {
     if (!cuda_) return host_;
     copy.resize(size());
     cuda_->download(copy);
     return copy;
   }
-  /// Lets the host change the values from `first` on, by change(span): on a GPU they go there and back.
+  /// Calls change(span) on the values from `first` on, in host memory; on a GPU they are downloaded and uploaded again.
   template <class Change>
   void edit(std::size_t first, const Change& change) {
     if (!cuda_) return change(std::span<T>(host_).subspan(first));
@@ -95,7 +95,7 @@ class Array {
     stream.copy_to_device(cuda_->data() + first, values.data(), values.size() * sizeof(T));
   }
 
-  // The memory itself, for what is different on each device.
+  // The underlying storage, for code that differs per device. Throws ArgumentError on the wrong device.
 
   std::vector<T>& host() {
     SPLATBOOST_CHECK(!cuda_, "these values are on a GPU");
@@ -111,11 +111,11 @@ class Array {
   }
 
  private:
-  std::vector<T> host_;                 ///< of the CPU
-  std::optional<DeviceArray<T>> cuda_;  ///< of a GPU
+  std::vector<T> host_;                 ///< on the CPU
+  std::optional<DeviceArray<T>> cuda_;  ///< on a GPU
 };
 
-/// A copy of memory of a device; on a GPU it waits.
+/// A copy in host memory of values on a device; on a GPU it waits.
 template <class T>
 std::vector<T> copy_to_host(std::span<const T> values, Device device) {
   std::vector<T> copy(values.size());

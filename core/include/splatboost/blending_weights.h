@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How much of the pictures each primitive makes up.
+/// @file How much each primitive contributes to rendered images.
 #pragma once
 
 #include <cstdint>
@@ -17,15 +17,15 @@ namespace splatboost {
 class BlendingWeights {
  public:
   explicit BlendingWeights(Device device) : view_weights_(device) {}
-  /// Draws min(views, those there are) views without replacement and renders each once.
-  /// @return [N] blending weights of each primitive, in units of kWeightUnit, a mean over the views with any; 0 where
-  ///   none has. In memory of the host, until the next call.
+  /// Draws `views` of the scorable views without replacement (all, if there are fewer) and renders each once.
+  /// @return [N] blending weight of each primitive, in units of kWeightUnit: the mean over the views where it is not
+  ///   zero; 0 if there is none. In host memory, valid until the next call.
   std::span<const double> mean(RasterizerHook& rasterizer, int views, const RandomStream& random);
 
  private:
   Array<std::int32_t> view_weights_;
   std::vector<std::int32_t> copy_;
-  std::vector<std::int32_t> seen_;  ///< views with any
+  std::vector<std::int32_t> seen_;  ///< number of views where the weight is not zero
   std::vector<double> mean_;
 };
 

@@ -8,7 +8,7 @@
 
 namespace splatboost {
 
-/// Pinhole camera, COLMAP's frame: x right, y down, z forward. Pixel (column i, row j) has its centre at
+/// Pinhole camera in COLMAP's frame: x right, y down, z forward. Pixel (column i, row j) has its centre at
 /// (i + 0.5, j + 0.5); a point (x, y, z) in the camera frame projects to (fx·x/z + cx, fy·y/z + cy).
 struct Camera {
   int width = 0;   ///< pixels

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How a GPU takes the gradient of blending. Which of the two ways is faster depends on the GPU and the scene.
+/// @file How a GPU computes the gradient of blending. Which method is faster depends on the GPU and the scene.
 #pragma once
 
 namespace splatboost {
 
 enum class CudaBackward {
-  per_pixel,  ///< a thread a pixel; a warp's sums are added to each splat at once
-  per_splat,  ///< a thread a splat of a tile, from states that forward() keeps for every 32 of them: more memory
+  per_pixel,  ///< one thread per pixel; each warp sums over its pixels and adds to each splat once
+  per_splat,  ///< one thread per splat of a tile; forward() stores pixel states every 32 splats: more memory
 };
 
-/// Holds every rasterizer to this way from its next forward() on, in the whole process. The default is per_pixel.
+/// Sets the method for all rasterizers of the process, from their next forward() on. The default is per_pixel.
 void use_cuda_backward(CudaBackward way);
 CudaBackward cuda_backward();
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How long a stream's device is at each stage of its work, told without waiting for it.
+/// @file Device time of each stage of the work on a stream, measured without waiting for the device.
 #pragma once
 
 #include <memory>
@@ -9,25 +9,25 @@
 
 namespace splatboost {
 
-/// Marks points in a stream. The time from one to the next is the device's, and includes what it idled there because
-/// the host had given it nothing.
+/// Marks points in a stream. The time from one mark to the next is device time; it includes the time that the device
+/// idles because the host has queued no work.
 class CudaLaps {
  public:
-  /// @param stream must outlive it
+  /// @param stream must outlive this object
   explicit CudaLaps(CudaStream& stream);
   ~CudaLaps();
   CudaLaps(CudaLaps&&) noexcept;
   CudaLaps& operator=(CudaLaps&&) noexcept;
 
-  /// Ends a stage here, which began at the mark before. Waits only where the host is a thousand marks ahead.
-  /// @param stage a literal; null: what has passed since the mark before counts to no stage
+  /// Ends the stage that began at the previous mark. Waits only if the host is a thousand marks ahead of take().
+  /// @param stage a string literal; null: the time since the previous mark belongs to no stage
   void mark(const char* stage);
 
   struct Lap {
     const char* stage;  ///< not null
     double seconds;
   };
-  /// The oldest lap that was not taken yet, if the device has come to its end.
+  /// The oldest lap not yet taken, if the device has reached its end.
   std::optional<Lap> take();
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A stream of a CUDA device: what every CUDA operation takes, and the only way to allocate device memory.
+/// @file A stream of a CUDA device: every CUDA operation takes one, and only it allocates device memory.
 #pragma once
 
 #include <array>
@@ -9,30 +9,30 @@
 
 namespace splatboost {
 
-/// What must not happen in the training loop: tests check that these stay 0.
+/// Counts of events that must not happen in the training loop: tests check that they stay 0.
 struct CudaActivity {
-  std::uint64_t allocations = 0;       ///< of memory of the device, and of memory of the host that it can reach
+  std::uint64_t allocations = 0;       ///< of device memory and of pinned host memory
   std::uint64_t synchronizations = 0;  ///< times that the host waited for the device
 };
 
-/// Devices that CUDA finds on this machine; 0 where there is no driver, and in a build without CUDA.
+/// Number of CUDA devices on this machine; 0 without a driver and in a build without CUDA.
 int cuda_device_count() noexcept;
 
-/// What the .cu files were compiled for, such as "7.5, 9.0"; empty in a build without CUDA.
+/// Compute capabilities that the .cu files were compiled for, such as "7.5, 9.0"; empty in a build without CUDA.
 const char* cuda_architectures() noexcept;
 
-/// Owns a stream, or borrows the caller's stream (CudaCall). Work that is given to it runs in order, while
-/// the host goes on. Not thread safe.
+/// Owns a stream, or borrows the caller's stream (CudaCall). Queued work runs in order, asynchronously to the
+/// host. Not thread-safe.
 ///
-/// A build without CUDA has this class too; its constructor throws NoDeviceError. A kernel that fails is reported by
-/// the next call that looks at the device, as a DeviceError that names the kernels it may have been: those launched
-/// since the last synchronisation, or just the one where CUDA_LAUNCH_BLOCKING=1 is set.
+/// A build without CUDA has this class too; its constructor throws NoDeviceError. A failed kernel is reported by the
+/// next call that checks the device, as a DeviceError that names the possible kernels: those launched since the last
+/// synchronisation, or only the failed one if CUDA_LAUNCH_BLOCKING=1 is set.
 class CudaStream {
  public:
-  /// Throws NoDeviceError where the machine has no device of that number.
+  /// Throws NoDeviceError if the machine has no device of that number.
   explicit CudaStream(int ordinal = 0);
-  /// Goes along with a stream of the caller's, which stays the caller's: a cudaStream_t, nullptr for the device's
-  /// default stream. Costs nothing: the device is not asked.
+  /// Borrows a stream that the caller owns. Makes no CUDA call.
+  /// @param handle cudaStream_t; nullptr is the device's default stream
   CudaStream(int ordinal, void* handle) : ordinal_(ordinal), handle_(handle) {}
   ~CudaStream();
   CudaStream(const CudaStream&) = delete;
@@ -42,42 +42,43 @@ class CudaStream {
   std::string device_name() const;
   /// Bytes of free device memory.
   std::size_t free_memory() const;
-  /// Its cudaStream_t.
+  /// The cudaStream_t.
   void* handle() const { return handle_; }
-  /// Waits for all work given so far.
+  /// Waits for all work queued so far.
   void synchronize();
   const CudaActivity& activity() const { return activity_; }
-  /// Of all streams of the process since it began.
+  /// Sums over all streams since the process began.
   static CudaActivity total_activity() noexcept;
 
-  // Memory, in bytes. DeviceArray is the comfortable way to it.
-  /// Throws DeviceMemoryError.
+  // Memory, in bytes. Prefer DeviceArray, which owns its memory.
+  /// Throws DeviceMemoryError if memory runs out.
   void* allocate(std::size_t bytes);
   void release(void* memory) noexcept;
-  /// Memory of the host that the device writes to and reads from while the host goes on.
+  /// Pinned host memory, which asynchronous copies need. Throws DeviceError if it runs out.
   void* allocate_pinned(std::size_t bytes);
   void release_pinned(void* memory) noexcept;
-  /// `from` may change as soon as this returns. It is not pinned: the driver may wait for work given before, which is
+  /// `from` may change as soon as this returns. It need not be pinned: the driver may wait for earlier work, which is
   /// not counted. Do not call it in the training loop.
   void copy_to_device(void* to, const void* from, std::size_t bytes);
-  /// Does not wait; `from` is pinned.
+  /// Does not wait; `from` must be pinned.
   void copy_from_pinned(void* to, const void* from, std::size_t bytes);
   void copy_on_device(void* to, const void* from, std::size_t bytes);
   /// Waits until the copy is done.
   void copy_to_host(void* to, const void* from, std::size_t bytes);
-  /// Does not wait; `to` is pinned.
+  /// Does not wait; `to` must be pinned.
   void copy_to_pinned(void* to, const void* from, std::size_t bytes);
   void fill_zero(void* memory, std::size_t bytes);
 
-  /// Makes the device the calling thread's.
+  /// Makes the device the calling thread's current device.
   void make_current() const;
-  /// Makes the device current and writes down a kernel that is about to be launched. @param kernel a literal
+  /// Makes the device current and records the name of a kernel that is about to be launched, for error messages.
+  /// @param kernel a string literal
   void begin_launch(const char* kernel);
-  /// @param error the launch's cudaError_t
+  /// Throws if the launch failed. @param error the launch's cudaError_t
   void end_launch(int error);
   /// Counts a wait that happened elsewhere.
   void count_synchronization();
-  /// Throws DeviceError, or DeviceMemoryError, where a cudaError_t is none of success.
+  /// Throws DeviceError, or DeviceMemoryError, unless `error` is cudaSuccess. @param error a cudaError_t
   void check(int error, const char* what) const;
 
  private:
@@ -89,19 +90,20 @@ class CudaStream {
   int ordinal_ = 0;
   void* handle_ = nullptr;
   bool owned_ = false;
-  void* end_of_call_ = nullptr;  ///< a cudaEvent_t in the stream of the last CudaCall; null: there was none
+  void* end_of_call_ = nullptr;  ///< cudaEvent_t at the end of the last CudaCall; null: none yet
   CudaActivity activity_;
-  std::array<const char*, kRememberedKernels> kernels_{};  ///< launched since the last synchronisation, a ring
-  std::size_t launches_ = 0;                               ///< ... their number
+  std::array<const char*, kRememberedKernels> kernels_{};  ///< ring buffer of launches since the last wait
+  std::size_t launches_ = 0;                               ///< since the last wait
 };
 
-/// One call's work on a stream of a caller's, who may come with another one each time, and with another device current.
-/// What the call gives to the stream starts when the work of the calls before is done, even if their stream is gone by
-/// then; the host does not wait. The device is current until the call ends, then the one that was before.
+/// Scope of one call on the caller's stream, which may differ from call to call, as may the current device. The work of
+/// this call starts after that of earlier calls, even if their streams have been destroyed; the host does not wait. The
+/// device is current until the scope ends; then the previous one is restored.
 class CudaCall {
  public:
-  /// @param stream one that borrows a caller's
-  /// Throws NoDeviceError where the machine has no such device.
+  /// Throws NoDeviceError if the machine has no such device.
+  /// @param stream a borrowing one
+  /// @param handle the caller's cudaStream_t for this call
   CudaCall(CudaStream& stream, void* handle);
   ~CudaCall();
   CudaCall(const CudaCall&) = delete;

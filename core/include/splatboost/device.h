@@ -9,16 +9,16 @@ namespace splatboost {
 
 class CudaStream;
 
-/// A view of threads or of a stream, which must outlive it. The spans that an operation gets are of memory of its
-/// device: those of a CUDA operation are never read or written by the host. A CUDA operation returns before it is done;
-/// what comes after it on the same stream sees its results.
+/// A reference to threads or to a stream, which must outlive it. Spans passed to an operation are in the memory of its
+/// device: the host never reads or writes those of a CUDA operation. A CUDA operation returns before it is done; later
+/// work on the same stream sees its results.
 class Device {
  public:
   Device(Threads& threads) : threads_(&threads) {}  // NOLINT: threads are a device
   Device(CudaStream& stream) : stream_(&stream) {}  // NOLINT
 
   bool is_cuda() const { return stream_ != nullptr; }
-  /// Throws ArgumentError on a CUDA device: what asks for threads has no CUDA implementation.
+  /// Throws ArgumentError on a CUDA device: the operation has no CUDA implementation.
   Threads& threads() const {
     SPLATBOOST_CHECK(threads_ != nullptr, "this operation runs on the CPU only");
     return *threads_;

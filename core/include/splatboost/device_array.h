@@ -14,7 +14,7 @@
 namespace splatboost {
 
 /// Owns an array of trivial values. It grows geometrically and never shrinks, so that a loop of steady sizes allocates
-/// nothing. All it does is work on its stream, which must outlive it.
+/// nothing. All its operations are queued on its stream, which must outlive it.
 template <class T>
 class DeviceArray {
   static_assert(std::is_trivially_copyable_v<T> && std::is_trivially_destructible_v<T>);
@@ -45,11 +45,11 @@ class DeviceArray {
   std::span<T> span() { return {data_, size_}; }
   std::span<const T> span() const { return {data_, size_}; }
 
-  /// Makes it of n values; what they hold is undefined.
+  /// Sets the size to n; the values are undefined.
   void ensure(std::size_t n) {
     if (n > capacity_) {
       const std::size_t wanted = grown(n);
-      stream_->release(std::exchange(data_, nullptr));  // first, so that the device need not hold both
+      stream_->release(std::exchange(data_, nullptr));  // first, so that the device never holds both
       capacity_ = size_ = 0;
       data_ = static_cast<T*>(stream_->allocate(wanted * sizeof(T)));
       capacity_ = wanted;
@@ -57,7 +57,7 @@ class DeviceArray {
     size_ = n;
   }
 
-  /// Makes it of n values and keeps those it has; new ones are undefined.
+  /// Sets the size to n and keeps the existing values; new ones are undefined.
   void resize(std::size_t n) {
     if (n > capacity_) {
       DeviceArray larger(*stream_);
@@ -76,7 +76,7 @@ class DeviceArray {
     stream_->copy_to_device(data_, host.data(), host.size_bytes());
   }
 
-  /// Waits for the device. @param host as large as the array
+  /// Waits for the device. @param host of the array's size
   void download(std::span<T> host) const { stream_->copy_to_host(host.data(), data_, host.size_bytes()); }
 
   /// Waits for the device.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Which Gaussians a training view goes without.
+/// @file Random dropout of Gaussians in a training view.
 #pragma once
 
 #include <span>
@@ -9,8 +9,8 @@
 
 namespace splatboost {
 
-/// What opacities are multiplied by: 0 with probability `rate`, else 1/(1 − rate), so that their expectation stays.
-/// Element i takes the i-th number of the stream: the same on every device and for any number of threads.
+/// Factors on opacities: 0 with probability `rate`, else 1/(1 − rate), which preserves their expectation.
+/// Element i uses the i-th number of the stream: the same on every device and for any number of threads.
 /// @param rate in [0, 1)
 /// @param factors [N]
 void dropout_factors(const RandomStream& random, double rate, std::span<float> factors, Device device);

@@ -11,7 +11,7 @@ namespace splatboost {
 /// values[i] *= factor
 void scale(std::span<float> values, float factor, Device device);
 
-/// products[i] = values[i] · factors[i]. They may be the same memory.
+/// products[i] = values[i] · factors[i]. `products` may be the memory of an input.
 void multiply(std::span<const float> values, std::span<const float> factors, std::span<float> products, Device device);
 
 /// sums[i] += values[i] · factors[i]
@@ -21,7 +21,7 @@ void add_products(std::span<const float> values, std::span<const float> factors,
 void clamp_above(std::span<float> values, float bound, Device device);
 
 /// gradients[i] = 0 where values[i] >= bound: the backward pass of clamp_above().
-/// @param values as clamped
+/// @param values as clamp_above() left them
 void clear_from(std::span<const float> values, float bound, std::span<float> gradients, Device device);
 
 }  // namespace splatboost

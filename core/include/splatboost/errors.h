@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What the library throws, and the check that throws it.
+/// @file Exceptions of the library, and the check that throws ArgumentError.
 #pragma once
 
 #include <stdexcept>
@@ -7,25 +7,25 @@
 
 namespace splatboost {
 
-/// An argument breaks a documented contract (shape, range, finiteness). Names the expression and the reason.
+/// An argument violates a documented requirement (shape, range, finiteness). Names the expression and the reason.
 class ArgumentError : public std::invalid_argument {
  public:
   using std::invalid_argument::invalid_argument;
 };
 
-/// What a GPU or its driver reports: a kernel that failed, a call that did.
+/// An error that a GPU or its driver reports: a kernel or a CUDA call failed.
 class DeviceError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// The device that was asked for cannot be used at all: there is none, or the build has no CUDA.
+/// The requested device cannot be used at all: it does not exist, or the build has no CUDA.
 class NoDeviceError : public DeviceError {
  public:
   using DeviceError::DeviceError;
 };
 
-/// The device has too little memory left. Says how many bytes were wanted and had.
+/// The device has too little free memory. The message gives the requested and the free bytes.
 class DeviceMemoryError : public DeviceError {
  public:
   using DeviceError::DeviceError;
@@ -37,7 +37,7 @@ class DeviceMemoryError : public DeviceError {
 
 }  // namespace splatboost
 
-/// Checks a contract at the edge of the library; kernels check nothing.
+/// Checks an argument at the interface of the library; kernels check nothing.
 #define SPLATBOOST_CHECK(expression, reason)                                    \
   do {                                                                          \
     if (!(expression)) ::splatboost::throw_argument_error(#expression, reason); \

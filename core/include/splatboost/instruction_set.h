@@ -10,12 +10,12 @@ enum class InstructionSet {
   best,      ///< the best that this machine has
   avx512,    ///< rows of 16 pixels
   avx2,      ///< rows of 8
-  portable,  ///< rows of 4: what about every machine of an architecture has (SSE4 on x86-64, NEON on ARM)
+  portable,  ///< rows of 4: available on nearly every machine of an architecture (SSE4 on x86-64, NEON on ARM)
 };
 
-/// Holds every operation to these instructions from now on, in the whole process; not while one runs. Throws
-/// ArgumentError if the CPU does not support them. Results differ in the last bits from set to set; within one they are
-/// the same bytes for any number of threads.
+/// Restricts every operation of the process to these instructions from now on. Do not call it while an operation runs.
+/// Throws ArgumentError if the CPU does not support them. Results differ in the last bits between instruction sets;
+/// within one they are bitwise the same for any number of threads.
 void use_instruction_set(InstructionSet set);
 
 /// Name of the instructions in use, as Highway calls them: "AVX3_ZEN4", "AVX2", "SSE4" …

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Scores a backbone's primitives over K of its views: one render and one replay a view.
+/// @file Scores a backbone's primitives over K of its views, with one render and one replay per view.
 #pragma once
 
 #include <cstdint>
@@ -15,27 +15,28 @@
 namespace splatboost {
 
 struct MultiViewOptions {
-  int views = 10;             ///< K; min(K, views there are) are drawn without replacement
+  int views = 10;             ///< K; min(K, scorable views) are drawn without replacement
   float tau = 0.1f;           ///< error threshold of paper eq. 8
-  float lambda_dssim = 0.2f;  ///< of the view loss E_j, paper eq. 10
-  bool losses = true;         ///< whether E_j is wanted: without it weighted_counts stay empty, for importance alone
+  float lambda_dssim = 0.2f;  ///< λ of the view loss E_j, paper eq. 10
+  bool losses = true;         ///< compute E_j; if false, weighted_counts stays empty and only importance is available
 };
 
-/// Error of a pixel that nothing but the background was drawn into, with room for rounding; a photo has next to none.
+/// Errors up to this mark a pixel that shows only an exactly matched background, with a margin for rounding. Photos
+/// have almost no such pixels.
 inline constexpr float kNoError = 1e-4f;
 
-/// Draws the views, renders each, flags its errors and counts. Owns the workspace.
-/// One render a view: the counts replay the tile lists of the render that gave the errors.
+/// Draws random views, renders each, flags its errors and counts. Owns the workspace.
+/// Each view is rendered once: the counts replay the tile lists of the render that gave the errors.
 class MultiViewScorer {
  public:
   explicit MultiViewScorer(Device device);
-  /// On a CUDA device the hook's views, masks and counts lie there; the sums come back to the host.
-  /// @return the sums; valid until the next call
+  /// On a CUDA device the hook's views, masks and counts are in device memory. Waits for the device.
+  /// @return the sums, in host memory; valid until the next call
   const ScoreSums& score(RasterizerHook& rasterizer, const MultiViewOptions& options, const RandomStream& random);
-  /// Mean pixels of the views scored last.
+  /// Mean number of pixels of the views scored last.
   double mean_pixels() const { return mean_pixels_; }
-  /// Share of the valid pixels of the views scored last that hold any part of the scene: those with an error above
-  /// kNoError. Nearly 1 for photos; small for an object before an empty background, which is matched exactly.
+  /// Share of the valid pixels of the views scored last that show the scene: those with an error above kNoError.
+  /// Nearly 1 for photos; small for an object in front of an empty background, which is matched exactly.
   double covered_share() const { return covered_share_; }
 
  private:
@@ -46,7 +47,7 @@ class MultiViewScorer {
     DeviceArray<std::int64_t> counts;
     DeviceArray<double> weighted_counts;
   };
-  /// E_j, or 0 where it is not wanted.
+  /// E_j, or 0 if options.losses is false.
   double loss_of(const ScoredView& view, const MultiViewOptions& options);
   void score_view(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options);
   void score_view_on_cuda(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options);
@@ -64,7 +65,7 @@ class MultiViewScorer {
   double covered_share_ = 1;
 };
 
-/// Views 0..n-1, min(k, n) of them without replacement, in the order drawn.
+/// Draws min(k, n) of the views 0 .. n-1 without replacement, in the order drawn.
 std::vector<std::size_t> draw_views(std::size_t n, int k, const RandomStream& random);
 
 }  // namespace splatboost

@@ -8,8 +8,8 @@
 
 namespace splatboost {
 
-/// Mean squared distance of each point to its k nearest others (3DGS: k = 3); with fewer others, to those there are,
-/// and 0 for a single point. Coincident points count as neighbours at distance 0. Points must be finite.
+/// Mean squared distance of each point to its k nearest others (3DGS: k = 3); with fewer than k others, to all of
+/// them, and 0 for a single point. Coincident points count as neighbours at distance 0. Points must be finite.
 /// On a CUDA device k is at most 8.
 /// @param points [N,3]
 /// @param mean_squared_distances [N]

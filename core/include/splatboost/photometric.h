@@ -10,7 +10,7 @@
 
 namespace splatboost {
 
-/// A truth image as it is kept in memory: 8 bit, planar.
+/// A ground-truth image: 8 bit, planar, a view of the caller's memory.
 struct TruthImage {
   int width = 0;
   int height = 0;
@@ -24,7 +24,7 @@ struct PhotometricLoss {
   double total = 0;
 };
 
-/// Owns the workspace of the loss; a steady loop allocates nothing. Sums are of fixed order.
+/// Owns the workspace of the loss; a steady loop allocates nothing. The order of summation is fixed.
 class Photometric {
  public:
   explicit Photometric(Device device);
@@ -32,15 +32,16 @@ class Photometric {
   Photometric(Photometric&&) noexcept;
   Photometric& operator=(Photometric&&) noexcept;
 
+  /// Invalid pixels are excluded from the means; in SSIM windows they are replaced by the truth, so they add no error.
+  /// Waits on a GPU.
   /// @param render [3,H,W]
   /// @param gradient [3,H,W] receives d total / d render; empty: value only
-  /// Pixels that are not valid take part in no mean; in SSIM windows they read as truth, so they add no error.
   PhotometricLoss evaluate(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
                            std::span<float> gradient);
 
-  /// The same for training loops: on a GPU it does not wait for its own loss, but returns the newest that has come
-  /// back, of an earlier call (the first call waits). Once one was not finite it returns that one, so that none is
-  /// missed.
+  /// The same for training loops: on a GPU it does not wait for its own loss, but returns the newest that has arrived
+  /// from an earlier call (the first call waits). After a loss that is not finite it keeps returning that one, so that
+  /// none is missed.
   PhotometricLoss evaluate_ahead(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
                                  std::span<float> gradient);
 

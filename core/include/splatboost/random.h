@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Random numbers without state: a pure function of what they are for.
+/// @file Stateless random numbers: a pure function of seed, iteration, purpose and index.
 #pragma once
 
 #include <cmath>
@@ -15,8 +15,8 @@ constexpr std::uint64_t mix_bits(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
-/// What a stream of random numbers serves. Streams never share numbers, so that switching one feature on or off
-/// does not disturb another.
+/// Purpose of a stream of random numbers. Each purpose has its own stream, so that switching one feature on or off
+/// does not change the numbers of another.
 enum class RandomPurpose : std::uint64_t {
   view_order,
   scored_views,
@@ -34,7 +34,7 @@ enum class RandomPurpose : std::uint64_t {
   virtual_camera
 };
 
-/// The i-th number of the stream (seed, iteration, purpose): the same for every order of calls and every thread.
+/// The stream of (seed, iteration, purpose). Its i-th number does not depend on the order of calls or on threads.
 class RandomStream {
  public:
   constexpr RandomStream(std::uint64_t seed, std::uint64_t iteration, RandomPurpose purpose)

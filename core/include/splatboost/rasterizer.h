@@ -24,17 +24,17 @@ enum class BoxPolicy {
 /// How to draw. Defaults are 3DGS as published.
 struct RasterOptions {
   BoxPolicy box = BoxPolicy::square;
-  float beta = 1.0f;                ///< (0,1]; only for the ellipse. 1 loses nothing with alpha >= 1/255
-  float low_pass = kLowPass;        ///< px², >= 0
-  bool compensate_opacity = false;  ///< opacity × sqrt(det Σ / det(Σ + low-pass)), keeps a splat's energy
-  float near_plane = kNearPlane;
+  float beta = 1.0f;                ///< (0,1]; only for the ellipse. 1 keeps every pixel with alpha >= 1/255
+  float low_pass = kLowPass;        ///< px², >= 0; added to the variance of both axes
+  bool compensate_opacity = false;  ///< opacity × sqrt(det Σ / det(Σ + low-pass))
+  float near_plane = kNearPlane;    ///< world units, > 0
   glm::vec3 background{0.0f};
 };
 
-/// Where a forward pass writes; planar images of the camera's size. Empty spans are not computed.
+/// Outputs of a forward pass: planar images of the camera's size. An empty span is not computed.
 struct RasterImages {
   std::span<float> color;          ///< [3,H,W], required; background added, not clamped
-  std::span<float> features;       ///< [F,H,W], F = features_per_gaussian; over a background of zero
+  std::span<float> features;       ///< [F,H,W], F = features_per_gaussian; the background is zero
   std::span<float> inverse_depth;  ///< [1,H,W] Σ wᵢ / zᵢ
   std::span<float> alpha;          ///< [1,H,W] 1 − final transmittance
 };
@@ -47,16 +47,17 @@ struct RasterImageGradients {
   std::span<const float> alpha;
 };
 
-/// Figures of the last forward pass.
+/// Counts of the last forward pass.
 struct RasterCounts {
   std::size_t visible = 0;       ///< Gaussians that are listed in at least one tile
   std::size_t tile_entries = 0;  ///< (tile, Gaussian) pairs
 };
 
-/// Unit of add_weights(): less than half of it shows in no picture of 8 bits. A view of 16 megapixels fits 32 bits.
+/// Unit of add_weights(): a weight below half of it is invisible in an 8-bit image. Sums over a view of up to
+/// 16 megapixels fit 32 bits.
 inline constexpr float kWeightUnit = 1.0f / 256;
 
-/// Wall time of each stage of the last forward(), backward() and count_flagged().
+/// Time in seconds of each stage of the last forward(), backward() and count_flagged().
 struct RasterSeconds {
   double project = 0;
   double tile_lists = 0;  ///< depth sort and binning
@@ -69,8 +70,8 @@ struct RasterSeconds {
 /// Renders views of Gaussians and differentiates them.
 ///
 /// Owns the workspace (projected splats, tile lists) of one view; it grows geometrically and is kept, so a steady
-/// loop allocates nothing. backward(), the counts, visible() and screen_radii() speak of the last forward() and
-/// must get the same Gaussians, unchanged. Not thread safe; use one a thread of control.
+/// loop allocates nothing. backward(), the counts, visible() and screen_radii() refer to the last forward(),
+/// whose Gaussians must be unchanged. Not thread-safe; use one per calling thread.
 class Rasterizer {
  public:
   explicit Rasterizer(Device device);
@@ -78,37 +79,38 @@ class Rasterizer {
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
-  /// Throws ArgumentError on a contract broken. Gaussians with a non-finite, zero or overflowing projection are
-  /// not drawn.
+  /// Throws ArgumentError if an argument is invalid. Gaussians whose projection is not finite, degenerate or overflows
+  /// are not drawn.
   void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
                const RasterImages& images);
 
-  /// Gradients of every input. The clamp of alpha at 0.99 and of colour at 0 pass no gradient where they act.
+  /// Gradients with respect to every input. No gradient passes where alpha is clamped at 0.99 or a colour at 0.
   void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
                 const GaussianGradients& gradients);
 
-  /// Adds to counts[i] the number of flagged pixels where Gaussian i was blended (paper eq. 9, inner sum), by a
-  /// replay of the tile lists: no second projection, no second sort. Exact integers.
+  /// Adds to counts[i] the number of flagged pixels where Gaussian i was blended (paper eq. 9, inner sum). Replays the
+  /// tile lists, without projecting or sorting again. The counts are exact.
   /// @param flagged [H,W], non-zero where flagged
   /// @param counts [N]
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts);
 
-  /// Adds to counts[i] the number of pixels where Gaussian i was blended while the transmittance before it was above
-  /// `min_transmittance`: how many pixels observe it (PGSR: 0.5). A replay as count_flagged() is, which ends with the
-  /// pixels that are so far open.
+  /// Adds to counts[i] the number of pixels where Gaussian i was blended while the transmittance in front of it was
+  /// above `min_transmittance`: how many pixels observe it (PGSR: 0.5). Replays the tile lists like count_flagged(),
+  /// but leaves a tile once no transmittance in it is above the limit.
   /// @param counts [N]
   void count_observed(float min_transmittance, std::span<std::int32_t> counts);
 
   /// Adds to weights[i] the blending weights α·T of Gaussian i, summed over the pixels where it was blended, in units
-  /// of kWeightUnit and rounded a pixel: exact integers. A replay as count_flagged() is.
+  /// of kWeightUnit and rounded per pixel, so that sums are exact. Replays the tile lists like count_flagged().
   /// @param weights [N]
   void add_weights(std::span<std::int32_t> weights);
 
-  /// On a GPU forward() does not wait to learn how much room the tile lists take: it makes room by the frames before,
-  /// and up to half as much again. A view that outgrows it is drawn without some of its splats. This waits for the last
-  /// forward() and, if that happened, draws it again into the same images, which must still be there. Call it where
-  /// every splat counts (scores, evaluation), not in a training loop, whose next forward() makes more room by itself.
-  /// @return whether the view was drawn again; always false on a CPU
+  /// On a GPU forward() does not wait to learn the size of the tile lists: it allocates by the sizes of earlier frames,
+  /// plus up to half as much. A view that needs more is drawn without some of its splats. settle() waits for the last
+  /// forward() and, if that happened, draws it again into the same images, which must still exist, as must the
+  /// Gaussians. Call it where every splat counts (scores, evaluation), not in a training loop, whose next forward()
+  /// allocates more by itself.
+  /// @return whether the view was drawn again; always false on the CPU
   bool settle();
 
   /// [N] non-zero where the last forward() listed the Gaussian in at least one tile. Valid until the next forward().
@@ -117,7 +119,7 @@ class Rasterizer {
   /// [N] 3σ radius on screen in pixels, rounded up; 0 where not visible. Valid until the next forward().
   std::span<const std::int32_t> screen_radii() const;
 
-  /// On a GPU this settles and seconds() waits, so call neither in the training loop.
+  /// On a GPU counts() settles and seconds() waits, so call neither in the training loop.
   RasterCounts counts() const;
   const RasterSeconds& seconds() const;
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Row surgery: tensors follow the primitives when these are cloned, split and pruned.
+/// @file Row operations that keep tensors in step with primitives that are cloned, split and pruned.
 ///
-/// A tensor is values [rows, width], row-major, with the lists of rows on the same device. That the rows of a list
-/// exist is checked on the CPU only. None of these waits for a GPU.
+/// A tensor is values [rows, width], row-major; lists of rows are on the same device. Row indices are checked on the
+/// CPU only. None of these operations waits for a GPU.
 #pragma once
 
 #include <cstddef>
@@ -14,11 +14,11 @@
 
 namespace splatboost {
 
-/// The rows whose mask byte is zero, in order: the list by which select_rows() removes the others.
+/// The rows whose mask byte is zero, in order: with this list select_rows() removes the others.
 std::vector<std::uint32_t> kept_rows(std::span<const std::uint8_t> removed);
 
-/// Leaves the rows that the list names, in its order: others go, or all get another place.
-/// @param workspace of the device; what it holds means nothing, and nothing is allocated once it is large enough
+/// Replaces the tensor by the listed rows, in the order of the list: removes or reorders rows.
+/// @param workspace on the same device; its values are arbitrary. Once it is large enough nothing is allocated
 void select_rows(Array<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows, Array<float>& workspace);
 
 /// Appends copies of rows of another tensor.
@@ -28,10 +28,10 @@ void append_rows_of(std::span<const float> from, std::size_t width, std::span<co
 /// Appends copies of the tensor's own rows.
 void append_rows(Array<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows);
 
-/// Appends `count` rows of zeros: the moments of new primitives.
+/// Appends `count` rows of zeros, e.g. Adam moments of new primitives.
 void append_zero_rows(Array<float>& tensor, std::size_t width, std::size_t count);
 
-/// Keeps the rows whose mask byte is zero, in order, of a tensor that never leaves the host.
+/// Keeps the rows whose mask byte is zero, in order, of a tensor in host memory.
 void remove_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed);
 
 }  // namespace splatboost

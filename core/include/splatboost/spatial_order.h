@@ -9,10 +9,10 @@
 
 namespace splatboost {
 
-/// Order along a Morton curve over the points' bounding box, ties by index. Gaussians that are stored so are found in
-/// the cache by the tiles that share them; results depend on the order only through rounding.
+/// Order along a Morton curve over the points' bounding box, ties by index. In this order the Gaussians of a tile are
+/// close in memory and hit the cache; rendered results depend on the order only through rounding.
 /// @param means [N,3]; points that are not finite come last
-/// @param order [N], written: the point that goes to each place
+/// @param order [N] receives the index of the point at each place
 void spatial_order(std::span<const float> means, std::span<std::uint32_t> order);
 /// The same order in the memory of a device.
 void spatial_order(std::span<const float> means, std::span<std::uint32_t> order, Device device);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Structural similarity of float images (Wang et al. 2004), value and gradient, for hosts with a loss of their
-/// own. Trainers that keep 8-bit truths take photometric.h, which is one pass.
+/// @file Structural similarity of float images (Wang et al. 2004), value and gradient, for callers with their own
+/// loss. Trainers with 8-bit truth images use photometric.h, which needs one pass.
 #pragma once
 
 #include <cstddef>
@@ -11,13 +11,13 @@
 
 namespace splatboost {
 
-/// Which windows the mean is over.
+/// Which windows the mean includes.
 enum class SsimPadding {
-  same,   ///< one around each pixel; outside the image reads as zero
-  valid,  ///< those that lie within the image; width and height must be above 10
+  same,   ///< one around each pixel; pixels outside the image are zero
+  valid,  ///< only windows within the image; width and height must exceed 10
 };
 
-/// Planes, one after the other: channels of images.
+/// Sizes of contiguous planes: the channels of a batch of images.
 struct SsimPlanes {
   std::size_t count = 0;
   int width = 0;
@@ -30,15 +30,15 @@ struct SsimPlanes {
 double ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
             std::span<float> gradient, Threads& threads);
 
-/// What ssim() keeps from call to call on a CUDA device, so that a loop of steady sizes allocates nothing.
+/// Workspace of ssim() on a CUDA device; reuse it, so that a loop of steady sizes allocates nothing.
 struct CudaSsimWorkspace {
   explicit CudaSsimWorkspace(CudaStream& stream) : derivatives(stream), sums(stream) {}
   DeviceArray<float> derivatives;  ///< [3,count,H,W] of SSIM by means, squares and products
-  DeviceArray<double> sums;        ///< of each tile
+  DeviceArray<double> sums;        ///< SSIM summed per tile
 };
 
 /// The same in the memory of a CUDA device; at most 65 535 planes. Does not wait.
-/// @param mean one number, receives the mean
+/// @param mean [1] in device memory, receives the mean
 void ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
           std::span<float> gradient, std::span<double> mean, CudaSsimWorkspace& workspace);
 

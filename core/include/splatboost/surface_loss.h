@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What surfaces of one or two views should agree on (PGSR, Chen et al. 2024, Sec. 3.2): normals with depth,
-/// depth of one view with that of another, and what both photos show there.
+/// @file Consistency losses for the surfaces of one or two views (PGSR, Chen et al. 2024, Sec. 3.2): blended normals
+/// against normals of the depth, depth of one view against that of another, and patches of the two photos.
 #pragma once
 
 #include <cstdint>
@@ -14,43 +14,43 @@
 
 namespace splatboost {
 
-/// A view as it was drawn, in memory of the device.
+/// A rendered view, in device memory.
 struct SurfaceView {
   const Camera& camera;
-  TruthImage truth;                  ///< empty: of a camera without a photo, which takes part in depth alone
+  TruthImage truth;                  ///< empty if the camera has no photo; the view is then compared by depth only
   std::span<const float> planes;     ///< [4,H,W] blended planes of Gaussians
-  std::span<const float> alpha;      ///< [H,W]; only that of the first view is read
-  std::span<float> plane_gradients;  ///< [4,H,W] are added to
+  std::span<const float> alpha;      ///< [H,W]; read for the first view only
+  std::span<float> plane_gradients;  ///< [4,H,W] added to
 };
 
-/// Weights of 0 leave a term out. Defaults are the release's.
+/// A weight of 0 disables its term. Defaults are those of the release.
 struct SurfaceTerms {
-  float normal_weight = 0.015f;      ///< of normals in the first view
-  bool edge_aware = true;            ///< less where the photo has edges
-  float geometric_weight = 0.03f;    ///< of depth in two views
-  float photometric_weight = 0.15f;  ///< of patches in two photos
-  float max_pixel_noise = 1;         ///< px; pixels that come back farther away are occluded
-  int max_patches = 102400;          ///< about so many are compared, drawn at random from the pixels that agree
-  float near_depth = 0.1f;           ///< nearer points are not compared, world units
+  float normal_weight = 0.015f;      ///< for normals in the first view
+  bool edge_aware = true;            ///< lower the normal weight where the photo has edges
+  float geometric_weight = 0.03f;    ///< for depth in two views
+  float photometric_weight = 0.15f;  ///< for patches in two photos
+  float max_pixel_noise = 1;         ///< px; pixels with a larger reprojection error count as occluded
+  int max_patches = 102400;          ///< approximate limit; patches are drawn at random from matching pixels
+  float near_depth = 0.1f;           ///< world units; nearer points are not compared
 };
 
-/// The sums of a call.
+/// Weighted losses of a call.
 struct SurfaceLossParts {
   double normal = 0, geometric = 0, photometric = 0;
   double total() const { return normal + geometric + photometric; }
 };
 
-/// Owns the workspace of the loss; a steady loop allocates nothing. Sums are of fixed order on the CPU.
+/// Owns the workspace of the loss; a steady loop allocates nothing. On the CPU the order of summation is fixed.
 ///
 /// With plane depth d, depth normals n_d of the first view (scaled by alpha, which gets no gradient) and its blended
 /// normals n:
 ///   normal = weight · mean over pixels of w·‖n_d − n‖₁, w = (1 − g)², g the photo's largest central difference along x
 ///   or y, from 0 to 1 within the photo; w is 0 on the border.
-/// A pixel p of the first view goes by its depth to the second, by that one's depth there (bilinear) back to p', with
-/// noise ε = ‖p' − p‖. Where that stays in the image, in front of both cameras and below max_pixel_noise:
-///   geometric = weight · mean of v·ε, v = exp(−ε), which gets no gradient.
-/// For patches of 7×7 pixels around those pixels, carried to the second photo by the homography of the plane that the
-/// first view shows in p (grey = 0.299 r + 0.587 g + 0.114 b):
+/// A pixel p of the first view is projected by its depth into the second view and, by the depth there (bilinear), back
+/// to p', with noise ε = ‖p' − p‖. Where it stays in the image and in front of both cameras, and ε < max_pixel_noise:
+///   geometric = weight · mean of v·ε, v = exp(−ε), through which no gradient passes.
+/// For 7×7 patches around those pixels, mapped to the second photo by the homography of the first view's blended plane
+/// at p (grey = 0.299 r + 0.587 g + 0.114 b):
 ///   photometric = weight · mean of v·c over those with c = 1 − cov² / (var·var' + 1e-8) below 0.9.
 class SurfaceLoss {
  public:
@@ -59,10 +59,10 @@ class SurfaceLoss {
   SurfaceLoss(SurfaceLoss&&) noexcept;
   SurfaceLoss& operator=(SurfaceLoss&&) noexcept;
 
-  /// Adds the gradients of all terms.
-  /// @param second null: normals of the first view alone
+  /// Adds the gradients of all terms to the plane_gradients of the views.
+  /// @param second null: only the normal term of the first view
   /// @param random draws the patches
-  /// @return on a GPU the newest that is known, of an earlier call, without waiting; 0 before that
+  /// @return the losses; on a GPU the newest that have arrived from an earlier call, without waiting, or 0 if none have
   SurfaceLossParts add(const SurfaceView& first, const SurfaceView* second, const SurfaceTerms& terms,
                        const RandomStream& random);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The threads that every CPU operation takes.
+/// @file The threads that CPU operations run on.
 #pragma once
 
 #include <cstddef>
@@ -8,25 +8,25 @@
 
 namespace splatboost {
 
-/// The highest number of threads that a user may ask for: far above any machine, far below where starting them fails.
+/// Largest number of threads that a user may request: far above the cores of any machine, far below the number at which
+/// starting threads fails.
 inline constexpr int kMaxThreads = 4096;
 
-/// A number of threads that share loops. Every operation gives the same bytes for any number of threads: loops are cut
-/// by a grain that does not depend on it. Cheap to make and to copy: each calling thread has one set of helper threads,
-/// started by its first loops, kept until it ends, and used by all Threads that it calls. Helpers block when there is
-/// nothing to do, so that processes can share cores.
+/// A number of threads for parallel loops. Results are bitwise the same for any number of threads: loops are divided by
+/// a grain that does not depend on it. Cheap to create and to copy: each calling thread has one set of helper threads,
+/// which its first loops start, which all its Threads objects share, and which live until it ends. Idle helpers block,
+/// so that processes can share cores.
 class Threads {
  public:
-  /// @param count threads that work at a time, the caller included; 0: as many as this process may use CPUs
-  /// (available_cpus()).
+  /// @param count threads that work on a loop, including the caller; 0: available_cpus()
   explicit Threads(int count = 0);
 
   int count() const { return count_; }
 
-  /// Calls body(begin, end) for [0, n) cut into pieces of `grain` (the last may be shorter), and waits for all.
-  /// Pieces run in any order, on any thread. A loop within a body runs on the thread of that body alone.
-  /// When pieces throw, the exception of the first of them in [0, n) is thrown to the caller after all running pieces
-  /// have ended; of the pieces behind it, some have not run.
+  /// Calls body(begin, end) for [0, n) divided into pieces of `grain` (the last may be shorter), and waits for all.
+  /// Pieces run in any order, on any thread. A loop within a body runs only on the thread of that body.
+  /// If pieces throw, the exception of the first of them in [0, n) is rethrown after all running pieces have ended;
+  /// some of the later pieces may not have run.
   template <class Body>
   void for_range(std::size_t n, std::size_t grain, Body&& body) {
     using Plain = std::remove_reference_t<Body>;
@@ -41,8 +41,8 @@ class Threads {
   int count_;
 };
 
-/// CPUs that this process may keep busy, at least 1: those that its affinity mask allows, but no more than the CPU
-/// quotas of its control groups (cgroup v1 and v2), rounded up. Read once; later changes are not seen.
+/// Number of CPUs that this process may use, at least 1: those of its affinity mask, but no more than the CPU quotas of
+/// its control groups (cgroup v1 and v2), rounded up. Read once; later changes have no effect.
 int available_cpus();
 
 }  // namespace splatboost

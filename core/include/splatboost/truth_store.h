@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Truth images where the operations of a device can read them.
+/// @file Truth images in the memory of a device.
 #pragma once
 
 #include <cstddef>
@@ -11,20 +11,20 @@
 
 namespace splatboost {
 
-/// On a GPU keeps as many images as a budget holds, 8 bit as they are, and uploads the others when they are asked for,
-/// through pinned memory: the host goes on. On the CPU images are where they are.
+/// On a GPU keeps the first images that fit a memory budget on the device, in 8 bit, and uploads the others on demand
+/// through pinned memory, asynchronously to the host. On the CPU it uses the caller's images in place.
 class TruthStore {
  public:
-  /// @param images of the host, which must outlive this
-  /// @param budget bytes of the device's memory
+  /// @param images in host memory, which must outlive the store
+  /// @param budget bytes of device memory for the images that are kept
   TruthStore(std::vector<TruthImage> images, std::size_t budget, Device device);
   ~TruthStore();
   TruthStore(TruthStore&&) noexcept;
   TruthStore& operator=(TruthStore&&) noexcept;
 
-  /// @return in the device's memory, for work that is given to it before the next call
+  /// @return the image in device memory, for work that is queued before the next call
   TruthImage get(std::size_t image);
-  /// Images that are kept there.
+  /// Number of images that are kept on the device; on the CPU all.
   std::size_t kept() const;
 
  private:

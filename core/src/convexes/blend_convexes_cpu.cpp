@@ -8,7 +8,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "convexes/blend_convexes_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "convexes/convex_rows-inl.h"
@@ -19,7 +19,7 @@ namespace HWY_NAMESPACE {
 
 std::size_t convex_column_blocks() { return blocks_of_columns(); }
 
-/// A convex over the rows of a block that it may reach.
+/// Visits the rows of a block of columns that a convex may reach, kRowsAtATime at a time.
 template <int kEdges, class Visit>
 HWY_INLINE void for_rows(const ConvexRecord& convex, TileRows<4>& pixels, std::uint32_t mask, int x,
                          const Visit& visit) {
@@ -88,7 +88,7 @@ void blend_convex_tile(ConvexFrame& frame, std::size_t tile, float* HWY_RESTRICT
   }
 }
 
-/// Sums of one entry, a vector a lane.
+/// Sums of one entry, with one partial sum per lane.
 template <int kEdges>
 struct EntrySums {
   Vec red, green, blue, s, steepness, steepness_abs;
@@ -112,8 +112,8 @@ struct EntrySums {
   }
 };
 
-/// Sums of one entry of a tile. Planes of a row: transmittance; gradient · (what the convexes behind the current one,
-/// and the background, add to the image); upstream gradients of colour, and of alpha.
+/// Sums of one entry of a tile. Planes of a row: transmittance; gradient · (contribution to the image of the convexes
+/// behind the current one and of the background); upstream gradients of colour, and of alpha.
 template <int kEdges>
 HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, const std::uint16_t* reached_rows,
                                ConvexMoments& moments) {
@@ -140,7 +140,7 @@ HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, 
         const Vec g_red = hn::Load(d, g_row);
         const Vec g_green = hn::Load(d, g_row + kTileSize);
         const Vec g_blue = hn::Load(d, g_row + 2 * kTileSize);
-        Vec along = hn::Load(d, g_row + 3 * kTileSize);  // alpha: a channel that is 1
+        Vec along = hn::Load(d, g_row + 3 * kTileSize);  // alpha: a channel with value 1
         along = hn::MulAdd(g_red, own_red, along);
         along = hn::MulAdd(g_green, own_green, along);
         along = hn::MulAdd(g_blue, own_blue, along);
@@ -158,7 +158,7 @@ HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, 
         const Vec s =
             hn::IfThenElseZero(hn::And(moves, step.open), hn::NegMulAdd(rest, hn::Mul(weight, inverse), gain));
         sums.s = hn::Add(sums.s, s);
-        // u = −s·(1 − I): what is full inside has no slope.
+        // u = −s·(1 − I): zero where I saturates at 1.
         const Vec u = hn::MulSub(s, step.inside, s);
         const Vec by_phi = hn::Mul(u, step.phi);
         sums.steepness = hn::Add(sums.steepness, by_phi);
@@ -181,8 +181,8 @@ HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, 
 }
 
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
-/// @param image [4, 256] what blend_convex_tile made
-/// @param upstream [4, 256] gradients of it
+/// @param image [4, 256] result of blend_convex_tile
+/// @param upstream [4, 256] gradients of image
 void blend_convex_tile_backward(ConvexFrame& frame, std::size_t tile, const float* HWY_RESTRICT image,
                                 const float* HWY_RESTRICT upstream) {
   const Lanes d;
@@ -210,7 +210,7 @@ void blend_convex_tile_backward(ConvexFrame& frame, std::size_t tile, const floa
       entry_backward<decltype(edges)::value>(convex, pixels, reached_rows, frame.entry_moments[entry.slot]);
     });
   }
-  // Entries behind the last open pixel moved nothing.
+  // Entries from `stop` on were not blended at any pixel.
   for (std::uint32_t at = stop; at < end; ++at) frame.entry_moments[frame.entries[at].slot] = ConvexMoments{};
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A block is a tile, a thread a pixel; convexes come in batches through shared memory.
+// One block per tile, one thread per pixel; convexes are loaded into shared memory in batches.
 #include "convexes/cuda_convex_frame.h"
 #include "device/device_view.h"
 #include "device/launch.h"
@@ -31,7 +31,7 @@ struct ConvexLists {
 struct Pixel {
   bool inside;
   float centre_x, centre_y;
-  std::size_t index, plane;  ///< in a plane of the image; size of a plane
+  std::size_t index, plane;  ///< of the pixel in a plane of the image; size of a plane
 
   __device__ explicit Pixel(const ConvexLists& lists) {
     const std::uint32_t x = blockIdx.x % lists.tiles_x * kTileSize + threadIdx.x % kTileSize;
@@ -44,7 +44,7 @@ struct Pixel {
   }
 };
 
-/// What one convex does to one pixel: the arithmetic that blending, its gradient and the count replay share.
+/// Effect of one convex on one pixel: the arithmetic that blending, its gradient and the count replay share.
 struct ConvexPixelStep {
   float dx, dy;
   float terms[kMaxConvexPoints];  ///< t_k
@@ -52,8 +52,8 @@ struct ConvexPixelStep {
   bool blended;
 };
 
-/// Takes a pixel behind a convex, but for its transmittance. A pixel that the convex would saturate is closed before
-/// it.
+/// Applies a convex to a pixel; the caller updates the transmittance. A pixel that the convex would saturate is closed
+/// without blending it.
 __device__ inline ConvexPixelStep step_pixel(const ConvexRecord& convex, const Pixel& pixel, float transmittance,
                                              bool& open) {
   ConvexPixelStep step;
@@ -63,7 +63,7 @@ __device__ inline ConvexPixelStep step_pixel(const ConvexRecord& convex, const P
   float greatest = -1e30f;
 #pragma unroll
   for (int k = 0; k < kMaxConvexPoints; ++k) {
-    // Spelled out: what the compiler contracts must not differ from kernel to kernel.
+    // Explicit, so that the compiler does not contract operations differently in different kernels.
     step.terms[k] = fmaf(step.dy, convex.edge_y[k], fmaf(step.dx, convex.edge_x[k], convex.edge_offset[k]));
     greatest = fmaxf(greatest, step.terms[k]);
   }
@@ -81,15 +81,15 @@ __device__ inline ConvexPixelStep step_pixel(const ConvexRecord& convex, const P
   return step;
 }
 
-/// Walks through a tile's convexes, near to far, until all its pixels are closed. All threads of the block call it.
-/// @param visit (index of the convex, record): called by whole warps; closes pixels
+/// Visits a tile's convexes, near to far, until all its pixels are closed. All threads of the block must call it.
+/// @param visit (index of the convex, record): called by whole warps; may close pixels
 template <class Visit>
 __device__ void visit_convexes(const ConvexLists& lists, const bool& open, Visit&& visit) {
   __shared__ SharedArray<ConvexRecord, static_cast<int>(kBatch)> batch;
   __shared__ SharedArray<std::uint32_t, static_cast<int>(kBatch)> owners;
   const ConvexTileEntries range = lists.tiles[blockIdx.x];
   for (std::uint32_t base = range.begin; base < range.end; base += kBatch) {
-    if (!__syncthreads_or(open)) break;  // and nobody reads the last batch any more
+    if (!__syncthreads_or(open)) break;  // also a barrier: the previous batch is no longer read
     if (threadIdx.x < kBatch && base + threadIdx.x < range.end) {
       const std::uint32_t convex = lists.entries[base + threadIdx.x];
       owners.set(static_cast<int>(threadIdx.x), convex);
@@ -136,7 +136,7 @@ __global__ void __launch_bounds__(kTileThreads)
     blend_convexes_backward_kernel(ConvexLists lists, DeviceView<const float> pixels, DeviceView<const float> color,
                                    DeviceView<const float> alpha, DeviceView<float> moments) {
   const Pixel pixel(lists);
-  // The gradients of pixels that nothing covers are not looked at: they may be anything, also NaN.
+  // Gradients of uncovered pixels are not read: they may be NaN.
   const bool covered = pixel.inside && pixels[3 * pixel.plane + pixel.index] > 0.0f;
   bool open = covered;
   float transmittance = 1.0f, g[4] = {}, rest = 0.0f;
@@ -180,9 +180,9 @@ __global__ void __launch_bounds__(kTileThreads)
 __global__ void __launch_bounds__(kTileThreads)
     count_convexes_kernel(ConvexLists lists, DeviceView<const std::uint8_t> flagged, DeviceView<std::int32_t> counts) {
   const Pixel pixel(lists);
-  bool open = pixel.inside && flagged[pixel.index] != 0;  // pixels without a flag need not be followed
+  bool open = pixel.inside && flagged[pixel.index] != 0;  // pixels without a flag need no replay
   float transmittance = 1.0f;
-  if (!__syncthreads_or(open)) return;  // the whole block: there is nothing to count
+  if (!__syncthreads_or(open)) return;  // the whole block returns: nothing to count
   visit_convexes(lists, open, [&](std::uint32_t owner, const ConvexRecord& convex) {
     const ConvexPixelStep step = step_pixel(convex, pixel, transmittance, open);
     if (step.blended) transmittance = step.after;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What draws convexes on one device. ConvexRasterizer checks the arguments and hands them on; contracts are
-/// those of its functions of the same names.
+/// @file Implementation of ConvexRasterizer on one device. ConvexRasterizer checks the arguments and forwards them;
+/// contracts are those of its functions of the same names.
 #pragma once
 
 #include <memory>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A block of convexes, one a lane, on the screen: the formulas of convex_math.h, without branches. Where a
-/// lane's convex is not valid, its numbers are anything.
+/// @file Projection of a block of convexes, one per lane, to the screen: the formulas of convex_math.h, without
+/// branches. The numbers of lanes whose convex is not valid are unspecified.
 ///
-/// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
+/// Compiled once per instruction set (Highway's per-target include), hence no ordinary include guard.
 
 #if defined(SPLATBOOST_CONVEX_BLOCKS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_CONVEX_BLOCKS_INL_H_
@@ -38,7 +38,7 @@ struct ConvexBlock {
   Vec3<Float> view[kMaxConvexPoints];
 };
 
-/// Where the points of a block are. Every number is set, also of lanes that are not valid.
+/// Projects the points of a block. Every number is set, even in lanes that are not valid.
 /// @param columns [3·K, lanes] points in the world
 HWY_INLINE void place_points(const ProjectionCamera& camera, const float* columns, int points, float near_plane,
                              ConvexBlock& p) {
@@ -63,28 +63,28 @@ HWY_INLINE void place_points(const ProjectionCamera& camera, const float* column
   p.valid = (p.depth > Float(near_plane)) & (p.depth < Float(1e30f)) & (abs_of(p.centre_x) < Float(1e9f)) &
             (abs_of(p.centre_y) < Float(1e9f));
   for (int k = 0; k < points; ++k) {
-    // By differences from the centre, so that small shapes keep their digits.
+    // Computed from differences to the centre, so that small shapes keep their precision.
     const Vec3<Float> d = point(k) - p.mean;
     const Vec3<Float> away{dot(axis_x, d), dot(axis_y, d), dot(axis_z, d)};
     p.view[k] = centre + away;
     const Float inverse = one / p.view[k].z;
     p.x[k] = fx * (away.x - slope_x * away.z) * inverse;
     p.y[k] = fy * (away.y - slope_y * away.z) * inverse;
-    // Anything not finite fails a comparison.
+    // Numbers that are not finite fail a comparison.
     p.valid = p.valid & (p.view[k].z > Float(0.0f)) &
               (multiply_add(p.x[k], p.x[k], p.y[k] * p.y[k]) < Float(kMaxConvexReach * kMaxConvexReach));
   }
 }
 
-/// Convex hulls of a block: vertices in order, with the inside at the left of each edge where y is up. Behind the last,
-/// the first comes again.
+/// Convex hulls of a block: vertices in order, with the interior to the left of each edge if y points up. After the
+/// last vertex, the first is repeated.
 struct HullBlock {
   Float edges;
   Float index[kMaxConvexPoints];  ///< of the vertices among the points
   Float x[kMaxConvexPoints], y[kMaxConvexPoints];
 };
 
-/// The hull of one lane by convex_math.h.
+/// Finds the hull of one lane with convex_math.h.
 inline void find_hull_of_lane(const ConvexBlock& p, int points, std::size_t lane, HullBlock& hulls) {
   alignas(64) float column[kMaxLanes];
   ProjectedConvex one;
@@ -110,9 +110,9 @@ inline void find_hull_of_lane(const ConvexBlock& p, int points, std::size_t lane
   }
 }
 
-/// Convex hulls by Jarvis's march: from one vertex to the point that has all others at its left, the farthest of
-/// several on a line. Every lane takes the same steps; where rounding keeps a march from coming round, convex_math.h
-/// finds the hull.
+/// Convex hulls by Jarvis's march: each edge leads from a vertex to the point for which all others lie to its left, the
+/// farthest of collinear ones. Every lane takes the same steps; where rounding keeps a march from returning to its
+/// first vertex, convex_math.h finds the hull.
 HWY_INLINE void find_hulls(const ConvexBlock& p, int points, HullBlock& hulls) {
   const Float zero(0.0f), one(1.0f);
   Float first_x = p.x[0], first_y = p.y[0], first = zero;
@@ -180,7 +180,7 @@ HWY_INLINE Float farthest_of(Float opacity, Float steepness) {
 HWY_INLINE Float released_radii(const HullBlock& hulls, const EdgeBlock& edges, int points, Float margin) {
   const Float zero(0.0f), one(1.0f);
   Float farthest = zero, sum = zero, corners = zero;
-  // Before the first edge comes the last.
+  // The predecessor of the first edge is the last one.
   Float before_x = edges.x[0], before_y = edges.y[0], before_offset = edges.offset[0];
   for (int k = 1; k < points; ++k) {
     const Bool is_edge = Float(static_cast<float>(k)) < hulls.edges;
@@ -188,7 +188,7 @@ HWY_INLINE Float released_radii(const HullBlock& hulls, const EdgeBlock& edges, 
     before_y = select(is_edge, edges.y[k], before_y);
     before_offset = select(is_edge, edges.offset[k], before_offset);
   }
-  // The angle between two edges is between 0.1 and 3 where |cross| / dot, its tangent, says so.
+  // Tests whether the angle between two edges is between 0.1 and 3, by its tangent |cross| / dot.
   const float least = 0.10033467208545055f, most = 0.1425465430742778f;  // tan 0.1, −tan 3
   for (int k = 0; k < points; ++k) {
     farthest = max_of(farthest, multiply_add(hulls.x[k], hulls.x[k], hulls.y[k] * hulls.y[k]));
@@ -210,12 +210,12 @@ HWY_INLINE Float released_radii(const HullBlock& hulls, const EdgeBlock& edges, 
 }
 
 /// The part of the image that each convex of a block may reach: {q in the image: edge_k·q + offset_k <= bound_k for all
-/// k}, px relative to the centre. What is wanted of this polygon are extents: of its height, and of its width within a
-/// band of rows. Each is a linear programme of two unknowns, so the least of what single edges at the borders and pairs
-/// of edges allow.
+/// k}, px relative to the centre. The polygon's extent in y and its extent in x within a band of rows are needed.
+/// Each bound is a linear program in two unknowns: the tightest of the bounds by single edges at the borders and by
+/// pairs of edges.
 class FootprintBlock {
  public:
-  /// @param farthest,scale as of footprint_of()
+  /// @param farthest,scale as in footprint_of()
   HWY_INLINE FootprintBlock(const ConvexBlock& p, const EdgeBlock& edges, int points, Float scale, Float farthest,
                             int width, int height)
       : points_(points) {
@@ -231,7 +231,7 @@ class FootprintBlock {
       const Float a = edges.x[k], b = edges.y[k], size_a = abs_of(a), size_b = abs_of(b);
       const Float c = moved + Float(kFootprintSlack) * (size_a + size_b) - edges.offset[k];
       bound_[k] = c;
-      // a·x + b·y <= c as a bound of y, and of x: at the side that allows most.
+      // a·x + b·y <= c as a bound of y, and of x: at the side of the image where the bound is loosest.
       const Float in_y = Float(1.0f) / b, in_x = Float(1.0f) / a;
       const Float y = (c - min_of(a * left, a * right)) * in_y;
       const Bool steep_y = size_b > Float(kFlat) * size_a, steep_x = size_a > Float(kFlat) * size_b;
@@ -254,7 +254,7 @@ class FootprintBlock {
     some = some & (low_x < high_x) & (low_y < high_y);
   }
 
-  /// Extents within the band of rows [top, bottom].
+  /// Extent in x within the band of rows [top, bottom].
   HWY_INLINE void width_within(Float top, Float bottom, Float& low, Float& high) const {
     top = max_of(top, low_y);
     bottom = min_of(bottom, high_y);
@@ -267,20 +267,20 @@ class FootprintBlock {
     }
   }
 
-  Bool some;  ///< where it is not empty
+  Bool some;  ///< where the part is not empty
   Float low_x, high_x, low_y, high_y;
 
  private:
-  static constexpr float kFlat = 1e-6f;  ///< an edge bounds an axis unless it is as good as parallel to it
+  static constexpr float kFlat = 1e-6f;  ///< an edge bounds a coordinate unless it is almost parallel to its axis
   static constexpr float kFar = 1e30f;
 
-  /// Two edges whose normals, weighted, add up to one along an axis bound it by the point that both go through.
+  /// Two edges bound a coordinate by their intersection if a positive combination of their normals lies along its axis.
   HWY_INLINE void add_pair(const EdgeBlock& edges, int k, int l) {
     const Float a_k = edges.x[k], b_k = edges.y[k], a_l = edges.x[l], b_l = edges.y[l];
     const Float zero(0.0f), far(kFar), slack(2e-4f);
     const Float kl = a_k * b_l, lk = a_l * b_k;
     const Float cross = kl - lk;
-    // All but parallel ones, whose crossing is far away and not known well.
+    // Skips almost parallel edges, whose intersection is far away and inaccurate.
     const Bool apart = abs_of(cross) > Float(1e-3f) * (abs_of(kl) + abs_of(lk));
     const Float inverse = Float(1.0f) / cross;
     const Float x = cross_of(bound_[k], b_l, bound_[l], b_k) * inverse;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What the stages of the rasterizer of convexes hand to one another for one view: project → tiles → blend →
+/// @file Data passed between the stages of the convex rasterizer for one view: project → tiles → blend →
 /// backward. The counterpart of projection/frame.h.
 #pragma once
 
@@ -14,8 +14,8 @@
 
 namespace splatboost {
 
-/// What blending reads of a convex, at the convex's own index. With φ₂ = log2 Σ_k 2^(t_k), where t_k = edge_x[k]·dx +
-/// edge_y[k]·dy + edge_offset[k] and dx, dy are relative to the centre: I = 1 / (1 + 2^(steepness·φ₂)).
+/// Inputs of blending for one convex, stored at the convex's index. With φ₂ = log2 Σ_k 2^(t_k), where t_k =
+/// edge_x[k]·dx + edge_y[k]·dy + edge_offset[k] and dx, dy are relative to the centre: I = 1 / (1 + 2^(steepness·φ₂)).
 struct alignas(16) ConvexRecord {
   float centre_x, centre_y;  ///< px
   float steepness;           ///< z·σ
@@ -23,7 +23,7 @@ struct alignas(16) ConvexRecord {
   float farthest;  ///< greatest max_k t_k at which α may reach 1/255
   float red, green, blue;
   float depth;
-  std::uint32_t edges;                  ///< of the hull; the arrays are filled up with edges that are never near
+  std::uint32_t edges;                  ///< of the hull; the arrays are padded with edges that never contribute
   std::uint8_t hull[kMaxConvexPoints];  ///< vertices of the hull, as in ProjectedConvex
   float unused[4];
   float edge_x[kMaxConvexPoints], edge_y[kMaxConvexPoints], edge_offset[kMaxConvexPoints];
@@ -47,14 +47,14 @@ struct ConvexFrame : TileLists {
   Buffer<ConvexRecord> records;         ///< [N]
   Buffer<std::uint8_t> visible;         ///< [N]
   Buffer<std::uint16_t> entry_rows;     ///< [E, blocks of columns] rows of the tile that an entry may reach
-  Buffer<std::uint32_t> tile_stop;      ///< [T] entries of the tile that were looked at before all pixels were full
+  Buffer<std::uint32_t> tile_stop;      ///< [T] entries of the tile that were processed before all pixels were closed
   Buffer<float> tile_images;            ///< [T, 4, 256] blended colour, alpha
   Buffer<ConvexMoments> entry_moments;  ///< [E] by slot
 };
 
 /// Fills records, depths, visible, listings and their tiles. (project_convexes_cpu.cpp)
 void project_convexes(ConvexFrame& frame, const Convexes& convexes, Threads& threads);
-/// Sums entry gradients per convex and takes them back to the convexes. (project_convexes_cpu.cpp)
+/// Sums entry gradients per convex and propagates them to the convexes' parameters. (project_convexes_cpu.cpp)
 void project_convexes_backward(const ConvexFrame& frame, const Convexes& convexes, const ConvexGradients& gradients,
                                Threads& threads);
 /// Blends all tiles. (blend_convexes_cpu.cpp)

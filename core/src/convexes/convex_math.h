@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file From one convex to the edges of its hull on the screen and back, and the tiles that it may reach, one convex
-/// at a time: the way of a GPU's thread. convex_blocks-inl.h has the same for the lanes of a CPU.
+/// @file Projection of one convex to the edges of its hull on the screen, its gradient, and the tiles that the convex
+/// may reach: for one thread of a GPU. convex_blocks-inl.h has the same for the vector lanes of a CPU.
 #pragma once
 
 #include <cmath>
@@ -25,24 +25,24 @@ struct ProjectedConvex {
   float y[kMaxConvexPoints];        ///< px
   float view[kMaxConvexPoints][3];  ///< in the camera frame
   int edges;                        ///< of the hull
-  /// Vertices of the hull: edge k goes from hull[k] to hull[(k + 1) % edges], with the inside at its left where y is
-  /// up.
+  /// Vertices of the hull: edge k goes from hull[k] to hull[(k + 1) % edges], with the interior to its left if y
+  /// points up.
   std::uint8_t hull[kMaxConvexPoints];
 };
 
-/// Sine of the angle up to which two directions from a vertex are taken for one. Rounding moves projected points by
-/// some 1e-7 of a convex's size: without this, whether a point on an edge is a vertex would depend on the instruction
-/// set. An edge's weight in φ is its length, so a vertex too many is seen.
+/// Sine of the angle up to which two directions from a vertex count as equal. Rounding moves projected points by about
+/// 1e-7 of a convex's size: without this tolerance, whether a point on an edge is a vertex would depend on the
+/// instruction set. An edge's weight in φ is its length, so an additional vertex changes the image.
 inline constexpr float kStraight = 1e-5f;
 
-/// Whether the way from a over b to c turns left where y is up, by more than rounding could.
+/// Whether the path from a over b to c turns left if y points up, by more than rounding errors.
 SPLATBOOST_HOST_DEVICE bool turns_left(const ProjectedConvex& p, int a, int b, int c) {
   const float b_x = p.x[b] - p.x[a], b_y = p.y[b] - p.y[a], c_x = p.x[c] - p.x[a], c_y = p.y[c] - p.y[a];
   const float turn = b_x * c_y - b_y * c_x;
   return turn > 0.0f && turn * turn > kStraight * kStraight * ((b_x * b_x + b_y * b_y) * (c_x * c_x + c_y * c_y));
 }
 
-/// Convex hull by Andrew's monotone chains; fewer than three vertices where all points lie on a line.
+/// Convex hull by Andrew's monotone chain; fewer than three vertices if all points lie on a line.
 SPLATBOOST_HOST_DEVICE void find_hull(ProjectedConvex& p, int points) {
   std::uint8_t order[kMaxConvexPoints];
   for (int i = 0; i < points; ++i) {
@@ -65,12 +65,13 @@ SPLATBOOST_HOST_DEVICE void find_hull(ProjectedConvex& p, int points) {
     while (n >= lower && !turns_left(p, chain[n - 2], chain[n - 1], order[i])) --n;
     chain[n++] = order[i];
   }
-  p.edges = n - 1;  // the first vertex came again
+  p.edges = n - 1;  // the first vertex was added again
   for (int k = 0; k < p.edges && k < kMaxConvexPoints; ++k) p.hull[k] = chain[k];
 }
 
-/// The points of a convex in the camera frame and on the screen, and whether all of them may be drawn. Whether they
-/// may or not, every number is set: the backward pass must not ask again what the forward pass decided.
+/// The points of a convex in the camera frame and on the screen, and whether the convex may be drawn. The points are
+/// set in either case: the backward pass must not repeat this decision, which might differ from that of the forward
+/// pass.
 /// @param points [K,3] world
 SPLATBOOST_HOST_DEVICE ProjectedConvex place_points(const ProjectionCamera& camera, const float* points, int count,
                                                     float near_plane) {
@@ -90,7 +91,7 @@ SPLATBOOST_HOST_DEVICE ProjectedConvex place_points(const ProjectionCamera& came
   p.centre_y = camera.fy * slope_y + camera.cy;
   p.valid = p.depth > near_plane && p.depth < 1e30f && abs_of(p.centre_x) < 1e9f && abs_of(p.centre_y) < 1e9f;
   for (int i = 0; i < count; ++i) {
-    // By differences from the centre, so that small shapes keep their digits.
+    // Computed from differences to the centre, so that small shapes keep their precision.
     const float* const w = points + 3 * i;
     const float d[3] = {w[0] - mean[0], w[1] - mean[1], w[2] - mean[2]};
     float away[3];
@@ -101,13 +102,13 @@ SPLATBOOST_HOST_DEVICE ProjectedConvex place_points(const ProjectionCamera& came
     const float inverse = 1.0f / p.view[i][2];
     p.x[i] = camera.fx * (away[0] - slope_x * away[2]) * inverse;
     p.y[i] = camera.fy * (away[1] - slope_y * away[2]) * inverse;
-    // Anything not finite fails a comparison.
+    // Numbers that are not finite fail a comparison.
     p.valid = p.valid && p.view[i][2] > 0.0f && p.x[i] * p.x[i] + p.y[i] * p.y[i] < kMaxConvexReach * kMaxConvexReach;
   }
   return p;
 }
 
-/// ... and their hull.
+/// place_points(), and the hull; not valid if that has fewer than three vertices.
 SPLATBOOST_HOST_DEVICE ProjectedConvex project_convex(const ProjectionCamera& camera, const float* points, int count,
                                                       float near_plane) {
   ProjectedConvex p = place_points(camera, points, count, near_plane);
@@ -133,9 +134,9 @@ SPLATBOOST_HOST_DEVICE float farthest_of(float opacity, float steepness) {
   return kLn2 * log2_of(opacity / kMinAlpha - 1.0f) / steepness;
 }
 
-/// Half side of the released square around the centre, px; 0 where the release draws nothing. Edges are moved outwards
-/// by 2.1/(z²δσ), where I = 0.109; then the corners' mean distance, but at least a little more than the farthest
-/// vertex.
+/// Half the side of the square around the centre as in the released code, px; 0 where that draws nothing. Edges are
+/// moved outwards by 2.1/(z²δσ), where I = 0.109; the result is the mean distance of the resulting corners, but at
+/// least 1.1 times that of the farthest vertex, rounded up.
 /// @param margin 2.1/(z²δσ), px²
 SPLATBOOST_HOST_DEVICE float released_radius(const ProjectedConvex& p, float margin) {
   float farthest = 0.0f;
@@ -165,16 +166,16 @@ SPLATBOOST_HOST_DEVICE float released_radius(const ProjectedConvex& p, float mar
 
 /// The part of the image that a convex may reach: a convex polygon, px.
 struct ConvexFootprint {
-  static constexpr int kCapacity = 4 + kMaxConvexPoints;  ///< a corner more for every edge that cuts
+  static constexpr int kCapacity = 4 + kMaxConvexPoints;  ///< each edge that cuts adds at most one corner
   float x[kCapacity], y[kCapacity];
   int corners;
 };
 
-/// By how much a footprint is widened, so that rounding never loses a pixel: pixels. Listing one too many is harmless.
+/// Margin by which a footprint is widened, px, so that rounding never loses a pixel. Listing one too many is harmless.
 inline constexpr float kFootprintSlack = 0.05f;
 
-/// Cuts the image by each edge, moved outwards to z·δ·L = farthest, of the hull: {q: max_k z·δ·L_k(q) <= farthest}
-/// holds every pixel that α = 1/255 reaches, because φ >= max_k z·δ·L_k.
+/// Clips the image by each edge of the hull, moved outwards to z·δ·L = farthest: {q: max_k z·δ·L_k(q) <= farthest}
+/// contains every pixel where α reaches 1/255, because φ >= max_k z·δ·L_k.
 /// @param scale z·δ·pixel_size²
 SPLATBOOST_HOST_DEVICE ConvexFootprint footprint_of(const ProjectedConvex& p, float scale, float farthest, int width,
                                                     int height) {
@@ -257,15 +258,15 @@ SPLATBOOST_HOST_DEVICE Extent width_within(const ConvexFootprint& f, float top, 
   return extent;
 }
 
-/// What the pixels say of one convex: sums over them of the gradients of φ's inputs.
+/// Sums over the pixels of the gradients of one convex's opacity and of the inputs of its φ.
 struct ConvexSums {
   float opacity;    ///< Σ α·dL/dα
-  float steepness;  ///< of z·σ
-  /// Of the edges' terms z·δ·pixel_size²·L_k, times 1, q_x and q_y relative to the centre.
+  float steepness;  ///< gradient of z·σ
+  /// Gradients of the edges' terms z·δ·pixel_size²·L_k, times 1, q_x and q_y (relative to the centre).
   float edge[kMaxConvexPoints][3];
 };
 
-/// ... and with respect to what went in.
+/// Gradients of one convex's geometric parameters.
 struct ConvexGeometryGradient {
   float smoothness, sharpness;
   float points[kMaxConvexPoints][3];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file One convex from its parameters to the record that blending reads and the tiles that list it, and back, as a
-/// thread of a GPU does it. On the CPU, project_convexes_cpu.cpp takes blocks of them.
+/// @file Projection of one convex from its parameters to the record that blending reads and the tiles that list it, and
+/// its gradient, for one thread of a GPU. On the CPU, project_convexes_cpu.cpp processes blocks of convexes.
 #pragma once
 
 #include "convexes/convex_frame.h"
@@ -16,7 +16,7 @@ struct ConvexRows {
   const float* points;  ///< [K,3]
   int count;            ///< K
   float smoothness, sharpness, opacity;
-  const float* color;    ///< [3]; null: of spherical harmonics
+  const float* color;    ///< [3]; null: from spherical harmonics
   const float* sh_dc;    ///< [3]
   const float* sh_rest;  ///< [rows,3]
   int sh_degree;
@@ -25,8 +25,8 @@ struct ConvexRows {
 /// The tiles that list a convex.
 struct ConvexTiles {
   bool square = false;
-  float centre_x = 0.0f, centre_y = 0.0f, radius = 0.0f;  ///< of the square
-  ConvexFootprint footprint;                              ///< otherwise
+  float centre_x = 0.0f, centre_y = 0.0f, radius = 0.0f;  ///< of the square, px
+  ConvexFootprint footprint;                              ///< if not square
 };
 
 /// Calls visit(row, begin, end) for the tiles [begin, end) of each row of tiles.
@@ -51,7 +51,7 @@ SPLATBOOST_HOST_DEVICE void for_tile_rows(const ConvexTiles& tiles, const Convex
   }
 }
 
-/// Where the camera looks at a convex from.
+/// Direction from the camera to a convex, unit, and the reciprocal of the distance.
 struct ConvexRay {
   Vec3<float> direction;
   float inverse_length;
@@ -82,7 +82,7 @@ SPLATBOOST_HOST_DEVICE void color_of(const ConvexRows& convex, const ConvexViewp
   for (int c = 0; c < 3; ++c) color[c] = max_of(color[c], 0.0f);
 }
 
-/// @return whether the convex may be drawn; the record and the tiles are anything otherwise
+/// @return whether the convex may be drawn; otherwise the record and the tiles are unspecified
 SPLATBOOST_HOST_DEVICE bool make_record(const ConvexRows& convex, const ConvexViewpoint& view, ConvexRecord& record,
                                         ConvexTiles& tiles) {
   if (!(convex.opacity > kMinAlpha)) return false;
@@ -99,7 +99,7 @@ SPLATBOOST_HOST_DEVICE bool make_record(const ConvexRows& convex, const ConvexVi
     tiles.radius = released_radius(p, 2.1f / (scale * steepness));
     if (tiles.radius <= 0.0f) return false;
   } else {
-    // What is drawn inside the hull alone does not shrink with β.
+    // If farthest <= 0, α reaches 1/255 only inside the hull; then β must not scale the bound.
     const float reach = farthest > 0.0f ? view.beta * farthest : farthest;
     tiles.footprint = footprint_of(p, scale, reach, view.width, view.height);
     if (tiles.footprint.corners == 0) return false;
@@ -126,12 +126,12 @@ SPLATBOOST_HOST_DEVICE bool make_record(const ConvexRows& convex, const ConvexVi
   return true;
 }
 
-/// Gradients of one convex: of its geometry, and its rows of the rest.
+/// Gradients of one convex: of its geometry, and of its rows of the other parameters.
 struct ConvexRowGradients {
   ConvexGeometryGradient geometry;
   float opacity;
-  float color[3];                      ///< of the colour towards the camera, not clamped where it is given
-  float sh_basis[kMaxShCoefficients];  ///< times color: of the harmonics' coefficients
+  float color[3];                      ///< of the colour towards the camera; 0 where it was clamped, unless it is given
+  float sh_basis[kMaxShCoefficients];  ///< times color: gradients of the harmonics' coefficients
   float view_sharpness_abs;
 };
 
@@ -140,7 +140,7 @@ SPLATBOOST_HOST_DEVICE ConvexRowGradients gradients_of(const ConvexRows& convex,
                                                        const ConvexRecord& record, const ConvexMoments& total) {
   ConvexRowGradients g;
   ProjectedConvex p = place_points(view.camera, convex.points, convex.count, view.near_plane);
-  p.edges = static_cast<int>(record.edges);  // the hull that was drawn, whatever rounding says now
+  p.edges = static_cast<int>(record.edges);  // the hull of the forward pass: rounding might give another one now
   for (int k = 0; k < p.edges; ++k) p.hull[k] = record.hull[k];
   ConvexSums sums;
   sums.opacity = total.s;

@@ -58,7 +58,7 @@ void ConvexRasterizer::forward(const Camera& camera, const Convexes& convexes, c
   const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   check_rows(color, pixels, 3, "color");
   check_optional(alpha, pixels, "alpha");
-  SPLATBOOST_CHECK(camera.tiles_x() < 65536 && camera.tiles_y() < 65536, "images are limited to 2^20 pixels a side");
+  SPLATBOOST_CHECK(camera.tiles_x() < 65536 && camera.tiles_y() < 65536, "images are limited to 2^20 pixels per side");
   State& state = *state_;
   state.pixels = pixels;
   state.convexes = convexes.count;
@@ -92,15 +92,15 @@ void ConvexRasterizer::backward(const Convexes& convexes, std::span<const float>
 void ConvexRasterizer::count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) {
   const State& state = *state_;
   SPLATBOOST_CHECK(state.drawn, "count_flagged() needs a forward() before it");
-  SPLATBOOST_CHECK(flagged.size() == state.pixels, "flagged must have one byte a pixel");
-  SPLATBOOST_CHECK(counts.size() == state.convexes, "counts must have one number a convex");
+  SPLATBOOST_CHECK(flagged.size() == state.pixels, "flagged must have one byte per pixel");
+  SPLATBOOST_CHECK(counts.size() == state.convexes, "counts must have one number per convex");
   state_->backend->count_flagged(flagged, counts);
 }
 
 void ConvexRasterizer::add_weights(std::span<std::int32_t> weights) {
   const State& state = *state_;
   SPLATBOOST_CHECK(state.drawn, "add_weights() needs a forward() before it");
-  SPLATBOOST_CHECK(weights.size() == state.convexes, "weights must have one number a convex");
+  SPLATBOOST_CHECK(weights.size() == state.convexes, "weights must have one number per convex");
   state_->backend->add_weights(weights);
 }
 

@@ -55,7 +55,7 @@ class CudaConvexRasterizer : public ConvexBackend {
 
   void add_weights(std::span<std::int32_t> weights) override { add_convex_weights(frame_, weights, stream_); }
 
-  /// The lists are made when their size is known.
+  /// forward() waits for the size of the lists, so that nothing has to be drawn again.
   bool settle() override { return false; }
   std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }
 

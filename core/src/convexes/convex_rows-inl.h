@@ -2,7 +2,7 @@
 /// @file One convex over one block of pixel columns, row by row: the arithmetic that blending, its gradient and the
 /// count replay must share to the last bit, so that all three agree on which pixels a convex reaches.
 ///
-/// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
+/// Compiled once per instruction set (Highway's per-target include), hence no ordinary include guard.
 
 #if defined(SPLATBOOST_CONVEX_ROWS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_CONVEX_ROWS_INL_H_
@@ -25,13 +25,14 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// An edge whose term lies this far below the greatest adds nothing to the sum of all: less than half a unit in the
-/// last place, seven times. Its share of the gradient is taken for nothing too.
+/// An edge whose term lies this far below the greatest is negligible: even seven of them add less than half a unit in
+/// the last place to the sum. Its share of the gradient is neglected too.
 inline constexpr float kNoPart = -28.0f;
-/// Powers of two are of exponents in this range.
+/// Exponents of powers of two are clamped to this range.
 inline constexpr float kMinExponent = -126.0f, kMaxExponent = 100.0f;
 
-/// Calls body(number of edges, a constant): hulls of fewer edges are filled up with some that are never near.
+/// Calls body(number of edges, a compile-time constant): hulls of fewer edges are padded with edges that never
+/// contribute.
 template <class Body>
 HWY_INLINE void with_edges(const ConvexRecord& convex, const Body& body) {
   if (convex.edges <= 4) {
@@ -45,7 +46,7 @@ HWY_INLINE void with_edges(const ConvexRecord& convex, const Body& body) {
   }
 }
 
-/// A tile's records lie scattered over the view's: each is called for ahead of its turn.
+/// A tile's records are scattered among the view's: prefetch each of them ahead of its use.
 HWY_INLINE void prefetch_convex(const ConvexFrame& frame, std::uint32_t at, std::uint32_t end) {
   constexpr std::uint32_t kAhead = 4;
   if (at + kAhead >= end) return;
@@ -53,8 +54,8 @@ HWY_INLINE void prefetch_convex(const ConvexFrame& frame, std::uint32_t at, std:
   for (std::size_t line = 0; line < sizeof(ConvexRecord); line += 64) __builtin_prefetch(record + line);
 }
 
-/// Rows of a tile where a convex may reach a block of columns, as a bit mask: those where no edge is too far behind all
-/// pixels between the first and the last centre.
+/// Rows of a tile where a convex may reach a block of columns, as a bit mask: those where no edge excludes all pixels
+/// between the first and the last centre.
 /// @param y first row's pixel centre; @param x_first,x_last pixel centres of the block
 HWY_INLINE std::uint32_t rows_near(const ConvexRecord& convex, float y, float x_first, float x_last) {
   const Lanes d;
@@ -84,7 +85,7 @@ HWY_INLINE std::uint32_t rows_near(const ConvexRecord& convex, float y, float x_
 /// The terms t_k of a convex over a block of columns: constant_k(x) + dy·edge_y[k].
 template <int kEdges>
 struct EdgeColumns {
-  Vec dx;  ///< pixel centre − centre
+  Vec dx;  ///< pixel centre − convex's centre
   Vec constant[kEdges];
 
   HWY_INLINE EdgeColumns(const ConvexRecord& convex, int x0) {
@@ -101,7 +102,7 @@ HWY_INLINE Vec log2_of_sum(Vec x) {
   const Lanes d;
   const hn::RebindToSigned<Lanes> di;
   const auto bits = hn::BitCast(di, x);
-  const auto exponent = hn::ShiftRight<23>(hn::Sub(bits, hn::Set(di, 0x3F3504F3)));  // of the float at √½
+  const auto exponent = hn::ShiftRight<23>(hn::Sub(bits, hn::Set(di, 0x3F3504F3)));  // 0x3F3504F3: bits of √½
   const Vec f = hn::Sub(hn::BitCast(d, hn::Sub(bits, hn::ShiftLeft<23>(exponent))), hn::Set(d, 1.0f));
   Vec p = hn::Set(d, 0.12569394707679749f);
   p = hn::MulAdd(p, f, hn::Set(d, -0.21005961298942566f));
@@ -115,7 +116,7 @@ HWY_INLINE Vec log2_of_sum(Vec x) {
   return hn::MulAdd(p, f, hn::ConvertTo(d, exponent));
 }
 
-/// What one convex does to one row of pixels, beyond what pass_row() needs.
+/// Effect of one convex on one row of pixels, with more than pass_row() needs.
 template <int kEdges>
 struct ConvexStep : RowStep {
   Vec phi;           ///< φ₂
@@ -124,13 +125,13 @@ struct ConvexStep : RowStep {
   Vec sum;
 };
 
-/// Rows that are taken through a convex together: what one waits for, the other fills.
+/// Rows that are processed together: the latency of one is filled with instructions of the other.
 inline constexpr int kRowsAtATime = 2;
 
-/// Takes kRowsAtATime rows of transmittances behind a convex, from the row at y on. Nothing but transmittances that
-/// stay as they are, and alpha = 0, are left behind where no open pixel is near enough for α = 1/255.
+/// Advances kRowsAtATime rows of transmittances past a convex, from the row at y on. Pixels that are closed or too far
+/// for α = 1/255 get alpha = 0 and keep their transmittances.
 /// @param stride from one row's transmittances to the next's
-/// @return whether one is
+/// @return whether there is any other pixel; if not, only dy of steps is set
 template <int kEdges>
 HWY_INLINE bool step_convex(const ConvexRecord& convex, const EdgeColumns<kEdges>& columns, float y,
                             float* HWY_RESTRICT transmittance, int stride, ConvexStep<kEdges> (&steps)[kRowsAtATime]) {
@@ -154,7 +155,7 @@ HWY_INLINE bool step_convex(const ConvexRecord& convex, const EdgeColumns<kEdges
     any_sum = r == 0 ? sum : hn::Or(any_sum, sum);
   }
   if (hn::AllFalse(d, any_near)) return false;
-  // Where one edge decides at every pixel that matters, there is nothing to sum.
+  // If a single edge dominates at every open pixel that is near enough, no sum is needed.
   if (hn::AllFalse(d, any_sum)) {
     for (int r = 0; r < kRowsAtATime; ++r) {
       ConvexStep<kEdges>& step = steps[r];

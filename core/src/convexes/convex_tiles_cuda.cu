@@ -13,8 +13,8 @@ namespace {
 /// Sorts behind every tile.
 constexpr std::uint32_t kNothing = 0xffffffffu;
 
-/// Writes a convex's entries, as many as projection counted: the compiler may round here as it did not there, and a
-/// tile more or less of those that the footprint meets by less than its slack is one too many anyway.
+/// Writes a convex's entries, exactly as many as projection counted. Rounding may differ from that in projection, and
+/// with it the number of tiles, but only by tiles that the footprint meets by less than its slack and does not need.
 __global__ void __launch_bounds__(kBlockThreads)
     emit_convexes_kernel(ConvexViewpoint view, DeviceView<const ConvexRecord> records,
                          DeviceView<const ConvexTiles> tiles_of, DeviceView<const std::uint32_t> offsets,
@@ -24,7 +24,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   std::size_t at = offsets[i];
   const std::size_t end = offsets[i + 1];
   if (at == end) return;
-  const std::uint32_t depth = __float_as_uint(records[i].depth);  // in order as integers, because depths are positive
+  const std::uint32_t depth = __float_as_uint(records[i].depth);  // depths are positive: their bits compare as integers
   const auto put = [&](std::uint32_t tile) {
     keys[at] = static_cast<std::uint64_t>(tile) << 32 | depth;
     entries[at++] = static_cast<std::uint32_t>(i);
@@ -48,7 +48,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (e + 1 == keys.size() && own < tiles.size()) tiles[own].end = static_cast<std::uint32_t>(e + 1);
 }
 
-/// The sums of entries are of 32 bits: one that is below the one before it has gone around.
+/// Offsets of entries have 32 bits: one that is below the one before it has wrapped around.
 __global__ void __launch_bounds__(kBlockThreads)
     note_wrapped_kernel(DeviceView<const std::uint32_t> offsets, DeviceView<std::uint32_t> wrapped) {
   const std::size_t i = element_index();
@@ -79,7 +79,7 @@ std::size_t build_convex_lists(CudaConvexFrame& frame, CudaStream& stream) {
   launch_each(stream, "emit_convexes", emit_convexes_kernel, frame.convexes, frame.view,
               std::as_const(frame.records).span(), std::as_const(frame.tiles_of).span(),
               std::as_const(frame.entry_offsets).span(), frame.keys_swap.span(), frame.entries_swap.span());
-  const int bits = 32 + static_cast<int>(std::bit_width(frame.tiles()));  // kNothing's low bits are above every tile
+  const int bits = 32 + static_cast<int>(std::bit_width(frame.tiles()));  // kNothing's low bits exceed every tile
   // Ties keep the convexes' order: the sort is stable.
   run_cub(stream, frame.scratch, "cub::SortPairs of convexes", [&](void* memory, std::size_t& bytes) {
     return cub::DeviceRadixSort::SortPairs(memory, bytes, frame.keys_swap.data(), frame.keys.data(),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What the projection of convexes knows of a view.
+/// @file View parameters for the projection of convexes.
 #pragma once
 
 #include "projection/projection_camera.h"
@@ -7,7 +7,7 @@
 
 namespace splatboost {
 
-/// What is the same for all convexes of a view.
+/// Parameters shared by all convexes of a view.
 struct ConvexViewpoint {
   ProjectionCamera camera;
   int width, height, tiles_x, tiles_y;
@@ -29,7 +29,7 @@ inline ConvexViewpoint make_viewpoint(const Camera& camera, const ConvexOptions&
           options.released_view_direction};
 }
 
-/// Behind every edge of a hull: what a record's arrays are filled up with.
+/// Offset of the edges with which a record's arrays are padded: their terms are below those of any edge of a hull.
 inline constexpr float kNeverNear = -1e30f;
 
 }  // namespace splatboost

@@ -7,7 +7,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "convexes/count_convexes_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "convexes/convex_rows-inl.h"
@@ -16,9 +16,9 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// Replays one tile and adds a whole number a convex to `sums`: any order of tiles gives the same ones.
-/// @param rows [blocks] the rows of each block whose pixels count
-/// @param of what a step gives at a row of lanes: of(step, at_row), whole numbers whose sum over a tile is below 2^24
+/// Replays one tile and adds one integer per convex to `sums`, which do not depend on the order of the tiles.
+/// @param rows [blocks] the rows of each block whose pixels count, as a bit mask
+/// @param of (step, at_row) ↦ the lanes' contributions of a step at a row: integers whose sum over a tile is below 2^24
 template <int kPlanes, typename Of>
 HWY_INLINE void sum_convex_tile(const ConvexFrame& frame, std::size_t tile, TileRows<kPlanes>& pixels,
                                 const std::uint32_t* rows, std::int32_t* sums, const Of& of) {
@@ -55,12 +55,12 @@ HWY_INLINE void sum_convex_tile(const ConvexFrame& frame, std::size_t tile, Tile
   }
 }
 
-/// Counts one tile's flagged pixels a convex.
+/// Counts one tile's flagged pixels per convex.
 /// @param flagged [256] 1 or 0
 void count_convex_tile(const ConvexFrame& frame, std::size_t tile, const float* HWY_RESTRICT flagged,
                        std::int32_t* counts) {
   TileRows<2> pixels(frame, tile);              // transmittance, flags
-  std::uint32_t flagged_rows[kMaxBlocks] = {};  // the others need no replay: pixels do not know of one another
+  std::uint32_t flagged_rows[kMaxBlocks] = {};  // the others need no replay: pixels are independent
   load_flags(flagged, pixels, flagged_rows);
   sum_convex_tile(frame, tile, pixels, flagged_rows, counts, [](const auto& step, const float* at_row) HWY_ATTR {
     const Lanes d;
@@ -68,7 +68,7 @@ void count_convex_tile(const ConvexFrame& frame, std::size_t tile, const float* 
   });
 }
 
-/// Sums one tile's blending weights a convex.
+/// Sums one tile's blending weights per convex.
 void weigh_convex_tile(const ConvexFrame& frame, std::size_t tile, std::int32_t* weights) {
   TileRows<1> pixels(frame, tile);
   std::uint32_t all_rows[kMaxBlocks];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What the stages of the CUDA rasterizer of convexes hand to one another for one view. The counterpart of
+/// @file Data passed between the stages of the CUDA convex rasterizer for one view. The counterpart of
 /// convex_frame.h.
 #pragma once
 
@@ -15,7 +15,7 @@ struct alignas(8) ConvexTileEntries {
   std::uint32_t begin, end;
 };
 
-/// Sums over the pixels of a convex, in a row: those of ConvexMoments.
+/// Number of sums over the pixels per convex: the floats of ConvexMoments.
 inline constexpr int kConvexMomentColumns = 32;
 static_assert(sizeof(ConvexMoments) == kConvexMomentColumns * sizeof(float));
 
@@ -33,13 +33,13 @@ struct CudaConvexFrame {
   DeviceArray<ConvexTiles> tiles_of{stream};                         ///< [N]
   DeviceArray<std::uint8_t> visible{stream};                         ///< [N]
   DeviceArray<std::uint32_t> entry_offsets{stream};                  ///< [N+1] first entry of each
-  DeviceArray<std::uint32_t> wrapped{stream};                        ///< [1] whether those went beyond 32 bits
-  DeviceArray<std::uint64_t> keys{stream}, keys_swap{stream};        ///< [E] tile above, bits of the depth below
+  DeviceArray<std::uint32_t> wrapped{stream};                        ///< [1] whether the offsets exceeded 32 bits
+  DeviceArray<std::uint64_t> keys{stream}, keys_swap{stream};        ///< [E] tile (high half), depth bits (low half)
   DeviceArray<std::uint32_t> entries{stream}, entries_swap{stream};  ///< [E] convexes, tile by tile, near to far
   DeviceArray<ConvexTileEntries> tile_entries{stream};               ///< [T]
   DeviceArray<float> pixels{stream};                                 ///< [4,H,W] blended colour, alpha
   DeviceArray<float> moments{stream};                                ///< [N, kConvexMomentColumns]
-  DeviceArray<std::uint8_t> scratch{stream};                         ///< CUB's
+  DeviceArray<std::uint8_t> scratch{stream};                         ///< for CUB
 
   std::size_t tiles() const { return static_cast<std::size_t>(view.tiles_x) * static_cast<std::size_t>(view.tiles_y); }
   std::size_t image_pixels() const {
@@ -47,12 +47,13 @@ struct CudaConvexFrame {
   }
 };
 
-/// Fills records, tiles_of, visible and entry_offsets, all but the scan. (project_convexes_cuda.cu)
+/// Fills records, tiles_of, visible, and entry_offsets with the number of entries per convex, before the scan.
+/// (project_convexes_cuda.cu)
 void project_convexes(CudaConvexFrame& frame, const Convexes& convexes, CudaStream& stream);
-/// Takes moments back to the convexes. (project_convexes_cuda.cu)
+/// Propagates moments to the convexes' parameters. (project_convexes_cuda.cu)
 void project_convexes_backward(const CudaConvexFrame& frame, const Convexes& convexes, const ConvexGradients& gradients,
                                CudaStream& stream);
-/// Fills entries and tile_entries. Waits for the device to learn how many there are. @return E
+/// Fills entries and tile_entries. Waits for the device, to read the number of entries. @return E
 /// (convex_tiles_cuda.cu)
 std::size_t build_convex_lists(CudaConvexFrame& frame, CudaStream& stream);
 /// Blends all tiles. (blend_convexes_cuda.cu)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The operations of this folder on a CUDA device, as the public functions call them, which have checked the
-/// arguments. Each is defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
+/// @file CUDA implementations of this folder's operations, called by the public functions, which check the arguments.
+/// Each is defined in the .cu file of its name; a build without CUDA compiles cuda_absent.cpp instead.
 #pragma once
 
 #include <memory>

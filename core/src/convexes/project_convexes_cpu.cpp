@@ -8,7 +8,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "convexes/project_convexes_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "convexes/convex_blocks-inl.h"
@@ -21,9 +21,9 @@ namespace HWY_NAMESPACE {
 constexpr std::size_t kMaxPointColumns = 3 * static_cast<std::size_t>(kMaxConvexPoints);
 constexpr std::size_t kRecordFloats = sizeof(ConvexRecord) / sizeof(float);
 constexpr std::size_t kMomentFloats = sizeof(ConvexMoments) / sizeof(float);
-constexpr std::size_t kShapeFields = 2;  ///< of a record, in which the number of edges and the hull are bits
+constexpr std::size_t kShapeFields = 2;  ///< floats of a record that hold the bytes of the hull's vertices
 
-/// Where in a record or in moments a field stands, in floats.
+/// Offset of a field in a record or in moments, in floats.
 #define SPLATBOOST_COLUMN(type, field) (offsetof(type, field) / sizeof(float))
 
 Float number_at(std::span<const float> rows, std::size_t i, std::size_t count) {
@@ -37,7 +37,7 @@ using Whole = hn::Vec<hn::RebindToSigned<Lanes>>;
 Whole whole_of(Float a) { return hn::ConvertTo(hn::RebindToSigned<Lanes>(), a.v); }
 Float bits_of(Whole a) { return Float(hn::BitCast(Lanes(), a)); }
 
-/// Four vertices of a hull as the bytes of a record.
+/// Packs the indices of four vertices of a hull into bytes, as in a record.
 Float packed(const Float* vertices) {
   const hn::RebindToSigned<Lanes> d;
   Whole bytes = whole_of(vertices[3]);
@@ -56,7 +56,7 @@ void points_at(const Convexes& convexes, std::size_t i, std::size_t count, float
   rows_to_columns(convexes.points.data() + width * i, width, count, width, columns);
 }
 
-/// Lists a block nowhere.
+/// Lists a block in no tile.
 void list_nothing(ConvexFrame& frame, std::size_t i, std::size_t count, std::vector<std::uint32_t>& listed) {
   const Float zero(0.0f);
   list_tiles(frame, i, count, zero, zero, listed, [&](Float) HWY_ATTR { return TileRange<Float>{zero, zero}; });
@@ -95,7 +95,7 @@ void project_block(ConvexFrame& frame, const Convexes& convexes, const ConvexVie
     list_tiles(frame, i, count, select(some, y.begin, zero), select(some, y.end - y.begin, zero), listed,
                [&](Float) HWY_ATTR { return x; });
   } else {
-    // What is drawn inside the hull alone does not shrink with β.
+    // If farthest <= 0, α reaches 1/255 only inside the hull; then β must not scale the bound.
     const Float reach = select(farthest > zero, Float(view.beta) * farthest, farthest);
     const FootprintBlock footprints(p, edges, points, scale, reach, view.width, view.height);
     const TileRange<Float> y =
@@ -161,8 +161,9 @@ void project_convex_range(ConvexFrame& frame, const Convexes& convexes, const Co
   }
 }
 
-/// Sums of a block's moments over the lists' entries, in their order. @param columns [kMomentFloats, lanes]
-/// @param moved [lanes] 1 where there is a sum that is not 0, else 0
+/// Sums a block's moments over the entries of its convexes, in the order of slots.
+/// @param columns [kMomentFloats, lanes]
+/// @param moved [lanes] 1 for a convex with a sum that is not 0, else 0
 /// @return whether there is one
 bool gather(const ConvexFrame& frame, std::size_t i, std::size_t count, float* columns, float* moved) {
   constexpr std::size_t kVectors = kMomentFloats / lanes();
@@ -179,7 +180,7 @@ bool gather(const ConvexFrame& frame, std::size_t i, std::size_t count, float* c
         for (std::size_t v = 0; v < kVectors; ++v) sum[v] += Float(hn::Load(d, entry + v * lanes()));
       }
     }
-    // Most of those that lie behind others moved nothing.
+    // Most convexes that lie behind others have sums of 0.
     Mask zeros = hn::Eq(sum[0].v, hn::Zero(d));
     for (std::size_t v = 1; v < kVectors; ++v) zeros = hn::And(zeros, hn::Eq(sum[v].v, hn::Zero(d)));
     const bool moves = !hn::AllTrue(d, zeros);
@@ -205,7 +206,8 @@ void clear_block(const ConvexGradients& g, const Convexes& convexes, std::size_t
   clear_rows(g.colors, 3, i, count);
 }
 
-/// Positions on screen of the vertices that were drawn, by the bytes of the records, whatever rounding says now.
+/// Positions on screen of the hulls' vertices, as stored in the records by the forward pass: rounding might give
+/// another hull now.
 /// @param record_columns [kShapeFields + 1, lanes] a record's fields from `edges` on
 void drawn_hulls(const ConvexBlock& p, int points, const float* record_columns, HullBlock& hulls) {
   const hn::RebindToSigned<Lanes> d;
@@ -259,7 +261,7 @@ void backward_block(const ConvexFrame& frame, const Convexes& convexes, const Co
   const Float scale = p.depth * smoothness * area, steepness = p.depth * sharpness;
   const Float of_steepness = Float(kLn2) * moment(SPLATBOOST_COLUMN(ConvexMoments, steepness));
   Float of_scale = zero;
-  Float v_x[kMaxConvexPoints], v_y[kMaxConvexPoints];  // of the hull's vertices
+  Float v_x[kMaxConvexPoints], v_y[kMaxConvexPoints];  // gradients of the hull's vertices
   std::fill_n(v_x, kMaxConvexPoints, zero);
   std::fill_n(v_y, kMaxConvexPoints, zero);
   for (int k = 0; k < points; ++k) {
@@ -286,7 +288,7 @@ void backward_block(const ConvexFrame& frame, const Convexes& convexes, const Co
   const Float g_depth =
       (sharpness * of_steepness + smoothness * area * of_scale) * Float(1.0f / static_cast<float>(points));
 
-  Vec3<Float> of_centre{zero, zero, zero};  // through the direction, for each point
+  Vec3<Float> of_centre{zero, zero, zero};  // gradient through the view direction, for each point
   const Vec3<Float> g_color{moment(SPLATBOOST_COLUMN(ConvexMoments, red)),
                             moment(SPLATBOOST_COLUMN(ConvexMoments, green)),
                             moment(SPLATBOOST_COLUMN(ConvexMoments, blue))};
@@ -306,7 +308,7 @@ void backward_block(const ConvexFrame& frame, const Convexes& convexes, const Co
                     axis_z = widen<Float>(view.camera.axis_z);
   Float screen[3] = {zero, zero, zero};
   for (int j = 0; j < points; ++j) {
-    Float g_x = zero, g_y = zero;  // on screen
+    Float g_x = zero, g_y = zero;  // gradient on screen
     for (int k = 0; k < points; ++k) {
       const Bool same = are_equal(hulls.index[k], Float(static_cast<float>(j)));
       g_x += select(same, v_x[k], zero);

@@ -83,7 +83,7 @@ struct GradientViews {
   }
 };
 
-/// @param seen 0: all gradients are zero
+/// @param visible 0: all gradients are zero
 __global__ void __launch_bounds__(kBlockThreads)
     project_convexes_backward_kernel(ConvexViews convexes, ConvexViewpoint view, DeviceView<const ConvexRecord> records,
                                      DeviceView<const std::uint8_t> visible, DeviceView<const float> moments,

@@ -14,7 +14,7 @@ constexpr std::size_t kGrain = 4096;
 
 void check_sums(const ScreenGradientSums& sums) {
   const std::size_t n = sums.norms.size();
-  SPLATBOOST_CHECK(sums.norms_abs.size() == n && sums.views.size() == n, "the sums must be of one size");
+  SPLATBOOST_CHECK(sums.norms_abs.size() == n && sums.views.size() == n, "the sums must have the same size");
 }
 
 }  // namespace
@@ -23,7 +23,8 @@ void add_screen_gradients(const ScreenGradients& view, AbsoluteNorm norm, float 
                           Device device) {
   check_sums(sums);
   const std::size_t n = sums.norms.size();
-  SPLATBOOST_CHECK(view.visible.size() == n && view.screen.size() == 2 * n, "the view must be of as many Gaussians");
+  SPLATBOOST_CHECK(view.visible.size() == n && view.screen.size() == 2 * n,
+                   "the view must have the same number of Gaussians");
   SPLATBOOST_CHECK(view.screen_abs.empty() || view.screen_abs.size() == 2 * n, "screen_abs must be empty or [N,2]");
   if (device.is_cuda()) return cuda::add_screen_gradients(view, norm, views, sums, device.stream());
   const float to_ndc_x = 0.5f * static_cast<float>(view.width), to_ndc_y = 0.5f * static_cast<float>(view.height);
@@ -44,7 +45,7 @@ void add_screen_gradients(const ScreenGradients& view, AbsoluteNorm norm, float 
 void add_screen_radii(std::span<const std::int32_t> radii, std::span<const std::int32_t> observed,
                       std::span<std::int32_t> largest, Device device) {
   SPLATBOOST_CHECK(radii.size() == largest.size() && observed.size() == largest.size(),
-                   "radii and observations must be of as many Gaussians");
+                   "radii and observations must have the same number of Gaussians");
   if (device.is_cuda()) return cuda::add_screen_radii(radii, observed, largest, device.stream());
   for (std::size_t i = 0; i < largest.size(); ++i) {
     if (observed[i] != 0) largest[i] = std::max(largest[i], radii[i]);
@@ -55,7 +56,7 @@ void mean_screen_gradients(const ScreenGradientSums& sums, std::span<float> mean
                            Device device) {
   check_sums(sums);
   const std::size_t n = sums.norms.size();
-  SPLATBOOST_CHECK(means.size() == n && means_abs.size() == n, "the means must be of the sums' size");
+  SPLATBOOST_CHECK(means.size() == n && means_abs.size() == n, "the means must have the size of the sums");
   if (device.is_cuda()) return cuda::mean_screen_gradients(sums, means, means_abs, device.stream());
   for (std::size_t i = 0; i < n; ++i) {
     means[i] = mean_over_views(sums.norms[i], sums.views[i]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A Gaussian's share in the statistics of a view.
+/// @file Contribution of one Gaussian to the statistics of a view.
 #pragma once
 
 #include <cstddef>
@@ -9,7 +9,7 @@
 
 namespace splatboost {
 
-// No overflow to care for, as std::hypot does.
+// Unlike std::hypot, not protected against overflow, which cannot happen here.
 SPLATBOOST_HOST_DEVICE float length_of(float x, float y) { return sqrtf(x * x + y * y); }
 
 SPLATBOOST_HOST_DEVICE float absolute_norm_of(float x, float y, AbsoluteNorm norm) {

@@ -10,14 +10,14 @@ namespace splatboost {
 
 int scaled_iteration(int published, int total, int published_total) {
   SPLATBOOST_CHECK(published >= 0 && total > 0 && published_total > 0,
-                   "iterations must not be negative, nor a run empty");
+                   "iterations must not be negative, and a run must not be empty");
   const double scaled = static_cast<double>(published) * total / published_total;
   return std::max(1, static_cast<int>(std::lround(scaled)));
 }
 
 namespace {
 
-/// The interval of the phase that the moment lies in.
+/// The published interval of the phase that contains the moment.
 int interval_at(const StepIntervals& intervals, Moment moment, int published_total) {
   const auto ended = [&](int end) { return moment.iteration > scaled_iteration(end, moment.total, published_total); };
   if (!ended(intervals.early_end)) return intervals.early;
@@ -29,7 +29,7 @@ int interval_at(const StepIntervals& intervals, Moment moment, int published_tot
 
 bool steps_at(const StepIntervals& intervals, Moment moment, int published_total) {
   if (moment.iteration >= moment.total) return true;
-  // With the cube of the length: a short run has had few steps when it comes to a phase and can spare none.
+  // Proportional to the cube of the length: a short run has made few steps when a phase begins and cannot skip any.
   const double length = std::min(1.0, static_cast<double>(moment.total) / kPublishedIterations);
   const int published = interval_at(intervals, moment, published_total);
   const long interval = std::lround(published * length * length * length);

@@ -13,7 +13,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   const std::size_t i = element_index();
   if (i >= counts.size()) return;
   counts[i] += view_counts[i];
-  // Rounded twice, as on the CPU: a fused multiply-add would give other sums, and other decisions.
+  // Rounded twice, as on the CPU: a fused multiply-add would give different sums and decisions.
   if (i < weighted_counts.size()) {
     weighted_counts[i] = __dadd_rn(weighted_counts[i], __dmul_rn(loss, static_cast<double>(view_counts[i])));
   }
@@ -25,7 +25,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (i < scores.size()) scores[i] = views > 0 ? counts[i] / views : 0;
 }
 
-/// One block, a number of threads that does not depend on N: the smallest and the largest.
+/// Finds the smallest and the largest value. Launched with one block, whatever N.
 __global__ void __launch_bounds__(kBlockThreads)
     range_kernel(DeviceView<const double> values, DeviceView<double> low_and_high) {
   __shared__ SharedArray<double, kBlockThreads> lows, highs;

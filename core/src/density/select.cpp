@@ -17,7 +17,7 @@ struct Ranked {
   bool operator<(const Ranked& other) const { return key < other.key || (key == other.key && index < other.index); }
 };
 
-/// Keeps the `keep` candidates of the smallest keys, ties to the lower index.
+/// Keeps the `keep` candidates with the smallest keys; of equal keys, the lower index comes first.
 void keep_smallest(std::vector<Ranked>& ranked, std::size_t keep, std::span<std::uint8_t> candidates) {
   if (ranked.size() <= keep) return;
   std::nth_element(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(keep), ranked.end());
@@ -28,7 +28,7 @@ void keep_smallest(std::vector<Ranked>& ranked, std::size_t keep, std::span<std:
 
 std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
                            std::span<std::uint8_t> candidates) {
-  SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must be of one size");
+  SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must have the same size");
   std::size_t kept = 0;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     candidates[i] = is_important(candidates[i], importance[i], threshold);
@@ -39,7 +39,7 @@ std::size_t keep_important(std::span<const std::int64_t> importance, double thre
 
 void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
                           std::span<std::uint8_t> candidates) {
-  SPLATBOOST_CHECK(weights.size() == candidates.size(), "weights and candidates must be of one size");
+  SPLATBOOST_CHECK(weights.size() == candidates.size(), "weights and candidates must have the same size");
   std::vector<Ranked> ranked;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     if (candidates[i] == 0) continue;
@@ -49,7 +49,7 @@ void keep_weighted_sample(std::span<const float> weights, std::size_t keep, cons
 }
 
 void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates) {
-  SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must be of one size");
+  SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must have the same size");
   std::vector<Ranked> ranked;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     if (candidates[i] != 0) ranked.push_back({-static_cast<double>(priorities[i]), i});
@@ -59,7 +59,7 @@ void keep_largest(std::span<const float> priorities, std::size_t keep, std::span
 
 void hold_cap(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> clone,
               std::span<std::uint8_t> split) {
-  SPLATBOOST_CHECK(clone.size() == split.size(), "clone and split must be of one size");
+  SPLATBOOST_CHECK(clone.size() == split.size(), "clone and split must have the same size");
   std::vector<std::uint8_t> growing(clone.size());
   for (std::size_t i = 0; i < growing.size(); ++i) growing[i] = clone[i] != 0 || split[i] != 0;
   keep_largest(priorities, keep, growing);
@@ -69,7 +69,7 @@ void hold_cap(std::span<const float> priorities, std::size_t keep, std::span<std
 }
 
 std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals) {
-  SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must be of one size");
+  SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must have the same size");
   std::size_t removed = 0;
   for (const std::uint8_t r : removals) removed += r != 0;
   if (removals.empty() || removed < removals.size()) return removed;
@@ -79,7 +79,7 @@ std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t>
 }
 
 void select_least(std::span<const double> weights, double share, std::span<std::uint8_t> removals) {
-  SPLATBOOST_CHECK(weights.size() == removals.size(), "weights and removals must be of one size");
+  SPLATBOOST_CHECK(weights.size() == removals.size(), "weights and removals must have the same size");
   std::vector<Ranked> ranked;
   double sum = 0;
   for (std::size_t i = 0; i < weights.size(); ++i) {
@@ -98,27 +98,27 @@ void select_least(std::span<const double> weights, double share, std::span<std::
 std::size_t keep_important(std::span<const std::int64_t> importance, double threshold,
                            std::span<std::uint8_t> candidates, Device device) {
   if (!device.is_cuda()) return keep_important(importance, threshold, candidates);
-  SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must be of one size");
+  SPLATBOOST_CHECK(importance.size() == candidates.size(), "importance and candidates must have the same size");
   return cuda::keep_important(importance, threshold, candidates, device.stream());
 }
 
 void keep_weighted_sample(std::span<const float> weights, std::size_t keep, const RandomStream& random,
                           std::span<std::uint8_t> candidates, Device device) {
   if (!device.is_cuda()) return keep_weighted_sample(weights, keep, random, candidates);
-  SPLATBOOST_CHECK(weights.size() == candidates.size(), "weights and candidates must be of one size");
+  SPLATBOOST_CHECK(weights.size() == candidates.size(), "weights and candidates must have the same size");
   cuda::keep_weighted_sample(weights, keep, random, candidates, device.stream());
 }
 
 void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates,
                   Device device) {
   if (!device.is_cuda()) return keep_largest(priorities, keep, candidates);
-  SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must be of one size");
+  SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must have the same size");
   cuda::keep_largest(priorities, keep, candidates, device.stream());
 }
 
 std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals, Device device) {
   if (!device.is_cuda()) return spare_one(priorities, removals);
-  SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must be of one size");
+  SPLATBOOST_CHECK(priorities.size() == removals.size(), "priorities and removals must have the same size");
   return cuda::spare_one(priorities, removals, device.stream());
 }
 

@@ -9,7 +9,7 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Counts the threads of the grid for which it holds, one atomic a warp. All lanes of a warp call it.
+/// Counts the threads for which `holds` is true, with one atomic per warp. All lanes of a warp must call it.
 __device__ void count(bool holds, unsigned* into) {
   const unsigned lanes = __ballot_sync(0xffffffffu, holds);
   if (threadIdx.x % 32 == 0 && lanes != 0) atomicAdd(into, static_cast<unsigned>(__popc(lanes)));
@@ -27,7 +27,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   count(stays, &kept[0]);
 }
 
-/// Others than candidates come after all of them, where it does not matter whether they stay.
+/// Elements that are not candidates sort after all that are; it does not matter whether they are kept.
 __global__ void __launch_bounds__(kBlockThreads)
     sample_keys_kernel(DeviceView<const float> weights, RandomStream random, DeviceView<const std::uint8_t> candidates,
                        DeviceView<double> keys, DeviceView<std::uint32_t> indices) {
@@ -43,7 +43,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   const std::size_t i = element_index();
   if (i >= keys.size()) return;
   const double key = -static_cast<double>(priorities[i]);
-  keys[i] = candidates[i] == 0 ? kNoCandidate : key == 0 ? 0.0 : key;  // zeros of either sign are ties
+  keys[i] = candidates[i] == 0 ? kNoCandidate : key == 0 ? 0.0 : key;  // zeros of either sign are equal
   indices[i] = static_cast<std::uint32_t>(i);
 }
 
@@ -62,7 +62,7 @@ struct Keys {
   }
 };
 
-/// Keeps the `keep` candidates of the smallest keys; the sort is stable, so ties go by index.
+/// Keeps the `keep` candidates with the smallest keys; the sort is stable, so equal keys are ordered by index.
 void keep_smallest(Keys& ranked, std::size_t keep, std::span<std::uint8_t> candidates, CudaStream& stream) {
   const std::size_t n = candidates.size();
   Keys sorted(stream, n);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What decides over one primitive in a selection.
+/// @file Selection criteria of one primitive.
 #pragma once
 
 #include <cmath>
@@ -17,8 +17,8 @@ SPLATBOOST_HOST_DEVICE bool is_important(std::uint8_t candidate, std::int64_t im
   return candidate != 0 && static_cast<double>(importance) > threshold;
 }
 
-/// Exponential key of a weighted sample (Efraimidis and Spirakis 2006); weightless candidates come after all others, in
-/// an order of their own. @param uniform in (0, 1)
+/// Exponential key of a weighted sample (Efraimidis and Spirakis 2006); candidates of weight 0 come after all others,
+/// in random order. @param uniform in (0, 1)
 SPLATBOOST_HOST_DEVICE double sample_key(float weight, double uniform) {
   return weight > 0.0f ? -log(uniform) / static_cast<double>(weight) : kLargestKey * uniform;
 }

@@ -21,7 +21,7 @@ class Buffer {
   void ensure(std::size_t n) {
     if (n > capacity_) {
       const std::size_t wanted = std::max(n, capacity_ + capacity_ / 2);
-      data_.reset();  // first, so that peak memory does not hold both
+      data_.reset();  // before allocating, so that both are never in memory at once
       capacity_ = 0;
       data_.reset(static_cast<T*>(::operator new(wanted * sizeof(T), kAlignment)));
       capacity_ = wanted;

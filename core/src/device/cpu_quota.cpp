@@ -30,7 +30,7 @@ bool lists_cpu(std::string_view list) {
   return false;
 }
 
-/// mountinfo writes blanks in paths as \040, and other characters alike.
+/// Decodes the octal escapes that mountinfo uses in paths: a space is \040.
 std::string unescaped(const std::string& text) {
   const auto octal = [](char c) { return c >= '0' && c <= '7'; };
   std::string plain;
@@ -45,7 +45,7 @@ std::string unescaped(const std::string& text) {
   return plain;
 }
 
-/// The group of this process in the hierarchy of cgroup v2, or in that of v1 which controls the CPU.
+/// The group of this process in the cgroup v2 hierarchy, or in the v1 hierarchy of the cpu controller.
 std::optional<std::string> own_group(const fs::path& root, bool v2) {
   std::ifstream file(root / "proc/self/cgroup");
   for (std::string line; std::getline(file, line);) {  // number:controllers:path
@@ -59,7 +59,7 @@ std::optional<std::string> own_group(const fs::path& root, bool v2) {
 }
 
 struct Mount {
-  std::string group;  ///< what is mounted: the top of the hierarchy, or a group below
+  std::string group;  ///< group that is mounted: the root of the hierarchy, or a group below it
   std::string point;
 };
 
@@ -89,7 +89,7 @@ std::optional<double> quota_of(const fs::path& folder, bool v2) {
     std::ifstream(folder / "cpu.cfs_quota_us") >> quota;
     std::ifstream(folder / "cpu.cfs_period_us") >> period;
   }
-  // No number ("max", or no file) and -1 mean: no quota.
+  // Anything but a number above 0 ("max", -1, no file) means that there is no quota.
   const double time = std::atof(quota.c_str()), of = std::atof(period.c_str());
   if (time > 0 && of > 0) return time / of;
   return std::nullopt;
@@ -105,7 +105,7 @@ std::optional<double> quota_in(const fs::path& root, bool v2) {
   if (!group) return std::nullopt;
   std::optional<double> found;
   for (const Mount& mount : mounts(root, v2)) {
-    // A container may see the hierarchy from its own group down only, while the group's path is that of the host.
+    // A container may see the hierarchy only from its own group downwards, while the group's path is that of the host.
     const std::string above = mount.group == "/" ? "" : mount.group;
     const bool inside = *group == above || group->starts_with(above + "/");
     fs::path below = inside ? fs::path(group->substr(above.size())).relative_path().lexically_normal() : fs::path();
@@ -127,7 +127,7 @@ int cpus_within(int in_mask, std::optional<double> quota) {
 }
 
 int cpus_in_affinity_mask() {
-  // The kernel refuses a mask that is shorter than its own.
+  // The kernel rejects a mask that is smaller than its own with EINVAL.
   for (std::size_t sets = 1; sets <= 64; sets *= 2) {
     std::vector<cpu_set_t> mask(sets);
     if (sched_getaffinity(0, sets * sizeof(cpu_set_t), mask.data()) == 0) {

@@ -7,15 +7,15 @@
 
 namespace splatboost {
 
-/// CPUs that the CPU quotas of this process's control groups allow, cgroup v1 and v2: the least of the quotas of its
-/// group and of the groups above, as far as they are mounted. None without a quota. What cannot be read has no quota.
-/// @param root where proc and sys are looked up: "/", or a made-up tree in tests
+/// Number of CPUs that the quotas of this process's control groups (cgroup v1 and v2) allow: the smallest quota of its
+/// group and of the mounted groups above. No value if there is no quota. Groups that cannot be read have no quota.
+/// @param root directory that holds proc and sys: "/", or a fake tree in tests
 std::optional<double> cpu_quota(const std::filesystem::path& root);
 
-/// CPUs to be used of those in the affinity mask: no more than the quota, rounded up; at least 1.
+/// Number of CPUs to use: those in the affinity mask, but at most the quota, rounded up; at least 1.
 int cpus_within(int in_mask, std::optional<double> quota);
 
-/// CPUs that the calling thread may run on, at least 1.
+/// Number of CPUs that the calling thread may run on, at least 1.
 int cpus_in_affinity_mask();
 
 }  // namespace splatboost

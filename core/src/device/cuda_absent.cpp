@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for the .cu files of this folder in a build without CUDA.
+// Replaces the .cu files of this folder in a build without CUDA.
 #include "device/cuda_absent.h"
 
 #include "device/cuda_ops.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What a build without CUDA says where CUDA is asked for.
+/// @file The error of a build without CUDA when CUDA is requested.
 #pragma once
 
 #include "splatboost/errors.h"

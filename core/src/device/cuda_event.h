@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A mark in a stream. For .cu files.
+/// @file A CUDA event: a point in a stream. For .cu files.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -8,12 +8,12 @@
 
 namespace splatboost::cuda {
 
-/// Owns an event.
+/// Owns a cudaEvent_t.
 class Event {
  public:
-  /// @param flags cudaEventDefault, whose times can be compared, or cudaEventDisableTiming
+  /// @param flags cudaEventDefault, which seconds_between() needs, or cudaEventDisableTiming
   Event(CudaStream& stream, unsigned flags) : stream_(stream) {
-    stream.make_current();  // whose event it will be
+    stream.make_current();  // the event belongs to the current device
     stream.check(cudaEventCreateWithFlags(&event_, flags), "cudaEventCreate");
   }
   ~Event() { static_cast<void>(cudaEventDestroy(event_)); }
@@ -21,23 +21,23 @@ class Event {
   Event& operator=(const Event&) = delete;
 
   void record() {
-    stream_.make_current();  // nullptr is the stream of the current device
+    stream_.make_current();  // a null handle means the default stream of the current device
     stream_.check(cudaEventRecord(event_, static_cast<cudaStream_t>(stream_.handle())), "cudaEventRecord");
     recorded_ = true;
   }
   bool is_recorded() const { return recorded_; }
-  /// Whether the stream has come past it; true where it was never recorded.
+  /// Whether the stream has reached the event; true if it was never recorded.
   bool is_done() const {
     const cudaError_t state = cudaEventQuery(event_);
     if (state == cudaErrorNotReady) return false;
-    stream_.check(state, "asking for the device's progress");
+    stream_.check(state, "querying the device's progress");
     return true;
   }
   void wait() {
     stream_.count_synchronization();
     stream_.check(cudaEventSynchronize(event_), "waiting for the device");
   }
-  /// Seconds between two events that are done.
+  /// Seconds between two events that are done; 0 if one was never recorded.
   friend double seconds_between(const Event& from, const Event& to) {
     if (!from.recorded_ || !to.recorded_) return 0.0;
     float milliseconds = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The operations of this folder on a CUDA device, as the public functions call them, which have checked the
-/// arguments. Each is defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
+/// @file CUDA implementations of this folder's operations. The public functions check the arguments before they call
+/// them. Each is defined in the .cu file of its name; a build without CUDA uses cuda_absent.cpp instead.
 #pragma once
 
 #include <cstdint>
@@ -11,13 +11,13 @@
 
 namespace splatboost::cuda {
 
-/// Copies host memory to the device through pinned buffers, so that the host can go on.
+/// Copies host memory to the device asynchronously, through two pinned buffers.
 class PinnedUploads {
  public:
   explicit PinnedUploads(CudaStream& stream);
   ~PinnedUploads();
-  /// The two parts, one behind the other; what they are of may change as soon as this returns. Waits only if the device
-  /// has not come to the upload before the last.
+  /// Copies `first` and then `second` to contiguous memory at `to`. The sources may change as soon as this returns.
+  /// Waits only if the device has not finished the upload before the previous one, whose buffer is reused.
   void upload(std::span<const std::uint8_t> first, std::span<const std::uint8_t> second, std::uint8_t* to);
 
  private:

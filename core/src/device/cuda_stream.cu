@@ -16,8 +16,8 @@ std::atomic<std::uint64_t> all_allocations{0}, all_synchronizations{0};
 cudaStream_t stream_of(void* handle) { return static_cast<cudaStream_t>(handle); }
 cudaEvent_t event_of(void* handle) { return static_cast<cudaEvent_t>(handle); }
 
-/// Whether the device reads memory of the host as the host itself does, so that a copy from there may come later than
-/// the call.
+/// Whether the device reads pageable host memory through the host's page tables: then a copy from it may run after the
+/// call has returned.
 bool reads_pageable_memory(int ordinal) {
   int reads = 0;
   return cudaDeviceGetAttribute(&reads, cudaDevAttrPageableMemoryAccessUsesHostPageTables, ordinal) == cudaSuccess &&
@@ -49,7 +49,7 @@ int cuda_device_count() noexcept {
 
 const char* cuda_architectures() noexcept {
 #ifdef __CUDA_ARCH_LIST__
-  // 750, 900 … as "7.5, 9.0 …"; nvcc says what its options and `native` came to.
+  // 750, 900 … as "7.5, 9.0 …"; nvcc defines the list from its options, with `native` resolved.
   static const std::string text = [] {
     std::string list;
     for (const int architecture : {__CUDA_ARCH_LIST__}) {
@@ -60,7 +60,7 @@ const char* cuda_architectures() noexcept {
   }();
   return text.c_str();
 #else
-  return "the CPU";  // the tests' emulator
+  return "the CPU";  // the emulator of the tests (tests/cuda_on_cpu)
 #endif
 }
 
@@ -98,7 +98,7 @@ std::size_t CudaStream::free_memory() const {
 }
 
 void CudaStream::synchronize() {
-  make_current();  // nullptr is the stream of the current device
+  make_current();  // a null handle means the default stream of the current device
   check(cudaStreamSynchronize(stream_of(handle_)), "waiting for the device");
   count_synchronization();
 }
@@ -110,8 +110,8 @@ void* CudaStream::allocate(std::size_t bytes) {
   void* memory = nullptr;
   const cudaError_t error = cudaMalloc(&memory, bytes);
   if (error == cudaErrorMemoryAllocation) {
-    static_cast<void>(cudaGetLastError());  // it is not sticky: the stream can still be used
-    throw DeviceMemoryError(not_enough(std::to_string(bytes) + " bytes wanted"));
+    static_cast<void>(cudaGetLastError());  // clears the error, which is not sticky: the stream remains usable
+    throw DeviceMemoryError(not_enough(std::to_string(bytes) + " bytes requested"));
   }
   check(error, "cudaMalloc");
   return memory;
@@ -128,7 +128,7 @@ void* CudaStream::allocate_pinned(std::size_t bytes) {
   const cudaError_t error = cudaMallocHost(&memory, std::max<std::size_t>(bytes, 1));
   if (error == cudaErrorMemoryAllocation) {
     static_cast<void>(cudaGetLastError());
-    throw DeviceError("out of pinned memory of the host: " + std::to_string(bytes) + " bytes wanted");
+    throw DeviceError("out of pinned host memory: " + std::to_string(bytes) + " bytes requested");
   }
   check(error, "cudaMallocHost");
   return memory;
@@ -139,7 +139,7 @@ void CudaStream::release_pinned(void* memory) noexcept {
 }
 
 void CudaStream::copy_to_device(void* to, const void* from, std::size_t bytes) {
-  copy_from_pinned(to, from, bytes);  // the same call: CUDA sees what memory it is
+  copy_from_pinned(to, from, bytes);  // the same CUDA call, which detects pageable memory
   if (bytes == 0 || !reads_pageable_memory(ordinal_)) return;
   check(cudaStreamSynchronize(stream_of(handle_)), "copying to the device");
 }
@@ -184,7 +184,7 @@ void CudaStream::begin_launch(const char* kernel) {
 
 void CudaStream::end_launch(int error) {
   if (error == cudaSuccess) return;
-  static_cast<void>(cudaGetLastError());  // else CUB would take it for one of its own
+  static_cast<void>(cudaGetLastError());  // clears it: CUB would report it as an error of its own
   if (error == cudaErrorMemoryAllocation) {
     throw DeviceMemoryError(not_enough(std::string("kernel ") + kernels_[(launches_ - 1) % kRememberedKernels]));
   }
@@ -200,7 +200,7 @@ void CudaStream::count_synchronization() {
 
 void CudaStream::check(int error, const char* what) const {
   if (error == cudaSuccess) return;
-  static_cast<void>(cudaGetLastError());  // else CUB would take it for one of its own
+  static_cast<void>(cudaGetLastError());  // clears it: CUB would report it as an error of its own
   if (error == cudaErrorMemoryAllocation) throw DeviceMemoryError(not_enough(what));
   throw DeviceError(std::string(what) + " failed: " + cudaGetErrorString(static_cast<cudaError_t>(error)) +
                     recent_kernels());
@@ -213,7 +213,7 @@ std::string CudaStream::recent_kernels() const {
   for (std::size_t k = launches_ - known; k < launches_; ++k) {
     names += (names.empty() ? "" : ", ") + std::string(kernels_[k % kRememberedKernels]);
   }
-  return " (kernels since the host last waited: " + names + "; CUDA_LAUNCH_BLOCKING=1 tells which)";
+  return " (kernels since the last synchronization: " + names + "; set CUDA_LAUNCH_BLOCKING=1 to find which one)";
 }
 
 CudaCall::CudaCall(CudaStream& stream, void* handle) : stream_(stream) {
@@ -228,11 +228,11 @@ CudaCall::CudaCall(CudaStream& stream, void* handle) : stream_(stream) {
   error = cudaStreamWaitEvent(stream_of(handle), event_of(stream.end_of_call_), 0);
   if (error == cudaSuccess) return;
   static_cast<void>(cudaSetDevice(device_before_));
-  stream.check(error, "waiting for the call before");
+  stream.check(error, "waiting for the previous call");
 }
 
 CudaCall::~CudaCall() {
-  // An event of the call's own: at the next call the caller's stream may be gone.
+  // The next call waits for this event, because it cannot refer to this stream, which the caller may have destroyed.
   cudaEvent_t end = event_of(stream_.end_of_call_);
   if (end != nullptr || cudaEventCreateWithFlags(&end, cudaEventDisableTiming) == cudaSuccess) {
     stream_.end_of_call_ = end;

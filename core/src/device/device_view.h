@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What kernels get of memory: views of device memory, and arrays shared by a block. For .cu files. nvcc makes
-/// plain pointers of them; the emulator (tests/cuda_on_cpu) checks every access.
+/// @file Memory access in kernels: views of device memory, and shared-memory arrays of a block. For .cu files. With
+/// nvcc they compile to plain pointers; the emulator (tests/cuda_on_cpu) checks every access.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -11,7 +11,7 @@
 
 namespace splatboost {
 
-/// A span of device memory, which the host makes and a kernel reads and writes.
+/// A span of device memory, which the host passes to a kernel.
 template <class T>
 class DeviceView {
  public:
@@ -35,8 +35,8 @@ class DeviceView {
   std::size_t size_ = 0;
 };
 
-/// An array in shared memory: `__shared__ SharedArray<float, 256> name;`. Reading and writing are told apart, so that
-/// the emulator sees what a missing __syncthreads() would do.
+/// An array in shared memory: `__shared__ SharedArray<float, 256> name;`. Reads and writes are separate functions, so
+/// that the emulator can detect a missing __syncthreads().
 template <class T, int N>
 class SharedArray {
  public:
@@ -52,7 +52,7 @@ class SharedArray {
 #endif
     values_[i] = value;
   }
-  /// Atomic.
+  /// Atomic addition.
   __device__ void add(int i, T value) {
 #ifdef SPLATBOOST_CUDA_ON_CPU
     accesses_.add(i);

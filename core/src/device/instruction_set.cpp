@@ -18,14 +18,14 @@ constexpr std::int64_t kAvx512 = HWY_AVX3 | HWY_AVX3_DL
 #endif
     ;
 
-/// Vectors of 128 bits. Where there are none of these, plain C++ stands in.
+/// Targets with 128-bit vectors. Without any of them the portable set is the static target.
 constexpr std::int64_t k128 = HWY_SSE4 | HWY_SSSE3 | HWY_NEON | HWY_WASM;
 
-/// Compiled and supported; the lowest bit is the best.
+/// Targets that are compiled in and that the CPU supports; the lowest bit is the best.
 std::int64_t usable() { return static_cast<std::int64_t>(hwy::SupportedTargets()) & HWY_TARGETS; }
 
-/// The best of those in use, 0 until first asked for. Kept, because asking the processor takes microseconds, and in a
-/// virtual machine tens of them.
+/// The best target in use, 0 until first needed. Cached, because querying the processor takes microseconds, in a
+/// virtual machine tens of microseconds.
 std::atomic<std::int64_t> best_target{0};
 
 void find_best_target() {
@@ -36,7 +36,7 @@ void find_best_target() {
 }  // namespace
 
 void use_instruction_set(InstructionSet set) {
-  hwy::SetSupportedTargetsForTest(0);  // 0: all that there are
+  hwy::SetSupportedTargetsForTest(0);  // 0: no restriction
   find_best_target();
   if (set == InstructionSet::best) return;
   const std::int64_t wanted = set == InstructionSet::avx512 ? kAvx512
@@ -44,7 +44,7 @@ void use_instruction_set(InstructionSet set) {
                               : (usable() & k128) != 0      ? k128
                                                             : HWY_STATIC_TARGET;
   const std::int64_t held = usable() & wanted;
-  SPLATBOOST_CHECK(held != 0, "this machine or build has not these instructions");
+  SPLATBOOST_CHECK(held != 0, "this machine or build does not support these instructions");
   hwy::SetSupportedTargetsForTest(held);
   find_best_target();
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A vector of floats that reads like a float, so that the shared formulas are written once; and the moves
+/// @file A vector of floats with the operators of a float, so that shared formulas are written once; and conversions
 /// between rows [lane, column] in memory and vectors.
 ///
-/// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
+/// Compiled once per instruction set (Highway's per-target include), hence no ordinary include guard.
 
 #if defined(SPLATBOOST_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_LANES_INL_H_
@@ -27,7 +27,7 @@ namespace splatboost {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// As many lanes as a register has, at most a tile's row.
+/// The lanes of a register, at most one tile row.
 using Lanes = hn::CappedTag<float, kTileSize>;
 using Vec = hn::Vec<Lanes>;
 using Mask = hn::Mask<Lanes>;
@@ -60,13 +60,13 @@ HWY_INLINE Float abs_of(Float a) { return Float(hn::Abs(a.v)); }
 HWY_INLINE Float sqrt_of(Float a) { return Float(hn::Sqrt(a.v)); }
 HWY_INLINE Float floor_of(Float a) { return Float(hn::Floor(a.v)); }
 HWY_INLINE Float ceil_of(Float a) { return Float(hn::Ceil(a.v)); }
-/// 1/a without a division: the processor's estimate (12 bits at least on x86, 8 on ARM), whose bits one step of
-/// Newton's doubles.
+/// 1/a without a division: the processor's estimate (at least 12 bits on x86, 8 on ARM); one Newton step doubles the
+/// number of bits.
 HWY_INLINE Float reciprocal_of(Float a) {
   const Vec x = hn::ApproximateReciprocal(a.v);
   return Float(hn::Mul(x, hn::NegMulAdd(a.v, x, hn::Set(Lanes(), 2.0f))));
 }
-/// At most e^88, which is finite; Highway's gives anything beyond.
+/// At most e^88, which is finite; beyond it hn::Exp may return anything.
 HWY_INLINE Float exp_of(Float a) { return Float(hn::Exp(Lanes(), min_of(a, Float(88.0f)).v)); }
 HWY_INLINE Float product_of(Float a, Float b) { return a * b; }
 HWY_INLINE Float log2_of(Float a) { return Float(hn::Log2(Lanes(), a.v)); }
@@ -77,7 +77,7 @@ HWY_INLINE constexpr std::size_t lanes() { return hn::MaxLanes(Lanes()); }
 HWY_INLINE Float load(const float* HWY_RESTRICT from) { return Float(hn::LoadU(Lanes(), from)); }
 HWY_INLINE void store(Float a, float* HWY_RESTRICT to) { hn::StoreU(a.v, Lanes(), to); }
 
-/// Rows of W numbers, one a lane, as W vectors. Rows beyond `count` read as the last one.
+/// Loads rows of W numbers, one row per lane, as W vectors. Lanes from `count` on repeat the last row.
 template <std::size_t W>
 HWY_INLINE void load_rows(const float* HWY_RESTRICT rows, std::size_t count, Float (&columns)[W]) {
   alignas(64) float padded[W * lanes()];
@@ -100,7 +100,7 @@ HWY_INLINE void load_rows(const float* HWY_RESTRICT rows, std::size_t count, Flo
   }
 }
 
-/// Writes W vectors as rows, or adds them to rows.
+/// Stores W vectors as `count` rows, or adds them to the rows.
 template <std::size_t W>
 HWY_INLINE void store_rows(const Float (&columns)[W], std::size_t count, bool add, float* HWY_RESTRICT rows) {
   const Lanes d;
@@ -127,7 +127,7 @@ HWY_INLINE void store_rows(const Float (&columns)[W], std::size_t count, bool ad
 }
 
 #if HWY_TARGET != HWY_SCALAR
-/// Four rows of four numbers, transposed.
+/// Transposes a 4×4 matrix of rows.
 template <class Four>
 HWY_INLINE void transpose4(Four& a, Four& b, Four& c, Four& e) {
   const hn::CappedTag<float, 4> four;
@@ -143,7 +143,7 @@ HWY_INLINE void transpose4(Four& a, Four& b, Four& c, Four& e) {
 }
 #endif
 
-/// Rows, `stride` apart, to columns [columns, lanes()]. Rows beyond `count` read as the last one.
+/// Loads rows, `stride` apart, into columns [columns, lanes()]. Lanes from `count` on repeat the last row.
 HWY_INLINE void rows_to_columns(const float* HWY_RESTRICT rows, std::size_t stride, std::size_t count,
                                 std::size_t columns, float* HWY_RESTRICT to) {
   std::size_t column = 0;
@@ -170,7 +170,7 @@ HWY_INLINE void rows_to_columns(const float* HWY_RESTRICT rows, std::size_t stri
   }
 }
 
-/// Columns [columns, lanes()] to rows, `stride` apart: written, or added to what is there.
+/// Writes columns [columns, lanes()] to `count` rows, `stride` apart, or adds them to the rows.
 HWY_INLINE void columns_to_rows(const float* HWY_RESTRICT from, std::size_t columns, std::size_t count, bool add,
                                 float* HWY_RESTRICT rows, std::size_t stride) {
   std::size_t column = 0;

@@ -6,7 +6,7 @@
 
 namespace splatboost {
 namespace {
-constexpr std::size_t kCapacity = 1024;  // marks that are under way
+constexpr std::size_t kCapacity = 1024;  // most marks whose laps are not yet taken
 }
 
 struct CudaLaps::State {
@@ -19,9 +19,9 @@ struct CudaLaps::State {
   std::unique_ptr<Mark>& at(std::size_t number) { return marks[number % kCapacity]; }
 
   CudaStream& stream;
-  std::array<std::unique_ptr<Mark>, kCapacity> marks;  ///< made when first needed
-  std::size_t set = 0;                                 ///< marks so far
-  std::size_t taken = 0;  ///< ... which were looked at; the last of them begins the next lap
+  std::array<std::unique_ptr<Mark>, kCapacity> marks;  ///< ring buffer, created on first use
+  std::size_t set = 0;                                 ///< number of marks so far
+  std::size_t taken = 0;                               ///< index of the mark that begins the next lap
 };
 
 CudaLaps::CudaLaps(CudaStream& stream) : state_(std::make_unique<State>(stream)) {}
@@ -31,7 +31,7 @@ CudaLaps& CudaLaps::operator=(CudaLaps&&) noexcept = default;
 
 void CudaLaps::mark(const char* stage) {
   State& s = *state_;
-  if (s.set - s.taken >= kCapacity - 1) {  // nobody takes laps: the oldest go
+  if (s.set - s.taken >= kCapacity - 1) {  // full, because laps are not taken: drop the oldest
     s.at(s.taken)->event.wait();
     ++s.taken;
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How a kernel is launched: by name, so that a fault can name it. For .cu files.
+/// @file Launches of kernels with a name, so that error messages can name them. For .cu files.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -12,10 +12,10 @@
 
 namespace splatboost {
 
-/// Blocks of kernels with one thread an element.
+/// Threads per block of kernels with one thread per element.
 inline constexpr std::uint32_t kBlockThreads = 256;
 
-/// Launches kernel(arguments …). Nothing happens where there are no blocks.
+/// Launches kernel(arguments …). Does nothing if there are no blocks.
 template <class... Parameters, class... Arguments>
 void launch(CudaStream& stream, const char* name, void (*kernel)(Parameters...), dim3 blocks, dim3 threads,
             Arguments&&... arguments) {
@@ -28,7 +28,7 @@ void launch(CudaStream& stream, const char* name, void (*kernel)(Parameters...),
   stream.end_launch(cudaLaunchKernelEx(&shape, kernel, std::forward<Arguments>(arguments)...));
 }
 
-/// One thread an element: the kernel asks element_index() which, and leaves where that is n or above.
+/// Launches one thread per element. The kernel calls element_index() and must return if the index is n or above.
 template <class... Parameters, class... Arguments>
 void launch_each(CudaStream& stream, const char* name, void (*kernel)(Parameters...), std::size_t n,
                  Arguments&&... arguments) {
@@ -40,13 +40,13 @@ __device__ inline std::size_t element_index() {
   return static_cast<std::size_t>(blockIdx.x) * kBlockThreads + threadIdx.x;
 }
 
-/// Sum over the 32 lanes of a warp, all of which call it; the same in each.
+/// Sum over the 32 lanes of a warp. All lanes must call it; all get the result.
 __device__ inline float warp_sum(float value) {
   for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xffffffffu, value, step);
   return value;
 }
 
-/// Largest of the 32 lanes of a warp, all of which call it; the same in each.
+/// Maximum over the 32 lanes of a warp. All lanes must call it; all get the result.
 __device__ inline std::uint32_t warp_max(std::uint32_t value) {
   for (int step = 16; step > 0; step /= 2) {
     const std::uint32_t other = __shfl_xor_sync(0xffffffffu, value, step);

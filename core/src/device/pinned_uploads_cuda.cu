@@ -35,7 +35,7 @@ class PinnedBuffer {
   CudaStream& stream_;
   std::uint8_t* memory_ = nullptr;
   std::size_t capacity_ = 0;
-  Event read_;  ///< by the device
+  Event read_;  ///< the device has read the buffer
 };
 
 }  // namespace

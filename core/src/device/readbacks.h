@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Numbers on their way from a device to the host, which goes on in the meantime. For .cu files.
+/// @file Asynchronous transfers of numbers from a device to the host. For .cu files.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@
 
 namespace splatboost::cuda {
 
-/// A queue of at most `kCapacity`, more than the iterations that a driver lets the host run ahead.
+/// A queue of at most `kCapacity` values: more than the iterations that a driver lets the host run ahead.
 template <class T, std::size_t kCapacity = 64>
 class Readbacks {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -27,19 +27,19 @@ class Readbacks {
   Readbacks& operator=(const Readbacks&) = delete;
 
   bool is_empty() const { return taken_ == sent_; }
-  /// kCapacity are under way: the oldest must be waited for before another is sent.
+  /// Whether kCapacity values are queued: call wait() or take() before send().
   bool is_full() const { return sent_ - taken_ == kCapacity; }
-  /// Starts the way of one. Does not wait. @param value sizeof(T) bytes of the device
+  /// Queues the transfer of one value. Does not wait. @param value sizeof(T) bytes in device memory
   void send(const void* value) {
     stream_.copy_to_pinned(values_ + sent_ % kCapacity, value, sizeof(T));
     arrived_[sent_++ % kCapacity]->record();
   }
-  /// The oldest that was not taken yet, if it has arrived.
+  /// The oldest value not yet taken, if it has arrived.
   std::optional<T> take() {
     if (is_empty() || !arrived_[taken_ % kCapacity]->is_done()) return std::nullopt;
     return values_[taken_++ % kCapacity];
   }
-  /// Waits for the oldest that was not taken yet; there must be one.
+  /// Waits for the oldest value not yet taken; there must be one.
   T wait() {
     arrived_[taken_ % kCapacity]->wait();
     return values_[taken_++ % kCapacity];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How CUB's device-wide functions are called. For .cu files.
+/// @file Calls of CUB's device-wide functions. For .cu files.
 #pragma once
 
 #include <cub/cub.cuh>
@@ -12,7 +12,7 @@
 
 namespace splatboost::cuda {
 
-/// Calls one of CUB's functions: call(memory, bytes) first asks how much memory it needs.
+/// Calls a CUB function by call(memory, bytes), twice: to query the size of its scratch memory, and to run it.
 template <class Call>
 void run_cub(CudaStream& stream, DeviceArray<std::uint8_t>& scratch, const char* name, Call&& call) {
   std::size_t bytes = 0;

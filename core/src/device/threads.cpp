@@ -21,12 +21,12 @@
 namespace splatboost {
 namespace {
 
-/// How long a thread that waits stays awake. Most pauses between the loops of an iteration are shorter; whoever else
-/// wants the core loses no more than this.
+/// How long a waiting thread spins before it blocks. Most pauses between the loops of an iteration are shorter; other
+/// processes lose at most this much time on the core.
 constexpr std::chrono::microseconds kAwake{200};
-constexpr int kChecksAtATime = 32;  // between two looks at the clock
+constexpr int kChecksAtATime = 32;  // per reading of the clock
 
-/// Lets the other thread of the core go first, where it has two.
+/// Yields to the other hardware thread of the core, if there is one.
 void pause() {
 #if defined(__x86_64__) || defined(__i386__)
   __builtin_ia32_pause();
@@ -35,7 +35,7 @@ void pause() {
 #endif
 }
 
-/// Waits until ready(value): awake for a short time, then blocked until notified. @return the value
+/// Waits until ready(value): spins for a short time, then blocks until notified. @return the value
 template <class Ready>
 std::uint32_t wait_until(const std::atomic<std::uint32_t>& value, const Ready& ready) {
   using Clock = std::chrono::steady_clock;
@@ -56,7 +56,7 @@ std::uint32_t wait_until(const std::atomic<std::uint32_t>& value, const Ready& r
   }
 }
 
-/// A loop as the threads that share it see it.
+/// A loop that threads share.
 struct Loop {
   std::size_t n = 0, grain = 1, pieces = 0;
   const void* context = nullptr;
@@ -65,7 +65,7 @@ struct Loop {
   void run_piece(std::size_t i) const { piece(context, i * grain, std::min(n, (i + 1) * grain)); }
 };
 
-/// Whether this thread is within a loop's body.
+/// Whether this thread is running the body of a loop.
 thread_local bool in_a_loop = false;
 
 class InALoop {
@@ -76,8 +76,8 @@ class InALoop {
   InALoop& operator=(const InALoop&) = delete;
 };
 
-/// The helper threads of one calling thread. The caller never waits for a helper to begin: helpers join a loop if they
-/// are there in time, so that a loop does not stand still while another process has a helper's core.
+/// The helper threads of one calling thread. The caller never waits for a helper to start: helpers join a loop if they
+/// are scheduled in time, so that a loop does not stall while another process occupies a helper's core.
 class Team {
  public:
   Team() = default;
@@ -105,11 +105,11 @@ class Team {
  private:
   static constexpr std::uint32_t kGoHome = ~std::uint32_t{0};
 
-  /// Starts helpers until there are as many as wanted, or as the system gives. @return how many may join
+  /// Starts helpers until there are `wanted`, or until the system allows no more. @return how many may join
   std::size_t start(std::size_t wanted) {
     try {
       while (helpers_.size() < wanted) helpers_.emplace_back([this] { help(); });
-    } catch (const std::system_error&) {  // no more threads: the loop runs on those that there are
+    } catch (const std::system_error&) {  // the system allows no more threads: use the existing ones
     }
     return std::min(wanted, helpers_.size());
   }
@@ -125,12 +125,12 @@ class Team {
     }
   }
 
-  /// Runs pieces until none is left. They are taken in rising order: when one throws, all before it have been taken, so
-  /// that the first of those that throw is always found.
+  /// Runs pieces until none is left. Pieces start in ascending order: when one throws, all before it have started, so
+  /// the first piece of the range that throws is always found.
   void work() {
     const InALoop mark;
     for (;;) {
-      // A thread takes the next piece when it is done with one: pieces differ in work.
+      // Dynamic scheduling, because pieces differ in work.
       const std::size_t i = next_.fetch_add(1, std::memory_order_relaxed);
       if (i >= loop_.pieces) return;
       try {
@@ -148,15 +148,15 @@ class Team {
 
   Loop loop_;
   alignas(64) std::atomic<std::uint32_t> welcome_{0};   ///< helpers that may still join the loop
-  alignas(64) std::atomic<std::uint32_t> finished_{0};  ///< helpers that joined it and have left
-  alignas(64) std::atomic<std::size_t> next_{0};        ///< the piece to be taken next
+  alignas(64) std::atomic<std::uint32_t> finished_{0};  ///< helpers that joined the loop and are done
+  alignas(64) std::atomic<std::size_t> next_{0};        ///< the next piece to run
   std::mutex error_mutex_;
   std::exception_ptr error_;
   std::size_t error_piece_ = 0;
   std::vector<std::thread> helpers_;
 };
 
-/// The calling thread's team. A process that forks takes none of its threads along: the child starts anew.
+/// The calling thread's team. A forked child process has none of its parent's threads, so it starts a new team.
 Team& own_team() {
   thread_local std::unique_ptr<Team> team;
   static const int forget_in_child = pthread_atfork(nullptr, nullptr, [] { static_cast<void>(team.release()); });

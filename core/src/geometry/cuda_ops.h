@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The operations of this folder on a CUDA device, as the public functions call them, which have checked the
-/// arguments. Each is defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
+/// @file CUDA implementations of this folder's operations, called by the public functions, which check the arguments.
+/// Each is defined in the .cu file of its name; a build without CUDA compiles cuda_absent.cpp instead.
 #pragma once
 
 #include <cstdint>
@@ -29,19 +29,19 @@ void plane_depth_backward(const Camera& camera, std::span<const float> planes, s
                           std::span<float> plane_gradients, CudaStream& stream);
 void depth_normals(const Camera& camera, std::span<const float> depth, std::span<float> normals, CudaStream& stream);
 
-/// As in surface_loss.h: what its parts add, to the sums of the workspace too.
+/// The terms of surface_loss.h: add their gradients, and their sums to those of the workspace.
 void add_normal_term(const SurfaceView& first, const SurfaceTerms& terms, SurfaceWorkspace& workspace,
                      CudaStream& stream);
 void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, const SurfaceTerms& terms,
                         const RandomStream& random, SurfaceWorkspace& workspace, CudaStream& stream);
-/// The loss on its way to the host.
+/// Losses being copied to the host.
 class PendingSurfaceLoss {
  public:
   explicit PendingSurfaceLoss(CudaStream& stream);
   ~PendingSurfaceLoss();
-  /// Sends the sums of the workspace, of a call with these terms and so many pixels.
+  /// Starts copying the workspace's sums, which are of a call with these terms and this number of pixels.
   void send(const SurfaceWorkspace& workspace, const SurfaceTerms& terms, std::size_t pixels);
-  /// The newest that has arrived; one that is not finite stays.
+  /// The newest loss that has arrived, or the first that was not finite.
   SurfaceLossParts newest();
 
  private:

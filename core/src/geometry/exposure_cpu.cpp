@@ -15,7 +15,7 @@ constexpr std::size_t kGrain = 4096;
 
 void expose(std::span<const float> render, std::span<const float> exposure, std::span<float> exposed, Device device) {
   SPLATBOOST_CHECK(render.size() == exposed.size() && exposure.size() == 2,
-                   "images must be of one size and the exposure two numbers");
+                   "images must have the same size, and the exposure must be two numbers");
   if (device.is_cuda()) return cuda::expose(render, exposure, exposed, device.stream());
   const float gain = std::exp(exposure[0]), offset = exposure[1];
   device.threads().for_range(render.size(), kGrain, [&](std::size_t begin, std::size_t end) {
@@ -41,7 +41,7 @@ void add_exposed_l1(std::span<const float> render, const TruthImage& truth, std:
   workspace[0] = 0;
   if (counted == 0) return;
   const float share = weight / (3.0f * static_cast<float>(counted));
-  // Σ |difference|, Σ sign·render, Σ sign of each piece
+  // For each piece: Σ |difference|, Σ sign·render, Σ sign
   std::vector<std::array<double, 3>> sums((3 * pixels + kGrain - 1) / kGrain);
   device.threads().for_range(3 * pixels, kGrain, [&](std::size_t begin, std::size_t end) {
     std::array<double, 3>& sum = sums[begin / kGrain];

@@ -13,7 +13,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (k < exposed.size()) exposed[k] = expf(exposure[0]) * render[k] + exposure[1];
 }
 
-// Of the workspace: Σ |difference|, Σ sign·render, Σ sign, valid pixels; at last the loss in the first.
+// Elements of the workspace: Σ |difference|, Σ sign·render, Σ sign, valid pixels; finally the loss replaces the first.
 
 __global__ void __launch_bounds__(kBlockThreads)
     exposed_sums_kernel(DeviceView<const float> render, DeviceView<const std::uint8_t> truth,

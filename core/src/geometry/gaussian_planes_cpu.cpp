@@ -40,7 +40,7 @@ void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, 
   check_plane_gaussians(gaussians);
   SPLATBOOST_CHECK(plane_gradients.size() == kPlaneChannels * gaussians.count &&
                        means.size() == gaussians.means.size() && rotations.size() == gaussians.rotations.size(),
-                   "gradients must be of N rows");
+                   "gradients must have N rows");
   if (device.is_cuda()) {
     return cuda::gaussian_planes_backward(gaussians, camera, plane_gradients, means, rotations, device.stream());
   }
@@ -48,7 +48,7 @@ void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, 
   device.threads().for_range(gaussians.count, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const float* g = &plane_gradients[4 * i];
-      if (g[0] == 0 && g[1] == 0 && g[2] == 0 && g[3] == 0) continue;  // most are not seen
+      if (g[0] == 0 && g[1] == 0 && g[2] == 0 && g[3] == 0) continue;  // most are not visible
       const surface::PlaneOf<float> of(&gaussians.means[3 * i], &gaussians.scales[3 * i], &gaussians.rotations[4 * i],
                                        motion);
       of.backward(motion, {{g[0], g[1], g[2]}, g[3]}, &means[3 * i], &rotations[4 * i]);

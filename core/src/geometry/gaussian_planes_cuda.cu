@@ -11,7 +11,7 @@ using surface::Motion;
 using surface::Plane;
 using surface::PlaneOf;
 
-/// The numbers of Gaussian i, where the formulas read them.
+/// Parameters of Gaussian i, in local arrays for the formulas.
 struct GaussianRow {
   float mean[3], scales[3], rotation[4];
   __device__ GaussianRow(DeviceView<const float> means, DeviceView<const float> all_scales,
@@ -47,7 +47,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (4 * i >= plane_gradients.size()) return;
   const Plane<float> g{{plane_gradients[4 * i], plane_gradients[4 * i + 1], plane_gradients[4 * i + 2]},
                        plane_gradients[4 * i + 3]};
-  if (g.normal.x == 0 && g.normal.y == 0 && g.normal.z == 0 && g.distance == 0) return;  // most are not seen
+  if (g.normal.x == 0 && g.normal.y == 0 && g.normal.z == 0 && g.distance == 0) return;  // most are not visible
   const GaussianRow row(means, scales, rotations, i);
   float g_mean[3] = {0, 0, 0}, g_rotation[4] = {0, 0, 0, 0};
   PlaneOf<float>(row.mean, row.scales, row.rotation, camera_from_world)

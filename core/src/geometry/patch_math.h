@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Patches of two photos around a pixel and their correlation (PGSR, Chen et al. 2024, Sec. 3.2). Numbers are of
-/// any kind T (see host_device.h): float on a GPU, a vector of pixels on a CPU.
+/// @file Patches of two photos around a pixel and their correlation (PGSR, Chen et al. 2024, Sec. 3.2). T is any type
+/// of number (see host_device.h): float on a GPU, a vector of pixels on a CPU.
 
 #if defined(SPLATBOOST_PATCH_MATH_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_PATCH_MATH_H_
@@ -14,15 +14,15 @@
 
 SPLATBOOST_MATH_BEGIN
 
-/// A grey and its slopes, per pixel.
+/// A grey value and its derivatives, per pixel.
 template <class T>
 struct GreySample {
   T value, slope_x, slope_y;
 };
 
-/// Bilinear between the centres of pixels, the border's greys beyond them.
+/// Samples bilinearly between the centres of pixels; the greys of the border continue outside.
 /// @param x,y px
-/// @param texel (column, row) ↦ grey; whole numbers within the image
+/// @param texel (column, row) ↦ grey; called with integers within the image
 template <class T, class Texel>
 SPLATBOOST_HOST_DEVICE GreySample<T> sample_grey(T x, T y, int width, int height, const Texel& texel) {
   const T zero(0.0f), half(0.5f), one(1.0f);
@@ -40,19 +40,19 @@ SPLATBOOST_HOST_DEVICE GreySample<T> sample_grey(T x, T y, int width, int height
   return {top + fraction_y * (bottom - top), slope_x, slope_y};
 }
 
-/// What two photos show of a patch of a plane.
+/// Comparison of a patch of a plane in two photos.
 template <class T>
 struct PatchMatch {
-  T counts;     ///< 1 where both see it, and alike; otherwise 0, as the numbers below
+  T counts;     ///< 1 where both see the patch and agree; otherwise 0, as are the numbers below
   T loss;       ///< 1 − squared correlation
-  T normal[3];  ///< its gradient, of the blended plane
+  T normal[3];  ///< gradient of the loss with respect to the blended plane
   T distance;
 };
 
-/// @param column,row of the patch's middle, whole numbers
+/// @param column,row of the patch's centre, integers
 /// @param normal,distance the blended plane
-/// @param grey_first (column, row) ↦ grey of the first photo, 0 to 1; whole numbers within it
-/// @param grey_second the same of the second
+/// @param grey_first (column, row) ↦ grey of the first photo, 0 to 1; called with integers within it
+/// @param grey_second the same for the second
 template <class T, class FirstTexel, class SecondTexel>
 SPLATBOOST_HOST_DEVICE PatchMatch<T> match_patch(const PatchViews& views, T column, T row, const T (&normal)[3],
                                                  T distance, const FirstTexel& grey_first,
@@ -132,7 +132,7 @@ SPLATBOOST_HOST_DEVICE PatchMatch<T> match_patch(const PatchViews& views, T colu
     sum_y += in_row * T(static_cast<float>(j));
   }
   const T g_x = sum * ray_x + sum_x * T(views.step_x), g_y = sum * ray_y + sum_y * T(views.step_y);
-  // ∂ s / ∂ n = −r / d, ∂ s / ∂ d = n·r / d². What does not count may be anything by now.
+  // ∂ s / ∂ n = −r / d, ∂ s / ∂ d = n·r / d². select(), because numbers of patches that do not count may be NaN.
   const T scale = select(out.loss > zero, inverse_distance, zero);
   out.normal[0] = select(out.loss > zero, -(scale * g_x), zero);
   out.normal[1] = select(out.loss > zero, -(scale * g_y), zero);

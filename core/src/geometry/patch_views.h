@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Two views as patches of their photos are compared (patch_math.h), and a row of patches on the CPU.
+/// @file Parameters of two views for the comparison of patches of their photos (patch_math.h), and that of a row of
+/// patches on the CPU.
 #pragma once
 
 #include <cstdint>
@@ -43,7 +44,7 @@ SPLATBOOST_HOST_DEVICE PatchViews patch_views(const surface::ViewPair<float>& pa
 /// @param columns the pixels
 /// @param planes [4,H,W] of the first view
 /// @param greys_first, greys_second [H,W]
-/// @param losses,counts,gradients of each pixel of columns; count 1 where the patch counts, otherwise all are 0
+/// @param losses,counts,gradients one per element of columns; count 1 where the patch counts, otherwise all are 0
 void match_patches(const PatchViews& views, int row, std::span<const std::int32_t> columns,
                    std::span<const float> planes, std::span<const float> greys_first,
                    std::span<const float> greys_second, std::span<float> losses, std::span<float> counts,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A thread's pixel of an image, for kernels with one thread a pixel. For .cu files.
+/// @file A thread's pixel of an image, for kernels with one thread per pixel. For .cu files.
 #pragma once
 
 #include "device/device_view.h"
@@ -9,7 +9,7 @@
 namespace splatboost::cuda {
 
 struct ImagePixel {
-  std::size_t index, pixels;  ///< of the image
+  std::size_t index, pixels;  ///< of the pixel in a plane; number of pixels of the image
   int x, y;
   bool inside;
 
@@ -29,7 +29,7 @@ struct ImagePixel {
   }
 };
 
-/// Adds what the lanes of a warp hold; all of them call it.
+/// Adds the sum of `value` over a warp's lanes to sums[which]. All lanes must call it.
 __device__ inline void add_to_sum(DeviceView<double> sums, std::size_t which, float value) {
   const float sum = warp_sum(value);
   if (threadIdx.x % 32 == 0 && sum != 0) atomicAdd(&sums[which], static_cast<double>(sum));

@@ -9,13 +9,13 @@
 namespace splatboost {
 namespace {
 
-constexpr std::size_t kRows = 8;  // of a piece
+constexpr std::size_t kRows = 8;  // per piece of work
 
 std::size_t pixels_of(const Camera& camera) {
   return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
 }
 
-/// Calls body(x, y, pixel) for all.
+/// Calls body(x, y, pixel) for all pixels.
 template <class Body>
 void for_pixels(const Camera& camera, Threads& threads, const Body& body) {
   const auto width = static_cast<std::size_t>(camera.width);

@@ -23,14 +23,14 @@ using surface::Vector;
 
 constexpr std::size_t kGrain = 4096;
 constexpr std::size_t kRowGrain = 4;
-/// Sums of a row, added up in the rows' order.
+/// Sums per row, added up in the order of the rows, whichever threads computed them.
 using RowSums = std::vector<std::array<double, 2>>;
 
 std::size_t pixels_of(const Camera& camera) {
   return static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
 }
 
-/// Calls body(x, y, pixel) row by row; rows are shared by threads.
+/// Calls body(x, y, pixel) for all pixels, row by row; the rows are divided among the threads.
 template <class Body>
 void for_pixels(const Camera& camera, Threads& threads, const Body& body) {
   const auto width = static_cast<std::size_t>(camera.width);
@@ -142,7 +142,7 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
     const float share = terms.geometric_weight / static_cast<float>(agreeing);
     const std::span<float> g_first = work.depth_gradients[0], g_second = work.depth_gradients[1];
     const int width = second.camera.width, height = second.camera.height;
-    // In the pixels' order: several may lie on one texel.
+    // Serial, in the order of the pixels: several may add to the same texel.
     for (std::size_t p = 0; p < pixels; ++p) {
       const PixelMatch& match = matches[p];
       if (!(match.noise > 0)) continue;
@@ -223,7 +223,7 @@ struct SurfaceLoss::State {
   }
   Device device;
   SurfaceWorkspace work;
-  std::optional<cuda::PendingSurfaceLoss> pending;  ///< of a GPU
+  std::optional<cuda::PendingSurfaceLoss> pending;  ///< only on a GPU
 };
 
 SurfaceLoss::SurfaceLoss(Device device) : state_(std::make_unique<State>(device)) {}

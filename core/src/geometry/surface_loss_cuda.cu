@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One thread a pixel. What is divided by a count of the whole image waits for the kernel after the one that counts.
+// One thread per pixel. Gradients that are divided by a count over the whole image are added in a later kernel than the
+// one that counts.
 #include <array>
 #include <cmath>
 
@@ -25,7 +26,7 @@ __global__ void __launch_bounds__(kBlockThreads)
     inner = pixel.x > 0 && pixel.y > 0 && pixel.x < width - 1 && pixel.y < height - 1;
     edges[pixel.index] = edge = surface::edge_of(color, pixel.x, pixel.y, width, height);
   }
-  // Bits of floats that are not negative are ordered as the floats are; the least is kept as the greatest complement.
+  // Bits of floats that are not negative compare as integers; the minimum is kept as the maximum of the complements.
   const std::uint32_t greatest = warp_max(inner ? __float_as_uint(edge) : 0u);
   const std::uint32_t least = warp_max(inner ? ~__float_as_uint(edge) : 0u);
   if (threadIdx.x % 32 == 0) {

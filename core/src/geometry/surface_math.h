@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Planes, rays and two views of one surface, for any number: float in loops and kernels, double in tests.
+/// @file Planes, rays and two views of one surface, for any type of number: float in loops and kernels, double in
+/// tests.
 #pragma once
 
 #include <cmath>
@@ -57,7 +58,7 @@ template <class Real>
 struct Pinhole {
   Real fx, fy, cx, cy;
   int width, height;
-  /// Through (x, y), of depth 1.
+  /// The ray through (x, y) px, with depth 1.
   SPLATBOOST_HOST_DEVICE Vector<Real> ray(Real x, Real y) const { return {(x - cx) / fx, (y - cy) / fy, Real(1)}; }
 };
 
@@ -136,7 +137,7 @@ struct Plane {
   Real distance;
 };
 
-/// What the forward and the backward pass of a Gaussian's plane share.
+/// Values shared by the forward and the backward pass of a Gaussian's plane.
 template <class Real>
 struct PlaneOf {
   int axis;
@@ -153,7 +154,7 @@ struct PlaneOf {
                        rotation[3] * rotation[3]);
     for (int k = 0; k < 4; ++k) unit[k] = rotation[k] / length;
     const Vector<Real> column = rotation_column(unit, axis);
-    // Turned about in the camera's frame: the centre's coordinates in a far world would cancel.
+    // Computed in the camera frame: far from the origin of the world, camera centre − mean would lose digits.
     const Vector<Real> at = camera_from_world(Vector<Real>{mean[0], mean[1], mean[2]});
     toward = Real(-1) * camera_from_world.turned_back(at);
     side = dot(column, toward) < 0 ? Real(-1) : Real(1);
@@ -162,7 +163,7 @@ struct PlaneOf {
   SPLATBOOST_HOST_DEVICE Plane<Real> plane(const Motion<Real>& camera_from_world) const {
     return {camera_from_world.turned(normal), dot(normal, toward)};
   }
-  /// Adds to the gradients of the mean and the quaternion as stored.
+  /// Adds to the gradients of the mean and of the quaternion as stored, i.e. before normalisation.
   SPLATBOOST_HOST_DEVICE void backward(const Motion<Real>& camera_from_world, const Plane<Real>& g, Real* g_mean,
                                        Real* g_rotation) const {
     g_mean[0] -= g.distance * normal.x;
@@ -197,12 +198,12 @@ SPLATBOOST_HOST_DEVICE Plane<Real> depth_backward(const Plane<Real>& blended, Ve
 
 // Normals of depth.
 
-/// Points of a pixel's neighbours, in the camera frame.
+/// The normal from the points of a pixel's neighbours, in the camera frame.
 template <class Real>
 struct Cross {
   Vector<Real> right_left, top_bottom;  ///< differences
   Vector<Real> normal;                  ///< unit; 0 where there is none
-  Real length;                          ///< of the product of the differences
+  Real length;                          ///< of the cross product of the differences
 };
 template <class Real>
 SPLATBOOST_HOST_DEVICE Cross<Real> cross_of(Vector<Real> right, Vector<Real> left, Vector<Real> top,
@@ -217,7 +218,7 @@ SPLATBOOST_HOST_DEVICE Cross<Real> cross_of(Vector<Real> right, Vector<Real> lef
   if (flat) out.length = 0;
   return out;
 }
-/// At a pixel; none on the border. @param depth [H,W]
+/// The normal at a pixel; 0 on the border. @param depth [H,W]
 template <class Real, class Image>
 SPLATBOOST_HOST_DEVICE Cross<Real> normal_of_depth(const Pinhole<Real>& pinhole, const Image& depth, int x, int y) {
   if (x == 0 || y == 0 || x == pinhole.width - 1 || y == pinhole.height - 1) {
@@ -241,7 +242,7 @@ SPLATBOOST_HOST_DEVICE void cross_backward(const Cross<Real>& at, Vector<Real> g
   g_top_bottom = cross(g, at.right_left);
 }
 
-/// Gradient of a pixel's point, which is in the differences of its four neighbours.
+/// Gradient of a pixel's point, which takes part in the differences of its four neighbours.
 /// @param differences [6,H,W] gradients of (right − left, top − bottom), 0 on the border
 template <class Image>
 SPLATBOOST_HOST_DEVICE Vector<float> gather_differences(const Pinhole<float>& pinhole, const Image& differences, int x,
@@ -261,12 +262,12 @@ SPLATBOOST_HOST_DEVICE Vector<float> gather_differences(const Pinhole<float>& pi
 
 // Two views.
 
-/// Bilinear, with the border repeated. Coordinates are of pixel centres at .5, as everywhere.
+/// Bilinear, with the border repeated. Pixel centres are at .5, as everywhere.
 template <class Real>
 struct Bilinear {
   int x0, x1, y0, y1;
   Real fraction_x, fraction_y;
-  bool inside_x, inside_y;  ///< not clamped: the value has a slope
+  bool inside_x, inside_y;  ///< not clamped: the derivative is not 0
 
   SPLATBOOST_HOST_DEVICE Bilinear(Real x, Real y, int width, int height) {
     const Real last_x = Real(width - 1), last_y = Real(height - 1);
@@ -285,7 +286,7 @@ struct Bilinear {
   SPLATBOOST_HOST_DEVICE std::size_t index(int x, int y, int width) const {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
   }
-  /// Of the four texels (x0,y0), (x1,y0), (x0,y1), (x1,y1).
+  /// Weights of the four texels (x0,y0), (x1,y0), (x0,y1), (x1,y1).
   SPLATBOOST_HOST_DEVICE void weights(Real (&w)[4]) const {
     w[0] = (1 - fraction_x) * (1 - fraction_y);
     w[1] = fraction_x * (1 - fraction_y);
@@ -294,12 +295,12 @@ struct Bilinear {
   }
 };
 
-/// A sample and its slopes.
+/// A sample and its derivatives.
 template <class Real>
 struct Sample {
   Real value, slope_x, slope_y;
 };
-/// @param image anything that is indexed
+/// @param image [H,W], of any type with operator[]
 template <class Real, class Image>
 SPLATBOOST_HOST_DEVICE Sample<Real> sample(const Image& image, const Bilinear<Real>& at, int width) {
   const Real a = Real(image[at.index(at.x0, at.y0, width)]), b = Real(image[at.index(at.x1, at.y0, width)]);
@@ -320,13 +321,13 @@ ViewPair<Real> pair_of(const Camera& first, const Camera& second) {
   return {pinhole_of<Real>(first), pinhole_of<Real>(second), motion_between<Real>(first, second)};
 }
 
-/// A pixel of the first view, to the second and back.
+/// Reprojection of a pixel of the first view to the second and back.
 template <class Real>
 struct Reprojection {
-  bool agrees;    ///< it comes back, nearer than the limit
-  Real noise;     ///< px by which it misses itself
-  Real x, y;      ///< where it is in the second view
-  Real g_first;   ///< ∂ noise / ∂ depth of the first view, all ways together
+  bool agrees;    ///< the pixel can be reprojected, with an error below the limit
+  Real noise;     ///< reprojection error, px
+  Real x, y;      ///< position in the second view, px
+  Real g_first;   ///< total ∂ noise / ∂ depth of the first view
   Real g_second;  ///< ∂ noise / ∂ depth of the second view at (x, y)
 };
 /// @param x,y the pixel's centre
@@ -354,7 +355,7 @@ SPLATBOOST_HOST_DEVICE Reprojection<Real> reproject(const ViewPair<Real>& views,
   if (!(out.noise < max_noise)) return out;
   out.agrees = true;
   if (!(out.noise > 0)) return out;
-  // Backwards: noise → point → its depth and place in the second view → depth in the first.
+  // Backward pass: noise → point → its depth and place in the second view → depth in the first.
   const Real g_x = dx / out.noise * a.fx / back.z, g_y = dy / out.noise * a.fy / back.z;
   const Vector<Real> g_back{g_x, g_y, -(g_x * back.x + g_y * back.y) / back.z};
   const Vector<Real> g_there = motion.turned(g_back);
@@ -367,7 +368,7 @@ SPLATBOOST_HOST_DEVICE Reprojection<Real> reproject(const ViewPair<Real>& views,
   return out;
 }
 
-/// As it is kept.
+/// reproject() of pixel (x, y), in the form in which it is stored.
 template <class Image>
 SPLATBOOST_HOST_DEVICE PixelMatch match_pixel(const ViewPair<float>& views, int x, int y, float depth,
                                               const Image& depths, const SurfaceTerms& terms) {
@@ -376,7 +377,7 @@ SPLATBOOST_HOST_DEVICE PixelMatch match_pixel(const ViewPair<float>& views, int 
   return {found.agrees ? found.noise : -1.0f, found.x, found.y, found.g_first, found.g_second};
 }
 
-/// Weight of a pixel by the edges of its photo. @param edge 0 to 1
+/// Weight of a pixel, given how strong an edge the photo has there. @param edge 0 to 1
 template <class Real>
 SPLATBOOST_HOST_DEVICE Real edge_weight(Real edge) {
   const Real rest = edge < 0 ? Real(1) : edge > 1 ? Real(0) : 1 - edge;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What SurfaceLoss keeps between its steps.
+/// @file Workspace of SurfaceLoss.
 #pragma once
 
 #include <cstddef>
@@ -9,19 +9,19 @@
 
 namespace splatboost {
 
-/// A pixel of the first view in the second.
+/// Match of a pixel of the first view in the second.
 struct PixelMatch {
-  float noise;     ///< px; below 0: none
-  float x, y;      ///< place in the second view
-  float g_first;   ///< of the noise, by the depth of the first view
-  float g_second;  ///< ... of the second at (x, y)
+  float noise;     ///< px; below 0: no match
+  float x, y;      ///< position in the second view, px
+  float g_first;   ///< ∂ noise / ∂ depth of the first view
+  float g_second;  ///< ∂ noise / ∂ depth of the second view at (x, y)
 };
-/// A patch around it.
+/// Gradient of a patch around such a pixel.
 struct PatchGradient {
-  float normal[3], distance;  ///< of v·c, by the blended plane
+  float normal[3], distance;  ///< of v·c with respect to the blended plane
 };
 
-/// Sums of a call.
+/// Indices of the sums of a call.
 enum SurfaceSum : std::size_t {
   kNormalSum,   ///< Σ w·‖n_d − n‖₁
   kNoiseSum,    ///< Σ v·ε
@@ -46,7 +46,7 @@ struct SurfaceWorkspace {
   Array<float> depth[2];            ///< [H,W] of the views
   Array<float> depth_gradients[2];  ///< [H,W]
   Array<float> edges;               ///< [H,W]
-  Array<std::uint32_t> edge_range;  ///< bits of the least and the greatest edge; of a GPU
+  Array<std::uint32_t> edge_range;  ///< only on a GPU: ~bits of the least edge, bits of the greatest
   Array<float> differences;         ///< [6,H,W] gradients of the two differences that a pixel's normal is made of
   Array<float> greys[2];            ///< [H,W]
   Array<PixelMatch> matches;        ///< [H,W] of the first view
@@ -54,7 +54,7 @@ struct SurfaceWorkspace {
   Array<double> sums;               ///< [kSurfaceSums]
 };
 
-/// The terms of the sums. @param sums [kSurfaceSums] @param pixels of the first view
+/// The terms of the loss, given the sums. @param sums [kSurfaceSums] @param pixels of the first view
 inline SurfaceLossParts surface_loss_parts(const double* sums, const SurfaceTerms& terms, std::size_t pixels) {
   const auto mean = [](double sum, double count) { return count > 0 ? sum / count : 0.0; };
   return {static_cast<double>(terms.normal_weight) * mean(sums[kNormalSum], static_cast<double>(pixels)),

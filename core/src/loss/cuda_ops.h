@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The operations of this folder on a CUDA device, as the public functions call them, which have checked the
-/// arguments. Each is defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
+/// @file CUDA implementations of this folder's operations, called by the public functions, which check the arguments.
+/// Each is defined in the .cu file of its name; a build without CUDA compiles cuda_absent.cpp instead.
 #pragma once
 
 #include <cstddef>
@@ -16,26 +16,26 @@
 
 namespace splatboost::cuda {
 
-/// A loss as the device computes it.
+/// Sums of a loss, as computed on the device.
 struct LossTotals {
   double l1;            ///< Σ |difference|
   double ssim;          ///< Σ SSIM
-  double counted;       ///< pixels
-  double lambda_dssim;  ///< that the call was given
+  double counted;       ///< number of valid pixels
+  double lambda_dssim;  ///< as passed to the call
 };
 
-/// Losses on their way to the host, in the order of the calls.
+/// Losses being copied to the host, in the order of the calls.
 class PendingLosses {
  public:
   explicit PendingLosses(CudaStream& stream);
   ~PendingLosses();
-  /// kCapacity are under way: the oldest must be waited for before another is sent.
+  /// kCapacity losses are pending: wait() for the oldest is required before the next send().
   bool is_full() const;
-  /// Starts the way of one. Does not wait.
+  /// Starts copying a loss. Does not wait.
   void send(const DeviceArray<double>& totals, float lambda_dssim);
-  /// The oldest that was not taken yet, if it has arrived.
+  /// Takes the oldest pending loss, if it has arrived.
   std::optional<LossTotals> take();
-  /// Waits for the oldest that was not taken yet; there must be one.
+  /// Waits for the oldest pending loss and takes it; there must be one.
   LossTotals wait();
 
   static constexpr std::size_t kCapacity = 64;  ///< more iterations than the driver lets the host run ahead
@@ -45,22 +45,22 @@ class PendingLosses {
   std::unique_ptr<State> state_;
 };
 
-/// What the loss keeps from call to call.
+/// Workspace of the loss, kept between calls.
 struct PhotometricWorkspace {
   explicit PhotometricWorkspace(CudaStream& stream)
       : derivatives(stream), sums(stream), totals(stream), losses(stream) {}
 
-  DeviceArray<float> derivatives;  ///< [3,3,H,W] of SSIM by means, squares and products
-  DeviceArray<double> sums;        ///< of each tile
+  DeviceArray<float> derivatives;  ///< [3,3,H,W] of SSIM with respect to means, squares and products
+  DeviceArray<double> sums;        ///< per tile
   DeviceArray<double> totals;
   PendingLosses losses;
 };
 
-/// Sends the loss on its way. Does not wait.
+/// Enqueues the loss and its gradient, and sends the loss to workspace.losses. Does not wait.
 void photometric(std::span<const float> render, const TruthImage& truth, float lambda_dssim, std::span<float> gradient,
                  PhotometricWorkspace& workspace, CudaStream& stream);
 
-/// As splatboost::ssim(). @param border pixels at the planes' edges without a window
+/// As splatboost::ssim(). @param border width of the planes' margin without windows, px
 void ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, int border,
           std::span<float> gradient, std::span<double> mean, CudaSsimWorkspace& workspace);
 
@@ -70,7 +70,7 @@ struct ErrorCounts {
   std::size_t covered = 0;  ///< valid, with an error above `no_error`
 };
 
-/// As splatboost::flag_errors(). Waits.
+/// As splatboost::flag_errors(). Waits for the device.
 ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, float tau, float no_error,
                         std::span<float> error, std::span<std::uint8_t> flagged, CudaStream& stream);
 

@@ -7,9 +7,9 @@
 namespace splatboost::cuda {
 namespace {
 
-constexpr float kEpsilon = 1e-8f;  // of the CPU's min-max division
+constexpr float kEpsilon = 1e-8f;  // as in the min-max division of error_map_cpu.cpp
 
-/// What the kernels of one view tell each other. Errors are not negative, so their bits are in their order.
+/// Intermediate results of the kernels of one view. Errors are not negative, so their bits compare as integers.
 struct ErrorStatistics {
   unsigned low_bits, high_bits;
   unsigned flagged, valid, covered;
@@ -17,7 +17,7 @@ struct ErrorStatistics {
 
 __global__ void begin_kernel(DeviceView<ErrorStatistics> statistics) { statistics[0] = {0xffffffffu, 0u, 0u, 0u, 0u}; }
 
-/// Counts the lanes that hold, one atomic a warp. All 32 lanes call it.
+/// Counts the lanes for which `holds` is true, with one atomic per warp. All 32 lanes must call it.
 __device__ void count(bool holds, unsigned* into) {
   const unsigned lanes = __ballot_sync(0xffffffffu, holds);
   if (threadIdx.x % 32 == 0 && lanes != 0) atomicAdd(into, static_cast<unsigned>(__popc(lanes)));
@@ -62,7 +62,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   ErrorStatistics& s = statistics[0];
   const float low = __uint_as_float(s.low_bits), high = __uint_as_float(s.high_bits);
   bool flag = false;
-  // Bits of "none found" are NaN: no range, and no flag.
+  // If no error was found, low is still the bits of a NaN: the comparison fails and nothing is flagged.
   if (p < flagged.size()) {
     const bool counts = valid.empty() || valid[p] != 0;
     flag = high > low && counts && error[p] - low > tau * (high - low + kEpsilon);

@@ -11,7 +11,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "loss/photometric_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "device/lanes-inl.h"
@@ -21,12 +21,12 @@
 #define SPLATBOOST_PHOTOMETRIC_JOB_
 namespace splatboost {
 
-/// One channel of the images and what is wanted of it; all [H,W].
+/// One channel of the images, and its outputs; all [H,W].
 struct PhotometricJob {
   std::size_t width, height;
   const float* render;
   const std::uint8_t* truth;
-  const std::uint8_t* valid;  ///< null: all
+  const std::uint8_t* valid;  ///< null: all are valid
   float* gradient;            ///< null: value only
   float l1_weight;            ///< d total / d |render − truth| of one pixel
   float ssim_weight;          ///< d total / d SSIM of one pixel
@@ -34,8 +34,8 @@ struct PhotometricJob {
 
 inline constexpr std::size_t kHalo = kSsimRadius;
 inline constexpr std::size_t kWindow = 2 * kHalo + 1;
-/// A block of an image that is handled at a time, from the pixels to the gradient: narrow enough that the window's
-/// eleven rows of all that is blurred stay in the first cache, high enough that the halo above and below is cheap.
+/// Size of the blocks in which an image is processed, from the pixels to the gradient: narrow enough that the window's
+/// eleven rows of all blurred quantities stay in the L1 cache, high enough that the halo above and below is cheap.
 inline constexpr std::size_t kBlockColumns = 96;
 inline constexpr std::size_t kBlockRows = 256;
 /// Columns where SSIM's derivatives are needed: the block's and its halo, in whole vectors.
@@ -98,16 +98,16 @@ HWY_INLINE void blur_row(const float* HWY_RESTRICT padded, std::size_t columns, 
   }
 }
 
-/// A stretch of a row that begins `before` columns before the block, of which the columns within the image are copied.
+/// A stretch of a row that begins `before` columns before the block. Only its columns within the image are copied.
 struct Stretch {
-  std::size_t first, count, offset;  ///< of the image, and where they go
+  std::size_t first, count, offset;  ///< columns [first, first + count) of the image go to `offset`
   Stretch(const BlockRange& block, std::size_t width, std::size_t before, std::size_t columns)
       : first(block.x0 < before ? 0 : block.x0 - before), offset(before + first - block.x0) {
     count = std::min(width - first, columns - offset);
   }
 };
 
-/// Truth and render of one row as floats, zero outside the image; where a pixel is not valid the render reads as truth.
+/// Loads truth and render of one row as floats, zero outside the image; where a pixel is not valid, render = truth.
 template <std::size_t kColumns>
 void load_pixels(const PhotometricJob& job, std::size_t y, const Stretch& stretch, float (&render)[kColumns],
                  float (&truth)[kColumns]) {
@@ -128,7 +128,7 @@ void load_pixels(const PhotometricJob& job, std::size_t y, const Stretch& stretc
   }
 }
 
-/// 1 where a pixel of a row counts, 0 where it does not or lies outside the image.
+/// Sets counts to 1 where a pixel of a row is valid, 0 where it is not or lies outside the image.
 template <std::size_t kColumns>
 void load_counts(const PhotometricJob& job, std::size_t y, const Stretch& stretch, float (&counts)[kColumns]) {
   std::fill_n(counts, kColumns, 0.0f);
@@ -146,7 +146,7 @@ HWY_INLINE double sum_of(Float a) {
   return sum;
 }
 
-/// A sum of many numbers: lanes add up a few rows, then go into a double.
+/// A sum of many numbers: the lanes accumulate a few rows, and are then added to a double.
 struct LaneSum {
   static constexpr int kRows = 16;
   Float lanes_sum;
@@ -167,12 +167,12 @@ struct LaneSum {
 };
 
 /// Value and gradient of one block of one channel, in one sweep down the rows: pixels are blurred along x; five rows
-/// later, along y, which gives SSIM and its derivatives; these are blurred in turn, the window being its own adjoint,
-/// and five rows later still the gradient is known.
+/// later, along y, which gives SSIM and its derivatives; these are blurred in turn (the window is its own adjoint),
+/// which gives the gradient another five rows later.
 void photometric_block(const PhotometricJob& job, const BlockRange& block, PhotometricSums& sums) {
   enum : std::size_t { kRender, kTruth, kSquares, kProduct, kQuantities };
   alignas(64) float pixels[kQuantities][kPixelColumns] = {};
-  alignas(64) float derivatives[3][kMapColumns + 16] = {};           // of means, squares, products
+  alignas(64) float derivatives[3][kMapColumns + 16] = {};           // by means, squares, products
   alignas(64) float counts[kMapColumns], own_counts[kBlockColumns];  // 1 where a pixel counts, else 0
   BlurredRows<kQuantities, kMapColumns> blurred;
   BlurredRows<3, kBlockColumns> blurred_derivatives;
@@ -180,7 +180,7 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
   const Stretch map_stretch(block, job.width, kHalo, kMapColumns);
   const Stretch block_stretch(block, job.width, 0, kBlockColumns);
   const bool wants_gradient = job.gradient != nullptr;
-  // Without a gradient the derivatives' rows are not needed, nor the halo that they need.
+  // Without a gradient, the rows of derivatives and their halo are not needed.
   const std::size_t above = wants_gradient ? 2 * kHalo : kHalo;
   const std::size_t map_columns = kHalo + block.columns + kHalo;
   const Float zero(0.0f), l1_weight(job.l1_weight), ssim_weight(job.ssim_weight);
@@ -192,7 +192,7 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
   }
 
   for (std::size_t r = 0; r < block.rows + 2 * above; ++r) {
-    const std::size_t y = block.y0 + r - above;  // wraps below zero, and is then beyond the height as well
+    const std::size_t y = block.y0 + r - above;  // unsigned: wraps below zero, and then exceeds the height too
     if (y >= job.height) {
       for (std::size_t q = 0; q < kQuantities; ++q) std::fill_n(blurred.slot(q, r), kMapColumns, 0.0f);
     } else {
@@ -204,7 +204,7 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
         store(a * a + b * b, pixels[kSquares] + x);
         store(a * b, pixels[kProduct] + x);
       }
-      if (r >= above && r < above + block.rows) {  // truth and render agree where they do not count
+      if (r >= above && r < above + block.rows) {  // pixels that are not valid add 0: render = truth
         std::size_t x = 2 * kHalo;
         const std::size_t last = x + block.columns;
         for (; x + lanes() <= last; x += lanes()) l1.add(abs_of(load(render + x) - load(truth + x)));
@@ -298,8 +298,8 @@ struct Photometric::State {
     if (device.is_cuda()) workspace = std::make_unique<cuda::PhotometricWorkspace>(device.stream());
   }
   Device device;
-  std::unique_ptr<cuda::PhotometricWorkspace> workspace;  ///< of a CUDA device
-  std::optional<PhotometricLoss> newest;  ///< that came back from there, or the first that was not finite
+  std::unique_ptr<cuda::PhotometricWorkspace> workspace;  ///< only on a CUDA device
+  std::optional<PhotometricLoss> newest;  ///< newest loss from that device, or the first that was not finite
   std::vector<PhotometricSums> sums;
 };
 

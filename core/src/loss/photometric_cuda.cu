@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The loss in three kernels: SSIM's values and derivatives of each tile of pixels; the sums of the tiles; the gradient,
-// which blurs the derivatives once more, the window being its own adjoint.
+// which blurs the derivatives once more (the window is its own adjoint).
 #include <array>
 
 #include "device/readbacks.h"
@@ -21,7 +21,7 @@ __global__ void __launch_bounds__(kSsimThreads)
   const SsimTilePixel pixel;
   const std::size_t pixels = size.pixels(), channel = blockIdx.z;
 
-  // Zero outside the image; where a pixel is not valid the render reads as truth.
+  // Zero outside the image; where a pixel is not valid, render = truth.
   for_tile_pixels([&](int k, int x, int y) {
     float a = 0, b = 0;
     if (size.holds(x, y)) {
@@ -72,7 +72,7 @@ __global__ void __launch_bounds__(kSsimThreads)
     __syncthreads();
     sums[q] = blurred(map, rows, pixel);
   }
-  if (threadIdx.x == 0) {  // most GPUs take long for numbers of double precision
+  if (threadIdx.x == 0) {  // one thread per block: double precision is slow on most GPUs
     const double samples = 3.0 * totals[2], lambda = static_cast<double>(lambda_dssim);
     weights.set(0, static_cast<float>((1.0 - lambda) / samples));
     weights.set(1, static_cast<float>(-lambda / samples));
@@ -82,7 +82,7 @@ __global__ void __launch_bounds__(kSsimThreads)
   const std::size_t p = size.at(pixel.x, pixel.y), at = channel * pixels + p;
   const bool counts = valid.empty() || valid[p] != 0;
   float result = 0;
-  if (counts) {  // so there are samples
+  if (counts) {  // so the number of samples is not 0
     const float l1_weight = weights.get(0);
     const float a = render[at], b = static_cast<float>(truth[at]) * (1.0f / 255.0f);
     const float sign = a > b ? l1_weight : a < b ? -l1_weight : 0.0f;
@@ -101,7 +101,7 @@ struct PendingLosses::State {
   }
 
   Readbacks<std::array<double, kTotals>, kCapacity> totals;
-  std::array<double, kCapacity> lambdas{};  ///< that the calls were given
+  std::array<double, kCapacity> lambdas{};  ///< as passed to the calls
   std::size_t sent = 0, taken = 0;
 };
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Structural similarity of one pixel (Wang et al. 2004) and its derivatives. Numbers are of any kind T (see
+/// @file Structural similarity of one pixel (Wang et al. 2004) and its derivatives. T is any type of number (see
 /// host_device.h).
 
 #if defined(SPLATBOOST_PHOTOMETRIC_MATH_H_) == defined(HWY_TARGET_TOGGLE)
@@ -17,7 +17,7 @@ SPLATBOOST_MATH_BEGIN
 template <class T>
 struct SsimPixel {
   T value;
-  T d_mean;     ///< d value / d E[x], E[x²] and E[xy] held
+  T d_mean;     ///< d value / d E[x], with E[x²] and E[xy] held constant
   T d_square;   ///< d value / d E[x²]
   T d_product;  ///< d value / d E[xy]
 };

@@ -9,7 +9,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "loss/ssim_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "device/lanes-inl.h"
@@ -20,19 +20,19 @@
 namespace splatboost {
 
 inline constexpr std::size_t kSsimHalo = kSsimRadius;
-/// Rows of a plane that are handled at a time: enough that the rows above and below which they need weigh little.
+/// Rows of a plane that are processed at a time: enough that the cost of the halo above and below is small.
 inline constexpr std::size_t kSsimStrip = 64;
 /// Floats that a vector at the end of a row may read beyond it.
 inline constexpr std::size_t kSsimSlack = kTileSize;
 
-/// Rows [y0, y0 + rows) of a plane, and what is wanted of them.
+/// Rows [y0, y0 + rows) of a plane, and their outputs.
 struct SsimStrip {
   std::size_t width, height;
   const float* image;
   const float* truth;
   float* gradient;  ///< null: value only
   std::size_t y0, rows;
-  std::size_t border;  ///< pixels at the plane's edges without a window
+  std::size_t border;  ///< width of the plane's margin without windows, px
   float weight;        ///< d mean / d SSIM of one window
 };
 
@@ -43,7 +43,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// Rows of floats that begin at a plane's row `first` and may begin before it, where they are zero.
+/// Rows of floats, of which the first is row `first` of a plane; rows above the plane (`first` < 0) are zero.
 struct Rows {
   std::ptrdiff_t first;
   std::size_t stride;
@@ -54,7 +54,7 @@ struct Rows {
   float* row(std::ptrdiff_t y) { return values.data() + static_cast<std::size_t>(y - first) * stride; }
 };
 
-/// to[x] = Σ_k window[k]·from[x + k − 5]; from has five zeros before and behind it.
+/// to[x] = Σ_k window[k]·from[x + k − 5]; from must have five zeros before and after it.
 void blur_along_x(const float* from, std::size_t width, float* to) {
   for (std::size_t x = 0; x < width; x += lanes()) {
     const float* centre = from + x;
@@ -81,7 +81,7 @@ double ssim_strip(const SsimStrip& strip) {
   const auto height = static_cast<std::ptrdiff_t>(strip.height);
   const std::size_t width = strip.width, stride = width + kSsimSlack;
   const bool wants_gradient = strip.gradient != nullptr;
-  // The gradient of a row needs the derivatives of windows five rows away, and these the pixels of five more.
+  // The gradient of a row needs the derivatives of windows up to five rows away, which need the pixels of five more.
   const std::ptrdiff_t reach = wants_gradient ? halo : 0;
   const auto map_rows = static_cast<std::size_t>(rows + 2 * reach);
 
@@ -125,7 +125,7 @@ double ssim_strip(const SsimStrip& strip) {
       for (std::size_t x = left; x < right; ++x) sum += static_cast<double>(values[x]);
     }
     if (!wants_gradient) continue;
-    for (std::vector<float>& p : padded) {  // no window there
+    for (std::vector<float>& p : padded) {  // no windows in the margin
       std::fill(p.begin(), p.begin() + static_cast<std::ptrdiff_t>(kSsimHalo + left), 0.0f);
       std::fill(p.begin() + static_cast<std::ptrdiff_t>(kSsimHalo + right), p.end(), 0.0f);
     }
@@ -162,7 +162,7 @@ namespace splatboost {
 namespace {
 HWY_EXPORT(ssim_strip);
 
-/// Checks the shapes. @return pixels at the planes' edges without a window
+/// Checks the shapes. @return width of the planes' margin without windows, px
 int checked_border(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths,
                    SsimPadding padding, std::span<const float> gradient) {
   SPLATBOOST_CHECK(planes.count > 0 && planes.width > 0 && planes.height > 0,
@@ -173,7 +173,7 @@ int checked_border(const SsimPlanes& planes, std::span<const float> images, std:
   SPLATBOOST_CHECK(gradient.empty() || gradient.size() == size, "gradient must be empty or [count,H,W]");
   const int border = padding == SsimPadding::valid ? kSsimRadius : 0;
   SPLATBOOST_CHECK(planes.width > 2 * border && planes.height > 2 * border,
-                   "an image of width or height below 11 holds no window: take padding \"same\"");
+                   "an image of width or height below 11 contains no window: use padding \"same\"");
   return border;
 }
 }  // namespace

@@ -5,7 +5,7 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Planes, and the pixels at their edges that have no window.
+/// Size of the planes, and the width of their margin without windows, px.
 struct SsimImage {
   ImageSize size;
   int border;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file SSIM of tiles of pixels, a block a tile and a thread a pixel: what the photometric loss and ssim() share on a
-/// GPU. For .cu files.
+/// @file SSIM of tiles of pixels, one block per tile and one thread per pixel: shared by the photometric loss and
+/// ssim() on a GPU. For .cu files.
 #pragma once
 
 #include "device/device_view.h"
@@ -23,7 +23,7 @@ struct ImageSize {
   }
 };
 
-/// A block a tile of each plane.
+/// One block per tile and plane.
 inline dim3 ssim_blocks(int width, int height, std::size_t planes) {
   const auto tiles = [](int length) { return static_cast<unsigned>((length + kSsimTile - 1) / kSsimTile); };
   return dim3(tiles(width), tiles(height), static_cast<unsigned>(planes));
@@ -40,7 +40,7 @@ using TilePixels = SharedArray<float, kSsimSide * kSsimSide>;
 using TileRows = SharedArray<float, kSsimSide * kSsimTile>;
 using WarpSums = SharedArray<float, kSsimThreads / 32>;
 
-/// Calls body(k, x, y) for each pixel k of the tile with its halo, at (x, y) of the image; the threads share them.
+/// Calls body(k, x, y) for each pixel k of the tile with its halo, at (x, y) of the image; divided among the threads.
 template <class Body>
 __device__ void for_tile_pixels(Body body) {
   for (int k = static_cast<int>(threadIdx.x); k < kSsimSide * kSsimSide; k += kSsimThreads) {
@@ -57,14 +57,14 @@ __device__ void for_tile_rows(Body body) {
   }
 }
 
-/// Of a row or column of the window, 0 .. 10. In unrolled loops it is a constant.
+/// Weight of row or column k, 0 .. 10, of the window. A constant in unrolled loops.
 __device__ inline float window_weight(int k) {
   constexpr float kWeights[] = {kSsimWindow[0], kSsimWindow[1], kSsimWindow[2],
                                 kSsimWindow[3], kSsimWindow[4], kSsimWindow[5]};
   return kWeights[k <= kSsimRadius ? k : 2 * kSsimRadius - k];
 }
 
-/// Σ along y of rows that were blurred along x.
+/// Blurs along y the rows that were blurred along x.
 __device__ inline float blur_down(const TileRows& rows, const SsimTilePixel& pixel) {
   float sum = 0;
 #pragma unroll
@@ -74,7 +74,7 @@ __device__ inline float blur_down(const TileRows& rows, const SsimTilePixel& pix
   return sum;
 }
 
-/// Blurs a map; at the end no thread reads it any more. The window is its own adjoint.
+/// Blurs a map. When it returns, no thread reads the map any more. The window is its own adjoint.
 __device__ inline float blurred(const TilePixels& map, TileRows& rows, const SsimTilePixel& pixel) {
   for_tile_rows([&](int k, int from) {
     float sum = 0;
@@ -111,7 +111,7 @@ __device__ inline SsimPixel<float> ssim_of_tile(const TilePixels& renders, const
                     blur_down(rows[3], pixel));
 }
 
-/// Sum over the block in a fixed order, known to the first thread.
+/// Sum over the block in a fixed order; only the first thread gets it.
 __device__ inline double block_sum(float value, WarpSums& warps) {
   const float sum = warp_sum(value);
   const int thread = static_cast<int>(threadIdx.x);
@@ -125,12 +125,12 @@ __device__ inline double block_sum(float value, WarpSums& warps) {
   return total;
 }
 
-/// The block's number in the grid: where its sums go.
+/// Index of the block in the grid: where its sums are stored.
 __device__ inline std::size_t block_number() {
   return (static_cast<std::size_t>(blockIdx.z) * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x;
 }
 
-/// One block adds up the blocks' sums, `Quantities` of each, in a fixed order.
+/// Adds up the sums of all blocks, `Quantities` per block, in a fixed order. Launched with one block.
 template <int Quantities>
 __global__ void __launch_bounds__(kSsimThreads)
     sum_blocks_kernel(DeviceView<const double> sums, double factor, DeviceView<double> totals) {

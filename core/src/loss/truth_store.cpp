@@ -13,16 +13,16 @@ namespace {
 
 std::size_t bytes_of(const TruthImage& image) { return image.color.size() + image.valid.size(); }
 
-/// The image whose pixels lie at `at`, its mask behind them.
+/// A view of the image whose pixels are stored at `at`, followed by its mask.
 TruthImage image_at(const TruthImage& image, const std::uint8_t* at) {
   return {image.width, image.height, {at, image.color.size()}, {at + image.color.size(), image.valid.size()}};
 }
 
 struct OnCuda {
   explicit OnCuda(CudaStream& stream) : kept(stream), uploaded(stream), uploads(stream) {}
-  DeviceArray<std::uint8_t> kept;      ///< the first images, one behind the other
-  std::vector<std::size_t> places;     ///< of each of them there
-  DeviceArray<std::uint8_t> uploaded;  ///< one of the others
+  DeviceArray<std::uint8_t> kept;      ///< the first images, contiguous
+  std::vector<std::size_t> places;     ///< offset of each of them in kept
+  DeviceArray<std::uint8_t> uploaded;  ///< the image requested last that is not kept
   cuda::PinnedUploads uploads;
 };
 
@@ -64,7 +64,7 @@ TruthImage TruthStore::get(std::size_t image) {
   const TruthImage& truth = s.images[image];
   if (!s.cuda) return truth;
   if (image < s.cuda->places.size()) return image_at(truth, s.cuda->kept.data() + s.cuda->places[image]);
-  // What reads the one before comes earlier in the stream.
+  // The previous image may be overwritten: its readers come earlier in the stream.
   s.cuda->uploads.upload(truth.color, truth.valid, s.cuda->uploaded.data());
   return image_at(truth, s.cuda->uploaded.data());
 }

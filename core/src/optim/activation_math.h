@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Derivatives of activations, by their values.
+/// @file Derivatives of activations, as functions of their values.
 #pragma once
 
 #include "device/host_device.h"

@@ -8,7 +8,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "optim/activations_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "device/lanes-inl.h"
@@ -17,7 +17,7 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// Calls function on whole vectors; the last may hold fewer numbers than it has lanes.
+/// Applies function to whole vectors; the last one is padded with zeros.
 template <class Function>
 HWY_INLINE void map(const float* HWY_RESTRICT from, float* HWY_RESTRICT to, std::size_t n, const Function& function) {
   std::size_t i = 0;
@@ -50,7 +50,7 @@ constexpr std::size_t kGrain = 1 << 13;
 }  // namespace
 
 void exponentials(std::span<const float> from, std::span<float> to, Device device) {
-  SPLATBOOST_CHECK(from.size() == to.size(), "from and to must be of one size");
+  SPLATBOOST_CHECK(from.size() == to.size(), "from and to must have the same size");
   if (device.is_cuda()) return cuda::exponentials(from, to, device.stream());
   device.threads().for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(exponentials_range)(from.data() + begin, to.data() + begin, end - begin);
@@ -58,7 +58,7 @@ void exponentials(std::span<const float> from, std::span<float> to, Device devic
 }
 
 void sigmoids(std::span<const float> from, std::span<float> to, Device device) {
-  SPLATBOOST_CHECK(from.size() == to.size(), "from and to must be of one size");
+  SPLATBOOST_CHECK(from.size() == to.size(), "from and to must have the same size");
   if (device.is_cuda()) return cuda::sigmoids(from, to, device.stream());
   device.threads().for_range(from.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(sigmoids_range)(from.data() + begin, to.data() + begin, end - begin);
@@ -70,7 +70,7 @@ void exponential_gradients(std::span<const float> exponentials, std::span<float>
 }
 
 void sigmoid_gradients(std::span<const float> sigmoids, std::span<float> gradients, Device device) {
-  SPLATBOOST_CHECK(sigmoids.size() == gradients.size(), "sigmoids and gradients must be of one size");
+  SPLATBOOST_CHECK(sigmoids.size() == gradients.size(), "sigmoids and gradients must have the same size");
   if (device.is_cuda()) return cuda::sigmoid_gradients(sigmoids, gradients, device.stream());
   device.threads().for_range(gradients.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) gradients[i] *= sigmoid_slope(sigmoids[i]);

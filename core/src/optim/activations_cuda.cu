@@ -8,7 +8,7 @@
 namespace splatboost::cuda {
 namespace {
 
-constexpr float kLargestExponent = 88.0f;  // e to it is still a float
+constexpr float kLargestExponent = 88.0f;  // its exponential is still finite
 
 __global__ void __launch_bounds__(kBlockThreads)
     exponentials_kernel(DeviceView<const float> from, DeviceView<float> to) {

@@ -9,7 +9,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "optim/adam_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -39,7 +39,7 @@ void adam_step(std::span<float> values, std::span<float> gradients, std::span<fl
                std::span<float> second_moments, std::int64_t step, const AdamOptions& options, Device device) {
   const std::size_t n = values.size();
   SPLATBOOST_CHECK(gradients.size() == n && first_moments.size() == n && second_moments.size() == n,
-                   "values, gradients and moments must be of one size");
+                   "values, gradients and moments must have the same size");
   SPLATBOOST_CHECK(step >= 1, "steps count from 1");
   if (device.is_cuda()) {
     return cuda::adam_step(values, gradients, first_moments, second_moments, step, options, device.stream());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Adam's update of one number.
+/// @file Adam's update of one parameter.
 #pragma once
 
 #include <cmath>
@@ -10,7 +10,7 @@
 
 namespace splatboost {
 
-/// What all numbers of one step share.
+/// Factors shared by all parameters of one step.
 struct AdamFactors {
   float beta1, beta2;
   float step_size;          ///< learning rate / (1 − β1^t)

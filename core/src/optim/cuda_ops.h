@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The operations of this folder on a CUDA device, as the public functions call them, which have checked the
-/// arguments. Each is defined in the .cu file of its name; a build without CUDA has cuda_absent.cpp in their place.
+/// @file CUDA implementations of this folder's operations, called by the public functions, which check the arguments.
+/// Each is defined in the .cu file of its name; a build without CUDA compiles cuda_absent.cpp instead.
 #pragma once
 
 #include <cstddef>
@@ -27,13 +27,13 @@ void add_products(std::span<const float> values, std::span<const float> factors,
 void clamp_above(std::span<float> values, float bound, CudaStream& stream);
 void clear_from(std::span<const float> values, float bound, std::span<float> gradients, CudaStream& stream);
 
-/// @param kept factor of those that are not dropped
+/// @param kept factor of elements that are not dropped
 void dropout_factors(const RandomStream& random, double rate, float kept, std::span<float> factors, CudaStream& stream);
 
 void adam_step(std::span<float> values, std::span<float> gradients, std::span<float> first_moments,
                std::span<float> second_moments, std::int64_t step, const AdamOptions& options, CudaStream& stream);
 
-/// Row i of `to` becomes row rows[i] of `from`.
+/// Copies row rows[i] of `from` to row i of `to`.
 void gather_rows(std::span<const float> from, std::size_t width, std::span<const std::uint32_t> rows,
                  std::span<float> to, CudaStream& stream);
 

@@ -27,14 +27,14 @@ void scale(std::span<float> values, float factor, Device device) {
 
 void multiply(std::span<const float> values, std::span<const float> factors, std::span<float> products, Device device) {
   const std::size_t n = values.size();
-  SPLATBOOST_CHECK(factors.size() == n && products.size() == n, "values, factors and products must be of one size");
+  SPLATBOOST_CHECK(factors.size() == n && products.size() == n, "values, factors and products must have the same size");
   if (device.is_cuda()) return cuda::multiply(values, factors, products, device.stream());
   for_each(n, device.threads(), [&](std::size_t i) { products[i] = values[i] * factors[i]; });
 }
 
 void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums, Device device) {
   const std::size_t n = values.size();
-  SPLATBOOST_CHECK(factors.size() == n && sums.size() == n, "values, factors and sums must be of one size");
+  SPLATBOOST_CHECK(factors.size() == n && sums.size() == n, "values, factors and sums must have the same size");
   if (device.is_cuda()) return cuda::add_products(values, factors, sums, device.stream());
   for_each(n, device.threads(), [&](std::size_t i) { sums[i] += values[i] * factors[i]; });
 }
@@ -45,7 +45,7 @@ void clamp_above(std::span<float> values, float bound, Device device) {
 }
 
 void clear_from(std::span<const float> values, float bound, std::span<float> gradients, Device device) {
-  SPLATBOOST_CHECK(gradients.size() == values.size(), "values and gradients must be of one size");
+  SPLATBOOST_CHECK(gradients.size() == values.size(), "values and gradients must have the same size");
   if (device.is_cuda()) return cuda::clear_from(values, bound, gradients, device.stream());
   for_each(values.size(), device.threads(), [&](std::size_t i) {
     if (values[i] >= bound) gradients[i] = 0;

@@ -11,14 +11,14 @@ namespace {
 
 void check_tensor(std::size_t size, std::size_t width) {
   SPLATBOOST_CHECK(width > 0, "width must be above 0");
-  SPLATBOOST_CHECK(size % width == 0, "tensor must hold whole rows of width");
+  SPLATBOOST_CHECK(size % width == 0, "tensor must contain whole rows of the given width");
 }
 
 std::vector<float> gathered_rows(std::span<const float> from, std::size_t width, std::span<const std::uint32_t> rows) {
   std::vector<float> gathered;
   gathered.reserve(width * rows.size());
   for (const std::size_t row : rows) {
-    SPLATBOOST_CHECK(width * (row + 1) <= from.size(), "rows must name rows that exist");
+    SPLATBOOST_CHECK(width * (row + 1) <= from.size(), "rows must contain existing row numbers");
     const auto begin = from.begin() + static_cast<std::ptrdiff_t>(row * width);
     gathered.insert(gathered.end(), begin, begin + static_cast<std::ptrdiff_t>(width));
   }
@@ -63,7 +63,7 @@ void append_rows(Array<float>& tensor, std::size_t width, std::span<const std::u
   check_tensor(tensor.size(), width);
   if (!tensor.is_cuda()) return append_rows_of(tensor, width, rows, tensor);
   const std::size_t before = tensor.size();
-  tensor.resize(before + width * rows.size());  // may move the rows: they are read where they are afterwards
+  tensor.resize(before + width * rows.size());  // may reallocate: the rows are read from the new buffer
   cuda::gather_rows(tensor.span().first(before), width, rows, tensor.span().subspan(before), tensor.cuda().stream());
 }
 
@@ -78,7 +78,7 @@ void append_zero_rows(Array<float>& tensor, std::size_t width, std::size_t count
 
 void remove_rows(std::vector<float>& tensor, std::size_t width, std::span<const std::uint8_t> removed) {
   check_tensor(tensor.size(), width);
-  SPLATBOOST_CHECK(tensor.size() == width * removed.size(), "removed must have one byte a row");
+  SPLATBOOST_CHECK(tensor.size() == width * removed.size(), "removed must have one byte per row");
   tensor = gathered_rows(tensor, width, kept_rows(removed));
 }
 

@@ -39,14 +39,13 @@ void mean_squared_neighbor_distances(std::span<const float> points, int k, std::
   if (n == 0) return;
   const Points adaptor{points};
   const Tree tree(3, adaptor);
-  const std::size_t wanted = static_cast<std::size_t>(k) + 1;  // the point finds itself first
+  const std::size_t wanted = static_cast<std::size_t>(k) + 1;  // plus the point itself, which is found first
   device.threads().for_range(n, 256, [&](std::size_t begin, std::size_t end) {
     std::vector<std::uint32_t> indices(wanted);
     std::vector<float> squared(wanted);
     for (std::size_t i = begin; i < end; ++i) {
       const std::size_t found = tree.knnSearch(&points[3 * i], wanted, indices.data(), squared.data());
-      // Among coincident points the search may name another one in place of the point itself; its distance is the same
-      // 0.
+      // With coincident points the first result may be another point than the query; its distance is 0 as well.
       float sum = 0;
       for (std::size_t j = 1; j < found; ++j) sum += squared[j];
       mean_squared_distances[i] = found > 1 ? sum / static_cast<float>(found - 1) : 0.0f;

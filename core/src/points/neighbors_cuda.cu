@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points are put along a Morton curve, where neighbours are mostly near. Stretches of it have a box each; a point looks
-// into those boxes that are nearer than its k-th neighbour so far.
+// Points are sorted along a Morton curve, so that points close in space are mostly close in the order. Each run of
+// kBoxPoints points has a bounding box; a point searches the boxes that are nearer than its k-th neighbour so far.
 #include "device/device_view.h"
 #include "device/launch.h"
 #include "points/cuda_ops.h"
@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kBoxPoints = 256;
 constexpr float kFar = 3.402823466e38f;
 
-/// Rounded as the CPU's search does it, so that both agree to the last bit.
+/// Rounds as the search on the CPU does, so that both agree to the last bit.
 __device__ float squared_distance(const float* a, DeviceView<const float> points, std::size_t b) {
   float sum = 0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -30,7 +30,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   for (std::size_t axis = 0; axis < 3; ++axis) sorted[3 * i + axis] = points[3 * order[i] + axis];
 }
 
-/// [boxes,6] lowest and highest corner.
+/// Bounding boxes. @param boxes [boxes,6] lowest and highest corner
 __global__ void __launch_bounds__(kBlockThreads) boxes_kernel(DeviceView<const float> sorted, DeviceView<float> boxes) {
   const std::size_t box = element_index();
   if (6 * box >= boxes.size()) return;
@@ -47,7 +47,7 @@ __global__ void __launch_bounds__(kBlockThreads) boxes_kernel(DeviceView<const f
   }
 }
 
-/// The smallest distances so far, ascending.
+/// The smallest squared distances so far, ascending.
 struct Nearest {
   float squared[kMaxNeighbors];
   int k, found;
@@ -78,7 +78,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   look_into(own);
   for (std::size_t box = 0; box < count; ++box) {
     if (box == own) continue;
-    float away = 0;  // rounded as the distances are, so never above that of a point inside
+    float away = 0;  // rounded like the distances, so never above that of a point in the box
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const float low = boxes[6 * box + axis], high = boxes[6 * box + 3 + axis];
       const float beyond = point[axis] < low    ? __fadd_rn(point[axis], -low)

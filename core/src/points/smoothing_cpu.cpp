@@ -14,7 +14,7 @@ constexpr std::size_t kGrain = 1024;
 
 void check_smoothed(const SmoothedGaussians& smoothed, std::size_t n) {
   SPLATBOOST_CHECK(smoothed.scales.size() == 3 * n && smoothed.opacities.size() == n && smoothed.factors.size() == n,
-                   "smoothed scales, opacities and factors must be of N rows");
+                   "smoothed scales, opacities and factors must have N rows");
 }
 
 }  // namespace
@@ -54,7 +54,7 @@ void SmoothingFilters::compute(std::span<const float> means, std::span<float> fi
 void smooth_gaussians(std::span<const float> scales, std::span<const float> opacities, std::span<const float> filters,
                       const SmoothedGaussians& smoothed, Device device) {
   const std::size_t n = opacities.size();
-  SPLATBOOST_CHECK(scales.size() == 3 * n && filters.size() == n, "scales and filters must be of N rows");
+  SPLATBOOST_CHECK(scales.size() == 3 * n && filters.size() == n, "scales and filters must have N rows");
   check_smoothed(smoothed, n);
   if (device.is_cuda()) return cuda::smooth_gaussians(scales, opacities, filters, smoothed, device.stream());
   device.threads().for_range(n, kGrain, [&](std::size_t begin, std::size_t end) {
@@ -73,7 +73,7 @@ void smooth_gaussians_backward(std::span<const float> scales, std::span<const fl
   const std::size_t n = filters.size();
   SPLATBOOST_CHECK(scales.size() == 3 * n && of_smoothed.scales.size() == 3 * n && of_smoothed.opacities.size() == n &&
                        scale_gradients.size() == 3 * n && opacity_gradients.size() == n,
-                   "scales, filters and gradients must be of N rows");
+                   "scales, filters and gradients must have N rows");
   check_smoothed(smoothed, n);
   if (device.is_cuda()) {
     return cuda::smooth_gaussians_backward(scales, filters, smoothed, of_smoothed, scale_gradients, opacity_gradients,

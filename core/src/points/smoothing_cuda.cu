@@ -19,7 +19,7 @@ __global__ void __launch_bounds__(kBlockThreads)
     filter = rate > 0 ? deviation / rate : 0.0f;
     filters[i] = filter;
   }
-  // Bits of floats that are not negative are ordered as the floats are.
+  // Non-negative floats have the same order as their bits.
   const std::uint32_t most = warp_max(__float_as_uint(filter));
   if (threadIdx.x % 32 == 0) atomicMax(&largest[0], most);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file How finely a view samples a point.
+/// @file The sampling rate of a view at a point.
 #pragma once
 
 #include "device/host_device.h"
@@ -8,7 +8,7 @@
 
 namespace splatboost {
 
-/// Focal length / depth, 0 where the view does not see the point.
+/// Focal length / depth, px per world unit; 0 if the view does not see the point.
 SPLATBOOST_HOST_DEVICE float sampling_rate(const Camera& camera, const float (&mean)[3], float margin) {
   float p[3];
   for (int k = 0; k < 3; ++k) {

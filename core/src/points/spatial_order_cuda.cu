@@ -9,7 +9,7 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Bits of a float in the order of its value, so that integer atomics find the smallest and the largest.
+/// Maps a float to an integer of the same order, so that integer atomics find the minimum and the maximum.
 __device__ unsigned ordered_bits(float value) {
   const unsigned bits = __float_as_uint(value);
   return (bits & 0x80000000u) != 0 ? ~bits : bits | 0x80000000u;
@@ -18,7 +18,7 @@ __device__ float from_ordered_bits(unsigned ordered) {
   return __uint_as_float((ordered & 0x80000000u) != 0 ? ordered & 0x7fffffffu : ~ordered);
 }
 
-/// Bounds as ordered bits: three lowest, three highest.
+/// Initialises the bounds. @param bounds ordered bits: three minima, three maxima
 __global__ void begin_kernel(DeviceView<unsigned> bounds) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     bounds[axis] = 0xffffffffu;
@@ -56,7 +56,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   for (std::size_t axis = 0; axis < 3; ++axis) {
     low[axis] = from_ordered_bits(bounds[axis]);
     const double side = static_cast<double>(from_ordered_bits(bounds[3 + axis])) - static_cast<double>(low[axis]);
-    extent = side > extent ? side : extent;  // without a finite point a side is NaN, and of no account
+    extent = side > extent ? side : extent;  // without finite points a side is NaN and is ignored
   }
   const float point[3] = {means[3 * i], means[3 * i + 1], means[3 * i + 2]};
   codes[i] = morton_code(point, low, extent);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Place of a point along a Morton curve.
+/// @file Morton code of a point.
 #pragma once
 
 #include <cstdint>
@@ -8,10 +8,10 @@
 
 namespace splatboost {
 
-inline constexpr double kMortonCells = 1 << 21;  // an axis: far-off points do not throw the others into one cell
-inline constexpr std::uint64_t kMortonLast = ~std::uint64_t{0};  ///< of points that are not finite
+inline constexpr double kMortonCells = 1 << 21;  // per axis: outliers must not collapse the other points into one cell
+inline constexpr std::uint64_t kMortonLast = ~std::uint64_t{0};  ///< code of points that are not finite
 
-/// Spreads 21 bits three apart.
+/// Spreads the lowest 21 bits to every third bit.
 SPLATBOOST_HOST_DEVICE std::uint64_t spread_bits(std::uint64_t bits) {
   bits &= 0x1fffff;
   bits = (bits | bits << 32) & 0x1f00000000ffff;
@@ -21,7 +21,7 @@ SPLATBOOST_HOST_DEVICE std::uint64_t spread_bits(std::uint64_t bits) {
   return (bits | bits << 2) & 0x1249249249249249;
 }
 
-/// @param low corner of the box of all points @param extent its longest side: cells are cubes
+/// @param low lowest corner of the bounding box of all points @param extent its longest side, so that cells are cubes
 SPLATBOOST_HOST_DEVICE std::uint64_t morton_code(const float* point, const float* low, double extent) {
   std::uint64_t code = 0;
   for (int axis = 0; axis < 3; ++axis) {

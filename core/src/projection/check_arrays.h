@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Checks of what callers hand to a rasterizer. All throw ArgumentError that names the array.
+/// @file Checks of the arrays that callers pass to a rasterizer. All throw ArgumentError that names the array.
 #pragma once
 
 #include <cstddef>
@@ -23,7 +23,7 @@ inline void check_optional(std::span<const float> values, std::size_t size, cons
                                                                 std::to_string(values.size()));
 }
 
-/// Spherical harmonics or colours, of Gaussians or of convexes.
+/// Checks the spherical harmonics or colours of Gaussians or of convexes.
 template <class Primitives>
 void check_colors(const Primitives& p) {
   SPLATBOOST_CHECK(p.colors.empty() != p.sh_dc.empty(), "give either spherical harmonics (sh_dc, sh_rest) or colors");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for the .cu files of this folder in a build without CUDA. There is no stream, so none of it is ever called.
+// Replaces the .cu files of this folder in a build without CUDA. Never called, because no CudaStream can be created.
 #include "device/cuda_absent.h"
 #include "projection/cuda_ops.h"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What the stages of the CUDA rasterizer hand to one another for one view: project → tiles → blend → backward.
-/// The counterpart of frame.h.
+/// @file Data that the stages of the CUDA rasterizer share for one view: project → tiles → blend → backward. The
+/// counterpart of frame.h.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,8 @@
 
 namespace splatboost::cuda {
 
-/// What blending reads of a splat, three loads of 16 bytes. The quadratic form is that of log2 α, as in BlendRecord.
+/// The data of a splat that blending reads, in three 16-byte loads. The quadratic form is that of log2 α, as in
+/// BlendRecord.
 struct alignas(16) SplatRecord {
   float mean_x, mean_y;
   float log2_opacity;
@@ -22,7 +23,7 @@ struct alignas(16) SplatRecord {
   float unused;
 };
 
-/// The ellipse of a splat's compact box, as tile_math.h has it.
+/// The ellipse of a splat's compact box: Ellipse of tile_math.h.
 struct alignas(16) SplatEllipse {
   float mean_x, mean_y;
   float conic_xx, conic_xy, conic_yy;
@@ -40,14 +41,15 @@ struct alignas(8) TileEntries {
   std::uint32_t begin, end;
 };
 
-/// Numbers that only the device knows when a frame is enqueued.
+/// Numbers that are known only on the device when the work of a frame is queued.
 struct FrameTotals {
-  std::uint32_t visible;  ///< Gaussians that are listed in a tile
-  std::uint32_t entries;  ///< (tile, Gaussian) pairs; too few where the visible ones outgrew their room
-  std::uint32_t most_visible, most_entries;  ///< of all frames so far
+  std::uint32_t visible;                     ///< Gaussians that are listed in a tile
+  std::uint32_t entries;                     ///< (tile, Gaussian) pairs; too few if visible exceeded visible_room
+  std::uint32_t most_visible, most_entries;  ///< maxima over all frames so far
 };
 
-/// Sums over the pixels of a splat, from which its gradients follow, as in EntryMoments; in a row of kMomentColumns.
+/// Sums over the pixels of a splat, as in EntryMoments, from which its gradients are computed. Columns of a row of
+/// kMomentColumns.
 enum Moment : int {
   kMomentS,
   kMomentSX,
@@ -66,7 +68,7 @@ enum Moment : int {
 inline constexpr int kMomentColumns = 16;
 
 inline constexpr std::uint32_t kTilePixels = kTileSize * kTileSize;
-/// Splats of a tile's list that a warp looks at together.
+/// Number of splats of a tile's list that a warp processes together.
 inline constexpr std::uint32_t kBucketSplats = 32;
 
 /// Workspace of one view.
@@ -78,49 +80,48 @@ struct CudaFrame {
   RasterOptions options;
   ProjectionCamera projection{};
   std::size_t gaussians = 0;
-  int features = 0;            ///< extra channels of the Gaussians that are drawn in this view
-  bool inverse_depth = false;  ///< whether inverse depth is drawn
+  int features = 0;            ///< extra channels per Gaussian that are rendered in this view
+  bool inverse_depth = false;  ///< whether inverse depth is rendered
   int tiles_x = 0, tiles_y = 0;
 
   DeviceArray<SplatRecord> records{stream};        ///< [N]
-  DeviceArray<SplatEllipse> ellipses{stream};      ///< [N] where the box is an ellipse
+  DeviceArray<SplatEllipse> ellipses{stream};      ///< [N] set if the box is an ellipse
   DeviceArray<TileBox> boxes{stream};              ///< [N]
-  DeviceArray<std::uint32_t> tile_counts{stream};  ///< [N] tiles that list the Gaussian
+  DeviceArray<std::uint32_t> tile_counts{stream};  ///< [N] number of tiles that list the Gaussian
   DeviceArray<std::uint8_t> visible{stream};       ///< [N]
   DeviceArray<std::int32_t> radii{stream};         ///< [N]
   DeviceArray<float> channels{stream};             ///< [N, extra_channels()] features, then inverse depth
 
   DeviceArray<std::uint32_t> places{stream};  ///< [N+1] number of visible Gaussians before each
 
-  // Room for more visible Gaussians and entries than there are: their numbers are known on the device only. What is
-  // left over sorts behind all that counts.
+  // Arrays are larger than the numbers of visible Gaussians and entries, which are known only on the device. Unused
+  // elements have keys that sort last.
   std::size_t visible_room = 0, entry_room = 0;
   DeviceArray<std::uint32_t> listed{stream};      ///< [visible_room] Gaussians that are visible, by index
-  DeviceArray<std::uint32_t> depth_keys{stream};  ///< ... their depths' bits
+  DeviceArray<std::uint32_t> depth_keys{stream};  ///< [visible_room] bits of their depths
   DeviceArray<std::uint32_t> depth_keys_swap{stream};
   DeviceArray<std::uint32_t> order{stream};          ///< [visible_room] visible Gaussians, near to far, ties by index
   DeviceArray<std::uint32_t> entry_offsets{stream};  ///< [visible_room + 1] first entry of each, in that order
-  DeviceArray<std::uint32_t> tile_keys{
-      stream};  ///< [entry_room] tiles of the entries, Gaussian by Gaussian, near to far
+  DeviceArray<std::uint32_t> tile_keys{stream};  ///< [entry_room] tile of each entry, grouped by Gaussian, near to far
   DeviceArray<std::uint32_t> tile_keys_swap{stream};
-  DeviceArray<std::uint32_t> entries_swap{stream};  ///< ... their Gaussians
-  DeviceArray<std::uint32_t> entries{stream};       ///< [entry_room] Gaussians, tile by tile, near to far
+  DeviceArray<std::uint32_t> entries_swap{stream};  ///< [entry_room] their Gaussians
+  DeviceArray<std::uint32_t> entries{stream};       ///< [entry_room] Gaussians, grouped by tile, near to far
   DeviceArray<TileEntries> tile_entries{stream};    ///< [T]
   DeviceArray<FrameTotals> totals{stream};          ///< [1]
-  DeviceArray<std::uint8_t> scratch{stream};        ///< CUB's
+  DeviceArray<std::uint8_t> scratch{stream};        ///< scratch memory of CUB
 
   DeviceArray<float> pixels{stream};             ///< [4 + extra_channels(), H, W] blended colour, alpha, extra channels
   DeviceArray<float> moments{stream};            ///< [N, kMomentColumns]
   DeviceArray<float> feature_gradients{stream};  ///< [N, features]
 
-  // For the backward pass that goes by splats: what every pixel of a tile had blended before each bucket of its list.
+  // For CudaBackward::per_splat: the state of every pixel of a tile before each bucket of the tile's list.
   bool keeps_states = false;
   std::size_t bucket_room = 0;
   DeviceArray<std::uint32_t> bucket_offsets{stream};  ///< [T+1] first bucket of a tile
-  DeviceArray<std::uint32_t> bucket_tiles{stream};    ///< [bucket_room]
+  DeviceArray<std::uint32_t> bucket_tiles{stream};    ///< [bucket_room] tile of each bucket
   DeviceArray<float> bucket_states{stream};  ///< [bucket_room, 4 + extra_channels(), 256] transmittance, colour, extra
-  DeviceArray<std::uint32_t> pixel_stops{stream};  ///< [T, 256] entries of the tile that the pixel was open for
-  DeviceArray<std::uint32_t> tile_stops{stream};   ///< [T] the most of these
+  DeviceArray<std::uint32_t> pixel_stops{stream};  ///< [T, 256] entries until the pixel was saturated
+  DeviceArray<std::uint32_t> tile_stops{stream};   ///< [T] maximum of these
 
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
@@ -131,14 +132,14 @@ struct CudaFrame {
 
 /// Fills records, ellipses, boxes, tile_counts, visible, radii and channels. (project_cuda.cu)
 void project(CudaFrame& frame, const Gaussians& gaussians, CudaStream& stream);
-/// Takes moments back to the Gaussians. (project_cuda.cu)
+/// Computes the gradients of the Gaussians from moments. (project_cuda.cu)
 void project_backward(const CudaFrame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       CudaStream& stream);
 /// Fills places and sets totals.visible. (tiles_cuda.cu)
 void count_visible(CudaFrame& frame, CudaStream& stream);
 /// Sorts the first visible_room visible Gaussians by depth and sets totals.entries. (tiles_cuda.cu)
 void sort_by_depth(CudaFrame& frame, CudaStream& stream);
-/// Fills entries, the first entry_room that there are, and tile_entries. (tiles_cuda.cu)
+/// Fills entries, at most entry_room of them, and tile_entries. (tiles_cuda.cu)
 void build_tile_lists(CudaFrame& frame, CudaStream& stream);
 /// Numbers the buckets of the tiles' lists. (tiles_cuda.cu)
 void number_buckets(CudaFrame& frame, CudaStream& stream);
@@ -146,10 +147,10 @@ void number_buckets(CudaFrame& frame, CudaStream& stream);
 void blend(CudaFrame& frame, const RasterImages& images, CudaStream& stream);
 /// Fills moments and feature_gradients. (blend_backward_cuda.cu)
 void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, bool absolute, CudaStream& stream);
-/// Adds flagged pixels to counts. (count_cuda.cu)
+/// Adds the numbers of flagged pixels to counts. (count_cuda.cu)
 void count_flagged_pixels(const CudaFrame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
                           CudaStream& stream);
-/// Adds to counts the pixels where a splat was blended in front of transmittances above `min_transmittance`.
+/// Adds to counts the pixels where a splat was blended while the transmittance was above `min_transmittance`.
 /// (count_cuda.cu)
 void count_observed_pixels(const CudaFrame& frame, float min_transmittance, std::span<std::int32_t> counts,
                            CudaStream& stream);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What the stages of the rasterizer hand to one another for one view: project → tiles → blend → backward.
+/// @file Data that the stages of the CPU rasterizer share for one view: project → tiles → blend → backward.
 #pragma once
 
 #include <cstdint>
@@ -11,22 +11,22 @@
 
 namespace splatboost {
 
-/// What blending reads of a splat, one cache line, at the Gaussian's own index: a tile's splats are neighbours in
-/// space, and where Gaussians are stored in spatial order their records are neighbours too. The quadratic form is that
-/// of log2 α: log2 α(d) = log2_opacity + quadratic_xx·dx² + quadratic_xy·dx·dy + quadratic_yy·dy².
+/// The data of a splat that blending reads: one cache line, at the index of the Gaussian. The splats of a tile are
+/// neighbours in space, so if Gaussians are stored in spatial order their records are neighbours too. The quadratic
+/// form is that of log2 α: log2 α(d) = log2_opacity + quadratic_xx·dx² + quadratic_xy·dx·dy + quadratic_yy·dy².
 struct alignas(64) BlendRecord {
   float mean_x, mean_y;
   float quadratic_xx, quadratic_xy, quadratic_yy;
   float log2_opacity;
-  float ridge;  ///< dx / dy of the line along which a row's α is greatest
+  float ridge;  ///< dx / dy of the line through the maximum of α in each pixel row
   float red, green, blue;
   float depth;
   float unused[5];
 };
 
-/// Sums over the pixels of one (tile, splat) entry, from which the gradients of its splat follow; one cache line.
-/// Written where the splat's sum will read them in a row: a write that misses the cache costs little, a read that does
-/// stalls. s = α·dL/dα.
+/// Sums over the pixels of one (tile, splat) entry, from which the gradients of its splat are computed; one cache line.
+/// Stored by slot, so that the entries of a splat are read sequentially: a write that misses the cache costs little,
+/// but a read that misses stalls. s = α·dL/dα.
 struct alignas(64) EntryMoments {
   float s, s_x, s_y;       ///< Σs, Σs·dx, Σs·dy
   float s_xx, s_xy, s_yy;  ///< Σs·dx², Σs·dx·dy, Σs·dy²
@@ -40,16 +40,16 @@ struct alignas(64) EntryMoments {
 struct Frame : TileLists {
   RasterOptions options;
   ProjectionCamera projection;
-  int features = 0;            ///< extra channels of the Gaussians that are drawn in this view
-  bool inverse_depth = false;  ///< whether inverse depth is drawn
+  int features = 0;            ///< extra channels per Gaussian that are rendered in this view
+  bool inverse_depth = false;  ///< whether inverse depth is rendered
 
   Buffer<BlendRecord> records;   ///< [N]
   Buffer<std::uint8_t> visible;  ///< [N]
   Buffer<std::int32_t> radii;    ///< [N]
   Buffer<float> channels;        ///< [N, extra_channels()] features, then inverse depth
 
-  Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] rows of the tile that an entry reaches
-  Buffer<std::uint32_t> tile_stop;   ///< [T] entries of the tile that were looked at before all pixels were full
+  Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] bit mask of the tile's rows that an entry reaches
+  Buffer<std::uint32_t> tile_stop;   ///< [T] entries of the tile processed until all pixels were saturated
   Buffer<float> tile_images;         ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
 
   Buffer<EntryMoments> entry_moments;     ///< [E] by slot
@@ -60,17 +60,17 @@ struct Frame : TileLists {
 
 /// Fills records, depths, visible, radii, channels, listings and their tiles. (project_cpu.cpp)
 void project(Frame& frame, const Gaussians& gaussians, Threads& threads);
-/// Sums entry gradients per splat and takes them back to the Gaussians. (project_cpu.cpp)
+/// Sums the entry moments per splat and computes the gradients of the Gaussians. (project_cpu.cpp)
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       Threads& threads);
 /// Blends all tiles. (blend_cpu.cpp)
 void blend(Frame& frame, const RasterImages& images, Threads& threads);
-/// Fills the entry gradients. (blend_cpu.cpp)
+/// Fills entry_moments and entry_channel_gradients. (blend_cpu.cpp)
 void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool absolute, Threads& threads);
-/// Adds flagged pixels to counts. (count_cpu.cpp)
+/// Adds the numbers of flagged pixels to counts. (count_cpu.cpp)
 void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
                           Threads& threads);
-/// Adds to counts the pixels where a splat was blended in front of transmittances above `min_transmittance`.
+/// Adds to counts the pixels where a splat was blended while the transmittance was above `min_transmittance`.
 /// (count_cpu.cpp)
 void count_observed_pixels(const Frame& frame, float min_transmittance, std::span<std::int32_t> counts,
                            Threads& threads);

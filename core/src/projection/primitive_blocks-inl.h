@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A block of primitives, one a lane, from its rows in memory to vectors and back: what the projections of
-/// Gaussians and of convexes share. Colours of spherical harmonics and their gradient, rows of gradients, the tiles
-/// that a block is listed in. A block may be shorter at the end of a range.
+/// @file Code shared by the projections of Gaussians and of convexes for a block of primitives, one per lane: colours
+/// from spherical harmonics and their gradient, writing rows of gradients, and listing the tiles of a block. The last
+/// block of a range may be shorter than the number of lanes.
 ///
-/// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
+/// Compiled once per instruction set (Highway's per-target include), hence no ordinary include guard.
 
 #if defined(SPLATBOOST_PRIMITIVE_BLOCKS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_PRIMITIVE_BLOCKS_INL_H_
@@ -40,7 +40,7 @@ inline Vec3<Float> vec3_at(std::span<const float> rows, std::size_t i, std::size
   return {v[0], v[1], v[2]};
 }
 
-/// Where the camera looks at a block from.
+/// View directions from the camera to the primitives of a block.
 struct Ray {
   Vec3<Float> direction;
   Float inverse_length;
@@ -52,7 +52,7 @@ inline Ray ray_to(Vec3<Float> mean, const ProjectionCamera& camera) {
   return {inverse_length * ray, inverse_length};
 }
 
-/// Coefficients of degree 1 and above, [3 · used, lanes].
+/// Loads the active coefficients of degree 1 and above. @param columns [3 · used, lanes]
 template <class Primitives>
 void sh_rest_at(const Primitives& primitives, std::size_t i, std::size_t count, float* columns) {
   const std::size_t stride = 3 * static_cast<std::size_t>(primitives.sh_rest_rows);
@@ -60,7 +60,7 @@ void sh_rest_at(const Primitives& primitives, std::size_t i, std::size_t count, 
   rows_to_columns(primitives.sh_rest.data() + stride * i, stride, count, 3 * used, columns);
 }
 
-/// Colours of a block towards the camera.
+/// Colours of a block as seen along `direction`.
 /// @param primitives Gaussians or Convexes
 template <class Primitives>
 Vec3<Float> color_at(const Primitives& primitives, std::size_t i, std::size_t count, Vec3<Float> direction) {
@@ -88,7 +88,7 @@ inline void store_whole(Float a, std::int32_t* to) {
   hn::StoreU(hn::ConvertTo(d, a.v), d, to);
 }
 
-/// Numbers of a block's rows of tiles: [rows, lanes] where the tiles of a row begin and end.
+/// [rows, lanes] first tile column and end of each primitive in each of its rows of tiles.
 struct RowTilesScratch {
   Buffer<std::int32_t> begin, end;
 };
@@ -98,8 +98,9 @@ inline RowTilesScratch& row_tiles_of_thread() {
   return scratch;
 }
 
-/// Lists the tiles of a block's primitives.
-/// @param first_row,row_count [lanes] rows of tiles that they may meet
+/// Appends the tiles of a block's primitives to `listed` and fills lists.listings.
+/// @param first_row,row_count [lanes] the rows of tiles that each primitive may meet
+/// @param tiles_in_row returns the range of tile columns in a row
 template <class RowTiles>
 void list_tiles(TileLists& lists, std::size_t i, std::size_t count, Float first_row, Float row_count,
                 std::vector<std::uint32_t>& listed, RowTiles&& tiles_in_row) {
@@ -122,8 +123,8 @@ void list_tiles(TileLists& lists, std::size_t i, std::size_t count, Float first_
   }
   store_whole(total, totals);
 
-  // Tiles are written eight at a time, whatever their number: rows are short, and so nothing is left to be guessed of
-  // where a loop ends. What is too much, the next row writes over.
+  // Tiles are written eight at a time, whatever their number: rows are short, so this mostly avoids branch
+  // mispredictions at the end of a row. The next row overwrites the excess.
   constexpr std::size_t kAtATime = 8;
   std::size_t at = listed.size() < kAtATime ? 0 : listed.size() - kAtATime;
   std::size_t end = at;
@@ -152,7 +153,7 @@ void list_tiles(TileLists& lists, std::size_t i, std::size_t count, Float first_
   }
 }
 
-/// Where a block's gradients go: written, or added to what is there; zero where the primitive is not visible.
+/// Writes the gradients of a block, or adds them to the output; they are zero for primitives that are not visible.
 struct BlockWriter {
   std::size_t i, count;
   bool adds;
@@ -170,8 +171,8 @@ struct BlockWriter {
   }
 };
 
-/// Gradient through spherical harmonics: writes the coefficients', returns the mean's.
-/// @param primitives Gaussians or Convexes, of which out has the gradients
+/// Gradient through spherical harmonics: writes that of the coefficients, returns that of the mean.
+/// @param primitives Gaussians or Convexes; `out` is the matching gradients struct
 template <class Primitives, class Gradients>
 HWY_INLINE Vec3<Float> sh_backward(const Primitives& primitives, const Gradients& out, const BlockWriter& writer,
                                    const Ray& ray, Vec3<Float> g_color) {

@@ -6,7 +6,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "projection/project_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "projection/primitive_blocks-inl.h"
@@ -17,12 +17,12 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// A block's covariances, and the scales and rotations that they were made of where they were.
+/// Covariances of a block. The other members are set only if covariances are computed from scales and rotations.
 struct Shape {
   Symmetric3<Float> covariance;
   Vec3<Float> scale;
   Quaternion<Float> unit;
-  Float inverse_length;  ///< of the quaternion as it is stored
+  Float inverse_length;  ///< 1 / length of the stored quaternion
   Matrix3<Float> rotation;
 };
 
@@ -56,7 +56,7 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
   Float opacity[1];
   load_rows(gaussians.opacities.data() + i, count, opacity);
   const Float drawn = opacity[0] * p.compensation;
-  Bool visible = p.valid & (drawn >= zero);  // false where the opacity is not a number
+  Bool visible = p.valid & (drawn >= zero);  // false if the opacity is NaN
   const Float log2_opacity = log2_of(max_of(drawn, Float(1e-30f)));
 
   const bool square = options.box == BoxPolicy::square;
@@ -94,7 +94,7 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
   if (!any) return;
 
   const Vec3<Float> color = color_at(gaussians, i, count, ray_to(mean, frame.projection).direction);
-  const Float per_half(-1.0f / kTwoLn2);  // from ½·Mahalanobis² to powers of two
+  const Float per_half(-1.0f / kTwoLn2);  // from Mahalanobis² to the base-2 logarithm of exp(-½·Mahalanobis²)
   const Float fields[] = {p.mean.x,
                           p.mean.y,
                           per_half * p.conic.xx,
@@ -130,7 +130,7 @@ void project_range(Frame& frame, const Gaussians& gaussians, std::size_t begin, 
   }
 }
 
-/// Sums of a block's moments over the lists' entries, in their order. @param columns [12, lanes]
+/// Sums the moments of each primitive of a block over its entries, in the order of slots. @param columns [12, lanes]
 void gather(const Frame& frame, std::size_t i, std::size_t count, float* columns) {
   constexpr std::size_t kWidth = sizeof(EntryMoments) / sizeof(float);
   const Lanes d;
@@ -166,7 +166,7 @@ void clear_block(const GaussianGradients& g, const Gaussians& gaussians, std::si
 
 void feature_gradients(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& out, std::size_t i) {
   float sum[kMaxFeatures] = {};
-  const auto drawn = static_cast<std::size_t>(frame.features);  // none, if the view was drawn without them
+  const auto drawn = static_cast<std::size_t>(frame.features);  // 0 if the view was rendered without features
   const std::size_t slot = frame.first_slot(i);
   for (std::size_t k = 0; drawn > 0 && k < frame.listings[i].tiles; ++k) {
     const float* entry = frame.entry_channel_gradients.data() + drawn * (slot + k);
@@ -236,7 +236,7 @@ void backward_block(const Frame& frame, const Gaussians& gaussians, const Gaussi
 
   if (!gaussians.covariances.empty()) {
     const Symmetric3<Float>& c = geometry.covariance;
-    const Float two(2.0f);  // off-diagonals stand in two places
+    const Float two(2.0f);  // each off-diagonal element occurs twice in the matrix
     const Float entries[6] = {c.xx, two * c.xy, two * c.xz, c.yy, two * c.yz, c.zz};
     alignas(64) float columns[6 * kMaxLanes];
     for (std::size_t k = 0; k < 6; ++k) store(select(writer.visible, entries[k], zero), columns + k * lanes());
@@ -254,7 +254,7 @@ void backward_block(const Frame& frame, const Gaussians& gaussians, const Gaussi
   if (!out.features.empty()) {
     for (std::size_t lane = 0; lane < count; ++lane) feature_gradients(frame, gaussians, out, i + lane);
   }
-  const Float from_log2(0.5f * kTwoLn2);  // abs_x, abs_y are of log2 α
+  const Float from_log2(0.5f * kTwoLn2);  // abs_x and abs_y are derivatives of log2 α
   writer.write(out.screen_means, {up.mean.x, up.mean.y}, false);
   writer.write(out.screen_means_abs, {from_log2 * abs_x, from_log2 * abs_y}, false);
 }

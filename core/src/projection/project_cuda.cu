@@ -9,7 +9,7 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Gaussians as kernels see them.
+/// Gaussians as kernel parameters.
 struct GaussianViews {
   DeviceView<const float> means, scales, rotations, covariances, opacities, sh_dc, sh_rest, colors, features;
   int sh_rest_rows, sh_degree, features_per_gaussian;
@@ -50,12 +50,12 @@ __device__ Vec3<float> vec3_at(const DeviceView<const float>& rows, std::size_t 
   return {rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]};
 }
 
-/// A Gaussian's covariance, and the scale and rotation that it was made of where it was.
+/// Covariance of a Gaussian. The other members are set only if it is computed from scale and rotation.
 struct Shape {
   Symmetric3<float> covariance;
   Vec3<float> scale;
   Quaternion<float> unit;
-  float inverse_length;  ///< of the quaternion as it is stored
+  float inverse_length;  ///< 1 / length of the stored quaternion
   Matrix3<float> rotation;
 };
 
@@ -76,7 +76,7 @@ __device__ Shape shape_at(const GaussianViews& gaussians, std::size_t i) {
   return shape;
 }
 
-/// Where the camera looks at a Gaussian from.
+/// View direction from the camera to a Gaussian.
 struct Ray {
   Vec3<float> direction;
   float inverse_length;
@@ -102,7 +102,7 @@ __device__ Vec3<float> color_at(const GaussianViews& gaussians, std::size_t i, V
   return {max_of(color.x, 0.0f), max_of(color.y, 0.0f), max_of(color.z, 0.0f)};
 }
 
-/// What projection writes.
+/// Outputs of projection.
 struct ProjectResults {
   DeviceView<SplatRecord> records;
   DeviceView<SplatEllipse> ellipses;
@@ -125,7 +125,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   const Projection<float> p = project_gaussian(options.camera, mean, shape_at(gaussians, i).covariance,
                                                options.low_pass, options.compensate, options.near_plane);
   const float drawn = gaussians.opacities[i] * p.compensation;
-  bool seen = p.valid && drawn >= 0.0f;  // false where the opacity is not a number
+  bool seen = p.valid && drawn >= 0.0f;  // false if the opacity is NaN
   const float log2_opacity = log2_of(max_of(drawn, 1e-30f));
   const float radius = square_radius(p.covariance);
 
@@ -163,7 +163,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (!seen) return;
 
   const Vec3<float> color = color_at(gaussians, i, ray_to(mean, options.camera).direction);
-  const float per_half = -1.0f / kTwoLn2;  // from ½·Mahalanobis² to powers of two
+  const float per_half = -1.0f / kTwoLn2;  // from Mahalanobis² to the base-2 logarithm of exp(-½·Mahalanobis²)
   SplatRecord record;
   record.mean_x = p.mean.x;
   record.mean_y = p.mean.y;
@@ -185,7 +185,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (out.inverse_depth) out.channels[channels + features] = 1.0f / p.view.z;
 }
 
-/// Gradients as kernels write them.
+/// Gradients as kernel parameters.
 struct GradientViews {
   DeviceView<float> means, scales, rotations, covariances, opacities, sh_dc, sh_rest, colors, features, screen_means,
       screen_means_abs;
@@ -205,7 +205,7 @@ struct GradientViews {
         screen_means_abs(g.screen_means_abs),
         adds(g.mode == GradientMode::accumulate) {}
 
-  /// Writes number k of a row of `width`, or adds to what is there.
+  /// Writes a value at index `at`, or adds it to the value there.
   __device__ void put(const DeviceView<float>& rows, std::size_t at, float value) const {
     if (rows.empty()) return;
     rows[at] = adds ? rows[at] + value : value;
@@ -219,7 +219,7 @@ struct GradientViews {
     if (rows.empty()) return;
     for (std::size_t k = 0; k < width; ++k) rows[i * width + k] = 0.0f;
   }
-  /// The row of a Gaussian that was not drawn.
+  /// Clears the gradients of a Gaussian that was not drawn; accumulated ones stay.
   __device__ void clear_row(std::size_t i, const GaussianViews& gaussians) const {
     clear(screen_means, i, 2);
     clear(screen_means_abs, i, 2);
@@ -236,7 +236,7 @@ struct GradientViews {
   }
 };
 
-/// Gradient through spherical harmonics: writes the coefficients', returns the mean's.
+/// Gradient through spherical harmonics: writes that of the coefficients, returns that of the mean.
 __device__ Vec3<float> sh_backward(const GaussianViews& gaussians, const GradientViews& out, std::size_t i,
                                    const Ray& ray, Vec3<float> g) {
   const int used = sh_coefficients(gaussians.sh_degree) - 1;
@@ -262,13 +262,13 @@ __device__ Vec3<float> sh_backward(const GaussianViews& gaussians, const Gradien
                            sh_basis_gradient(gaussians.sh_degree, ray.direction, weights));
 }
 
-/// What the forward and the blend's backward pass left behind.
+/// Results of the forward pass and of the backward pass of blending.
 struct BackwardInputs {
   DeviceView<const std::uint8_t> visible;
   DeviceView<const SplatRecord> records;
   DeviceView<const float> moments;
   DeviceView<const float> feature_gradients;
-  int features;  ///< that the view was drawn with
+  int features;  ///< number that the view was rendered with
 };
 
 __global__ void __launch_bounds__(kBlockThreads)
@@ -313,7 +313,7 @@ __global__ void __launch_bounds__(kBlockThreads)
 
   if (!gaussians.covariances.empty()) {
     const Symmetric3<float>& c = geometry.covariance;
-    const float entries[6] = {c.xx, 2.0f * c.xy, 2.0f * c.xz, c.yy, 2.0f * c.yz, c.zz};  // off-diagonals stand twice
+    const float entries[6] = {c.xx, 2.0f * c.xy, 2.0f * c.xz, c.yy, 2.0f * c.yz, c.zz};  // full matrix
     for (std::size_t k = 0; k < 6; ++k) out.put(out.covariances, 6 * i + k, entries[k]);
   } else {
     Vec3<float> g_scale;
@@ -326,10 +326,10 @@ __global__ void __launch_bounds__(kBlockThreads)
   }
   const auto width = static_cast<std::size_t>(gaussians.features_per_gaussian);
   for (std::size_t f = 0; f < width; ++f) {
-    // None, if the view was drawn without features.
+    // Zero if the view was rendered without features.
     out.put(out.features, i * width + f, in.features > 0 ? in.feature_gradients[i * width + f] : 0.0f);
   }
-  const float from_log2 = 0.5f * kTwoLn2;  // the moments are of log2 α
+  const float from_log2 = 0.5f * kTwoLn2;  // kMomentAbsX, Y are derivatives of log2 α
   if (!out.screen_means.empty()) {
     out.screen_means[2 * i] = up.mean.x;
     out.screen_means[2 * i + 1] = up.mean.y;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file From one 3D Gaussian to one screen splat and back: EWA projection (Zwicker et al. 2001) and its gradient.
-/// Numbers are of any kind T (see host_device.h).
+/// @file EWA projection of a 3D Gaussian to a screen splat (Zwicker et al. 2001) and its gradient. T is a number type
+/// (see host_device.h).
 
 #if defined(SPLATBOOST_PROJECT_MATH_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_PROJECT_MATH_H_
@@ -38,7 +38,7 @@ SPLATBOOST_HOST_DEVICE Matrix3<T> rotation_of(Quaternion<T> q) {
 template <class T>
 SPLATBOOST_HOST_DEVICE Quaternion<T> rotation_gradient(Quaternion<T> q, const Matrix3<T>& g) {
   const T two(2.0f);
-  const T x_yz = g.y.z - g.z.y, x_zy = g.y.z + g.z.y;  // how entries off the diagonal come in pairs
+  const T x_yz = g.y.z - g.z.y, x_zy = g.y.z + g.z.y;  // differences and sums of opposite off-diagonal entries
   const T y_zx = g.z.x - g.x.z, y_xz = g.z.x + g.x.z;
   const T z_xy = g.x.y - g.y.x, z_yx = g.x.y + g.y.x;
   return {two * (q.z * z_xy + q.y * y_zx + q.x * x_yz),
@@ -55,16 +55,16 @@ SPLATBOOST_HOST_DEVICE Symmetric3<T> covariance_of(Vec3<T> scale, const Matrix3<
           a.y * a.y + b.y * b.y + c.y * c.y, a.y * a.z + b.y * b.z + c.y * c.z, a.z * a.z + b.z * b.z + c.z * c.z};
 }
 
-/// What projection computes of one Gaussian.
+/// Results of projecting one Gaussian.
 template <class T>
 struct Projection {
-  decltype(T() > T()) valid;  ///< in front of the near plane and finite; elsewhere the rest is anything
+  decltype(T() > T()) valid;  ///< beyond the near plane and finite; if false, the rest is arbitrary
   Vec3<T> view;               ///< mean in the camera frame
   Vec2<T> mean;               ///< px
   Symmetric2<T> covariance;   ///< px², low-pass included
   Symmetric2<T> conic;        ///< its inverse
-  T compensation;             ///< factor of opacity
-  Vec3<T> row_x, row_y;       ///< rows of J·R: how the screen moves with the world
+  T compensation;             ///< factor on the opacity
+  Vec3<T> row_x, row_y;       ///< rows of J·R: derivative of the screen position by the world position
 };
 
 template <class T>
@@ -94,26 +94,26 @@ SPLATBOOST_HOST_DEVICE Projection<T> project_gaussian(const ProjectionCamera& ca
     const T bare_det = bare.xx * bare.yy - bare.xy * bare.xy;
     p.compensation = sqrt_of(max_of(bare_det * inverse_det, T(kMinCompensation2)));
   }
-  // Zero, negative and overflown determinants, and anything not finite, fail one of these comparisons.
+  // Zero, negative and overflowing determinants, and values that are not finite, fail one of these comparisons.
   p.valid = (p.view.z > T(near_plane)) & (det > T(0.0f)) & (det < T(3e38f)) & (abs_of(p.mean.x) < T(1e9f)) &
             (abs_of(p.mean.y) < T(1e9f));
   return p;
 }
 
-/// Gradients of the loss with respect to what projection made.
+/// Gradients of the loss with respect to the results of projection.
 template <class T>
 struct ProjectionGradient {
   Vec2<T> mean;
-  Symmetric2<T> conic;  ///< of xx, xy (as it stands twice in the quadratic form), yy
+  Symmetric2<T> conic;  ///< of xx, xy (which occurs twice in the quadratic form), yy
   T compensation;
   T view_z;  ///< from inverse depth
 };
 
-/// ... and with respect to what went in.
+/// Gradients of the loss with respect to the inputs of projection.
 template <class T>
 struct GaussianGeometryGradient {
   Vec3<T> mean;
-  Symmetric3<T> covariance;  ///< of the full matrix's entries: an off-diagonal one stands for each of its two places
+  Symmetric3<T> covariance;  ///< by entry of the full matrix: an off-diagonal value is that of each of its two entries
 };
 
 template <class T>
@@ -157,21 +157,21 @@ SPLATBOOST_HOST_DEVICE GaussianGeometryGradient<T> project_gaussian_backward(con
   const T fx(camera.fx), fy(camera.fy);
   const T free_x = select(abs_of(x) < T(camera.limit_x), T(1.0f), zero);
   const T free_y = select(abs_of(y) < T(camera.limit_y), T(1.0f), zero);
-  const T g_x = fx * (g.mean.x - inverse_z * dot(g_row_x, axis_z) * free_x);  // of x/z
+  const T g_x = fx * (g.mean.x - inverse_z * dot(g_row_x, axis_z) * free_x);  // with respect to x/z
   const T g_y = fy * (g.mean.y - inverse_z * dot(g_row_y, axis_z) * free_y);
   const T g_z = g.view_z - inverse_z * (dot(g_row_x, a) + dot(g_row_y, b) + g_x * x + g_y * y);
   out.mean = (g_x * inverse_z) * axis_x + (g_y * inverse_z) * axis_y + g_z * axis_z;
   return out;
 }
 
-/// s·v, no product of which is fused with a sum that it goes into.
+/// s·v, with products that a GPU does not fuse with a later addition.
 template <class T>
 SPLATBOOST_HOST_DEVICE Vec3<T> rounded_product(T s, Vec3<T> v) {
   return {product_of(s, v.x), product_of(s, v.y), product_of(s, v.z)};
 }
 
-/// Gradients of scale and (unnormalised) quaternion, given the one of the covariance's full matrix.
-/// @param unit the quaternion, normalised
+/// Gradients with respect to scale and (unnormalised) quaternion, given that of the covariance's full matrix.
+/// @param unit the normalised quaternion
 template <class T>
 SPLATBOOST_HOST_DEVICE void covariance_backward(Vec3<T> scale, Quaternion<T> unit, T inverse_length,
                                                 const Matrix3<T>& rotation, const Symmetric3<T>& g, Vec3<T>& g_scale,
@@ -182,8 +182,8 @@ SPLATBOOST_HOST_DEVICE void covariance_backward(Vec3<T> scale, Quaternion<T> uni
   const Vec3<T> y = (two * scale.y) * (g * rotation.y);
   const Vec3<T> z = (two * scale.z) * (g * rotation.z);
   g_scale = {dot(x, rotation.x), dot(y, rotation.y), dot(z, rotation.z)};
-  // Of a round Gaussian that is not turned, pairs of these cancel to the last bit, unless a GPU fuses one product of
-  // the two with the difference. Adam would make steps of the whole rate of what is left.
+  // For an isotropic Gaussian with identity rotation, pairs of these products cancel exactly, unless a GPU fuses one of
+  // them with the subtraction. Adam would turn the rounding error that is left into steps of the full learning rate.
   const Quaternion<T> g_unit = rotation_gradient(
       unit, Matrix3<T>{rounded_product(scale.x, x), rounded_product(scale.y, y), rounded_product(scale.z, z)});
   const T along = dot(unit, g_unit);
@@ -191,7 +191,7 @@ SPLATBOOST_HOST_DEVICE void covariance_backward(Vec3<T> scale, Quaternion<T> uni
                   (g_unit.y - unit.y * along) * inverse_length, (g_unit.z - unit.z * along) * inverse_length};
 }
 
-/// Reach of a splat: Mahalanobis² up to which alpha >= 1/255, 2·ln(255·opacity); negative if it never is.
+/// Reach of a splat: the Mahalanobis² up to which alpha >= 1/255, 2·ln(255·opacity); negative if alpha never is.
 template <class T>
 SPLATBOOST_HOST_DEVICE T reach_of(T log2_opacity) {
   return T(kTwoLn2) * (log2_opacity - T(kMinLog2Alpha));

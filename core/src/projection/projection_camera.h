@@ -8,9 +8,9 @@
 namespace splatboost {
 
 struct ProjectionCamera {
-  float axis_x[3], axis_y[3], axis_z[3];  ///< the camera's axes in the world
-  float translation[3];                   ///< world's origin in the camera frame
-  float centre[3];                        ///< in the world
+  float axis_x[3], axis_y[3], axis_z[3];  ///< axes of the camera in world coordinates
+  float translation[3];                   ///< origin of the world in the camera frame
+  float centre[3];                        ///< of projection, in world coordinates
   float fx, fy, cx, cy;
   float limit_x, limit_y;  ///< clamp of x/z and y/z in the Jacobian
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Real spherical harmonics to degree 3, in the order and signs that 3DGS files use. Numbers are of any kind T
+/// @file Real spherical harmonics to degree 3, in the order and signs that 3DGS files use. T is a number type
 /// (see host_device.h).
 
 #if defined(SPLATBOOST_SH_MATH_H_) == defined(HWY_TARGET_TOGGLE)
@@ -15,7 +15,7 @@
 
 SPLATBOOST_MATH_BEGIN
 
-/// Normalisations of the real basis: degree 0 is 1/(2√π), degree 1 √(3/4π), and so on by the closed forms.
+/// Normalisations of the real basis: degree 0 is 1/(2√π), degree 1 √(3/4π), and so on.
 struct ShConstants {
   static constexpr float l0 = 0.28209479177387814f;
   static constexpr float l1 = 0.4886025119029199f;
@@ -57,7 +57,7 @@ SPLATBOOST_HOST_DEVICE void sh_basis(int degree, Vec3<T> d, T* basis) {
   basis[15] = T(-C::l3_3) * x * (xx - three * yy);
 }
 
-/// Gradient of Σ_k weights[k]·basis[k](d) with respect to d, the three components taken as independent.
+/// Gradient of Σ_k weights[k]·basis[k](d) with respect to d, whose three components are taken as independent.
 /// @param w [sh_coefficients(degree)]
 template <class T>
 SPLATBOOST_HOST_DEVICE Vec3<T> sh_basis_gradient(int degree, Vec3<T> d, const T* w) {
@@ -84,7 +84,7 @@ SPLATBOOST_HOST_DEVICE Vec3<T> sh_basis_gradient(int degree, Vec3<T> d, const T*
   return g;
 }
 
-/// Gradient with respect to v of a function of normalise(v), given the one with respect to the unit vector.
+/// Gradient with respect to v of a function of normalise(v), given that with respect to the unit vector.
 template <class T>
 SPLATBOOST_HOST_DEVICE Vec3<T> through_normalise(Vec3<T> unit, T inverse_length, Vec3<T> gradient) {
   return inverse_length * (gradient - dot(unit, gradient) * unit);

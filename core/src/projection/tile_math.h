@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file Which tiles a splat is listed in: the 3σ square of 3DGS, and the ellipse of the compact box (paper eq. 15).
-/// Numbers are of any kind T (see host_device.h); tiles are whole numbers of that kind.
+/// T is a number type (see host_device.h); tile indices are integral values of that type.
 
 #if defined(SPLATBOOST_TILE_MATH_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_TILE_MATH_H_
@@ -34,7 +34,7 @@ SPLATBOOST_HOST_DEVICE T square_radius(const Symmetric2<T>& covariance) {
   return ceil_of(T(kBoxSigmas) * sqrt_of(mid + sqrt_of(max_of(mid * mid - det, T(0.1f)))));
 }
 
-/// Tiles of one axis that the square [centre ± radius] meets, centre in 3DGS's pixel coordinates (centres at integers).
+/// Tiles along one axis that the square [centre ± radius] meets, in 3DGS's pixel coordinates (centres at integers).
 template <class T>
 SPLATBOOST_HOST_DEVICE TileRange<T> square_tiles(T mean, T radius, int tiles) {
   const T centre = mean - T(0.5f);
@@ -43,7 +43,7 @@ SPLATBOOST_HOST_DEVICE TileRange<T> square_tiles(T mean, T radius, int tiles) {
           clamp_tile(floor_of((centre + radius + T(kTileSize - 1)) * per_tile), tiles)};
 }
 
-/// Tiles whose pixel centres' interval [16t + 0.5, 16t + 15.5] meets [low, high].
+/// Tiles t along one axis whose interval of pixel centres [16t + 0.5, 16t + 15.5] meets [low, high].
 template <class T>
 SPLATBOOST_HOST_DEVICE TileRange<T> tiles_meeting(T low, T high, int tiles) {
   const T per_tile(1.0f / kTileSize);
@@ -66,8 +66,7 @@ SPLATBOOST_HOST_DEVICE Ellipse<T> make_ellipse(Vec2<T> mean, const Symmetric2<T>
   return {mean, conic, t, sqrt_of(t * covariance.xx), sqrt_of(t * covariance.yy)};
 }
 
-/// Slack in pixels by which an ellipse is widened, so that rounding never loses a tile. Listing one too many is
-/// harmless.
+/// Pixels by which an ellipse is widened, so that rounding never loses a tile. Listing an extra tile is harmless.
 SPLATBOOST_HOST_DEVICE constexpr float tile_slack() { return 1e-3f; }
 
 template <class T>
@@ -82,8 +81,8 @@ SPLATBOOST_HOST_DEVICE TileRange<T> ellipse_tile_columns(const Ellipse<T>& e, in
   return tiles_meeting(e.mean.x - half, e.mean.x + half, tiles_x);
 }
 
-/// Tiles of one tile row that the ellipse meets: exact, because the part of a convex shape within the row's band is
-/// convex, so its extent in x is one interval.
+/// Tiles of one tile row that the ellipse meets. Exact: the part of an ellipse within the row's band is convex, so its
+/// extent in x is one interval.
 template <class T>
 SPLATBOOST_HOST_DEVICE TileRange<T> ellipse_tiles_in_row(const Ellipse<T>& e, T row, int tiles_x) {
   const T top = row * T(kTileSize) - e.mean.y;
@@ -92,7 +91,7 @@ SPLATBOOST_HOST_DEVICE TileRange<T> ellipse_tiles_in_row(const Ellipse<T>& e, T 
   const T a = e.conic.xx, b = e.conic.xy, c = e.conic.yy;
   const T det = a * c - b * b;
   const T inverse_a = T(1.0f) / a;
-  // Height at which the ellipse is rightmost (leftmost: its negative), brought into the band.
+  // y at which the ellipse is rightmost (leftmost: the negative), clamped to the band.
   const T y_right = -b / c * e.half_width;
   const T at_right = min_of(max_of(y_right, y0), y1);
   const T at_left = min_of(max_of(-y_right, y0), y1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Small vectors and matrices over any number (see host_device.h).
+/// @file Small vectors and matrices over a number type (see host_device.h).
 
 #if defined(SPLATBOOST_VECTOR_MATH_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_VECTOR_MATH_H_
@@ -54,7 +54,7 @@ SPLATBOOST_HOST_DEVICE Quaternion<T> operator*(T s, Quaternion<T> a) {
   return {s * a.w, s * a.x, s * a.y, s * a.z};
 }
 
-/// 3×3 matrix as its columns.
+/// 3×3 matrix, by columns.
 template <class T>
 struct Matrix3 {
   Vec3<T> x, y, z;

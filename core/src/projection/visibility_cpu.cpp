@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include <hwy/highway.h>  // for the namespace that the formulas live in; plain floats here
+#include <hwy/highway.h>  // for the namespace of the formulas, which are used with plain floats here
 
 #include "projection/cuda_ops.h"
 #include "projection/projection_camera.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What a view can see of one Gaussian, without drawing it.
+/// @file Visibility of one Gaussian in a view, without rendering it.
 
 #if defined(SPLATBOOST_VISIBILITY_MATH_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_VISIBILITY_MATH_H_
@@ -17,12 +17,12 @@
 
 SPLATBOOST_MATH_BEGIN
 
-/// Of a mean in the camera frame.
+/// Depth of a mean in the camera frame.
 SPLATBOOST_HOST_DEVICE float depth_of(const ProjectionCamera& camera, Vec3<float> mean) {
   return dot(widen<float>(camera.axis_z), mean) + camera.translation[2];
 }
 
-/// Covariance of Gaussian i, from [N,6], or where these are empty from scales [N,3] and rotations [N,4].
+/// Covariance of Gaussian i, from covariances [N,6], or from scales [N,3] and rotations [N,4] if those are empty.
 template <class Floats>
 SPLATBOOST_HOST_DEVICE Symmetric3<float> covariance_at(const Floats& scales, const Floats& rotations,
                                                        const Floats& covariances, std::size_t i) {

@@ -5,7 +5,8 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Adds what lanes 2·kHalf apart hold of 2·kHalf values; each keeps the half that its number says.
+/// Adds the first 2·kHalf values of pairs of lanes that are 2·kHalf apart. Each lane keeps one half of the sums: the
+/// upper one if bit 2·kHalf of its number is set.
 template <int kHalf>
 __device__ inline void fold(float (&values)[kMomentColumns]) {
   const bool upper = (threadIdx.x & (2u * kHalf)) != 0;
@@ -27,7 +28,7 @@ __device__ inline float warp_sums(float (&values)[kMomentColumns]) {
   return values[0] + __shfl_xor_sync(kWholeWarp, values[0], 1);
 }
 
-/// Adds a warp's sums to a row of memory.
+/// Adds a warp's sums of the first `columns` values to rows[first], rows[first + 1], ...
 __device__ inline void add_row(DeviceView<float> rows, std::size_t first, int columns,
                                float (&values)[kMomentColumns]) {
   const float sum = warp_sums(values);
@@ -36,7 +37,7 @@ __device__ inline void add_row(DeviceView<float> rows, std::size_t first, int co
 }
 
 struct BlendGradients {
-  DeviceView<const float> pixels;  ///< [4 + X, H, W] what blending made
+  DeviceView<const float> pixels;  ///< [4 + X, H, W] result of blending
   DeviceView<const float> color, alpha, features, inverse_depth;
   DeviceView<const float> channels;
   int extra;  ///< X
@@ -51,8 +52,8 @@ struct PixelGradients {
   float red, green, blue, alpha;
   float extra[kMaxExtra > 0 ? kMaxExtra : 1];
 
-  /// @param at the pixel in a plane
-  /// @param counts otherwise all are zero
+  /// @param at index of the pixel in a plane
+  /// @param counts if false, all gradients are zero
   __device__ PixelGradients(const BlendGradients& in, bool counts, std::size_t plane, std::size_t at) {
     const auto upstream = [&](const DeviceView<const float>& image, int c) {
       return counts && !image.empty() ? image[c * plane + at] : 0.0f;
@@ -70,16 +71,16 @@ struct PixelGradients {
   }
 };
 
-/// Adds one pixel's part to a splat's sums, or begins them, and takes the pixel behind the splat. A pixel that does not
-/// blend it adds zeros, which is cheaper than to branch.
-/// @param rest gradient · what the splats behind the current one, and the background, add to the image
+/// Adds one pixel's contribution to a splat's sums, or initialises them with it (kBegins), and advances the pixel past
+/// the splat. A pixel that does not blend the splat adds zeros, which is cheaper than a branch.
+/// @param rest gradient · (contribution to the image of the splats behind the current one and of the background)
 template <bool kAbsolute, bool kBegins, int kMaxExtra>
 __device__ inline void add_pixel(const BlendGradients& in, const SplatRecord& splat, const PixelStep& step,
                                  const PixelGradients<kMaxExtra>& g, float& transmittance, float& rest,
                                  float (&moments)[kMomentColumns], float (&features)[kMomentColumns]) {
   const auto add = [](float& sum, float part) { sum = kBegins ? part : sum + part; };
   const float weight = step.blended ? transmittance * step.alpha : 0.0f;
-  float along = g.alpha;  // gradient · the splat's own channels; alpha is one that is 1
+  float along = g.alpha;  // gradient · the splat's own channels; alpha is a channel with value 1
   along = fmaf(g.red, splat.red, along);
   along = fmaf(g.green, splat.green, along);
   along = fmaf(g.blue, splat.blue, along);
@@ -118,14 +119,14 @@ __device__ inline void add_pixel(const BlendGradients& in, const SplatRecord& sp
   }
 }
 
-/// A pixel on its way from front to back.
+/// State of a pixel during the traversal from front to back.
 template <int kMaxExtra>
 struct PixelAhead {
   PixelGradients<kMaxExtra> g;
   float transmittance = 1.0f;
-  float rest;  ///< gradient · what is still to be blended, and the background
+  float rest;  ///< gradient · (contribution of the splats still to be blended and of the background)
 
-  /// @param covered by at least one splat. The gradients of others are not looked at: they may be anything, also NaN.
+  /// @param covered by at least one splat. Gradients of uncovered pixels are not read: they may be NaN.
   __device__ PixelAhead(const BlendGradients& in, bool covered, std::size_t plane, std::size_t at)
       : g(in, covered, plane, at) {
     const auto blended = [&](int c) { return covered ? in.pixels[c * plane + at] : 0.0f; };
@@ -137,9 +138,9 @@ struct PixelAhead {
   }
 };
 
-/// Front to back with the transmittance recomputed; a warp adds to a splat once.
-/// Without extra channels nvcc finds the number of blocks by itself, and spills nothing.
-/// @tparam kMaxExtra room for that many extra channels
+/// Front to back with the transmittance recomputed; each warp adds its sums to a splat once.
+/// Without extra channels, nvcc's own choice of the number of blocks spills no registers.
+/// @tparam kMaxExtra maximum number of extra channels
 template <bool kAbsolute, int kMaxExtra>
 __global__ void __launch_bounds__(kTileThreads, kMaxExtra == 0 ? 0 : kMinBlocks<kMaxExtra>)
     pixel_backward_kernel(TileLists lists, BlendGradients in) {
@@ -172,21 +173,21 @@ __global__ void __launch_bounds__(kTileThreads, kMaxExtra == 0 ? 0 : kMinBlocks<
   });
 }
 
-/// States that blending kept.
+/// Pixel states kept by the blending kernel.
 struct KeptStates {
   DeviceView<const std::uint32_t> bucket_offsets, bucket_tiles, pixel_stops, tile_stops;
   DeviceView<const float> states;
 };
 
-/// A warp a bucket, a lane a splat. The tile's pixels go through the lanes one after another: each lane takes a pixel
-/// behind its splat and hands its state to the next. Sums stay in the lane's registers.
-/// @tparam kMaxExtra room for that many extra channels
+/// One warp per bucket, one lane per splat. The tile's pixels pass through the lanes one after another: each lane moves
+/// a pixel past its splat and hands the pixel's state to the next lane. Sums stay in the lane's registers.
+/// @tparam kMaxExtra maximum number of extra channels
 template <bool kAbsolute, int kMaxExtra>
 __global__ void __launch_bounds__(kTilePixels)
     splat_backward_kernel(TileLists lists, BlendGradients in, KeptStates kept) {
   const std::uint32_t bucket = blockIdx.x * (kTilePixels / 32) + threadIdx.x / 32;
   const int lane = static_cast<int>(threadIdx.x % 32);
-  // Whole warps leave, and no barrier of the block follows.
+  // Whole warps return here, and no block-wide barrier follows.
   if (bucket >= kept.bucket_offsets[lists.tiles.size()]) return;
   const std::uint32_t tile = kept.bucket_tiles[bucket];
   const std::uint32_t first = (bucket - kept.bucket_offsets[tile]) * kBucketSplats;
@@ -203,8 +204,8 @@ __global__ void __launch_bounds__(kTilePixels)
 
   float moments[kMomentColumns] = {};
   float features[kMomentColumns] = {};
-  float transmittance = 0.0f, rest = 0.0f;              // of the pixel that the lane is at
-  float first_transmittance = 0.0f, first_rest = 0.0f;  // of the pixels that come next, one a lane
+  float transmittance = 0.0f, rest = 0.0f;              // of the lane's current pixel
+  float first_transmittance = 0.0f, first_rest = 0.0f;  // of the next pixels, one per lane
   for (int round = 0; round < static_cast<int>(kTilePixels) + 31; ++round) {
     if (round % 32 == 0 && round < static_cast<int>(kTilePixels)) {
       const auto number = static_cast<std::uint32_t>(round + lane);
@@ -228,7 +229,7 @@ __global__ void __launch_bounds__(kTilePixels)
         }
       }
     }
-    // Each lane gets what the lane before it left; the first one a new pixel.
+    // Each lane takes over the pixel of the lane before it; lane 0 starts a new pixel.
     transmittance = __shfl_up_sync(kWholeWarp, transmittance, 1);
     rest = __shfl_up_sync(kWholeWarp, rest, 1);
     const float new_transmittance = __shfl_sync(kWholeWarp, first_transmittance, round % 32);
@@ -295,7 +296,7 @@ void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, boo
       launch(stream, "pixel_backward", kernel, blocks, dim3(kTileThreads), TileLists(frame), in);
     }
   };
-  if (!extra_gradients) {  // extra channels that no gradient comes from change nothing
+  if (!extra_gradients) {  // extra channels without a gradient contribute nothing
     run(std::integral_constant<int, 0>{});
   } else if (frame.extra_channels() == 1) {
     run(std::integral_constant<int, 1>{});

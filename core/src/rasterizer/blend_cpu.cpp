@@ -9,7 +9,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "rasterizer/blend_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "rasterizer/splat_rows-inl.h"
@@ -20,12 +20,12 @@ namespace HWY_NAMESPACE {
 
 std::size_t column_blocks() { return blocks_of_columns(); }
 
-/// A number of extra channels that loops are unrolled for: what Gaussians have as planes (gaussian_planes.h).
+/// Number of extra channels for which loops are unrolled: that of the Gaussians' planes (gaussian_planes.h).
 inline constexpr int kPlaneExtra = 4;
 inline constexpr int kAnyExtra = kMaxFeatures + 1;
 
 /// Blends one tile. @param image [4 + X, 256] colour over the background, alpha, extra channels
-/// @tparam kExtra 0, kPlaneExtra, or kAnyExtra: as many as the frame has
+/// @tparam kExtra 0, kPlaneExtra, or kAnyExtra: the number is that of the frame
 template <int kExtra>
 void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
   const Lanes d;
@@ -116,9 +116,9 @@ HWY_INLINE void prefetch_moments(Frame& frame, std::uint32_t at, std::uint32_t e
 }
 
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
-/// @param image [4 + X, 256] what blend_tile made
-/// @param upstream [4 + X, 256] gradients of it
-/// @tparam kExtra as of blend_tile; 0 where extra channels have no gradient
+/// @param image [4 + X, 256] result of blend_tile
+/// @param upstream [4 + X, 256] gradients of image
+/// @tparam kExtra as for blend_tile; 0 if the extra channels have no gradient
 template <bool kAbsolute, int kExtra>
 void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRICT image,
                          const float* HWY_RESTRICT upstream) {
@@ -127,8 +127,8 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   const int blocks = kTileSize / lanes;
   const int extra = kExtra == kAnyExtra ? frame.extra_channels() : kExtra;
   const int features = frame.features;
-  // Planes of a row: transmittance; gradient · (what the splats behind the current one, and the background, add to the
-  // image); upstream gradients of colour, and of alpha and the extra channels.
+  // Planes of a row: transmittance; gradient · (contribution to the image of the splats behind the current one and of
+  // the background); upstream gradients of colour, and of alpha and the extra channels.
   constexpr int kBehind = kTileSize, kUpstream = 2 * kTileSize;
   TileRows<kExtra == 0 ? 5 : 6 + kExtra> pixels(frame, tile);
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
@@ -184,7 +184,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
           green = hn::MulAdd(weight, g_green, green);
           blue = hn::MulAdd(weight, g_blue, blue);
           if (kExtra > 0) {
-            along = hn::Add(along, hn::Load(d, g_row + 3 * kTileSize));  // alpha: a channel that is 1
+            along = hn::Add(along, hn::Load(d, g_row + 3 * kTileSize));  // alpha: a channel with value 1
             for (int c = 0; c < extra; ++c) {
               const Vec g = hn::Load(d, g_row + (4 + c) * kTileSize);
               along = hn::MulAdd(g, hn::Set(d, channels[c]), along);
@@ -194,8 +194,8 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
           const Vec gain = hn::Mul(weight, along);
           const Vec rest = hn::Sub(hn::Load(d, at_row + kBehind), gain);
           hn::Store(rest, d, at_row + kBehind);
-          // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after; the reciprocal is refined once
-          // by Newton.
+          // s = α·dL/dα = weight·along − rest·α/(1 − α), and α/(1 − α) = weight/after; the reciprocal is refined by
+          // one Newton step.
           Vec inverse = hn::ApproximateReciprocal(step.after);
           inverse = hn::Mul(inverse, hn::NegMulAdd(step.after, inverse, hn::Set(d, 2.0f)));
           const Mask moves = hn::Lt(step.alpha, hn::Set(d, kMaxAlpha));
@@ -234,7 +234,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
                   frame.entry_channel_gradients.data() + static_cast<std::size_t>(features) * slot);
     }
   }
-  // Entries behind the last open pixel moved nothing.
+  // Entries from `stop` on were not blended at any pixel.
   for (std::uint32_t at = stop; at < end; ++at) {
     const std::size_t slot = frame.entries[at].slot;
     frame.entry_moments[slot] = EntryMoments{};

@@ -14,20 +14,20 @@ struct BlendImages {
   float background[3];
 };
 
-/// What blending keeps for the backward pass that goes by splats.
+/// Data that blending keeps for the per-splat backward pass.
 struct KeptStates {
   DeviceView<const std::uint32_t> bucket_offsets;
   DeviceView<std::uint32_t> bucket_tiles, pixel_stops, tile_stops;
   DeviceView<float> states;
 };
 
-/// What a pixel has blended so far.
+/// State of a pixel during blending.
 template <int kMaxExtra>
 struct Blended {
   float transmittance = 1.0f;
   float red = 0.0f, green = 0.0f, blue = 0.0f;
   float extra[kMaxExtra > 0 ? kMaxExtra : 1] = {};
-  std::uint32_t stop = 0;  ///< entries that the pixel was open for
+  std::uint32_t stop = 0;  ///< one past the last entry of the tile's list that the pixel blended
 
   __device__ void write(const TileLists& lists, const TilePixel& pixel, const BlendImages& images) const {
     const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height, at = pixel.index(lists);
@@ -54,7 +54,7 @@ struct Blended {
   }
 };
 
-/// @tparam kMaxExtra room for that many extra channels
+/// @tparam kMaxExtra maximum number of extra channels
 template <int kMaxExtra, bool kKeepsStates>
 __global__ void __launch_bounds__(kTileThreads, kMinBlocks<kMaxExtra>)
     blend_kernel(TileLists lists, BlendImages images, KeptStates kept) {

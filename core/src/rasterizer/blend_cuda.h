@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file One tile of pixels on a GPU: the walk through its splats and the arithmetic of one splat at one pixel, which
+/// @file One tile of pixels on a GPU: the traversal of its splats and the arithmetic of one splat at one pixel, which
 /// blending, its gradient and the count replay must share to the last bit. For .cu files.
 ///
-/// A block is a tile; a warp is 8 × 8 of its pixels, a thread two of these, one above the other, which share what the
-/// walk costs and the sums that a warp adds to a splat. Splats come in batches through shared memory. Before a warp
-/// looks at 32 of them, each lane asks of one whether it reaches the warp's pixels at all.
+/// One block per tile, one warp per 8 × 8 pixels, one thread per two of these, in the same column, which share the cost
+/// of the traversal and of the warp's sums per splat. Splats are loaded into shared memory in batches. Before a warp
+/// processes 32 of them, each lane tests for one splat whether it can reach the warp's pixels at all.
 #pragma once
 
 #include <cmath>
@@ -18,17 +18,17 @@ namespace splatboost::cuda {
 inline constexpr unsigned kWholeWarp = 0xffffffffu;
 inline constexpr int kThreadPixels = 2;
 inline constexpr std::uint32_t kTileThreads = kTilePixels / kThreadPixels;
-/// Blocks of a walk that a multiprocessor shall have room for. Told nothing, nvcc spills registers to fit more.
-/// @tparam kMaxExtra room for that many extra channels
+/// Minimum number of blocks per multiprocessor, for __launch_bounds__. Without it, nvcc spills registers to fit more.
+/// @tparam kMaxExtra maximum number of extra channels
 template <int kMaxExtra>
 inline constexpr unsigned kMinBlocks = kMaxExtra > 1 ? 5 : 8;
-/// Splats of a batch: one a thread.
+/// Splats of a batch: one per thread.
 inline constexpr std::uint32_t kBatchSplats = kTileThreads;
 /// Pixels of a warp: 32 in rows of 8, then the next 32 below.
 inline constexpr int kWarpWidth = 8, kWarpHeight = 32 / kWarpWidth * kThreadPixels;
 inline constexpr std::uint32_t kWarpsAcross = kTileSize / kWarpWidth;
 
-/// What all of these kernels read.
+/// Inputs of all of these kernels.
 struct TileLists {
   DeviceView<const TileEntries> tiles;
   DeviceView<const std::uint32_t> entries;
@@ -57,13 +57,13 @@ struct WarpCorner {
   }
 };
 
-/// Where a pixel of a tile lies.
+/// Position of a pixel of a tile.
 struct TilePixel {
   std::uint32_t x, y;
   bool inside;  ///< of the image
   float centre_x, centre_y;
 
-  /// @param which of the pixels of the lane of the warp
+  /// @param which of the lane's pixels, below kThreadPixels
   __device__ TilePixel(const TileLists& lists, std::uint32_t tile, std::uint32_t warp, std::uint32_t lane,
                        std::uint32_t which) {
     x = tile % lists.tiles_x * kTileSize + warp % kWarpsAcross * kWarpWidth + lane % kWarpWidth;
@@ -73,24 +73,24 @@ struct TilePixel {
     centre_x = static_cast<float>(x) + 0.5f;
     centre_y = static_cast<float>(y) + 0.5f;
   }
-  /// @param number of the pixel in its tile, as number_of() says
+  /// @param number of the pixel in its tile, as returned by number_of()
   __device__ TilePixel(const TileLists& lists, std::uint32_t tile, std::uint32_t number)
       : TilePixel(lists, tile, number / (32 * kThreadPixels), number % 32, number / 32 % kThreadPixels) {}
 
-  /// Neighbouring lanes have neighbouring numbers.
+  /// Number of a thread's pixel in its tile. Neighbouring lanes have neighbouring numbers.
   __device__ static std::uint32_t number_of(std::uint32_t thread, std::uint32_t which) {
     return (thread / 32 * kThreadPixels + which) * 32 + thread % 32;
   }
-  /// In a plane of the image.
+  /// Index of the pixel in a plane of the image.
   __device__ std::size_t index(const TileLists& lists) const { return static_cast<std::size_t>(y) * lists.width + x; }
 };
 
-/// The pixels of a thread, and which of them still take part.
+/// The pixels of a thread, and which of them are still open.
 struct ThreadPixels {
   TilePixel at[kThreadPixels];
   bool open[kThreadPixels];
 
-  /// @param thread of the tile's block
+  /// @param thread index in the tile's block
   __device__ ThreadPixels(const TileLists& lists, std::uint32_t tile, std::uint32_t thread)
       : at{{lists, tile, thread / 32, thread % 32, 0}, {lists, tile, thread / 32, thread % 32, 1}},
         open{at[0].inside, at[1].inside} {}
@@ -98,15 +98,15 @@ struct ThreadPixels {
 };
 static_assert(kThreadPixels == 2, "ThreadPixels and PixelAhead name both");
 
-/// log2 α at an offset from the mean. Every operation is spelled out: what the compiler contracts must not differ from
-/// kernel to kernel.
+/// log2 α at an offset from the mean. The fused operations are explicit, so that the compiler does not contract them
+/// differently in different kernels.
 __device__ inline float exponent_at(const SplatRecord& splat, float dx, float dy) {
   const float constant = fmaf(dx * dx, splat.quadratic_xx, splat.log2_opacity);
   return fmaf(dy, fmaf(dy, splat.quadratic_yy, dx * splat.quadratic_xy), constant);
 }
 
-// One instruction each. They take what is below 2^-126 for 0, which happens only where a splat is not blended; exp2f()
-// and a division spend several more on such numbers.
+// One instruction each. Numbers below 2^-126 are flushed to 0, which happens only where a splat is not blended; exp2f()
+// and a division need several more instructions to handle such numbers.
 __device__ inline float power_of_two(float exponent) {
 #ifdef SPLATBOOST_CUDA_ON_CPU
   return cuda_on_cpu::approximate(exp2f(exponent));
@@ -127,13 +127,13 @@ __device__ inline float reciprocal(float x) {
 }
 
 /// Whether a splat may reach α = 1/255 at a pixel of the warp. The greatest exponent over a rectangle that does not
-/// hold the mean is on an edge that faces it.
+/// contain the mean lies on an edge that faces the mean.
 __device__ inline bool may_reach(const SplatRecord& splat, const WarpCorner& corner) {
-  constexpr float kSlack = 0.02f;  // more than rounding; the exact test is per pixel
+  constexpr float kSlack = 0.02f;  // larger than rounding errors; the exact test is per pixel
   const float left = corner.x - splat.mean_x, right = left + (kWarpWidth - 1);
   const float top = corner.y - splat.mean_y, bottom = top + (kWarpHeight - 1);
   const float edge_x = fminf(fmaxf(0.0f, left), right), edge_y = fminf(fmaxf(0.0f, top), bottom);
-  // Along the edge of x (y): where the slope across it is zero.
+  // Maximum on the edge at edge_x (edge_y): where the derivative along the edge is zero.
   const float slope = -0.5f * splat.quadratic_xy;
   const float at_y = fminf(fmaxf(slope * edge_x * reciprocal(splat.quadratic_yy), top), bottom);
   const float at_x = fminf(fmaxf(slope * edge_y * reciprocal(splat.quadratic_xx), left), right);
@@ -141,15 +141,16 @@ __device__ inline bool may_reach(const SplatRecord& splat, const WarpCorner& cor
   return greatest >= kMinLog2Alpha - kSlack;
 }
 
-/// What one splat does to one pixel.
+/// Effect of one splat on one pixel.
 struct PixelStep {
   float dx, dy;
   float alpha;
-  float after;  ///< transmittance behind it
+  float after;  ///< transmittance behind the splat
   bool blended;
 };
 
-/// Takes a pixel behind a splat, but for its transmittance. A pixel that the splat would saturate is closed before it.
+/// Applies a splat to a pixel; the caller updates the transmittance. A pixel that the splat would saturate is closed
+/// without blending it.
 __device__ inline PixelStep step_pixel(const SplatRecord& splat, const TilePixel& pixel, float transmittance,
                                        bool& open) {
   PixelStep step;
@@ -163,9 +164,9 @@ __device__ inline PixelStep step_pixel(const SplatRecord& splat, const TilePixel
   return step;
 }
 
-/// Walks through a tile's splats, near to far, until all its pixels are closed. All threads of the block call it.
+/// Visits a tile's splats, near to far, until all its pixels are closed. All threads of the block must call it.
 /// @param visit (index in the tile's list, splat): called by whole warps, for splats that may reach one of their
-///     pixels; closes pixels
+///     pixels; may close pixels
 /// @param begin_bucket (number): called by whole warps before each kBucketSplats of the list
 template <class Visit, class BeginBucket>
 __device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const ThreadPixels& pixels, Visit&& visit,
@@ -175,7 +176,7 @@ __device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const T
   const WarpCorner corner(lists, tile, threadIdx.x / 32);
   const int lane = static_cast<int>(threadIdx.x % 32);
   for (std::uint32_t base = range.begin; base < range.end; base += kBatchSplats) {
-    if (!__syncthreads_or(pixels.any_open())) break;  // and nobody reads the last batch any more
+    if (!__syncthreads_or(pixels.any_open())) break;  // also a barrier: the previous batch is no longer read
     if (base + threadIdx.x < range.end) {
       batch.set(static_cast<int>(threadIdx.x), lists.records[lists.entries[base + threadIdx.x]]);
     }

@@ -7,7 +7,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "rasterizer/count_cpu.cpp"
-#include <hwy/foreach_target.h>  // compiles this file once an instruction set
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
 #include "rasterizer/splat_rows-inl.h"
@@ -16,14 +16,14 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// Counts one tile's flagged pixels a splat. Integer sums: any order of tiles gives the same counts.
+/// Counts one tile's flagged pixels per splat. Integer sums: the counts do not depend on the order of the tiles.
 /// @param flagged [256] 1 or 0
 void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT flagged, std::int32_t* counts) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
   TileRows<2> pixels(frame, tile);              // transmittance, flags
-  std::uint32_t flagged_rows[kMaxBlocks] = {};  // the others need no replay: pixels do not know of one another
+  std::uint32_t flagged_rows[kMaxBlocks] = {};  // the others need no replay: pixels are independent
   load_flags(flagged, pixels, flagged_rows);
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
@@ -53,7 +53,7 @@ void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT 
   }
 }
 
-/// Counts one tile's pixels a splat in front of which the transmittance is above a threshold.
+/// Counts, per splat, one tile's pixels where it is blended and the transmittance in front of it is above a threshold.
 void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance, std::int32_t* counts) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
@@ -63,7 +63,7 @@ void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance,
 
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
-  std::uint32_t open_rows[kMaxBlocks] = {};  // with a pixel that is still observed from
+  std::uint32_t open_rows[kMaxBlocks] = {};  // rows with a pixel whose transmittance is above the threshold
   for (std::uint32_t at = begin; at < stop; ++at) {
     if ((at - begin) % kBatch == 0) {
       std::uint32_t any = 0;
@@ -101,7 +101,7 @@ void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance,
   }
 }
 
-/// Sums one tile's blending weights a splat.
+/// Sums one tile's blending weights per splat.
 void weigh_tile(const Frame& frame, std::size_t tile, std::int32_t* weights) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
@@ -115,7 +115,7 @@ void weigh_tile(const Frame& frame, std::size_t tile, std::int32_t* weights) {
     prefetch_record(frame, at, stop);
     const BlendRecord& splat = frame.records[frame.entries[at].primitive];
     const RowOffsets offsets(splat, pixels.first_y);
-    Vec sum = hn::Zero(d);  // whole numbers below 2^17: exact
+    Vec sum = hn::Zero(d);  // integers below 2^17: exact
     for (int b = 0; b < blocks; ++b) {
       const std::uint32_t mask = *reached_rows++;
       if (mask == 0) continue;

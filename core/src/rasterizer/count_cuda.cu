@@ -11,11 +11,11 @@ __global__ void __launch_bounds__(kTileThreads)
   ThreadPixels pixels(lists, blockIdx.x, threadIdx.x);
   float transmittance[kThreadPixels];
 #pragma unroll
-  for (int p = 0; p < kThreadPixels; ++p) {  // pixels without a flag need not be followed
+  for (int p = 0; p < kThreadPixels; ++p) {  // pixels without a flag need no replay
     pixels.open[p] = pixels.at[p].inside && flagged[pixels.at[p].index(lists)] != 0;
     transmittance[p] = 1.0f;
   }
-  if (!__syncthreads_or(pixels.any_open())) return;  // the whole block: there is nothing to count
+  if (!__syncthreads_or(pixels.any_open())) return;  // the whole block returns: nothing to count
   visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
     int counted = 0;
 #pragma unroll
@@ -41,7 +41,7 @@ __global__ void __launch_bounds__(kTileThreads)
       const PixelStep step = step_pixel(splat, pixels.at[p], transmittance[p], pixels.open[p]);
       if (step.blended) transmittance[p] = step.after;
       counted += __popc(__ballot_sync(kWholeWarp, step.blended));
-      pixels.open[p] = pixels.open[p] && transmittance[p] > min_transmittance;  // nothing behind is observed
+      pixels.open[p] = pixels.open[p] && transmittance[p] > min_transmittance;  // splats behind are not observed
     }
     if (counted != 0 && threadIdx.x % 32 == 0) atomicAdd(&counts[splat.gaussian], counted);
   });

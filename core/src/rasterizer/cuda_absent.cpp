@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for the .cu files of this folder in a build without CUDA. There is no stream, so none of it is ever called.
+// Replaces the .cu files of this folder in a build without CUDA. There is no stream then, so nothing here is called.
 #include "device/cuda_absent.h"
 #include "rasterizer/cuda_ops.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The tiles that a count replay has to walk through.
+/// @file The tiles that a count replay has to process.
 #pragma once
 
 #include <cstddef>
@@ -12,9 +12,9 @@
 
 namespace splatboost {
 
-/// Calls body(tile, flags) for each tile with a flagged pixel, on the threads.
+/// Calls body(tile, flags) for each tile with a flagged pixel, in parallel.
 /// @param flagged [H,W] non-zero where flagged
-/// body's flags: [256] 1 or 0, aligned to a vector
+/// @param body its flags are [256], 1 or 0, aligned for vector loads
 template <class Body>
 void for_each_flagged_tile(const TileLists& lists, std::span<const std::uint8_t> flagged, Threads& threads,
                            const Body& body) {

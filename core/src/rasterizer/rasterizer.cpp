@@ -69,7 +69,7 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
   check_optional(images.inverse_depth, pixels, "inverse_depth");
   check_optional(images.alpha, pixels, "alpha");
 
-  SPLATBOOST_CHECK(camera.tiles_x() < 65536 && camera.tiles_y() < 65536, "images are limited to 2^20 pixels a side");
+  SPLATBOOST_CHECK(camera.tiles_x() < 65536 && camera.tiles_y() < 65536, "images are limited to 2^20 pixels per side");
 
   State& state = *state_;
   state.pixels = pixels;
@@ -112,8 +112,8 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
 void Rasterizer::count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) {
   const State& state = *state_;
   SPLATBOOST_CHECK(state.drawn, "count_flagged() needs a forward() before it");
-  SPLATBOOST_CHECK(flagged.size() == state.pixels, "flagged must have one byte a pixel");
-  SPLATBOOST_CHECK(counts.size() == state.gaussians, "counts must have one number a Gaussian");
+  SPLATBOOST_CHECK(flagged.size() == state.pixels, "flagged must have one byte per pixel");
+  SPLATBOOST_CHECK(counts.size() == state.gaussians, "counts must have one number per Gaussian");
   state_->backend->count_flagged(flagged, counts);
 }
 
@@ -121,14 +121,14 @@ void Rasterizer::count_observed(float min_transmittance, std::span<std::int32_t>
   const State& state = *state_;
   SPLATBOOST_CHECK(state.drawn, "count_observed() needs a forward() before it");
   SPLATBOOST_CHECK(min_transmittance >= 0 && min_transmittance < 1, "min_transmittance must lie in [0, 1)");
-  SPLATBOOST_CHECK(counts.size() == state.gaussians, "counts must have one number a Gaussian");
+  SPLATBOOST_CHECK(counts.size() == state.gaussians, "counts must have one number per Gaussian");
   state_->backend->count_observed(min_transmittance, counts);
 }
 
 void Rasterizer::add_weights(std::span<std::int32_t> weights) {
   const State& state = *state_;
   SPLATBOOST_CHECK(state.drawn, "add_weights() needs a forward() before it");
-  SPLATBOOST_CHECK(weights.size() == state.gaussians, "weights must have one number a Gaussian");
+  SPLATBOOST_CHECK(weights.size() == state.gaussians, "weights must have one number per Gaussian");
   state_->backend->add_weights(weights);
 }
 

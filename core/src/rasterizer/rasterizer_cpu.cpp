@@ -7,7 +7,7 @@
 namespace splatboost {
 namespace {
 
-/// Runs a stage and notes how long it took.
+/// Runs a stage and measures its duration.
 template <class Stage>
 void timed(double& seconds, Stage&& stage) {
   const auto start = std::chrono::steady_clock::now();

@@ -10,13 +10,13 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Room is made for this many times the most that any frame took ...
+/// Buffers are sized to this multiple of the largest number of elements that any frame needed ...
 constexpr double kRoomFactor = 1.5;
-/// ... once it is less than this many times that.
+/// ... once their size is below this multiple of it.
 constexpr double kMinRoomFactor = 1.25;
 constexpr double kMinRoom = 1024;
 
-/// A frame's numbers, which the device writes while the host goes on.
+/// Copies a frame's totals to pinned host memory while the host goes on.
 class TotalsOnHost {
  public:
   explicit TotalsOnHost(CudaStream& stream)
@@ -76,7 +76,7 @@ class CudaRasterizer : public RasterizerBackend {
     frame_.tiles_y = camera.tiles_y();
     gaussians_ = gaussians;
     images_ = images;
-    draw(outgrown_ || known_gaussians_ == 0);  // the first frame, and after one that was too large
+    draw(outgrown_ || known_gaussians_ == 0);  // waits in the first frame and after one that outgrew its room
   }
 
   void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
@@ -119,7 +119,7 @@ class CudaRasterizer : public RasterizerBackend {
   std::span<const std::int32_t> screen_radii() const override { return frame_.radii.span(); }
 
   RasterCounts counts() override {
-    if (!settle()) wait_and_learn();  // what is known may be of a frame before
+    if (!settle()) wait_and_learn();  // known_ may be of an earlier frame
     return {known_.visible, known_.entries};
   }
 
@@ -135,8 +135,8 @@ class CudaRasterizer : public RasterizerBackend {
   }
 
  private:
-  /// Draws the frame. @param exactly waits for its numbers and makes room for them; otherwise it makes room by those
-  /// of frames before.
+  /// Draws the frame. @param exactly waits for the frame's totals and makes room for them; otherwise makes room based
+  /// on the totals of earlier frames.
   void draw(bool exactly) {
     start_.record();
     project(frame_, gaussians_, stream_);
@@ -170,7 +170,7 @@ class CudaRasterizer : public RasterizerBackend {
     room = static_cast<std::size_t>(kRoomFactor * needed + kMinRoom);
   }
 
-  /// Looks at numbers that have arrived.
+  /// Reads the totals that have arrived.
   void learn() {
     known_ = totals_.get();
     known_gaussians_ = std::max({known_gaussians_, frame_.gaussians, std::size_t{1}});
@@ -189,12 +189,12 @@ class CudaRasterizer : public RasterizerBackend {
   Gaussians gaussians_;  ///< of the last frame, which may have to be drawn again
   RasterImages images_;
   TotalsOnHost totals_;
-  std::size_t visible_room_ = 0;  ///< the frame has this much, or as much as there are Gaussians
-  bool on_the_way_ = false;       ///< numbers are, of some frame
-  bool settled_ = true;           ///< the last frame had room enough
+  std::size_t visible_room_ = 0;  ///< frame_.visible_room is this, but at most N
+  bool on_the_way_ = false;       ///< totals of some frame are being copied
+  bool settled_ = true;           ///< the last frame is known to have had enough room
   bool outgrown_ = false;         ///< a frame was found to have had too little room
   FrameTotals known_{};
-  std::size_t known_gaussians_ = 0;  ///< the largest N when such were looked at; 0: no frame was drawn
+  std::size_t known_gaussians_ = 0;  ///< largest N at which totals were read; 0: none were yet
   RasterSeconds seconds_;
   Event start_, projected_, listed_, blended_, backward_start_, blended_backward_, projected_backward_, count_start_,
       counted_;

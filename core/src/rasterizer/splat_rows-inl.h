@@ -2,7 +2,7 @@
 /// @file One splat over one block of pixel columns, row by row: the arithmetic that blending, its gradient and the
 /// count replay must share to the last bit, so that all three agree on which pixels a splat reaches.
 ///
-/// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
+/// Compiled once per instruction set (Highway's per-target include), hence no ordinary include guard.
 
 #if defined(SPLATBOOST_SPLAT_ROWS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_SPLAT_ROWS_INL_H_
@@ -24,10 +24,10 @@
 HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
-/// By how much a row's greatest exponent may miss the threshold: more than rounding. The exact test is per pixel.
+/// Slack on the threshold of a row's greatest exponent, larger than rounding errors. The exact test is per pixel.
 inline constexpr float kRowSlack = 0.02f;
 
-/// A tile's records lie scattered over the view's: each is called for ahead of its turn.
+/// A tile's records are scattered among the view's: prefetch each of them ahead of its use.
 HWY_INLINE void prefetch_record(const Frame& frame, std::uint32_t at, std::uint32_t end) {
   constexpr std::uint32_t kAhead = 8;
   if (at + kAhead < end) __builtin_prefetch(&frame.records[frame.entries[at + kAhead].primitive]);
@@ -72,8 +72,8 @@ struct Columns {
   }
 };
 
-/// dy of a tile's rows, pixel centre − mean, and of the spare row. In memory, because a processor broadcasts a number
-/// that it loads at no cost.
+/// dy of a tile's rows, pixel centre − mean, and of the spare row. Kept in memory because
+/// broadcasting a number that is loaded is free.
 struct RowOffsets {
   alignas(64) float dy[kTileSize + 1];
 
@@ -87,7 +87,7 @@ struct RowOffsets {
   }
 };
 
-/// Takes a row of transmittances behind a splat.
+/// Advances a row of transmittances past a splat.
 HWY_INLINE RowStep step_row(const Columns& columns, float dy, float* HWY_RESTRICT transmittance) {
   const Lanes d;
   RowStep step;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Between planar images and the tiles that they are blended in.
+/// @file Copies between planar images and the tiles that they are blended in.
 #pragma once
 
 #include <algorithm>
@@ -31,7 +31,7 @@ struct TileArea {
   std::size_t row(std::size_t plane, std::size_t y) const { return plane * image_pixels + (y0 + y) * image_width + x0; }
 };
 
-/// Copies a row of an area. Nearly all are as wide as the tile, which is a few moves instead of a call.
+/// Copies a row of an area. Nearly all are as wide as the tile: a constant size compiles to a few moves.
 inline void copy_row(const float* from, float* to, std::size_t width) {
   if (width == kTileSize) {
     std::memcpy(to, from, kTileSize * sizeof(float));

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file A tile of pixels as rows of vectors, and how a row passes behind a primitive of which α is known: what
-/// blending, its gradient and the count replay share, whatever the primitive.
+/// @file A tile of pixels as rows of vectors, and the blending step of a row given a primitive's α: shared by blending,
+/// its gradient and the count replay, for all kinds of primitives.
 ///
-/// Compiled once an instruction set (Highway's per-target include), hence no ordinary include guard.
+/// Compiled once per instruction set (Highway's per-target include), hence no ordinary include guard.
 
 #if defined(SPLATBOOST_TILE_ROWS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef SPLATBOOST_TILE_ROWS_INL_H_
@@ -26,16 +26,16 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 inline constexpr int kPixels = kTileSize * kTileSize;
-/// Rows are taken two at a time; behind the tile's last is one whose pixels are closed.
+/// Rows are processed two at a time; after the tile's last row comes one whose pixels are closed.
 inline constexpr int kSpareRow = kTileSize;
-/// Entries of a tile that are handled together: their rows are found in one go, ahead of the branches on them.
+/// Entries of a tile that are processed together: the rows of all of them are found before any branch on them.
 inline constexpr std::uint32_t kBatch = 32;
-/// Blocks of columns in a tile.
+/// Maximum number of blocks of columns in a tile.
 inline constexpr int kMaxBlocks = kTileSize;
 
 HWY_INLINE std::size_t blocks_of_columns() { return kTileSize / hn::Lanes(Lanes()); }
 
-/// 2^x for x in [-126, 1], anything elsewhere; polynomial fitted at Chebyshev nodes on [-½, ½], relative error 1e-7.
+/// 2^x for x in [-126, 127], unspecified elsewhere; polynomial fit at Chebyshev nodes on [-½, ½], relative error 1e-7.
 HWY_INLINE Vec exp2_of(Vec x) {
   const Lanes d;
   const hn::RebindToSigned<Lanes> di;
@@ -55,8 +55,8 @@ HWY_INLINE Vec exp2_of(Vec x) {
 /// Sum over the lanes.
 HWY_INLINE float sum_of(Vec v) { return hn::GetLane(hn::SumOfLanes(Lanes(), v)); }
 
-/// Sums over the lanes of four vectors at once, half the work of four single ones: the vectors are woven into one
-/// whose every 128-bit block holds a part of each sum, and blocks are added.
+/// Sums over the lanes of four vectors at once, half the work of four separate sums: the vectors are interleaved into
+/// one in which every 128-bit block holds a partial sum of each, and the blocks are added.
 HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
 #if HWY_TARGET == HWY_SCALAR
   sums[0] = sum_of(a);
@@ -80,25 +80,25 @@ HWY_INLINE void sums_of(Vec a, Vec b, Vec c, Vec e, float* HWY_RESTRICT sums) {
 #endif
 }
 
-/// The rows that a mask, which is not empty, stretches over. Rows between its first and its last that are not in it are
-/// closed: a primitive does nothing to them, nor to the one behind the last.
+/// First and last row of a mask, which must not be empty. Rows in between that are not in the mask are closed, so that
+/// processing them changes nothing; nor does processing the row after the last.
 struct RowRange {
   int first, last;
   HWY_INLINE explicit RowRange(std::uint32_t mask) : first(std::countr_zero(mask)), last(31 - std::countl_zero(mask)) {}
 };
 
-/// What one primitive does to one row of pixels.
+/// Effect of one primitive on one row of pixels.
 struct RowStep {
   Vec dy;
   Vec alpha;   ///< 0 where it is below the threshold
   Vec before;  ///< transmittance before the primitive
   Vec after;   ///< ... and behind it, where it is blended
-  Mask open;   ///< pixels that are open afterwards: there, and where α is not 0, it was blended
+  Mask open;   ///< pixels that are open afterwards; the primitive was blended where their α is not 0
 };
 
-/// Takes a row of transmittances behind a primitive: fills in all but dy and alpha. A pixel that the primitive would
-/// saturate is closed before it: it keeps its transmittance with a minus sign, which no later primitive brings past the
-/// comparison.
+/// Advances a row of transmittances past a primitive; fills in all of `step` but dy and alpha. A pixel that the
+/// primitive would saturate is closed without blending it: it keeps its transmittance with a negative sign, which fails
+/// the comparison for every later primitive.
 HWY_INLINE void pass_row(RowStep& step, float* HWY_RESTRICT transmittance) {
   const Lanes d;
   step.before = hn::Load(d, transmittance);
@@ -107,9 +107,9 @@ HWY_INLINE void pass_row(RowStep& step, float* HWY_RESTRICT transmittance) {
   hn::Store(hn::IfThenElse(step.open, step.after, hn::Or(step.before, hn::SignBit(d))), d, transmittance);
 }
 
-/// The part of a tile's state that the loops over rows read and write. What is used together lies together: a row's
-/// transmittance, then its other planes. Planes far apart would meet in the low bits of their addresses, and a load
-/// that looks like a store in flight waits for it.
+/// The part of a tile's state that the loops over rows read and write. Data used together is stored together: a row's
+/// transmittance, then its other planes. Separate planes would have addresses with equal low bits, and a load whose low
+/// address bits match those of a pending store waits for it.
 /// @tparam kPlanes planes of a row, the transmittance included
 template <int kPlanes>
 struct TileRows {
@@ -118,7 +118,7 @@ struct TileRows {
   int x0, y0;
   float first_y;  ///< pixel centre of the first row
 
-  /// Transmittance 1, and closed from the start outside the image; the other planes are zero.
+  /// Sets transmittances to 1, closes the pixels outside the image, and sets the other planes to zero.
   TileRows(const TileLists& lists, std::size_t tile) {
     x0 = static_cast<int>(tile % static_cast<std::size_t>(lists.tiles_x)) * kTileSize;
     y0 = static_cast<int>(tile / static_cast<std::size_t>(lists.tiles_x)) * kTileSize;

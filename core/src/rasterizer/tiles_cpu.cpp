@@ -14,8 +14,8 @@ constexpr std::size_t kWritesAhead = 16;
 constexpr std::size_t kAtATime = 8;
 constexpr std::size_t kTilesAtATime = 16;
 
-/// Depth above, slot below: a tile's keys in rising order are its entries from near to far, ties by index. The depth's
-/// bits order as integers because depths are positive.
+/// Depth in the upper half, slot in the lower: a tile's keys in ascending order are its entries from near to far, ties
+/// by index. Depths are positive, so their bits compare as integers.
 std::uint64_t key_of(std::uint32_t depth_bits, std::uint32_t slot) {
   return (static_cast<std::uint64_t>(depth_bits) << 32) | slot;
 }
@@ -36,8 +36,8 @@ std::uint32_t number_slots(TileLists& lists) {
   return lists.piece_slot[pieces];
 }
 
-/// Entries are put into their tiles in the order of slots, which follows the primitives' own: neighbours in memory are
-/// mostly neighbours in space, so that the tiles in turn are few. Then each tile is sorted by itself, in the cache.
+/// Entries are written to their tiles in the order of slots, which is that of the primitives: neighbours in memory are
+/// mostly neighbours in space, so that few tiles are written to at a time. Then each tile is sorted, in the cache.
 void build_tile_lists(TileLists& lists, Threads& threads) {
   const std::size_t pieces = lists.pieces();
   const std::size_t tiles = lists.tiles();
@@ -47,7 +47,7 @@ void build_tile_lists(TileLists& lists, Threads& threads) {
                                           lists.piece_slot[piece + 1] - lists.piece_slot[piece]);
   };
 
-  // One chunk of pieces a thread: each counts its entries a tile, so that all can be put into the tiles without locks.
+  // One chunk of pieces per thread: each counts its entries per tile, so that all can write to the tiles without locks.
   // The lists do not depend on the number of chunks.
   const auto chunks = static_cast<std::size_t>(threads.count());
   const auto chunk_begin = [&](std::size_t chunk) { return pieces * chunk / chunks; };
@@ -76,7 +76,7 @@ void build_tile_lists(TileLists& lists, Threads& threads) {
   lists.slot_owner.ensure(total);
   threads.for_range(chunks, 1, [&](std::size_t chunk, std::size_t) {
     const std::size_t last_piece = chunk_begin(chunk + 1);
-    // Whose slots they are. Eight at a time, as far as the chunk's own go: what is too much, the next writes over.
+    // Owners of the slots, eight at a time within the chunk's own slots: the next owner overwrites the excess.
     const std::span<std::uint32_t> owners = lists.slot_owner.span();
     const std::size_t own_end = lists.piece_slot[last_piece];
     std::size_t slot = lists.piece_slot[chunk_begin(chunk)];

@@ -25,7 +25,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (i < places.size()) places[i] = i < visible.size() ? visible[i] : 0;
 }
 
-/// Writes the visible Gaussians to their places, and fills the room behind them.
+/// Writes the visible Gaussians to their places, and fills the unused room behind them.
 __global__ void __launch_bounds__(kBlockThreads)
     list_kernel(DeviceView<const std::uint8_t> visible, DeviceView<const std::uint32_t> places,
                 DeviceView<const SplatRecord> records, DeviceView<std::uint32_t> listed,
@@ -36,7 +36,7 @@ __global__ void __launch_bounds__(kBlockThreads)
     const std::uint32_t place = places[i];
     if (place < room) {
       listed[place] = static_cast<std::uint32_t>(i);
-      keys[place] = __float_as_uint(records[i].depth);  // in order as integers, because depths are positive
+      keys[place] = __float_as_uint(records[i].depth);  // depths are positive: their bits compare as integers
     }
   }
   if (i < room && i >= places[visible.size()]) {
@@ -74,8 +74,8 @@ struct EmitInputs {
   int tiles_x;
 };
 
-/// Writes a Gaussian's entries, as many as projection counted: the compiler may round here as it did not there, and a
-/// tile more or less of those that the ellipse meets by less than its slack is one too many anyway.
+/// Writes a Gaussian's entries, exactly as many as projection counted. Rounding may differ from that in projection, and
+/// with it the number of tiles, but only by tiles that the ellipse meets by less than its slack and does not need.
 __global__ void __launch_bounds__(kBlockThreads)
     emit_kernel(EmitInputs in, DeviceView<std::uint32_t> keys, DeviceView<std::uint32_t> entries) {
   const std::size_t k = element_index();
@@ -108,7 +108,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   }
 }
 
-/// Fills the room behind the entries.
+/// Fills the unused room behind the entries.
 __global__ void __launch_bounds__(kBlockThreads)
     fill_kernel(DeviceView<const FrameTotals> totals, DeviceView<std::uint32_t> keys,
                 DeviceView<std::uint32_t> entries) {
@@ -192,7 +192,7 @@ void build_tile_lists(CudaFrame& frame, CudaStream& stream) {
               frame.entries_swap.span());
   launch_each(stream, "fill_entries", fill_kernel, room, frame.totals.span(), frame.tile_keys.span(),
               frame.entries_swap.span());
-  const int bits = static_cast<int>(std::bit_width(frame.tiles()));  // kNothing's low bits are above every tile
+  const int bits = static_cast<int>(std::bit_width(frame.tiles()));  // kNothing's low bits are greater than every tile
   run_cub(stream, frame.scratch, "cub::SortPairs by tile", [&](void* memory, std::size_t& bytes) {
     return cub::DeviceRadixSort::SortPairs(memory, bytes, frame.tile_keys.data(), frame.tile_keys_swap.data(),
                                            frame.entries_swap.data(), frame.entries.data(), items(room), 0, bits,

@@ -9,7 +9,7 @@
 namespace splatboost::patch {
 namespace {
 
-constexpr std::size_t kShown = 100;  // characters of a statement in a message
+constexpr std::size_t kShown = 100;  // bytes of a statement shown in a message
 constexpr double kMinLikeness = 0.3;
 
 bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == '\f'; }
@@ -26,7 +26,7 @@ struct Token {
   bool name() const { return word() && (text.front() < '0' || text.front() > '9'); }
 };
 
-/// Words, and single characters of all else.
+/// Splits code into words and single other characters; skips white space and backslashes.
 std::vector<Token> tokens_of(std::string_view code) {
   std::vector<Token> tokens;
   for (std::size_t at = 0; at < code.size();) {
@@ -62,7 +62,7 @@ const std::set<std::string, std::less<>>& builtins() {
   return words;
 }
 
-/// Pieces of `code` between commas outside brackets.
+/// Splits `code` at commas outside brackets and outside the parameter lists of lambdas.
 std::vector<std::string_view> split(std::string_view code) {
   std::vector<std::string_view> pieces;
   int depth = 0;
@@ -77,7 +77,7 @@ std::vector<std::string_view> split(std::string_view code) {
     } else if (closes(code[at])) {
       --depth;
     } else if (depth == 0 && code.substr(at, 6) == "lambda" && (at == 0 || !is_word(code[at - 1]))) {
-      lambda = true;  // its parameters are separated by commas too
+      lambda = true;  // commas also separate its parameters
     } else if (depth == 0 && code[at] == ':') {
       lambda = false;
     }
@@ -92,7 +92,7 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-/// Where the bracket that opens at `open` closes; the end where it does not.
+/// Offset of the bracket that closes the one at `open`; code.size() if there is none.
 std::size_t closing(std::string_view code, std::size_t open) {
   int depth = 0;
   for (std::size_t at = open; at < code.size(); ++at) {
@@ -102,7 +102,7 @@ std::size_t closing(std::string_view code, std::size_t open) {
   return code.size();
 }
 
-/// Where a single '=' stands outside brackets, from `from`; npos where none does.
+/// Offset of the first plain assignment '=' outside brackets, from `from` on; npos if there is none.
 std::size_t assignment(std::string_view code, std::size_t from = 0) {
   int depth = 0;
   for (std::size_t at = from; at < code.size(); ++at) {
@@ -119,7 +119,7 @@ std::size_t assignment(std::string_view code, std::size_t from = 0) {
   return std::string_view::npos;
 }
 
-/// Names that assigning to this would set.
+/// Adds the names that an assignment to the target `code` sets.
 void targets(std::string_view code, std::set<std::string, std::less<>>& names) {
   const std::vector<Token> tokens = tokens_of(code);
   int depth = 0;
@@ -201,7 +201,7 @@ SourceCode::SourceCode(std::string text, Language language) : text_(std::move(te
 
 void SourceCode::read_cpp() {
   const std::size_t size = text_.size();
-  std::set<std::size_t> within;  // line ends in comments and strings
+  std::set<std::size_t> within;  // offsets of line ends inside comments and strings
   const auto blank = [&](std::size_t from, std::size_t to) {
     for (std::size_t i = from; i < to && i < size; ++i) {
       if (code_[i] == '\n') {
@@ -228,7 +228,7 @@ void SourceCode::read_cpp() {
       const std::size_t end = std::min(text_.find(mark, open), size);
       blank(at + 1, end);
       at = std::min(end + mark.size(), size);
-    } else if (c == '"' || (c == '\'' && (at == 0 || !is_word(text_[at - 1])))) {  // 1'000 has no character
+    } else if (c == '"' || (c == '\'' && (at == 0 || !is_word(text_[at - 1])))) {  // not the separator of 1'000
       std::size_t end = at + 1;
       while (end < size && text_[end] != c && text_[end] != '\n') end += text_[end] == '\\' ? 2 : 1;
       end = std::min(end, size);
@@ -239,8 +239,8 @@ void SourceCode::read_cpp() {
     }
   }
   Statement now;
-  int depth = 0;    // of ( and [
-  char last = ' ';  // of its code
+  int depth = 0;    // nesting of ( and [
+  char last = ' ';  // last character of its code
   std::size_t begin = 0;
   for (int line = 1; begin < size || statements_.empty(); ++line) {
     const std::size_t end = std::min(code_.find('\n', begin), size);
@@ -272,7 +272,7 @@ void SourceCode::read_cpp() {
 }
 
 void SourceCode::read_python() {
-  // Statements, and code without comments and strings, in one pass.
+  // Finds the statements and blanks comments and strings in one pass.
   Statement now;
   int depth = 0, line = 1;
   bool at_indent = true;
@@ -376,7 +376,7 @@ std::string SourceCode::show(std::size_t statement) const {
   while (!shown.empty() && shown.back() == ' ') shown.pop_back();
   if (shown.size() > kShown) {
     std::size_t end = kShown;
-    while (end > 0 && (shown[end] & 0xC0) == 0x80) --end;  // whole characters only
+    while (end > 0 && (shown[end] & 0xC0) == 0x80) --end;  // do not split a UTF-8 character
     shown = shown.substr(0, end) + "…";
   }
   return shown;
@@ -457,7 +457,7 @@ std::vector<Call> SourceCode::calls(const std::string& name) const {
           call.positional.emplace_back(text);
         }
       }
-      // Names, '=', the call, and nothing else.
+      // Count the results only if the statement is names, '=', the call, and nothing else.
       const bool ends = close >= code.size() || trimmed(std::string_view(code).substr(close + 1)).empty();
       if (ends && !before.empty() && before.back() == '=' && assignment(before) == before.size() - 1) {
         std::string_view names = trimmed(before.substr(0, before.size() - 1));
@@ -528,7 +528,7 @@ std::optional<Function> SourceCode::function_around(std::size_t statement) const
 
 bool SourceCode::knows(const std::string& name, std::size_t statement) const {
   if (builtins().contains(name)) return true;
-  // In the functions around it: as a parameter, or set above.
+  // In the enclosing functions: a parameter, or set above the statement.
   std::size_t inner = statement;
   while (const std::optional<Function> function = function_around(inner)) {
     for (const Parameter& parameter : function->parameters) {
@@ -539,7 +539,7 @@ bool SourceCode::knows(const std::string& name, std::size_t statement) const {
     }
     inner = function->statement;
   }
-  // At the top, also in its ifs and tries. What is called later may be set below.
+  // At module level, including its if and try blocks. Code in a function runs later, so the name may be set below it.
   const bool in_function = inner != statement;
   for (std::size_t i = 0; i < (in_function ? statements_.size() : statement); ++i) {
     if (statements_[i].empty || !binds(i, name)) continue;
@@ -562,7 +562,7 @@ std::vector<Match> find_words(const SourceCode& source, const std::string& ancho
         ++i;
         continue;
       }
-      // Space between two words must be there; elsewhere it may be there or not.
+      // Space is required between two words and optional elsewhere.
       const std::size_t old_at = at, old_i = i;
       while (i < anchor.size() && is_space(anchor[i])) ++i;
       while (at < text.size() && (is_space(text[at]) || text[at] == '\\')) ++at;
@@ -583,7 +583,7 @@ std::optional<std::size_t> nearest_statement(const SourceCode& source, const std
     std::map<std::string, int> words;
     for (const Token& token : tokens_of(code)) {
       if (!token.name()) continue;
-      // By the parts of a word: grow_and_prune is like densify_and_prune.
+      // Compare the parts of names, so that grow_and_prune is similar to densify_and_prune.
       for (std::size_t begin = 0; begin <= token.text.size();) {
         const std::size_t end = std::min(token.text.find('_', begin), token.text.size());
         if (end > begin) ++words[std::string(token.text.substr(begin, end - begin))];
@@ -607,7 +607,7 @@ std::optional<std::size_t> nearest_statement(const SourceCode& source, const std
       if (same != words.end()) common += std::min(count, same->second);
     }
     if (sought == 0 || all == 0) continue;
-    // Most of what is sought must be there; of statements that have as much the shortest is the nearest.
+    // Fraction of the wanted words that the statement has; among equals the shortest statement wins.
     const double likeness = static_cast<double>(common) / sought - 0.001 * std::min(all, 200);
     if (likeness > best) {
       best = likeness;

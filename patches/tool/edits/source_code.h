@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file As much of a file's structure as edits and checks of a host need: statements of Python, C++ and CMake, and of
-/// Python functions, calls and names too. Nothing is run; what is no valid code gives some answer and never fails.
+/// @file The structure of a source file, as far as edits and checks of a host need it: statements in Python, C++ and
+/// CMake; also functions, calls and names in Python. Nothing is run; invalid code gives some result, never an error.
 #pragma once
 
 #include <optional>
@@ -12,22 +12,22 @@ namespace splatboost::patch {
 
 enum class Language {
   python,
-  cpp,   ///< and CUDA
+  cpp,   ///< C++ and CUDA
   other  ///< comments, brackets and strings as in Python, such as CMake
 };
 
-/// By the ending of a file's name.
+/// The language of a file, by its extension.
 Language language_of(const std::string& file);
 
 /// A statement: one line, or several joined by brackets, backslashes or a string over several lines. In C++ lines are
-/// joined up to a semicolon or a brace, which end a statement where they end a line: a function's head is one
-/// statement, and so is each of its body's.
+/// joined up to one that ends in a semicolon, brace or colon: the head of a function is one statement, and its body
+/// consists of further ones.
 struct Statement {
   std::size_t begin = 0;  ///< of its first line
   std::size_t end = 0;    ///< past its last character, before the line end
-  int line = 1;           ///< of its begin
-  int indent = 0;         ///< characters before the first one that is no space; meaningless where `empty`
-  bool empty = true;      ///< nothing but space and comments
+  int line = 1;           ///< number of its first line
+  int indent = 0;         ///< number of leading spaces and tabs; meaningless if `empty`
+  bool empty = true;      ///< only white space and comments
 };
 
 struct Parameter {
@@ -44,10 +44,10 @@ struct Function {
 };
 
 struct Call {
-  std::vector<std::string> positional;  ///< texts of the arguments
+  std::vector<std::string> positional;  ///< text of each argument
   std::vector<std::string> keywords;    ///< names
   bool unpacked = false;                ///< has *… or **…
-  int results = 0;                      ///< names that the statement assigns them to; 0: not assigned as they come
+  int results = 0;                      ///< number of names the results are assigned to; 0: not assigned directly
   std::size_t statement = 0;
 };
 
@@ -57,23 +57,24 @@ class SourceCode {
 
   const std::string& text() const { return text_; }
   const std::vector<Statement>& statements() const { return statements_; }
-  /// The statement that holds a place of the text.
+  /// Index of the statement that contains an offset into the text.
   std::size_t statement_at(std::size_t place) const;
-  /// A statement in one line, without comments and double spaces, shortened.
+  /// A statement on one line, without comments and repeated spaces, truncated for messages.
   std::string show(std::size_t statement) const;
   /// The text with comments and the insides of strings blanked out.
   const std::string& code() const { return code_; }
 
-  // Of Python.
+  // The following are for Python only.
   std::vector<Function> functions(const std::string& name) const;
   /// Calls of `name` or `a.name`, as it is written.
   std::vector<Call> calls(const std::string& name) const;
 
-  /// Names that the statements read and do not set themselves.
+  /// Names that the statements read but do not set themselves.
   std::vector<std::string> names_used(std::size_t first_statement, std::size_t last_statement) const;
-  /// Whether a name may be known where a statement stands: in a function around it, above, or anywhere at the top.
+  /// Whether a name may be defined at a statement: in an enclosing function, above it, or, if the statement is in a
+  /// function, anywhere at module level.
   bool knows(const std::string& name, std::size_t statement) const;
-  /// The innermost function around a statement.
+  /// The innermost function that encloses a statement.
   std::optional<Function> function_around(std::size_t statement) const;
 
  private:
@@ -87,14 +88,14 @@ class SourceCode {
   std::vector<Statement> statements_;
 };
 
-/// Where `anchor` stands in code, line breaks and spaces between its words aside, within one statement.
+/// An occurrence of an anchor within one statement, regardless of line breaks and spaces between its words.
 struct Match {
   std::size_t begin = 0;
   std::size_t end = 0;
 };
 std::vector<Match> find_words(const SourceCode& source, const std::string& anchor);
 
-/// The statement most like a piece of code; nullopt where none is like it at all.
+/// The statement most similar to a piece of code; nullopt if none is similar enough.
 std::optional<std::size_t> nearest_statement(const SourceCode& source, const std::string& anchor);
 
 }  // namespace splatboost::patch

@@ -20,7 +20,7 @@ std::vector<std::size_t> places_of(const std::string& text, const std::string& w
   return places;
 }
 
-/// Where a change stands: inserted lines count at the start of a line only.
+/// Offsets of a change in a text. Inserted lines match only at the start of a line.
 std::vector<std::size_t> places_of(const std::string& text, const Change& change) {
   std::vector<std::size_t> places = places_of(text, change.added);
   if (change.removed.empty()) {
@@ -52,7 +52,7 @@ std::string first_line(const std::string& text) {
   return text.substr(start, std::min(text.find_first_of("\r\n", start), text.size()) - start);
 }
 
-/// The line end that a text uses.
+/// The line end that a text uses at or after an offset.
 std::string line_end(const std::string& text, std::size_t near) {
   const std::size_t here = text.find('\n', near);
   const std::size_t end = here != std::string::npos ? here : text.rfind('\n');
@@ -83,8 +83,8 @@ std::string anchor_problem(const std::string& text, const Edit& edit) {
   const std::string anchor = "'" + edit.anchor + "'";
   if (places.empty()) return anchor + " is missing" + nearest_place(text, edit.anchor, language);
   if (static_cast<int>(places.size()) == edit.count) return "";
-  return anchor + " stands on " + (places.size() == 1 ? "line " : "lines ") + line_numbers(text, places) +
-         ", expected " + times(edit.count);
+  return anchor + " is on " + (places.size() == 1 ? "line " : "lines ") + line_numbers(text, places) + ", expected " +
+         times(edit.count);
 }
 
 Change apply_edit(std::string& text, const Edit& edit) {
@@ -103,8 +103,8 @@ Change apply_edit(std::string& text, const Edit& edit) {
     change.added = edit.snippet.front();
     for (const Match& place : places) {
       require(text.compare(place.begin, place.end - place.begin, change.removed) == 0,
-              edit.file + ": '" + edit.anchor + "' is broken into lines in two ways on lines " +
-                  line_numbers(text, places) + ": write them alike, then patch");
+              edit.file + ": '" + edit.anchor + "' is split into lines in different ways on lines " +
+                  line_numbers(text, places) + ": write them in the same way, then patch");
     }
   } else {
     const std::size_t start = statement.begin;
@@ -113,13 +113,13 @@ Change apply_edit(std::string& text, const Edit& edit) {
     const std::string_view level = indent.find('\t') != std::string::npos ? "\t" : kSpaces;
     for (int i = 0; i < edit.indent; ++i) indent += level;
     for (const std::string& line : edit.snippet) change.added += (line.empty() ? "" : indent + line) + eol;
-    if (edit.place == Place::after && end == std::string::npos) {  // below a last line that has no end
+    if (edit.place == Place::after && end == std::string::npos) {  // the last line has no line end
       change.added = eol + change.added.substr(0, change.added.size() - eol.size());
     }
   }
   require(places_of(text, change).empty(),
-          edit.file + ": holds '" + first_line(change.added) +
-              "' already: the tree is patched, but .splatboost/patch.json is gone; patch a fresh checkout");
+          edit.file + ": already contains '" + first_line(change.added) +
+              "': the tree is patched, but .splatboost/patch.json is missing; patch a fresh checkout");
 
   if (edit.place == Place::replace) {
     for (auto at = places.rbegin(); at != places.rend(); ++at)
@@ -140,10 +140,10 @@ void revert_change(std::string& text, const Change& change, const std::string& f
   const std::vector<std::size_t> places = places_of(text, change);
   const std::string what = "'" + first_line(change.added) + "'";
   require(!places.empty(),
-          file + ": the patch's " + what + " is gone or was changed: put it back as splatboost patch show tells");
-  require(static_cast<int>(places.size()) == change.count, file + ": the patch's " + what + " stands on lines " +
+          file + ": the patch's " + what + " was removed or changed: restore it as splatboost patch show prints it");
+  require(static_cast<int>(places.size()) == change.count, file + ": the patch's " + what + " is on lines " +
                                                                line_numbers(text, places) + ", expected " +
-                                                               times(change.count) + ": leave as many");
+                                                               times(change.count) + ": restore that number");
   for (auto at = places.rbegin(); at != places.rend(); ++at) text.replace(*at, change.added.size(), change.removed);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file One edit of one text: where, what, and how to take it back.
+/// @file A single edit of a text: finding its place, making it and reverting it.
 #pragma once
 
 #include <string>
@@ -15,20 +15,20 @@ enum class Place {
   replace  ///< the anchor itself, within its statement
 };
 
-/// An edit as a recipe tells it. The anchor is a piece of one statement of the host's file; how its lines are broken
-/// does not count.
+/// An edit as a recipe specifies it. The anchor is a part of one statement of the host's file; line breaks in it do not
+/// matter.
 struct Edit {
   std::string file;  ///< relative to the tree, '/' between folders
   std::string anchor;
   Place place = Place::after;
-  std::vector<std::string> snippet;  ///< lines without indentation of the anchor and without line ends; replace: one
+  std::vector<std::string> snippet;  ///< lines without the anchor's indentation and line ends; replace: one line
   int indent = 0;                    ///< levels deeper than the line of the anchor
-  int count = 1;                     ///< how often the anchor stands in the file; more than once for replace only
+  int count = 1;                     ///< how often the anchor occurs in the file; above 1 for replace only
   std::string why;
   std::vector<std::string> layouts;  ///< names of the layouts it belongs to; empty: all
 };
 
-/// An edit as it was made. Replacing `added` by `removed` wherever it stands takes it back.
+/// An edit as it was made. Replacing every occurrence of `added` by `removed` reverts it.
 struct Change {
   std::string removed;
   std::string added;
@@ -37,27 +37,27 @@ struct Change {
   bool operator==(const Change&) const = default;
 };
 
-/// What a message about code that a recipe does not know ends with.
+/// End of every message about code that a recipe does not match.
 inline constexpr const char* kForkAdvice =
-    "a fork needs a recipe of its own: splatboost patch doctor PATH shows what "
-    "else differs, docs/patching.md how to write one";
+    "a fork needs its own recipe: splatboost patch doctor PATH shows what "
+    "else differs, docs/patching.md describes how to write one";
 
-/// The statement of a file that is most like a piece of code, as "; nearest is line 7: '…'"; else empty.
+/// The statement of a file most similar to a piece of code, as "; nearest is line 7: '…'"; empty if there is none.
 std::string nearest_place(const std::string& text, const std::string& code, Language language);
 
-/// Where an anchor stands in a text: as it is written, else with other line breaks. @return places as often as wanted
-/// or, where it stands more or less often, those there are
+/// Occurrences of an anchor in a text. Those that match exactly are preferred; if their number is not `count`, other
+/// line breaks are allowed too. @return `count` places if there are that many; otherwise those found
 std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count, Language language);
 
-/// Why an edit cannot be made: its anchor is missing, with the nearest place, or stands there too often; empty if it
-/// can.
+/// Why an edit cannot be made: its anchor is missing (with the most similar place) or does not occur `count` times;
+/// empty if it can be made.
 std::string anchor_problem(const std::string& text, const Edit& edit);
 
-/// Makes an edit. Line ends, indentation and a missing last line end are as the file has them.
-/// @param text is changed; unless the anchor stands there as often as told, PatchError names file and anchor
+/// Makes an edit, with the file's own line ends and indentation; a missing final line end stays missing. @param text is
+/// changed. Throws PatchError, which names file and anchor, unless the anchor occurs `count` times.
 Change apply_edit(std::string& text, const Edit& edit);
 
-/// Takes a change back. @param text is changed; PatchError names the file where the change is no longer as it was made
+/// Reverts a change in `text`. Throws PatchError, which names the file, if the change is no longer as it was made.
 void revert_change(std::string& text, const Change& change, const std::string& file);
 
 /// Whether a change is in the text as it was made.

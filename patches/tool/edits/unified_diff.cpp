@@ -26,7 +26,7 @@ struct Row {
   std::string_view line;
 };
 
-/// Rows by the longest common subsequence of the lines between the common start and the common end.
+/// Rows of the diff, by the longest common subsequence of the lines between common prefix and common suffix.
 std::vector<Row> rows_of(const std::vector<std::string_view>& a, const std::vector<std::string_view>& b) {
   std::size_t start = 0;
   while (start < a.size() && start < b.size() && a[start] == b[start]) ++start;
@@ -34,7 +34,7 @@ std::vector<Row> rows_of(const std::vector<std::string_view>& a, const std::vect
   while (end < a.size() - start && end < b.size() - start && a[a.size() - 1 - end] == b[b.size() - 1 - end]) ++end;
   const std::size_t n = a.size() - start - end, m = b.size() - start - end;
 
-  // common[i·(m+1)+j]: the length for what follows line i of a and line j of b
+  // common[i·(m+1)+j]: length of the longest common subsequence from line i of a and line j of b on
   std::vector<std::uint32_t> common((n + 1) * (m + 1), 0);
   for (std::size_t i = n; i-- > 0;) {
     for (std::size_t j = m; j-- > 0;) {
@@ -61,7 +61,7 @@ std::vector<Row> rows_of(const std::vector<std::string_view>& a, const std::vect
 }
 
 std::string range(std::size_t first, std::size_t count) {
-  // A range without lines names the line before it.
+  // An empty range gives the line before it.
   const std::string start = std::to_string(count == 0 ? first : first + 1);
   return count == 1 ? start : start + "," + std::to_string(count);
 }
@@ -78,7 +78,7 @@ Diff unified_diff(std::string_view before, std::string_view after, const std::st
       ++at, ++line_a, ++line_b;
       continue;
     }
-    // A hunk: from the context before this change to the context after the last change that is near.
+    // A hunk: from the context before this change to the context after the last change close enough to share it.
     const std::size_t lead = std::min(kContext, at);
     std::size_t last = at;
     for (std::size_t k = at; k < rows.size() && k <= last + 2 * kContext; ++k) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What a patch changes, as `diff -u` and `git apply` write and read it.
+/// @file Unified diffs, in the format that `diff -u` writes and `git apply` reads.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 namespace splatboost::patch {
 
 struct Diff {
-  std::string text;  ///< headers a/PATH and b/PATH, hunks of three lines of context; empty where nothing differs
+  std::string text;  ///< headers a/PATH and b/PATH, hunks with three lines of context; empty if nothing differs
   int added = 0;     ///< lines
   int removed = 0;
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adapter of convexes on hand-made counts.
+// The convex adapter on hand-written counts.
 #include "convex_splatting/convex_adapter.h"
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ TEST(ConvexAdapter, AsksForFiveTimesTheImportanceBecauseASplitAddsFive) {
   // At a megapixel and more: (τ_d + 1) · 5 = 30.
   EXPECT_EQ(gated({}, {28, 29, 30, 30}, 1000, 1000, {1, 1, 1, 0}), (std::vector<std::uint8_t>{0, 0, 1, 0}));
   EXPECT_EQ(gated({}, {29, 30}, 2000, 1000, {1, 1}), (std::vector<std::uint8_t>{0, 1}));
-  // In an image of a tenth of its area, 3; never less than 1.
+  // A tenth of that area asks for 3; the threshold is never below 1.
   EXPECT_EQ(gated({}, {2, 3, 3}, 400, 250, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
   EXPECT_EQ(gated({}, {0, 1, 1}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
   EXPECT_EQ(gated(literal_convex_boost(), {5, 6, 6}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
@@ -44,7 +44,7 @@ TEST(ConvexAdapter, AsksForFiveTimesTheImportanceBecauseASplitAddsFive) {
 TEST(ConvexAdapter, ComparesTheMeanOverViewsAsItIs) {
   Threads threads(1);
   ConvexAdapter adapter({}, threads);
-  // 0.05 megapixels ask for 1.5 pixels a view: 3 in both of two views together are enough.
+  // 0.05 megapixels ask for 1.5 pixels per view: 3 over two views are enough.
   testing::GivenCounts rasterizer({{1, 1}, {1, 2}}, 2, 250, 200);
   const std::vector<float> ones(2, 1.0f);
   const Hand hand{ones, ones, ones, ones};
@@ -101,7 +101,7 @@ TEST(ConvexAdapter, OpacitiesOfAShortRunNeedNotHaveSettled) {
   const std::vector<float> ones(4, 1.0f), opacities{0.014f, 0.016f, 0.031f, 0.5f};
   Hand hand{ones, ones, opacities, ones};
   ConvexAdapter adapter({}, threads);
-  // Each of 4 views is seen 25 times.
+  // Each of the 4 views is trained on 25 times.
   FakeRasterizer rasterizer({0, 0, 0, 0}, 4);
   std::vector<std::uint8_t> remove(4, 0);
   PruneDecisions late{remove, PruneRule::late, {}};
@@ -119,7 +119,7 @@ TEST(ConvexAdapter, TheLeastShownGoOnceWhenGrowthHasEnded) {
     ConvexAdapter adapter(boost, threads);
     EXPECT_TRUE(adapter.prunes_at({iteration, 30000}, false));
     FakeRasterizer rasterizer({0, 0, 0, 0, 0});
-    rasterizer.weights = {0, 7, 400, 12, 581};  // 2 % of all are 20
+    rasterizer.weights = {0, 7, 400, 12, 581};  // 2 % of the sum is 20
     std::vector<std::uint8_t> remove(5, 0);
     PruneDecisions late{remove, PruneRule::late, {}};
     adapter.prune(hand.at(iteration), rasterizer, late);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vanilla's rules over the longer run of Deformable-3DGS, the net that always steps, and candidates that nobody sees.
+// Vanilla's rules over the longer run of Deformable-3DGS, a net that always steps, candidates that no pixel shows.
 #include "deformable_3dgs/deformable_adapter.h"
 
 #include <gtest/gtest.h>
@@ -67,7 +67,7 @@ TEST(DeformableAdapter, growth_is_of_the_backbones_own_candidates) {
 TEST(DeformableAdapter, candidates_that_no_pixel_shows_all_go_and_half_of_the_others) {
   Threads threads(1);
   constexpr std::size_t kCount = 100;
-  // 40 candidates: 30 that cannot reach an alpha of 1/255, 10 that can. And 20 as faint ones that the backbone keeps.
+  // 40 candidates: 30 that cannot reach an alpha of 1/255, 10 that can. 20 more are as faint but kept by the backbone.
   std::vector<float> gradients(kCount), opacities(kCount, 0.5f), scales(kCount, 0.05f);
   std::vector<std::uint8_t> candidates(kCount, 0), clone(kCount), split(kCount);
   for (std::size_t i = 0; i < 60; ++i) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vanilla's rules under the settings for few views, on hand-made tensors.
+// Vanilla's rules under the settings for few views, on hand-written tensors.
 #include "dropgaussian/dropgaussian_adapter.h"
 
 #include <gtest/gtest.h>
@@ -39,7 +39,7 @@ TEST(DropGaussianAdapter, plan_is_of_the_published_run_of_10000) {
 
 TEST(DropGaussianAdapter, few_views_are_all_scored_and_the_fewer_the_clearer_a_sign_splitting_needs) {
   Threads threads(1);
-  // The border between small and large is 0.001 × extent. The scene covers half of the views: thresholds × √½.
+  // The border between small and large is 0.001 × extent. The scene covers half of the pixels: thresholds × √½.
   const float clone_from = 2e-4f * 0.70711f;
   for (const auto& [views, threshold] : {std::pair{3, 2.4e-3f}, {6, 1.8e-3f}, {60, 1.26e-3f}}) {
     const float split_from = threshold * 0.70711f;

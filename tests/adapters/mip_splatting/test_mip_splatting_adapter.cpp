@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adapter on hand-made tensors: absolute gradients are Mip-Splatting's sums, everything else is vanilla's.
+// The adapter on hand-written tensors: absolute gradients are Mip-Splatting's sums, everything else is vanilla's.
 #include "mip_splatting/mip_splatting_adapter.h"
 
 #include <gtest/gtest.h>

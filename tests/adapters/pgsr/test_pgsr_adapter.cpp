@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adapter on hand-made tensors: vanilla's rules, on the backbone's own candidates; its trim and resets are let go.
+// The adapter on hand-written tensors: vanilla's rules on the backbone's candidates; its trim and resets are unchanged.
 #include "pgsr/pgsr_adapter.h"
 
 #include <gtest/gtest.h>
@@ -71,7 +71,7 @@ TEST(PgsrAdapter, lets_the_trim_go) {
   PgsrAdapter adapter(pgsr_boost(), threads);
   const Hand hand{{0, 0, 0}, {0, 0, 0}, {0.01f, 0.5f, 0.5f}, {0.01f, 0.01f, 0.01f}};
   FakeRasterizer rasterizer({9, 9, 9}, 2);
-  // Also at a moment of late pruning.
+  // 18000 is also an iteration of late pruning.
   for (const int iteration : {1000, 18000}) {
     std::vector<std::uint8_t> remove{0, 1, 0};
     PruneDecisions prune{remove, PruneRule::trim, {}};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The decisions for a set of views that grows, on hand-made counts.
+// The decisions for a growing set of views, on hand-written counts.
 #include "photo_slam/photo_slam_adapter.h"
 
 #include <gtest/gtest.h>
@@ -36,13 +36,13 @@ TEST(RecentViews, of_few_all_are_taken) {
   EXPECT_TRUE(recent_and_drawn_views(0, 10, 0.5, random).empty());
 }
 
-/// Ten views. The first primitive has 8 flagged pixels in each of them, the second 16 in the newest alone, which is the
-/// only one that sees it; the third is seen by all of them and has as many flagged pixels as the second.
+/// Ten views. Primitive 0 has 8 flagged pixels in each of them. Primitive 1 has 16 in the newest view, the only one to
+/// see it. Primitive 2 has the same flagged pixels but is seen by all views.
 GivenCounts growing_set() {
   std::vector<std::vector<std::int32_t>> counts(3, std::vector<std::int32_t>(10, 0));
   std::ranges::fill(counts[0], 8);
   counts[1][9] = counts[2][9] = 16;
-  GivenCounts rasterizer(counts, 10, 1000, 1000);  // a megapixel: tau_d is whole
+  GivenCounts rasterizer(counts, 10, 1000, 1000);  // a megapixel: tau_d is not scaled down
   rasterizer.drawn = counts;
   std::ranges::fill(rasterizer.drawn[2], 16);
   return rasterizer;
@@ -96,7 +96,7 @@ TEST(PhotoSlamAdapter, the_newest_views_are_scored) {
   }
 }
 
-/// Iterations of late pruning, and whether anything grows after the first, in a run of these plans.
+/// Iterations of late pruning, and whether anything grows after the first of them.
 struct Late {
   std::vector<int> prunes;
   bool grows_after = false;
@@ -139,7 +139,7 @@ TEST(PhotoSlamAdapter, a_fixed_plan_prunes_late_where_vanilla_does) {
 }
 
 TEST(PhotoSlamAdapter, a_plan_that_changes_prunes_late_as_often) {
-  // By the clock, every 100 iterations: up and down, from an iteration on that is past the new plan's middle.
+  // The planned length goes up and down, from an iteration on that is past the middle of the new plan.
   const int wobbling[] = {990, 1100, 940, 1180, 960, 1012};
   const Late late = late_pruning({}, 1000, [&](int i) { return i <= 600 ? 30000 : wobbling[i / 20 % 6]; });
   EXPECT_EQ(late.prunes.size(), 4u) << "two were due at once, as the plan became shorter";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The paper's rules, restated plainly from its supplement (Secs. 9.1 to 9.3), against each adapter's literal settings.
+// The paper's rules, reimplemented from its supplement (Secs. 9.1 to 9.3), against each adapter's literal settings.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -24,8 +24,8 @@ std::unique_ptr<Adapter> literal(const char* backbone, Threads& threads) {
   return settings->make_adapter(0, threads);
 }
 
-/// Where the paper has 15 000, 20 000 and 3 000 of 30 000 iterations: a run of another length has the same share of its
-/// own.
+/// The iteration of a run of `total` that corresponds to `of_thirty_thousand` of the paper's 30 000 (15 000, 20 000 or
+/// 3 000).
 int share(int total, double of_thirty_thousand) { return static_cast<int>(total * of_thirty_thousand / 30000 + 0.5); }
 
 TEST(Literal, gaussians_grow_every_500_iterations_in_the_first_half) {
@@ -70,7 +70,7 @@ TEST(Literal, late_pruning_comes_every_tenth_of_the_run_after_its_half) {
       }
     }
   }
-  // 15 000 iterations are more than DropGaussian has.
+  // DropGaussian's run is shorter than 15 000 iterations.
   const auto adapter = literal("dropgaussian", threads);
   for (int i = 1; i <= 10000; ++i) ASSERT_FALSE(adapter->prunes_at({i, 10000}, false)) << i;
 }
@@ -96,7 +96,7 @@ TEST(Literal, only_3dgs_has_the_optimizer_schedule_and_its_intervals_do_not_shri
           const int interval = i <= share(total, 15000)   ? (std::string(group) == "f_rest" ? 16 : 1)
                                : i <= share(total, 20000) ? 32
                                                           : 64;
-          // The last iteration of a run applies what is accumulated.
+          // The last iteration of a run applies the accumulated gradients.
           const bool steps = entry.backbone != "vanilla" || i == total || i % interval == 0;
           ASSERT_EQ(adapter->steps_at(group, {i, total}), steps) << entry.backbone << " " << group << " " << i;
           ASSERT_EQ(adapter->rate_factor(group, {i, total}), 1.0f);
@@ -115,9 +115,9 @@ TEST(Literal, beta_is_a_half) {
 
 TEST(Literal, gaussians_grow_above_the_thresholds_and_five_whole_flagged_pixels) {
   Threads threads(1);
-  // Flagged pixels in each of two views of 8×8, half of whose pixels are matched exactly. The border between small and
-  // large is 0.001 of the extent, 0.01. Columns: at the threshold of cloning, below it; at that of splitting, below it;
-  // five pixels are not more than five.
+  // Two views of 8×8, half of whose pixels are matched exactly. Gaussians above 0.001 of the extent, 0.01, are large.
+  // Columns: at the clone threshold, below it; at the split threshold, below it; only five flagged pixels, where more
+  // are required.
   const Hand hand{{2e-4f, 1.99e-4f, 0, 1, 1},
                   {0, 1, 1.2e-3f, 1.19e-3f, 1},
                   {0.5f, 0.5f, 0.5f, 0.5f, 0.5f},

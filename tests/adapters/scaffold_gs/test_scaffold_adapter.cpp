@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adapter on hand-made tensors: which (anchor, offset) slots may grow.
+// The adapter on hand-written tensors: which (anchor, offset) slots may grow.
 #include <gtest/gtest.h>
 
 #include "scaffold_gs/scaffold_adapter.h"
@@ -20,7 +20,7 @@ Mask gate(const ScaffoldBoost& boost, testing::GivenCounts& rasterizer, Mask wan
 }
 
 TEST(ScaffoldAdapter, a_slot_grows_where_its_share_of_flagged_pixels_is_a_quarter_above_that_of_all) {
-  // In each of 10 views 1000 of 10,000 pixels are flagged: growth asks for more than an eighth, whatever a slot's size.
+  // In each of 10 views 1000 of 10,000 pixels are flagged: growth asks for a share above 1/8, whatever a slot's size.
   testing::GivenCounts rasterizer({{125}, {126}, {13}, {12}, {1}, {0}, {723}}, 10, 8, 8);
   rasterizer.drawn = {{1000}, {1000}, {100}, {100}, {4}, {0}, {7796}};
   EXPECT_EQ(gate({}, rasterizer, Mask(7, 1)), (Mask{0, 1, 1, 0, 1, 0, 0}));
@@ -29,14 +29,14 @@ TEST(ScaffoldAdapter, a_slot_grows_where_its_share_of_flagged_pixels_is_a_quarte
       << "the gate takes away, it never adds";
 
   ScaffoldBoost boost;
-  boost.tau_d = 5.1;  // 0.1275
+  boost.tau_d = 5.1;  // a share of 0.1275
   EXPECT_EQ(gate(boost, rasterizer, Mask(7, 1)), (Mask{0, 0, 1, 0, 1, 0, 0}));
-  boost.tau_d = 3.7;  // 0.0925
+  boost.tau_d = 3.7;  // a share of 0.0925
   EXPECT_EQ(gate(boost, rasterizer, Mask(7, 1)), (Mask{1, 1, 1, 1, 1, 0, 1}));
 }
 
 TEST(ScaffoldAdapter, views_that_do_not_draw_a_slot_say_nothing_of_it) {
-  // Slots of a fine level are in one view of four; a share of a fifth in all.
+  // The first three slots are of a fine level, drawn in one view of four. A fifth of all drawn pixels are flagged.
   testing::GivenCounts rasterizer({{20, 0, 0, 0}, {10, 0, 0, 0}, {3, 0, 0, 0}, {16, 17, 17, 17}}, 4, 8, 8);
   rasterizer.drawn = {{50, 0, 0, 0}, {50, 0, 0, 0}, {4, 0, 0, 0}, {99, 99, 99, 99}};
   ScaffoldBoost boost;
@@ -46,7 +46,7 @@ TEST(ScaffoldAdapter, views_that_do_not_draw_a_slot_say_nothing_of_it) {
 }
 
 TEST(ScaffoldAdapter, errors_are_dense_or_not_within_their_view) {
-  // One bad pixel sets the scale of a view's errors: of the first half is flagged, of the second a twentieth.
+  // One bad pixel sets the scale of a view's errors: half of the first view is flagged, a twentieth of the second.
   testing::GivenCounts rasterizer({{55, 0}, {65, 0}, {0, 6}, {0, 7}, {380, 37}}, 2, 8, 8);
   rasterizer.drawn = {{100, 0}, {100, 0}, {0, 100}, {0, 100}, {800, 800}};
   ScaffoldBoost boost;
@@ -56,7 +56,7 @@ TEST(ScaffoldAdapter, errors_are_dense_or_not_within_their_view) {
 
 TEST(ScaffoldAdapter, masked_pixels_say_nothing_of_a_slot) {
   testing::GivenCounts rasterizer({{70}, {30}}, 10, 8, 8);
-  rasterizer.drawn = {{100}, {100}};  // where the valid pixels, and only they, are flagged
+  rasterizer.drawn = {{100}, {100}};  // among the valid pixels only
   rasterizer.valid.assign(64, 1);
   std::fill_n(rasterizer.valid.begin(), 16, std::uint8_t{0});
   EXPECT_EQ(gate({}, rasterizer, {1, 1}), (Mask{1, 0}));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adapter on hand-made tensors: which primitives clone, split and go.
+// The adapter on hand-written tensors: which primitives are cloned, split and pruned.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -70,7 +70,7 @@ TEST_F(VanillaAdapterTest, a_cap_ranks_by_what_accepts_relative_to_its_threshold
   EXPECT_FLOAT_EQ(priorities[1], 3);
   EXPECT_FLOAT_EQ(priorities[2], 1);
 
-  boost.absgrad = false;  // the backbone's rule stands, and so does its order
+  boost.absgrad = false;  // the backbone's rule and its ranking stay
   VanillaAdapter same(boost, threads_);
   priorities = {7, 8, 9};
   same.grow(hand.at(1000), rasterizer, decisions);
@@ -93,14 +93,14 @@ TEST_F(VanillaAdapterTest, tau_d_is_the_papers_at_the_papers_sizes_and_shrinks_w
   EXPECT_EQ(grown(1000, 1000), (Mask{0, 0, 0, 0, 1}));  // at least 6
   EXPECT_EQ(grown(1600, 1066), (Mask{0, 0, 0, 0, 1}));  // 6, the paper's larger photos
   EXPECT_EQ(grown(1000, 500), (Mask{0, 0, 1, 1, 1}));   // 3
-  EXPECT_EQ(grown(1000, 510), (Mask{0, 0, 0, 1, 1}));   // 3.06: no whole number is skipped to
+  EXPECT_EQ(grown(1000, 510), (Mask{0, 0, 0, 1, 1}));   // 3.06: the threshold is not rounded down
   EXPECT_EQ(grown(500, 500), (Mask{0, 1, 1, 1, 1}));    // 1.5
-  EXPECT_EQ(grown(8, 8), (Mask{0, 1, 1, 1, 1}));        // 1, the least
+  EXPECT_EQ(grown(8, 8), (Mask{0, 1, 1, 1, 1}));        // 1, the minimum
 }
 
 TEST_F(VanillaAdapterTest, gradients_are_judged_by_the_part_of_the_image_that_the_scene_covers) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
-  // Half of the views is empty background, rendered exactly: thresholds are those at full cover × √½.
+  // Half of each view is empty background, rendered exactly: thresholds are those at full coverage × √½.
   const float clone_from = 2e-4f * 0.70711f, split_from = 6e-4f * 0.70711f;
   const Hand hand{{1.001f * clone_from, 0.999f * clone_from, 0, 0},
                   {0, 0, 1.001f * split_from, 0.999f * split_from},
@@ -118,8 +118,8 @@ TEST_F(VanillaAdapterTest, an_appended_primitive_is_judged_by_what_it_was_made_f
   VanillaBoost boost = boost_at_paper_size();
   boost.vcd = false;
   VanillaAdapter adapter(boost, threads_);
-  // Of two candidates one goes. Primitive 0 has all of the score, primitive 1 none; after growth the candidates are
-  // row 0 (made from 1) and row 1 (made from 0): row 1 must be the one removed, whatever the draw.
+  // One of two candidates is removed. Primitive 0 has all of the score, primitive 1 none; after growth the candidates
+  // are row 0 (made from 1) and row 1 (made from 0): row 1 must be the one removed, whatever the random numbers.
   const Hand hand{{0, 0}, {0, 0}, {0.0045f, 0.0045f}, {0.05f, 0.05f}};
   std::vector<std::uint8_t> clone(2), split(2), remove{1, 1};
   const std::vector<std::uint32_t> origins{1, 0};
@@ -179,7 +179,7 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
 }
 
 TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
-  // 3DGS would reset at every tenth of the run. 3000 iterations of growth, which ends at a third of it, must follow.
+  // 3DGS would reset at every tenth of the run. Growth, which ends at a third of it, must last 3000 iterations more.
   const auto resets = [&](const VanillaBoost& boost, int total) {
     const VanillaAdapter adapter(boost, threads_);
     std::vector<int> at;
@@ -218,7 +218,7 @@ TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
 }
 
 TEST_F(VanillaAdapterTest, late_pruning_is_milder_where_views_are_seen_few_times) {
-  // 30 000 iterations: 50 for each of 600 views, 5 for each of 6 000, where the threshold is a tenth.
+  // 30 000 iterations are 50 per view for 600 views and 5 for 6 000, where the threshold is a tenth.
   const Hand hand{{0, 0, 0, 0}, {}, {0.099f, 0.101f, 0.0099f, 0.0101f}, {}};
   const auto removed = [&](std::size_t views, bool literal) {
     VanillaBoost boost = boost_at_paper_size();
@@ -328,7 +328,7 @@ TEST_F(VanillaAdapterTest, schedule_follows_the_paper) {
     rest += adapter.steps_at("f_rest", {i, 30000});
     others += adapter.steps_at("xyz", {i, 30000});
   }
-  // 15 000 + 5 000/32 + 10 000/64, and 15 000/16 in place of the first; the last iteration steps as well.
+  // 15 000 + 5 000/32 + 10 000/64 steps, for f_rest 15 000/16 in place of 15 000; the last iteration steps as well.
   EXPECT_EQ(others, 15000 + 157 + 156 + 1);
   EXPECT_EQ(rest, 937 + 157 + 156 + 1);
 }

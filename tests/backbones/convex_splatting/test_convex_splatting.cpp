@@ -29,7 +29,7 @@ using testing::view_at;
 
 float sigmoid(float x) { return 1 / (1 + std::exp(-x)); }
 
-/// A recorder that looks at the masks too.
+/// Records the masks too.
 class MaskRecorder : public DensityRecorder {
  public:
   void prune(const DensityStatistics& s, RasterizerHook& r, PruneDecisions& d) override {
@@ -37,7 +37,7 @@ class MaskRecorder : public DensityRecorder {
     masks.push_back(read_masks());
   }
   std::function<std::vector<float>()> read_masks;
-  std::vector<std::vector<float>> masks;  ///< a removal each
+  std::vector<std::vector<float>> masks;  ///< one entry per removal
 };
 
 class ConvexRun : public ::testing::Test {
@@ -72,7 +72,7 @@ class ConvexRun : public ::testing::Test {
 TEST_F(ConvexRun, DecidesByThePublishedRules) {
   MaskRecorder recorder;
   ConvexConfig config = eager();
-  config.mask_rate = 0.2;  // so that masks fall within the test
+  config.mask_rate = 0.2;  // so that masks fall below the threshold within the test
   config.lambda_mask = 5;
   const auto backbone = make(config, kIterations, 900);
   recorder.read_masks = [&] { return state_of(*backbone, "mask.values"); };
@@ -117,7 +117,7 @@ TEST_F(ConvexRun, DecidesByThePublishedRules) {
 
 TEST_F(ConvexRun, SplitsIntoSixAtThePointsOfTheParent) {
   ConvexConfig config = eager();
-  config.min_opacity = 0;  // nothing else goes
+  config.min_opacity = 0;  // nothing else is removed
   config.min_mask = 0;
   class One : public DensityRecorder {
    public:
@@ -240,7 +240,7 @@ TEST_F(ConvexRun, AHookThatChangesNothingChangesNothing) {
 
 TEST_F(ConvexRun, HoldsTheCap) {
   ConvexConfig config = eager();
-  config.gradient_threshold = -1;  // all would split
+  config.gradient_threshold = -1;  // all are candidates for a split
   const auto backbone = make(config, kIterations, 123);
   for (int i = 1; i <= 60; ++i) {
     backbone->train_step(i, view_at(scene_, i));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Deformable-3DGS in training: what is drawn when, its rates and noise, published decisions, resume, quality.
+// Training Deformable-3DGS: which motion is drawn when, learning rates and noise, published decisions, resume, quality.
 #include "deformable_3dgs/deformable_3dgs.h"
 
 #include <gtest/gtest.h>
@@ -70,7 +70,8 @@ TEST_F(DeformableRun, nothing_moves_until_the_warm_up_ends) {
                           return shape;
                         }(),
                         RandomStream(3, 0, RandomPurpose::net_parameters)));
-  // The first step of Adam is one of the whole rate, whatever the gradient: by the clock of the run, not of the net.
+  // Adam's first step has the length of the learning rate, whatever the gradient. The rate is that of iteration 15 of
+  // the run, although it is the net's first step.
   double largest = 0;
   for (std::size_t i = 0; i < before.size(); ++i) {
     largest = std::max(largest, static_cast<double>(std::abs(after[i] - before[i])));
@@ -79,7 +80,7 @@ TEST_F(DeformableRun, nothing_moves_until_the_warm_up_ends) {
 }
 
 TEST_F(DeformableRun, a_scored_view_is_drawn_at_its_own_time) {
-  // The release draws all of them at the time of the view that is trained on.
+  // Unlike the release, which draws all scored views at the time of the view being trained on.
   const auto backbone = make(small());
   testing::train(*backbone, scene_, 1, 60);
   for (const std::size_t v : {std::size_t{0}, scene_.train.size() - 1}) {
@@ -169,7 +170,7 @@ TEST_F(DeformableRun, decides_by_the_published_rules_on_what_is_canonical) {
     const SplatCloud cloud = i == 60 ? exported(*backbone) : SplatCloud{};
     backbone->train_step(i, testing::view_at(scene_, i));
     if (i == 60) {
-      // Nearly the canonical scales before this iteration's step, not those that are drawn.
+      // The canonical scales (nearly those before this iteration's step), not the deformed ones that are drawn.
       for (std::size_t k = 0; k < cloud.size(); ++k, ++compared) {
         const float scale = std::exp(*std::max_element(&cloud.log_scales[3 * k], &cloud.log_scales[3 * k] + 3));
         ASSERT_NEAR(recorder.events.at(before).max_scales[k], scale, 0.02f * scale);
@@ -177,7 +178,7 @@ TEST_F(DeformableRun, decides_by_the_published_rules_on_what_is_canonical) {
     }
   }
   std::set<int> expected, growths;
-  for (int i = 10; i < 75; i += 10) expected.insert(i);  // 500 and 15 000 of 40 000
+  for (int i = 10; i < 75; i += 10) expected.insert(i);  // iterations 500 to 15 000 of 40 000
   for (const DensityEvent& e : recorder.events) {
     if (e.growth) growths.insert(e.iteration);
     for (std::size_t i = 0; i < e.clone.size(); ++i) {
@@ -187,7 +188,7 @@ TEST_F(DeformableRun, decides_by_the_published_rules_on_what_is_canonical) {
       growing += moves;
     }
     for (std::size_t i = 0; i < e.remove.size(); ++i) {
-      // In short runs opacities are reset every fifth growth at most.
+      // In short runs opacities are reset at every fifth growth at most.
       const bool is_faint = e.opacities[i]<0.005f, is_large = e.max_scales[i]> 0.1f && e.iteration > 50;
       EXPECT_EQ(e.remove[i] != 0, is_faint || is_large);
       faint += is_faint;
@@ -292,7 +293,7 @@ TEST_F(DeformableRun, memory_of_the_net_is_estimated) {
   EXPECT_GE(make({}, 100)->bytes_per_primitive(), gaussian_memory_bytes() + 8 * 256 * sizeof(float));
 }
 
-/// Mean squared error of the test views, each at its time, as PSNR.
+/// PSNR of the mean squared error over the views, each drawn at its own time.
 double psnr_of(Backbone& backbone, const std::vector<View>& views) {
   double sum = 0, count = 0;
   for (const View& view : views) {
@@ -329,7 +330,7 @@ TEST_F(DeformableRun, a_scene_without_times_is_refused_in_one_line) {
   for (View& view : scene_.train) view.time = 0;
   const BackboneContext context{scene_, threads_, 3, 100, 0};
   test::expect_contains(test::input_error_of([&] { deformable_3dgs_entry().make(context, nlohmann::json::object()); }),
-                        "all 21 training views are of one time");
+                        "all 21 training views have the same time");
 }
 
 TEST_F(DeformableRun, computed_pictures_choose_the_time_net_unless_told) {

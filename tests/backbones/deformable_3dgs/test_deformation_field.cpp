@@ -24,7 +24,7 @@ Matrix4 product(const Matrix4& a, const Matrix4& b) {
   return c;
 }
 
-/// exp of the twist's 4×4 matrix by its series, and a point moved by it.
+/// A point moved by the exponential of the twist's 4×4 matrix, computed by its power series.
 std::array<double, 3> moved_by_series(const std::array<double, 6>& m, const std::array<double, 3>& x) {
   const Matrix4 twist{{{0, -m[2], m[1], m[3]}, {m[2], 0, -m[0], m[4]}, {-m[1], m[0], 0, m[5]}, {0, 0, 0, 0}}};
   Matrix4 sum{}, term{};
@@ -45,7 +45,7 @@ std::array<double, 3> moved_by_series(const std::array<double, 6>& m, const std:
 
 TEST(RigidMotion, is_the_exponential_of_its_twist) {
   const std::array<double, 3> x{0.3, -1.2, 2.0};
-  // Small angles, those around the border between the series and the closed form, and more than a turn.
+  // Small angles, angles around the switch between series and closed form, and more than a full turn.
   for (const double size : {0.0, 1e-9, 1e-3, 0.99999, 1.00001, 2.0, 7.0}) {
     const std::array<double, 6> motion{0.6 * size, -0.48 * size, 0.64 * size, 0.7, -0.2, 0.4};
     double moved[3];
@@ -84,7 +84,7 @@ TEST(RigidMotion, gradients_are_those_of_finite_differences_also_of_no_motion) {
   }
 }
 
-/// A small field with its Gaussians, and a loss: a weighted sum of what it moves.
+/// A small field with its Gaussians, and a loss: a weighted sum of the deformed parameters.
 struct Bench {
   static constexpr std::size_t kCount = 5;
 
@@ -145,10 +145,10 @@ TEST(DeformationField, gradients_are_those_of_finite_differences) {
       shape.width = 6;
       Bench bench(shape, threads);
       bench.loss();
-      std::vector<double> of_gaussians(10 * Bench::kCount, 0.5), of_p(bench.p.size(), 0.25);  // are added to
+      std::vector<double> of_gaussians(10 * Bench::kCount, 0.5), of_p(bench.p.size(), 0.25);  // gradients accumulate
       bench.field.backward(bench.p, {bench.means, bench.scales, bench.rotations}, Bench::places_of(bench.weights),
                            Bench::places(of_gaussians), of_p);
-      // Of the time net every 37th: it has thousands.
+      // Only every 37th parameter of the time net, which has thousands.
       const std::size_t of_net = shape.net().parameters();
       for (std::size_t i = 0; i < of_p.size(); i += i < of_net ? 1 : 37) {
         const double expected = bench.slope(bench.p[i]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// DropGaussian in training: its dropout, loss and gradients, unbiased statistics, published decisions, resume, quality.
+// Training DropGaussian: dropout, loss and gradients, unbiased statistics, published decisions, resume, quality.
 #include "dropgaussian/dropgaussian.h"
 
 #include <gtest/gtest.h>
@@ -134,14 +134,14 @@ TEST_F(DropGaussianRun, views_that_are_shown_or_scored_drop_nothing) {
 }
 
 TEST_F(DropGaussianRun, statistics_are_unbiased_under_the_compact_box) {
-  // The same Gaussians and views with 3DGS's square, where the dropped count as seen, and with an exact compact box,
-  // which hides them: mean gradients agree on average, far closer than the 1/(1 − rate) that would be the bias.
+  // The same Gaussians and views with 3DGS's square, where dropped Gaussians count as seen, and with an exact compact
+  // box, which lists none of them: mean gradients agree far better than by the possible bias of 1/(1 − rate).
   DropGaussianConfig config = eager();
   config.densify_interval = 90;
   config.densify_from = 0;
   config.opacity_reset_interval = 10000;
   config.drop_rate = 0.8;
-  testing::NeverSteps never;  // nothing moves: all views are of the same Gaussians
+  testing::NeverSteps never;  // parameters stay fixed: all views show the same Gaussians
   const auto mean_gradient = [&](std::optional<float> beta) {
     const auto backbone = make(config, 100);
     backbone->rasterizer_hook().set_beta(beta);
@@ -158,7 +158,7 @@ TEST_F(DropGaussianRun, statistics_are_unbiased_under_the_compact_box) {
 TEST_F(DropGaussianRun, decides_by_the_published_rules) {
   scene_.extent = 1;  // so that some Gaussians are larger than 0.1 of it
   DensityRecorder recorder;
-  const auto backbone = make(eager(), kIterations, 600);  // the cap comes after the rules and keeps this short
+  const auto backbone = make(eager(), kIterations, 600);  // the cap applies after the rules; it keeps the test short
   backbone->set_hooks(&recorder, nullptr);
   for (int i = 1; i <= kIterations; ++i) backbone->train_step(i, view_at(scene_, i));
   std::set<int> expected, growths, prunes;
@@ -185,7 +185,7 @@ TEST_F(DropGaussianRun, decides_by_the_published_rules) {
   EXPECT_GT(spared, 0u) << "the scene must exercise the rule";
 }
 
-/// Asks for pruning at an iteration that grows.
+/// Asks for pruning at an iteration that also densifies.
 class PrunesAt40 : public DensityRecorder {
  public:
   bool prunes_at(Moment moment, bool) const override { return moment.iteration == 40; }

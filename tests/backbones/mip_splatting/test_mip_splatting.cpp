@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mip-Splatting in training: its published decisions, when its filter moves, gradients, resume, quality.
+// Training Mip-Splatting: published decisions, updates of the 3D filter, gradients, resume, quality.
 #include "mip_splatting/mip_splatting.h"
 
 #include <gtest/gtest.h>
@@ -55,7 +55,7 @@ class MipSplattingRun : public ::testing::Test {
 
 TEST_F(MipSplattingRun, decides_by_the_published_rules) {
   DensityRecorder recorder;
-  const auto backbone = make(eager(), kIterations, 600);  // the cap comes after the rules and keeps this short
+  const auto backbone = make(eager(), kIterations, 600);  // the cap applies after the rules; it keeps the test short
   backbone->set_hooks(&recorder, nullptr);
   for (int i = 1; i <= kIterations; ++i) backbone->train_step(i, view_at(scene_, i));
 
@@ -72,7 +72,7 @@ TEST_F(MipSplattingRun, decides_by_the_published_rules) {
       }
       continue;
     }
-    // As many as move by the signed gradient, and besides the same share of the highest absolute ones.
+    // Those above the threshold by the signed gradient, and as large a fraction with the highest absolute gradients.
     const std::size_t n = e.gradients.size();
     const auto moving =
         static_cast<double>(std::count_if(e.gradients.begin(), e.gradients.end(), [](float g) { return g >= 2e-4f; }));
@@ -125,7 +125,7 @@ TEST_F(MipSplattingRun, filter_follows_at_its_interval_and_rests_at_the_end) {
   }
 }
 
-/// Renders where a set of Gaussians has just changed, and compares the filter with that of its Gaussians.
+/// Renders right after the set of Gaussians has changed, and checks that the filters are those of the new set.
 class ScoresAfterGrowth : public DensityRecorder {
  public:
   void prune(const DensityStatistics& s, RasterizerHook& rasterizer, PruneDecisions& d) override {
@@ -145,7 +145,7 @@ class ScoresAfterGrowth : public DensityRecorder {
 
 TEST_F(MipSplattingRun, filter_follows_every_change_of_the_set_before_the_next_render) {
   MipSplattingConfig config = eager();
-  config.smoothing_interval = 1000000;  // nothing else renews it
+  config.smoothing_interval = 1000000;  // no periodic update
   const auto backbone = make(config);
   ScoresAfterGrowth hook;
   hook.check = [&] {
@@ -163,7 +163,7 @@ TEST_F(MipSplattingRun, filter_follows_every_change_of_the_set_before_the_next_r
 TEST_F(MipSplattingRun, reset_speaks_of_what_is_drawn) {
   MipSplattingConfig config = eager();
   config.opacity_reset_interval = 3000;  // at 1/50: every 60 iterations
-  config.densify_from = 14000;           // no growth before
+  config.densify_from = 14000;           // no densification before
   const auto backbone = make(config);
   testing::train(*backbone, scene_, 1, 59);
   const auto highest = [&](bool drawn) {
@@ -190,7 +190,7 @@ TEST_F(MipSplattingRun, gradients_pass_both_filters) {
   const View& view = scene_.train[1];
   const auto found = testing::gathered_gradients(*make({}, 10000), cloud, 1, view);
 
-  // The rasterizer's gradients with respect to what is drawn, times derivatives of the smoothing by differences.
+  // The rasterizer's gradients of the smoothed parameters times the derivatives of the smoothing by finite differences.
   const std::size_t n = cloud.size();
   std::vector<std::array<double, 4>> raw(n);
   std::vector<float> scales, opacities;
@@ -229,7 +229,7 @@ TEST_F(MipSplattingRun, gradients_pass_both_filters) {
 
 TEST_F(MipSplattingRun, resume_is_exact) {
   testing::StepsEveryThird third;
-  // Before, at and after a growth, and between two moves of the filter.
+  // Before, at and after densification, and between two updates of the filter.
   testing::expect_exact_resume([&] { return make(eager(), 150); }, scene_, 90, {15, 20, 21, 44, 70, 85}, &third);
 }
 
@@ -247,13 +247,13 @@ TEST_F(MipSplattingRun, a_model_that_comes_back_from_its_file_draws_the_same) {
   const auto again = make(eager());
   testing::import_cloud(*again, exported(*backbone));
   std::vector<float> first(scene_.train[0].color.size()), second(first.size());
-  // The degree of spherical harmonics is that of a finished run in both.
+  // An import activates all degrees of spherical harmonics, so both need one.
   testing::import_cloud(*backbone, exported(*backbone));
   backbone->render(scene_.train[0].camera, 0, std::nullopt, first);
   again->render(scene_.train[0].camera, 0, std::nullopt, second);
   EXPECT_EQ(first, second);
   SplatCloud plain = exported(*backbone);
-  plain.filters.clear();  // a model of another program
+  plain.filters.clear();  // as in a model of another program
   testing::import_cloud(*again, plain);
   EXPECT_EQ(exported(*again).filters, filters_for(plain));
 }
@@ -273,8 +273,8 @@ TEST_F(MipSplattingRun, reaches_a_stated_quality_and_keeps_it_at_a_smaller_scale
 }
 
 TEST_F(MipSplattingRun, the_compact_box_sees_the_compensated_opacity) {
-  // A speck far below a pixel: the low-pass spreads it, compensation takes its opacity below 1/255. The box must not
-  // list it, although its own opacity would.
+  // A Gaussian far smaller than a pixel: the low-pass filter spreads it, compensation takes its opacity below 1/255.
+  // The box must not list it, although it would by its original opacity.
   Rasterizer rasterizer(threads_);
   const Camera& camera = scene_.train[0].camera;
   const std::vector<float> means{0, 0, 0}, rotations{1, 0, 0, 0}, colors{1, 1, 1};

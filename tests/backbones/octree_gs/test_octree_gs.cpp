@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The baseline is the published one: levels, which anchors a view uses, and every growth of a run are compared with
-// plain re-statements of the rules of Octree-GS (Ren et al. 2024, and what its release does). And what every backbone
-// promises: quality on a tiny scene, exact resume, models that can be read back, one clear line for broken settings.
+// The baseline is the published one: levels, anchors used by a view, and every growth of a run are compared with direct
+// implementations of the rules of Octree-GS (Ren et al. 2024, and its release). And the contract of every backbone:
+// quality on a tiny scene, exact resume, models that can be read back, one-line errors for invalid settings.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -43,8 +43,8 @@ OctreeConfig small() {
   config.base_layer = 3;
   config.grow_interval = 10;
   config.gradient_threshold = 2e-4;
-  config.success_threshold = 0;  // every slot ever drawn is judged, so that the trace needs no counts of views
-  config.min_opacity = 0;        // and none is pruned
+  config.success_threshold = 0;  // every slot ever drawn is judged: the test need not count views
+  config.min_opacity = 0;        // no anchor is pruned
   return config;
 }
 
@@ -60,7 +60,7 @@ TEST(OctreeLevels, distances_ask_for_levels) {
 }
 
 TEST(OctreeLevels, the_scene_says_how_many_there_are) {
-  // Points at 1 to 16 from the one camera at the origin: log2(16 / 1) + 1 levels.
+  // Points at distances 1 to 16 from the only camera, at the origin: log2(16 / 1) + 1 levels.
   View view;
   view.camera.width = view.camera.height = 16;
   std::vector<float> points;
@@ -68,7 +68,7 @@ TEST(OctreeLevels, the_scene_says_how_many_there_are) {
   const LevelRange range = measure_levels(points, {view}, 1.0, 2);
   EXPECT_FLOAT_EQ(range.standard_distance, 16);
   EXPECT_EQ(range.levels, 5);
-  // The view's quantiles are 2.5 and 14.5; the same quantiles of those two are 3.7 and 13.3: log2(3.6) rounds to 2.
+  // The view's 10 % and 90 % quantiles are 2.5 and 14.5; those of these two are 3.7 and 13.3: log2(3.6) rounds to 2.
   EXPECT_NEAR(measure_levels(points, {view}, 0.9, 2).standard_distance, 13.3f, 0.01f);
   EXPECT_EQ(measure_levels(points, {view}, 0.9, 2).levels, 3);
 }
@@ -100,7 +100,7 @@ class OctreeTrace : public ::testing::Test {
   }
 };
 
-/// What the model file says of the whole octree.
+/// Constants of the octree in the model files.
 struct Constants {
   float voxel_size, standard_distance, origin;
 };
@@ -136,7 +136,7 @@ TEST_F(OctreeTrace, every_level_starts_with_the_cells_that_hold_points_and_that_
   EXPECT_EQ(backbone->primitives(), expected.size());
 }
 
-/// Writes down what the backbone decides, and looks at its model at that moment; changes nothing.
+/// Records the backbone's decisions and its model at that moment; changes nothing.
 class Recorder : public DensityHook {
  public:
   struct Event {
@@ -178,7 +178,7 @@ TEST_F(OctreeTrace, grows_when_where_and_how_the_published_rules_say) {
   std::vector<float> extra_before(backbone->primitives(), 0.0f);
   const double u = std::pow(2.0, 0.2);
   for (int i = 1; i <= 560; ++i) {
-    if (i > 30 && i < 500 && i % 10 == 0) expected_at.insert(i);  // 1500 and 25 000 of 40 000
+    if (i > 30 && i < 500 && i % 10 == 0) expected_at.insert(i);  // iterations 1500 to 25 000 of 40 000
     const std::size_t events = recorder.events.size();
     train(*backbone, scene_, i, i);
     if (recorder.events.size() == events) continue;
@@ -238,7 +238,7 @@ TEST_F(OctreeTrace, grows_when_where_and_how_the_published_rules_say) {
     EXPECT_EQ(found, expected) << "iteration " << i;
     ASSERT_EQ(rows.size() / 4, n + expected.size());
 
-    // Anchors that move on the whole are used from farther away: once a level whose threshold they reach.
+    // An anchor's extra level rises by 0.01 for each level whose threshold its mean gradient reaches.
     for (std::size_t a = 0; a < n; ++a) {
       float sum = 0;
       int seen = 0;
@@ -280,7 +280,7 @@ TEST_F(OctreeTrace, a_closed_gate_grows_nothing_but_leaves_the_levels_of_views_a
 }
 
 TEST_F(OctreeTrace, finer_levels_open_as_training_goes_on) {
-  // Slots drawn in a scored view are those of anchors that its levels let in: none finer than the open one.
+  // A scored view draws only slots of anchors of open levels.
   OctreeConfig config = small();
   config.gradient_threshold = 1e9;
   const auto backbone = make_octree({scene_, threads_, kSeed, kIterations, 0}, config);
@@ -304,7 +304,7 @@ TEST_F(OctreeTrace, finer_levels_open_as_training_goes_on) {
   const auto from_zero = make_octree({scene_, threads_, kSeed, kIterations, 0}, config);
   train(*backbone, scene_, 1, 1);
   EXPECT_EQ(finest_drawn(), std::min(2, everything)) << "half of the levels at first";
-  train(*backbone, scene_, 2, 201);  // all are open after 10 000 of 40 000
+  train(*backbone, scene_, 2, 201);  // all levels are open after iteration 10 000 of 40 000
   EXPECT_EQ(finest_drawn(), everything);
 }
 
@@ -357,7 +357,7 @@ TEST(OctreeTraining, a_model_can_be_read_back_also_with_other_views) {
   train(*trained, scene, 1, 60);
   const test::TemporaryFolder folder;
   trained->export_model(folder.path());
-  Scene other = scene;  // of which other levels would follow
+  Scene other = scene;  // from which other levels would be derived
   other.train.resize(1);
   const auto shown = make_octree({other, threads, 0, 60, 0}, everything());
   shown->import_model(folder.path());

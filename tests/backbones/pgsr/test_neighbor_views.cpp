@@ -50,7 +50,7 @@ TEST(TypicalDepth, is_the_median_of_the_views_medians) {
   EXPECT_EQ(typical_depth(scene), 1.0);
   scene.train = {view_at({0, 0, 0}), view_at({0, 0, -2}), view_at({0, 0, 100})};  // the last sees nothing
   for (const float z : {3.0f, 4.0f, 9.0f}) scene.points.positions.insert(scene.points.positions.end(), {0, 0, z});
-  scene.points.positions.insert(scene.points.positions.end(), {90, 0, 1});  // beside all views
+  scene.points.positions.insert(scene.points.positions.end(), {90, 0, 1});  // outside of all views
   EXPECT_EQ(typical_depth(scene), 6.0) << "of 4 and 6";
 }
 

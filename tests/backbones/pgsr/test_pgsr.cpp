@@ -36,7 +36,7 @@ class PgsrRun : public ::testing::Test {
  protected:
   PgsrRun() { scene_ = testing::tiny_scene(threads_, 12); }  // neighbours are 30° apart
 
-  /// All terms from early on; neighbours may be far apart.
+  /// All loss terms start early; neighbours may be far apart.
   static PgsrConfig eager() {
     PgsrConfig config;
     config.percent_dense = 0.02;
@@ -57,7 +57,7 @@ class PgsrRun : public ::testing::Test {
   Scene scene_;
 };
 
-/// Writes down the radii that belong to a growth.
+/// Records the radii at each growth.
 class RadiusRecorder : public DensityRecorder {
  public:
   void grow(const DensityStatistics& s, RasterizerHook& rasterizer, GrowDecisions& d) override {
@@ -126,7 +126,7 @@ TEST_F(PgsrRun, radii_are_the_largest_of_views_that_observe_and_begin_anew_with_
 TEST_F(PgsrRun, splits_for_blur_alone_are_capped_by_their_gradient) {
   DensityRecorder recorder;
   PgsrConfig config = eager();
-  config.gradient_threshold = 1e9;  // no other reason
+  config.gradient_threshold = 1e9;  // no splits by the signed gradient
   config.split_radius = 2;
   config.trim_interval = 30000;
   config.max_abs_splits = 3;
@@ -147,7 +147,7 @@ TEST_F(PgsrRun, splits_for_blur_alone_are_capped_by_their_gradient) {
 TEST_F(PgsrRun, clones_are_scattered) {
   PgsrConfig config = eager();
   config.position_rate_initial = config.position_rate_final = 1e-30;
-  config.percent_dense = 100;  // all are small
+  config.percent_dense = 100;  // all are small: cloned, not split: cloned, not split
   const auto backbone = make(config);
   testing::train(*backbone, scene_, 1, 19);
   const std::size_t before = backbone->primitives();
@@ -185,7 +185,7 @@ struct ActiveCloud {
   std::vector<float> means, rotations, dc, scales, opacities;
 };
 
-/// Compares a trim with what the views observe.
+/// Compares each trim with counts of the observing views.
 class TrimRecorder : public DensityRecorder {
  public:
   TrimRecorder(const Scene& scene, Threads& threads) : scene_(scene), threads_(threads) {}
@@ -250,7 +250,7 @@ TEST_F(PgsrRun, gradients_are_those_of_all_terms_in_both_views) {
   SplatCloud cloud = exported(*trained);
   std::ranges::fill(cloud.sh_rest, 0.0f);
   const PgsrConfig config = eager();
-  const int iteration = 2003;  // nothing grows or goes
+  const int iteration = 2003;  // no densification or pruning
   const View& view = scene_.train[1];
   const auto found = testing::gathered_gradients(*make(config, 30000), cloud, iteration, view);
 
@@ -264,7 +264,7 @@ TEST_F(PgsrRun, gradients_are_those_of_all_terms_in_both_views) {
   const ActiveCloud active(cloud, threads_);
   auto expected = testing::gradients_of_view(cloud, active.scales, active.opacities, view, {}, 0.8f, 0.2f, threads_);
 
-  // Flatness of what the view sees.
+  // The flatness term, over the Gaussians that the view sees.
   Rasterizer rasterizer(threads_);
   const std::size_t n = cloud.size();
   const View* views[2] = {&view, &other};
@@ -393,7 +393,7 @@ TEST_F(PgsrRun, resume_is_exact) {
   PgsrConfig config = eager();
   config.exposure = config.virtual_cameras = true;
   config.exposure_from = 1000;
-  // Before and after a growth and a trim, in all terms.
+  // Before and after densification and a trim, with all loss terms.
   testing::expect_exact_resume([&] { return make(config, 150); }, scene_, 60, {4, 10, 15, 31}, &third);
 }
 

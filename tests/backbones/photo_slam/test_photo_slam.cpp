@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Photo-SLAM's mapper: its schedule, its pyramids, and views, points and corrections that come while it trains.
+// Photo-SLAM's mapper: its schedule, its pyramids, and views, points and corrections that arrive during training.
 #include "photo_slam/photo_slam.h"
 
 #include <gtest/gtest.h>
@@ -80,7 +80,7 @@ TEST(HalfView, averages_what_is_valid) {
   EXPECT_EQ(half.color[0], 10);
 }
 
-/// A run whose first two views are there and whose others come one by one.
+/// A run that starts with two views; the others arrive one by one.
 class OnlineRun : public ::testing::Test {
  protected:
   static constexpr int kIterations = 60;
@@ -119,7 +119,7 @@ class OnlineRun : public ::testing::Test {
     run.online->map_changed({});
     return run;
   }
-  /// One view more, and points that it sees.
+  /// Adds one view, and points that it sees.
   void add_view(Run& run, std::vector<glm::dmat4> corrections = {}) {
     Scene& scene = *scenes_.back();
     const std::size_t number = scene.train.size();
@@ -161,7 +161,7 @@ TEST_F(OnlineRun, map_points_come_at_once_and_features_when_the_cache_is_full) {
   add_view(run);
   run.online->views_complete(40);
   run.step(1);
-  EXPECT_EQ(run.backbone->primitives(), n + 18 + 27);  // nothing is left in the cache
+  EXPECT_EQ(run.backbone->primitives(), n + 18 + 27);  // the cache is flushed
 }
 
 TEST_F(OnlineRun, views_are_scored_and_trained_on_from_when_they_come) {
@@ -170,7 +170,7 @@ TEST_F(OnlineRun, views_are_scored_and_trained_on_from_when_they_come) {
   run.step(8);
   add_view(run);
   EXPECT_EQ(run.backbone->rasterizer_hook().scorable_views(), 3u);
-  // Its first two uses come first: of a quarter, then of half the size.
+  // The new view is trained on next: first at a quarter, then at half of its size.
   EXPECT_EQ(run.online->next_view(9).camera.width, 16);
   EXPECT_EQ(run.online->next_view(10).camera.width, 32);
 }
@@ -189,9 +189,10 @@ TEST_F(OnlineRun, a_loop_moves_gaussians_with_the_view_they_are_of) {
   add_view(run, {glm::dmat4(1.0), glm::dmat4(1.0), shifted});
   run.step(1);
   const SplatCloud after = exported(*run.backbone);
-  // 6 points of the view that moved, 6 and 18 of the newest and of the cache. What waited in the cache moved too.
+  // The last 6 points before belong to the moved view; 6 of the newest view and 18 from the cache are added. Points in
+  // the cache move too.
   ASSERT_EQ(after.size(), before.size() + 6 + 18);
-  // What had accumulated was applied before.
+  // The accumulated gradients were applied first, hence the tolerance.
   constexpr double kStep = 0.005;
   std::size_t moved = 0;
   for (std::size_t i = 0; i < before.size(); ++i) {
@@ -218,7 +219,7 @@ TEST_F(OnlineRun, the_second_half_waits_for_the_last_view) {
   EXPECT_EQ(run.online->planned_iterations(65), 70);
 }
 
-/// Removes all that it may, once.
+/// Removes everything that it may, once.
 class RemovesAll : public DensityHook {
  public:
   explicit RemovesAll(int at) : at_(at) {}

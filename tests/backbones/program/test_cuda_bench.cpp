@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `splatboost bench --device cuda` measures, run on the emulator: that every stage runs and has a figure, and that
-// the counted work is of the right size; never how large a time is.
+// `splatboost bench --device cuda` on the emulator: every stage runs and has a measurement, and the counted work is
+// plausible; the times themselves are not checked.
 #include "program/bench/cuda_bench.h"
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ const BenchSize kTiny{"tiny", 150, 48, 40, 3.2};  // 3 × 3 tiles, the last row 
 
 const CudaProbe kTinyProbe{.copied_bytes = 1 << 16, .threads = 512, .rounds = 2};
 
-const std::set<std::string> kWithoutEffort{"count", "scoring"};  // theirs depends on what is flagged
+const std::set<std::string> kWithoutEffort{"count", "scoring"};  // their effort depends on the flagged pixels
 
 TEST(CudaBench, TimesEveryStageBothWays) {
   CudaStream stream;
@@ -37,7 +37,7 @@ TEST(CudaBench, TimesEveryStageBothWays) {
                                            "project_backward", "optimizer", "iteration", "count", "scoring",
                                            "tile_lists_per_splat", "blend_per_splat", "blend_backward_per_splat",
                                            "iteration_per_splat"}));
-  EXPECT_EQ(cuda_backward(), CudaBackward::per_pixel);  // as it was before
+  EXPECT_EQ(cuda_backward(), CudaBackward::per_pixel);  // restored
 }
 
 TEST(CudaBench, EveryStageOfAnIterationHasAnEffort) {
@@ -70,7 +70,7 @@ TEST(CudaBench, CountsCellsThatHoldABlendedPixel) {
   const BlendWork of_pixels = count_blend_work(bench, {1, 1}, threads);
   EXPECT_EQ(of_pixels.cells, of_pixels.pairs);
   const BlendWork of_tiles = count_blend_work(bench, {16, 16}, threads);
-  EXPECT_LE(of_tiles.cells, of_tiles.entries);  // the box lists a tile whose pixels a splat may still miss
+  EXPECT_LE(of_tiles.cells, of_tiles.entries);  // the box may list a tile in which a splat blends no pixel
   const BlendWork of_warps = count_blend_work(bench, kWarpPixels, threads);
   const BlendWork of_instructions = count_blend_work(bench, kInstructionPixels, threads);
   EXPECT_LE(of_tiles.cells, of_warps.cells);
@@ -115,7 +115,7 @@ TEST(CudaBench, WritesAndPrintsWhatItFound) {
   EXPECT_NE(printed.find(stream.device_name() + ", CUDA 12.0; medians of 1"), std::string::npos) << printed;
   EXPECT_NE(printed.find("limits of this GPU"), std::string::npos);
   EXPECT_NE(printed.find("per splat: sort and bin"), std::string::npos);
-  EXPECT_EQ(printed.find("statistics"), std::string::npos);  // a stage that the device has not
+  EXPECT_EQ(printed.find("statistics"), std::string::npos);  // not a stage of the device
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tracking and mapping together, on the beginning of a ray-traced walk: runs that end early keep what they have.
+// Tracking and mapping together, on the beginning of a ray-traced walk: runs that end early keep their results.
 #include "program/session/slam_run.h"
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ const std::vector<SequenceFrame>& walk() {
   return frames;
 }
 
-/// The walk, forward and backward in turn for as long as it is asked for.
+/// The walk, alternately forward and backward, for `size` frames.
 class Walk final : public Sequence {
  public:
   explicit Walk(std::size_t size, double focal_factor = 1) : size_(size) {
@@ -59,7 +59,7 @@ class Walk final : public Sequence {
   }
 
   std::function<void(std::size_t)> before_frame;
-  std::function<void(SequenceFrame&)> changed;  ///< what is wrong with a frame
+  std::function<void(SequenceFrame&)> changed;  ///< modifies a frame
 
  private:
   std::size_t size_;
@@ -85,7 +85,7 @@ struct Mapping {
     return slam_run->run();
   }
 
-  /// What a run says on the way.
+  /// The standard error output of a run, and the message of its InputError.
   std::string lines() {
     slam.lockstep = 1;
     options.iterations = 1;
@@ -191,7 +191,7 @@ TEST(SlamRun, after_a_change_that_failed_none_is_taken) {
   mapping.before_backbone = [&](const Scene& scene) {
     views.push_back(scene.train.size());
     if (views.size() > 1) return;
-    while (read + 1 < kFrames) std::this_thread::yield();  // by then more changes wait
+    while (read + 1 < kFrames) std::this_thread::yield();  // by then further changes are queued
     throw std::bad_alloc();
   };
   const SlamOutcome outcome = mapping.run();
@@ -250,11 +250,11 @@ TEST(HardInput, no_depth_at_all) {
   Mapping mapping;
   mapping.sequence.changed = [](SequenceFrame& frame) {
     frame.depth.clear();
-    frame.problem = "has no picture of depth";
+    frame.problem = "has no depth image";
   };
   const std::string lines = mapping.lines();
-  expect_in(lines, "frame 0 (0.png): has no picture of depth; tracked by colour alone");
-  expect_in(lines, "no more such lines follow");
+  expect_in(lines, "frame 0 (0.png): has no depth image; tracked by colour alone");
+  expect_in(lines, "further messages of this kind are not printed");
   expect_in(lines, "nothing could be tracked: no frame has enough features with depth");
 }
 
@@ -287,8 +287,8 @@ TEST(HardInput, blurred_frames_are_lost_and_tracking_goes_on) {
     if (frame.number >= 5 && frame.number <= 6) blur(frame, 20);
   };
   const std::string lines = mapping.lines();
-  expect_in(lines, "frame 5 (5.png): tracking is lost");
-  expect_in(lines, "frame 7 (7.png): tracking goes on");
+  expect_in(lines, "frame 5 (5.png): tracking lost");
+  expect_in(lines, "frame 7 (7.png): tracking resumed");
   EXPECT_EQ(mapping.count(TrackState::lost), 2u);
   EXPECT_EQ(mapping.outcome.frames.back().state, TrackState::tracked);
 }
@@ -308,7 +308,7 @@ TEST(HardInput, lost_for_good) {
     if (frame.number >= 4) std::ranges::fill(frame.color, std::uint8_t{90});
   };
   const std::string lines = mapping.lines();
-  expect_in(lines, "frame 4 (4.png): tracking is lost");
+  expect_in(lines, "frame 4 (4.png): tracking lost");
   EXPECT_EQ(std::ranges::count(lines, '\n'), 1);
   EXPECT_EQ(mapping.count(TrackState::lost), static_cast<std::size_t>(kFrames - 4));
   EXPECT_TRUE(mapping.outcome.complete);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The baseline is the published one: every growth of a run is compared with a plain re-statement of the rules of
-// Scaffold-GS (Lu et al. 2024, Sec. 3.3, with the constants of its release). And what every backbone promises: quality
-// on a tiny scene, exact resume, models that can be read back, one clear line for broken settings.
+// The baseline is the published one: every growth of a run is compared with a direct implementation of the rules of
+// Scaffold-GS (Lu et al. 2024, Sec. 3.3, with the constants of its release). And the contract of every backbone:
+// quality on a tiny scene, exact resume, models that can be read back, one-line errors for invalid settings.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -32,13 +32,13 @@ ScaffoldConfig small() {
   config.n_offsets = kSlots;
   config.voxel_size = 0.02;
   config.grow_interval = 10;
-  config.gradient_threshold = 1e-4;  // at 1/50 of the published run; that of the release would be rarely met
-  config.success_threshold = 0;      // every slot ever drawn is judged, so that the trace needs no counts of views
-  config.min_opacity = 0;            // and none is pruned
+  config.gradient_threshold = 1e-4;  // at 1/50 of the published run, that of the release is rarely reached
+  config.success_threshold = 0;      // every slot ever drawn is judged: the test need not count views
+  config.min_opacity = 0;            // no anchor is pruned
   return config;
 }
 
-/// Writes down what the backbone decides, and looks at its model at that moment; changes nothing.
+/// Records the backbone's decisions and its model at that moment; changes nothing.
 class Recorder : public DensityHook {
  public:
   struct Event {
@@ -69,7 +69,7 @@ struct NewAnchor {
   std::vector<float> feature;
 };
 
-/// Growth as published, said as plainly as possible.
+/// A direct implementation of the published growth.
 std::vector<NewAnchor> published_growth(const ScaffoldConfig& config, const Recorder::Event& e) {
   const RandomStream random(kSeed, static_cast<std::uint64_t>(e.iteration), RandomPurpose::grow);
   const auto cell_of = [](const float* p, float size) {
@@ -123,7 +123,7 @@ TEST_F(ScaffoldTrace, grows_when_where_and_how_the_published_rules_say) {
   std::set<int> expected_at, at;
   std::size_t levels_used = 0, grown = 0;
   for (int i = 1; i <= 400; ++i) {
-    if (i > 30 && i < 300 && i % 10 == 0) expected_at.insert(i);  // 1500 and 15 000 of 30 000
+    if (i > 30 && i < 300 && i % 10 == 0) expected_at.insert(i);  // iterations 1500 to 15 000 of 30 000
     const std::size_t events = recorder.events.size(), before = backbone->primitives();
     train(*backbone, scene_, i, i);
     if (recorder.events.size() == events) {
@@ -174,7 +174,7 @@ TEST_F(ScaffoldTrace, a_hook_that_changes_nothing_changes_nothing) {
 TEST_F(ScaffoldTrace, a_gate_on_growth_does_not_disturb_the_statistics) {
   testing::ClosedGate closed;
   ScaffoldConfig config = small();
-  config.success_threshold = 0.8;  // some slots are judged, others go on gathering
+  config.success_threshold = 0.8;  // some slots are judged, others keep accumulating
   std::vector<float> seen[2];
   std::size_t start = 0;
   for (const bool gated : {false, true}) {
@@ -202,7 +202,7 @@ TEST_F(ScaffoldTrace, faint_anchors_go_once_they_were_in_view_often_and_never_al
   const std::size_t start = backbone->primitives();
   train(*backbone, scene_, 1, 39);
   EXPECT_EQ(backbone->primitives(), start);
-  train(*backbone, scene_, 40, 40);  // gathered from 11 on: 30 views, the bar is 8
+  train(*backbone, scene_, 40, 40);  // statistics since iteration 11: 30 views, the threshold is 8
   EXPECT_EQ(backbone->primitives(), 1u);
 }
 
@@ -247,7 +247,7 @@ TEST_F(ScaffoldTrace, anchors_start_in_the_voxels_that_hold_points) {
   for (std::size_t i = 0; i < anchors.size(); i += 3) found.insert({anchors[i], anchors[i + 1], anchors[i + 2]});
   EXPECT_EQ(found, expected);
   EXPECT_EQ(backbone->primitives(), expected.size());
-  config.voxel_size = 0;  // from the distances of the points
+  config.voxel_size = 0;  // derived from the distances of the points
   const auto automatic = make_scaffold({scene_, threads_, kSeed, kIterations, 0}, config);
   EXPECT_GT(automatic->primitives(), 1u);
   EXPECT_LE(automatic->primitives(), scene_.points.size());
@@ -266,7 +266,7 @@ TEST(ScaffoldTraining, reaches_a_stated_quality_on_a_tiny_scene) {
   EXPECT_GT(mean_psnr(*backbone, scene.train), 30);
 }
 
-/// With everything on that has a state of its own.
+/// Settings that enable everything that has state.
 ScaffoldConfig everything() {
   ScaffoldConfig config = small();
   config.appearance_dim = 3;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The baseline is the published one: every decision of a run is recorded and compared with a plain re-statement of the
-// rules of adaptive density control (Kerbl et al. 2023, Sec. 5, with the constants of the 2023 release).
+// The baseline is the published one: every decision of a run is recorded and compared with a direct implementation of
+// the rules of adaptive density control (Kerbl et al. 2023, Sec. 5, with the constants of the 2023 release).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -91,7 +91,7 @@ TEST_F(AdcTrace, growth_changes_the_count_by_one_a_decision_and_pruning_by_the_r
       const bool large = static_cast<double>(prune.max_scales[i]) > 0.1 * static_cast<double>(scene_.extent);
       EXPECT_EQ(prune.remove[i] != 0, prune.opacities[i] < 0.005f || (large_go && large));
       removed += prune.remove[i];
-      // Children and clones know what they came from: their parent had been chosen to grow.
+      // The parent of each clone and each child of a split was selected by the growth.
       ASSERT_LT(prune.origins[i], grow.clone.size());
       if (i >= grow.clone.size()) {
         const std::uint32_t parent = prune.origins[i];
@@ -159,7 +159,7 @@ TEST(VanillaTraining, reaches_a_stated_quality_on_a_tiny_scene) {
 TEST(VanillaTraining, the_release_of_2024_scores_and_trains_on_clamped_images) {
   Threads threads(2);
   Scene scene = testing::tiny_scene(threads);
-  std::ranges::fill(scene.train[0].color, std::uint8_t{255});  // what is drawn can only become brighter
+  std::ranges::fill(scene.train[0].color, std::uint8_t{255});  // training can only make the image brighter
   const auto brightest = [&](const char* release) {
     VanillaConfig config =
         vanilla_config_from_json({{"release", release}, {"feature_rate", 20}, {"initial_opacity", 0.9}});
@@ -179,7 +179,7 @@ TEST(VanillaConfig, a_release_sets_defaults_that_single_values_override) {
   EXPECT_THROW(vanilla_config_from_json({{"release", "2022"}}), InputError);
 }
 
-/// Steps a group only now and then.
+/// Steps the parameters at every third iteration.
 class EveryThird : public OptimizerHook {
  public:
   bool steps_at(std::string_view, Moment moment) const override { return moment.iteration % 3 == 0; }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The compact box of convexes on random ones: no pixel that α = 1/255 reaches is lost at β = 1, and little is listed
-// that the bound does not ask for.
+// The compact box of random convexes: at β = 1 no pixel with α ≥ 1/255 is lost, and few tiles are listed that the bound
+// does not require.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 namespace splatboost::test {
 namespace {
 
-/// 3 × 3 tiles, the last of which are cut.
+/// 3 × 3 tiles, the last of them cut off by the image border.
 Camera small_camera() {
   Camera camera = oblique_camera(43, 38);
   camera.cx = 20;
@@ -25,7 +25,7 @@ Camera small_camera() {
   return camera;
 }
 
-/// Of all shapes: thin and thick, soft and sharp, faint and full, within the image and far outside.
+/// Convexes of all shapes: thin and thick, soft and sharp, faint and opaque, within the image and far outside.
 ConvexSceneData any_convexes(const Camera& camera, std::size_t count, int points, std::uint64_t seed) {
   ConvexSceneSpec spec;
   spec.count = count;
@@ -51,7 +51,7 @@ ConvexSceneData any_convexes(const Camera& camera, std::size_t count, int points
   return scene;
 }
 
-/// A convex of the witness's arithmetic: terms z·δ·L at a pixel, and whether α reaches 1/255.
+/// A convex in double precision as in the reference: terms z·δ·L at a pixel, and whether α reaches 1/255.
 struct Exact {
   std::vector<std::array<double, 3>> edges;
   double limit = 0, steepness = 0, opacity = 0;
@@ -101,7 +101,7 @@ struct Exact {
   bool reaches(double x, double y) const {
     double greatest = -1e300;
     for (const auto& e : edges) greatest = std::max(greatest, e[0] * x + e[1] * y + e[2]);
-    if (greatest > limit) return false;  // φ is not less
+    if (greatest > limit) return false;  // φ is at least as large
     double sum = 0;
     for (const auto& e : edges) sum += std::exp(e[0] * x + e[1] * y + e[2] - greatest);
     return opacity / (1 + std::exp(steepness * (greatest + std::log(sum)))) >= reference::kAlphaFloor;
@@ -139,7 +139,7 @@ TEST(ConvexFootprint, LosesNothingAtBetaOne) {
           for (int x = x0; x < x1; ++x) {
             ++checked;
             if (!exact.reaches(x + 0.5, y + 0.5)) continue;
-            // By a hair, single precision may say otherwise.
+            // Within rounding of the threshold, single precision may decide differently.
             ++at_threshold;
             Exact fainter = exact;
             fainter.opacity *= 1 - 1e-4;

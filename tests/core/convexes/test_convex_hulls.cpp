@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hulls that projection finds for a block of convexes at a time: of points on a grid, which fall together and onto
-// lines, against those of one at a time; and of points that are nearly on a line.
+// Hulls that projection computes for blocks of convexes: of points on a grid, many of which coincide or are collinear,
+// against hulls computed one by one; and of nearly collinear points.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -15,7 +15,7 @@
 namespace splatboost::test {
 namespace {
 
-/// Sees a point (x, y, 2) at (x, y) px from its centre.
+/// Projects a point (x, y, 2) to (x, y) px from the principal point.
 Camera grid_camera() {
   Camera camera;
   camera.width = 64;
@@ -25,7 +25,7 @@ Camera grid_camera() {
   return camera;
 }
 
-/// Convexes of eight points, four of which mirror the others: their mean is zero to the last bit.
+/// Convexes of eight points, four of which mirror the others in x and y, so that the mean of these is exactly zero.
 ConvexSceneData mirrored(std::size_t count, const auto& coordinate) {
   ConvexSceneData scene;
   scene.count = count;
@@ -70,7 +70,7 @@ ConvexFrame projected(const ConvexSceneData& scene) {
   return frame;
 }
 
-/// Twice the area within the vertices of a hull.
+/// Twice the area of a hull.
 double area_of(const ConvexSceneData& scene, std::size_t i, const std::uint8_t* hull, std::size_t edges) {
   double area = 0;
   for (std::size_t k = 0; k < edges; ++k) {
@@ -85,7 +85,7 @@ double area_of(const ConvexSceneData& scene, std::size_t i, const std::uint8_t* 
 TEST(ConvexHulls, OfPointsOnAGridAreThoseOfOneAtATime) {
   Numbers random(3);
   for_each_target([&] {
-    // Whole numbers, of which all products and sums are exact.
+    // Small integers, so that all products and sums are exact.
     const ConvexSceneData scene = mirrored(2000, [&](int) { return static_cast<float>(random.bits() % 7) - 3; });
     const ConvexFrame frame = projected(scene);
     std::size_t drawn = 0, degenerate = 0;
@@ -114,14 +114,14 @@ TEST(ConvexHulls, OfPointsOnAGridAreThoseOfOneAtATime) {
   });
 }
 
-/// Parallelograms with a point on each side, which rounding puts inside or outside.
+/// Parallelograms with a point on each side, which rounding moves inside or outside.
 ConvexSceneData with_points_on_edges(std::size_t count, Numbers& random) {
   float half[8] = {};
   return mirrored(count, [&](int k) {
     if (k == 0) {
       do {
         for (float& v : half) v = random.real(-9, 9);
-        // Nothing near a line, where the sides themselves would be one.
+        // Not degenerate: the sides must not be nearly collinear.
       } while (std::abs(half[0] * half[3] - half[1] * half[2]) < 1.0f);
       const float t = random.real(0.05f, 0.95f), u = random.real(0.05f, 0.95f);
       for (int c = 0; c < 2; ++c) {

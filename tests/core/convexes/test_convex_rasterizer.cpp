@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterizer of convexes against the double-precision witness: images, gradients, counts, listings.
+// The convex rasterizer against the double-precision reference: images, gradients, counts, listings.
 #include <gtest/gtest.h>
 
 #include <limits>
@@ -59,8 +59,8 @@ std::vector<Case> cases() {
   return all;
 }
 
-/// [N,3] ConvexGradients::screen_points of the gradients of the points, where colours do not depend on these: a point
-/// that moves in a plane of constant depth moves nothing but its position on screen.
+/// ConvexGradients::screen_points [N,3] from the gradients of the points, if colours do not depend on these: moving a
+/// point in a plane of constant depth changes only its position on screen.
 std::vector<double> screen_sums(const ConvexSceneData& scene, const Camera& camera, const std::vector<double>& points) {
   const glm::mat3 rotation = camera.rotation();
   const glm::vec3 eye = camera.centre();
@@ -135,7 +135,7 @@ TEST_P(ConvexReference, Gradients) {
     return reference::gradient(scene.reference(), reference_camera(camera), reference_options(options), exact_up,
                                input);
   };
-  // Single precision makes about a third of this.
+  // About three times the error of single precision.
   const Tolerance tolerance{.relative = 5e-4, .scale = 5e-5, .absolute = 0, .l2 = 5e-5};
   const auto expect = [&](const char* name, const std::vector<float>& actual, reference::ConvexInput input) {
     SCOPED_TRACE(name);
@@ -159,7 +159,7 @@ TEST_P(ConvexReference, Gradients) {
     EXPECT_TRUE(is_close(gradients.screen_points, screen_sums(scene, camera, of_points), tolerance));
   }
 
-  // Accumulated over what is there; of this view alone where that is said.
+  // Gradients accumulate; statistics of one view are overwritten.
   ConvexGradientData twice = gradients;
   rasterizer.backward(scene.view(), up.color, up.alpha, twice.view(GradientMode::accumulate));
   for (std::size_t k = 0; k < twice.points.size(); ++k) {
@@ -195,7 +195,7 @@ TEST_P(ConvexReference, Weights) {
       scene.reference(), reference_camera(camera), reference_options(options), std::vector<std::uint8_t>(pixels, 1));
   std::size_t compared = 0;
   for (std::size_t i = 0; i < scene.count; ++i) {
-    // A pixel that only one of them blends, and a weight that rounds the other way, change what follows by little.
+    // Tolerates pixels at a threshold and weights that round differently, which affect later weights slightly.
     EXPECT_NEAR(weights[i], 7 + static_cast<double>(truth[i]), 2 + 0.002 * blended[i]) << i;
     compared += certain[i] != 0 && blended[i] == exact[i] && weights[i] == 7 + truth[i] ? 1 : 0;
   }
@@ -205,7 +205,7 @@ TEST_P(ConvexReference, Weights) {
 INSTANTIATE_TEST_SUITE_P(All, ConvexReference, ::testing::ValuesIn(cases()),
                          [](const auto& one) { return one.param.name; });
 
-/// The witness's own derivatives, by differences.
+/// The reference's own derivatives against finite differences.
 TEST(ConvexWitness, DerivativesAreDifferences) {
   const Camera camera = oblique_camera(33, 30);
   ConvexSceneSpec spec;
@@ -263,7 +263,7 @@ TEST(ConvexRasterizer, AViewOfHalfTheSizeLooksTheSame) {
   spec.count = 5;
   spec.behind = 0;
   spec.smallest = 12;
-  spec.steep = 0.8;  // softer than a pixel
+  spec.steep = 0.8;  // softer than one pixel
   spec.colors = true;
   const ConvexSceneData scene = random_convexes(camera, spec, 2);
   Threads threads(1);
@@ -290,7 +290,7 @@ TEST(ConvexRasterizer, AViewOfHalfTheSizeLooksTheSame) {
   EXPECT_LT(difference / static_cast<double>(half.size()), 0.01);
 }
 
-/// A convex that is seen: a square plate of the size of 0.4 in front of the camera, of six points.
+/// A visible convex of six points: a square plate of size 0.4 in front of the camera.
 ConvexSceneData plate() {
   ConvexSceneData scene;
   scene.count = 1;
@@ -375,7 +375,7 @@ TEST(ConvexRasterizer, DrawsNothingOfWhatIsNotAConvexOnTheScreen) {
   }
 }
 
-/// Points on lines in space, in any order: rounding alone puts them beside each other's line on the screen.
+/// Collinear points in space, in any order: on screen they are off the line only by rounding.
 TEST(ConvexRasterizer, DrawsNothingOfPointsOnALine) {
   Numbers random(11);
   ConvexSceneData scene;

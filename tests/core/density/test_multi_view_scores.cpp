@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scoring over views, against a backbone made of cardboard.
+// Scoring over views, with a fake backbone.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -62,7 +62,7 @@ class Cardboard : public RasterizerHook {
       const auto map = reference::error_map(pair);
       std::int64_t n[3] = {0, 0, 0};
       for (std::size_t p = 0; p < map.normalized.size(); ++p) {
-        ASSERT_GT(std::abs(map.normalized[p] - tau), 1e-6);  // the picture is clear of the threshold
+        ASSERT_GT(std::abs(map.normalized[p] - tau), 1e-6);  // no pixel is at the threshold
         n[0] += map.normalized[p] > tau ? 1 : 0;
         n[1] += map.normalized[p] > tau && p % kWidth < kWidth / 2 ? 1 : 0;
       }
@@ -99,7 +99,7 @@ TEST(MultiViewScorer, ScoresKDifferentViewsOnce) {
   EXPECT_EQ(std::set<std::size_t>(backbone.rendered.begin(), backbone.rendered.end()).size(), 10u);
   backbone.expect(sums, backbone.rendered, 0.3f, 0.2f);
   EXPECT_DOUBLE_EQ(scorer.mean_pixels(), 600);
-  EXPECT_DOUBLE_EQ(scorer.covered_share(), 1);  // noise against noise: an error everywhere
+  EXPECT_DOUBLE_EQ(scorer.covered_share(), 1);  // noise against noise: every pixel has an error
 }
 
 TEST(MultiViewScorer, TakesWhatThereIs) {
@@ -112,7 +112,7 @@ TEST(MultiViewScorer, TakesWhatThereIs) {
   backbone.expect(sums, views, 0.1f, 0.2f);
   std::sort(views.begin(), views.end());
   EXPECT_EQ(views, (std::vector<std::size_t>{0, 1, 2, 3}));
-  // Again: the sums start anew.
+  // Another call starts from zero sums.
   const ScoreSums& again = scorer.score(backbone, {}, random);
   EXPECT_EQ(again.views, 4);
   backbone.expect(again, {0, 1, 2, 3}, 0.1f, 0.2f);
@@ -133,7 +133,7 @@ TEST(MultiViewScorer, CountsTheSameWithoutLosses) {
   EXPECT_EQ(scorer.covered_share(), share);
   EXPECT_TRUE(without.weighted_counts.empty());
   std::vector<float> scores(3);
-  EXPECT_THROW(pruning_scores(without, scores), ArgumentError);  // there is nothing to score by
+  EXPECT_THROW(pruning_scores(without, scores), ArgumentError);  // no weighted counts
 }
 
 TEST(DrawViews, DrawsWithoutReplacementAndFairly) {
@@ -167,7 +167,7 @@ TEST(BlendingWeights, AreMeansOverTheViewsWithAny) {
   const auto means = weights.mean(backbone, 50, random);
   EXPECT_EQ(backbone.rendered.size(), 8u);
   EXPECT_EQ(std::vector<double>(means.begin(), means.end()),
-            (std::vector<double>{10, 4, 0}));  // 2, 4 and 6: 0 shows none
+            (std::vector<double>{10, 4, 0}));  // 4 is the mean of 2, 4 and 6: view 0 has weight 0
   backbone.rendered.clear();
   EXPECT_DOUBLE_EQ(weights.mean(backbone, 3, random)[0], 10) << "sums start anew";
   EXPECT_EQ(backbone.rendered.size(), 3u);

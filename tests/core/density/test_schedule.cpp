@@ -39,7 +39,7 @@ TEST(ScaledIteration, KeepsProportions) {
 TEST(ScaledIteration, DoesNotOverflow) { EXPECT_EQ(scaled_iteration(15000, 2000000), 1000000); }
 
 TEST(StepsAt, EveryIterationByDefault) {
-  // Also in runs longer than the published one: an interval of 1 is no plan to be stretched.
+  // Also in runs longer than the published one: an interval of 1 is not scaled.
   for (const int total : {1, 10, 3000, 30000, 60000}) EXPECT_EQ(steps_between({}, total, 1, total), total) << total;
 }
 
@@ -51,7 +51,7 @@ TEST(StepsAt, FollowsThePapersPlan) {
   const StepIntervals all{1, 32, 64, 15000, 20000};
   EXPECT_EQ(steps_between(all, 30000, 1, 15000), 15000);
   EXPECT_NEAR(steps_between(all, 30000, 15001, 20000), 5000 / 32, 1);
-  // No pause is longer than the interval.
+  // Steps are never farther apart than the interval.
   int last = 0;
   for (int iteration = 1; iteration <= 30000; ++iteration) {
     if (!steps_at(rest, {iteration, 30000})) continue;

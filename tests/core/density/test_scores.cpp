@@ -62,13 +62,13 @@ TEST(Scores, OneViewIsItsOwnMean) {
 TEST(Scores, EqualSumsGiveZeroNeverNan) {
   ScoreSums sums;
   sums.reset(3);
-  EXPECT_EQ(pruning(sums), (std::vector<float>{0, 0, 0}));  // no view at all
+  EXPECT_EQ(pruning(sums), (std::vector<float>{0, 0, 0}));  // without views
   EXPECT_EQ(importance(sums), (std::vector<std::int64_t>{0, 0, 0}));
   sums.add_view(Counts{0, 0, 0}, 0.3);
   EXPECT_EQ(pruning(sums), (std::vector<float>{0, 0, 0}));
   sums.add_view(Counts{4, 4, 4}, 0.3);
   EXPECT_EQ(pruning(sums), (std::vector<float>{0, 0, 0}));
-  sums.add_view(Counts{1, 2, 3}, 0.0);  // a perfect view weighs nothing
+  sums.add_view(Counts{1, 2, 3}, 0.0);  // a view without loss has weight 0
   EXPECT_EQ(pruning(sums), (std::vector<float>{0, 0, 0}));
 }
 
@@ -106,7 +106,7 @@ TEST(Scores, SumsExceedThirtyTwoBits) {
   EXPECT_EQ(importance(sums)[0], 2000000000);
 }
 
-// Scores are of the range of the sums: a common scale of the losses does not matter.
+// Scores are normalised by the range of the sums: a common factor of the losses cancels.
 TEST(Scores, PruningIgnoresTheScaleOfTheLosses) {
   ScoreSums a;
   ScoreSums b;

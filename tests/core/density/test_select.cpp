@@ -20,7 +20,7 @@ using Mask = std::vector<std::uint8_t>;
 
 RandomStream stream(std::uint64_t seed) { return RandomStream(seed, 1, RandomPurpose::prune); }
 
-/// Masks may come with any non-zero byte; what a test compares is selected or not.
+/// Any non-zero byte of a mask means selected; tests compare 0 and 1.
 Mask normalized(Mask mask) {
   for (std::uint8_t& byte : mask) byte = byte != 0 ? 1 : 0;
   return mask;
@@ -71,7 +71,7 @@ TEST(KeepWeightedSample, DependsOnTheStreamAlone) {
   EXPECT_NE(a, c);
 }
 
-// The contract names the keys, so the very set is known.
+// The contract defines the keys, so the selected set is determined.
 TEST(KeepWeightedSample, SortsExponentialKeys) {
   Numbers random(9);
   std::vector<float> weights;
@@ -90,7 +90,7 @@ TEST(KeepWeightedSample, SortsExponentialKeys) {
   }
 }
 
-// Inclusion frequencies over many streams against the exact chances of drawing without replacement.
+// Inclusion frequencies over many streams against the exact probabilities of drawing without replacement.
 TEST(KeepWeightedSample, IncludesWithTheRightChances) {
   const std::vector<double> weights{0.5, 1, 2, 4, 8, 1};
   const std::vector<float> given(weights.begin(), weights.end());
@@ -137,7 +137,7 @@ TEST(KeepLargest, HoldsACap) {
   };
   EXPECT_EQ(kept(0), (Mask{0, 0, 0, 0, 0, 0, 0}));
   EXPECT_EQ(kept(1), (Mask{0, 1, 0, 0, 0, 0, 0}));
-  EXPECT_EQ(kept(3), (Mask{1, 1, 0, 0, 0, 1, 0}));  // of the three 3s the first
+  EXPECT_EQ(kept(3), (Mask{1, 1, 0, 0, 0, 1, 0}));  // the first of the three 3s
   EXPECT_EQ(kept(4), (Mask{1, 1, 1, 0, 0, 1, 0}));
   EXPECT_EQ(kept(6), (Mask{1, 1, 1, 1, 1, 1, 0}));
   EXPECT_EQ(kept(99), (Mask{1, 1, 1, 1, 1, 1, 0}));
@@ -168,7 +168,7 @@ TEST(KeepLargest, AgreesWithASort) {
 
 TEST(HoldCap, KeepsTheLargestOfBothMasksTogether) {
   const std::vector<float> priorities{1, 5, 2, 9, 2, 3};
-  const Mask clones{1, 0, 1, 0, 0, 1}, splits{0, 1, 0, 0, 1, 1};  // 3 does not grow, 5 is in both
+  const Mask clones{1, 0, 1, 0, 0, 1}, splits{0, 1, 0, 0, 1, 1};  // primitive 3 is in neither mask, 5 in both
   const auto held = [&](std::size_t keep) {
     Mask clone = clones, split = splits;
     hold_cap(priorities, keep, clone, split);
@@ -227,7 +227,7 @@ TEST(SpareOne, SparesTheLargestOnlyIfAllWouldGo) {
 }
 
 TEST(SelectLeast, SelectsTheShareOfTheSmallest) {
-  const std::vector<double> weights{5, 1, 0, 2, 40, 2, 50};  // 100 together
+  const std::vector<double> weights{5, 1, 0, 2, 40, 2, 50};  // sum 100
   const auto selected = [&](double share, Mask removals) {
     select_least(weights, share, removals);
     return removals;

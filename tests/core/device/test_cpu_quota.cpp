@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// CPU quotas of control groups, read from made-up trees of /proc and /sys.
+// CPU quotas of control groups, read from fake /proc and /sys trees.
 #include "device/cpu_quota.h"
 
 #include <gtest/gtest.h>
@@ -57,7 +57,7 @@ TEST_F(CpuQuota, OfVersion2IsTheLeastOnTheWayUp) {
   EXPECT_EQ(quota(), 1.5);
   write("sys/fs/cgroup/user.slice/job/step/cpu.max", "200000 100000");
   EXPECT_EQ(quota(), 1.5);
-  write("sys/fs/cgroup/user.slice/other/cpu.max", "10000 100000");  // not ours
+  write("sys/fs/cgroup/user.slice/other/cpu.max", "10000 100000");  // not this process's group
   EXPECT_EQ(quota(), 1.5);
   write("sys/fs/cgroup/user.slice/job/step/cpu.max", "20000 100000");
   EXPECT_EQ(quota(), 0.2);
@@ -70,7 +70,7 @@ TEST_F(CpuQuota, OfVersion1IsTheLeastOnTheWayUp) {
   write("sys/fs/cgroup/cpu,cpuacct/docker/abc/cpu.cfs_period_us", "100000");
   EXPECT_EQ(quota(), std::nullopt);
   write("sys/fs/cgroup/cpu,cpuacct/docker/cpu.cfs_quota_us", "250000");
-  EXPECT_EQ(quota(), std::nullopt);  // a quota of what?
+  EXPECT_EQ(quota(), std::nullopt);  // the period is missing
   write("sys/fs/cgroup/cpu,cpuacct/docker/cpu.cfs_period_us", "100000");
   EXPECT_EQ(quota(), 2.5);
   write("sys/fs/cgroup/cpu,cpuacct/docker/abc/cpu.cfs_quota_us", "50000");
@@ -100,7 +100,7 @@ TEST_F(CpuQuota, IsFoundWhereAContainerSeesItsOwnGroupAsTheTop) {
   write("sys/fs/cgroup/cpu/inner/cpu.cfs_quota_us", "100000");
   write("sys/fs/cgroup/cpu/inner/cpu.cfs_period_us", "100000");
   EXPECT_EQ(quota(), 1.0);
-  // The group lies outside of what is mounted: what is mounted counts.
+  // The group lies outside of the mounted hierarchy: the quota of its root counts.
   for (const char* group : {"/docker/abcd", "/../sibling", "/"}) {
     write("proc/self/cgroup", std::string("3:cpu,cpuacct:") + group);
     EXPECT_EQ(quota(), 1.5) << group;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every instruction set that this machine can run, from AVX-512 down to the portable code, against the witness. The
-// width of a vector decides how a tile's rows are cut, so each width is another program.
+// Every instruction set that this machine can run, from AVX-512 down to the portable code, against the reference. The
+// vector width determines how a tile's rows are split, so each width is a different code path.
 #include <gtest/gtest.h>
 
 #include <cstdint>

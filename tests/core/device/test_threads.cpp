@@ -52,7 +52,7 @@ TEST(Threads, ThrowTheExceptionOfTheFirstPieceThatThrows) {
       for (std::size_t i = 0; i <= 207; ++i) ASSERT_EQ(visits[i], 1) << count << " threads, piece " << i;
       for (std::size_t i = 208; i < kElements; ++i) ASSERT_LE(visits[i], 1);
     }
-    EXPECT_TRUE(visits_all(threads));  // the next loop knows nothing of it
+    EXPECT_TRUE(visits_all(threads));  // the next loop is not affected
   }
 }
 
@@ -89,13 +89,13 @@ TEST(Threads, WorkInAProcessThatWasForked) {
   GTEST_SKIP() << "the thread sanitizer starts no threads in such a process";
 #endif
   Threads threads(3);
-  EXPECT_TRUE(visits_all(threads));  // this process has helpers, which the child has not
+  EXPECT_TRUE(visits_all(threads));  // starts worker threads, which a forked child does not have
   std::fflush(nullptr);
   const pid_t child = fork();
   ASSERT_GE(child, 0);
   if (child == 0) {
     alarm(60);
-    std::exit(visits_all(threads) ? 0 : 1);  // ends the child's helpers, too
+    std::exit(visits_all(threads) ? 0 : 1);  // also ends the child's worker threads
   }
   int status = -1;
   ASSERT_EQ(waitpid(child, &status, 0), child);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaussians as planes: known ones, and gradients against finite differences in double.
+// Planes of Gaussians: known cases, and gradients against finite differences in double.
 #include "splatboost/gaussian_planes.h"
 
 #include <gtest/gtest.h>
@@ -53,7 +53,7 @@ TEST(GaussianPlanes, gradient_is_that_of_finite_differences) {
     };
     const surface::PlaneOf<double> of(in.data(), scales.data(), in.data() + 3, motion);
     axes[static_cast<std::size_t>(of.axis)] = true;
-    std::array<double, 7> gradient{1, 2, 3, 4, 5, 6, 7};  // it is added to
+    std::array<double, 7> gradient{1, 2, 3, 4, 5, 6, 7};  // gradients accumulate
     of.backward(motion, {{weights[0], weights[1], weights[2]}, weights[3]}, gradient.data(), gradient.data() + 3);
     for (std::size_t k = 0; k < 7; ++k) {
       std::array<double, 7> up = in, down = in;

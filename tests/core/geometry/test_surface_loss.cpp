@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Depth and normals of planes, and the losses of one and two views: against a plain restatement in double, gradients by
-// its finite differences.
+// Depth and normals of planes, and the losses of one and two views: values against a direct implementation in double,
+// gradients against its finite differences.
 #include "splatboost/surface_loss.h"
 
 #include <gtest/gtest.h>
@@ -51,7 +51,7 @@ TEST(PlaneDepth, is_zero_where_nothing_faces_the_camera) {
   const SurfaceScene scene(0);
   Threads threads(1);
   std::vector<float> planes(4 * scene.pixels(), 0.0f), depth(scene.pixels()), gradients(planes.size(), 0.0f);
-  planes[2 * scene.pixels() + 1] = 1;  // faces away
+  planes[2 * scene.pixels() + 1] = 1;  // faces away from the camera
   planes[3 * scene.pixels() + 1] = 1;
   plane_depth(scene.cameras[0], planes, depth, threads);
   EXPECT_EQ(depth, std::vector<float>(scene.pixels(), 0.0f));
@@ -85,7 +85,7 @@ TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differe
 
   const RandomStream random(5, 0, RandomPurpose::synth);
   std::uint64_t next = 0;
-  std::vector<std::pair<std::size_t, double>> slopes[2];  // of some of the numbers
+  std::vector<std::pair<std::size_t, double>> slopes[2];  // gradients of some elements: index and value
   for (std::size_t v = 0; v < 2; ++v) {
     for (int trial = 0; trial < 60; ++trial) {
       const std::size_t k = random.below(next++, planes[v].size());

@@ -48,7 +48,7 @@ View random_view(int width, int height, std::uint64_t seed) {
 TEST(ErrorMap, AHandMadeView) {
   Threads threads(1);
   View view(4, 1);
-  // Errors 0, 0.1, 0.3, 1 (means over channels): normalised the same.
+  // Errors 0, 0.1, 0.3, 1 (means over channels), which are their normalised values too.
   view.render = {0, 0.3f, 0.1f, 1, 0, 0, 0.3f, 1, 0, 0, 0.5f, 1};
   EXPECT_EQ(view.flag(0.2f, threads), 2u);
   EXPECT_EQ(view.flagged, (std::vector<std::uint8_t>{0, 0, 1, 1}));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The photometric loss against brute force: value, gradient, masks, sizes around the strips' and the window's.
+// The photometric loss against brute force: value, gradient, masks, sizes around those of strips and of the window.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -53,7 +53,7 @@ Picture noise(int width, int height, double invalid, std::uint64_t seed) {
   return picture;
 }
 
-/// A picture like photographs: smooth, with edges; the render is a little off.
+/// An image like a photograph: smooth, with edges; the render differs slightly.
 Picture scenery(int width, int height, double error, std::uint64_t seed) {
   Numbers random(seed);
   Picture picture;
@@ -100,7 +100,7 @@ void check(const Picture& picture, float lambda, Photometric& photometric, const
 
 TEST(Photometric, AgreesWithBruteForceAtEverySize) {
   Threads threads(2);
-  Photometric photometric(threads);  // one object for all sizes: its workspace must not remember
+  Photometric photometric(threads);  // one object for all sizes: its workspace must keep no state
   const int sizes[][2] = {{1, 1},   {2, 1},   {1, 7},   {5, 5},   {6, 4},   {11, 11},  {15, 16},
                           {16, 17}, {33, 10}, {1, 130}, {130, 1}, {67, 35}, {20, 150}, {3, 3}};
   for (const auto& size : sizes) {
@@ -118,7 +118,7 @@ TEST(Photometric, AgreesWithBruteForceUnderMasks) {
     for (const float lambda : {0.0f, 0.2f, 1.0f})
       check(noise(37, 41, invalid, 7), lambda, photometric, "masked " + std::to_string(invalid));
   }
-  // A mask of whole regions, and one of a single valid pixel.
+  // A mask of large regions, and one with a single valid pixel.
   Picture half = noise(40, 70, 0, 8);
   for (int k = 0; k < 40 * 70; ++k) half.valid.push_back(k % 40 < 17 && k / 40 > 20 ? 1 : 0);
   check(half, 0.2f, photometric, "half");

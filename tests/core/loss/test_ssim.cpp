@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// SSIM of float images against brute force: value and gradient, sizes around the strips' and the window's, padding.
+// SSIM of float images against brute force: value, gradient, sizes around those of strips and of the window, padding.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -62,7 +62,7 @@ TEST(Ssim, AgreesWithBruteForceAtEverySize) {
 }
 
 TEST(Ssim, ValidWindowsAreThoseOfThePlaneAlone) {
-  // Windows that lie within the image do not see what is beyond it: cut out of a larger image, they are the same.
+  // Windows that lie within the image do not depend on the outside: the SSIM of a crop of a larger image is the same.
   Threads threads(2);
   const Pair pair = noise(40, 30, 5);
   double sum = 0;

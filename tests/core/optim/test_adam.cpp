@@ -24,7 +24,7 @@ TEST(Adam, FollowsTheWitnessOverManySteps) {
     reference::AdamState exact{{values.begin(), values.end()}, std::vector<double>(size), std::vector<double>(size)};
     for (std::int64_t step = 1; step <= 25; ++step) {
       std::vector<float> gradients;
-      // Magnitudes from vanishing to large: Adam's step must not care.
+      // Magnitudes from tiny to large: Adam's step does not depend on the scale.
       for (std::size_t i = 0; i < size; ++i)
         gradients.push_back(static_cast<float>(random.uniform(-1, 1.5) * std::pow(10.0, -static_cast<double>(i % 9))));
       reference::adam_step(exact, {gradients.begin(), gradients.end()}, step, 0.01f, 0.9f, 0.999f, 1e-15f);

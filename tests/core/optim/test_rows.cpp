@@ -49,7 +49,7 @@ TEST(Rows, AppendCopies) {
   EXPECT_EQ(tensor.to_host(), (Tensor{0, 1, 10, 11, 20, 21, 20, 21, 0, 1, 20, 21}));
   append_rows(tensor, 2, {});
   EXPECT_EQ(tensor.size(), 12u);
-  // Many rows: the tensor moves in memory while it reads itself.
+  // Many rows: the tensor is reallocated while it is also the source.
   append_rows(tensor, 2, List(10000, 1));
   ASSERT_EQ(tensor.size(), 12u + 20000u);
   EXPECT_EQ(tensor.to_host()[20010], 10);

@@ -50,7 +50,7 @@ TEST(Neighbors, ALoneAPairAndNone) {
 }
 
 TEST(Neighbors, CoincidentPointsAreNeighboursAtDistanceZero) {
-  // Twice the same and one apart: with k = 2 the mean of 0 and 9.
+  // Two equal points and one at distance 3: with k = 2 the mean of 0 and 9.
   EXPECT_EQ(distances({0, 0, 0, 0, 0, 0, 3, 0, 0}, 2), (std::vector<float>{4.5f, 4.5f, 9}));
   const std::vector<float> same(3 * 50, 1.5f);
   EXPECT_EQ(distances(same, 3), std::vector<float>(50, 0));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 3D smoothing filter: which it is for given cameras, what it does to a Gaussian, and the gradient of that.
+// The 3D smoothing filter: its size for given cameras, its effect on a Gaussian, and the gradient of that.
 #include "splatboost/smoothing.h"
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 namespace splatboost {
 namespace {
 
-/// At (0, 0, z), looking along +z, 100×100 pixels of focal length f.
+/// A camera at (0, 0, z) looking along +z, with 100×100 pixels and the given focal length.
 Camera view_from(float z, float focal) {
   Camera camera;
   camera.width = camera.height = 100;
@@ -33,7 +33,7 @@ std::vector<float> filters_of(const std::vector<float>& means, const std::vector
 
 TEST(SmoothingFilter, is_that_of_the_view_which_resolves_the_mean_best) {
   const float root = std::sqrt(0.2f);
-  // Depth 4 at focal length 100, depth 2 at 80: sampled at 25 and 40 pixels a unit.
+  // Depth 4 at focal length 100, depth 2 at 80: sampled at 25 and 40 pixels per unit.
   EXPECT_FLOAT_EQ(filters_of({0, 0, 4}, {view_from(0, 100)})[0], root * 4 / 100);
   EXPECT_FLOAT_EQ(filters_of({0, 0, 4}, {view_from(0, 100), view_from(2, 80)})[0], root * 2 / 80);
   EXPECT_FLOAT_EQ(filters_of({0, 0, 4}, {view_from(0, 100), view_from(2, 40)})[0], root * 4 / 100)
@@ -95,7 +95,7 @@ TEST(SmoothedGaussian, gradient_is_that_of_finite_differences) {
       return weights[0] * out.scales[0] + weights[1] * out.scales[1] + weights[2] * out.scales[2] +
              weights[3] * out.opacity;
     };
-    std::array<double, 4> gradient{1, 2, 3, 4};  // it is added to
+    std::array<double, 4> gradient{1, 2, 3, 4};  // gradients accumulate
     smooth_backward(in.data(), filter, smooth(in.data(), in[3], filter), weights.data(), weights[3], gradient.data(),
                     gradient[3]);
     for (std::size_t k = 0; k < 4; ++k) {

@@ -15,11 +15,11 @@ namespace splatboost::test {
 namespace {
 
 TEST(SpatialOrder, VisitsOctantsOneAfterTheOther) {
-  // Corners of a cube, in an order that is not theirs.
+  // Corners of a cube, not in spatial order.
   const std::vector<float> means = {1, 1, 1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 1, 1, 0, 0, 1, 1, 1, 0, 1};
   std::vector<std::uint32_t> order(8);
   spatial_order(means, order);
-  EXPECT_EQ(order, (std::vector<std::uint32_t>{1, 3, 2, 5, 4, 7, 6, 0}));  // x counts fastest
+  EXPECT_EQ(order, (std::vector<std::uint32_t>{1, 3, 2, 5, 4, 7, 6, 0}));  // x varies fastest
 }
 
 TEST(SpatialOrder, IsAPermutationThatBringsNeighboursTogether) {
@@ -28,7 +28,7 @@ TEST(SpatialOrder, IsAPermutationThatBringsNeighboursTogether) {
   std::vector<float> means(3 * kPoints);
   for (std::size_t i = 0; i < means.size(); ++i) means[i] = static_cast<float>(random.below(i, 1000));
   means[0] = std::numeric_limits<float>::quiet_NaN();
-  means[3] = 1e7f;  // far off
+  means[3] = 1e7f;  // an outlier
   std::vector<std::uint32_t> order(kPoints);
   spatial_order(means, order);
   EXPECT_EQ(order.back(), 0u);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a view can see, against the rasterizer that draws it.
+// Visibility in a view, against the rasterizer.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -21,7 +21,7 @@ TEST(Visibility, RadiiAreTheRasterizersOwn) {
     spec.colors = true;
     spec.covariances = covariances;
     SceneData scene = random_scene(camera, spec, 11);
-    for (std::size_t i = 0; i < scene.means.size() / 2; ++i) scene.means[i] *= 3.0f;  // many beyond the sides
+    for (std::size_t i = 0; i < scene.means.size() / 2; ++i) scene.means[i] *= 3.0f;  // many outside of the image
     RasterOptions options;
     options.low_pass = 0.1f;
     Rasterizer rasterizer(threads);
@@ -36,7 +36,7 @@ TEST(Visibility, RadiiAreTheRasterizersOwn) {
     }
     EXPECT_GT(seen, 500u);
     EXPECT_LT(seen, spec.count - 500);
-    // Other instructions round otherwise: a radius just below a whole pixel may become one more.
+    // Other instructions round differently: a radius just below a whole pixel may become one larger.
     EXPECT_LE(differ, 3u) << covariances;
   }
 }

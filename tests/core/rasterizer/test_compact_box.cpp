@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tiles of a splat: exactly those that the ellipse (the square) meets, and never one too few.
+// The tiles of a splat: exactly those that the ellipse (or the square) overlaps, and never one too few.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -15,8 +15,8 @@
 namespace splatboost::test {
 namespace {
 
-/// Camera at the origin with unit focal lengths: a Gaussian at depth 1 with a flat covariance lies on the image as it
-/// is, so a test states ellipses in pixels. The field of view is so wide that no clamp acts.
+/// Camera at the origin with unit focal lengths: a Gaussian at depth 1 with a flat covariance projects to the same
+/// ellipse in pixels. The field of view is so wide that means are never clamped to it.
 Camera flat_camera(int width, int height) {
   Camera camera;
   camera.width = width;
@@ -25,7 +25,7 @@ Camera flat_camera(int width, int height) {
   return camera;
 }
 
-/// An ellipse in pixels: centre, standard deviations of its axes, the turn of the first axis.
+/// An ellipse in pixels: centre, standard deviations of its axes, rotation of the first axis.
 SceneData flat_splat(double x, double y, double major, double minor, double turn, double opacity) {
   const double c = std::cos(turn);
   const double s = std::sin(turn);
@@ -67,7 +67,7 @@ RasterOptions ellipse(float beta) {
   return options;
 }
 
-// An image of a single tile asks of each ellipse "does this tile list it?".
+// Images of a single tile: is each ellipse listed in it?
 void check_single_tile(const RasterOptions& options, std::size_t trials, std::uint64_t seed) {
   Numbers random(seed);
   const Camera camera = flat_camera(16, 16);
@@ -135,7 +135,7 @@ void check_many_tiles(const RasterOptions& options, std::size_t trials, std::uin
     ASSERT_GE(rasterizer.counts().tile_entries, least) << trial;
     ASSERT_LE(rasterizer.counts().tile_entries, most) << trial;
 
-    // What every pixel shows says which tiles these were.
+    // The pixels show which tiles list the splat.
     if (trial % 4 != 0) continue;
     for (int y = 0; y < camera.height; ++y) {
       for (int x = 0; x < camera.width; ++x) {
@@ -242,7 +242,7 @@ TEST(CompactBox, DegenerateGaussiansAreHarmless) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const float infinity = std::numeric_limits<float>::infinity();
   const Camera camera = flat_camera(50, 40);
-  // Mean, covariance, opacity; a sane Gaussian is drawn behind each.
+  // Mean, covariance, opacity; a regular Gaussian is drawn behind each.
   struct Odd {
     float mean[3];
     float covariance[6];
@@ -294,7 +294,7 @@ TEST(CompactBox, DegenerateGaussiansAreHarmless) {
           const ImageGradientData weights(camera, 0, 4, {});
           GradientData gradients(scene);
           rasterizer.backward(scene.view(), weights.view(), gradients.view());
-          // The sane one's gradient is untouched by its neighbour's.
+          // The degenerate Gaussian does not affect the gradient of the regular one.
           for (std::size_t axis = 0; axis < 3; ++axis)
             ASSERT_TRUE(std::isfinite(gradients.means[axis])) << "odd Gaussian " << k;
           ASSERT_TRUE(std::isfinite(gradients.opacities[0])) << "odd Gaussian " << k;

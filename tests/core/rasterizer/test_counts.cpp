@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Flagged-pixel counts: integers, equal to the witness's away from thresholds.
+// Flagged-pixel counts: integers, equal to the reference's away from thresholds.
 #include <gtest/gtest.h>
 
 #include <numeric>
@@ -85,7 +85,7 @@ TEST_P(Counts, NothingFlaggedChangesNothing) {
   EXPECT_EQ(counts, std::vector<std::int32_t>(scene.count, -3));
 }
 
-// The replay tells the same story as the picture: somebody was blended exactly where the image is not background.
+// The replay agrees with the image: some Gaussian is blended exactly where the image is not background.
 TEST_P(Counts, AreZeroExactlyWhereThePictureIsEmpty) {
   for (std::size_t p = 0; p < pixels; p += 97) {
     std::vector<std::uint8_t> flagged(pixels, 0);
@@ -147,7 +147,7 @@ TEST(CountsKnown, OneSplatIsCountedWhereItReachesOneStep) {
   EXPECT_EQ(counts[1], 0);
 }
 
-/// Splats of one opacity, one behind the other, drawn into a single pixel that each covers wholly.
+/// Splats of one opacity, one behind the other, each of which covers the only pixel completely.
 struct OnePixel {
   OnePixel(int count, float opacity) {
     camera.width = camera.height = 1;
@@ -187,7 +187,7 @@ TEST(CountsKnown, ASplatIsObservedWhereLittleLiesInFrontOfIt) {
   EXPECT_EQ(counts, (std::vector<std::int32_t>{2, 2, 1, 1, 0}));
 }
 
-// Without a threshold everybody who is blended is observed; with one, fewer are, and none more often.
+// Without a threshold all blended Gaussians are observed; with one, the counts never exceed those of blending.
 TEST_P(Counts, ObservedAreThoseBlendedInFrontOfTheThreshold) {
   std::vector<std::int32_t> blended(scene.count, 0), observed(scene.count, 0), half(scene.count, 0);
   rasterizer.count_flagged(std::vector<std::uint8_t>(pixels, 1), blended);
@@ -222,7 +222,7 @@ TEST_P(Counts, WeightsEqualTheWitness) {
   const auto exact_counts = exact(std::vector<std::uint8_t>(pixels, 1));
   std::size_t compared = 0;
   for (std::size_t i = 0; i < scene.count; ++i) {
-    // A pixel that only one of them blends, and a weight that rounds the other way, change what follows by little.
+    // Tolerates pixels at a threshold and weights that round differently, which affect later weights slightly.
     EXPECT_NEAR(weights[i], static_cast<double>(truth[i]), 2 + 0.002 * blended[i]) << i;
     EXPECT_LE(weights[i], 256 * blended[i]) << i;
     compared += certain[i] != 0 && blended[i] == exact_counts[i] && weights[i] == truth[i] ? 1 : 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rasterizer against the double-precision witness: values, figures, counts and the gradient of every input.
+// The rasterizer against the double-precision reference: values, counts and the gradient of every input.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -79,7 +79,7 @@ std::vector<Case> cases() {
                  {.colors = true, .covariances = true, .smallest = 0.2, .largest = 3},
                  compensated(ellipse(0.5f)),
                  49});
-  // The floor of the compensation acts: splats far below a pixel.
+  // Splats far smaller than a pixel, for which the compensation is at its lower limit.
   all.push_back(
       {"one_pixel_splats", 40, 24, {.count = 60, .sh_degree = 1, .smallest = 0.005, .largest = 0.2}, square(), 50});
   all.push_back({"one_pixel_splats_compensated",
@@ -94,7 +94,7 @@ std::vector<Case> cases() {
     options.low_pass = 0.1f;
     all.push_back({"mip_filter", 45, 30, {.sh_degree = 1, .smallest = 0.1, .largest = 3}, options, 69});
   }
-  // Those that dropout keeps make up for those it drops.
+  // Dropout scales up the opacities of the Gaussians that it keeps.
   all.push_back({"opacities_above_one_square",
                  45,
                  30,
@@ -111,8 +111,8 @@ std::vector<Case> cases() {
                  71,
                  0.06,
                  3});
-  // Alpha is clamped at 0.99 in their middle, and pixels end after a few. 1/(1 − alpha) amplifies rounding up to 100
-  // times.
+  // Alpha is clamped at 0.99 in their middle, and pixels saturate after a few. 1/(1 − alpha) amplifies rounding up to
+  // 100 times.
   all.push_back({"saturated_square",
                  40,
                  40,
@@ -129,7 +129,7 @@ std::vector<Case> cases() {
                  53,
                  0.06,
                  3});
-  // Means far beyond the image, wide enough to reach it: the clamp of the field of view acts.
+  // Means far outside the image, with Gaussians wide enough to reach it: means are clamped to the field of view.
   all.push_back({"beyond_the_field_of_view",
                  40,
                  30,
@@ -181,7 +181,7 @@ std::vector<Case> cases() {
     options.low_pass = 0;
     options.box = BoxPolicy::ellipse;
     all.push_back({"no_low_pass", 48, 32, {.sh_degree = 0, .smallest = 1}, options, 66});
-    options.compensate_opacity = true;  // of nothing: the ratio is 1
+    options.compensate_opacity = true;  // without low-pass filter the ratio is 1
     all.push_back({"no_low_pass_compensated", 48, 32, {.sh_degree = 0, .smallest = 1}, options, 67});
   }
   all.push_back(
@@ -191,7 +191,7 @@ std::vector<Case> cases() {
 
 Camera camera_of(const Case& c) {
   Camera camera = oblique_camera(c.width, c.height);
-  // One case looks past everything.
+  // One case has all Gaussians outside the image.
   if (c.name == "all_off_screen") camera.cx += 400;
   return camera;
 }
@@ -274,7 +274,7 @@ TEST_P(RasterizerReference, GradientsAgree) {
                             .l2 = c.rounding * kGradientTolerance.l2};
   const auto check = [&](const char* name, const std::vector<float>& actual, Input input) {
     if (actual.empty()) return;
-    // Every element where that is affordable, otherwise every few, coprime to the widths of rows.
+    // Every element of small scenes; otherwise every few, with a stride coprime to the row widths.
     const std::size_t stride = scene.count <= 24 ? 1 : scene.count <= 100 ? 7 : 23;
     std::vector<std::size_t> elements;
     std::vector<float> picked;
@@ -296,12 +296,12 @@ TEST_P(RasterizerReference, GradientsAgree) {
   check("sh_dc", gradients.sh_dc, Input::sh_dc);
   check("colors", gradients.colors, Input::colors);
   check("features", gradients.features, Input::features);
-  // Many coefficients in few cases suffice: those of the named degree are the last of a Gaussian.
+  // The many coefficients are checked in a few cases only; those of the named degree are the last of a Gaussian.
   if (c.name.find("_sh") != std::string::npos || c.name == "inactive_degrees") {
     check("sh_rest", gradients.sh_rest, Input::sh_rest);
   }
   if (scene.covariances.size() > 0) {
-    // The six numbers are the independent entries of a symmetric matrix: an off-diagonal one moves two entries.
+    // The six numbers are the independent entries of a symmetric matrix: an off-diagonal one changes two entries.
     check("covariances", gradients.covariances, Input::covariances);
   }
   const auto screen =
@@ -338,7 +338,7 @@ TEST_P(RasterizerReference, CountsAgreeAwayFromThresholds) {
 INSTANTIATE_TEST_SUITE_P(Scenes, RasterizerReference, ::testing::ValuesIn(cases()),
                          [](const auto& given) { return given.param.name; });
 
-// Thousands of faint splats before every pixel: long sums, long products.
+// Thousands of faint splats per pixel: long sums, long products.
 TEST(RasterizerReferenceDeep, ValuesAndGradientsAgree) {
   Camera camera = oblique_camera(19, 18);
   SceneSpec spec;
@@ -361,8 +361,8 @@ TEST(RasterizerReferenceDeep, ValuesAndGradientsAgree) {
     const reference::Options exact_options = reference_options(options);
     const auto exact_scene = scene.reference();
     const auto expected = reference::render(exact_scene, exact_camera, exact_options);
-    // Most pixels hold some splat at the edge of 1/255 or of equal depth, and none can be left out. Each decision
-    // weighs at most 1/255 of the little light that is left, and a few of a thousand are in doubt.
+    // Most pixels have some splat near the threshold of 1/255 or of equal depth, so they cannot be excluded. Each
+    // decision changes a value by at most 1/255 of the remaining transmittance, and a few of a thousand are uncertain.
     const Tolerance deep{.relative = 1e-4, .scale = 0, .absolute = 1e-4 + 1.0 / 255, .l2 = 1e-3};
     EXPECT_TRUE(is_close(images.color, expected.color, deep));
     EXPECT_TRUE(is_close(images.alpha, expected.alpha, deep));
@@ -389,7 +389,7 @@ TEST(RasterizerReferenceDeep, ValuesAndGradientsAgree) {
         reference::gradient(exact_scene, exact_camera, exact_options, weights.reference(), Input::colors, elements);
     EXPECT_TRUE(is_close(pick(gradients.colors, elements), colors.sum, tolerance)) << "colors";
 
-    // And all inputs at once, along random directions.
+    // All inputs at once, along random directions.
     for (std::uint64_t seed = 1; seed <= 2; ++seed) {
       Numbers random(seed);
       reference::Scene<double> direction;
@@ -481,7 +481,7 @@ TEST(RasterizerReferenceKnown, NoGaussiansGiveTheBackground) {
   }
 }
 
-// 3DGS loses the rim of opaque splats beyond 3σ; the compact box at β = 1 loses nothing that reaches 1/255.
+// 3DGS cuts opaque splats at 3σ; the compact box at β = 1 loses no pixel that reaches 1/255.
 TEST(RasterizerReferenceKnown, TheEllipseShowsTheRimThatTheSquareCuts) {
   Camera camera;
   camera.width = camera.height = 96;
@@ -553,7 +553,7 @@ TEST(RasterizerGradientMode, AccumulateAddsAndLeavesUndrawnRowsAlone) {
     check("sh_rest", once.sh_rest, added.sh_rest);
     check("colors", once.colors, added.colors);
     check("features", once.features, added.features);
-    // Statistics of one view: overwritten in either mode.
+    // Statistics of one view are overwritten in both modes.
     expect_same_gradients(added.screen_means, once.screen_means);
     expect_same_gradients(added.screen_means_abs, once.screen_means_abs);
   }
@@ -597,7 +597,7 @@ TEST(RasterizerGradientMode, AnEmptyImageGradientIsZero) {
   const ImageGradientData weights(camera, 2, 96, exact_images.uncertain);
   Threads threads(2);
   Rasterizer rasterizer(threads);
-  // Each image alone drives the backward pass, as it alone was asked for in the forward pass or not.
+  // The backward pass with the gradient of one image alone, whether or not the forward pass wrote the others.
   for (int which = 0; which < 4; ++which) {
     ImageData images(camera, 2);
     RasterImages only{images.color, {}, {}, {}};
@@ -626,7 +626,7 @@ TEST(RasterizerGradientMode, AnEmptyImageGradientIsZero) {
   }
 }
 
-// One object draws views of many sizes and kinds; nothing of an earlier view may shine through.
+// One object draws views of many sizes and kinds; earlier views must not affect later ones.
 TEST(RasterizerWorkspace, ReuseGivesTheBytesOfAFreshObject) {
   Threads threads(2);
   Rasterizer reused(threads);

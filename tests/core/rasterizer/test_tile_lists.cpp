@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::uint32_t kMaxEntries = 0xffffffffu;
 
-/// Three pieces of Gaussians; the last Gaussian of each ends its piece's entries.
+/// Three blocks of Gaussians; the last listing of each ends the block's entries.
 TileLists listed_frame(std::uint32_t first, std::uint32_t second, std::uint32_t third) {
   TileLists frame;
   frame.primitives = 2 * kProjectGrain + 5;

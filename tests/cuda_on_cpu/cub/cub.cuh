@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Stands in for CUB's header of this name: the device-wide functions that the .cu files call, by the standard
-/// library. As there, a call without temporary memory only tells how much of it is needed.
+/// @file Replaces CUB's header of this name: the device-wide functions that the .cu files call, implemented with the
+/// standard library. As in CUB, a call without temporary memory only returns how much is needed.
 #pragma once
 
 #include <algorithm>
@@ -24,13 +24,13 @@ struct DoubleBuffer {
 };
 
 namespace detail_on_cpu {
-/// Whether the call is a question of how much memory it needs.
+/// Whether the call only asks for the size of temporary memory.
 inline bool asks_for_size(const void* memory, std::size_t& bytes) {
   if (memory != nullptr) return false;
   bytes = 1;
   return true;
 }
-/// A key's bits [begin, end) as CUB orders them: floats by value.
+/// A key's bits [begin, end), transformed so that their order is that of CUB: floats are ordered by value.
 template <class Key>
 std::uint64_t sort_bits(Key key, int begin, int end) {
   std::uint64_t bits = cuda_on_cpu::to_bits(key);
@@ -81,7 +81,7 @@ struct DeviceRadixSort {
                                std::int64_t n, int begin_bit = 0, int end_bit = 8 * static_cast<int>(sizeof(Key)),
                                cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
-    // A pass a byte, to and fro: which buffer the last one leaves depends on their number.
+    // As in CUB, one pass per byte, alternating between the buffers: the number of passes decides where the result is.
     const int turns = (end_bit - begin_bit + 7) / 8 % 2;
     const Key* const keys_in = keys.Current();
     const Value* const values_in = values.Current();
@@ -113,7 +113,7 @@ struct DeviceScan {
       const cuda_on_cpu::DeviceAccess access;
       std::remove_cvref_t<decltype(out[0])> sum{};
       for (std::int64_t i = 0; i < n; ++i) {
-        const auto value = in[i];  // in and out may be one
+        const auto value = in[i];  // in and out may be the same array
         out[i] = sum;
         sum += value;
       }

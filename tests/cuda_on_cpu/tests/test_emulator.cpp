@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The emulator itself: right kernels give right results, and planted faults are found.
+// Tests of the emulator: correct kernels give correct results, and deliberate faults are found.
 #include <gtest/gtest.h>
 
 #include <cuda_runtime.h>
@@ -27,7 +27,7 @@ void start(void (*kernel)(Parameters...), unsigned blocks, unsigned threads, Arg
   ASSERT_EQ(cudaStreamSynchronize(nullptr), cudaSuccess);
 }
 
-/// Expects a fault whose text holds `part`, and a kernel that runs well after it.
+/// Expects a fault whose message contains `part`, and that a kernel runs correctly after it.
 void expect_fault(const std::function<void()>& launch, const std::string& part) {
   for (const std::uint64_t seed : {0u, 1u, 2u, 3u}) {
     cuda_on_cpu::permute(seed);
@@ -41,14 +41,14 @@ void expect_fault(const std::function<void()>& launch, const std::string& part) 
   cuda_on_cpu::permute(1);
 }
 
-/// Runs a test in several orders.
+/// Runs a test in several orders of execution.
 class Orders : public ::testing::TestWithParam<std::uint64_t> {
  protected:
   void SetUp() override { cuda_on_cpu::permute(GetParam()); }
   void TearDown() override { cuda_on_cpu::permute(1); }
 };
 
-// ---- right kernels
+// ---- correct kernels
 
 __global__ void write_index(DeviceView<int> out) {
   const std::size_t i = blockIdx.x * blockDim.x + threadIdx.x;
@@ -62,7 +62,7 @@ TEST_P(Orders, EveryThreadRunsOnce) {
   EXPECT_EQ(out, expected);
 }
 
-/// @tparam kBarriers without them it is wrong
+/// @tparam kBarriers whether the barriers that it needs are there
 template <bool kBarriers>
 __global__ void reverse_blocks(DeviceView<int> values) {
   __shared__ SharedArray<int, 128> shared;
@@ -80,7 +80,7 @@ TEST_P(Orders, SharedMemoryIsOfTheBlock) {
   for (int i = 0; i < 512; ++i) EXPECT_EQ(values[static_cast<std::size_t>(i)], i / 128 * 128 + 127 - i % 128);
 }
 
-// Lane 7 of the part would read lane 8, which the mask leaves out: CUDA leaves that value undefined.
+// Lane 7 reads lane 8, which is not in the mask: the value is undefined in CUDA.
 __global__ void shuffle_beyond_mask(DeviceView<int> out) {
   const int lane = static_cast<int>(threadIdx.x) % 32;
   if (lane < 8) out[threadIdx.x] = __shfl_down_sync(0xffu, lane, 1);
@@ -145,14 +145,14 @@ TEST(Emulator, SeedsChangeTheOrder) {
   EXPECT_EQ(found[1], found[3]);
 }
 
-// ---- planted faults
+// ---- deliberate faults
 
 TEST(EmulatorFinds, AMissingBarrier) {
   std::vector<int> values(128);
   expect_fault([&] { start(reverse_blocks<false>, 1, 128, std::span(values)); }, "shared array");
 }
 
-/// The barrier that keeps the next round's writes from this round's reads is missing.
+/// Lacks the barrier between the reads of one round and the writes of the next.
 __global__ void overwrites_too_early(DeviceView<int> out) {
   __shared__ SharedArray<int, 64> shared;
   const int t = static_cast<int>(threadIdx.x);
@@ -269,9 +269,9 @@ TEST(EmulatorFinds, BarriersOfTwoBranches) {
   expect_fault([&] { start(two_barriers, 1, 64); }, "while thread");
 }
 
-#ifdef SPLATBOOST_WATCHES_ACCESSES  // by the compiler's calls, which the sanitizers take for themselves
+#ifdef SPLATBOOST_WATCHES_ACCESSES  // needs the compiler's instrumentation, which sanitizers use themselves
 
-/// 128 numbers of the device, zeros unless told.
+/// Provides 128 numbers in device memory, initially zero.
 class EmulatorFindsInGlobalMemory : public ::testing::Test {
  protected:
   void SetUp() override {
@@ -283,7 +283,7 @@ class EmulatorFindsInGlobalMemory : public ::testing::Test {
   int* memory_ = nullptr;
 };
 
-/// What a thread does to the numbers.
+/// What each thread does with the numbers.
 enum class Touch { read_next, write_first, add_to_first, own_twice };
 
 template <Touch kTouch>
@@ -325,7 +325,7 @@ TEST_F(EmulatorFindsInGlobalMemory, APlainReadBesideAtomics) {
   expect_fault([&] { start(add_and_read, 1, 64, numbers()); }, "global memory");
 }
 
-/// All add to the first number; one block reads it, writes it before, or writes it behind.
+/// All threads add to the first number; one thread also reads it afterwards, or writes it before or afterwards.
 enum class Beside { reads, writes_before, writes_behind };
 
 template <Beside kBeside>
@@ -394,7 +394,7 @@ TEST_F(EmulatorFindsInGlobalMemory, AMissingBarrier) {
   start(exchange_in_global<true, false>, 1, 64, numbers());
   start(exchange_in_global<false, true>, 1, 64, numbers());
   expect_fault([&] { start(exchange_in_global<false, false>, 1, 64, numbers()); }, "with no barrier in between");
-  // Barriers are of a block.
+  // A barrier does not synchronize blocks.
   expect_fault([&] { start(exchange_in_global<true, false>, 2, 64, numbers()); }, "of another block");
 }
 
@@ -431,7 +431,7 @@ TEST(EmulatorMemory, IsLimitedAndNotZero) {
   EXPECT_EQ(cudaMalloc(&memory, (1 << 20) + 1), cudaErrorMemoryAllocation);
   ASSERT_EQ(cudaMalloc(&memory, 1 << 19), cudaSuccess);
   EXPECT_EQ(cuda_on_cpu::device_memory_in_use(), std::size_t{1} << 19);
-#ifndef SPLATBOOST_WATCHES_ACCESSES  // … where this is a fault
+#ifndef SPLATBOOST_WATCHES_ACCESSES  // with them this is a fault
   float value = 0;
   EXPECT_EQ(cudaMemcpyAsync(&value, memory, sizeof value, cudaMemcpyDeviceToHost, nullptr), cudaSuccess);
   EXPECT_TRUE(std::isnan(value));
@@ -468,9 +468,9 @@ TEST(EmulatorMemory, IsFoundAgainWhenItWasGivenBack) {
   EXPECT_EQ(cuda_on_cpu::device_memory_in_use(), 0u);
 }
 
-// ---- streams: what the host does too early shows
+// ---- streams: detecting what the host does too early
 
-/// Memory of the device, of the host, and a stream.
+/// Provides device memory, pinned host memory, streams and an event.
 class EmulatorStreams : public ::testing::Test {
  protected:
   static constexpr std::size_t kNumbers = 64;
@@ -491,7 +491,7 @@ class EmulatorStreams : public ::testing::Test {
     EXPECT_EQ(cudaFreeHost(pinned_), cudaSuccess);
     EXPECT_EQ(cudaFree(device_), cudaSuccess);
   }
-  /// Gives a stream a kernel without waiting for it.
+  /// Launches a kernel in a stream without waiting for it.
   template <class... Parameters, class... Arguments>
   void give(cudaStream_t stream, void (*kernel)(Parameters...), Arguments&&... arguments) {
     cudaLaunchConfig_t shape{};
@@ -568,7 +568,7 @@ TEST_F(EmulatorStreams, ThrowFaultsWhereTheHostWaits) {
   for (const bool from_giving_back : {false, true}) {
     give(streams_[0], write_index, numbers());
     give(streams_[0], writes_beyond, std::span(few));
-    if (from_giving_back) {  // which must not throw: the next call does
+    if (from_giving_back) {  // cudaFree must not throw; the next call does
       void* memory = nullptr;
       ASSERT_EQ(cudaMalloc(&memory, 1), cudaSuccess);
       ASSERT_EQ(cudaFree(memory), cudaSuccess);
@@ -576,7 +576,7 @@ TEST_F(EmulatorStreams, ThrowFaultsWhereTheHostWaits) {
     EXPECT_THROW(static_cast<void>(cudaStreamSynchronize(streams_[0])), cuda_on_cpu::Fault);
     EXPECT_EQ(cudaStreamSynchronize(streams_[0]), cudaSuccess);
   }
-  // Nor does the mark of an event throw, which destructors set.
+  // Nor does cudaEventRecord throw, because destructors call it.
   cuda_on_cpu::set_lag(1);
   give(streams_[0], writes_beyond, std::span(few));
   EXPECT_EQ(cudaEventRecord(event_, streams_[0]), cudaSuccess);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The functions of Photo-SLAM's CUDA files that train_colmap calls, on the CPU, by SplatBoost's C ABI: its own
+/// @file The functions of Photo-SLAM's CUDA files that train_colmap calls, on the CPU through SplatBoost's C ABI: its
 /// rasterizer as published, with the 3σ square, and k-NN.
 #include <cstring>
 #include <map>
@@ -38,7 +38,7 @@ sb_camera camera_of(const torch::Tensor& view_transform, float tan_x, float tan_
   return camera;
 }
 
-/// The tensors of one call and their views, which the C structs point to.
+/// The tensors of one call, and the C structs that refer to them.
 struct Scene {
   torch::Tensor means, scales, rotations, opacities, dc, rest;
   sb_tensor means_view, scales_view, rotations_view, opacities_view, dc_view, rest_view;
@@ -68,7 +68,7 @@ struct Scene {
   }
 };
 
-/// The one view that was drawn last.
+/// The rasterizer, which holds the view drawn last.
 sb_rasterizer* rasterizer() {
   static std::unique_ptr<sb_rasterizer, decltype(&sb_rasterizer_destroy)> one{nullptr, sb_rasterizer_destroy};
   if (!one) {
@@ -105,7 +105,7 @@ std::tuple<int, torch::Tensor, torch::Tensor, torch::Tensor, torch::Tensor, torc
   torch::Tensor radii;
   torch::Tensor color =
       draw(background, scene, camera_of(viewmatrix, tan_fovx, tan_fovy, image_height, image_width), radii);
-  // The backward pass draws again, from the opacities.
+  // The backward pass draws the view again, hence the opacities.
   return {0, color, radii, opacity.detach().clone(), torch::empty(0), torch::empty(0)};
 }
 

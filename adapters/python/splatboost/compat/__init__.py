@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Modules with the names and signatures of the CUDA extensions that 3DGS repositories build.
 
-They draw with SplatBoost's rasterizer. `set_beta` says with which box, `last_render` is for the counts.
+They render with SplatBoost's rasterizer. `set_beta` selects the box; `last_render` returns the render for counting.
 """
 
 from __future__ import annotations

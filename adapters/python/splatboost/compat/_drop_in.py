@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the drop-ins of all layouts share: arguments of 3DGS in, a render out."""
+"""Shared by the drop-ins of all layouts: converts the arguments of 3DGS and renders."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ _last: Optional[Render] = None
 
 
 def set_beta(beta: Optional[float]) -> None:
-    """From now on the drop-ins draw with the compact box of this β in (0, 1]; None: with 3DGS's 3σ square."""
+    """Sets β in (0, 1] of the compact box of all drop-ins; None: 3DGS's 3σ square."""
     global _beta
     if beta is not None and not 0.0 < beta <= 1.0:
-        raise ValueError("beta: a number in (0, 1] or None wanted, %r given" % (beta,))
+        raise ValueError("beta: expected a number in (0, 1] or None, got %r" % (beta,))
     _beta = None if beta is None else float(beta)
 
 
 def get_beta() -> Optional[float]:
-    """β of the compact box that the drop-ins draw with; None: 3DGS's 3σ square."""
+    """β of the compact box of the drop-ins; None: 3DGS's 3σ square."""
     return _beta
 
 
 def last_render() -> Render:
-    """The render that a drop-in made last, for its count_flagged; its images are detached."""
+    """The last render of a drop-in, for count_flagged(); its images are detached."""
     if _last is None:
         raise RuntimeError("last_render: no drop-in has drawn yet")
     return _last
 
 
 def forget() -> None:
-    """The workspace of the last render is free for the next one."""
+    """Releases the workspace of the last render for the next one."""
     global _last
     _last = None
 
@@ -61,7 +61,7 @@ def camera_of(settings: Any) -> Camera:
 
 
 def given(tensor: Optional[torch.Tensor]) -> Optional[torch.Tensor]:
-    """Hosts pass None or an empty tensor for what they leave out."""
+    """Maps an empty tensor to None: hosts pass either for omitted arguments."""
     return None if tensor is None or tensor.numel() == 0 else tensor
 
 
@@ -79,7 +79,7 @@ def render(
     cov3D_precomp: Optional[torch.Tensor] = None,
     **options: Any,
 ) -> Render:
-    """Draws as `settings` say and remembers the render. dc: degree 0 apart, shs then holds the rest."""
+    """Renders with `settings` and stores the render for last_render(). dc: degree 0; shs then holds the higher ones."""
     if (shs is None and dc is None) == (colors_precomp is None):
         raise ValueError("give either shs or colors_precomp")
     if (scales is None or rotations is None) == (cov3D_precomp is None):
@@ -117,26 +117,26 @@ def visible(settings: Any, positions: torch.Tensor) -> torch.Tensor:
 
 
 def without_nan(maps: torch.Tensor) -> torch.Tensor:
-    """The maps, whose gradient is 0 where it is not a number: hosts divide by alpha also where nothing was drawn."""
+    """The maps, with NaN gradients replaced by 0: hosts divide by alpha even where it is 0."""
     if maps.requires_grad:
         maps.register_hook(lambda gradient: torch.nan_to_num(gradient, 0.0, 0.0, 0.0))
     return maps
 
 
-#: A view, in 3DGS's terms: matrices are for points that are rows. prefiltered and debug change nothing here.
+#: Fields of 3DGS's settings of a view; matrices are for row vectors. prefiltered and debug have no effect here.
 SIZE = ("image_height", "image_width", "tanfovx", "tanfovy")
 VIEW = ("bg", "scale_modifier", "viewmatrix", "projmatrix", "sh_degree", "campos", "prefiltered", "debug")
 
 
 class Drawer(nn.Module):
-    """A GaussianRasterizer without what layouts differ in: how a view is drawn, and what a host gets of it."""
+    """Base class of the layouts' GaussianRasterizers, which override options() and results()."""
 
     def __init__(self, raster_settings: Any):
         super().__init__()
         self.raster_settings = raster_settings
 
     def options(self) -> Dict[str, Any]:
-        """Arguments of rasterize() that this layout's settings stand for. Throws ValueError where it cannot."""
+        """Arguments of rasterize() for this layout's settings. Raises ValueError if they are not supported."""
         return {}
 
     def results(self, done: Render) -> Any:
@@ -161,13 +161,13 @@ class Drawer(nn.Module):
         cov3D_precomp: Optional[torch.Tensor] = None,
     ) -> Any:
         """means3D [N,3], means2D [N,3] or [N,4], opacities [N,1], shs [N,K,3] or colors_precomp [N,3], scales [N,3] and
-        rotations [N,4] or cov3D_precomp [N,6]; returns what the layout's module says."""
+        rotations [N,4] or cov3D_precomp [N,6]. The layout's module documents the result."""
         return self.draw(means3D, means2D, opacities, shs=shs, colors_precomp=colors_precomp, scales=scales,
                          rotations=rotations, cov3D_precomp=cov3D_precomp)
 
 
 def as_function(rasterizer: Callable[[Any], Drawer]) -> Callable[..., Any]:
-    """The layout's rasterize_gaussians, whose arguments are all by position; None or an empty tensor is left out."""
+    """The layout's rasterize_gaussians, with positional arguments; omitted ones are None or an empty tensor."""
 
     def rasterize_gaussians(
         means3D: torch.Tensor,

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drop-in for 3D Convex Splatting's `diff_convex_rasterization`: returns color [3,H,W], radii int32 [N], scaling [N],
-density_factor [N] and the map of others [7,H,W].
+density_factor [N] and a map of other channels [7,H,W].
 
-As in the release, density_factor and the map are zeros, and spherical harmonics see the z of a centre in the place of its x
-and y. Gradients are the true ones of what is drawn: the release leaves out the depth of the centre, and the factor from
-pixels to NDC, half the image's size, of what comes through the points on screen. The gradient of means2D is in pixels:
-columns 0 and 1 sum those of a convex's points, column 2 their absolute values.
+As in the published code, density_factor and the map are zeros, and spherical harmonics are evaluated as if x and y of a
+centre were its z. Gradients are the true ones of the render: the published code omits the depth of the centre, and for
+gradients through the projected points the factor from pixels to NDC, half the image size. The gradient of means2D is in
+pixels: columns 0 and 1 are sums over a convex's points, column 2 is the sum of absolute values.
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ _OTHERS = 7  # channels of the map
 
 
 def _shaped(points: torch.Tensor, counts: torch.Tensor, number: int) -> torch.Tensor:
-    """[N,K,3] of points in any shape; counts [N] are looked at where that waits for nothing."""
+    """Reshapes points to [N,K,3]; counts [N] are checked only on the CPU, to avoid synchronizing with a GPU."""
     per_convex = points.numel() // (3 * number) if number else 6
     ragged = counts.device.type == "cpu" and bool((counts != per_convex).any())
     if ragged or points.numel() != 3 * number * per_convex:
-        raise ValueError("convex_points: as many points for every convex wanted")
+        raise ValueError("convex_points: expected the same number of points for every convex")
     return points.reshape(number, per_convex, 3)
 
 
 def _sizes(settings: Any, points: torch.Tensor, visible: torch.Tensor) -> Tuple[torch.Tensor, torch.Tensor]:
-    """Of visible convexes, 0 of others: radii int32 [N], 1.1 × the farthest point's distance from the centre in pixels,
-    rounded up (the release's, but for the margin of what is soft); and the largest standard deviation along an axis [N]."""
+    """For visible convexes, 0 for others: radii int32 [N], 1.1 × the distance of the farthest point from the centre in
+    pixels, rounded up (as published, but without the margin of the soft edge); and the largest standard deviation
+    along an axis [N]."""
     with torch.no_grad():
         centres = points.mean(dim=1, keepdim=True)
         deviations = (points - centres).square().mean(dim=1).sqrt().amax(dim=1)
@@ -77,8 +78,9 @@ class ConvexRasterizer(nn.Module):
         shs: Optional[torch.Tensor] = None,
         colors_precomp: Optional[torch.Tensor] = None,
     ) -> Any:
-        """convex_points: N convexes' one after the other, as many for each; number_of_points: N; delta, sigma, opacities
-        [N,1]; means2D [N,3]; shs [N,K,3] or colors_precomp [N,3]. scaling and density_factor are not read."""
+        """convex_points: points of N convexes concatenated, the same number for each; number_of_points: N;
+        delta, sigma, opacities [N,1]; means2D [N,3]; shs [N,K,3] or colors_precomp [N,3]. scaling and density_factor
+        are not read."""
         if (shs is None) == (colors_precomp is None):
             raise ValueError("give either shs or colors_precomp")
         settings = self.raster_settings
@@ -110,7 +112,7 @@ def rasterize_convexes(
     density_factor: torch.Tensor,
     raster_settings: Any,
 ) -> Any:
-    """ConvexRasterizer as a function; an empty sh or colors_precomp is left out."""
+    """ConvexRasterizer as a function; an empty sh or colors_precomp counts as not given."""
     return ConvexRasterizer(raster_settings)(
         convex_points, delta, sigma, num_points_per_convex, cumsum_of_points_per_convex, number_of_points, opacities,
         means2D, scaling, density_factor, _drop_in.given(sh), _drop_in.given(colors_precomp))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drop-in for `diff_gaussian_rasterization` as 3DGS has had it since 2023: returns color [3,H,W] and radii int32 [N]."""
+"""Drop-in for `diff_gaussian_rasterization` of 3DGS since 2023: returns color [3,H,W] and radii int32 [N]."""
 
 from __future__ import annotations
 

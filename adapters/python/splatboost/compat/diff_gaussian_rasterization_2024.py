@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drop-in for `diff_gaussian_rasterization` as 3DGS has had it since 2024: antialiasing; returns color [3,H,W], radii
+"""Drop-in for `diff_gaussian_rasterization` of 3DGS since 2024, with antialiasing: returns color [3,H,W], radii
 int32 [N] and inverse depth [1,H,W]."""
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from . import _drop_in
 
 __all__ = ["GaussianRasterizationSettings", "GaussianRasterizer", "rasterize_gaussians"]
 
-# The layouts of August 2024 leave antialiasing out.
+# The layout of August 2024 has no antialiasing field.
 GaussianRasterizationSettings = namedtuple(  # type: ignore[misc]
     "GaussianRasterizationSettings", _drop_in.SIZE + _drop_in.VIEW + ("antialiasing",), defaults=(False,))
 

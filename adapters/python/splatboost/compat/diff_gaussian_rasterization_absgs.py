@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drop-in for `diff_gaussian_rasterization` as AbsGS has it: returns color, radii and weights [N], which are zeros here."""
+"""Drop-in for AbsGS's `diff_gaussian_rasterization`: returns color, radii and weights [N], which are zeros here."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drop-in for the accelerated `diff_gaussian_rasterization` (3dgs_accel, Taming-3DGS): `dc` apart, sparse Adam."""
+"""Drop-in for the accelerated `diff_gaussian_rasterization` (3dgs_accel, Taming-3DGS): separate `dc`, sparse Adam."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def rasterize_gaussians(
     cov3Ds_precomp: torch.Tensor,
     raster_settings: Any,
 ) -> Any:
-    """color [3,H,W], radii int32 [N], inverse depth [1,H,W]. What is left out is None or an empty tensor."""
+    """Returns color [3,H,W], radii int32 [N], inverse depth [1,H,W]. Omitted arguments: None or an empty tensor."""
     given = _drop_in.given
     return GaussianRasterizer(raster_settings)(
         means3D,
@@ -54,15 +54,15 @@ class GaussianRasterizer(Rasterizer2024):
         rotations: Optional[torch.Tensor] = None,
         cov3D_precomp: Optional[torch.Tensor] = None,
     ) -> Any:
-        """As in 2024, with the spherical harmonics in two: dc [N,1,3] and shs [N,K-1,3]."""
+        """As in the 2024 layout, with the spherical harmonics in two tensors: dc [N,1,3] and shs [N,K-1,3]."""
         return self.draw(means3D, means2D, opacities, dc=dc, shs=shs, colors_precomp=colors_precomp, scales=scales,
                          rotations=rotations, cov3D_precomp=cov3D_precomp)
 
 
 class SparseGaussianAdam(torch.optim.Adam):
-    """Adam that steps only the Gaussians that were visible: values and moments of the others stay.
+    """Adam that updates only visible Gaussians: values and moments of the others stay unchanged.
 
-    As the original it corrects no bias. One tensor a group, its rows are the Gaussians.
+    As the original, it has no bias correction. Each group has one tensor, with one row per Gaussian.
     """
 
     def __init__(self, params: Any, lr: float, eps: float):
@@ -73,12 +73,12 @@ class SparseGaussianAdam(torch.optim.Adam):
         """visibility: bool [N]."""
         if visibility.dtype != torch.bool or tuple(visibility.shape) != (N,):
             raise ValueError(
-                "visibility: bool [%d] wanted, %s %s given"
+                "visibility: expected bool [%d], got %s %s"
                 % (N, str(visibility.dtype).replace("torch.", ""), list(visibility.shape))
             )
         for group in self.param_groups:
             if len(group["params"]) != 1:
-                raise ValueError("SparseGaussianAdam: one tensor a group wanted, %d given" % len(group["params"]))
+                raise ValueError("SparseGaussianAdam: expected one tensor per group, got %d" % len(group["params"]))
             value = group["params"][0]
             if value.grad is None:
                 continue
@@ -88,7 +88,7 @@ class SparseGaussianAdam(torch.optim.Adam):
                 state["exp_avg"] = torch.zeros_like(value)
                 state["exp_avg_sq"] = torch.zeros_like(value)
             beta1, beta2 = group["betas"]
-            # By masks: picking rows would wait for a GPU to learn how many there are.
+            # Masks, because indexing would synchronize with the GPU to get the number of rows.
             gradient, first, second = value.grad, state["exp_avg"], state["exp_avg_sq"]
             seen = visibility.reshape((N,) + (1,) * (value.dim() - 1))
             first.copy_(torch.where(seen, (beta1 * first).add_(gradient, alpha=1 - beta1), first))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drop-in for `diff_gaussian_rasterization` as Scaffold-GS and Octree-GS have it: that of 2023, with visible_filter."""
+"""Drop-in for `diff_gaussian_rasterization` of Scaffold-GS and Octree-GS: the 2023 layout plus visible_filter."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class GaussianRasterizer(_drop_in.Drawer):
         rotations: Optional[torch.Tensor] = None,
         cov3D_precomp: Optional[torch.Tensor] = None,
     ) -> torch.Tensor:
-        """int32 [N] radii of the 3σ squares that meet the image, 0 elsewhere: anchors have no opacity to know better."""
+        """int32 [N] radii of the 3σ squares that overlap the image, 0 for others; anchors have no opacity to use."""
         settings = self.raster_settings
         scales = _drop_in.given(scales)
         if scales is not None and settings.scale_modifier != 1.0:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drop-in for Deformable-3DGS's `diff_gaussian_rasterization`: returns color [3,H,W], radii int32 [N] and depth [1,H,W],
-the sum of z weighted as colors are, without a gradient. The gradient of means2D_densify is the sum of absolute ones."""
+the alpha-blended z, without a gradient. The gradient of means2D_densify is the sum of absolute gradients."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GaussianRasterizationSettings = namedtuple(  # type: ignore[misc]
 
 
 def screen_points(means2D: torch.Tensor, means2D_densify: Optional[torch.Tensor]) -> torch.Tensor:
-    """[N,4]: of its gradient columns 0 and 1 go to means2D, 2 and 3, the absolute ones, to means2D_densify."""
+    """[N,4] whose gradient goes to means2D (columns 0 and 1) and means2D_densify (2 and 3, absolute gradients)."""
     if means2D_densify is None:
         means2D_densify = torch.zeros_like(means2D)
     return torch.cat([means2D[:, :2], means2D_densify[:, :2]], dim=1)
@@ -37,10 +37,10 @@ class GaussianRasterizer(_drop_in.Drawer):
         cov3D_precomp: Optional[torch.Tensor] = None,
         means2D_densify: Optional[torch.Tensor] = None,
     ) -> Any:
-        """means2D [N,3], or [N,4] made by screen_points(); the others as in the other layouts."""
+        """means2D [N,3], or [N,4] from screen_points(); other arguments as in the other layouts."""
         points = means2D if means2D.shape[1] == 4 else screen_points(means2D, means2D_densify)
         with torch.no_grad():
-            # Rows are points: the third column of the view matrix makes z.
+            # Row vectors: the third column of the view matrix gives z.
             view = self.raster_settings.viewmatrix
             z = means3D @ view[:3, 2:3] + view[3, 2]
         done = _drop_in.render(self.raster_settings, means3D, points, opacities, shs=shs,

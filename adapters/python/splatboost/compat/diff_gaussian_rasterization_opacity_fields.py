@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""For trying Gaussian Opacity Fields without its CUDA extension: returns a picture of 9 channels and radii.
+"""Drop-in for trying Gaussian Opacity Fields without its CUDA extension: returns an image of 9 channels and radii.
 
-Gaussians are drawn by their affine projection with Mip-Splatting's filter, not by exact intersections. After color come the
-blended shortest axis in view space (3), depth over alpha, alpha, and zeros in the place of distortion.
+Gaussians are rendered by affine projection with Mip-Splatting's filter, not by exact ray intersection. The channels are
+color (3), the blended shortest axis in view space (3), depth divided by alpha, alpha, and zeros instead of distortion.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["GaussianRasterizationSettings", "GaussianRasterizer"]
 
 
 def _shortest_axes(scales: torch.Tensor, rotations: torch.Tensor) -> torch.Tensor:
-    """[N,3] unit vectors in the world."""
+    """[N,3] unit vectors along the shortest axes, in world coordinates."""
     w, x, y, z = torch.nn.functional.normalize(rotations).unbind(dim=1)
     axes = torch.stack([
         torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], dim=1),
@@ -41,7 +41,7 @@ class GaussianRasterizer(_MipSplatting):
         view2gaussian_precomp: Optional[torch.Tensor] = None,
     ) -> Any:
         if scales is None or rotations is None or view2gaussian_precomp is not None:
-            raise ValueError("cov3D_precomp, view2gaussian_precomp: not taken; give scales and rotations")
+            raise ValueError("cov3D_precomp, view2gaussian_precomp: not supported; give scales and rotations")
         view = self.raster_settings.viewmatrix
         seen_from = means3D @ view[:3, :3] + view[3, :3]
         axes = _shortest_axes(scales, rotations) @ view[:3, :3]

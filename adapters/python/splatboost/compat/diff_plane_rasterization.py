@@ -2,8 +2,8 @@
 """Drop-in for PGSR's `diff_plane_rasterization`: returns color [3,H,W], radii int32 [N], observing pixels int32 [N], the
 blended all_map [5,H,W] and the depth of the blended planes [1,H,W]; the last two are zeros without render_geo.
 
-all_map [N,5]: a Gaussian's normal in view space, 1, and the distance of its plane. The gradient of means2D_abs is the sum of
-absolute ones.
+Input all_map [N,5]: a Gaussian's normal in view space (3), 1, and the distance of its plane. The gradient of
+means2D_abs is the sum of absolute gradients.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ __all__ = ["GaussianRasterizationSettings", "GaussianRasterizer"]
 GaussianRasterizationSettings = namedtuple(  # type: ignore[misc]
     "GaussianRasterizationSettings", _drop_in.SIZE + _drop_in.VIEW[:-1] + ("render_geo", "debug"))
 
-#: A pixel observes what it sees through more than this.
+#: A pixel observes a Gaussian if the transmittance in front of it is above this value.
 _OBSERVE_TRANSMITTANCE = 0.5
 _CHANNELS = 5
 
 
 def _plane_depth(settings: Any, all_map: torch.Tensor) -> torch.Tensor:
-    """[1,H,W] z where a pixel's ray meets its blended plane. As upstream: sums are not normalised, since alpha cancels, and
-    the ray is that through the corner of a pixel, with the principal point in the middle."""
+    """[1,H,W] z at which a pixel's ray intersects its blended plane. As upstream: sums are not normalized, since alpha
+    cancels, and the ray passes through the pixel's corner, with the principal point in the image centre."""
     height, width = all_map.shape[1:]
     x = (torch.arange(width, device=all_map.device) / (0.5 * width) - 1.0) * settings.tanfovx
     y = (torch.arange(height, device=all_map.device) / (0.5 * height) - 1.0) * settings.tanfovy
@@ -49,13 +49,13 @@ class GaussianRasterizer(_drop_in.Drawer):
         cov3D_precomp: Optional[torch.Tensor] = None,
         all_map: Optional[torch.Tensor] = None,
     ) -> Any:
-        """means2D and means2D_abs [N,3]; the others as in the other layouts."""
+        """means2D and means2D_abs [N,3]; other arguments as in the other layouts."""
         settings = self.raster_settings
         planes = _drop_in.given(all_map) if settings.render_geo else None
         if settings.render_geo and planes is None and means3D.shape[0] > 0:
-            raise ValueError("all_map: [N,%d] wanted with render_geo, none given" % _CHANNELS)
+            raise ValueError("all_map: expected [N,%d] with render_geo, got none" % _CHANNELS)
         if planes is not None and planes.shape[1:] != (_CHANNELS,):
-            raise ValueError("all_map: shape [N,%d] wanted, %s given" % (_CHANNELS, list(planes.shape)))
+            raise ValueError("all_map: expected shape [N,%d], got %s" % (_CHANNELS, list(planes.shape)))
         points = torch.cat([means2D[:, :2], means2D_abs[:, :2]], dim=1)
         done = _drop_in.render(settings, means3D, points, opacities, shs=shs, colors_precomp=colors_precomp,
                                scales=scales, rotations=rotations, cov3D_precomp=cov3D_precomp, features=planes)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""For trying 2D Gaussian Splatting without its CUDA extension: returns color, radii and a map of 7 channels.
+"""Drop-in for trying 2D Gaussian Splatting without its CUDA extension: returns color, radii and a map of 7 channels.
 
-Surfels are drawn as flat Gaussians by their affine projection, not by exact intersections. The map: blended depth, alpha,
-blended normal in view space (3), mean depth in the place of the median, and zeros in the place of distortion.
+Surfels are rendered as flat Gaussians by affine projection, not by exact ray intersection. The map: blended depth,
+alpha, blended normal in view space (3), mean depth instead of median depth, and zeros instead of distortion.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ __all__ = ["GaussianRasterizationSettings", "GaussianRasterizer", "flat"]
 
 
 def flat(scales: torch.Tensor) -> torch.Tensor:
-    """[N,3] of the surfels' two standard deviations [N,2]."""
+    """Extends the surfels' two standard deviations [N,2] by 0 to [N,3]."""
     return torch.nn.functional.pad(scales, (0, 1))
 
 
 def _normals(rotations: torch.Tensor) -> torch.Tensor:
-    """[N,3] third axis of quaternions (w,x,y,z)."""
+    """[N,3] normals: the third axis of rotations given as quaternions (w,x,y,z)."""
     w, x, y, z = torch.nn.functional.normalize(rotations).unbind(dim=1)
     return torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], dim=1)
 
@@ -41,7 +41,7 @@ class GaussianRasterizer(_drop_in.Drawer):
         cov3D_precomp: Optional[torch.Tensor] = None,
     ) -> Any:
         if scales is None or rotations is None:
-            raise ValueError("cov3D_precomp: of surfels it is not taken; give scales and rotations")
+            raise ValueError("cov3D_precomp: not supported for surfels; give scales and rotations")
         view = self.raster_settings.viewmatrix
         seen_from = means3D @ view[:3, :3] + view[3, :3]
         normals = _normals(rotations) @ view[:3, :3]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The acceleration of one training by a host whose anchors make Gaussians, several slots each (Scaffold-GS and its kin).
+"""Accelerates one training run of an anchor-based host (Scaffold-GS and its successors).
 
-The host's own adjust_anchor does the surgery. A slot that does not pass the gate makes no anchor; everything else, what
-is counted, what starts again and what is pruned, stays the host's.
+Each anchor generates Gaussians from several slots. The host's own adjust_anchor adds and removes anchors; slots that do
+not pass the gate add none. Everything else (statistics, their resets, pruning) stays the host's.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ._boost import announce, is_on, valid_pixels
 
 
 class _OfSlots:
-    """The render of a view, whose Gaussians are counted as the slots that they were made by."""
+    """The render of a view, whose counts per Gaussian are mapped to the slots that generated them."""
 
     def __init__(self, render: Any, slots: torch.Tensor):
         self._render = render
-        self._slots = slots  # [M] which slot each Gaussian of the render is, none twice
+        self._slots = slots  # [M] the slot of each Gaussian of the render, without duplicates
 
     def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
         drawn = torch.zeros_like(self._render.radii)
@@ -34,19 +34,20 @@ class _OfSlots:
 
 
 class Boost:
-    """Takes the place of the host's calls that grow and step.
+    """Replaces the host's calls that grow and step.
 
     gaussians, scene   the host's
     options            its optimization parameters, with those that the patch adds (boost…)
     dataset            its model parameters
-    see                which anchors a training camera sees before a background, bool [N], as the host's prefilter says
-    render             draws a training camera before a background with those anchors: the host's dictionary
+    see                returns the anchors that a training camera sees, bool [N], from the host's prefilter, given a
+                       background
+    render             renders a training camera with a background and those anchors; returns the host's dictionary
 
-    With --boost off every call is the host's own.
+    With --boost off every call is forwarded to the host.
     """
 
     backbone = "scaffold-gs"
-    #: How many anchors one slot may make in one growth.
+    #: Maximum number of anchors that one slot adds per growth.
     anchors_per_slot = 1
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, dataset: Any,
@@ -77,11 +78,11 @@ class Boost:
         self.iteration = iteration
 
     def adjust_anchor(self, *given: Any, **named: Any) -> Any:
-        """The arguments are the host's."""
+        """As the host's, with its arguments."""
         g = self.gaussians
         if not self.on:
             return g.adjust_anchor(*given, **named)
-        # The host makes all parameters of anchors anew, and would lose what their last gradient says.
+        # The host replaces all parameters of anchors; their last gradient would be lost.
         g.optimizer.step()
         g.optimizer.zero_grad(set_to_none=True)
         g.splatboost.gate = self._gate()
@@ -93,7 +94,7 @@ class Boost:
     # --- which slots may grow
 
     def _gate(self) -> torch.Tensor:
-        """bool [N·k]: slots that may make anchors."""
+        """bool [N·k]: slots that may add anchors."""
         g, o = self.gaussians, self.options
         seen = g.offset_denom.reshape(-1)
         gradients = torch.nan_to_num(g.offset_gradient_accum.reshape(-1) / seen)
@@ -106,7 +107,7 @@ class Boost:
         return gate
 
     def _thresholds(self) -> Any:
-        """Mean gradient from which a slot is a candidate; a number, or one for each slot."""
+        """Minimum mean gradient of a candidate slot; one number, or one per slot."""
         return self.options.densify_grad_threshold
 
     def _views(self) -> List[Callable[[], ScoredView]]:
@@ -116,7 +117,7 @@ class Boost:
         g = self.gaussians
         seen = self._see(camera, self._background)
         drawn = self._render(camera, self._background, seen)
-        # Rows of the render: slots of seen anchors, in order, that have an opacity above 0.
+        # Gaussians of the render: the slots of visible anchors, in order, that have an opacity above 0.
         slots = torch.nonzero(seen.repeat_interleave(g.n_offsets)).reshape(-1)[drawn["selection_mask"]]
         image = drawn["render"].contiguous()
         return ScoredView(image, camera.original_image[0:3].to(image.device), valid_pixels(camera, image),
@@ -130,7 +131,7 @@ class Boost:
 
 
 class _WithRates:
-    """The host's optimizer as its training loop sees it, with the adapter's factors on its rates."""
+    """Wraps the host's optimizer for its training loop, applying the adapter's factors to the learning rates."""
 
     def __init__(self, boost: Boost):
         self._boost = boost
@@ -150,7 +151,7 @@ class _WithRates:
 
 
 def gated(model: Any, candidates: torch.Tensor) -> torch.Tensor:
-    """Of the slots that the host would grow from, those that the gate lets through; all without boost."""
+    """The slots that the host would grow from and that pass the gate; all candidates without boost."""
     drawing: Optional[Any] = getattr(model, "splatboost", None)
     gate = getattr(drawing, "gate", None)
     return candidates if gate is None else candidates & gate

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The acceleration of one training by a host that has 3DGS's classes. Hosts differ in what subclasses override."""
+"""Accelerates one training run of a host that has 3DGS's classes. Subclasses override what differs between hosts."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ SPLIT_CHILDREN = 2
 
 
 def is_on(options: Any) -> bool:
-    """What --boost says; ends the host where it says neither on nor off."""
+    """Whether --boost is on; exits the host if it is neither on nor off."""
     if options.boost not in ("on", "off"):
-        sys.stderr.write("--boost: on or off wanted, %s given\n" % options.boost)
+        sys.stderr.write("--boost: expected on or off, got %s\n" % options.boost)
         sys.exit(2)
     return bool(options.boost == "on")
 
 
 def announce(adapter: Adapter, schedule: str) -> None:
-    """One line about how a run is accelerated."""
+    """Prints one line about how the run is accelerated."""
     rules = "literal" if adapter.settings["literal"] else "default"
     box = "published box" if adapter.beta is None else "beta %g" % adapter.beta
     print("SplatBoost: %s rules of %s, %s, tau_d %g, %s" % (
@@ -34,36 +34,36 @@ def announce(adapter: Adapter, schedule: str) -> None:
 
 
 def valid_pixels(camera: Any, image: torch.Tensor) -> Optional[torch.Tensor]:
-    """bool [H,W]: pixels that a host's mask leaves; None where its cameras have none. What lies outside never gets better,
-    and would stand out as an error for ever."""
+    """bool [H,W]: pixels within the host's mask; None if its cameras have no mask. Pixels outside are not trained and
+    would remain errors forever."""
     mask = getattr(camera, "alpha_mask", None)
     return None if mask is None else (mask.to(image.device) > 0.5).reshape(image.shape[-2:])
 
 
 class Boost:
-    """Takes the place of the host's calls that grow, prune and step.
+    """Replaces the host's calls that grow, prune and step.
 
     gaussians, scene   the host's
     options            its optimization parameters, with those that the patch adds (boost…)
-    render             draws a training camera without anything random, as the loss sees it
-    model_path         where the host saves
-    checkpoints        iterations whose checkpoints the host writes: nothing may be left to apply then
+    render             renders a training camera without randomness, as the loss sees it
+    model_path         the host's output folder
+    checkpoints        iterations at which the host writes checkpoints: all groups step then, so no gradient is lost
 
-    With --boost off every call is the host's own.
+    With --boost off every call is forwarded to the host.
     """
 
     backbone = "vanilla"
     published_iterations = PUBLISHED_ITERATIONS
-    #: Host option → setting of the adapter and the host's default. Another value is the user's wish and is passed on.
+    #: Host option → (setting of the adapter, the host's default). Other values were set by the user and are passed on.
     host_options: Dict[str, Tuple[str, float]] = {
         "densify_from_iter": ("densify_from", 500),
         "densify_until_iter": ("densify_until", 15000),
         "densification_interval": ("densify_interval", 100),
         "densify_grad_threshold": ("gradient_threshold", 0.0002),
     }
-    #: Of these, iterations of the host's run; the adapter takes them as of the published one.
+    #: Options that are iterations of the host's run; converted to iterations of the published run for the adapter.
     _scaled = ("densify_from_iter", "densify_until_iter")
-    #: Whether absolute gradients are gathered here; a host that gathers them itself says False.
+    #: Whether absolute gradients are accumulated here; False if the host does so itself.
     gathers_absolute = True
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, render: Callable[[Any], torch.Tensor],
@@ -87,14 +87,14 @@ class Boost:
         announce(self.adapter, self._schedule())
 
     def _means(self) -> torch.Tensor:
-        """[N,3], or what else the host has N rows of."""
+        """[N,3], or another tensor of the host with one row per primitive."""
         return self.gaussians.get_xyz  # type: ignore[no-any-return]
 
     def _grows_at(self, iteration: int) -> bool:
         return self.adapter.grows_at(iteration, False)
 
     def _schedule(self) -> str:
-        """In iterations of this run."""
+        """Describes the schedule in iterations of this run."""
         total = self.options.iterations
         grows = [i for i in range(1, total + 1) if self._grows_at(i)]
         late = [i for i in range(1, total + 1) if self.adapter.prunes_at(i, False)]
@@ -108,7 +108,7 @@ class Boost:
         return dict(self._host_settings(), beta=self.options.boost_beta, tau_d=self.options.boost_tau_d)
 
     def _host_settings(self) -> Dict[str, Any]:
-        """What the user gave the host's own options."""
+        """Adapter settings from the host's options that the user changed."""
         options = self.options
         settings: Dict[str, Any] = {}
         for name, (setting, default) in self.host_options.items():
@@ -123,18 +123,18 @@ class Boost:
     def begin(self, iteration: int) -> None:
         self.iteration = iteration
 
-    # --- what the host knows of its Gaussians
+    # --- statistics of the host's Gaussians
 
     def add_densification_stats(self, *given: Any, **named: Any) -> Any:
-        """The arguments are the host's."""
+        """As the host's, with its arguments."""
         result = self.gaussians.add_densification_stats(*given, **named)
         if self.on:
             self._gather(*given, **named)
         return result
 
     def _gather(self, viewspace_points: torch.Tensor, seen: torch.Tensor) -> None:
-        """seen: bool [N], or indices of any shape, as the host has it."""
-        # By masks: picking rows by one would wait for a GPU to learn how many there are.
+        """seen: bool [N], or indices of any shape, depending on the host."""
+        # Masks, because indexing with a bool tensor would synchronize with the GPU to get the number of rows.
         if seen.dtype != torch.bool:
             none = torch.zeros((self._seen.shape[0],), dtype=torch.bool, device=seen.device)
             seen = none.index_fill_(0, seen.reshape(-1), True)
@@ -148,7 +148,7 @@ class Boost:
             self._seen += (1.0 + extra) * seen
 
     def _views_of_one(self) -> float:
-        """How many views one view stands for in the mean of gradients."""
+        """Weight of one view in the mean of gradients."""
         return 1.0
 
     def _signed_gradients(self) -> torch.Tensor:
@@ -178,14 +178,14 @@ class Boost:
         return self.adapter.grows_at(self.iteration, own) if self.on else own
 
     def densify_and_prune(self, *given: Any, **named: Any) -> Any:
-        """The arguments are the host's."""
+        """As the host's, with its arguments."""
         if not self.on:
             return self.gaussians.densify_and_prune(*given, **named)
         return self._densify_and_prune(*given, **named)
 
     def _densify_and_prune(self, max_grad: float, min_opacity: float, extent: float, max_screen_size: Any,
                            *radii: torch.Tensor) -> None:
-        """radii: where the host keeps them through growth."""
+        """radii: only for hosts that keep them through growth."""
         g = self.gaussians
         self._apply_gradients()
         views = self._views()
@@ -209,21 +209,21 @@ class Boost:
         self._restart_statistics()
 
     def _max_gaussians(self) -> int:
-        """Growth never exceeds so many; 0: no cap."""
+        """Cap on the number of Gaussians after growth; 0: no cap."""
         return int(self.options.boost_max_gaussians)
 
     def _own_growth(self, gradients: torch.Tensor, max_scales: torch.Tensor, extent: float) -> Dict[str, torch.Tensor]:
-        """clone and split as the host's own rule has them, for an adapter without absolute gradients."""
+        """The host's own clone and split masks, for an adapter without absolute gradients."""
         return {}
 
     def _grow(self, clone: torch.Tensor, split: torch.Tensor, extent: float) -> torch.Tensor:
-        """Lets the host clone and split these; returns which of the Gaussians before each is made from."""
+        """Lets the host clone and split these; returns for each Gaussian the previous index it was made from."""
         g = self.gaussians
         n = clone.shape[0]
         percent_dense = g.percent_dense
         origins = torch.arange(n, device=clone.device)
         try:
-            # The host tests sizes too; here every Gaussian is small, then large, so that the masks alone decide.
+            # The host tests sizes too: let every Gaussian count as small, then as large, so that only the masks decide.
             g.percent_dense = float("inf")
             self._host_clone(clone, extent)
             origins = torch.cat([origins, origins[clone]])
@@ -241,7 +241,7 @@ class Boost:
     def _check_count(self, origins: torch.Tensor, what: str) -> None:
         n = self._means().shape[0]
         if n != origins.shape[0]:
-            raise RuntimeError("splatboost: %d primitives expected after the host %s some, there are %d: its "
+            raise RuntimeError("splatboost: expected %d primitives after the host %s some, got %d: its "
                                "densify functions were changed" % (origins.shape[0], what, n))
 
     def _host_clone(self, mask: torch.Tensor, extent: float) -> None:
@@ -257,7 +257,7 @@ class Boost:
         return mask
 
     def prune_late(self) -> None:
-        """Prunes by scores where the schedule says so."""
+        """Late pruning by scores, at the iterations of the schedule."""
         if not self.on or not self.adapter.prunes_at(self.iteration, False):
             return
         g = self.gaussians
@@ -273,14 +273,14 @@ class Boost:
         self._pruned()
 
     def _keep(self, kept: torch.Tensor) -> None:
-        """The statistics of these Gaussians stay."""
+        """Keeps the statistics of these Gaussians only."""
         self._absolute, self._seen = self._absolute[kept], self._seen[kept]
 
     def _pruned(self) -> None:
-        """For hosts that keep more a Gaussian than prune_points knows of."""
+        """For hosts with per-Gaussian data that prune_points does not handle."""
 
     def reset_opacity(self, *given: Any, **named: Any) -> Any:
-        """The arguments are the host's."""
+        """As the host's, with its arguments, unless the adapter skips this reset."""
         if self.on:
             if not self.adapter.resets_opacities_at(self.iteration, True):
                 return None
@@ -294,27 +294,27 @@ class Boost:
         return _Scheduled(self) if self.on else self.gaussians.optimizer
 
     def steps(self, group: str) -> bool:
-        """Whether a group steps now. The host makes its last step one iteration before its last."""
+        """Whether a group steps now. The host's last step is one iteration before the end of the run."""
         last = self.iteration >= self.options.iterations - 1
         return last or self.iteration in self._checkpoints or self.adapter.steps_at(group, self.iteration)
 
     def _apply_gradients(self) -> None:
-        """Applies what is accumulated before Gaussians come or go, which would lose it."""
+        """Applies accumulated gradients, which would be lost when Gaussians are added or removed."""
         if getattr(self.options, "optimizer_type", "") == "sparse_adam":
-            return  # it steps at every iteration and leaves nothing
+            return  # it steps at every iteration, so nothing is accumulated
         self.gaussians.optimizer.step()
         self.gaussians.optimizer.zero_grad(set_to_none=True)
 
 
 class _Scheduled:
-    """The host's optimizer as its training loop sees it: groups whose time has not come keep their gradients."""
+    """Wraps the host's optimizer for its training loop: groups that do not step now keep their gradients."""
 
     def __init__(self, boost: Boost):
         self._boost = boost
         self._inner = boost.gaussians.optimizer
 
     def step(self, *sparse: Any) -> None:
-        """sparse: what a sparse optimizer is given. It knows the Gaussians of one view only, so it always steps."""
+        """sparse: arguments of a sparse optimizer, which updates the Gaussians of one view only, so it always steps."""
         waiting = []
         for group in self._inner.param_groups:
             if not sparse and not self._boost.steps(group["name"]):
@@ -327,4 +327,4 @@ class _Scheduled:
             parameter.grad = gradient
 
     def zero_grad(self, set_to_none: bool = True) -> None:
-        """Nothing: step() did it for the groups that stepped."""
+        """No effect: step() has zeroed the gradients of the groups that stepped."""

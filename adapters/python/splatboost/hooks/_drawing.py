@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compact box in a host's own render function, and beta beside the host's model."""
+"""The compact box in a host's own render function, and the file that stores beta with the host's model."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from ..compat import (
     set_beta,
 )
 
-#: Beside the host's cfg_args: how the model was trained, for whoever draws it.
+#: Next to the host's cfg_args: stores how the model was trained, for rendering it later.
 MODEL_FILE = "splatboost.json"
 
 
 @contextlib.contextmanager
 def box_of(beta: Optional[float]) -> Iterator[None]:
-    """Drop-ins draw with this beta within."""
+    """Within this context, drop-ins render with this beta."""
     before = get_beta()
     set_beta(beta)
     try:
@@ -41,17 +41,17 @@ def box_of(beta: Optional[float]) -> Iterator[None]:
 
 
 class Drawing:
-    """How a model is drawn: with which box, and whether absolute gradients are wanted.
+    """How a model is rendered: with which box, and whether with absolute gradients.
 
-    beta: None draws as published. After a backward pass of a view, `screen_points.grad` [N,4] holds the absolute
-    gradients in columns 2 and 3, where they are wanted.
+    beta: None renders as published. With `absolute`, `screen_points.grad` [N,4] holds the absolute gradients in columns
+    2 and 3 after a backward pass of a view.
     """
 
     def __init__(self, beta: Optional[float], absolute: bool = False):
         self.beta = beta
         self.absolute = absolute
         self.screen_points: Optional[torch.Tensor] = None
-        self.gate: Optional[torch.Tensor] = None  # bool [N·k], of hosts with anchors: slots that may grow now
+        self.gate: Optional[torch.Tensor] = None  # bool [N·k], for hosts with anchors: slots that may grow now
 
     def __call__(self, settings: Any, depth: bool, weights: bool, plain_depth: bool, means2D: torch.Tensor,
                  given: Any) -> Any:
@@ -67,7 +67,7 @@ class Drawing:
         elif plain_depth:
             module = diff_gaussian_rasterization_deformable
         if self.absolute and means2D.requires_grad:
-            # The host's three columns lead, so that its own statistics read what they always did.
+            # Appends a column to the host's three, so that its own statistics read the same values as before.
             means2D = self.screen_points = torch.nn.functional.pad(means2D, (0, 1))
             means2D.retain_grad()
         ours = module.GaussianRasterizer(module.GaussianRasterizationSettings(**settings._asdict()))
@@ -76,7 +76,7 @@ class Drawing:
 
 
 def see(model: Any, host: Any, **given: Any) -> torch.Tensor:
-    """Radii of what a view can see of a host's anchors: by its own visible_filter, or ours with boost."""
+    """Radii of the host's anchors that are visible in a view: from its own visible_filter, or ours with boost."""
     if getattr(model, "splatboost", None) is None:
         return host.visible_filter(**given)  # type: ignore[no-any-return]
     settings = diff_gaussian_rasterization_anchors.GaussianRasterizationSettings(**host.raster_settings._asdict())
@@ -87,8 +87,8 @@ def rasterizer(model: Any, host: Any, depth: bool = False, weights: bool = False
                plain_depth: bool = False) -> Callable[..., Any]:
     """The host's own rasterizer, or ours for a model that is trained or was saved with boost.
 
-    depth: whether the host's returns inverse depth as a third image. weights: whether it returns a weight a Gaussian.
-    plain_depth: whether the third image is a depth that is not inverse.
+    depth: whether the host's returns inverse depth as a third result. weights: whether it returns a weight per
+    Gaussian. plain_depth: whether the third result is depth, not inverse depth.
     """
     drawing = getattr(model, "splatboost", None)
     if drawing is None:
@@ -102,7 +102,7 @@ def rasterizer(model: Any, host: Any, depth: bool = False, weights: bool = False
 
 
 def pinhole(camera: Any, image: torch.Tensor) -> Camera:
-    """A host's camera of an image [3,H,W]."""
+    """Converts a host's camera, for its image [3,H,W]."""
     height, width = image.shape[1:]
     tangents = [math.tan(0.5 * float(angle)) for angle in (camera.FoVx, camera.FoVy)]
     return Camera.from_3dgs(height, width, tangents[0], tangents[1], camera.world_view_transform,
@@ -110,7 +110,7 @@ def pinhole(camera: Any, image: torch.Tensor) -> Camera:
 
 
 def load(model: Any, model_path: str) -> None:
-    """Draws a saved model as it was trained. Without MODEL_FILE in its folder it is the host's own."""
+    """Sets up a saved model to be rendered as it was trained; by the host if its folder has no MODEL_FILE."""
     path = os.path.join(model_path, MODEL_FILE)
     if not os.path.exists(path):
         return
@@ -120,7 +120,7 @@ def load(model: Any, model_path: str) -> None:
 
 
 def save(model_path: str, backbone: str, beta: Optional[float]) -> None:
-    """Lets load() draw the models of this folder with beta."""
+    """Writes MODEL_FILE, so that load() renders the models of this folder with beta."""
     path = os.path.join(model_path, MODEL_FILE)
     with open(path + ".new", "w", encoding="utf-8") as file:
         json.dump({"backbone": backbone, "beta": beta}, file)
@@ -129,7 +129,7 @@ def save(model_path: str, backbone: str, beta: Optional[float]) -> None:
 
 
 def forget(model_path: str) -> None:
-    """The folder's models are the host's own again."""
+    """Removes MODEL_FILE, so that the host renders the folder's models itself."""
     path = os.path.join(model_path, MODEL_FILE)
     if os.path.exists(path):
         os.remove(path)

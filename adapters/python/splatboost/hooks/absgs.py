@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of AbsGS: it gathers absolute gradients itself, lowers opacities now and then, and may prune by blend weights."""
+"""Hooks of AbsGS. It accumulates absolute gradients, reduces opacities periodically, and may prune by weights."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Boost", "load", "rasterizer"]
 
 
 def rasterizer(model: Any, host: Any) -> Callable[..., Any]:
-    """As the others', with weights as a third result."""
+    """As for other hosts, with weights as a third result."""
     return _drawing.rasterizer(model, host, weights=True)
 
 
@@ -25,13 +25,13 @@ class Boost(_boost.Boost):
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, *rest: Any):
         if options.boost == "on" and options.use_prune_weight:
-            sys.stderr.write("--use_prune_weight: it needs blend weights, which SplatBoost's rasterizer does not give; leave it "
-                             "out, or train with --boost off\n")
+            sys.stderr.write("--use_prune_weight: needs blending weights, which SplatBoost's rasterizer does not provide; leave "
+                             "it out, or train with --boost off\n")
             sys.exit(2)
         super().__init__(gaussians, scene, options, *rest)
 
     def _settings(self) -> Dict[str, Any]:
-        # It splits smaller Gaussians than 3DGS does.
+        # AbsGS splits smaller Gaussians than 3DGS does.
         return dict(super()._settings(), percent_dense=self.options.percent_dense)
 
     def _absolute_gradients(self) -> torch.Tensor:
@@ -42,7 +42,7 @@ class Boost(_boost.Boost):
         super()._densify_and_prune(max_grad, *rest)
 
     def reduce_opacity(self) -> None:
-        """The host's own, once what is gathered has been applied: it makes the opacities anew."""
+        """The host's own, after applying accumulated gradients: it replaces the opacities."""
         if self.on:
             self._apply_gradients()
         self.gaussians.reduce_opacity()

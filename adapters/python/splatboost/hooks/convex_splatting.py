@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of 3D Convex Splatting, whose primitives are convexes that split into six. When it grows stays the host's."""
+"""Hooks of 3D Convex Splatting, whose primitives are convexes that split into six. The host decides when to grow."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class Boost(_boost.Boost):
         return o.densify_from_iter < iteration < o.densify_until_iter and iteration % o.densification_interval == 0
 
     def _restart_statistics(self) -> None:
-        """The host's are all that there are."""
+        """No effect: only the host's statistics are used."""
 
     def _keep(self, kept: torch.Tensor) -> None:
-        """The host's follow what it prunes."""
+        """No effect: the host prunes its statistics itself."""
 
     def _signed_gradients(self) -> torch.Tensor:
-        """[N] of the sharpness."""
+        """[N] mean gradient of the sharpness."""
         g = self.gaussians
         return (g.sigma_accumulation_gradient_accum / g.denom.clamp_min(1.0)).reshape(-1)
 
@@ -71,7 +71,7 @@ class Boost(_boost.Boost):
         if bool(split.any()):
             g.densify_and_split_sigma_big(split)
         elif bool(own.any()):
-            self._restart_hosts_statistics()  # as growth does
+            self._restart_hosts_statistics()  # as the host does after growth
         origins = torch.cat([before[~split]] + [before[split]] * children)
         self._check_count(origins, "split")
 
@@ -89,7 +89,7 @@ class Boost(_boost.Boost):
             sums.zero_()
 
     def only_prune(self, *given: Any, **named: Any) -> Any:
-        """The host's own removal after growth; the arguments are the host's."""
+        """The host's own pruning after growth has ended, with its arguments."""
         if self.on:
             self._apply_gradients()
         return self.gaussians.only_prune(*given, **named)

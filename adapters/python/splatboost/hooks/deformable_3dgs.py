@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of Deformable-3DGS, whose Gaussians a net moves. Its branch main gathers absolute gradients itself, in place of
-signed ones; its branch paper signed ones, as 3DGS does."""
+"""Hooks of Deformable-3DGS, whose Gaussians are moved by a network. Its branch main accumulates absolute gradients
+itself, instead of signed ones; its branch paper accumulates signed ones, as 3DGS does."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from ._drawing import load
 
 __all__ = ["Boost", "BoostOfPaper", "at_its_time", "load", "rasterizer"]
 
-#: The host's rasterizer returns a depth that is not inverse.
+#: The host's rasterizer returns depth, not inverse depth.
 rasterizer = functools.partial(_drawing.rasterizer, plain_depth=True)
 
 
 def at_its_time(render: Callable[..., Any], camera: Any, gaussians: Any, pipe: Any, background: torch.Tensor,
                 deform: Any, moves: bool, is_6dof: bool) -> torch.Tensor:
-    """The image of a camera whose Gaussians are moved to its own time.
+    """Renders a camera with the Gaussians moved to its time.
 
-    moves: whether the host's warm-up is over
+    moves: whether the host's warm-up is over, so that the network is used
     """
     means = gaussians.get_xyz.detach()
     away = camera.fid.device != means.device  # --load2gpu_on_the_fly
@@ -38,7 +38,7 @@ def at_its_time(render: Callable[..., Any], camera: Any, gaussians: Any, pipe: A
 
 
 class BoostOfPaper(_boost.Boost):
-    """Of the branch paper, which grows as 3DGS does."""
+    """For the branch paper, which grows as 3DGS does."""
 
     backbone = "deformable-3dgs"
     published_iterations = 40000
@@ -48,7 +48,7 @@ class BoostOfPaper(_boost.Boost):
 
 
 class Boost(_boost.Boost):
-    """Of the branch main, whose own candidates for growth are by absolute gradients: they are scored as they are."""
+    """For the branch main, which selects growth candidates by absolute gradients; these are scored as they are."""
 
     backbone = BoostOfPaper.backbone
     published_iterations = BoostOfPaper.published_iterations

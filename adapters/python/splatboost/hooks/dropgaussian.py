@@ -8,7 +8,7 @@ from ._drawing import load, rasterizer
 
 __all__ = ["Boost", "load", "rasterizer"]
 
-#: The host's dropout: this rate is reached at this iteration, whatever the length of the run.
+#: The host's dropout rate grows linearly and reaches _RATE at iteration _RATE_AT, whatever the length of the run.
 _RATE, _RATE_AT = 0.2, 10000
 
 
@@ -19,8 +19,8 @@ class Boost(_boost.Boost):
                     "densify_grad_threshold": ("gradient_threshold", 0.0005)}
 
     def _views_of_one(self) -> float:
-        # In 3DGS's square a dropped Gaussian counts as seen, without a gradient. The compact box does not list it:
-        # each view where it was kept stands for those where it was not.
+        # With 3DGS's square, a dropped Gaussian counts as seen, without a gradient. The compact box does not list it,
+        # so each view in which it is kept also counts for those in which it is dropped.
         if self.adapter.beta is None:
             return 1.0
         return 1.0 / (1.0 - _RATE * self.iteration / _RATE_AT)

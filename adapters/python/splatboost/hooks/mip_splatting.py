@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of Mip-Splatting: it gathers absolute gradients itself, and keeps a 3D filter for every Gaussian."""
+"""Hooks of Mip-Splatting. It accumulates absolute gradients itself, and keeps a 3D filter per Gaussian."""
 
 from __future__ import annotations
 
@@ -28,5 +28,5 @@ class Boost(_boost.Boost):
         self.gaussians.densify_and_split(grads, 0.5, torch.zeros_like(grads), 1.0, extent)
 
     def _pruned(self) -> None:
-        # prune_points leaves filter_3D as long as it was, and the next render would fail.
+        # prune_points does not shrink filter_3D, so the next render would fail.
         self.gaussians.compute_3D_filter(cameras=self._scene.getTrainCameras())

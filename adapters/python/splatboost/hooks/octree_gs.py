@@ -25,6 +25,6 @@ class Boost(_anchors.Boost):
         return by_anchor.repeat_interleave(g.n_offsets)
 
     def _score(self, camera: Any) -> ScoredView:
-        # Which levels a view uses is state of the host's model.
+        # The levels that a view uses are state of the host's model.
         self.gaussians.set_anchor_mask(camera.camera_center, self.iteration, camera.resolution_scale)
         return super()._score(camera)

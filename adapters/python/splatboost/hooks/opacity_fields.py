@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of Gaussian Opacity Fields, which has Mip-Splatting's classes. The host's rasterizer draws, without a compact box; who
-is blended where a view is wrong is counted by drawing as Mip-Splatting does."""
+"""Hooks of Gaussian Opacity Fields, which has Mip-Splatting's classes. The host's rasterizer renders, without a compact
+box; flagged pixels are counted in an additional render with Mip-Splatting's filter."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Boost"]
 
 
 class Boost(mip_splatting.Boost):
-    #: px², the low-pass of Mip-Splatting; the host's own --kernel_size hardly differs.
+    #: px², the low-pass filter of Mip-Splatting; the host's --kernel_size is nearly the same.
     low_pass = 0.1
 
     def _settings(self) -> Dict[str, Any]:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of PGSR, whose Gaussians are planes. It gathers absolute gradients itself and trims by what views observe, which stays
-its own. Its candidates for growth are by absolute gradients: they are scored as they are."""
+"""Hooks of PGSR, whose Gaussians are planes. It keeps its own trim by observing views, and selects growth
+candidates by absolute gradients, which it accumulates itself; the candidates are scored as they are."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Boost", "as_the_loss_sees", "load", "rasterizer"]
 
 def as_the_loss_sees(render: Callable[..., Any], camera: Any, gaussians: Any, pipe: Any, background: torch.Tensor,
                      app_model: Any) -> torch.Tensor:
-    """The image of a camera without planes, its exposure compensated where the host does."""
+    """Renders a camera without planes, with exposure compensation if the host uses it."""
     drawn = render(camera, gaussians, pipe, background, app_model=app_model, return_plane=False, return_depth_normal=False)
     return drawn.get("app_image", drawn["render"])  # type: ignore[no-any-return]
 
@@ -51,7 +51,7 @@ class Boost(_boost.Boost):
         return {"clone": growing & small, "split": growing & ~small | blurred}
 
     def _score(self, camera: Any) -> ScoredView:
-        # The host's loss counts every pixel, also of photos with a mask.
+        # The host's loss covers every pixel, even of photos with a mask.
         return ScoredView(self._render(camera).contiguous(), camera.get_image()[0])
 
     def _max_gaussians(self) -> int:
@@ -62,7 +62,7 @@ class Boost(_boost.Boost):
         super()._densify_and_prune(max_grad, *rest)
 
     def _grow(self, clone: torch.Tensor, split: torch.Tensor, extent: float) -> torch.Tensor:
-        # Its functions would choose others where there is no room for all; what is chosen here has room.
+        # Disables the host's cap: at the cap its functions would select others, and the masks here respect it already.
         g = self.gaussians
         most, g.max_all_points = g.max_all_points, float("inf")
         try:
@@ -76,4 +76,4 @@ class Boost(_boost.Boost):
         self.gaussians.densify_and_split(gradients, 0.5, none, 1.0, extent, none, _boost.SPLIT_CHILDREN)
 
     def _keep(self, kept: torch.Tensor) -> None:
-        """The host keeps its own, also in its trim."""
+        """No effect: the host prunes its statistics itself."""

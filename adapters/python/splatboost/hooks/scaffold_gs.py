@@ -16,5 +16,5 @@ class Boost(_anchors.Boost):
     backbone = "scaffold-gs"
 
     def __init__(self, gaussians: Any, *given: Any):
-        self.anchors_per_slot = int(gaussians.update_depth)  # one on each of its grids
+        self.anchors_per_slot = int(gaussians.update_depth)  # one on each of the host's grids
         super().__init__(gaussians, *given)

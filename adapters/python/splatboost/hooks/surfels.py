@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of 2D Gaussian Splatting. The host's rasterizer draws, without a compact box and without absolute gradients; who is
-blended where a view is wrong is counted by drawing surfels as flat Gaussians."""
+"""Hooks of 2D Gaussian Splatting. The host's rasterizer renders, without a compact box and without absolute gradients;
+flagged pixels are counted in an additional render of the surfels as flat Gaussians."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Neural Gaussians: a plain restatement of one anchor, gradients of every input against finite differences in double,
-// for every combination of options, and the same bytes for any number of threads.
+// Neural Gaussians: values against a direct implementation for one anchor, gradients of every input against finite
+// differences in double for every combination of options, and the same bytes for any number of threads.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -26,7 +26,8 @@ TEST_P(Decoder, gradients_are_those_of_finite_differences) {
   const RandomStream random(9, 0, RandomPurpose::net_parameters);
   const auto weight = [&](std::uint32_t slot, std::uint64_t column) { return random.normal(16 * slot + column); };
 
-  // loss = Σ over Gaussians and their 14 numbers of weight(slot, column)·number: a slot keeps its weights.
+  // loss = Σ weight(slot, column)·number over the 14 numbers of each Gaussian. Weights depend on the slot alone, not on
+  // the order of the Gaussians.
   const auto visit = [&](auto& g, auto&& use) {
     for (std::size_t i = 0; i < g.size(); ++i) {
       std::uint64_t column = 0;
@@ -56,7 +57,7 @@ TEST_P(Decoder, gradients_are_those_of_finite_differences) {
   Model<double> g = model;
   for (auto* values : {&g.offsets, &g.features, &g.log_scales, &g.opacity_net, &g.covariance_net, &g.color_net,
                        &g.bank_net, &g.embedding}) {
-    std::fill(values->begin(), values->end(), 0.5);  // gradients are added to what is there
+    std::fill(values->begin(), values->end(), 0.5);  // gradients accumulate
   }
   decoder.backward(
       model.inputs(), {given.means, given.scales, given.rotations, given.opacities, given.colors},
@@ -87,7 +88,7 @@ TEST_P(Decoder, gradients_are_those_of_finite_differences) {
 }
 
 TEST_P(Decoder, gives_the_same_bytes_for_any_number_of_threads) {
-  constexpr std::size_t kAnchors = 1100;  // several blocks, the last one short
+  constexpr std::size_t kAnchors = 1100;  // several blocks, the last of them partial
   const Model<float> model(GetParam().shape, kAnchors);
   std::vector<std::uint32_t> visible;
   for (std::uint32_t i = 0; i < kAnchors; i += 1 + i % 2) visible.push_back(i);
@@ -111,7 +112,7 @@ INSTANTIATE_TEST_SUITE_P(Options, Decoder, ::testing::ValuesIn(testing::all_opti
                          [](const auto& test) { return std::string(test.param.name); });
 
 TEST(AnchorDecoder, one_anchor_by_hand) {
-  // Nets without weights: their biases say what every anchor offers.
+  // Nets with zero weights: every anchor's Gaussians are given by the biases.
   Threads threads(1);
   DecoderShape shape;
   shape.features = 4;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which anchors a view decodes, which cells are new, and what is known of slots: against plain restatements.
+// Anchors decoded by a view, new cells, and statistics of slots, against direct implementations.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -26,7 +26,7 @@ TEST(AnchorPrefilter, sees_what_the_rasterizer_would_list_in_the_3_sigma_square)
       scales6.push_back(s);
       scales3.push_back(s);
     }
-    scales6.insert(scales6.end(), 3, 1e9f);  // the other three are of Gaussians, not of the anchor
+    scales6.insert(scales6.end(), 3, 1e9f);  // the other three belong to its Gaussians, not to the anchor
     rotations.insert(rotations.end(), {1, 0, 0, 0});
   }
   Gaussians gaussians;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a method of explicit Gaussians may change, proven on methods made for it (support/toy_methods.h).
+// What a method of explicit Gaussians may change, tested on toy methods (support/toy_methods.h).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -35,7 +35,7 @@ class GaussianMethodRun : public ::testing::Test {
   Scene scene_ = testing::tiny_scene(threads_);
 };
 
-/// Lets all Gaussians clone, ranked by a priority of its own.
+/// Clones all Gaussians, ranked by its own priority.
 class Ranking : public DensityHook {
  public:
   void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& d) override {
@@ -43,7 +43,7 @@ class Ranking : public DensityHook {
     for (std::size_t i = 0; i < count; ++i) {
       d.clone[i] = 1;
       d.split[i] = 0;
-      d.priorities[i] = static_cast<float>(i * 37 % count);  // 37 divides no count that occurs
+      d.priorities[i] = static_cast<float>(i * 37 % count);  // a permutation: no count that occurs is a multiple of 37
     }
   }
   void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions& d) override {
@@ -51,7 +51,7 @@ class Ranking : public DensityHook {
     if (grown.empty()) grown.assign(d.origins.begin() + static_cast<std::ptrdiff_t>(count), d.origins.end());
   }
   std::size_t count = 0;
-  std::vector<std::uint32_t> grown;  ///< those that the first growth let clone
+  std::vector<std::uint32_t> grown;  ///< Gaussians cloned by the first growth
 };
 
 TEST_F(GaussianMethodRun, a_cap_ranks_by_what_the_hook_says) {
@@ -101,13 +101,13 @@ TEST_F(GaussianMethodRun, a_scored_view_is_drawn_at_its_own_time) {
 TEST_F(GaussianMethodRun, gradients_reach_means_and_rotations_through_a_motion) {
   const auto backbone =
       make_gaussian_backbone(context(), testing::eager_toy_config(), std::make_unique<MovingMethod>(threads_));
-  testing::train(*backbone, scene_, 1, 30);  // rotations matter where scales differ
+  testing::train(*backbone, scene_, 1, 30);  // makes scales anisotropic: rotations of spheres have no gradient
   SplatCloud cloud = exported(*backbone);
   std::ranges::fill(cloud.sh_rest, 0.0f);
   const View& view = scene_.train.back();
   const auto found = testing::gathered_gradients(*backbone, cloud, 1, view);
 
-  // The motion in double, and the derivative of each number that it makes by differences.
+  // The motion in double precision, and the derivative of each moved number by finite differences.
   const auto moved = [&](double value, std::size_t gaussian, bool turns) {
     const double moves = cloud.means[3 * gaussian] > 0 ? 1 : 0;
     const auto time = static_cast<double>(view.time);
@@ -164,7 +164,7 @@ class OwnGroupsRun : public GaussianMethodRun {
 
 TEST_F(OwnGroupsRun, rows_follow_growth_removal_and_order) {
   GaussianConfig config = testing::eager_toy_config();
-  config.position_rate_initial = config.position_rate_final = 1e-30;  // means tell who is who
+  config.position_rate_initial = config.position_rate_final = 1e-30;  // means stay fixed and identify the Gaussians
   config.percent_dense = 0.06;
   config.min_opacity = 0.1;
   DensityRecorder recorder;
@@ -225,10 +225,10 @@ TEST_F(OwnGroupsRun, models_hold_them) {
   make()->export_model(folder.path());
   backbone->export_model(folder.path());
   std::filesystem::rename(folder / "parameters.bin", folder / "kept");
-  make()->export_model(folder.path());  // Gaussians of another count
+  make()->export_model(folder.path());  // a different number of Gaussians
   std::filesystem::rename(folder / "kept", folder / "parameters.bin");
   test::expect_contains(test::input_error_of([&] { make()->import_model(folder.path()); }),
-                        "'factors' does not fit to point_cloud.ply");
+                        "'factors' does not match point_cloud.ply");
 }
 
 TEST_F(OwnGroupsRun, memory_counts_them) {
@@ -243,7 +243,7 @@ class OwnLossRun : public GaussianMethodRun {
     return make_gaussian_backbone(context(iterations), testing::eager_toy_config(),
                                   std::make_unique<OwnLossMethod>(threads_, scene_, two_views, weight, form));
   }
-  /// Gaussians that a short run leaves, of no directional colour.
+  /// The Gaussians of a short run, without view-dependent colour.
   SplatCloud some_cloud() {
     const auto backbone = make(false);
     testing::train(*backbone, scene_, 1, 20);
@@ -255,7 +255,7 @@ class OwnLossRun : public GaussianMethodRun {
 
 TEST_F(OwnLossRun, gradients_are_those_of_the_images_that_it_read) {
   const SplatCloud cloud = some_cloud();
-  const View& view = scene_.train[0];  // its time is 0: nothing has moved
+  const View& view = scene_.train[0];  // at time 0 nothing is displaced
   ASSERT_EQ(view.time, 0.0f);
   const auto found = testing::gathered_gradients(*make(false), cloud, 1, view);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaussians that come, move and stay from outside of density control, on a method made for it.
+// Gaussians added, moved and kept by the method itself, outside of density control, on a toy method.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,7 +19,7 @@ namespace {
 
 using testing::exported;
 
-/// Does at each iteration what it is told to, labels its Gaussians, and spares those of one label.
+/// Calls at_edit at each iteration, labels its Gaussians, and spares those labelled 0 from pruning.
 class MapperMethod : public testing::ToyMethod {
  public:
   explicit MapperMethod(Device device) : labels_{"labels", 1, device, [](int) { return 0.0; }} {
@@ -46,7 +46,7 @@ class MapperMethod : public testing::ToyMethod {
   TrainedGroup labels_;
 };
 
-/// Wants everything removed, at its own moment.
+/// Removes everything at a given iteration.
 class RemovesAll : public DensityHook {
  public:
   explicit RemovesAll(int at) : at_(at) {}
@@ -97,7 +97,7 @@ TEST_F(GaussianSetRun, inserted_gaussians_come_last_as_a_start_would_make_them) 
   EXPECT_TRUE(std::equal(before.means.begin(), before.means.end(), after.means.begin()));
   const PointCloud points = three_points();
   EXPECT_TRUE(std::equal(points.positions.begin(), points.positions.end(), after.means.end() - 9));
-  // Mean squared distances to the other two: 0.01 and 0.02 of the second and third, 0.01 twice of the first.
+  // Squared distances to the other two points: 0.01 and 0.01 for the first, 0.01 and 0.02 for the second and third.
   EXPECT_NEAR(after.log_scales[3 * before.size()], 0.5 * std::log(0.01), 1e-5);
   EXPECT_NEAR(after.log_scales[3 * before.size() + 3], 0.5 * std::log(0.015), 1e-5);
   EXPECT_NEAR(after.logit_opacities.back(), std::log(0.1 / 0.9), 1e-6);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The net of many layers: values against plain loops, gradients against finite differences in double, rows without a
-// gradient, any number of threads. And the encoding of what goes into it.
+// The deep net: values against plain loops, gradients against finite differences in double, rows without a gradient,
+// any number of threads. And the encoding of its inputs.
 #include "families/nets/deep_net.h"
 
 #include <gtest/gtest.h>
@@ -24,7 +24,7 @@ std::vector<Real> random_values(std::size_t n, std::uint64_t seed, double scale 
   return values;
 }
 
-/// y of one row, by the definition: inputs and shared ones come before what is below.
+/// Output of one row by the definition. A layer's inputs are ordered: the row's, the shared ones, the previous layer's.
 std::vector<double> plain_row(const DeepNetShape& shape, const std::vector<double>& p, std::vector<double> x,
                               const std::vector<double>& shared) {
   std::vector<double> h;
@@ -108,7 +108,7 @@ TEST(DeepNet, gradients_are_those_of_finite_differences) {
     for (std::size_t i = 0; i < y.size(); ++i) sum += weights[i] * y[i];
     return sum;
   };
-  std::vector<double> of_p(run.p.size(), 1.0), of_shared(run.shared.size(), 9.0);  // the former are added to
+  std::vector<double> of_p(run.p.size(), 1.0), of_shared(run.shared.size(), 9.0);  // of_p accumulates
   run.forward();
   run.net.backward(run.p, run.shared, weights, of_p, of_shared);
   constexpr double kStep = 1e-6;
@@ -127,7 +127,7 @@ TEST(DeepNet, gradients_are_those_of_finite_differences) {
 
 TEST(DeepNet, floats_are_the_same_for_any_threads_and_close_to_doubles) {
   constexpr DeepNetShape kWide{9, 5, 32, 4, 3, 7};
-  constexpr std::size_t kMany = 1500;  // of several pieces
+  constexpr std::size_t kMany = 1500;  // processed in several chunks
   const auto p = random_values<float>(kWide.parameters(), 1, 0.15), x = random_values<float>(kMany * kWide.inputs, 2),
              shared = random_values<float>(kWide.shared, 3), dy = random_values<float>(kMany * kWide.outputs, 4);
   std::vector<std::vector<float>> outcomes;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The net of two layers: values against plain loops, gradients against finite differences in double.
+// The two-layer net: values against plain loops, gradients against finite differences in double.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -62,7 +62,7 @@ TEST(TwoLayerNet, gradients_are_those_of_finite_differences) {
   };
   std::vector<double> h(kRows * kShape.hidden), y(kRows * kShape.outputs), scratch(h.size());
   net_forward<double>(kShape, p, kRows, x.data(), h.data(), y.data());
-  std::vector<double> dp(p.size(), 1.0), dx(x.size(), 9.0);  // the parameters' are added to, the inputs' replaced
+  std::vector<double> dp(p.size(), 1.0), dx(x.size(), 9.0);  // dp accumulates, dx is overwritten
   net_backward<double>(kShape, p, kRows, x.data(), h.data(), weights.data(), scratch.data(), dp, dx.data());
   constexpr double kStep = 1e-6;
   const auto slope = [&](double& value) {

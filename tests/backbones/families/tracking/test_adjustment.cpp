@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses and points from sightings, on known answers.
+// Poses and points from observations, against known ground truth.
 #include "families/tracking/adjustment.h"
 
 #include <gtest/gtest.h>
@@ -108,7 +108,7 @@ TEST(Bundle, poses_and_points_come_back) {
   for (std::size_t i = 0; i < truth.size(); ++i) EXPECT_LT((bundle.points[i] - truth[i]).norm(), 1e-3) << i;
 }
 
-/// A ring of poses whose steps are each off by the same turn and shift: the loop's edge says by how much in all.
+/// A ring of poses whose steps all have the same error in rotation and translation; the loop edge gives the total.
 TEST(PoseGraph, a_loop_spreads_what_it_is_off) {
   constexpr int kCount = 20;
   std::vector<Pose> truth, drifted;

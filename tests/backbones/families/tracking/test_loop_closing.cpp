@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A way around a ring of points, with drift: where it ends it sees again what it saw at the beginning.
+// A trajectory around a ring of points, with drift: its end sees the same points as its beginning.
 #include "families/tracking/loop_closing.h"
 
 #include <gtest/gtest.h>
@@ -14,16 +14,16 @@ namespace splatboost::tracking {
 namespace {
 
 constexpr std::size_t kAround = 24, kKeyframes = 27, kPoints = 3000;
-constexpr std::size_t kMemory = 3;  ///< keyframes after which a point that comes back is not known any more
+constexpr std::size_t kMemory = 3;  ///< keyframes after which a point that is seen again is mapped as a new one
 
 const Optics kOptics{320, 240, 250, 250, 159.5, 119.5};
 
-/// At the middle of the ring nearly, looking outwards.
+/// On a circle of radius 1 within the ring of points, looking outwards.
 Pose true_pose(std::size_t keyframe) {
   const double angle = 2 * std::numbers::pi * static_cast<double>(keyframe) / kAround;
   Eigen::Matrix3d camera_from_world;
   camera_from_world << -std::sin(angle), std::cos(angle), 0, 0, 0, -1, std::cos(angle), std::sin(angle), 0;
-  camera_from_world.row(0) *= -1;  // right of outwards, with z up
+  camera_from_world.row(0) *= -1;  // x points right, with z up in the world
   const Eigen::Quaterniond rotation(camera_from_world);
   return {rotation, -(rotation * Vec3(std::cos(angle), std::sin(angle), 0))};
 }
@@ -43,7 +43,7 @@ class Ring : public ::testing::Test {
             static_cast<std::uint8_t>(random.bits(100000 + 32 * i + static_cast<std::size_t>(byte)));
       }
     }
-    // Each step is off by the same.
+    // Each step adds the same drift.
     const Pose off{Eigen::Quaterniond(Eigen::AngleAxisd(0.003, Vec3(0, 1, 0))), {0.006, 0.002, 0}};
     std::vector<int> number(kPoints, -1);
     std::vector<std::size_t> last(kPoints, 0);
@@ -86,7 +86,7 @@ class Ring : public ::testing::Test {
     }
   }
 
-  /// How far keyframe `k` is from where it should be, seen from the first.
+  /// Distance of keyframe `k` from its true position, relative to the first keyframe.
   double error(std::size_t k) const {
     const Pose found = map_.keyframes()[k].pose * map_.keyframes()[0].pose.inverse();
     return (found.centre() - (true_pose(k) * true_pose(0).inverse()).centre()).norm();
@@ -120,7 +120,7 @@ TEST_F(Ring, a_closed_loop_takes_the_drift_out_and_joins_what_was_mapped_twice) 
   EXPECT_LT(error(kKeyframes - 1), 0.1 * before);
   for (std::size_t k = 0; k < kKeyframes; ++k) EXPECT_LT(error(k), 0.5 * before) << k;
   EXPECT_LT(points(), points_before - 50);
-  // Each sighting is told by its point and by its keyframe alike.
+  // Points and keyframes refer to each other consistently.
   for (std::size_t k = 0; k < kKeyframes; ++k) {
     const MapKeyframe& keyframe = map_.keyframes()[k];
     for (std::size_t f = 0; f < keyframe.points.size(); ++f) {
@@ -130,7 +130,7 @@ TEST_F(Ring, a_closed_loop_takes_the_drift_out_and_joins_what_was_mapped_twice) 
       ASSERT_EQ(p.sightings.at(k), f);
     }
   }
-  EXPECT_FALSE(find_loop(map_, kKeyframes - 1).has_value());  // it is one place now
+  EXPECT_FALSE(find_loop(map_, kKeyframes - 1).has_value());  // already merged into one place
 }
 
 }  // namespace

@@ -43,7 +43,7 @@ TrackerOptions options() {
   return o;
 }
 
-/// ATE of tracked frames.
+/// Absolute trajectory error of tracked frames.
 double error_of(const Tracker& tracker, const std::vector<TrackedFrame>& frames) {
   std::vector<glm::dvec3> found, truth;
   for (const TrackedFrame& frame : frames) {
@@ -142,7 +142,7 @@ namespace association {
 
 using namespace tracking;
 
-/// Four features with descriptors of their own, one of them twice.
+/// Four features with different descriptors; two of them are close to each other in the image.
 Features four() {
   Features f;
   f.pixels = {{10, 10}, {50, 50}, {52, 50}, {90, 20}};
@@ -165,7 +165,7 @@ TEST(Association, by_place_and_descriptor) {
   };
   const std::vector<Expected> expected{wanted({51, 50}, 2, 0), wanted({51, 50}, 1, 0), wanted({10, 10}, 3, 0),
                                        wanted({90, 20}, 3, 5), wanted({10, 10}, 0, 0)};
-  // Descriptors 128 bits away and levels far apart are no match.
+  // No match where descriptors or levels differ too much.
   EXPECT_EQ(match_expected(expected, features, grid), (std::vector<int>{2, 1, -1, -1, 0}));
 }
 
@@ -183,7 +183,7 @@ TEST(Association, by_descriptor_alone_must_be_clear) {
   const Features features = four();
   cv::Mat other = features.descriptors.clone();
   EXPECT_EQ(match_descriptors(features.descriptors, other), (std::vector<int>{0, 1, 2, 3}));
-  other.row(0).copyTo(other.row(1));  // as near as the first
+  other.row(0).copyTo(other.row(1));  // as close as the first, hence ambiguous
   const std::vector<int> matches = match_descriptors(features.descriptors, other);
   EXPECT_EQ(matches, (std::vector<int>{-1, -1, 2, 3}));
   EXPECT_EQ(match_descriptors(features.descriptors, cv::Mat()), std::vector<int>(4, -1));

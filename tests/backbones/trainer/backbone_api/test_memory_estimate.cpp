@@ -64,8 +64,8 @@ TEST(MemoryEstimate, WarnsWhereThereIsTooLittle) {
   const auto warning = [&](std::size_t cap, std::uint64_t free) {
     return memory_warning(estimate, 1024, cap, 200 * kMebibyte, free * kMebibyte);
   };
-  EXPECT_FALSE(warning(0, 101));  // 301 MiB at the start, 200 of which are there already
-  EXPECT_FALSE(warning(0, 0));    // the system does not tell
+  EXPECT_FALSE(warning(0, 101));  // 301 MiB at the start, 200 of which are already resident
+  EXPECT_FALSE(warning(0, 0));    // free memory is unknown
   ASSERT_TRUE(warning(0, 100));
   EXPECT_EQ(warning(0, 100)->find('\n'), std::string::npos);
   ASSERT_TRUE(warning(1024 * 1024, 500));
@@ -74,7 +74,7 @@ TEST(MemoryEstimate, WarnsWhereThereIsTooLittle) {
 
 TEST(MemoryEstimate, TheSystemTells) {
   EXPECT_GT(resident_memory_bytes(), kMebibyte);
-  // A kernel writes pages down in batches, so the two may be apart by a few.
+  // A kernel updates its page counters in batches, so the two may differ by a few pages.
   EXPECT_LE(resident_memory_bytes(), peak_memory_bytes() + kMebibyte);
   EXPECT_GT(free_memory_bytes(), kMebibyte);
 }

@@ -150,7 +150,7 @@ TEST(SplatPly, BrokenFilesAreNamedWithTheCause) {
                   "binary_big_endian");
   expect_contains(message("ply\nformat ascii 1.0\nend_header\n"), "vertex");
   expect_contains(message(ascii + all + "property float f_rest_0\nend_header\n" + row + " 14 15\n"), "f_rest");
-  // Must not try to allocate what the header promises.
+  // Must not try to allocate the number of rows that the header declares.
   expect_contains(
       message("ply\nformat binary_little_endian 1.0\nelement vertex 99999999999999\n" + all + "end_header\n"),
       "cut short");

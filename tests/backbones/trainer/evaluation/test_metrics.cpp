@@ -20,7 +20,7 @@ struct Pair {
   std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
 };
 
-// Random truth, and a render near it that also leaves [0,1].
+// A random truth, and a render close to it with some values outside [0,1].
 Pair random_pair(int width, int height, bool masked, unsigned seed = 1) {
   std::mt19937 random(seed);
   std::uniform_int_distribution<int> byte(0, 255);
@@ -36,7 +36,7 @@ Pair random_pair(int width, int height, bool masked, unsigned seed = 1) {
 
 double clamp01(double value) { return std::clamp(value, 0.0, 1.0); }
 
-// Straight from the definitions: every window summed in full, two-dimensional weights.
+// Directly from the definition: every window summed in full, with two-dimensional weights.
 double brute_force_ssim(const Pair& p) {
   double weights[11][11], norm = 0;
   for (int y = 0; y < 11; ++y) {

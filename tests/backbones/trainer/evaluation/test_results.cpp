@@ -203,7 +203,7 @@ TEST(Comparison, TellsTheTimeToTheSameQuality) {
   const std::vector<CurvePoint> rising = {{100, 10, 0.2, 1, 18.0}, {200, 20, 0.1, 2, {}}, {300, 30, 0.1, 2, 22.0}};
   EXPECT_EQ(seconds_to_psnr(rising, 17), 10);
   EXPECT_EQ(seconds_to_psnr(rising, 18), 10);
-  EXPECT_EQ(seconds_to_psnr(rising, 21), 25);  // linear between points that have a PSNR
+  EXPECT_EQ(seconds_to_psnr(rising, 21), 25);  // interpolated linearly between points that have a PSNR
   EXPECT_EQ(seconds_to_psnr(rising, 22), 30);
   EXPECT_EQ(seconds_to_psnr(rising, 22.1), std::nullopt);
   EXPECT_EQ(seconds_to_psnr({}, 1), std::nullopt);
@@ -269,7 +269,7 @@ TEST(Machine, TellsItsNameAndMemory) {
   if (!reset_peak_memory()) GTEST_SKIP() << "this system does not let a process reset its peak";
   const std::uint64_t before = peak_memory_bytes();
   EXPECT_GT(before, 0u);
-  // Straight from the system: an allocator, above all a sanitizer's, may keep what it was given back.
+  // Mapped directly: an allocator, in particular a sanitizer's, may keep freed memory.
   constexpr std::size_t kSize = 64u << 20;
   void* block = ::mmap(nullptr, kSize, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   ASSERT_NE(block, MAP_FAILED);

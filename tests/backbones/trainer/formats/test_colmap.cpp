@@ -20,7 +20,7 @@ namespace {
 
 constexpr int kWidth = 96, kHeight = 64;
 
-/// Two photos by one pinhole with its principal point off the middle.
+/// Two photos of one pinhole camera with its principal point off the image centre.
 ColmapModel make_model() {
   ColmapModel model;
   model.cameras.push_back({7, 1, kWidth, kHeight, {80, 82, 45.5, 33.25}});
@@ -48,7 +48,7 @@ void write_grey(const std::filesystem::path& path, int width, int height, std::u
   write_png(path, width, height, 1, std::span<const std::uint8_t>(pixels));
 }
 
-/// A scene on disk, ready to be broken.
+/// A valid scene on disk, for tests to damage.
 struct SceneOnDisk {
   TemporaryFolder folder;
   std::filesystem::path model_folder = folder / "sparse/0";
@@ -83,7 +83,7 @@ TEST(Colmap, BinaryAndTextGiveTheSameScene) {
     EXPECT_EQ(scene.points.positions, make_model().points.positions);
     EXPECT_EQ(scene.points.colors, make_model().points.colors);
 
-    // The principal point is honoured, the pose is what the quaternion says: 30 degrees about y.
+    // The principal point is kept; the pose is that of the quaternion, 30 degrees about y.
     const Camera& camera = scene.train[1].camera;
     EXPECT_EQ(camera.width, kWidth);
     EXPECT_FLOAT_EQ(camera.fx, 80);
@@ -151,7 +151,7 @@ TEST(Colmap, UndistortionPutsAKnownPointWhereThePinholeSeesIt) {
   constexpr int kW = 200, kH = 150;
   for (const Case& test : cases) {
     for (const glm::dvec2 point : {glm::dvec2(0.35, -0.3), glm::dvec2(-0.42, 0.25), glm::dvec2(0.02, 0.01)}) {
-      // What the lens makes of the direction (x, y, 1), from the definition of the models.
+      // The distorted image of the direction (x, y, 1), from the definition of the models.
       const double x = point.x, y = point.y, r2 = x * x + y * y;
       const double radial = 1 + test.k1 * r2 + test.k2 * r2 * r2;
       const double u = x * radial + 2 * test.p1 * x * y + test.p2 * (r2 + 2 * x * x);
@@ -191,7 +191,7 @@ TEST(Colmap, UndistortionPutsAKnownPointWhereThePinholeSeesIt) {
       EXPECT_NEAR(sum_x / sum, test.fx * x + test.cx, 0.15) << "model " << test.model;
       EXPECT_NEAR(sum_y / sum, test.fy * y + test.cy, 0.15) << "model " << test.model;
 
-      // A pincushion lens sees less in the corners than the pinhole wants.
+      // A pincushion lens does not cover the corners of the pinhole image.
       const bool misses_corners = test.k1 > 0;
       EXPECT_EQ(!view.valid.empty(), misses_corners);
       if (misses_corners) {
@@ -204,7 +204,8 @@ TEST(Colmap, UndistortionPutsAKnownPointWhereThePinholeSeesIt) {
 
 TEST(Colmap, AFoldedLensLeavesNoGhosts) {
   if (!have_opencv()) GTEST_SKIP() << "undistortion needs OpenCV";
-  // 1 + 3 k1 r² crosses zero at r = 0.745, inside the picture: what lies beyond must not be shown again.
+  // 1 + 3 k1 r² crosses zero at r = 0.745, inside the image: the distortion folds back there, and pixels beyond are
+  // invalid.
   ColmapModel model = make_model();
   model.cameras[0] = {7, 2, kWidth, kHeight, {48, 48, 32, -0.6}};
   const SceneOnDisk disk(model);
@@ -303,7 +304,7 @@ TEST(Colmap, BrokenTextIsNamedByLine) {
 }
 
 TEST(Colmap, AListOfPointsThatIsLeftOutIsNoticed) {
-  // Every second image would be taken for the points of the one before.
+  // Every second image line would be parsed as the points of the image before.
   const SceneOnDisk disk(make_model(), ColmapFormat::text);
   const std::filesystem::path file = disk.model_folder / "images.txt";
   const std::string whole = read_file(file);
@@ -317,7 +318,7 @@ TEST(Colmap, AListOfPointsThatIsLeftOutIsNoticed) {
   const std::string message = disk.error();
   expect_contains(message, "images.txt: line 4 is not the list of 2D points of image");
   expect_contains(message, "every image takes two lines");
-  // Lists as COLMAP writes them.
+  // Lists of 2D points as COLMAP writes them.
   std::string with_points = whole;
   for (std::size_t at = 0; (at = with_points.find("\n\n", at)) != std::string::npos;) {
     with_points.insert(at + 1, "1.5 2 -1 30.25 1e1 7 ");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scenes that move: captures of Nerfies and HyperNeRF, rigs of videos, COLMAP with numbers of frames, and which of them
-// a folder is taken for.
+// Dynamic scenes: captures of Nerfies and HyperNeRF, multi-view videos, COLMAP with frame numbers, and the detection of
+// the format of a folder.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -49,7 +49,7 @@ void write_grey(const std::filesystem::path& path, int level) {
   write_png(path, kWidth, kHeight, 3, std::span<const std::uint8_t>(pixels));
 }
 
-/// A still model of COLMAP: one photo.
+/// A static COLMAP model: one photo.
 void write_still_model(const std::filesystem::path& folder) {
   ColmapModel model;
   model.cameras.push_back({1, 1, kWidth, kHeight, {30, 30, 20, 12}});
@@ -90,16 +90,16 @@ TEST(Npy, BrokenOnesAreToldInOneLine) {
     return input_error_of([&] { read_npy(folder / "a.npy"); });
   };
   const std::string good = npy_bytes<double>("<f8", "(2, 3)", {1, 2, 3, 4, 5, 6});
-  expect_contains(error("nothing"), "is not an array of numpy");
+  expect_contains(error("nothing"), "is not a NumPy array file");
   for (std::size_t cut = 12; cut < good.size(); cut += 7) error(good.substr(0, cut));
   expect_contains(error(npy_bytes<double>("<i8", "(1,)", {1})), "floats");
-  expect_contains(error(npy_bytes<double>("<f8", "(1,)", {1}, "True")), "columns first");
-  expect_contains(error(npy_bytes<double>("<f8", "(99999999999, 99999999999)", {1})), "not possible");
+  expect_contains(error(npy_bytes<double>("<f8", "(1,)", {1}, "True")), "column-major order");
+  expect_contains(error(npy_bytes<double>("<f8", "(99999999999, 99999999999)", {1})), "out of range");
   expect_contains(error(npy_bytes<double>("<f8", "(1, 1, 1)", {1})), "3 dimensions");
   expect_contains(error(npy_bytes<double>("<f8", "(1, x)", {1})), "cannot be read");
 }
 
-/// Eight photos: camera i at (i, 0, -4) of a world whose centre is (1, 0, 0) and which is drawn at twice its size.
+/// Eight photos: camera i at (i, 0, -4) of a world centred at (1, 0, 0) and scaled by 2.
 struct Capture {
   TemporaryFolder folder;
   Json dataset{{"ids", Json::array()}, {"train_ids", Json::array()}, {"val_ids", Json::array()}};
@@ -174,7 +174,7 @@ TEST(Nerfies, BrokenCapturesAreToldInOneLine) {
   expect_contains(error("scene.json", R"({"scale": 1})"), "'center' is missing");
   expect_contains(error("dataset.json", R"({"train_ids": ["../x"], "val_ids": ["000"]})"), "not the name of an image");
   expect_contains(error("dataset.json", R"({"train_ids": [], "val_ids": ["000"]})"), "lists no images");
-  expect_contains(error("metadata.json", R"({"000": {"time_id": 1}})"), "says nothing of image '001'");
+  expect_contains(error("metadata.json", R"({"000": {"time_id": 1}})"), "has no entry for image '001'");
   expect_contains(error("camera/001.json", R"({"focal_length": 3})"), "is missing");
   expect_contains(error("points.npy", "none"), "points.npy");
   const Capture disk;
@@ -183,8 +183,8 @@ TEST(Nerfies, BrokenCapturesAreToldInOneLine) {
   expect_contains(input_error_of([&] { read_scene(options); }), "rgb/1x: the image folder does not exist");
 }
 
-/// Three cameras at x = 0, 1, 2 that look along −z of OpenGL's world, with five frames each; of each pair (camera,
-/// frame) the grey level is its own.
+/// Three cameras at x = 0, 1, 2 that look along −z of OpenGL's world, with five frames each; each pair (camera, frame)
+/// has its own grey level.
 struct Rig {
   TemporaryFolder folder;
   explicit Rig(bool videos = false) {
@@ -248,7 +248,7 @@ TEST(NeuralVideo, VideosReadAsWritten) {
   expect_contains(input_error_of([&] { read_scene(options_of(disk.folder)); }), "cam01.mp4: ");
 }
 
-/// Makes the last frames of a video unreadable, and leaves what its container says of them.
+/// Makes the last frames of a video unreadable, without changing the frame count in its container.
 void damage_last_frames(const std::filesystem::path& video) {
   std::string bytes = read_file(video);
   const std::size_t media = bytes.find("mdat");
@@ -282,8 +282,8 @@ TEST(NeuralVideo, FramesThatCannotBeReadAreLeftOutWithALine) {
     ASSERT_EQ(scene.train.size(), 5u + length.readable);
     EXPECT_FLOAT_EQ(scene.train.back().time, static_cast<float>(length.readable - 1) / 4) << "by those of the others";
     ASSERT_EQ(scene.notes.size(), 2u) << "and one on points";
-    EXPECT_EQ(scene.notes[0], "cam02.mp4 says that it has 5 frames, of which " + std::to_string(length.readable) +
-                                  " can be read; training takes those");
+    EXPECT_EQ(scene.notes[0], "cam02.mp4 declares 5 frames, but only " + std::to_string(length.readable) +
+                                  " can be read; training uses the readable frames");
   }
   SceneOptions options = options_of(disk.folder);
   options.frames = 1;
@@ -294,7 +294,7 @@ TEST(NeuralVideo, FramesThatCannotBeReadAreLeftOutWithALine) {
 
   damage_last_frames(disk.folder / "cam01.mp4");
   options.frames = 0;
-  expect_contains(read_scene(options).notes.at(0), "(and 1 more videos fewer than theirs)");
+  expect_contains(read_scene(options).notes.at(0), "(and 1 more videos are also shorter than declared)");
 }
 
 TEST(NeuralVideo, CamerasAndPosesMustAgree) {
@@ -304,9 +304,9 @@ TEST(NeuralVideo, CamerasAndPosesMustAgree) {
                   "holds 3 cameras, but there are 4 videos or folders");
 }
 
-// Packed scenes of what moves.
+// Packed dynamic scenes.
 
-/// Reads a packed scene as its folder was read.
+/// Reads a packed scene with the options of its folder.
 Scene read_packed(SceneOptions options, const std::filesystem::path& file) {
   options.source = file;
   return read_scene(options);
@@ -336,7 +336,7 @@ TEST(PackedMotion, ARigHasTheFramesThatItWasPackedWith) {
   expect_same_times(folder.test, read_packed(options, file).test);
   options.frames = 0;
   const std::string message = input_error_of([&] { read_packed(options, file); });
-  expect_contains(message, "was packed with --frames 3, --frames 0 asks for others; pack the scene again");
+  expect_contains(message, "was packed with --frames 3, but --frames is 0; pack the scene again");
 }
 
 TEST(PackedMotion, ACaptureHasItsTimesAndItsFolder) {
@@ -347,13 +347,13 @@ TEST(PackedMotion, ACaptureHasItsTimesAndItsFolder) {
   pack_scene(options, file);
   const Scene folder = read_scene(options);
   expect_same_times(folder.train, read_packed(options, file).train);
-  options.images = "rgb/1x";  // where the pictures are looked for unless told
+  options.images = "rgb/1x";  // the default folder of the images
   expect_same_times(folder.test, read_packed(options, file).test);
   options.images = "images";
-  expect_contains(input_error_of([&] { read_packed(options, file); }), "'rgb/1x', --images asks for 'images'");
+  expect_contains(input_error_of([&] { read_packed(options, file); }), "'rgb/1x', but --images is 'images'");
 }
 
-// What is found first decides what a scene is.
+// The format found first is used.
 
 TEST(DynamicScenes, ARigIsNotTakenForTheStillModelOfItsFirstFrames) {
   const Rig disk;
@@ -409,10 +409,10 @@ TEST(FrameTimes, AreTheLastNumbersOfNames) {
   photos[1].name = "cam3/left.png";
   expect_contains(input_error_of([&] { set_frame_times(photos, "here"); }), "here: the name of image 'cam3/left.png'");
   for (Photo& photo : photos) photo.name = "r_003.png";
-  expect_contains(input_error_of([&] { set_frame_times(photos, "here"); }), "all images are of frame 3");
+  expect_contains(input_error_of([&] { set_frame_times(photos, "here"); }), "all images have frame number 3");
 }
 
-/// Two cameras that take a picture each as frames 10 and 11.
+/// Two cameras with one picture each in frames 10 and 11.
 void write_frames_of_colmap(const std::filesystem::path& folder) {
   ColmapModel model;
   model.cameras.push_back({1, 1, kWidth, kHeight, {30, 30, 20, 12}});
@@ -455,7 +455,7 @@ TEST(PackedMotion, NumbersOfFramesAreTakenWhenAColmapSceneIsPacked) {
   pack_scene(options, folder / "moving.sbscene");
   expect_same_times(read_scene(options).train, read_packed(options, folder / "moving.sbscene").train);
   expect_contains(input_error_of([&] { read_packed(options, folder / "still.sbscene"); }),
-                  "its pictures were packed without times; pack the scene again with --frame-times");
+                  "its images were packed without times; pack the scene again with --frame-times");
   options.frame_times = false;
   EXPECT_EQ(read_packed(options, folder / "moving.sbscene").train.back().time, 1) << "what was packed is what there is";
 }

@@ -27,7 +27,7 @@ std::vector<std::uint8_t> texture(int channels, int seed) {
   return pixels;
 }
 
-/// A COLMAP scene of photos in two image folders, with points of three views, and, if asked for, a distorting lens.
+/// A COLMAP scene with photos in two image folders, a point cloud for runs of 3 views, and optionally lens distortion.
 void write_colmap_scene(const std::filesystem::path& folder, bool distorted) {
   ColmapModel model;
   model.cameras.push_back({1, distorted ? 2 : 0, kWidth, kHeight, {40, 17, 13}});
@@ -54,7 +54,7 @@ void write_colmap_scene(const std::filesystem::path& folder, bool distorted) {
              "end_header\n7 8 9\n");
 }
 
-/// Transparent photos with a test split of their own, and no points.
+/// Transparent photos with their own test split, and no points.
 void write_blender_scene(const std::filesystem::path& folder) {
   for (const char* split : {"train", "test"}) {
     nlohmann::json frames = nlohmann::json::array();
@@ -97,7 +97,7 @@ void expect_same(const Scene& folder, const Scene& packed) {
   EXPECT_EQ(folder.white_background, packed.white_background);
 }
 
-/// A folder, and the same packed.
+/// A scene folder, and the packed file of it.
 struct Pair {
   TemporaryFolder folder;
   SceneOptions options;
@@ -132,7 +132,7 @@ TEST(PackedScene, GivesWhatTheFolderGives) {
   pair.expect_equal(options);
   options.llffhold = 3;
   pair.expect_equal(options);
-  for (const int views : {2, 3, 4, 100}) {  // there are points of three
+  for (const int views : {2, 3, 4, 100}) {  // the scene has a point cloud for 3
     options.n_views = views;
     pair.expect_equal(options);
   }
@@ -142,7 +142,7 @@ TEST(PackedScene, GivesWhatTheFolderGives) {
   pair.expect_equal(options);
   options.white_background = true;
   pair.expect_equal(options);
-  options.resolution = 1;  // the size they have
+  options.resolution = 1;  // the original size
   pair.expect_equal(options);
   options.images = "images";
   pair.expect_equal(options);
@@ -180,10 +180,10 @@ TEST(PackedScene, HoldsWhatOtherSizesAndFoldersGive) {
 
   std::string message = pair.refused([](SceneOptions& o) { o.resolution = 1; });
   expect_contains(message, "packed at 17x13");
-  expect_contains(message, "--resolution 1 asks for 34x26");
+  expect_contains(message, "--resolution 1 requires 34x26");
   expect_contains(message, "pack the scene again");
   message = pair.refused([](SceneOptions& o) { o.images = "images"; });
-  expect_contains(message, "'others', --images asks for 'images'");
+  expect_contains(message, "'others', but --images is 'images'");
 }
 
 TEST(PackedScene, RefusesFilesThatAreNotWhole) {
@@ -199,12 +199,12 @@ TEST(PackedScene, RefusesFilesThatAreNotWhole) {
     expect_contains(refused_as(whole.substr(0, size)), "cut short");
   }
   for (const std::size_t size : {std::size_t{0}, std::size_t{7}}) {
-    expect_contains(refused_as(whole.substr(0, size)), "no packed scene");
+    expect_contains(refused_as(whole.substr(0, size)), "nor a packed scene");
   }
   expect_contains(refused_as(whole + "x"), "bytes follow its end");
-  expect_contains(refused_as("PK\3\4" + whole), "no packed scene");
+  expect_contains(refused_as("PK\3\4" + whole), "nor a packed scene");
   expect_contains(refused_as(whole.substr(0, 6) + "02" + whole.substr(8)), "format version 02, this program reads 01");
-  // A bit anywhere behind the magic.
+  // One flipped bit anywhere after the magic.
   for (std::size_t at = 8; at < whole.size(); at += whole.size() / 61) {
     std::string damaged = whole;
     damaged[at] = static_cast<char>(damaged[at] ^ 0x10);

@@ -18,14 +18,14 @@ namespace {
 
 constexpr int kWidth = 64, kHeight = 48, kViews = 10;
 
-/// Ten cameras in a row along x that look along z; photo i is of the grey value 10 i, with one dark column.
+/// Ten cameras in a row along x that look along z; photo i has the grey value 10 i.
 struct Row {
   TemporaryFolder folder;
 
   explicit Row(bool with_points = true) {
     ColmapModel model;
     model.cameras.push_back({1, 0, kWidth, kHeight, {50, 32, 24}});
-    for (int i = kViews - 1; i >= 0; --i) {  // not in order of their names
+    for (int i = kViews - 1; i >= 0; --i) {  // not in the order of their names
       ColmapImage image;
       image.id = static_cast<std::uint32_t>(i + 1);
       image.camera_id = 1;
@@ -222,7 +222,7 @@ TEST(ReadScene, TellsWhatItLookedFor) {
   expect_contains(input_error_of([&] { read_scene(options); }), "nowhere: does not exist");
   write_file(folder / "file", "x");
   options.source = folder / "file";
-  expect_contains(input_error_of([&] { read_scene(options); }), "file: is not a folder");
+  expect_contains(input_error_of([&] { read_scene(options); }), "file: is neither a folder nor a packed scene");
   options.source.clear();
   expect_contains(input_error_of([&] { read_scene(options); }), "--source");
 }
@@ -248,9 +248,9 @@ TEST(ReadScene, OpenCvStaysSilent) {
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }
 
-// ------------------------------------------------------------------- the data of the development machine, where it is
+// ------------------------------------------------------------------- shared data sets, skipped where they are missing
 
-/// How many of the points fall into the picture, in front of the camera.
+/// Fraction of the points that project into the image, in front of the camera.
 double share_in_view(const Scene& scene, const Camera& camera) {
   std::size_t inside = 0;
   for (std::size_t i = 0; i < scene.points.size(); ++i) {
@@ -284,7 +284,7 @@ TEST(SharedData, Fox) {
   EXPECT_EQ(scene.train[0].camera.height, 473);
   for (const View& view : scene.train) EXPECT_GT(share_in_view(scene, view.camera), 0.2) << view.name;
 
-  // libjpeg would fill what is missing with grey and call it a success.
+  // libjpeg fills the missing part with grey and reports success.
   const TemporaryFolder scratch;
   const std::string whole = read_file(folder / "images/0001.jpg");
   Photo photo;
@@ -315,7 +315,7 @@ TEST(SharedData, DtuKeepsItsPrincipalPoint) {
   const Scene scene = read_shared(folder, false, 1);
   EXPECT_EQ(scene.train.size(), 49u);
   EXPECT_EQ(scene.points.size(), 6885u);
-  EXPECT_NEAR(scene.train[0].camera.cx, 411.86, 0.5);  // not 400
+  EXPECT_NEAR(scene.train[0].camera.cx, 411.86, 0.5);  // not the image centre, 400
   for (const View& view : scene.train) EXPECT_GT(share_in_view(scene, view.camera), 0.4) << view.name;
 }
 
@@ -330,7 +330,7 @@ TEST(SharedData, Lego) {
   EXPECT_NEAR(scene.train[0].camera.fx, 555.55, 0.1);
   EXPECT_NEAR(glm::length(scene.train[0].camera.centre()), 4.031, 0.01);
   EXPECT_NEAR(scene.extent, 1.1 * 4.4, 0.6);
-  // All cameras look at the middle of the scene: the origin falls near the middle of every picture, in front.
+  // All cameras look at the centre of the scene: the origin projects near the middle of every image.
   for (const View& view : scene.train) {
     const glm::vec4 origin = view.camera.camera_from_world[3];
     EXPECT_NEAR(origin.x / origin.z, 0, 0.02);

@@ -20,7 +20,7 @@ using Json = nlohmann::json;
 
 constexpr int kWidth = 40, kHeight = 24;
 
-/// A camera at (0, 0, 4) that looks down -z in OpenGL's manner: at the origin, with x right and y up.
+/// A camera at (0, 0, 4) that looks along -z at the origin, x right and y up, as in OpenGL.
 Json pose(double x = 0, double y = 0, double z = 4) {
   return Json::parse("[[1,0,0," + std::to_string(x) + "],[0,1,0," + std::to_string(y) + "],[0,0,1," +
                      std::to_string(z) + "],[0,0,0,1]]");
@@ -73,7 +73,7 @@ TEST(Transforms, BlenderSceneReadsAsWritten) {
   EXPECT_FLOAT_EQ(camera.cx, 20);
   EXPECT_FLOAT_EQ(camera.cy, 12);
 
-  // OpenGL's y up and z backward: a point up and right lies 4 ahead, above the middle and right of it.
+  // OpenGL has y up and z backward: the point is 4 in front of the camera, to the right of and above the image centre.
   const glm::vec4 p = camera.camera_from_world * glm::vec4(0.5, 0.25, 0, 1);
   EXPECT_NEAR(p.x, 0.5, 1e-6);
   EXPECT_NEAR(p.y, -0.25, 1e-6);
@@ -84,7 +84,7 @@ TEST(Transforms, BlenderSceneReadsAsWritten) {
   EXPECT_EQ(scene.train[0].color[0], 100);
   EXPECT_EQ(scene.train[0].color[kWidth * kHeight], 50);
   EXPECT_EQ(scene.train[0].color[2 * kWidth * kHeight], 0);
-  // No points: 3DGS's box.
+  // Without points: random points in a box, as in 3DGS.
   EXPECT_EQ(scene.points.size(), 100000u);
   float low = 9, high = -9;
   for (const float value : scene.points.positions) {
@@ -146,7 +146,7 @@ TEST(Transforms, NerfstudioIntrinsicsAreGlobalOrPerFrame) {
   write_file(folder / "points.ply",
              "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float "
              "z\nend_header\n1 2 3\n");
-  write_rgba(folder / "images/a.png", 1, 2, 3, 255);  // half the size that the file tells
+  write_rgba(folder / "images/a.png", 1, 2, 3, 255);  // half the size stated in the file
   write_rgba(folder / "images/b.png", 4, 5, 6, 255);
   SceneOptions options;
   options.source = folder.path();
@@ -187,7 +187,7 @@ TEST(Transforms, AScaleInTheRotationIsTakenOut) {
   one["transform_matrix"] = Json::parse("[[0,-2,0,1],[2,0,0,2],[0,0,2,3],[0,0,0,1]]");
   write_file(folder / "transforms.json", Json{{"camera_angle_x", 1.0}, {"frames", {one}}}.dump());
   const Photo photo = read_transforms(folder / "transforms.json").photos.at(0);
-  // Camera to world turns x to y; a world point one right of the camera along world y is one right in the camera.
+  // Camera-to-world rotates x to y: one unit along world y is one unit to the right in the camera.
   const glm::dvec4 p = photo.camera_from_world * glm::dvec4(1, 3, 3 - 5, 1);
   EXPECT_NEAR(p.x, 1, 1e-12);
   EXPECT_NEAR(p.y, 0, 1e-12);
@@ -220,7 +220,7 @@ TEST(Transforms, BrokenInputIsNamed) {
   expect_contains(broken([](Json& j) { j["fl_x"] = 0; }), "'fl_x'");
   expect_contains(broken([](Json& j) { j["fl_x"] = "wide"; }), "'fl_x' is not a number");
   expect_contains(broken([](Json& j) { j["camera_angle_x"] = -1; }), "field of view");
-  expect_contains(broken([](Json& j) { j["cx"] = nullptr; }), "'cx' is not a number");  // what NaN becomes in JSON
+  expect_contains(broken([](Json& j) { j["cx"] = nullptr; }), "'cx' is not a number");  // NaN is written as null
   expect_contains(broken([](Json& j) { j["camera_model"] = "OPENCV_FISHEYE"; }), "OPENCV_FISHEYE is not supported");
   expect_contains(broken([](Json& j) { j["w"] = 0; }), "'w'");
   expect_contains(broken([](Json& j) { j["frames"][1].erase("file_path"); }), "frame 1: has no 'file_path'");

@@ -15,7 +15,7 @@
 namespace splatboost {
 namespace {
 
-/// MATLAB's version 5, little endian: a header, then a matrix an array. As its documentation has it, written by hand.
+/// Writes MATLAB files of version 5, little endian, as documented: a header, then one matrix per array.
 class MatlabWriter {
  public:
   explicit MatlabWriter(const std::filesystem::path& path) : out_(path, std::ios::binary) {
@@ -25,7 +25,7 @@ class MatlabWriter {
     put<std::uint16_t>(0x0100);
     out_ << "IM";
   }
-  /// @param kind of the array and of its numbers: doubles 6 and 9, bytes 9 and 2
+  /// @param array_kind, number_kind class of the array and type of its numbers: 6 and 9 for doubles, 9 and 2 for bytes
   template <class Number>
   void array(const std::string& name, const std::vector<std::int32_t>& shape, const std::vector<Number>& values,
              std::uint32_t array_kind, std::uint32_t number_kind, std::uint32_t flags = 0) {
@@ -77,7 +77,7 @@ DtuMask one_observed() {
 using Points = std::vector<float>;
 
 TEST(Dtu, a_point_counts_where_its_grid_point_was_observed) {
-  // That grid point is at (0, 20, 110).
+  // The observed grid point is at (0, 20, 110).
   const Points points = {0,   20, 110, 4.9f,   24.9f, 114.9f, 5.1f, 20,   110, 0,  14.9f,
                          110, 0,  20,  104.9f, 0,     20,     120,  -100, 20,  110};
   EXPECT_EQ(observed(points, one_observed()), (Points{0, 20, 110, 4.9f, 24.9f, 114.9f}));
@@ -101,7 +101,7 @@ TEST(Dtu, reads_its_files) {
     MatlabWriter writer(folder / "ObsMask1_10.mat");
     writer.doubles("BB", {2, 3}, {-10, 20, 0, 20, 100, 110});
     writer.doubles("Res", {1, 1}, {10});
-    // Any number but 0 is observed; kind 9 with the flag of truth values.
+    // Any number but 0 means observed; class 9 with the logical flag.
     std::vector<std::uint8_t> flags = wanted.observed;
     for (std::uint8_t& flag : flags) flag = static_cast<std::uint8_t>(7 * flag);
     writer.array("ObsMask", {4, 3, 2}, flags, 9, 2, 0x200);
@@ -151,7 +151,7 @@ TEST(Dtu, refuses_files_that_hold_something_else) {
   EXPECT_NE(mask({1, 0, 0, 1, 0, 1}, 1, {2, 2, 2}).find("BB"), std::string::npos);
   EXPECT_NE(mask({0, 1, 0, 1, 0, 1}, 0, {2, 2, 2}).find("Res"), std::string::npos);
   EXPECT_NE(mask({0, 1, 0, 1, 0, 1}, 1, {2, 4}).find("three dimensions"), std::string::npos);
-  // A file that was cut off.
+  // A truncated file.
   std::filesystem::resize_file(folder / "Plane2.mat", 150);
   EXPECT_NE(told([&] { read_dtu_plane(folder / "Plane2.mat"); }), "");
 }

@@ -11,10 +11,10 @@
 namespace splatboost {
 namespace {
 
-/// Looks along z from the origin; a pixel is 0.1 wide at depth 1.
+/// Camera at the origin that looks along z; a pixel is 0.1 wide at depth 1.
 Camera looking_along_z() { return {20, 16, 10, 10, 10, 8}; }
 
-/// A square around the axis at depth z, its sides along x and y, turned about y.
+/// A square around the optical axis at depth z, its sides along x and y, rotated about y by `turned` radians.
 TriangleMesh square(float half, float z, double turned = 0) {
   TriangleMesh mesh;
   const auto c = static_cast<float>(std::cos(turned)), s = static_cast<float>(std::sin(turned));
@@ -25,7 +25,7 @@ TriangleMesh square(float half, float z, double turned = 0) {
   return mesh;
 }
 
-/// Of a triangle of square(1, 2), whose middle is seen under the cosine 2 / sqrt(4 + 2/9): 255 (0.1 + 0.9 cosine).
+/// Shade of a triangle of square(1, 2), 255 (0.1 + 0.9 cosine): the cosine at its centroid is 2 / sqrt(4 + 2/9).
 constexpr int kFacing = 249;
 
 TEST(MeshPicture, shows_a_square_where_it_projects) {
@@ -44,7 +44,7 @@ TEST(MeshPicture, shades_by_the_angle_from_both_sides) {
   for (const double side : {1.0, -1.0}) {
     TriangleMesh mesh = square(1.0f, 4.0f, side * std::numbers::pi / 3);
     const auto shade = [&] { return draw_mesh(mesh, looking_along_z())[20 * 8 + 10]; };
-    // cos 60° for a ray along the axis; a triangle's middle lies beside it.
+    // cos 60° for a ray along the axis; the tolerance is for the triangle's centroid, which lies off the axis.
     EXPECT_NEAR(shade(), 255 * (0.1 + 0.9 * 0.5), 25);
     const std::uint8_t before = shade();
     std::swap(mesh.triangles[1], mesh.triangles[2]);
@@ -64,13 +64,13 @@ TEST(MeshPicture, the_nearest_triangle_is_seen_in_any_order) {
     both.positions.insert(both.positions.end(), other.positions.begin(), other.positions.end());
     const std::vector<std::uint8_t> picture = draw_mesh(both, looking_along_z());
     EXPECT_EQ(picture[20 * 8 + 10], near_shade);
-    EXPECT_GT(picture[20 * 8 + 4], near_shade);  // beside it the far one
+    EXPECT_GT(picture[20 * 8 + 4], near_shade);  // the far square is visible beside it
   }
 }
 
 TEST(MeshPicture, leaves_out_what_is_behind_the_camera_and_takes_its_pose) {
   for (const std::uint8_t shade : draw_mesh(square(1.0f, -2.0f), looking_along_z())) EXPECT_EQ(shade, 0);
-  TriangleMesh crossing = square(1.0f, 0.5f, 1.2);  // reaches behind
+  TriangleMesh crossing = square(1.0f, 0.5f, 1.2);  // reaches behind the camera
   for (const std::uint8_t shade : draw_mesh(crossing, looking_along_z())) EXPECT_EQ(shade, 0);
   Camera turned = looking_along_z();
   turned.camera_from_world = glm::rotate(glm::mat4(1), std::numbers::pi_v<float>, glm::vec3(0, 1, 0));

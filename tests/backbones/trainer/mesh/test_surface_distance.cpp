@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Distances between surfaces whose answers are known.
+// Distances between surfaces, against known values.
 #include "trainer/mesh/surface_distance.h"
 
 #include <gtest/gtest.h>
@@ -62,7 +62,7 @@ TEST(SurfaceDistance, of_parallel_squares_is_their_distance) {
 }
 
 TEST(SurfaceDistance, tells_what_is_wrong_from_what_is_missing) {
-  // Of two points one is exact; of the four true ones that is near to one alone. The other lies 3 off.
+  // One of the two points is exact, the other is off by 3; only one of the four true points has a point within 1.
   Threads threads(1);
   const std::vector<float> found{0, 0, 0, 10, 0, 3}, truth{0, 0, 0, 10, 0, 0, 20, 0, 0, 30, 0, 0};
   const SurfaceDistance d = compare_surfaces(found, truth, 1, std::nullopt, threads);

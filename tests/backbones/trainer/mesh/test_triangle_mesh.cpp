@@ -14,7 +14,7 @@
 namespace splatboost {
 namespace {
 
-/// A square of two triangles, and a triangle apart.
+/// A square of two triangles, and a separate triangle.
 TriangleMesh square_and_triangle() {
   TriangleMesh mesh;
   mesh.positions = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, 9, 9, 9, 10, 9, 9, 9, 10, 9};
@@ -50,16 +50,16 @@ TEST(TriangleMesh, broken_files_are_told_in_one_line) {
     std::ofstream(folder / "broken.ply", std::ios::binary) << text;
     return test::input_error_of([&] { read_mesh(folder / "broken.ply"); });
   };
-  test::expect_contains(error("obj\n"), "no .ply");
-  test::expect_contains(error("ply\nformat ascii 1.0\n" + vertices), "does not end");
+  test::expect_contains(error("obj\n"), "not a .ply file");
+  test::expect_contains(error("ply\nformat ascii 1.0\n" + vertices), "has no end_header line");
   test::expect_contains(error("ply\nformat ascii 1.0\n" + vertices + "end_header\n1 2\n"), "ends early");
-  test::expect_contains(error("ply\nformat binary_big_endian 1.0\n" + vertices + "end_header\n"), "is not read");
+  test::expect_contains(error("ply\nformat binary_big_endian 1.0\n" + vertices + "end_header\n"), "is not supported");
   test::expect_contains(error("ply\nformat ascii 1.0\n" + vertices +
                               "element face 1\nproperty list uchar int vertex_indices\nend_header\n1 2 3\n3 0 0 1\n"),
-                        "vertex that is not there");
+                        "vertex that does not exist");
   test::expect_contains(error("ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n"),
                         "too small");
-  test::expect_contains(error("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n"), "without");
+  test::expect_contains(error("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n"), "no finite x, y or z");
   test::expect_contains(test::input_error_of([&] { read_mesh(folder / "none.ply"); }), "no such file");
   test::expect_contains(test::input_error_of([&] { write_mesh(folder / "mesh.obj", square_and_triangle()); }), ".glb");
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Depth of a sphere and of a plane, and the meshes of them.
+// Depth images of a sphere and of a plane, and the meshes extracted from them.
 #include "trainer/mesh/tsdf_volume.h"
 
 #include <gtest/gtest.h>

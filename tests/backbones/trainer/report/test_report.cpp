@@ -132,7 +132,7 @@ class Report : public testing::Test {
     std::ifstream in(folder_ / "report.html");
     const std::string page{std::istreambuf_iterator<char>(in), {}};
     EXPECT_EQ(xml_problem(page), "");
-    // Nothing is loaded from anywhere.
+    // The page loads no external resource.
     for (const char* link : {"http:", "https:", "//cdn", "@import", "url(", "<script", "src=\"file"}) {
       EXPECT_EQ(page.find(link), std::string::npos) << link;
     }
@@ -191,7 +191,7 @@ TEST_F(Report, ShowsSurfacesAndTheMeshOnceThereIsOne) {
   EXPECT_EQ(count(before, ">no picture<"), 1u);
   EXPECT_EQ(count(before, "<h2>Mesh</h2>"), 0u);
   picture(folder_ / "mesh.png", 20, 10, 200);
-  for (int times = 0; times < 2; ++times) {  // a second mesh takes the place of the first
+  for (int times = 0; times < 2; ++times) {  // a second mesh replaces the first
     show_mesh_in_report(folder_ / "report.html", folder_ / "mesh.png");
     const std::string page = page_of();
     EXPECT_EQ(xml_problem(page), "");
@@ -199,7 +199,7 @@ TEST_F(Report, ShowsSurfacesAndTheMeshOnceThereIsOne) {
     EXPECT_EQ(count(page, "data:image/"), 3u);
     EXPECT_EQ(count(page, "<h2>How it was run</h2>"), 1u);
   }
-  // No place for it: a comparison, no page.
+  // No place for a mesh: a comparison has none, and a missing page is not an error.
   const std::string two = write({planes, run("baseline")}, {});
   show_mesh_in_report(folder_ / "report.html", folder_ / "mesh.png");
   EXPECT_EQ(page_of(), two);
@@ -247,7 +247,7 @@ TEST_F(Report, SpreadsTheViewsItShows) {
 
 TEST_F(Report, ErrorsAreSeen) {
   if (!have_opencv()) GTEST_SKIP() << "pictures in a report need OpenCV";
-  // The error picture of equal images is black, of opposite ones bright: read back what was embedded.
+  // The error picture of equal images is black, that of opposite ones bright; checked on the embedded PNG.
   ReportRun r = run("boosted");
   const auto error_of = [&](int value) {
     picture(r.renders / "a.png", 40, 30, value);

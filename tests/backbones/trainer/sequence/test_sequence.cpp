@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sequences on disk: what they are made of, and what is wrong with them.
+// Sequences on disk: their layout, and errors in them.
 #include "trainer/sequence/sequence.h"
 
 #include <gtest/gtest.h>
@@ -33,7 +33,7 @@ std::string calibration(const std::string& more = "") {
   return R"({"camera": {"w": 48, "h": 40, "fx": 50, "fy": 50, "cx": 23.5, "cy": 19.5, "scale": 1000)" + more + "}}";
 }
 
-/// Three frames of Replica's layout.
+/// Three frames in Replica's layout.
 void make_replica(const fs::path& folder) {
   fs::create_directories(folder / "results");
   std::ofstream truth(folder / "traj.txt");
@@ -99,7 +99,7 @@ TEST(Sequence, a_frame_that_cannot_be_read_says_why_and_the_others_stay) {
   write_depth(folder / "results/depth000000.png", 0);
   const auto sequence = open_sequence(of(folder.path()));
   const SequenceFrame empty = sequence->read(0), broken = sequence->read(1), flat = sequence->read(2);
-  expect_in(empty.problem, "no depth at all");
+  expect_in(empty.problem, "no depth values");
   EXPECT_TRUE(empty.depth.empty());
   EXPECT_FALSE(empty.color.empty());
   EXPECT_TRUE(broken.color.empty());
@@ -126,7 +126,7 @@ TEST(Sequence, tum_pairs_by_time) {
   EXPECT_FALSE(sequence->truth(1).has_value());
 }
 
-/// A straight line of pixels is curved by k1; where the picture has no data nothing is valid.
+/// k1 bends straight lines; pixels without data are invalid.
 TEST(Sequence, distortion_is_taken_out) {
   const TemporaryFolder folder;
   make_replica(folder.path());
@@ -138,7 +138,7 @@ TEST(Sequence, distortion_is_taken_out) {
   write_png(folder / "results/frame000000.png", kWidth, kHeight, 3, std::span<const std::uint8_t>(pixels));
   std::ofstream(folder / "cam_params.json") << calibration(", \"k1\": 0.5");
   const SequenceFrame frame = open_sequence(of(folder.path()))->read(0);
-  // Pixel (33.5 − 23.5)/50 = 0.2 from the middle, on its row: 0.2·(1 + 0.5·0.04) = 0.204.
+  // A pixel at 0.2 of the focal length from the principal point: its data lie at about 0.2·(1 + 0.5·0.04) = 0.204.
   const double x = (33 - 23.5) / 50, y = (20 - 19.5) / 50;
   const double expected = 5 * (23.5 + 50 * x * (1 + 0.5 * (x * x + y * y)));
   EXPECT_NEAR(frame.color[3 * (20 * kWidth + 33)], expected, 1.01);
@@ -155,15 +155,15 @@ TEST(Sequence, what_is_wrong_is_one_line) {
   };
   expect_in(with("{\"camera\": {\"w\": 48}}"), "has no 'height'");
   expect_in(with(R"({"w": 48, "h": 40, "fx": -1, "fy": 50, "cx": 24, "cy": 20})"), "focal lengths must be above 0");
-  expect_in(with(R"({"w": 48, "h": 40, "fx": 0.5, "fy": 50, "cx": 24, "cy": 20})"), "do not fit to the size");
+  expect_in(with(R"({"w": 48, "h": 40, "fx": 0.5, "fy": 50, "cx": 24, "cy": 20})"), "do not match the image size");
   expect_in(with(R"({"w": 48, "h": 40, "fx": 50, "fy": 50, "cx": 240, "cy": 20})"), "principal point");
   EXPECT_EQ(with(R"({"w": 96, "h": 40, "fx": 50, "fy": 50, "cx": 24, "cy": 20})"), "");
-  expect_in(open_sequence(of(folder.path()))->read(0).problem, "calibration says 96x40");
+  expect_in(open_sequence(of(folder.path()))->read(0).problem, "calibration has 96x40");
   fs::remove(folder / "cam_params.json");
   expect_in(error_of([&] { open_sequence(of(folder.path())); }), "no cam_params.json");
   expect_in(error_of([&] { open_sequence(of(folder / "nothing")); }), "no such file");
   fs::create_directories(folder / "empty");
-  expect_in(error_of([&] { open_sequence(of(folder / "empty")); }), "is no sequence");
+  expect_in(error_of([&] { open_sequence(of(folder / "empty")); }), "is not a sequence");
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pairs of pictures in EuRoC's layout: depth against that of the ray-traced room, and what is wrong with such folders.
+// Stereo pairs in EuRoC's layout: depth against that of the ray-traced room, and errors in such folders.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -117,12 +117,12 @@ TEST_F(Stereo, a_missing_second_picture_leaves_a_frame_without_depth) {
   change(walk() / "mav0/cam1/data.csv", [](std::string& text) { text.resize(text.rfind('\n', text.size() - 2) + 1); });
   const auto sequence = open_sequence(of(walk()));
   ASSERT_EQ(sequence->notes().size(), 1u);
-  expect_in(sequence->notes()[0], "1 of 2 frames have no second picture");
+  expect_in(sequence->notes()[0], "1 of 2 frames have no second image");
   EXPECT_FALSE(sequence->read(0).depth.empty());
   const SequenceFrame frame = sequence->read(1);
   EXPECT_TRUE(frame.depth.empty());
   EXPECT_FALSE(frame.color.empty());
-  expect_in(frame.problem, "has no second picture");
+  expect_in(frame.problem, "has no second image");
 }
 
 TEST_F(Stereo, mistakes_are_told) {
@@ -138,12 +138,12 @@ TEST_F(Stereo, mistakes_are_told) {
     return error;
   };
   expect_in(with("intrinsics:", "intrinsic:"), "cam1/sensor.yaml: has no 'intrinsics'");
-  expect_in(with("resolution: [200,", "resolution: [wide,"), "'wide' is no number");
+  expect_in(with("resolution: [200,", "resolution: [wide,"), "'wide' is not a number");
   expect_in(with("resolution: [200,", "resolution: [100, 200,"), "expected 2 numbers");
-  expect_in(with("[200, 150]", "[200, 152]"), "the two cameras have different sizes");
-  expect_in(with("data: [-0.", "data: [-7."), "T_BS is no rigid motion");
+  expect_in(with("[200, 150]", "[200, 152]"), "the two cameras have different image sizes");
+  expect_in(with("data: [-0.", "data: [-7."), "T_BS is not a rigid transform");
   fs::copy_file(walk() / "mav0/cam0/sensor.yaml", sensor, fs::copy_options::overwrite_existing);
-  expect_in(error_of(walk()), "must stand side by side");
+  expect_in(error_of(walk()), "must be side by side");
   fs::remove_all(walk() / "mav0/cam1");
   expect_in(error_of(walk()), "has no mav0/cam1");
 }

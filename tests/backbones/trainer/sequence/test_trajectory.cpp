@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Trajectories against known answers.
+// Trajectories against known values.
 #include "trainer/sequence/trajectory.h"
 
 #include <gtest/gtest.h>
@@ -40,7 +40,7 @@ TEST(Alignment, finds_a_scale_only_where_it_is_asked_to) {
   EXPECT_GT(align(helix(20), moved(helix(20), 2), false).rmse, 0.5);
 }
 
-/// Each point off to one side and the other along an axis that nothing else moves along: no motion helps.
+/// Points are displaced alternately to both sides along an axis on which nothing else moves: no alignment reduces this.
 TEST(Alignment, error_is_the_root_of_the_mean_square) {
   std::vector<glm::dvec3> from, to;
   for (int i = 0; i < 4; ++i) {

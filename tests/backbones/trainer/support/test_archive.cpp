@@ -67,10 +67,10 @@ TEST_F(Archive, NamesFileAndEntryThatIsMissingOrOfAnotherType) {
   const ArchiveReader reader(path);
   for (const auto& [get, what] : std::vector<std::pair<std::function<void()>, std::string>>{
            {[&] { reader.floats("means"); }, "no entry 'means'"},
-           {[&] { reader.floats("indices"); }, "'indices' is of another type"},
-           {[&] { reader.indices("text"); }, "'text' is of another type"},
-           {[&] { reader.integer("floats"); }, "'floats' is of another type"},
-           {[&] { reader.text("integer"); }, "'integer' is of another type"}}) {
+           {[&] { reader.floats("indices"); }, "'indices' has the wrong type"},
+           {[&] { reader.indices("text"); }, "'text' has the wrong type"},
+           {[&] { reader.integer("floats"); }, "'floats' has the wrong type"},
+           {[&] { reader.text("integer"); }, "'integer' has the wrong type"}}) {
     try {
       get();
       ADD_FAILURE() << what;
@@ -108,7 +108,7 @@ TEST_F(Archive, RefusesWhatIsNoCheckpoint) {
 }
 
 TEST_F(Archive, RefusesEveryChangedBit) {
-  // A length that lies must not make it allocate or read what is not there.
+  // A wrong length must not cause a huge allocation or a read past the end.
   const std::string whole = read_file(path);
   for (std::size_t i = 0; i < 8 * whole.size(); ++i) {
     std::string changed = whole;

@@ -19,7 +19,7 @@
 namespace splatboost::test {
 namespace {
 
-/// Lets no file grow beyond a size, as a full disk would.
+/// Limits the size of files, to simulate a full disk.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) : old_handler_(std::signal(SIGXFSZ, SIG_IGN)) {
@@ -75,7 +75,7 @@ TEST(AtomicFile, FullDiskKeepsTheOldFile) {
 }
 
 TEST(AtomicFile, FullDiskIsNoticedInTheLastBytes) {
-  // Less than a buffer: only the flush at the end can fail.
+  // Less data than a buffer holds: only the flush at the end can fail.
   const TemporaryFolder folder;
   std::string message;
   {
@@ -145,7 +145,7 @@ TEST(AtomicFile, RemovesWhatAKilledProcessLeft) {
   for (const auto& entry : std::filesystem::directory_iterator(folder.path())) {
     EXPECT_EQ(is_working_file(entry.path()), entry.path().filename() != "kept.json");
   }
-  // What somebody still writes stays.
+  // Files that are still being written stay.
   write_file_atomically(folder / "other.ply", [&](std::ostream& out) {
     out << "other";
     EXPECT_EQ(files_in(folder.path()), 3u);
@@ -171,7 +171,7 @@ TEST(FolderLock, HasOneHolder) {
   {
     const FolderLock lock(folder.path());
     expect_contains(input_error_of([&] { FolderLock second(folder.path()); }),
-                    "another splatboost works in this folder");
+                    "another splatboost process is using this folder");
     EXPECT_TRUE(is_working_file(folder / ".splatboost.lock"));
   }
   EXPECT_EQ(files_in(folder.path()), 0u);

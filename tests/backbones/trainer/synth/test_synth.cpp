@@ -40,16 +40,16 @@ glm::vec3 normal_at(const RawImage& normals, int x, int y) {
   return glm::vec3(normals.at(x, y, 0), normals.at(x, y, 1), normals.at(x, y, 2)) / 127.5f - 1.0f;
 }
 
-/// World position of what the centre of a pixel sees.
+/// World position of the surface seen at the centre of a pixel.
 glm::vec3 world_at(const Camera& camera, const RawImage& depth, int x, int y) {
   const double z = depth.at(x, y) / 1000.0;
   const glm::vec3 p((x + 0.5 - camera.cx) / camera.fx * z, (y + 0.5 - camera.cy) / camera.fy * z, z);
   return glm::transpose(camera.rotation()) * (p - glm::vec3(camera.camera_from_world[3]));
 }
 
-/// Every point of the cloud was seen by some camera. Where it projects, the depth map must hold the surface that the
-/// point lies on: within millimetres of the plane through the pixel, which a pose, focal length, principal point or
-/// pixel centre that is off by half a pixel (13 mm here) breaks.
+/// Every point of the cloud is seen by some camera, and lies within millimetres of the plane through that camera's
+/// depth at its pixel. An error of half a pixel (13 mm here) in pose, focal length, principal point or pixel centre
+/// fails the test.
 TEST(Synth, DepthMapsAgreeWithTheCamerasAndPoints) {
   const TemporaryFolder folder;
   const SynthOptions options = small_scene(folder / "scene");
@@ -90,7 +90,7 @@ TEST(Synth, DepthMapsAgreeWithTheCamerasAndPoints) {
   EXPECT_GT(seen, 540);
 }
 
-/// Points of surface.ply lie on what some view's depth shows, and are there only if asked for.
+/// Points of surface.ply lie on the surface of some view's depth map; the file is only written on request.
 TEST(Synth, SurfacePointsAreWhatTheViewsSee) {
   const TemporaryFolder folder;
   SynthOptions options = small_scene(folder / "scene");
@@ -172,8 +172,8 @@ TEST(Synth, StreetIsSeenAtSeveralScalesAndHasExactTruth) {
   EXPECT_GT(on_surface, 540);
 }
 
-/// Depth of one view, carried into another view, must meet that view's depth where it is not hidden there. Normals must
-/// be those of the depth.
+/// The depth of one view, projected into another view, must match that view's depth where it is not occluded. Normals
+/// must be those of the depth.
 TEST(Synth, DepthAndNormalsAgreeAcrossViews) {
   const TemporaryFolder folder;
   const SynthOptions options = small_scene(folder / "scene");
@@ -207,7 +207,7 @@ TEST(Synth, DepthAndNormalsAgreeAcrossViews) {
   }
   EXPECT_GT(normal_agrees, 0.75 * flat);
   EXPECT_GT(common, 500);
-  EXPECT_GT(depth_agrees, 0.5 * common);  // the rest is hidden in the other view
+  EXPECT_GT(depth_agrees, 0.5 * common);  // the rest is occluded in the other view
   EXPECT_GT(objects, 0.1 * flat);
   EXPECT_LT(objects, 0.9 * flat);
 }
@@ -249,7 +249,7 @@ TEST(Synth, PhotosAreExposedAndTextured) {
   }
 }
 
-/// Share of the pixels of one view whose surface another sees at the same depth, of those that it sees at all.
+/// Fraction of the pixels that project into the other view whose depth matches there.
 double agreement(const View& from, const RawImage& depth, const View& to, const RawImage& depth_there) {
   double inside = 0, agree = 0;
   for (int y = 0; y < depth.height; y += 2) {
@@ -280,7 +280,7 @@ TEST(Synth, ARigSeesTheSameAtOneTimeAndThingsMoveBetweenTimes) {
   ASSERT_EQ(scene.test.size(), 2u);
   ASSERT_EQ(scene.points.size(), 600u);
   const auto depth_of = [&](const View& view) { return read_raw_image(options.output / "depth" / view.name); };
-  // Cameras 0 and 1 stand a quarter of a turn apart; views 4 to 7 are of them at another time.
+  // Cameras 0 and 1 are 90° apart; views 4 to 7 are the same four cameras at another time.
   EXPECT_EQ(scene.train[0].time, 0);
   EXPECT_EQ(scene.train[1].time, 0);
   EXPECT_EQ(scene.train[5].time, 1);
@@ -288,7 +288,7 @@ TEST(Synth, ARigSeesTheSameAtOneTimeAndThingsMoveBetweenTimes) {
   EXPECT_NE(scene.train[1].color, scene.train[5].color);
   const double same = agreement(scene.train[0], depth_of(scene.train[0]), scene.train[1], depth_of(scene.train[1]));
   EXPECT_GT(same, 0.35) << "the rest hides behind something";
-  // Where nothing moves but the podium's things, the same camera sees most of the room at the same depth.
+  // Only the objects on the podium move: the same camera sees most of the room at the same depth.
   const double later = agreement(scene.train[1], depth_of(scene.train[1]), scene.train[5], depth_of(scene.train[5]));
   EXPECT_GT(later, 0.7);
   EXPECT_LT(later, 0.995);
@@ -325,7 +325,7 @@ TEST(Synth, ImpossibleOptionsAreInputErrors) {
                   "noise");
   expect_contains(error_with([](SynthOptions& o) { o.cameras = 2; }), "only the scene 'moving'");
   expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.cameras = 7; }), "7 cameras");
-  expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.views = 1; }), "2 views or more");
+  expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.views = 1; }), "2 or more views");
   expect_contains(error_with([](SynthOptions& o) { o.output.clear(); }), "output");
   write_file(folder / "file", "x");
   expect_contains(error_with([&](SynthOptions& o) { o.output = folder / "file"; }), "not a folder");

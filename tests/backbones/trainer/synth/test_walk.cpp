@@ -45,8 +45,8 @@ TEST(Walk, ends_where_it_began_and_goes_in_small_steps) {
   EXPECT_LT(nearest, 0.25);
 }
 
-/// What a frame's depth says is where the surface is, up to the noise: a pose, a focal length or a middle of the pixel
-/// that is off would be centimetres.
+/// A frame's depth is that of the surface, up to the noise: a wrong pose, focal length or pixel centre would cause
+/// errors of centimetres.
 TEST(Walk, depth_and_poses_agree_with_the_room) {
   const TemporaryFolder folder;
   write_synthetic_scene(short_walk(folder / "walk", 3));

@@ -23,7 +23,7 @@
 namespace splatboost::test {
 namespace {
 
-/// A "model" that is the sum of what it saw, and notes how it is called.
+/// A fake model that is the sum of the views it was trained on, and records its calls.
 class FakeBackbone final : public Backbone {
  public:
   explicit FakeBackbone(const Scene& scene) : scene_(scene) {}
@@ -241,16 +241,16 @@ TEST_F(Trainer, RefusesACheckpointOfOtherData) {
     expect_contains(message, what);
     EXPECT_FALSE(std::filesystem::exists(options.model)) << "nothing is written before the run is accepted";
   };
-  refused("other photos", [](Scene& s) { s.train[1].color[700] ^= 1; });
-  refused("other photos", [](Scene& s) { s.train[2].valid.assign(20 * 15, 1); });
-  refused("other cameras", [](Scene& s) { s.train[0].camera.camera_from_world[3][2] += 0.5f; });
-  refused("other cameras", [](Scene& s) { s.train[2].camera.cx += 1; });
-  refused("other cameras", [](Scene& s) { s.train[2].time = 0.5f; });
+  refused("different photos", [](Scene& s) { s.train[1].color[700] ^= 1; });
+  refused("different photos", [](Scene& s) { s.train[2].valid.assign(20 * 15, 1); });
+  refused("different cameras", [](Scene& s) { s.train[0].camera.camera_from_world[3][2] += 0.5f; });
+  refused("different cameras", [](Scene& s) { s.train[2].camera.cx += 1; });
+  refused("different cameras", [](Scene& s) { s.train[2].time = 0.5f; });
   refused("training and test views", [](Scene& s) { std::swap(s.train[0], s.test[0]); });
   refused("training and test views", [](Scene& s) { s.test.clear(); });
   refused("training and test views", [](Scene& s) { s.train[0].name = "z.png"; });
-  refused("other points", [](Scene& s) { s.points.positions[1] += 1; });
-  refused("other points", [](Scene& s) { s.points.colors[1] += 1; });
+  refused("different initial points", [](Scene& s) { s.points.positions[1] += 1; });
+  refused("different initial points", [](Scene& s) { s.points.colors[1] += 1; });
 }
 
 TEST_F(Trainer, SignalEndsTheIterationAndLeavesACheckpointToGoOnFrom) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Included before each of Photo-SLAM's files, so that what they ask of CUDA happens on the CPU.
+/// @file Included before each of Photo-SLAM's files, to run its CUDA calls on the CPU.
 #pragma once
 
 #include <torch/torch.h>
@@ -8,7 +8,7 @@
 
 namespace cv::cuda {
 
-/// An image in memory of the host.
+/// An image in host memory.
 struct HostMat : cv::Mat {
   using cv::Mat::Mat;
   HostMat(const cv::Mat& mat) : cv::Mat(mat) {}
@@ -20,7 +20,7 @@ struct HostMat : cv::Mat {
 
 namespace std {
 
-/// Draws the same in every run, so that two builds can be compared.
+/// Returns the same number in every run, so that two builds can be compared.
 struct fixed_random_device {
   using result_type = unsigned;
   static constexpr result_type min() { return 0; }
@@ -33,8 +33,8 @@ struct fixed_random_device {
 #define GpuMat HostMat
 #define random_device fixed_random_device
 #define kCUDA kCPU
-// Of tensors and of torch::cuda, as calls only: the namespaces stay.
+// Calls on tensors and in torch::cuda; function-like macros, so that the namespaces named cuda are not replaced.
 #define cuda() cpu()
 #define synchronize() is_available()
-// libtorch before 2.0 knows no argument.
+// zero_grad() of libtorch before 2.0 has no argument.
 #define zero_grad(...) zero_grad()

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A tenth backbone's adapter: vanilla's rules with another β.
+// The adapter of a tenth backbone: vanilla's rules with a different β.
 #include "registry/boost_settings.h"
 #include "vanilla/vanilla_adapter.h"
 

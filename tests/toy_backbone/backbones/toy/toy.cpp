@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A tenth backbone: 3DGS whose published run is 2 000 iterations long, with one constant that can be set.
+// A tenth backbone: 3DGS whose published run is 2 000 iterations long, with one configurable constant.
 #include "families/gaussians/gaussian_backbone.h"
 #include "families/gaussians/gaussian_config.h"
 #include "families/gaussians/gaussian_method.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What Photo-SLAM uses of OpenCV's module of this name. After on_cpu.h; stereo is not run.
+/// @file The parts of OpenCV's module of this name that Photo-SLAM uses. Include after on_cpu.h; stereo is never run.
 #pragma once
 
 namespace cv::cuda {

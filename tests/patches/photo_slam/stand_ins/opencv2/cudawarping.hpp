@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What Photo-SLAM uses of OpenCV's module of this name, on the CPU, after on_cpu.h.
+/// @file The parts of OpenCV's module of this name that Photo-SLAM uses, on the CPU. Include after on_cpu.h.
 #pragma once
 
 namespace cv::cuda {

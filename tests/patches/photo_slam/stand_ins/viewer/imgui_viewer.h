@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Photo-SLAM's viewer, which is not run without a screen.
+/// @file A stub of Photo-SLAM's viewer, which the tests do not run.
 #pragma once
 
 #include <memory>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file What Photo-SLAM uses of libtorch's header of this name, which a libtorch without CUDA lacks.
+/// @file The parts of libtorch's header of this name that Photo-SLAM uses; libtorch without CUDA lacks it.
 #pragma once
 
 namespace c10::cuda::CUDACachingAllocator {
