@@ -85,7 +85,7 @@ def test_compares_with_an_earlier_file(measured, tmp_path):
 
 
 @pytest.mark.parametrize("arguments, told", [
-    (["--scenes", "5k"], "no scene '5k'"),
+    (["--scenes", "5k"], "unknown scene '5k'"),
     (["--repeats", "0"], "--repeats must be"),
     (["--instruction-set", "mmx"], "'mmx' is not one of"),
     (["--compare", "nowhere.json"], "nowhere.json"),

@@ -319,7 +319,7 @@ assert abs(fused_ssim(image, image) - 1) < 1e-6
 try:
     splatboost.install_drop_ins("3dgs")
 except ValueError as e:
-    assert "layout: one of" in str(e)
+    assert "layout: expected one of" in str(e)
 else:
     raise AssertionError("an unknown layout was taken")
 """

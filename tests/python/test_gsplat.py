@@ -228,7 +228,7 @@ def test_needs(strategy_module, monkeypatch):
         trainer.strategy.check_sanity(params, optimizers)
     # Rows added or removed by others are detected.
     trainer.strategy._rows(trainer.params)
-    with pytest.raises(ValueError, match="params: 15 Gaussians, but 16 came of"):
+    with pytest.raises(ValueError, match="params: 15 Gaussians, but expected 16 from"):
         trainer.strategy._rows({name: p[1:] for name, p in trainer.params.items()})
     forget_gsplat()
     monkeypatch.setitem(sys.modules, "gsplat", None)
