@@ -63,14 +63,12 @@ const ScoreSums& PhotoSlamAdapter::score(RasterizerHook& rasterizer, bool losses
 }
 
 PhotoSlamAdapter::LatePruning PhotoSlamAdapter::due_by(Moment moment) const {
-  const int from = boost().late_prune_from, interval = boost().late_prune_interval;
-  const int end = std::max(from, boost().densify_until);
+  const int end = std::max(boost().late_prune_from, boost().densify_until), interval = boost().late_prune_interval;
   const int last = std::min(moment.iteration, moment.total - 1);
   LatePruning due;
   due.growth_ended = last >= at(end, moment);
-  const bool apart = end == from || end % interval != 0;
-  due.prunes = due.growth_ended && apart ? 1 : 0;
-  for (std::int64_t next = (from / interval + 1) * std::int64_t{interval};
+  due.prunes = due.growth_ended ? 1 : 0;
+  for (std::int64_t next = (end / interval + 1) * std::int64_t{interval};
        next < boost().published_iterations && at(static_cast<int>(next), moment) <= last; next += interval) {
     ++due.prunes;
   }

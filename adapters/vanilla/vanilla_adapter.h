@@ -98,8 +98,8 @@ VanillaBoost literal_boost();
 /// Iteration at which the paper's growth ends and its late pruning begins.
 inline constexpr int kLiteralGrowthEnd = 15000;
 
-/// Minimum number of growths per run, so that short runs grow too; but never more often than every kMinGrowthInterval
-/// iterations, as 3DGS does, nor in the second half of a run.
+/// Minimum number of growths per run if growth began at iteration 0, so that short runs grow too; but never more often
+/// than every kMinGrowthInterval iterations, as 3DGS does, nor in the second half of a run.
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
 

@@ -142,6 +142,9 @@ def test_backbones_and_settings():
     for wrong, message in (
         (dict(tau_x=1), "tau_x: no such setting"),
         (dict(views=2.5), "views: expected a whole number"),
+        (dict(tau_d=None), "tau_d: expected a number, got None"),
+        (dict(tau_d="five"), "tau_d: expected a number, got 'five'"),
+        (dict(tau_d=10**400), "tau_d: expected a number, got 1000"),
         (dict(views=0), "views must be at least 1"),
         (dict(total_iterations=0), "total_iterations"),
     ):
@@ -149,6 +152,9 @@ def test_backbones_and_settings():
             Adapter("vanilla", **{"total_iterations": 100, **wrong})
     with pytest.raises(ValueError, match="available: .*vanilla"):
         Adapter("3dgs", total_iterations=100)
+    numpy = pytest.importorskip("numpy")
+    found = Adapter("vanilla", total_iterations=100, views=numpy.int64(5), tau_d=numpy.float32(2.5)).settings
+    assert (found["views"], found["tau_d"]) == (5, 2.5)
 
 
 def test_what_a_view_raises_comes_through():

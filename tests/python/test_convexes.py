@@ -6,7 +6,7 @@ import inspect
 import pytest
 import reference
 import torch
-from test_rasterize import assert_same
+from test_rasterize import assert_same, draw_in_threads, run_apart
 
 import splatboost
 from splatboost import compat
@@ -87,6 +87,25 @@ def test_weights_make_up_the_picture_of_white_convexes():
         assert abs(float(weights.sum()) / 256 - float(done.color[0].sum())) < 0.5 / 256 * float(blended.sum())
         with pytest.raises(TypeError, match="only available for renders of Gaussians"):
             done.count_observed()
+
+
+def train_and_look():
+    def train(seed):
+        tensors = {name: value.detach().float().requires_grad_() for name, value in convexes(seed).items()}
+        done = rasterize_convexes(reference.turned_camera(200, 150), **tensors, sh_degree=3, beta=1.0)
+        return (done.color.detach(), *torch.autograd.grad(done.color.sum(), list(tensors.values())))
+
+    def look():
+        tensors = {name: value.detach().float() for name, value in convexes().items()}
+        with torch.no_grad():
+            done = rasterize_convexes(reference.turned_camera(120, 260), **tensors, sh_degree=3, beta=1.0)
+        return done.color, done.radii
+
+    draw_in_threads([lambda: train(3), lambda: train(4), look, look])
+
+
+def test_threads_render_at_the_same_time():
+    run_apart("test_convexes", "train_and_look")
 
 
 def test_the_references_gradients_are_differences():

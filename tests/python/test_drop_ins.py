@@ -204,6 +204,22 @@ def test_precomputed_colors_covariances_and_scale_modifier():
     assert torch.equal(same[0], given[0])
 
 
+@pytest.mark.parametrize("layout", ["3dgs-2023", "3dgs-2024", "3dgs-accelerated", "mip-splatting", "absgs", "anchors"])
+@pytest.mark.parametrize("colors", [False, True])
+def test_the_functions_draw_no_gaussians(layout, colors):
+    empty, m = torch.Tensor([]), module(layout)
+    sh = [empty] if colors else [torch.zeros(0, 16, 3)]
+    if layout == "3dgs-accelerated":
+        sh = [empty, empty] if colors else [torch.zeros(0, 1, 3), torch.zeros(0, 15, 3)]
+    means = torch.zeros(0, 3, requires_grad=True)
+    done = m.rasterize_gaussians(
+        means, torch.zeros(0, 3), *sh, torch.zeros(0, 3) if colors else empty, torch.zeros(0, 1), torch.zeros(0, 3),
+        torch.zeros(0, 4), empty, settings(layout, reference.turned_camera()))
+    assert torch.equal(done[0], torch.tensor([0.1, 0.2, 0.3]).view(3, 1, 1).expand_as(done[0])) and done[1].shape == (0,)
+    done[0].sum().backward()
+    assert means.grad.shape == (0, 3)
+
+
 def test_beta_chooses_the_box():
     camera, m = reference.turned_camera(60, 44), module("3dgs-2023")
     arguments = inputs()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import conftest
+import pytest
 
 HEADERS = (conftest.ROOT / "core/include/splatboost/c_api.h", conftest.ROOT / "adapters/c/adapters_c.h")
 
@@ -90,6 +91,17 @@ def test_library_shows_nothing_but_the_c_abi():
     library = conftest.BUILD / "lib/libsplatboost.so"
     symbols = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True).stdout
     assert {line.split()[-1] for line in symbols.splitlines()} == set(lib._ENTRIES)
+
+
+def test_the_readme_lists_all_layouts():
+    from splatboost.drop_ins import LAYOUTS
+
+    readme = conftest.PACKAGE / "README.md"
+    if not readme.exists():
+        pytest.skip("the README is not here")
+    table = [line for line in readme.read_text(encoding="utf-8").splitlines() if line.startswith('| `"')]
+    for layout, module in LAYOUTS.items():
+        assert any('`"%s"`' % layout in row and ".%s`" % module in row for row in table), layout
 
 
 def test_imports_without_torch_and_without_the_library():

@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rasterizer on tensors against the reference in double precision, values and gradients."""
 
+import pathlib
+import subprocess
+import sys
+import threading
+
 import conftest
 import pytest
 import reference
@@ -223,6 +228,66 @@ def test_a_loop_keeps_one_workspace():
         with torch.no_grad():
             done = splatboost.rasterize(camera, **tensors)
     assert sum(len(pool) for pool in _render._workspaces.values()) == 1
+
+
+def test_a_render_that_fails_gives_its_workspace_back():
+    _render._workspaces.clear()
+    camera, tensors = reference.turned_camera(), small()
+    with pytest.raises(ValueError, match="beta must lie in") as kept:
+        splatboost.rasterize(camera, **tensors, beta=1.5)
+    done = splatboost.rasterize(camera, **tensors)
+    assert kept.tb is not None and sum(len(pool) for pool in _render._workspaces.values()) == 1
+    done.color.sum().backward()
+
+
+def draw_in_threads(draws, times=60):
+    """Repeats each draw() in a thread of its own; the tensors that it returns must be those of serial renders."""
+    alone = [draw() for draw in draws]
+    failed = []
+
+    def repeat(draw, expected):
+        try:
+            for _ in range(times):
+                assert all(torch.equal(a, b) for a, b in zip(draw(), expected)), "other values than alone"
+        except Exception as e:
+            failed.append(e)
+
+    threads = [threading.Thread(target=repeat, args=job) for job in zip(draws, alone)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed, failed
+
+
+def run_apart(module, function):
+    """Calls a function of a test module in a process of its own, because a render in two threads may crash."""
+    code = "import conftest, %s as tests; tests.splatboost.set_threads(1); tests.%s()" % (module, function)
+    done = subprocess.run([sys.executable, "-c", code], cwd=pathlib.Path(__file__).parent, capture_output=True, text=True,
+                          check=False, timeout=300)
+    assert done.returncode == 0, (done.returncode, done.stderr)
+
+
+def train_and_look():
+    def many(seed):
+        return {k: v.detach().repeat(80, 1) for k, v in small(seed).items()}
+
+    def train():
+        tensors = {k: v.requires_grad_() for k, v in many(0).items()}
+        done = splatboost.rasterize(reference.turned_camera(200, 150), **tensors)
+        weights = done.weights()
+        return (done.color.detach(), weights, *torch.autograd.grad(done.color.sum(), list(tensors.values())))
+
+    def look():
+        with torch.no_grad():
+            done = splatboost.rasterize(reference.turned_camera(120, 260), **many(1))
+        return done.color, done.radii
+
+    draw_in_threads([train, look, look])
+
+
+def test_threads_render_at_the_same_time():
+    run_apart("test_rasterize", "train_and_look")
 
 
 def test_no_gaussians_give_the_background():

@@ -110,6 +110,48 @@ def test_what_is_no_model_is_told_in_one_line(tmp_path):
         assert "\n" not in str(error.value)
 
 
+HEAD = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+
+
+@pytest.mark.parametrize("names, words", [
+    ([n for n in NAMES if n != "f_dc_1"], "lacks f_dc_1"),
+    ([n for n in NAMES if n != "rot_1"], "lacks rot_1"),
+    ([], "lacks x, y, z"),
+    (NAMES + ["rot_1"], "property rot_1 occurs twice"),
+    (NAMES + ["f_rest_0"], "1 properties f_rest_"),
+])
+@pytest.mark.parametrize("form", ["binary_little_endian", "ascii"])
+def test_damaged_properties_are_told_in_one_line(tmp_path, names, words, form):
+    head = HEAD.replace("binary_little_endian", form) + "".join("property float %s\n" % name for name in names)
+    row = " 0" * len(names) if form == "ascii" else "\0" * 4 * len(names)
+    (tmp_path / "a.ply").write_text(head + "end_header\n" + row)
+    with pytest.raises(models.ModelError, match=words) as error:
+        models.read_gaussians(str(tmp_path / "a.ply"))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("old, new, words", [
+    ("element vertex 1", "element", "first element is not vertex with a count"),
+    ("element vertex 1", "element vertex", "first element is not vertex with a count"),
+    ("element vertex 1", "element vertex \u00b2", "first element is not vertex with a count"),
+    ("element vertex 1", "element vertex " + "9" * 5000, "first element is not vertex with a count"),
+    ("element vertex 1", "element vertex 0", "no Gaussian with finite values"),
+    ("format binary_little_endian 1.0", "format", r"unknown format \(none\)"),
+])
+def test_damaged_headers_are_told_in_one_line(tmp_path, old, new, words):
+    path = write_ply(tmp_path / "a.ply", [ball(0, 0, 1, RED)])
+    path.write_bytes(path.read_bytes().replace(old.encode(), new.encode("latin-1")))
+    with pytest.raises(models.ModelError, match=words) as error:
+        models.read_gaussians(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_further_columns_are_ignored(tmp_path):
+    found = models.read_gaussians(str(write_ply(tmp_path / "a.ply", [ball(0, 0, 1, RED) + [0] * 3],
+                                                NAMES + ["rot_4", "scale_3", "f_dc_3"])))
+    assert found.covariances.shape == (1, 3, 3) and found.sh.shape == (1, 1, 3)
+
+
 def test_the_newest_model_of_a_folder(tmp_path):
     assert models.newest_model(str(tmp_path)) is None
     for iteration in (900, 1000, 30):

@@ -11,7 +11,7 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from . import _library as lib
-from ._render import Lease, Render, Tensors, new_gradients, returned_gradients, save_inputs, saved_inputs, take_workspace
+from ._render import Lease, Render, Tensors, draw, new_gradients, returned_gradients, save_inputs, saved_inputs
 from ._tensors import Place, check
 from .camera import Camera, host_rows
 
@@ -43,15 +43,13 @@ def _draw(place: Place, call: _Call, tensors: Tensors) -> Any:
     visible = place.empty((points.shape[0],), torch.uint8)
     outputs = lib.ConvexOutputs(color=place.target(color, "color"), visible=place.target(visible, "visible"))
     convexes = _convexes(place, tensors, call.sh_degree)
-    call.lease = take_workspace("sb_convex_rasterizer", place)
-    place.call(
-        "sb_convex_rasterizer_forward",
-        call.lease.workspace.handle,
+    call.lease = draw(
+        "sb_convex_rasterizer",
+        place,
         ctypes.byref(call.camera.c_struct()),
         ctypes.byref(convexes),
         ctypes.byref(call.options),
         ctypes.byref(outputs),
-        place.stream,
     )
     return color, visible
 
@@ -76,7 +74,7 @@ class _Rasterize(torch.autograd.Function):
         points = tensors["points"]
         assert points is not None and call.lease is not None
         place = Place(points, "points")
-        if not call.lease.held:
+        if not call.lease.claim():
             _draw(place, call, tensors)
 
         gradients = new_gradients(ctx, tensors, ctx.needs_input_grad[3:], ctx.needs_input_grad[2])

@@ -7,7 +7,7 @@ import json
 import os
 import re
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, Iterable, List, Optional, Tuple
 
 import numpy as np
 
@@ -82,8 +82,8 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
     if end == 0 or lines[0] != ["ply"]:
         raise ModelError("%s: not a .ply file" % path)
     elements = [line for line in lines if line[:1] == ["element"]]
-    if not elements or elements[0][1] != "vertex" or not elements[0][2].isdigit():
-        raise ModelError("%s: its first element is not vertex" % path)
+    if not elements or not re.fullmatch("element vertex [0-9]{1,18}", " ".join(elements[0])):
+        raise ModelError("%s: its first element is not vertex with a count" % path)
     count = int(elements[0][2])
     fields: List[Tuple[str, str]] = []
     inside = False
@@ -93,8 +93,10 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
         elif inside and line[:1] == ["property"]:
             if len(line) != 3 or line[1] not in _TYPES:
                 raise ModelError("%s: property %s cannot be read" % (path, " ".join(line[1:])))
+            if any(line[2] == name for name, _ in fields):
+                raise ModelError("%s: property %s occurs twice" % (path, line[2]))
             fields.append((line[2], _TYPES[line[1]]))
-    form = next((line[1] for line in lines if line[:1] == ["format"]), "")
+    form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
     short = ModelError("%s: ends before all of its %d vertices; is it still being written?" % (path, count))
     if form == "ascii":
         words = data[end:].split()
@@ -111,17 +113,20 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
     row = np.dtype([(name, order + kind) for name, kind in fields])
     if len(data) - end < count * row.itemsize:
         raise short
-    rows = np.frombuffer(data, row, count, end)
+    rows: Any = np.frombuffer(data, row, count, end) if fields else {}
     return {name: rows[name].astype(np.float32) for name, _ in fields}
+
+
+_SCALES, _ROTATION = ["scale_0", "scale_1", "scale_2"], ["rot_0", "rot_1", "rot_2", "rot_3"]
+_DC = ["f_dc_0", "f_dc_1", "f_dc_2"]
 
 
 def read_gaussians(path: str) -> Gaussians:
     """Reads the Gaussians of a .ply file written by 3DGS and its successors. Raises ModelError."""
     found = _vertices(path)
 
-    def stacked(prefix: str) -> np.ndarray:
-        names = sorted((n for n in found if re.fullmatch(prefix + r"\d+", n)), key=lambda n: int(n.rpartition("_")[2]))
-        return np.stack([found[n] for n in names], axis=1) if names else np.zeros((len(found["x"]), 0), np.float32)
+    def stacked(names: Iterable[str]) -> np.ndarray:
+        return np.stack([found[n] for n in names], axis=1)
 
     if "f_anchor_feat_0" in found:
         raise ModelError("%s: is a model of anchors, whose Gaussians its networks compute; render it with: splatboost render "
@@ -129,18 +134,19 @@ def read_gaussians(path: str) -> Gaussians:
     if "point_0_x" in found:
         raise ModelError("%s: is a model of convexes; export triangles for a mesh viewer with: splatboost export -m MODEL "
                          "-o convexes.glb" % path)
-    absent = [n for n in ("x", "y", "z", "opacity", "scale_0", "scale_1", "rot_0", "rot_3", "f_dc_0", "f_dc_2") if n not in found]
+    absent = [n for n in ["x", "y", "z", "opacity", *_SCALES[:2], *_ROTATION, *_DC] if n not in found]
     if absent:
         raise ModelError("%s: not a model of Gaussians: it lacks %s" % (path, ", ".join(absent)))
-    means = np.stack([found[n] for n in "xyz"], axis=1)
+    means = stacked("xyz")
     count = len(means)
-    rest = stacked("f_rest_")
+    higher = sorted((n for n in found if re.fullmatch("f_rest_[0-9]{1,3}", n)), key=lambda n: int(n[len("f_rest_"):]))
+    rest = stacked(higher) if higher else np.zeros((count, 0), np.float32)
     bands = 1 + rest.shape[1] // 3
     if rest.shape[1] % 3 or bands not in (1, 4, 9, 16):
         raise ModelError("%s: %d properties f_rest_*, expected 0, 9, 24 or 45" % (path, rest.shape[1]))
-    sh = np.concatenate([stacked("f_dc_")[:, None, :3], rest.reshape(count, 3, bands - 1).transpose(0, 2, 1)], axis=1)
+    sh = np.concatenate([stacked(_DC)[:, None], rest.reshape(count, 3, bands - 1).transpose(0, 2, 1)], axis=1)
     opacities = 1 / (1 + np.exp(-np.clip(found["opacity"], -80, 80)))
-    scales = stacked("scale_")
+    scales = stacked(n for n in _SCALES if n in found)
     squares = np.exp(2 * np.clip(scales, -40, 40))
     if scales.shape[1] == 2:  # surfels
         squares = np.concatenate([squares, np.zeros((count, 1), np.float32)], axis=1)
@@ -148,7 +154,7 @@ def read_gaussians(path: str) -> Gaussians:
         widened = squares + found["filter_3D"][:, None] ** 2
         opacities = opacities * np.sqrt(np.prod(squares / np.maximum(widened, 1e-30), axis=1))
         squares = widened
-    axes = _rotations(stacked("rot_")) * np.sqrt(squares)[:, None, :]
+    axes = _rotations(stacked(_ROTATION)) * np.sqrt(squares)[:, None, :]
     whole = np.isfinite(means).all(1) & np.isfinite(axes).all((1, 2)) & np.isfinite(opacities) & np.isfinite(sh).all((1, 2))
     if not whole.any():
         raise ModelError("%s: has no Gaussian with finite values" % path)

@@ -11,7 +11,7 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from . import _library as lib
-from ._render import Lease, Render, Tensors, new_gradients, returned_gradients, save_inputs, saved_inputs, take_workspace
+from ._render import Lease, Render, Tensors, draw, new_gradients, returned_gradients, save_inputs, saved_inputs
 from ._tensors import Place, check
 from .camera import Camera, host_rows
 
@@ -57,15 +57,13 @@ def _draw(place: Place, call: _Call, tensors: Tensors) -> Tensors:
     }
     outputs = lib.RasterOutputs(**{name: place.target(image, name) for name, image in images.items()})
     gaussians = _gaussians(place, tensors, call.sh_degree)
-    call.lease = take_workspace("sb_rasterizer", place)
-    place.call(
-        "sb_rasterizer_forward",
-        call.lease.workspace.handle,
+    call.lease = draw(
+        "sb_rasterizer",
+        place,
         ctypes.byref(call.camera.c_struct()),
         ctypes.byref(gaussians),
         ctypes.byref(call.options),
         ctypes.byref(outputs),
-        place.stream,
     )
     return images
 
@@ -77,9 +75,12 @@ class _Rasterize(torch.autograd.Function):
         place = Place(tensors["means"], "means")
         images = _draw(place, call, tensors)
         assert call.lease is not None
-        call.lease.pending = call.differentiable and any(ctx.needs_input_grad)
-        if not call.lease.pending:  # scores and evaluation need every splat; training does not, and does not wait
-            place.call("sb_rasterizer_settle", call.lease.workspace.handle, None, place.stream)
+        pending = call.differentiable and any(ctx.needs_input_grad)
+        try:
+            if not pending:  # scores and evaluation need every splat; training does not, and does not wait
+                place.call("sb_rasterizer_settle", call.lease.workspace.handle, None, place.stream)
+        finally:
+            call.lease.pending = pending
         ctx.call = call
         ctx.screen_points = None if screen_points is None else screen_points.shape[1]
         ctx.mark_non_differentiable(images["radii"])
@@ -94,7 +95,7 @@ class _Rasterize(torch.autograd.Function):
         means = tensors["means"]
         assert means is not None and call.lease is not None
         place = Place(means, "means")
-        if not call.lease.held:
+        if not call.lease.claim():
             _draw(place, call, tensors)
 
         gradients = new_gradients(ctx, tensors, ctx.needs_input_grad[3:], ctx.needs_input_grad[2])

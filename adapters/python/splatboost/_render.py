@@ -6,7 +6,8 @@ from __future__ import annotations
 import ctypes
 import threading
 import weakref
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from contextlib import contextmanager
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import torch
 
@@ -20,17 +21,32 @@ Tensors = Dict[str, Optional[torch.Tensor]]
 class Lease:
     """A render's claim on the workspace that holds its tile lists.
 
-    A workspace is free for the next render once its lease no longer exists or no backward pass of it is pending. A
+    A workspace is free for the next render, of any thread, once its lease no longer exists or is no longer pending. A
     backward pass that runs after that renders the view again first.
     """
 
     def __init__(self, workspace: "_Workspace"):
         self.workspace = workspace
-        self.pending = False  # a backward pass is still to come
+        self.pending = True  # in use, or a backward pass is still to come
 
     @property
     def held(self) -> bool:
         return self.workspace.lease() is self
+
+    def claim(self) -> bool:
+        """Makes it pending; False if a later render has the workspace."""
+        with _lock:
+            self.pending = self.held
+            return self.pending
+
+    @contextmanager
+    def in_use(self) -> Iterator[bool]:
+        """claim() for the duration of a call."""
+        before = self.pending
+        try:
+            yield self.claim()
+        finally:
+            self.pending = before
 
 
 class _Workspace:
@@ -62,6 +78,17 @@ def take_workspace(entries: str, place: Place) -> Lease:
         lease = Lease(workspace)
         workspace.lease = weakref.ref(lease)
         return lease
+
+
+def draw(entries: str, place: Place, *arguments: Any) -> Lease:
+    """Takes a workspace and renders; the lease is pending."""
+    lease = take_workspace(entries, place)
+    try:
+        place.call(entries + "_forward", lease.workspace.handle, *arguments, place.stream)
+    except BaseException:
+        lease.pending = False
+        raise
+    return lease
 
 
 def save_inputs(ctx: Any, names: Sequence[str], inputs: Sequence[Any], sh: Optional[torch.Tensor]) -> Tensors:
@@ -159,12 +186,11 @@ class Render:
         """
         counts = torch.zeros_like(self.radii)
         place = Place(self.radii, "radii")
-        self._check_held("count_observed")
-        workspace = self._lease.workspace
-        if workspace.entries != "sb_rasterizer":
-            raise TypeError("count_observed: only available for renders of Gaussians")
         target = place.target(counts, "counts")
-        lib.call("sb_rasterizer_count_observed", workspace.handle, min_transmittance, target, place.stream)
+        with self._replayed("count_observed") as workspace:
+            if workspace.entries != "sb_rasterizer":
+                raise TypeError("count_observed: only available for renders of Gaussians")
+            lib.call("sb_rasterizer_count_observed", workspace.handle, min_transmittance, target, place.stream)
         return counts
 
     def weights(self) -> torch.Tensor:
@@ -177,16 +203,18 @@ class Render:
         self._add_weights(place.target(weights, "weights"), place)
         return weights
 
-    def _check_held(self, what: str) -> None:
-        if not self._lease.held:
-            raise RuntimeError("%s: this render's tile lists were overwritten by a later render" % what)
+    @contextmanager
+    def _replayed(self, what: str) -> Iterator[_Workspace]:
+        """The workspace with this render's tile lists, in use meanwhile."""
+        with self._lease.in_use() as held:
+            if not held:
+                raise RuntimeError("%s: this render's tile lists were overwritten by a later render" % what)
+            yield self._lease.workspace
 
     def _add_weights(self, weights: Any, place: Place) -> None:
-        self._check_held("weights")
-        workspace = self._lease.workspace
-        lib.call(workspace.entries + "_add_weights", workspace.handle, weights, place.stream)
+        with self._replayed("weights") as workspace:
+            lib.call(workspace.entries + "_add_weights", workspace.handle, weights, place.stream)
 
     def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
-        self._check_held("count_flagged")
-        workspace = self._lease.workspace
-        lib.call(workspace.entries + "_count_flagged", workspace.handle, flagged, counts, place.stream)
+        with self._replayed("count_flagged") as workspace:
+            lib.call(workspace.entries + "_count_flagged", workspace.handle, flagged, counts, place.stream)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import numbers
 import weakref
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, Optional, Sequence, Tuple
@@ -83,9 +84,13 @@ class Adapter:
     def _set(self, boost: Any, name: str, value: Any) -> None:
         if name not in self._kinds:
             raise ValueError("%s: no such setting; available: %s" % (name, ", ".join(sorted(self._kinds))))
-        if self._kinds[name] is not float and not isinstance(value, int):
+        if self._kinds[name] is not float and not isinstance(value, numbers.Integral):
             raise ValueError("%s: expected a whole number, got %r" % (name, value))
-        lib.call("sb_boost_set", boost, name.encode(), float(value))
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError) as e:
+            raise ValueError("%s: expected a number, got %r" % (name, value)) from e
+        lib.call("sb_boost_set", boost, name.encode(), number)
 
     def _get(self, boost: Any, name: str) -> Any:
         value = ctypes.c_double()

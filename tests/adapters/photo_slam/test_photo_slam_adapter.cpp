@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 #include "photo_slam/recent_views.h"
@@ -127,13 +128,22 @@ Late late_pruning(const PhotoSlamBoost& boost, int iterations, Plan&& total) {
 
 TEST(PhotoSlamAdapter, a_fixed_plan_prunes_late_where_vanilla_does) {
   Threads threads(1);
-  const VanillaAdapter vanilla(PhotoSlamBoost{}, threads);
-  std::vector<int> expected;
-  for (int i = 1; i <= 1000; ++i) {
-    if (vanilla.prunes_at({i, 1000}, false)) expected.push_back(i);
+  PhotoSlamBoost early, longer;
+  early.late_prune_from = 6000;  // growth ends later
+  longer.densify_until = 21000;  // after the first late pruning would be due
+  for (const auto& [boost, wanted] : {std::pair{PhotoSlamBoost{}, std::vector<int>{500, 600, 700, 800, 900}},
+                                      {early, {500, 600, 700, 800, 900}},
+                                      {longer, {700, 800, 900}}}) {
+    const VanillaAdapter vanilla(boost, threads);
+    std::vector<int> expected;
+    for (int i = 1; i <= 1000; ++i) {
+      if (vanilla.prunes_at({i, 1000}, false)) expected.push_back(i);
+    }
+    EXPECT_EQ(expected, wanted);
+    const Late late = late_pruning(boost, 1000, [](int) { return 1000; });
+    EXPECT_EQ(late.prunes, expected);
+    EXPECT_FALSE(late.grows_after);
   }
-  EXPECT_EQ(expected, (std::vector<int>{500, 600, 700, 800, 900}));
-  EXPECT_EQ(late_pruning({}, 1000, [](int) { return 1000; }).prunes, expected);
   PhotoSlamBoost literal = literal_photo_slam_boost();
   EXPECT_EQ(late_pruning(literal, 1000, [](int) { return 1000; }).prunes, (std::vector<int>{600, 700, 800, 900}));
 }

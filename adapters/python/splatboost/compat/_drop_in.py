@@ -61,8 +61,8 @@ def camera_of(settings: Any) -> Camera:
 
 
 def given(tensor: Optional[torch.Tensor]) -> Optional[torch.Tensor]:
-    """Maps an empty tensor to None: hosts pass either for omitted arguments."""
-    return None if tensor is None or tensor.numel() == 0 else tensor
+    """Maps an empty vector to None: hosts pass either for omitted arguments. Tensors of no Gaussians are kept."""
+    return None if tensor is None or (tensor.numel() == 0 and tensor.dim() < 2) else tensor
 
 
 def render(
@@ -84,9 +84,8 @@ def render(
         raise ValueError("give either shs or colors_precomp")
     if (scales is None or rotations is None) == (cov3D_precomp is None):
         raise ValueError("give either scales and rotations, or cov3D_precomp")
-    if means3D.shape[0] > 0:
-        dc, shs, colors_precomp = given(dc), given(shs), given(colors_precomp)
-        scales, rotations, cov3D_precomp = given(scales), given(rotations), given(cov3D_precomp)
+    dc, shs, colors_precomp = given(dc), given(shs), given(colors_precomp)
+    scales, rotations, cov3D_precomp = given(scales), given(rotations), given(cov3D_precomp)
     forget()
     if scales is not None and settings.scale_modifier != 1.0:
         scales = scales * settings.scale_modifier
