@@ -9,8 +9,10 @@
 #include <vector>
 
 #include "cuda/cuda_device.h"
+#include "splatboost/convex_rasterizer.h"
 #include "splatboost/cuda_backward.h"
 #include "splatboost/device_array.h"
+#include "splatboost/errors.h"
 #include "splatboost/rasterizer.h"
 #include "splatboost/threads.h"
 #include "support/compare.h"
@@ -70,6 +72,12 @@ struct SceneOnDevice {
     RasterImages images;
     images.color = image.span();
     rasterizer.forward(camera, gaussians(count), options, images);
+  }
+  void expect_refused(Rasterizer& rasterizer) {
+    EXPECT_THROW(backward(rasterizer), ArgumentError);
+    EXPECT_THROW(rasterizer.count_flagged(std::as_const(flagged).span(), counts.span()), ArgumentError);
+    EXPECT_THROW(rasterizer.count_observed(0.5f, counts.span()), ArgumentError);
+    EXPECT_THROW(rasterizer.add_weights(counts.span()), ArgumentError);
   }
   void backward(Rasterizer& rasterizer) {
     RasterImageGradients driving;
@@ -156,29 +164,6 @@ TEST_P(RasterizerOnCuda, AgreesWithTheCpu) {
   EXPECT_LE(difference, sum / 10000);
   EXPECT_EQ(on_cuda.counts().visible, on_cpu.counts().visible);
   EXPECT_NEAR(static_cast<double>(on_cuda.counts().tile_entries), static_cast<double>(on_cpu.counts().tile_entries), 2);
-}
-
-TEST_P(RasterizerOnCuda, GradientsWhereNothingIsDrawnMayBeAnything) {
-  const SceneData scene = many_splats(camera, 40, 2);
-  SceneOnDevice there(stream(), scene, camera);
-  Rasterizer rasterizer(stream());
-  there.forward(rasterizer, camera, options);
-  const std::vector<float> image = there.image.to_host();  // black where nothing is drawn
-  std::vector<float> gradient = there.image_gradient.to_host();
-  const std::size_t pixels = image.size() / 3;
-  std::size_t empty = 0;
-  for (std::size_t p = 0; p < pixels; ++p) {
-    if (image[p] != 0 || image[pixels + p] != 0 || image[2 * pixels + p] != 0) continue;
-    ++empty;
-    for (std::size_t c = 0; c < 3; ++c) gradient[c * pixels + p] = NAN;
-  }
-  ASSERT_GT(empty, pixels / 4);
-  ASSERT_LT(empty, pixels - 500);
-  there.backward(rasterizer);
-  const std::vector<float> means = there.g_means.to_host();
-  there.image_gradient.upload(gradient);
-  there.backward(rasterizer);
-  EXPECT_TRUE(is_close(there.g_means.to_host(), as_doubles(means), kGradientTolerance));
 }
 
 TEST_P(RasterizerOnCuda, ASteadyLoopNeitherWaitsNorAllocates) {
@@ -275,6 +260,99 @@ TEST_P(RasterizerOnCuda, TooLittleDeviceMemoryIsSaid) {
   cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
   on_device.forward(rasterizer, camera, options);  // works again when memory is available
   EXPECT_GT(rasterizer.counts().visible, 0u);
+}
+
+/// Allocations that fail at different stages: of the visible Gaussians, of the tile lists.
+constexpr std::size_t kTooLittle[] = {1000, 100000};
+
+TEST_P(RasterizerOnCuda, AViewThatDoesNotFitIsRefusedAndForgotten) {
+  const SceneData scene = many_splats(camera, 2500, 12);
+  Camera away = camera;
+  away.cx += 5000;
+  for (const std::size_t more : kTooLittle) {
+    SCOPED_TRACE(more);
+    SceneOnDevice on_device(stream(), scene, camera);
+    Rasterizer rasterizer(stream());
+    on_device.forward(rasterizer, away, options);  // hardly anything is visible
+    on_device.backward(rasterizer);
+    on_device.forward(rasterizer, camera, options);  // does not wait
+    stream().synchronize();
+    cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() + more);
+    EXPECT_THROW(on_device.forward(rasterizer, camera, options), DeviceMemoryError);
+    on_device.expect_refused(rasterizer);
+    EXPECT_FALSE(rasterizer.settle());
+    EXPECT_EQ(rasterizer.counts().tile_entries, 0u);
+    EXPECT_NO_THROW(on_device.forward(rasterizer, away, options));
+    EXPECT_NO_THROW(on_device.backward(rasterizer));
+    cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
+  }
+}
+
+TEST_P(RasterizerOnCuda, ASettleThatFailsIsRepeated) {
+  const SceneData scene = many_splats(camera, 2500, 12);
+  SceneOnDevice on_device(stream(), scene, camera);
+  Rasterizer fresh(stream());
+  on_device.forward(fresh, camera, options);
+  const std::vector<float> expected = on_device.image.to_host();
+  Camera away = camera;
+  away.cx += 5000;
+  for (const std::size_t more : kTooLittle) {
+    SCOPED_TRACE(more);
+    Rasterizer rasterizer(stream());
+    on_device.forward(rasterizer, away, options);
+    on_device.forward(rasterizer, camera, options);  // too little room
+    cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() + more);
+    EXPECT_THROW(rasterizer.settle(), DeviceMemoryError);
+    on_device.expect_refused(rasterizer);
+    EXPECT_THROW(rasterizer.counts(), DeviceMemoryError);
+    cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
+    EXPECT_TRUE(rasterizer.settle());
+    EXPECT_FALSE(rasterizer.settle());
+    EXPECT_EQ(on_device.image.to_host(), expected);
+    EXPECT_EQ(rasterizer.counts().tile_entries, fresh.counts().tile_entries);
+  }
+}
+
+using ConvexesOnCuda = OnCuda<::testing::Test>;
+
+TEST_F(ConvexesOnCuda, AViewThatDoesNotFitIsRefused) {
+  constexpr std::size_t kPixels = 40 * 36;
+  Camera camera;
+  camera.width = 40;
+  camera.height = 36;
+  camera.fx = camera.fy = 60;
+  camera.cx = 20;
+  camera.cy = 18;
+  const std::vector<float> corners{-0.2f, -0.2f, 2, 0.2f, -0.2f, 2, 0.2f, 0.2f, 2};
+  const DeviceArray<float> points(stream(), corners), smoothness(stream(), std::vector<float>{0.1f}),
+      sharpness(stream(), std::vector<float>{0.05f}), opacities(stream(), std::vector<float>{0.8f}),
+      colors(stream(), std::vector<float>{1, 0.5f, 0.25f}), gradient(stream(), std::vector<float>(3 * kPixels, 1.0f));
+  DeviceArray<float> image(stream()), g_points(stream());
+  image.ensure(3 * kPixels);
+  g_points.ensure(corners.size());
+  Convexes convexes;
+  convexes.count = 1;
+  convexes.points_per_convex = 3;
+  convexes.points = points.span();
+  convexes.smoothness = smoothness.span();
+  convexes.sharpness = sharpness.span();
+  convexes.opacities = opacities.span();
+  convexes.colors = colors.span();
+  ConvexGradients gradients;
+  gradients.points = g_points.span();
+
+  ConvexRasterizer rasterizer(stream());
+  Convexes nothing;
+  nothing.points_per_convex = 3;
+  rasterizer.forward(camera, nothing, {}, image.span());
+  cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use());
+  EXPECT_THROW(rasterizer.forward(camera, convexes, {}, image.span()), DeviceMemoryError);
+  cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
+  EXPECT_THROW(rasterizer.backward(convexes, gradient.span(), {}, gradients), ArgumentError);
+  EXPECT_EQ(rasterizer.counts().visible, 0u);
+  rasterizer.forward(camera, convexes, {}, image.span());
+  EXPECT_NO_THROW(rasterizer.backward(convexes, gradient.span(), {}, gradients));
+  EXPECT_EQ(rasterizer.counts().visible, 1u);
 }
 
 #endif

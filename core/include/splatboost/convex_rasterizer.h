@@ -56,7 +56,8 @@ class ConvexRasterizer {
 
   /// Throws ArgumentError if an argument is invalid. A convex is not drawn if its centre is not beyond the near plane,
   /// if one of its points is at or behind the camera's plane or at least kMaxConvexReach pixels from the centre, if its
-  /// points project to a line, or if any value is not finite.
+  /// points project to a line, or if any value is not finite. If drawing throws (too little memory), backward() and the
+  /// counts need another forward().
   /// @param color [3,H,W] background added, not clamped
   /// @param alpha [1,H,W] 1 − final transmittance; empty: not wanted
   void forward(const Camera& camera, const Convexes& convexes, const ConvexOptions& options, std::span<float> color,
@@ -64,7 +65,8 @@ class ConvexRasterizer {
 
   /// Gradients with respect to every input, through the hull's points and the depth of the centre. No gradient passes
   /// where alpha is clamped at 0.99 or a colour at 0.
-  /// @param color,alpha gradients of the loss with respect to the images; empty means zero
+  /// @param color,alpha gradients of the loss with respect to the images; empty means zero. Where no convex was blended
+  /// (alpha 0) they are not used and may have any value, also NaN.
   void backward(const Convexes& convexes, std::span<const float> color, std::span<const float> alpha,
                 const ConvexGradients& gradients);
 

@@ -39,7 +39,8 @@ struct RasterImages {
   std::span<float> alpha;          ///< [1,H,W] 1 − final transmittance
 };
 
-/// Gradients of the loss with respect to the images; empty means zero.
+/// Gradients of the loss with respect to the images; empty means zero. Where no splat was blended (alpha 0) they are
+/// not used and may have any value, also NaN.
 struct RasterImageGradients {
   std::span<const float> color;
   std::span<const float> features;
@@ -80,7 +81,7 @@ class Rasterizer {
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
   /// Throws ArgumentError if an argument is invalid. Gaussians whose projection is not finite, degenerate or overflows
-  /// are not drawn.
+  /// are not drawn. If drawing throws (too little memory), backward() and the counts need another forward().
   void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
                const RasterImages& images);
 
@@ -109,7 +110,8 @@ class Rasterizer {
   /// plus up to half as much. A view that needs more is drawn without some of its splats. settle() waits for the last
   /// forward() and, if that happened, draws it again into the same images, which must still exist, as must the
   /// Gaussians. Call it where every splat counts (scores, evaluation), not in a training loop, whose next forward()
-  /// allocates more by itself.
+  /// allocates more by itself. If it throws, it may be called again; until it succeeds, backward() and the counts
+  /// refuse.
   /// @return whether the view was drawn again; always false on the CPU
   bool settle();
 

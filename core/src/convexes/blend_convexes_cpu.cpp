@@ -182,7 +182,7 @@ HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, 
 
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4, 256] result of blend_convex_tile
-/// @param upstream [4, 256] gradients of image
+/// @param upstream [4, 256] gradients of image; not used where nothing was blended
 void blend_convex_tile_backward(ConvexFrame& frame, std::size_t tile, const float* HWY_RESTRICT image,
                                 const float* HWY_RESTRICT upstream) {
   const Lanes d;
@@ -191,9 +191,10 @@ void blend_convex_tile_backward(ConvexFrame& frame, std::size_t tile, const floa
   TileRows<6> pixels(frame, tile);
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
     float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
+    const Mask covered = hn::Gt(hn::Load(d, image + 3 * kPixels + pixel), hn::Zero(d));
     Vec sum = hn::Zero(d);
     for (int c = 0; c < 4; ++c) {
-      const Vec g = hn::Load(d, upstream + c * kPixels + pixel);
+      const Vec g = hn::IfThenElseZero(covered, hn::Load(d, upstream + c * kPixels + pixel));
       sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), g, sum);
       hn::Store(g, d, state + (2 + c) * kTileSize);
     }

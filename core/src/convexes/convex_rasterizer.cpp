@@ -62,6 +62,7 @@ void ConvexRasterizer::forward(const Camera& camera, const Convexes& convexes, c
   State& state = *state_;
   state.pixels = pixels;
   state.convexes = convexes.count;
+  state.drawn = false;  // if forward() throws
   state.backend->forward(camera, convexes, options, color, alpha);
   state.drawn = true;
 }

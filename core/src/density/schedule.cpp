@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "splatboost/errors.h"
 
@@ -12,7 +13,7 @@ int scaled_iteration(int published, int total, int published_total) {
   SPLATBOOST_CHECK(published >= 0 && total > 0 && published_total > 0,
                    "iterations must not be negative, and a run must not be empty");
   const double scaled = static_cast<double>(published) * total / published_total;
-  return std::max(1, static_cast<int>(std::lround(scaled)));
+  return static_cast<int>(std::clamp(std::round(scaled), 1.0, static_cast<double>(std::numeric_limits<int>::max())));
 }
 
 namespace {

@@ -57,7 +57,7 @@ void fill_edges(const SurfaceView& view, SurfaceWorkspace& work, Threads& thread
   for_pixels(view.camera, threads,
              [&](int x, int y, std::size_t p) { edges[p] = surface::edge_of(view.truth.color, x, y, width, height); });
   float least = 765, greatest = 0;
-  for (int y = 1; y + 1 < height; ++y) {
+  for (int y = 1; width > 2 && y + 1 < height; ++y) {
     const float* row = &edges[static_cast<std::size_t>(y) * static_cast<std::size_t>(width)];
     const auto [low, high] = std::minmax_element(row + 1, row + width - 1);
     least = std::min(least, *low);

@@ -117,7 +117,7 @@ HWY_INLINE void prefetch_moments(Frame& frame, std::uint32_t at, std::uint32_t e
 
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4 + X, 256] result of blend_tile
-/// @param upstream [4 + X, 256] gradients of image
+/// @param upstream [4 + X, 256] gradients of image; not used where nothing was blended
 /// @tparam kExtra as for blend_tile; 0 if the extra channels have no gradient
 template <bool kAbsolute, int kExtra>
 void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRICT image,
@@ -133,9 +133,10 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   TileRows<kExtra == 0 ? 5 : 6 + kExtra> pixels(frame, tile);
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
     float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
+    const Mask covered = hn::Gt(hn::Load(d, image + 3 * kPixels + pixel), hn::Zero(d));
     Vec sum = hn::Zero(d);
     for (int c = 0; c < (kExtra == 0 ? 3 : 4 + extra); ++c) {
-      const Vec g = hn::Load(d, upstream + c * kPixels + pixel);
+      const Vec g = hn::IfThenElseZero(covered, hn::Load(d, upstream + c * kPixels + pixel));
       sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), g, sum);
       hn::Store(g, d, state + kUpstream + c * kTileSize);
     }

@@ -76,6 +76,7 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
   state.gaussians = gaussians.count;
   state.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
   state.inverse_depth = !images.inverse_depth.empty();
+  state.drawn = false;  // if forward() throws
   state.backend->forward(camera, gaussians, options, images);
   state.drawn = true;
 }

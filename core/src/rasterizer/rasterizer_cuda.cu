@@ -6,6 +6,7 @@
 #include "projection/cuda_frame.h"
 #include "rasterizer/cuda_ops.h"
 #include "splatboost/cuda_backward.h"
+#include "splatboost/errors.h"
 
 namespace splatboost::cuda {
 namespace {
@@ -76,11 +77,13 @@ class CudaRasterizer : public RasterizerBackend {
     frame_.tiles_y = camera.tiles_y();
     gaussians_ = gaussians;
     images_ = images;
-    draw(outgrown_ || known_gaussians_ == 0);  // waits in the first frame and after one that outgrew its room
+    // Waits in the first frame, and after one that outgrew its room or failed.
+    draw(half_drawn_ || outgrown_ || known_gaussians_ == 0);
   }
 
   void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
                 const GaussianGradients& gradients) override {
+    check_drawn();
     backward_start_.record();
     blend_backward(frame_, image_gradients, !gradients.screen_means_abs.empty(), stream_);
     blended_backward_.record();
@@ -89,18 +92,21 @@ class CudaRasterizer : public RasterizerBackend {
   }
 
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
+    check_drawn();
     count_start_.record();
     count_flagged_pixels(frame_, flagged, counts, stream_);
     counted_.record();
   }
 
   void add_weights(std::span<std::int32_t> weights) override {
+    check_drawn();
     count_start_.record();
     add_blending_weights(frame_, weights, stream_);
     counted_.record();
   }
 
   void count_observed(float min_transmittance, std::span<std::int32_t> counts) override {
+    check_drawn();
     count_start_.record();
     count_observed_pixels(frame_, min_transmittance, counts, stream_);
     counted_.record();
@@ -108,9 +114,11 @@ class CudaRasterizer : public RasterizerBackend {
 
   bool settle() override {
     if (settled_) return false;
-    wait_and_learn();
-    settled_ = true;
-    if (known_.visible <= frame_.visible_room && known_.entries <= frame_.entry_room) return false;
+    if (!half_drawn_) {
+      wait_and_learn();
+      settled_ = known_.visible <= frame_.visible_room && known_.entries <= frame_.entry_room;
+      if (settled_) return false;
+    }
     draw(true);
     return true;
   }
@@ -136,8 +144,17 @@ class CudaRasterizer : public RasterizerBackend {
 
  private:
   /// Draws the frame. @param exactly waits for the frame's totals and makes room for them; otherwise makes room based
-  /// on the totals of earlier frames.
+  /// on the totals of earlier frames. If it throws, the next frame makes room as if it were the first.
   void draw(bool exactly) {
+    if (half_drawn_) forget();
+    settled_ = false;
+    half_drawn_ = true;
+    run_stages(exactly);
+    half_drawn_ = false;
+    settled_ = exactly;
+  }
+
+  void run_stages(bool exactly) {
     start_.record();
     project(frame_, gaussians_, stream_);
     projected_.record();
@@ -146,7 +163,6 @@ class CudaRasterizer : public RasterizerBackend {
     make_room(visible_room_, known_.most_visible);
     frame_.visible_room = std::min(visible_room_, frame_.gaussians);
     sort_by_depth(frame_, stream_);
-    settled_ = exactly;
     if (exactly) {
       wait_and_learn();
     } else if (!on_the_way_) {
@@ -161,6 +177,18 @@ class CudaRasterizer : public RasterizerBackend {
     listed_.record();
     blend(frame_, images_, stream_);
     blended_.record();
+  }
+
+  /// Forgets the totals of all frames: one of them may be too large for the device.
+  void forget() {
+    frame_.totals.fill_zero();
+    visible_room_ = frame_.visible_room = frame_.entry_room = 0;
+    known_gaussians_ = 0;
+    on_the_way_ = false;
+  }
+
+  void check_drawn() const {
+    SPLATBOOST_CHECK(!half_drawn_, "the last view could not be drawn: settle() or forward() must succeed first");
   }
 
   void make_room(std::size_t& room, std::uint32_t most) const {
@@ -192,6 +220,7 @@ class CudaRasterizer : public RasterizerBackend {
   std::size_t visible_room_ = 0;  ///< frame_.visible_room is this, but at most N
   bool on_the_way_ = false;       ///< totals of some frame are being copied
   bool settled_ = true;           ///< the last frame is known to have had enough room
+  bool half_drawn_ = false;       ///< drawing the last frame threw
   bool outgrown_ = false;         ///< a frame was found to have had too little room
   FrameTotals known_{};
   std::size_t known_gaussians_ = 0;  ///< largest N at which totals were read; 0: none were yet

@@ -312,6 +312,34 @@ Camera plain_camera() {
   return camera;
 }
 
+TEST(ConvexRasterizer, GradientsWhereNothingIsDrawnMayBeAnything) {
+  const Camera camera = plain_camera();
+  ConvexSceneData scene = plate();
+  scene.sharpness = {1};  // so that it does not cover the image
+  Threads threads(1);
+  ConvexRasterizer rasterizer(threads);
+  ConvexOptions options;
+  options.background = glm::vec3(0.25f);
+  const std::size_t pixels = 40 * 36;
+  std::vector<float> color(3 * pixels), alpha(pixels);
+  rasterizer.forward(camera, scene.view(), options, color, alpha);
+  const ImageGradientData up(camera, 0, 3, {});
+  ImageGradientData anything = up;
+  std::size_t empty = 0;
+  for (std::size_t p = 0; p < pixels; ++p) {
+    if (alpha[p] != 0) continue;
+    ++empty;
+    for (std::size_t c = 0; c < 3; ++c) anything.color[c * pixels + p] = std::nanf("");
+    anything.alpha[p] = std::numeric_limits<float>::infinity();
+  }
+  ASSERT_GT(empty, pixels / 4);
+  ASSERT_LT(empty, pixels - 100);
+  ConvexGradientData expected(scene), found(scene);
+  rasterizer.backward(scene.view(), up.color, up.alpha, expected.view());
+  rasterizer.backward(scene.view(), anything.color, anything.alpha, found.view());
+  for (std::size_t k = 0; k < found.all().size(); ++k) expect_same_gradients(*found.all()[k], *expected.all()[k]);
+}
+
 TEST(ConvexRasterizer, DrawsNothingOfWhatIsNotAConvexOnTheScreen) {
   const Camera camera = plain_camera();
   Threads threads(1);

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "splatboost/schedule.h"
 
@@ -19,6 +20,7 @@ TEST(ScaledIteration, KeepsProportions) {
   EXPECT_EQ(scaled_iteration(15000, 3000), 1500);
   EXPECT_EQ(scaled_iteration(600, 7000), 140);
   EXPECT_EQ(scaled_iteration(500, 60000), 1000);
+  EXPECT_EQ(scaled_iteration(std::numeric_limits<int>::max(), 60000), std::numeric_limits<int>::max()) << "never";
   EXPECT_EQ(scaled_iteration(500, 10000, 10000), 500) << "a method whose published run is shorter";
   EXPECT_EQ(scaled_iteration(8000, 3000, 10000), 2400);
   for (const int total : {1, 2, 7, 999, 7000, 30000, 100001}) {

@@ -163,6 +163,26 @@ TEST(SurfaceLossRun, compares_no_photo_with_a_camera_that_has_none) {
   EXPECT_GT(parts.geometric, 0);
 }
 
+TEST(SurfaceLossRun, takes_views_that_have_only_a_border) {
+  for (const auto& [width, height] : {std::pair{1, 8}, {2, 8}, {8, 1}, {8, 2}, {1, 1}, {2, 2}}) {
+    const Camera camera = testing::camera_looking_at_origin({3, -0.5f, 1.2f}, width, height);
+    const auto pixels = static_cast<std::size_t>(width * height);
+    std::vector<std::uint8_t> photo(3 * pixels);
+    for (std::size_t k = 0; k < photo.size(); ++k) photo[k] = static_cast<std::uint8_t>(37 * k);
+    std::vector<float> planes(4 * pixels, 0.0f), gradients(planes.size(), 0.0f);
+    const std::vector<float> alpha(pixels, 1.0f);
+    for (std::size_t p = 0; p < pixels; ++p) {
+      planes[2 * pixels + p] = -1;
+      planes[3 * pixels + p] = 2;
+    }
+    Threads threads(1);
+    SurfaceLoss loss(threads);
+    const SurfaceView view{camera, {width, height, photo, {}}, planes, alpha, gradients};
+    EXPECT_EQ(loss.add(view, nullptr, {}, SurfaceScene::random()).normal, 0) << width << " x " << height;
+    EXPECT_EQ(gradients, std::vector<float>(planes.size(), 0.0f)) << width << " x " << height;
+  }
+}
+
 TEST(SurfaceLossRun, compares_about_as_many_patches_as_it_may) {
   const SurfaceScene scene(0.01);
   SurfaceTerms terms;

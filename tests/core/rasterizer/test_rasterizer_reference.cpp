@@ -626,6 +626,47 @@ TEST(RasterizerGradientMode, AnEmptyImageGradientIsZero) {
   }
 }
 
+TEST(RasterizerGradientMode, GradientsWhereNothingIsDrawnMayBeAnything) {
+  const Camera camera = oblique_camera(60, 45);
+  Threads threads(2);
+  Rasterizer rasterizer(threads);
+  for (const int features : {0, 3}) {  // 3 and the inverse depth are the number of channels that loops are unrolled for
+    const SceneData scene = random_scene(camera, {.features = features, .smallest = 0.5, .largest = 2}, 97);
+    ImageData images(camera, features);
+    rasterizer.forward(camera, scene.view(), square(), images.view());
+    const ImageGradientData weights(camera, features, 98, {});
+    ImageGradientData anything = weights;
+    std::size_t empty = 0;
+    const std::size_t pixels = images.alpha.size();
+    for (std::size_t p = 0; p < pixels; ++p) {
+      if (images.alpha[p] != 0) continue;
+      const float value = ++empty % 2 == 0 ? INFINITY : NAN;
+      for (auto* plane : {&anything.color, &anything.features, &anything.inverse_depth, &anything.alpha}) {
+        for (std::size_t k = p; k < plane->size(); k += pixels) (*plane)[k] = value;
+      }
+    }
+    ASSERT_GT(empty, pixels / 4);
+    ASSERT_LT(empty, pixels - pixels / 8);
+    for (const bool color_alone : {false, true}) {
+      GradientData expected(scene), found(scene);
+      const auto driving = [&](const ImageGradientData& of) {
+        return color_alone ? RasterImageGradients{of.color, {}, {}, {}} : of.view();
+      };
+      rasterizer.backward(scene.view(), driving(weights), expected.view());
+      rasterizer.backward(scene.view(), driving(anything), found.view());
+      expect_same_gradients(found.means, expected.means);
+      expect_same_gradients(found.scales, expected.scales);
+      expect_same_gradients(found.rotations, expected.rotations);
+      expect_same_gradients(found.opacities, expected.opacities);
+      expect_same_gradients(found.sh_dc, expected.sh_dc);
+      expect_same_gradients(found.sh_rest, expected.sh_rest);
+      expect_same_gradients(found.features, expected.features);
+      expect_same_gradients(found.screen_means, expected.screen_means);
+      expect_same_gradients(found.screen_means_abs, expected.screen_means_abs);
+    }
+  }
+}
+
 // One object draws views of many sizes and kinds; earlier views must not affect later ones.
 TEST(RasterizerWorkspace, ReuseGivesTheBytesOfAFreshObject) {
   Threads threads(2);
