@@ -32,7 +32,7 @@ Diagnosis diagnose(const Recipe& recipe, const Layout& layout, const FileReader&
     Finding finding{Sought::anchor, edit.file, "'" + edit.anchor + "'", 0, "there is no " + edit.file};
     if (const std::optional<std::string> text = read(edit.file)) {
       finding.wrong = anchor_problem(*text, edit);
-      const std::vector<Match> places = anchor_places(*text, edit.anchor, edit.count, language_of(edit.file));
+      const std::vector<Match> places = edit_places(*text, edit);
       if (!places.empty()) finding.line = line_of(*text, places.front().begin);
       try {
         changes[&edit] = apply_edit(patched.try_emplace(edit.file, *text).first->second, edit);

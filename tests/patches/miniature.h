@@ -135,7 +135,7 @@ std::string error_of(Action&& action) {
   try {
     action();
   } catch (const PatchError& error) {
-    const std::string message = error.what();
+    std::string message = error.what();
     EXPECT_EQ(message.find('\n'), std::string::npos) << message;
     return message;
   }

@@ -223,5 +223,23 @@ TEST(Fit, MissingAnchorsAreToldWithTheNearestPlace) {
   expect_contains(other, "splatboost patch doctor");
 }
 
+TEST(Fit, ACommentedLineIsNoAnchor) {
+  const Miniature mini;
+  write_file(mini.tree() / "train.py", replaced(kTrain, "model.optimizer.step()",
+                                                "# model.optimizer.step()\n        scaler.step(model.optimizer)"));
+  const std::string wrong = "'model.optimizer.' is on line 12, expected 2 times";
+  expect_contains(error_of([&] { apply(mini.recipe(), SourceTree(mini.tree()), Writing::write); }),
+                  "train.py: " + wrong + "; a fork needs its own recipe");
+  EXPECT_FALSE(mini.has_manifest());
+  const SourceTree tree(mini.tree());
+  const Diagnosis found = diagnose(mini.recipe(), [&](const std::string& file) { return tree.read(file); })[0];
+  EXPECT_EQ(found.held(Sought::anchor), 5);
+  for (const Finding& finding : found.findings) {
+    if (finding.what == "'model.optimizer.'") {
+      EXPECT_EQ(finding.wrong, wrong);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace splatboost::patch::test

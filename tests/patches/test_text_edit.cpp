@@ -100,6 +100,25 @@ TEST(TextEdit, MissingAndDoubledAnchorsAreNamedWithTheirLines) {
   EXPECT_EQ(text, "a\nstep()\nb\nstep()\n");
 }
 
+TEST(TextEdit, CommentsAndStringsAreNoAnchors) {
+  const Edit edit = edit_of("g.step(", Place::replace, {"boost.step("});
+  std::string text = "# g.step()\nscaler.step(g)\n";
+  expect_contains(error_of([&] { apply_edit(text, edit); }),
+                  "a.py: 'g.step(' is missing; nearest is line 1: '# g.step()'");
+  EXPECT_EQ(text, "# g.step()\nscaler.step(g)\n");
+  expect_edit("# g.step()\n'''\ng.step()\n'''\ng.step()  # g.step()\n", edit,
+              "# g.step()\n'''\ng.step()\n'''\nboost.step()  # g.step()\n");
+  expect_edit("# g.step(a, b)\ng.step(a,\n    b)\n", edit_of("g.step(a, b)", Place::replace, {"boost.step()"}),
+              "# g.step(a, b)\nboost.step()\n");
+  expect_edit("f('g.step(')\n", edit_of("'g.step(", Place::replace, {"'boost.step("}), "f('boost.step(')\n");
+  // Only an anchor that is a comment itself matches comments.
+  expect_edit("# step\ng.step()\n", edit_of("# step", Place::before, {"a()"}), "a()\n# step\ng.step()\n");
+
+  Edit cpp = edit_of("grow(", Place::replace, {"boost("});
+  cpp.file = "a.cpp";
+  expect_edit("// grow(a);\n/* grow(b); */\ngrow(c);\n", cpp, "// grow(a);\n/* grow(b); */\nboost(c);\n");
+}
+
 TEST(TextEdit, RefusesTextThatHoldsTheSnippetAlready) {
   std::string text = "step()\nhook()\n";
   expect_contains(error_of([&] { apply_edit(text, edit_of("step(", Place::after, {"hook()"})); }), "patched");

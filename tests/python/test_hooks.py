@@ -6,7 +6,7 @@ import types
 import pytest
 import torch
 
-from splatboost.hooks import _boost, _drawing, deformable_3dgs, dropgaussian, mip_splatting, vanilla
+from splatboost.hooks import _boost, _drawing, deformable_3dgs, dropgaussian, mip_splatting, pgsr, vanilla
 
 N = 6
 
@@ -233,6 +233,25 @@ def test_options_of_the_user_hold_and_scale():
     assert boost._settings() == {"beta": 0.5, "tau_d": 5.0, "densify_until": 20000, "densify_interval": 50}
 
 
+@pytest.mark.parametrize("kind, until, iterations", [
+    (vanilla, 15000, 60000), (dropgaussian, 10000, 30000), (pgsr, 15000, 45000), (deformable_3dgs, 15000, 60000)])
+def test_the_host_lets_gaussians_grow_as_long_as_announced(tmp_path, capsys, kind, until, iterations):
+    def until_of(**given):
+        options = types.SimpleNamespace(
+            boost="on", boost_beta=0.5, boost_tau_d=5.0, boost_max_gaussians=0, iterations=iterations, densify_from_iter=500,
+            densify_until_iter=until, densification_interval=100, densify_grad_threshold=0.0002)
+        options.__dict__.update(given)
+        boost = kind.Boost(types.SimpleNamespace(get_xyz=torch.zeros(N, 3)), None, options, None, str(tmp_path))
+        last = max(i for i in range(1, options.iterations + 1) if boost._grows_at(i))
+        assert " to %d every" % last in capsys.readouterr().out
+        return options.densify_until_iter, last
+
+    own, last = until_of()
+    assert own == last + 1 > until
+    assert until_of(iterations=until)[0] == until  # in short runs growth ends earlier
+    assert until_of(densify_until_iter=until - 1000)[0] == until - 1000  # the user's own value
+
+
 def test_hosts_rasterizer_is_used_without_boost():
     host = object()
     assert _drawing.rasterizer(types.SimpleNamespace(), host) is host
@@ -275,8 +294,6 @@ def test_rates_of_anchors_fall_for_one_step_only():
 
 
 def test_pgsr_draws_scored_views_without_planes_and_with_their_exposure():
-    from splatboost.hooks import pgsr
-
     asked = []
 
     def render(camera, gaussians, pipe, background, **named):
@@ -290,8 +307,6 @@ def test_pgsr_draws_scored_views_without_planes_and_with_their_exposure():
 
 
 def test_pgsr_grows_from_its_own_candidates():
-    from splatboost.hooks import pgsr
-
     boost = boost_of(pgsr)
     g, options = boost.gaussians, boost.options
     options.densify_grad_threshold, options.densify_abs_grad_threshold = 0.0002, 0.0008
@@ -311,8 +326,6 @@ def test_pgsr_grows_from_its_own_candidates():
 
 
 def test_pgsr_without_tracked_points_says_so(capsys):
-    from splatboost.hooks import pgsr
-
     with pytest.raises(SystemExit) as stopped:
         pgsr.Boost(types.SimpleNamespace(get_xyz=torch.zeros(0, 3)), None, types.SimpleNamespace(boost="on"), None, "")
     assert stopped.value.code == 2

@@ -217,6 +217,31 @@ def test_options_of_the_patch(tmp_path):
     assert not (tmp_path / "model/splatboost.json").exists()
 
 
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+@pytest.mark.parametrize("hosts, layout, options", [
+    (miniature_host, "3dgs-2023", {
+        "--boost_beta 0": "SplatBoost: --boost options: beta", "--boost_beta 2": "SplatBoost: --boost options: beta",
+        "--boost_tau_d -1": "SplatBoost: --boost options: tau_d",
+        "--densification_interval 0": "SplatBoost: --boost options: densify_interval",
+        "--boost_max_gaussians -5": "--boost_max_gaussians: expected at least 0, got -5"}),
+    (miniature_anchors, "scaffold", {
+        "--boost_beta 2": "SplatBoost: --boost options: beta",
+        "--boost_max_anchors -5": "--boost_max_anchors: expected at least 0, got -5"}),
+    (miniature_convexes, None, {
+        "--boost_tau_d nan": "SplatBoost: --boost options: tau_d",
+        "--boost_max_convexes -5": "--boost_max_convexes: expected at least 0, got -5"})])
+def test_bad_options_are_told_in_one_line(tmp_path, hosts, layout, options):
+    tree = hosts.write_host(tmp_path / "tree", *([layout] if layout else []))
+    patch("apply", hosts.RECIPES[layout] if layout else "convex-splatting", tree)
+    for given, words in options.items():
+        done = host_runner.run(tree, "train.py", "--model_path", tmp_path / "model", "--iterations", "5", *given.split())
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+        assert done.stderr.startswith(words)
+    done = host_runner.run(tree, "train.py", "--model_path", tmp_path / "model", "--iterations", "1", "--boost", "off",
+                           *given.split())
+    assert done.returncode == 0, "without boost the options have no effect: " + done.stderr
+
+
 def test_errors_of_the_runner(tmp_path):
     done = command(tmp_path, "train.py")
     assert done.returncode == 2

@@ -3,8 +3,10 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -21,7 +23,7 @@ pytestmark = pytest.mark.skipif(not PROGRAM.is_file(), reason="the program is no
 
 
 def run(*command, code=0):
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, timeout=300,
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, timeout=300, start_new_session=True,
                           env={**os.environ, "SPLATBOOST_BIN": str(PROGRAM.parent)})
     assert done.returncode == code, done.stdout + done.stderr
     return done.stdout + done.stderr
@@ -106,13 +108,58 @@ def test_the_workflow(street, tmp_path):
     assert (tmp_path / "city/blocks/0_0/model/results.json").stat().st_mtime_ns == before  # not trained again
 
 
+def killer(path):
+    """A program that kills Snakemake and the jobs on its first training, and afterwards is the real one."""
+    path.write_text(f"""#!/bin/sh
+if [ "$1" = train ] && [ ! -e "{path}.ran" ]; then touch "{path}.ran" "$5/results.json"; kill -KILL 0; fi
+exec "{PROGRAM}" "$@"
+""")
+    path.chmod(0o755)
+    return path
+
+
+@pytest.mark.skipif(SNAKEMAKE is None, reason="Snakemake is not installed")
+def test_the_same_command_continues_after_a_kill(street, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # for what the killed Snakemake leaves
+    arguments = (street, tmp_path / "city", "--grid", 2, 1, "--threads", 1, "--program", killer(tmp_path / "program"))
+    options = ("--", "--iterations", 4)
+    assert "a job failed" in city(*arguments, *options, code=1)
+    assert "Gaussians, PSNR" in city(*arguments, *options)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_an_interrupt_ends_the_jobs(street, tmp_path, name):
+    snakemake = tmp_path / "snakemake"
+    snakemake.write_text(f'#!/bin/sh\necho $$ > "{tmp_path}/pid.part"; mv "{tmp_path}/pid.part" "{tmp_path}/pid"; exec sleep 100\n')
+    snakemake.chmod(0o755)
+    process = subprocess.Popen([sys.executable, ROOT / "scripts/city/run", "-s", street, "-o", tmp_path / "city", "--grid", "2", "1"],
+                               stderr=subprocess.PIPE, text=True,
+                               env={**os.environ, "SPLATBOOST_BIN": str(PROGRAM.parent), "SNAKEMAKE": str(snakemake)})
+    while not (tmp_path / "pid").exists() and process.poll() is None:
+        time.sleep(0.05)
+    process.send_signal(signal.Signals[name])
+    assert process.communicate(timeout=60)[1].endswith("\ncity: interrupted; the same command continues\n")
+    assert process.returncode == 130
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
 def test_what_cannot_be_is_told_in_one_line(street, tmp_path):
     for arguments, words in ((("--grid", 20, 20), "cannot be cut into"),
                              (("--", "--eval"), "--eval: cannot be passed to the blocks"),
-                             (("--grid", 0, 1), "--grid must be at least 1 1")):
+                             (("--", "--images=a"), "--images: cannot be passed to the blocks"),
+                             (("--", "-ia"), "-ia: cannot be passed to the blocks"),
+                             (("--", "--test_list", "a"), "--test_list: cannot be passed to the blocks"),
+                             (("--", "--backbone", "scaffold-gs"), "--backbone scaffold-gs: its models cannot be merged"),
+                             (("--", "--backbone=scaffold-gs"), "--backbone scaffold-gs: its models cannot be merged"),
+                             (("--grid", 0, 1), "--grid must be at least 1 1"),
+                             (("--border", "nan"), "--border at least 0"),
+                             (("--llffhold", 1), "--llffhold 1 holds out every view")):
         assert words in city(street, tmp_path / "a", "--split-only", *arguments, code=2)
         assert not (tmp_path / "a/plan.json").exists()
     assert "no sparse/0/images.bin" in city(tmp_path, tmp_path / "b", "--split-only", code=2)
+    (tmp_path / "file").write_text("")
+    assert "file: cannot be made a folder (File exists)" in city(street, tmp_path / "file", "--split-only", code=2)
     broken = tmp_path / "broken"
     shutil.copytree(street, broken)
     images = broken / "sparse/0/images.bin"

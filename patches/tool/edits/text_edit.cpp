@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <optional>
 #include <string_view>
+#include <utility>
 
 #include "tool/patch_error.h"
 
@@ -41,6 +42,7 @@ std::string line_numbers(const std::string& text, const std::vector<std::size_t>
 
 std::string line_numbers(const std::string& text, const std::vector<Match>& matches) {
   std::vector<std::size_t> places;
+  places.reserve(matches.size());
   for (const Match& match : matches) places.push_back(match.begin);
   return line_numbers(text, places);
 }
@@ -59,6 +61,22 @@ std::string line_end(const std::string& text, std::size_t near) {
   return end != std::string::npos && end > 0 && text[end - 1] == '\r' ? "\r\n" : "\n";
 }
 
+/// As anchor_places(). @param comments false: ignores matches that begin in a comment or inside a string
+std::vector<Match> matches_of(const SourceCode& source, const std::string& anchor, int count, bool comments) {
+  const std::string& text = source.text();
+  const auto sought = [&](std::vector<Match> matches) {
+    if (!comments)
+      std::erase_if(matches, [&](const Match& one) { return source.code()[one.begin] != text[one.begin]; });
+    return matches;
+  };
+  std::vector<Match> exact;
+  for (const std::size_t at : places_of(text, anchor)) exact.push_back({at, at + anchor.size()});
+  exact = sought(std::move(exact));
+  if (static_cast<int>(exact.size()) == count) return exact;
+  std::vector<Match> words = sought(find_words(source, anchor));
+  return exact.empty() || static_cast<int>(words.size()) == count ? words : exact;
+}
+
 }  // namespace
 
 std::string nearest_place(const std::string& text, const std::string& code, Language language) {
@@ -70,18 +88,19 @@ std::string nearest_place(const std::string& text, const std::string& code, Lang
 }
 
 std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count, Language language) {
-  std::vector<Match> exact;
-  for (const std::size_t at : places_of(text, anchor)) exact.push_back({at, at + anchor.size()});
-  if (static_cast<int>(exact.size()) == count) return exact;
-  const std::vector<Match> matches = find_words(SourceCode(text, language), anchor);
-  return exact.empty() || static_cast<int>(matches.size()) == count ? matches : exact;
+  return matches_of(SourceCode(text, language), anchor, count, true);
+}
+
+std::vector<Match> edit_places(const std::string& text, const Edit& edit) {
+  const Language language = language_of(edit.file);
+  const bool own_comment = SourceCode(edit.anchor, language).code().front() != edit.anchor.front();
+  return matches_of(SourceCode(text, language), edit.anchor, edit.count, own_comment);
 }
 
 std::string anchor_problem(const std::string& text, const Edit& edit) {
-  const Language language = language_of(edit.file);
-  const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count, language);
+  const std::vector<Match> places = edit_places(text, edit);
   const std::string anchor = "'" + edit.anchor + "'";
-  if (places.empty()) return anchor + " is missing" + nearest_place(text, edit.anchor, language);
+  if (places.empty()) return anchor + " is missing" + nearest_place(text, edit.anchor, language_of(edit.file));
   if (static_cast<int>(places.size()) == edit.count) return "";
   return anchor + " is on " + (places.size() == 1 ? "line " : "lines ") + line_numbers(text, places) + ", expected " +
          times(edit.count);
@@ -90,9 +109,8 @@ std::string anchor_problem(const std::string& text, const Edit& edit) {
 Change apply_edit(std::string& text, const Edit& edit) {
   const std::string problem = anchor_problem(text, edit);
   require(problem.empty(), edit.file + ": " + problem + "; " + kForkAdvice);
-  const Language language = language_of(edit.file);
-  const std::vector<Match> places = anchor_places(text, edit.anchor, edit.count, language);
-  const SourceCode source(text, language);
+  const std::vector<Match> places = edit_places(text, edit);
+  const SourceCode source(text, language_of(edit.file));
   const Statement statement = source.statements()[source.statement_at(places.front().begin)];
   const std::size_t end = text.find('\n', std::max(statement.end, places.front().end));
 

@@ -49,6 +49,10 @@ std::string nearest_place(const std::string& text, const std::string& code, Lang
 /// line breaks are allowed too. @return `count` places if there are that many; otherwise those found
 std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count, Language language);
 
+/// As anchor_places(), without matches that begin in a comment or inside a string, unless the anchor itself begins with
+/// a comment.
+std::vector<Match> edit_places(const std::string& text, const Edit& edit);
+
 /// Why an edit cannot be made: its anchor is missing (with the most similar place) or does not occur `count` times;
 /// empty if it can be made.
 std::string anchor_problem(const std::string& text, const Edit& edit);

@@ -13,11 +13,11 @@ from typing import Any, Callable, Dict, List, Optional
 import torch
 
 from .._tensors import Place, counts_of
-from ..adapter import Adapter, ScoredView
+from ..adapter import ScoredView
 from ..compat import last_render
 from ..operations import keep_largest
 from . import _drawing
-from ._boost import announce, is_on, valid_pixels
+from ._boost import adapter_of, announce, is_on, valid_pixels
 
 
 class _OfSlots:
@@ -66,8 +66,8 @@ class Boost:
         self._render = render
         device = gaussians.get_anchor.device
         self._background = torch.full((3,), float(dataset.white_background), device=device)
-        self.adapter = Adapter(self.backbone, total_iterations=options.iterations, device=device,
-                               beta=options.boost_beta, tau_d=options.boost_tau_d)
+        self.adapter = adapter_of(self.backbone, options, device,
+                                  {"beta": options.boost_beta, "tau_d": options.boost_tau_d})
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta)
         _drawing.save(dataset.model_path, self.backbone, self.adapter.beta)
         announce(self.adapter, "anchors grow every %d from %d to %d, rates fall from %d" % (

@@ -18,11 +18,26 @@ SPLIT_CHILDREN = 2
 
 
 def is_on(options: Any) -> bool:
-    """Whether --boost is on; exits the host if it is neither on nor off."""
+    """Whether --boost is on; exits the host if it is neither on nor off, or if the cap is below 0."""
     if options.boost not in ("on", "off"):
         sys.stderr.write("--boost: expected on or off, got %s\n" % options.boost)
         sys.exit(2)
-    return bool(options.boost == "on")
+    if options.boost == "off":
+        return False
+    for name in ("boost_max_gaussians", "boost_max_anchors", "boost_max_convexes"):
+        if getattr(options, name, 0) < 0:
+            sys.stderr.write("--%s: expected at least 0, got %s\n" % (name, getattr(options, name)))
+            sys.exit(2)
+    return True
+
+
+def adapter_of(backbone: str, options: Any, device: torch.device, settings: Dict[str, Any]) -> Adapter:
+    """The adapter of a run with these options; exits the host if a setting is invalid."""
+    try:
+        return Adapter(backbone, total_iterations=options.iterations, device=device, **settings)
+    except ValueError as error:
+        sys.stderr.write("SplatBoost: --boost options: %s\n" % error)
+        sys.exit(2)
 
 
 def announce(adapter: Adapter, schedule: str) -> None:
@@ -79,8 +94,8 @@ class Boost:
         self._render = render
         self._checkpoints = frozenset(checkpoints)
         self._device = self._means().device
-        settings = self._settings()
-        self.adapter = Adapter(self.backbone, total_iterations=options.iterations, device=self._device, **settings)
+        self.adapter = adapter_of(self.backbone, options, self._device, self._settings())
+        self._extend_growth()
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
         _drawing.save(model_path, self.backbone, self.adapter.beta)
@@ -93,10 +108,20 @@ class Boost:
     def _grows_at(self, iteration: int) -> bool:
         return self.adapter.grows_at(iteration, False)
 
+    def _growth(self) -> List[int]:
+        """The iterations at which Gaussians grow."""
+        return [i for i in range(1, self.options.iterations + 1) if self._grows_at(i)]
+
+    def _extend_growth(self) -> None:
+        """Raises the host's option that ends growth, unless the user set it: in longer runs growth ends later."""
+        options, known = self.options, self.host_options.get("densify_until_iter")
+        if known and options.densify_until_iter == known[1]:
+            options.densify_until_iter = max([options.densify_until_iter] + [i + 1 for i in self._growth()])
+
     def _schedule(self) -> str:
         """Describes the schedule in iterations of this run."""
         total = self.options.iterations
-        grows = [i for i in range(1, total + 1) if self._grows_at(i)]
+        grows = self._growth()
         late = [i for i in range(1, total + 1) if self.adapter.prunes_at(i, False)]
         told = "no growth" if not grows else "growth at %d to %d every %d" % (
             grows[0], grows[-1], grows[1] - grows[0] if len(grows) > 1 else total)
