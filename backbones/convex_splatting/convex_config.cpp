@@ -71,6 +71,11 @@ void check(const ConvexConfig& config) {
   require(config.sh_degree >= 0 && config.sh_degree <= 3, what + "sh_degree must be 0 to 3");
   require(config.points_rate_initial > 0 && config.points_rate_final > 0,
           what + "learning rates of points must be above 0");
+  require(config.feature_rate >= 0 && config.opacity_rate >= 0 && config.smoothness_rate >= 0 &&
+              config.sharpness_rate >= 0 && config.mask_rate >= 0,
+          what + "learning rates must not be negative");
+  require(config.min_opacity >= 0 && config.min_opacity < 1 && config.min_mask >= 0 && config.min_mask < 1,
+          what + "min_opacity and min_mask must lie in [0, 1)");
   require(config.lambda_dssim >= 0 && config.lambda_dssim <= 1, what + "lambda_dssim must lie in [0, 1]");
   require(config.lambda_mask >= 0, what + "lambda_mask must not be negative");
   require(config.initial_size > 0 && config.initial_smoothness > 0 && config.initial_sharpness > 0,
@@ -84,6 +89,7 @@ void check(const ConvexConfig& config) {
   require(config.densify_interval > 0 && config.opacity_reset_interval > 0 && config.trim_interval > 0 &&
               config.sh_interval > 0,
           what + "intervals must be above 0");
+  require(config.densify_interval <= 100'000'000, what + "densify_interval must be at most 100000000");
   require(config.densify_from >= 0 && config.densify_until >= 0,
           what + "densify_from and densify_until must not be negative");
   require(config.reference_focal >= 0 && config.reference_focal < 1e9,

@@ -160,6 +160,7 @@ void Deformable::add_gradients(const GaussianGradients& activated) {
 
 double mean_time_interval(const std::vector<View>& views) {
   std::vector<float> times;
+  times.reserve(views.size());
   for (const View& view : views) times.push_back(view.time);
   std::ranges::sort(times);
   times.erase(std::unique(times.begin(), times.end()), times.end());

@@ -29,6 +29,7 @@ void for_each_field(Config& config, Visit&& visit) {
 
 std::vector<Camera> cameras_of(const std::vector<View>& views) {
   std::vector<Camera> cameras;
+  cameras.reserve(views.size());
   for (const View& view : views) cameras.push_back(view.camera);
   return cameras;
 }

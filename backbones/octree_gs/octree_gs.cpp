@@ -119,11 +119,10 @@ void Octree::initialise() {
   for (int level = 0; level < level_count(); ++level) {
     positions.push_back(occupied_centres(grid(level), points));
     shares.push_back(camera_shares(positions.back(), level));
-    for (const float share : shares.back()) {
-      if (share > 0) sum += share, ++count;
-    }
+    for (const float share : shares.back()) sum += share;
+    count += shares.back().size();
   }
-  require(count > 0, "no camera of the scene uses any anchor; check dist_ratio and levels in the backbone config");
+  require(sum > 0, "no camera of the scene uses any anchor; check dist_ratio and levels in the backbone config");
   visible_threshold_ = config_.visible_threshold >= 0 ? static_cast<float>(config_.visible_threshold)
                                                       : static_cast<float>(sum / static_cast<double>(count));
   std::vector<float> kept;

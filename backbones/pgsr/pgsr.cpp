@@ -52,7 +52,9 @@ class Pgsr final : public GaussianMethod {
         photometric_(device_),
         no_exposure_(device_, {0.0f, 0.0f}),
         exposure_gradients_(device_, {0.0f, 0.0f}),
-        exposure_sums_(device_, std::vector<double>(4, 0.0)) {}
+        exposure_sums_(device_, std::vector<double>(4, 0.0)) {
+    exposures_.in_model = false;  // they belong to photos of this scene, and renders do not apply them
+  }
 
   std::string_view name() const override { return kName; }
   nlohmann::json config() const override { return to_json(config_); }
@@ -295,7 +297,9 @@ void Pgsr::trim(const DensityStatistics& /*statistics*/, ViewDrawer& views, std:
     const std::span<const std::int32_t> counts = observed_.on_host(copy);
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i] += counts[i] > 0 ? 1 : 0;
   }
-  for (std::size_t i = 0; i < seen.size(); ++i) remove[i] = seen[i] < config_.trim_views;
+  // With fewer views than trim_views, no Gaussian could be observed often enough.
+  const int least = std::min(config_.trim_views, static_cast<int>(views.views()));
+  for (std::size_t i = 0; i < seen.size(); ++i) remove[i] = seen[i] < least;
 }
 
 }  // namespace

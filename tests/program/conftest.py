@@ -5,8 +5,10 @@ import os
 import pathlib
 import signal
 import subprocess
+import sys
 import time
 
+import numpy as np
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -54,6 +56,31 @@ def trained(scene, tmp_path_factory):
     folder = tmp_path_factory.mktemp("trained") / "model"
     run_well("train", "-s", scene, "-m", folder, *SHORT_RUN, "--checkpoint-iterations", "25")
     return folder
+
+
+@pytest.fixture(scope="session")
+def lpips_network(tmp_path_factory):
+    """A network for --lpips whose weights are all zero."""
+    shapes = {"backbone/0": (64, 3, 3, 3)}
+    for index, (channels, squeeze, expand) in {3: (64, 16, 64), 4: (128, 16, 64), 6: (128, 32, 128), 7: (256, 32, 128),
+                                               9: (256, 48, 192), 10: (384, 48, 192), 11: (384, 64, 256),
+                                               12: (512, 64, 256)}.items():
+        shapes |= {f"backbone/{index}.squeeze": (squeeze, channels, 1, 1),
+                   f"backbone/{index}.expand1x1": (expand, squeeze, 1, 1),
+                   f"backbone/{index}.expand3x3": (expand, squeeze, 3, 3)}
+    weights = {}
+    for name, shape in shapes.items():
+        weights |= {f"{name}.weight": np.zeros(shape, "f4"), f"{name}.bias": np.zeros(shape[0], "f4")}
+    for i, channels in enumerate([64, 128, 256, 384, 384, 512, 512]):
+        weights[f"lin/lin{i}.model.1.weight"] = np.zeros((1, channels, 1, 1), "f4")
+    folder = tmp_path_factory.mktemp("lpips")
+    np.savez(folder / "weights.npz", **weights)
+    onnx = folder / "lpips.onnx"
+    subprocess.run([sys.executable, ROOT / "scripts/lpips_to_onnx", folder / "weights.npz", onnx], check=True,
+                   capture_output=True)
+    if "needs OpenCV" in run_program("train", "-s", "/nowhere", "-m", folder / "model", "--lpips", onnx).stderr:
+        pytest.skip("this build has no OpenCV")
+    return onnx
 
 
 # Two events of growth and two of pruning happen before the checkpoint, more after it. Opacities are not reset, since

@@ -84,6 +84,16 @@ def test_compares_with_an_earlier_file(measured, tmp_path):
     assert all(float(row.split()[-1][:-1]) > 1 for row in rows)
 
 
+@pytest.mark.parametrize("scenes", [{}, [1], [{"name": "20k", "milliseconds": [1]}],
+                                    [{"name": "20k", "milliseconds": {"blend": "1"}}]])
+def test_a_damaged_earlier_file_is_refused_before_measuring(tmp_path, scenes):
+    old = tmp_path / "old.json"
+    old.write_text(json.dumps({"scenes": scenes}))
+    done = run_program("bench", "--scenes", "20k", "--repeats", "1", "--compare", old, "-o", tmp_path / "new.json")
+    assert done.returncode == 2 and done.stdout == "" and not (tmp_path / "new.json").exists()
+    assert f"{old}: not an output file of splatboost bench" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
 @pytest.mark.parametrize("arguments, told", [
     (["--scenes", "5k"], "unknown scene '5k'"),
     (["--repeats", "0"], "--repeats must be"),

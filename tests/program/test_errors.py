@@ -84,6 +84,28 @@ def test_impossible_values(scene, tmp_path, arguments, name):
     assert not (tmp_path / "model").exists()
 
 
+@pytest.mark.parametrize("option, number", [("--iterations", "0100"), ("--seed", "00"), ("--resolution", "-01"),
+                                            ("--save-iterations", "5,010")])
+def test_numbers_that_would_be_octal(scene, tmp_path, option, number):
+    line = fails("train", "-s", scene, "-m", tmp_path / "model", option, number)
+    assert option in line and "must not begin with 0" in line
+
+
+def test_views_too_small_for_lpips(lpips_network, tmp_path):
+    scene, model = tmp_path / "room", tmp_path / "model"
+    run_well("synth", scene, "--width", 40, "--height", 30, "--views", 4, "--points", 50)
+    for command in ("train", "compare"):
+        line = fails(command, "-s", scene, "-m", model, "--iterations", "2", "--lpips", lpips_network)
+        assert "--lpips" in line and "'0000.png' has 40×30" in line
+        assert not model.exists()
+    run_well("train", "-s", scene, "-m", model, "--iterations", "2", "--quiet")
+    config = json.loads((model / "config.json").read_text())
+    (model / "config.json").write_text(json.dumps(config | {"lpips": str(lpips_network)}))
+    assert "LPIPS is not measured" in run_well("eval", "-m", model).stderr
+    assert json.loads((model / "results.json").read_text())["lpips"] is None
+    assert "40×30" in fails("eval", "-m", model, "--lpips", lpips_network)
+
+
 @pytest.mark.parametrize("device", ["cuda", "cuda:999"])
 def test_a_gpu_that_is_not_there(scene, tmp_path, device):
     if device == "cuda" and shutil.which("nvidia-smi"):
@@ -170,6 +192,12 @@ def test_commands_that_need_a_model(tmp_path, command):
     assert "-m/--model" in fails(command)
     assert "no such model folder" in fails(command, "-m", tmp_path / "none")
     assert "config.json" in fails(command, "-m", tmp_path)
+
+
+@pytest.mark.parametrize("command", ["render", "eval", "mesh", "export"])
+def test_a_negative_iteration(trained, tmp_path, command):
+    output = ["-o", tmp_path / "out.ply"] if command in ("mesh", "export") else []
+    assert "--iteration must be at least 0" in fails(command, "-m", trained, "--iteration", "-5", *output)
 
 
 def test_model_whose_run_did_not_end(trained, tmp_path):

@@ -102,6 +102,36 @@ def test_a_refused_resume_leaves_the_settings(finished):
     assert after["config.json"] == before["config.json"]
 
 
+def test_an_old_checkpoint_does_not_mix_two_runs(scene, tmp_path):
+    model = tmp_path / "model"
+    run = ["train", "-s", scene, "-m", model, "--quiet"]
+    older = ["--iterations", "40", "--seed", "1"]
+    run_well(*run, *older, "--checkpoint-iterations", "20")
+    run_well(*run, "--iterations", "80", "--seed", "2", "--save-iterations", "60")
+    run_well("train", "--resume", model / "checkpoints/iteration_20.ckpt", *older, "--quiet")
+    assert [path.name for path in (model / "point_cloud").iterdir()] == ["iteration_40"]
+
+
+def test_resuming_keeps_what_the_run_saved(scene, tmp_path):
+    model = tmp_path / "model"
+    run_well("train", "-s", scene, "-m", model, "--iterations", "40", "--save-iterations", "10",
+             "--checkpoint-iterations", "20", "--quiet")
+    shutil.copytree(scene, tmp_path / "copy")
+    run_well("train", "--resume", model / "checkpoints/iteration_20.ckpt", "-s", tmp_path / "copy", "--threads", "1",
+             "--save-iterations", "30", "--quiet")
+    assert {path.name for path in (model / "point_cloud").iterdir()} == {"iteration_10", "iteration_30", "iteration_40"}
+
+
+def test_a_comparison_is_not_replaced_by_a_run(scene, tmp_path):
+    model = tmp_path / "both"
+    run_well("compare", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
+    before = content(model)
+    assert "the folder of a comparison" in refused("train", "-s", scene, "-m", model, *SHORT_RUN)
+    assert content(model) == before
+    run_well("train", "-s", scene, "-m", model / "baseline", "--iterations", "5", "--quiet")
+    run_well("compare", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
+
+
 def test_resume_knows_its_data(scene, finished, tmp_path):
     checkpoint = finished / "checkpoints/iteration_25.ckpt"
     before = content(finished)
@@ -221,6 +251,39 @@ def test_every_command_removes_what_a_killed_one_left(finished, scene, tmp_path,
     left.write_bytes(b"x" * 1000)
     run_well(command, *arguments)
     assert not left.exists()
+
+
+@pytest.mark.parametrize("kind", ["room", "moving", "walk"])
+def test_synth_leaves_other_scenes_alone(scene, tmp_path, kind):
+    other = tmp_path / "other"
+    shutil.copytree(scene, other)
+    (other / "synth.json").unlink()
+    before = content(other)
+    assert "no synth.json" in refused("synth", other, "--scene", kind, "--width", 32, "--height", 24, "--views", 2)
+    assert content(other) == before
+
+
+def test_synth_can_be_repeated_after_a_kill(scene, tmp_path):
+    folder = tmp_path / "room"
+    running = start("synth", folder, "--scene", "moving", "--width", 80, "--height", 60, "--views", 500)
+    wait_for(folder / "train/0001.png", running)
+    running.send_signal(signal.SIGKILL)
+    running.communicate(timeout=60)
+    run_well("synth", folder, "--width", 80, "--height", 60, "--views", 10, "--points", 300)
+    assert content(folder) == content(scene)
+
+
+@pytest.mark.parametrize("command, run", [("train", ""), ("compare", ""), ("compare", "baseline")])
+def test_a_run_keeps_the_data_that_it_reads(scene, trained, tmp_path, command, run):
+    model = tmp_path / "model"
+    shutil.copytree(trained, model)
+    shutil.copytree(trained, model / "baseline")
+    shutil.copytree(scene, model / run / "keyframes")
+    (model / run / "test/names.txt").write_text("0001\n")
+    before = content(model)
+    for data in (["-s", model / run / "keyframes"], ["-s", scene, "--test-list", model / run / "test/names.txt"]):
+        assert "choose another --model" in refused(command, *data, "-m", model, *SHORT_RUN)
+        assert content(model) == before
 
 
 def test_pictures_of_views_do_not_overwrite_each_other(scene, tmp_path):

@@ -2,6 +2,7 @@
 """A packed scene is equivalent to its folder: the same runs give the same bytes."""
 
 import json
+import shutil
 
 import pytest
 
@@ -43,8 +44,9 @@ def test_training_gives_the_bytes_of_the_folder(packed, trained, tmp_path):
 
 
 def test_a_run_on_the_folder_goes_on_with_the_file(packed, trained, tmp_path):
-    model = tmp_path / "resumed"
-    run_well("train", "--resume", trained / "checkpoints/iteration_25.ckpt", "-m", model, "-s", packed, "--quiet")
+    model, renamed = tmp_path / "resumed", tmp_path / "renamed.sbscene"
+    shutil.copyfile(packed, renamed)
+    run_well("train", "--resume", trained / "checkpoints/iteration_25.ckpt", "-m", model, "-s", renamed, "--quiet")
     assert ply(model) == ply(trained)
 
 

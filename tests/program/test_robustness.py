@@ -48,7 +48,7 @@ def test_the_rule_can_be_broken():
 def test_faults_come_where_they_are_asked_for(tmp_path):
     folder = tmp_path.resolve() / "scene"
     command = ["synth", folder, *attacks.TINY_SCENE]
-    under = {"FILE_FAULTS_UNDER": str(folder), "FILE_FAULTS_AT": "9"}
+    under = {"FILE_FAULTS_UNDER": str(folder), "FILE_FAULTS_AT": "3"}
     failed = {kind: attacks.run(*command, faults=under | {"FILE_FAULTS_KIND": kind}) for kind in inject_faults.KINDS}
     assert [done.returncode for done in failed.values()] == [1, 1, -9]
     assert b"Input/output error" in failed["error"].stderr and b"No space left" in failed["full"].stderr

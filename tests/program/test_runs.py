@@ -4,6 +4,7 @@
 import json
 import os
 import pathlib
+import resource
 import shutil
 import signal
 import struct
@@ -99,6 +100,13 @@ def test_resume_gives_the_bytes_of_an_uninterrupted_run(trained, tmp_path):
            [(p["iteration"], p["loss"], p["psnr"]) for p in whole["curve"]]
 
 
+def test_resume_takes_a_renamed_scene(scene, trained, tmp_path):
+    shutil.copytree(scene, tmp_path / "renamed")
+    run_well("train", "--resume", trained / "checkpoints/iteration_25.ckpt", "-s", tmp_path / "renamed", "-m",
+             tmp_path / "resumed", "--quiet")
+    assert ply(tmp_path / "resumed") == ply(trained)
+
+
 def test_a_coarse_start_is_taken_up_where_it_was_cut(tmp_path):
     scene = tmp_path / "room"
     run_well("synth", scene, "--width", 160, "--height", 128, "--views", 8, "--points", 300)
@@ -182,7 +190,10 @@ def test_saving_on_the_way_does_not_change_the_run(trained, scene, tmp_path):
 def test_a_run_replaces_an_older_one(trained, tmp_path):
     model = tmp_path / "model"
     shutil.copytree(trained, model)
+    run_well("render", "-m", model, "--orbit", "2")
+    shutil.copytree(model / "orbit", model / "sequence")
     run_well("train", "--config", model / "config.json", "-m", model, "--iterations", "5", "--quiet")
+    assert not (model / "orbit").exists() and not (model / "sequence").exists()
     assert [path.name for path in (model / "point_cloud").iterdir()] == ["iteration_5"]
     assert (model / "checkpoints/iteration_25.ckpt").exists()
 
@@ -293,6 +304,8 @@ def test_render_orbit(trained, tmp_path):
     assert [path.name for path in pictures] == [f"{i:05d}.png" for i in range(5)]
     assert png_size(pictures[0]) == (80, 60)
     assert len({path.read_bytes() for path in pictures}) == 5
+    run_well("render", "-m", trained, "-o", tmp_path, "--orbit", "3")
+    assert sorted((tmp_path / "orbit").iterdir()) == pictures[:3]
 
 
 def test_render_video_or_say_why_not(trained, tmp_path):
@@ -305,6 +318,20 @@ def test_render_video_or_say_why_not(trained, tmp_path):
     done = run_program("render", "-m", trained, "--orbit", "4", "--video", tmp_path / "turn.xyz")
     assert done.returncode == 2
     assert [path.name for path in tmp_path.iterdir() if path.name != "turn.mp4"] == []
+
+
+def test_an_incomplete_video_does_not_replace_a_complete_one(trained, tmp_path):
+    video = tmp_path / "turn.mp4"
+    command = [str(PROGRAM), "render", "-m", trained, "--orbit", "60", "--video", video]
+    if run_program(*command[1:]).returncode != 0:
+        pytest.skip("OpenCV has no codec")
+    before = video.read_bytes()
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048)))
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1 and "incomplete" in done.stderr
+    assert video.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [video]
 
 
 def test_synth_is_deterministic(tmp_path):

@@ -102,14 +102,16 @@ def test_bad_frames_are_told_and_left_out(walk, mapped, tmp_path):
     assert slam["dropped"] == 1 and slam["tracked"] == FRAMES - 1
 
 
-@pytest.mark.parametrize("stop, endless", [(signal.SIGINT, ["--lockstep", 100000]),  # in the sequence
-                                           (signal.SIGTERM, ["--iterations", 1000000])])  # in it or after it
-def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, endless):
+@pytest.mark.parametrize("stop, endless, wait", [
+    (signal.SIGINT, ["--lockstep", 100000], 1),  # in the sequence
+    (signal.SIGTERM, ["--iterations", 1000000], 1),  # in it or after it
+    (signal.SIGINT, ["--lockstep", 0], 0)])  # in it, before the first iteration
+def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, endless, wait):
     del mapped
     model = tmp_path / "model"
     running = start("slam", "-s", walk, "-m", model, *SMALL, *endless)
     wait_for(model / "config.json", running)
-    time.sleep(1)
+    time.sleep(wait)
     running.send_signal(stop)
     output, errors = running.communicate(timeout=60)
     assert running.returncode == 128 + stop, errors
@@ -120,12 +122,13 @@ def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, e
     slam = results["slam"]
     assert slam["complete"] is False and slam["tracked"] >= 3 and slam["ate_rmse"] < 0.1 and results["psnr"] is None
     assert slam["tracked"] < FRAMES or stop == signal.SIGTERM
+    assert (results["iterations"] == 0) == (wait == 0)
     assert len((model / "trajectory.txt").read_text().splitlines()) == slam["tracked"]
     assert len(list((model / "keyframes/images").iterdir())) == slam["keyframes"]["frames"] >= 3
     assert (model / f"point_cloud/iteration_{results['iterations']}/point_cloud.ply").is_file()
     run_well("eval", "-m", model)
     measured = json.loads((model / "results.json").read_text())
-    assert measured["psnr"] > 12 and measured["slam"] == slam
+    assert measured["psnr"] > (12 if results["iterations"] else 8) and measured["slam"] == slam
 
 
 @pytest.mark.parametrize("arguments, words", [
@@ -139,6 +142,14 @@ def test_mistakes_are_one_line(walk, mapped, tmp_path, arguments, words):
     del mapped
     done = run_program("slam", "-s", walk, "-m", tmp_path / "model", "--quiet", "--iterations", 5, *arguments)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and words in done.stderr, done.stderr
+    assert not (tmp_path / "model").exists()
+
+
+def test_images_too_small_for_lpips_are_refused_before_tracking(walk, mapped, lpips_network, tmp_path):
+    del mapped
+    done = run_program("slam", "-s", walk, "-m", tmp_path / "model", *SHORT, "-r", 8, "--lpips", lpips_network)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "--lpips" in done.stderr and "has 20×15" in done.stderr
     assert not (tmp_path / "model").exists()
 
 

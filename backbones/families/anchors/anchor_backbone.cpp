@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "families/nets/smooth_functions.h"
@@ -68,7 +69,7 @@ AnchorBackbone::AnchorBackbone(const BackboneContext& context, const AnchorConfi
 
 int AnchorBackbone::at(int published) const {
   const double scaled = static_cast<double>(published) * context_.iterations / published_iterations_;
-  return std::max(1, static_cast<int>(std::lround(scaled)));
+  return static_cast<int>(std::clamp(std::round(scaled), 1.0, static_cast<double>(std::numeric_limits<int>::max())));
 }
 
 void AnchorBackbone::set_anchors(std::span<const float> positions, std::span<const float> log_sizes) {
@@ -372,7 +373,11 @@ void AnchorBackbone::SlotsHook::count_flagged(std::span<const std::uint8_t> flag
 }
 
 void AnchorBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
-  use_embedding_of(nullptr);
+  // A training view has an embedding of its own. A model may be rendered with other views than those of its training.
+  const std::vector<View>& train = context_.scene.train;
+  const auto same_pose = [&](const View& view) { return view.camera.camera_from_world == camera.camera_from_world; };
+  const auto seen = embedding_.rows() == train.size() ? std::ranges::find_if(train, same_pose) : train.end();
+  use_embedding_of(seen != train.end() ? &*seen : nullptr);
   decode(camera, false);
   if (device_.is_cuda()) image_.ensure(color.size());
   draw(camera, beta ? beta : beta_, device_.is_cuda() ? image_.span() : color);

@@ -22,7 +22,8 @@ struct AnchorScreen {
 /// Whether [mean ± radius] overlaps a tile along an axis of `size` pixels. Subtracts 0.5 because pixel centres of 3DGS
 /// are at integers.
 SPLATBOOST_SHARED_MATH bool meets_tiles(float mean, float radius, int size) {
-  const float tiles = static_cast<float>((size + kTileSize - 1) / kTileSize);
+  const int rounded_up = (size + kTileSize - 1) / kTileSize;
+  const auto tiles = static_cast<float>(rounded_up);
   const float first = std::floor((mean - 0.5f - radius) / kTileSize);
   const float last = std::floor((mean - 0.5f + radius + kTileSize - 1) / kTileSize);
   return std::clamp(first, 0.0f, tiles) < std::clamp(last, 0.0f, tiles);

@@ -127,6 +127,7 @@ std::optional<Loop> find_loop(const SparseMap& map, std::size_t keyframe) {
 void close_loop(SparseMap& map, const Loop& loop) {
   std::vector<MapKeyframe>& keyframes = map.keyframes();
   std::vector<Pose> before;
+  before.reserve(keyframes.size());
   for (const MapKeyframe& keyframe : keyframes) before.push_back(keyframe.pose);
   std::vector<Edge> edges = edges_of(map);
   edges.push_back({loop.earlier, loop.keyframe, loop.pose * before[loop.earlier].inverse(),

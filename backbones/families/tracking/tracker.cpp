@@ -95,10 +95,12 @@ struct Tracker::State {
       for (const auto& [keyframe, feature] : map.point(p).sightings) ++shared[keyframe];
     }
     std::vector<std::pair<int, std::size_t>> sorted;
+    sorted.reserve(shared.size());
     for (const auto& [keyframe, number] : shared) sorted.emplace_back(-number, keyframe);
     std::ranges::sort(sorted);
     sorted.resize(std::min(kLocalKeyframes, sorted.size()));
     std::vector<std::size_t> keyframes;
+    keyframes.reserve(sorted.size());
     for (const auto& [sees, keyframe] : sorted) keyframes.push_back(keyframe);
     return keyframes;
   }

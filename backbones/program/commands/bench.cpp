@@ -150,6 +150,20 @@ Json measure_scaling(Threads& threads, int repeats) {
           {"threads", of_threads}};
 }
 
+/// Reads an earlier output file to compare with. Throws InputError if it is none.
+Json read_earlier(const fs::path& path) {
+  Json earlier = read_json_file(path);
+  const auto is_scene = [](const Json& scene) {
+    if (!scene.is_object()) return false;
+    const Json times = scene.value("milliseconds", Json::object());
+    return times.is_object() && std::all_of(times.begin(), times.end(), [](const Json& t) { return t.is_number(); });
+  };
+  const Json scenes = earlier.value("scenes", Json());
+  require(scenes.is_array() && std::all_of(scenes.begin(), scenes.end(), is_scene),
+          path.string() + ": not an output file of splatboost bench");
+  return earlier;
+}
+
 struct Bench {
   fs::path output;
   fs::path compare;
@@ -204,11 +218,7 @@ struct Bench {
       throw UsageError("--scenes convexes is only available on the CPU: leave out --device");
     hold_instruction_set();
     Json old;
-    if (!compare.empty()) {
-      old = read_json_file(compare);
-      require(old.contains("scenes") && old["scenes"].is_array(),
-              compare.string() + ": not an output file of splatboost bench");
-    }
+    if (!compare.empty()) old = read_earlier(compare);
 
     ChosenDevice where(device, threads);
     Json document = {{"machine", machine_name()},     {"device", where.name()},  {"date", utc_now()},
@@ -221,6 +231,7 @@ struct Bench {
     } else {
       measure_on_cpu(chosen, with_convexes, where.threads(), document);
     }
+    if (!output.empty()) write_text_atomically(output, document.dump(1) + "\n");
     print_times(document, compare.empty() ? nullptr : &old);
     if (on_cuda) {
       print_efforts(document);
@@ -228,7 +239,6 @@ struct Bench {
       print_blend_work(document);
     }
     if (scaling) print_scaling(document["scaling"]);
-    if (!output.empty()) write_text_atomically(output, document.dump(1) + "\n");
     return 0;
   }
 

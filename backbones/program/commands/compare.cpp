@@ -24,7 +24,10 @@ struct Compare {
     }
     check_run_options(options);
     const auto folder_of = [&](bool boost) { return options.model / run_label(boost); };
-    for (const fs::path& folder : {options.model, folder_of(false), folder_of(true)}) require_ours_or_empty(folder);
+    for (const fs::path& folder : {options.model, folder_of(false), folder_of(true)}) {
+      require_ours_or_empty(folder);
+      require_inputs_elsewhere(folder, options.scene);
+    }
     Workbench bench = make_workbench(options);
     const std::string config = config_text(set, options, true, nullptr);
     check_backbone(bench, options, true);  // reports errors of the second run before the first one starts
@@ -33,12 +36,12 @@ struct Compare {
     std::vector<ReportRun> runs;
     std::vector<ReportView> views;
     for (const bool boost : {false, true}) {
-      const auto take_folder = [&] {
+      const auto take_folder = [&](const std::string&) {
         if (!boost) {
-          locks.push_back(take_model_folder(options.model, false));
+          locks.push_back(take_model_folder(options.model));
           write_config(options.model, config);
         }
-        locks.push_back(take_model_folder(folder_of(boost), false));
+        locks.push_back(take_model_folder(folder_of(boost)));
       };
       RunOutcome outcome = run_once(bench, set, options, boost, folder_of(boost), command_line, take_folder);
       if (outcome.interrupted_by != 0) return exit_code_of_signal(outcome.interrupted_by);

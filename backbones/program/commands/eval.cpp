@@ -45,6 +45,7 @@ struct Eval {
                                         ": missing: the run was interrupted during the evaluation; evaluate "
                                         "the final model first, without --iteration");
 
+    options.lpips_if_possible = !set.given("lpips");  // what the run asked for may not suit its views
     OpenModel model(saved, options);
     Backbone& backbone = model.backbone();
     Lpips* const lpips = model.bench().lpips.get();

@@ -25,6 +25,7 @@ int run_export(const ExportOptions& options) {
   if (options.model.empty()) throw UsageError("no model folder given: name it with -m/--model");
   if (options.output.empty())
     throw UsageError("no file to write given: name it with -o/--output, FILE.ply or FILE.glb");
+  if (options.iteration < 0) throw UsageError("--iteration must be at least 0");
   const std::string ending = options.output.extension().string();
   if (ending != ".ply" && ending != ".glb") {
     throw UsageError(options.output.string() + ": the file name of a mesh must end in .ply or .glb");

@@ -110,15 +110,14 @@ struct Render {
       if (file) {
         file->add(color);
       } else {
-        char name[32];
-        std::snprintf(name, sizeof name, "%05zu.png", i);
-        write_png(folder / name, color, camera.width, camera.height);
+        write_png(folder / numbered(static_cast<int>(i), ".png"), color, camera.width, camera.height);
       }
     }
     if (file) {
       file->finish();
       std::printf("video of %d frames: %s\n", count, video.c_str());
     } else {
+      remove_rest(folder, count, ".png");
       std::printf("%d renders: %s\n", count, folder.c_str());
     }
   }
@@ -137,18 +136,24 @@ struct Render {
     const fs::path folder = output / "sequence";
     make_folder(folder);
     for (int i = 0; i < sequence; ++i) {
-      char name[32];
-      std::snprintf(name, sizeof name, "%05d.ply", i);
-      backbone.export_moment(static_cast<float>(i) / static_cast<float>(std::max(sequence - 1, 1)), folder / name);
+      backbone.export_moment(static_cast<float>(i) / static_cast<float>(std::max(sequence - 1, 1)),
+                             folder / numbered(i, ".ply"));
     }
-    // Remove the rest of an earlier, longer sequence: its files are of other times.
-    for (int i = sequence;; ++i) {
-      char name[32];
-      std::snprintf(name, sizeof name, "%05d.ply", i);
-      std::error_code ignored;
-      if (!fs::remove(folder / name, ignored)) break;
-    }
+    remove_rest(folder, sequence, ".ply");
     std::printf("%d models: %s\n", sequence, folder.c_str());
+  }
+
+  /// The name of a file in a series: 00007.png.
+  static std::string numbered(int number, const char* ending) {
+    char name[32];
+    std::snprintf(name, sizeof name, "%05d%s", number, ending);
+    return name;
+  }
+
+  /// Removes the rest of an earlier, longer series: its files are of other cameras and times.
+  static void remove_rest(const fs::path& folder, int count, const char* ending) {
+    std::error_code ignored;
+    while (fs::remove(folder / numbered(count, ending), ignored)) ++count;
   }
 
   static void render(Backbone& backbone, const Camera& camera, float time, std::vector<float>& color) {

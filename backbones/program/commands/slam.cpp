@@ -16,6 +16,7 @@
 #include "program/session/slam_results.h"
 #include "program/session/slam_run.h"
 #include "splatboost/errors.h"
+#include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/metrics.h"
 #include "trainer/report/report.h"
 #include "trainer/support/atomic_file.h"
@@ -123,6 +124,8 @@ struct Slam {
     check();
     const Json boost = boost_settings(options);
     require_ours_or_empty(options.model);
+    require_no_comparison(options.model);
+    require_inputs_elsewhere(options.model, options.scene);
     ChosenDevice device(options.device, options.threads);
     std::unique_ptr<Lpips> lpips;
     if (!options.lpips.empty()) lpips = std::make_unique<Lpips>(options.lpips);
@@ -130,6 +133,11 @@ struct Slam {
     require(sequence->calibration().depth_scale > 0,
             options.scene.source.string() +
                 ": has no depth (no depth_scale in its calibration); tracking without depth is not supported yet");
+    if (lpips) {
+      const Calibration& camera = sequence->calibration();
+      const ImageSize size = target_size(camera.width, camera.height, options.scene.resolution.value_or(-1));
+      require_lpips_size("the mapped image", size.width, size.height);
+    }
     for (const std::string& note : sequence->notes()) {
       if (!options.quiet) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
     }
@@ -149,7 +157,7 @@ struct Slam {
           require(
               dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
               "--backbone: " + options.backbone + " cannot train on views that arrive during training; use photo-slam");
-          lock = take_model_folder(options.model, false);
+          lock = take_model_folder(options.model);
           write_config(options.model, config_of(plugged));
           return plugged;
         },

@@ -42,12 +42,16 @@ struct Train {
     read_settings();
     check_run_options(options);
     require_ours_or_empty(options.model);
+    require_no_comparison(options.model);
+    require_inputs_elsewhere(options.model, options.scene);
     Workbench bench = make_workbench(options);
     std::error_code ignored;
     const bool goes_on_in_place =
         !options.resume.empty() && fs::equivalent(options.model, folder_of_checkpoint(), ignored);
     std::optional<FolderLock> lock;
-    const auto take_folder = [&] { lock = take_model_folder(options.model, goes_on_in_place); };
+    const auto take_folder = [&](const std::string& config) {
+      lock = take_model_folder(options.model, goes_on_in_place ? config : std::string());
+    };
     const RunOutcome outcome = run_once(bench, set, options, options.boost, options.model, command_line, take_folder);
     if (outcome.interrupted_by != 0) return exit_code_of_signal(outcome.interrupted_by);
     std::printf("%s\nreport: %s\n", results_table(outcome.run.results).c_str(),

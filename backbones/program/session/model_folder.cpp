@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/session/model_folder.h"
 
+#include <algorithm>
 #include <charconv>
+#include <iterator>
 #include <string_view>
 
 #include "trainer/support/atomic_file.h"
@@ -14,22 +16,43 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kSavedPrefix = "iteration_";
 
-/// The number of "iteration_N", 0 for any other name.
+/// What a new run deletes in its folder.
+constexpr std::string_view kResults[] = {"point_cloud",    "test",         "train",       kTrainingFile,
+                                         "results.json",   "compare.json", "report.html", "cameras.json",
+                                         "mesh.ply",       "mesh.png",     "keyframes",   "keyframes.txt",
+                                         "trajectory.txt", "orbit",        "sequence"};
+
+/// Keys of config.json in which two configs of the same run may differ.
+constexpr const char* kNotOfTheRun[] = {"device", "threads",   "lpips", "save-iterations", "checkpoint-iterations",
+                                        "source", "splatboost"};
+
+/// The number of "iteration_N", -1 for any other name.
 int iteration_of(const std::string& name) {
   const std::string_view text(name);
-  if (text.substr(0, kSavedPrefix.size()) != kSavedPrefix) return 0;
+  if (text.substr(0, kSavedPrefix.size()) != kSavedPrefix) return -1;
   int iteration = 0;
   const char* const end = text.data() + text.size();
   const auto parsed = std::from_chars(text.data() + kSavedPrefix.size(), end, iteration);
-  return parsed.ec == std::errc{} && parsed.ptr == end ? iteration : 0;
+  return parsed.ec == std::errc{} && parsed.ptr == end ? iteration : -1;
 }
 
-bool is_ours(const fs::path& folder) {
+/// config.json of the folder; an empty object if there is none or it cannot be read.
+Json config_in(const fs::path& folder) {
   try {
-    return read_settings_file(folder / "config.json").contains("splatboost");
+    return read_settings_file(folder / "config.json");
   } catch (const InputError&) {
-    return false;
+    return Json::object();
   }
+}
+
+bool is_ours(const fs::path& folder) { return config_in(folder).contains("splatboost"); }
+
+bool is_same_run(Json one, Json other) {
+  for (const char* key : kNotOfTheRun) {
+    one.erase(key);
+    other.erase(key);
+  }
+  return one == other;
 }
 
 Json camera_json(const View& view, std::size_t id, const char* split) {
@@ -68,7 +91,23 @@ void require_ours_or_empty(const fs::path& folder) {
               "give another --model");
 }
 
-FolderLock take_model_folder(const fs::path& folder, bool keep_results) {
+void require_inputs_elsewhere(const fs::path& folder, const SceneOptions& scene) {
+  std::error_code error;
+  const fs::path whole = fs::weakly_canonical(folder, error);
+  for (const fs::path& input : {scene.source, scene.test_list}) {
+    const fs::path inside = fs::weakly_canonical(input, error).lexically_relative(whole);
+    require(inside.empty() || std::ranges::find(kResults, inside.begin()->native()) == std::end(kResults),
+            input.string() + " is part of the run in " + folder.string() +
+                ", which this run would replace; choose another --model");
+  }
+}
+
+void require_no_comparison(const fs::path& folder) {
+  require(!is_ours(folder) || config_in(folder).contains("trained"),
+          folder.string() + ": is the folder of a comparison; choose another --model");
+}
+
+FolderLock take_model_folder(const fs::path& folder, const std::string& resumed) {
   std::error_code error;
   fs::create_directories(folder, error);
   require(!error, folder.string() + ": cannot create this folder: " + error.message());
@@ -76,11 +115,10 @@ FolderLock take_model_folder(const fs::path& folder, bool keep_results) {
   require_ours_or_empty(folder);
   remove_stale_files(folder);
   remove_stale_files(folder / "checkpoints");
-  if (keep_results) return lock;
+  if (!resumed.empty() && is_same_run(Json::parse(resumed), config_in(folder))) return lock;
   // When a run ends, all results in the folder must be its own. Checkpoints are kept: they took hours and identify
   // their run.
-  for (const char* name : {"point_cloud", "test", "train", kTrainingFile, "results.json", "compare.json", "report.html",
-                           "cameras.json", "mesh.ply", "mesh.png", "keyframes", "keyframes.txt", "trajectory.txt"}) {
+  for (const std::string_view name : kResults) {
     fs::remove_all(folder / name, error);
     require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
   }
@@ -141,6 +179,7 @@ fs::path saved_model(const fs::path& folder, int iteration) {
     return wanted;
   }
   fs::path latest;
+  iteration = -1;
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(saved, error)) {
     if (entry.is_directory() && iteration_of(entry.path().filename().string()) > iteration) {

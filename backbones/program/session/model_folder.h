@@ -23,12 +23,20 @@ inline constexpr char kTrainingFile[] = "training.json";
 /// left behind do not count.
 void require_ours_or_empty(const std::filesystem::path& folder);
 
+/// Throws InputError if the scene's source or its list of test images is among the results in the folder, which
+/// take_model_folder() deletes.
+void require_inputs_elsewhere(const std::filesystem::path& folder, const SceneOptions& scene);
+
+/// Throws InputError if the folder holds a comparison: a run in it would leave the two runs of the comparison there.
+void require_no_comparison(const std::filesystem::path& folder);
+
 /// Creates the folder, or takes over that of an earlier SplatBoost run: its results are deleted, its checkpoints kept.
 /// This is the first step of a run that changes anything, so all checks that may refuse the run come before it. Throws
 /// InputError if the folder holds anything else, or if another process is using it.
-/// @param keep_results the run resumes that of the folder
+/// @param resumed config.json of a run that resumes from a checkpoint in the folder: the results there are kept if they
+/// are of the same run; empty: a new run
 /// @return a lock to hold while the run writes into the folder
-FolderLock take_model_folder(const std::filesystem::path& folder, bool keep_results);
+FolderLock take_model_folder(const std::filesystem::path& folder, const std::string& resumed = {});
 
 /// The text of config.json: the options, the constants in use, and what viewers need to know of the training. Throws
 /// InputError on a path that is not UTF-8.
@@ -50,7 +58,7 @@ std::optional<float> trained_beta(const nlohmann::json& config);
 /// Folder of the model saved at `iteration`, or of the last one if it is 0. Throws InputError if there is none.
 std::filesystem::path saved_model(const std::filesystem::path& folder, int iteration);
 
-/// The iteration in the name of such a folder; 0 if it has another name.
+/// The iteration in the name of such a folder; -1 if it has another name.
 int saved_iteration(const std::filesystem::path& saved);
 
 }  // namespace splatboost::program

@@ -264,6 +264,7 @@ void check_options(RunOptions& options) {
   for (const int iteration : options.checkpoint_iterations) {
     usage(iteration >= 1, "--checkpoint-iterations must be at least 1");
   }
+  usage(options.iteration >= 0, "--iteration must be at least 0");
   if (!options.iterations) options.iterations = find_backbone(options.backbone).iterations;
 }
 

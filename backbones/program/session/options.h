@@ -43,8 +43,8 @@ template <class T>
 struct OptionValue<std::vector<T>> : OptionValue<T> {};
 
 /// Describes what is wrong with the text of an option; empty if nothing is. Without this check, the parser would take
-/// an empty text (an unset shell variable) for an absent option, and -1 and numbers out of range for the largest
-/// number.
+/// an empty text (an unset shell variable) for an absent option, -1 and numbers out of range for the largest number,
+/// and 010 for an octal number.
 /// @tparam T type of a single value
 template <class T>
 std::string wrong_text(const std::string& text) {
@@ -58,6 +58,9 @@ std::string wrong_text(const std::string& text) {
     bool good = parsed.ec == std::errc{} && whole;
     if constexpr (std::floating_point<T>) good = good && std::isfinite(value);
     if (!good) return "'" + text + "' is not a " + (std::floating_point<T> ? "number" : "whole number");
+    if constexpr (std::integral<T>) {
+      if (text != std::to_string(value)) return "'" + text + "' must not begin with 0";
+    }
   }
   return {};
 }
@@ -162,6 +165,7 @@ struct RunOptions {
   bool no_schedule = false;
   bool no_coarse = false;
   std::filesystem::path lpips;
+  bool lpips_if_possible = false;  ///< leave LPIPS out if a view is too small for it, instead of refusing
   std::filesystem::path config;
   std::vector<int> save_iterations;
   std::vector<int> checkpoint_iterations;

@@ -37,7 +37,6 @@ std::string scene_name(const fs::path& source) {
 Json identity_of(const RunOptions& options, bool boost, const Json& constants) {
   Json identity = {{"backbone", options.backbone},
                    {"boost", boost},
-                   {"scene", scene_name(options.scene.source)},
                    {"max-primitives", options.max_primitives},
                    {"white-background", options.scene.white_background}};
   for (const auto& [key, value] : constants.items()) identity["backbone: " + key] = value;
@@ -124,6 +123,13 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
 
 }  // namespace
 
+void require_lpips_size(const std::string& view, int width, int height) {
+  const auto size = [](int w, int h) { return std::to_string(w) + "×" + std::to_string(h); };
+  require(std::min(width, height) >= Lpips::kSmallest, "--lpips needs views of at least " +
+                                                           size(Lpips::kSmallest, Lpips::kSmallest) + " pixels; " +
+                                                           view + " has " + size(width, height));
+}
+
 Workbench make_workbench(const RunOptions& options) {
   require_source(options);
   Workbench bench;
@@ -135,6 +141,16 @@ Workbench make_workbench(const RunOptions& options) {
   bench.scene = read_scene(scene);
   if (!options.quiet) {
     for (const std::string& note : bench.scene.notes) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
+  }
+  if (!bench.lpips) return bench;
+  try {
+    for (const View& view : measured_views(bench.scene)) {
+      require_lpips_size("view '" + view.name + "'", view.camera.width, view.camera.height);
+    }
+  } catch (const InputError& error) {
+    if (!options.lpips_if_possible) throw;
+    bench.lpips.reset();
+    if (!options.quiet) std::fprintf(stderr, "note: LPIPS is not measured: %s\n", printable(error.what()).c_str());
   }
   return bench;
 }
@@ -148,7 +164,8 @@ void check_backbone(Workbench& bench, const RunOptions& options, bool boost) {
 }
 
 RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
-                    const fs::path& folder, const std::string& command, const std::function<void()>& take_folder) {
+                    const fs::path& folder, const std::string& command,
+                    const std::function<void(const std::string&)>& take_folder) {
   // Measure each run's own peak memory: return what an earlier run freed to the system first.
   malloc_trim(0);
   reset_peak_memory();
@@ -176,7 +193,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   train_options.identity = identity_of(options, boost, backbone.config());
   train_options.label = run_label(boost);
   train_options.on_start = [&](std::size_t primitives) {
-    take_folder();
+    take_folder(config);
     write_config(folder, config);
     write_cameras(folder, bench.scene);
     if (on_host) tell_memory(memory, primitives, options, train_options.label, resident);

@@ -25,6 +25,9 @@ struct Workbench {
   std::unique_ptr<Lpips> lpips;  ///< null unless asked for
 };
 
+/// Throws InputError, naming the view, if it is too small for --lpips.
+void require_lpips_size(const std::string& view, int width, int height);
+
 /// Reads the scene and prepares the device; prints the notes of the data reader.
 Workbench make_workbench(const RunOptions& options);
 
@@ -41,11 +44,11 @@ std::string run_label(bool boost);
 void check_backbone(Workbench& bench, const RunOptions& options, bool boost);
 
 /// Trains, evaluates and fills `folder`.
-/// @param take_folder called after all checks that may refuse the run, before anything is written; prepares the folder
-/// for the run
+/// @param take_folder called with config.json after all checks that may refuse the run, before anything is written;
+/// prepares the folder for the run
 RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
                     const std::filesystem::path& folder, const std::string& command,
-                    const std::function<void()>& take_folder);
+                    const std::function<void(const std::string&)>& take_folder);
 
 /// The results common to all runs that just ended: options, machine, time and scene. The caller fills in the rest.
 /// @param command as typed

@@ -19,7 +19,6 @@
 namespace splatboost {
 namespace {
 
-constexpr int kSmallest = 32;  // smaller images leave no pixel after the network's four strides
 constexpr int kTaps = 7;
 constexpr double kEpsilon = 1e-10;  // LPIPS's guard against division by zero
 

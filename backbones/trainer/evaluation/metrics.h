@@ -20,9 +20,12 @@ double ssim(std::span<const float> render, const TruthImage& truth);
 /// Learned perceptual similarity (LPIPS v0.1, SqueezeNet), computed with OpenCV's DNN module.
 class Lpips {
  public:
+  static constexpr int kSmallest = 32;  ///< pixels in each direction; of less, the network's four strides leave nothing
+
   /// @param onnx file made by scripts/lpips_to_onnx. Throws InputError if it cannot be read.
   explicit Lpips(const std::filesystem::path& onnx);
   ~Lpips();
+  /// Throws InputError if the images are smaller than kSmallest.
   double distance(std::span<const float> render, const TruthImage& truth);
 
  private:

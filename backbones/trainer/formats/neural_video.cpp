@@ -15,6 +15,7 @@
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/text.h"
 
 namespace splatboost {
 namespace {
@@ -30,7 +31,7 @@ bool is_picture(const fs::path& file) {
   return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
 }
 
-/// Images in the folder, or in its subfolder images/ if there is one, sorted by name.
+/// Images in the folder, or in its subfolder images/ if there is one, sorted by name and number.
 std::vector<fs::path> pictures_of(const fs::path& folder) {
   std::vector<fs::path> files;
   std::error_code error;
@@ -38,7 +39,7 @@ std::vector<fs::path> pictures_of(const fs::path& folder) {
   for (const auto& entry : fs::directory_iterator(images, error)) {
     if (is_picture(entry.path()) && is_file(entry.path())) files.push_back(entry.path());
   }
-  std::ranges::sort(files);
+  std::ranges::sort(files, in_number_order, &fs::path::native);
   return files;
 }
 

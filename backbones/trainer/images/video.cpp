@@ -43,6 +43,15 @@ cv::VideoCapture open_video(const fs::path& path) {
                    "that contains its frames");
 }
 
+/// 0 if OpenCV cannot read the video.
+std::size_t readable_frames(const fs::path& path) {
+  try {
+    return measure_video(path, 0).readable;
+  } catch (const InputError&) {
+    return 0;
+  }
+}
+
 }  // namespace
 
 struct VideoFile::State {
@@ -51,6 +60,7 @@ struct VideoFile::State {
   int width = 0;
   int height = 0;
   cv::Mat frame;
+  std::size_t frames = 0;  ///< added so far
   cv::VideoWriter writer;
 };
 
@@ -104,10 +114,16 @@ void VideoFile::add(std::span<const float> color) {
     }
   }
   state_->writer.write(state_->frame);
+  ++state_->frames;
 }
 
 void VideoFile::finish() {
   state_->writer.release();
+  // OpenCV does not report failed writes.
+  if (readable_frames(state_->unfinished) != state_->frames) {
+    throw std::runtime_error(state_->path.string() +
+                             ": cannot write the video: it is incomplete; the disk may be full");
+  }
   std::error_code error;
   fs::rename(state_->unfinished, state_->path, error);
   if (error) throw std::runtime_error(state_->path.string() + ": cannot write the video: " + error.message());

@@ -23,7 +23,7 @@ class VideoFile {
 
   /// @param color [3,H,W], clamped to [0,1]
   void add(std::span<const float> color);
-  /// Closes the file and renames it to `path`. Throws std::runtime_error if that fails.
+  /// Closes the file, reads all frames back and renames it to `path`. Throws std::runtime_error if that fails.
   void finish();
 
  private:

@@ -12,6 +12,7 @@
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
+#include "trainer/support/text.h"
 
 namespace splatboost {
 namespace {
@@ -28,7 +29,7 @@ bool is_picture(const fs::path& file) {
   return ending == ".png" || ending == ".jpg" || ending == ".jpeg";
 }
 
-/// Sorted by name; empty where there is no such folder.
+/// Sorted by name and number; empty where there is no such folder.
 std::vector<fs::path> pictures_in(const fs::path& folder, const std::string& prefix) {
   std::vector<fs::path> files;
   std::error_code error;
@@ -36,7 +37,7 @@ std::vector<fs::path> pictures_in(const fs::path& folder, const std::string& pre
     const std::string name = entry->path().filename().string();
     if (is_picture(entry->path()) && name.compare(0, prefix.size(), prefix) == 0) files.push_back(entry->path());
   }
-  std::ranges::sort(files);
+  std::ranges::sort(files, in_number_order, &fs::path::native);
   return files;
 }
 

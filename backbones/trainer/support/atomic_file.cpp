@@ -116,6 +116,8 @@ void write_file_atomically(const std::filesystem::path& path, const std::functio
       std::filesystem::is_symlink(path, ignored) ? std::filesystem::weakly_canonical(path, ignored) : path;
   if (target.empty()) fail(path, "the name is empty or a broken symbolic link");
   if (std::filesystem::is_directory(target, ignored)) fail(path, "it is a folder");
+  // The rename would replace it; links such as /dev/stdout, which have no canonical path, are followed.
+  require(!std::filesystem::is_other(path, ignored), path.string() + ": is a device or a pipe; name a file");
 
   TemporaryFile temporary(target);
   const int descriptor = temporary.descriptor;

@@ -11,6 +11,7 @@ namespace splatboost {
 
 /// Calls `write` on a temporary file beside `path`, and renames that to `path` once all bytes are on disk. On failure
 /// (disk full, no permission) an old file is kept, the new one is removed, and std::runtime_error names path and cause.
+/// Throws InputError if `path` is a device or a pipe.
 void write_file_atomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write);
 
 /// Same, with `text` as the content.

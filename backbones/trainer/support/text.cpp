@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "trainer/support/text.h"
 
+#include <algorithm>
 #include <cstddef>
 
 namespace splatboost {
@@ -22,6 +23,16 @@ std::size_t character_length(std::string_view text) {
   const bool surrogate = byte(0) == 0xed && byte(1) >= 0xa0;
   const bool too_large = byte(0) == 0xf4 && byte(1) >= 0x90;
   return overlong || surrogate || too_large ? 0 : length;
+}
+
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+/// Removes the digits at the beginning of the text. @return them, without leading zeros
+std::string_view take_number(std::string_view& text) {
+  const auto end = std::ranges::find_if_not(text, is_digit);
+  const std::string_view digits(text.begin(), end);
+  text.remove_prefix(digits.size());
+  return digits.substr(std::min(digits.find_first_not_of('0'), digits.size()));
 }
 
 }  // namespace
@@ -52,6 +63,23 @@ std::string printable(std::string_view text) {
     text.remove_prefix(length);
   }
   return shown;
+}
+
+bool in_number_order(std::string_view a, std::string_view b) {
+  std::string_view rest_a = a, rest_b = b;
+  while (!rest_a.empty() && !rest_b.empty()) {
+    if (is_digit(rest_a[0]) && is_digit(rest_b[0])) {
+      const std::string_view number_a = take_number(rest_a), number_b = take_number(rest_b);
+      if (number_a.size() != number_b.size()) return number_a.size() < number_b.size();
+      if (number_a != number_b) return number_a < number_b;
+    } else {
+      if (rest_a[0] != rest_b[0]) return rest_a < rest_b;
+      rest_a.remove_prefix(1);
+      rest_b.remove_prefix(1);
+    }
+  }
+  if (rest_a.empty() && rest_b.empty()) return a < b;  // they differ in leading zeros only
+  return rest_a.empty();
 }
 
 }  // namespace splatboost

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file UTF-8 validation and escaping of external text.
+/// @file UTF-8 validation and escaping of external text, and the order of numbered names.
 #pragma once
 
 #include <string>
@@ -12,5 +12,8 @@ bool is_utf8(std::string_view text);
 
 /// The text, with control characters and bytes that are not valid UTF-8 written as \xNN.
 std::string printable(std::string_view text);
+
+/// Whether name `a` comes before `b` if runs of digits are compared as numbers: frame2.png before frame10.png.
+bool in_number_order(std::string_view a, std::string_view b);
 
 }  // namespace splatboost

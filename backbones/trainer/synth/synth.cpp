@@ -11,12 +11,15 @@
 #include <vector>
 
 #include <glm/gtc/quaternion.hpp>
+#include <nlohmann/json.hpp>
 
 #include "splatboost/random.h"
 #include "splatboost/threads.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/formats/colmap.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/json_values.h"
 #include "trainer/synth/synth_moving.h"
 #include "trainer/synth/synth_view.h"
 #include "trainer/synth/synth_walk.h"
@@ -26,6 +29,11 @@ namespace splatboost {
 namespace {
 
 using namespace synthetic;
+
+namespace fs = std::filesystem;
+
+/// Identifies a folder as that of a scene made here, which may be replaced.
+constexpr char kMarker[] = "synth.json";
 
 void check(const SynthOptions& options) {
   const auto require = [](bool good, const std::string& cause) {
@@ -59,10 +67,69 @@ void check(const SynthOptions& options) {
           options.output.string() + " is not a folder");
 }
 
+bool is_ours(const fs::path& folder) {
+  try {
+    return read_json_file(folder / kMarker).contains("splatboost");
+  } catch (const InputError&) {
+    return false;
+  }
+}
+
+/// Whether the folder or a folder in it holds anything but folders and working files.
+bool holds_files(const fs::path& folder) {
+  std::error_code error;
+  bool found = false;
+  for (fs::recursive_directory_iterator entry(folder, error), end; !found && !error && entry != end;
+       entry.increment(error)) {
+    found = entry->symlink_status().type() != fs::file_type::directory && !is_working_file(entry->path());
+  }
+  require(!error, folder.string() + ": cannot be read: " + error.message());
+  return found;
+}
+
+std::string marker_text(const SynthOptions& options) {
+  const nlohmann::json record = {{"splatboost", "synth"},
+                                 {"scene", options.scene},
+                                 {"width", options.width},
+                                 {"height", options.height},
+                                 {"views", options.views},
+                                 {"cameras", options.cameras},
+                                 {"baseline", options.baseline},
+                                 {"points", options.points},
+                                 {"point-noise", readable(options.point_noise)},
+                                 {"samples", options.samples},
+                                 {"surface-points", options.surface_points},
+                                 {"seed", options.seed}};
+  return record.dump(2) + "\n";
+}
+
+/// Creates the output folder, or takes over that of an earlier scene and removes it. The marker is the first file, so
+/// that a killed command can be repeated.
+void take_folder(const SynthOptions& options) {
+  const fs::path& folder = options.output;
+  std::error_code error;
+  if (is_ours(folder)) {
+    // All that a scene of any kind consists of.
+    for (const char* name :
+         {"images", "sparse", "depth", "normals", "masks", "surface.ply", "train", "test", "transforms_train.json",
+          "transforms_test.json", "points3d.ply", "results", "traj.txt", "cam_params.json", "mav0"}) {
+      fs::remove_all(folder / name, error);
+      require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
+    }
+  } else {
+    require(!fs::exists(folder, error) || !holds_files(folder),
+            folder.string() + ": contains files, but no " + kMarker +
+                " of an earlier splatboost synth; name a new or an empty folder");
+  }
+  make_picture_folder(folder);
+  write_text_atomically(folder / kMarker, marker_text(options));
+}
+
 }  // namespace
 
 void write_synthetic_scene(const SynthOptions& options) {
   check(options);
+  take_folder(options);
   if (options.scene == "moving") return write_moving_scene(options);
   if (options.scene == "walk") return options.baseline > 0 ? write_stereo_walk(options) : write_walk(options);
   for (const char* folder : {"images", "sparse/0", "depth", "normals", "masks"}) {

@@ -31,7 +31,9 @@ struct SynthOptions {
 /// in the sky and beyond 65 m. surface.ply is written on request. The scene "moving" has times and D-NeRF's layout:
 /// transforms_train.json and transforms_test.json, train/*.png and test/*.png, points3d.ply, and ground truth in the
 /// subfolders train/ and test/ of depth/, normals/ and masks/; its test views are combinations of pose and time that
-/// training does not see. The same options always give the same bytes. Throws InputError on impossible options.
+/// training does not see. The same options always give the same bytes. A scene that was written into the folder before
+/// is removed; synth.json, with the options, identifies it. Throws InputError on impossible options and if the folder
+/// holds other files.
 void write_synthetic_scene(const SynthOptions& options);
 
 }  // namespace splatboost

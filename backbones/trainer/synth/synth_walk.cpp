@@ -7,7 +7,6 @@
 #include <memory>
 #include <span>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -96,15 +95,6 @@ void write_walk(const SynthOptions& options) {
       trajectory += line;
     }
     trajectory += "0 0 0 1\n";
-  }
-  // Readers take all frames in the folder: remove those left from a longer walk.
-  for (int i = options.views;; ++i) {
-    char name[32];
-    std::snprintf(name, sizeof(name), "%06d.png", i);
-    std::error_code ignored;
-    const bool frame = std::filesystem::remove(results / (std::string("frame") + name), ignored);
-    const bool with_depth = std::filesystem::remove(results / (std::string("depth") + name), ignored);
-    if (!frame && !with_depth) break;
   }
   write_text_atomically(options.output / "traj.txt", trajectory);
   // In this format, the centre of the first pixel is at (0, 0).

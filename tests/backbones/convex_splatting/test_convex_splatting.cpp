@@ -338,6 +338,9 @@ TEST(ConvexConfigs, BadOnesAreOneClearLine) {
                                   {R"({"lambda_dssim": 2})", "lambda_dssim"},
                                   {R"({"lambda_mask": -1})", "lambda_mask"},
                                   {R"({"points_rate_final": 0})", "rates"},
+                                  {R"({"opacity_rate": -0.01})", "rates"},
+                                  {R"({"min_opacity": 1.5})", "min_opacity"},
+                                  {R"({"densify_interval": 2147483647})", "densify_interval"},
                                   {R"({"reference_focal": -1})", "reference_focal"}});
 }
 

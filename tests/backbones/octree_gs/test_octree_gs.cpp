@@ -136,6 +136,31 @@ TEST_F(OctreeTrace, every_level_starts_with_the_cells_that_hold_points_and_that_
   EXPECT_EQ(backbone->primitives(), expected.size());
 }
 
+TEST_F(OctreeTrace, a_negative_threshold_is_the_mean_share_of_all_cells) {
+  OctreeConfig config = small();
+  const auto all = make_octree({scene_, threads_, kSeed, kIterations, 0}, config);
+  const Constants c = constants_of(*all);
+  std::map<std::array<float, 4>, double> shares;
+  double sum = 0;
+  for (int level = 0; level < 4; ++level) {
+    const float size = c.voxel_size / static_cast<float>(1 << level);
+    for (std::size_t i = 0; i < scene_.points.positions.size(); i += 3) {
+      std::array<float, 4> a{};
+      for (std::size_t k = 0; k < 3; ++k) {
+        a[k] = c.origin + size * static_cast<float>(std::lrint((scene_.points.positions[i + k] - c.origin) / size));
+      }
+      a[3] = static_cast<float>(level);
+      if (shares.emplace(a, share(a.data(), level, c.standard_distance)).second) sum += shares[a];
+    }
+  }
+  const double mean = sum / static_cast<double>(shares.size());
+  EXPECT_TRUE(std::ranges::any_of(shares, [](const auto& cell) { return cell.second == 0; }));
+  const auto expected = std::ranges::count_if(shares, [&](const auto& cell) { return cell.second > mean; });
+  config.visible_threshold = -1;
+  const auto kept = make_octree({scene_, threads_, kSeed, kIterations, 0}, config);
+  EXPECT_EQ(kept->primitives(), static_cast<std::size_t>(expected));
+}
+
 /// Records the backbone's decisions and its model at that moment; changes nothing.
 class Recorder : public DensityHook {
  public:

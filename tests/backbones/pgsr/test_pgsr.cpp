@@ -244,6 +244,15 @@ TEST_F(PgsrRun, trims_what_fewer_than_two_views_observe) {
   EXPECT_EQ(often.iterations, (std::vector<int>{views, 2 * views})) << "not more often than views are trained on";
 }
 
+TEST_F(PgsrRun, a_trim_of_a_single_view_keeps_what_it_observes) {
+  PgsrConfig config = eager();
+  config.trim_interval = 1000;  // at 1/50: every 20 iterations
+  scene_.train.resize(1);
+  const auto backbone = make(config);
+  testing::train(*backbone, scene_, 1, 25);
+  EXPECT_GT(backbone->primitives(), 10u);
+}
+
 TEST_F(PgsrRun, gradients_are_those_of_all_terms_in_both_views) {
   const auto trained = make(eager());
   testing::train(*trained, scene_, 1, 60);
@@ -417,6 +426,21 @@ TEST_F(PgsrRun, a_model_that_comes_back_from_its_files_draws_the_same) {
   EXPECT_EQ(testing::model_bytes(*again), testing::model_bytes(*backbone));
   backbone->import_model(folder.path());
   EXPECT_EQ(testing::picture(*again, scene_.train[0]), testing::picture(*backbone, scene_.train[0]));
+}
+
+TEST_F(PgsrRun, a_model_with_exposure_opens_with_other_views) {
+  PgsrConfig config = eager();
+  config.exposure = true;
+  const auto backbone = make(config);
+  testing::train(*backbone, scene_, 1, 45);
+  const test::TemporaryFolder folder;
+  backbone->export_model(folder.path());
+  const std::vector<float> picture = testing::picture(*backbone, scene_.train[0]);
+  Scene fewer = scene_;
+  fewer.train.resize(2);
+  const auto shown = make_pgsr({fewer, threads_, 3, 120, 0}, config);
+  shown->import_model(folder.path());
+  EXPECT_EQ(testing::picture(*shown, scene_.train[0]), picture);
 }
 
 TEST_F(PgsrRun, surfaces_are_those_of_its_planes) {

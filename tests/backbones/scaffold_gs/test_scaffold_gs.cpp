@@ -325,6 +325,18 @@ TEST(ScaffoldTraining, a_model_can_be_read_back) {
   EXPECT_THROW(shown->import_model(folder.path()), InputError);
 }
 
+TEST(ScaffoldTraining, training_views_are_rendered_with_their_own_embeddings) {
+  Threads threads(2);
+  const Scene scene = testing::tiny_scene(threads);
+  const auto backbone = make_scaffold({scene, threads, kSeed, kIterations, 0}, everything());
+  train(*backbone, scene, 1, 60);
+  for (const std::size_t v : {0u, 1u}) {
+    const ScoredView scored = backbone->rasterizer_hook().render_for_score(v);
+    const std::vector<float> color(scored.color.begin(), scored.color.end());
+    EXPECT_EQ(testing::picture(*backbone, scene.train[v]), color) << v;
+  }
+}
+
 TEST(ScaffoldTraining, a_view_without_anything_in_it_is_background) {
   Threads threads(1);
   const Scene scene = testing::tiny_scene(threads);

@@ -172,6 +172,16 @@ TEST(VanillaTraining, the_release_of_2024_scores_and_trains_on_clamped_images) {
   EXPECT_EQ(brightest("2024"), 1);
 }
 
+TEST(VanillaConfig, settings_that_no_run_can_have_are_refused) {
+  for (const char* name : {"feature_rate", "opacity_rate", "scaling_rate", "rotation_rate", "gradient_threshold",
+                           "percent_dense", "max_world_scale", "min_opacity"}) {
+    EXPECT_THROW(vanilla_config_from_json({{name, -0.1}}), InputError) << name;
+    EXPECT_NO_THROW(vanilla_config_from_json({{name, 0}})) << name;
+  }
+  EXPECT_THROW(vanilla_config_from_json({{"min_opacity", 1}}), InputError);
+  EXPECT_THROW(vanilla_config_from_json({{"densify_interval", 2147483647}}), InputError);
+}
+
 TEST(VanillaConfig, a_release_sets_defaults_that_single_values_override) {
   EXPECT_EQ(vanilla_config_from_json(nlohmann::json::object()).opacity_rate, 0.05);
   EXPECT_EQ(vanilla_config_from_json({{"release", "2024"}}).opacity_rate, 0.025);

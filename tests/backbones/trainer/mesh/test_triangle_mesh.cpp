@@ -59,7 +59,8 @@ TEST(TriangleMesh, broken_files_are_told_in_one_line) {
                         "vertex that does not exist");
   test::expect_contains(error("ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n"),
                         "too small");
-  test::expect_contains(error("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n"), "no finite x, y or z");
+  test::expect_contains(error("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n"),
+                        "no finite x, y or z");
   test::expect_contains(test::input_error_of([&] { read_mesh(folder / "none.ply"); }), "no such file");
   test::expect_contains(test::input_error_of([&] { write_mesh(folder / "mesh.obj", square_and_triangle()); }), ".glb");
 }

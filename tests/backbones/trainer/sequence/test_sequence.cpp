@@ -77,6 +77,29 @@ TEST(Sequence, replica_is_read) {
   EXPECT_EQ((*sequence->truth(2))[3].x, 2);
 }
 
+TEST(Sequence, frames_are_in_the_order_of_their_numbers) {
+  const TemporaryFolder folder;
+  fs::create_directories(folder / "images");
+  fs::create_directories(folder / "depth");
+  std::ofstream truth(folder / "traj.txt");
+  for (int i = 0; i < 11; ++i) {
+    const std::string name = std::to_string(i) + ".png";
+    write_color(folder / "images" / name, static_cast<std::uint8_t>(10 * i));
+    write_depth(folder / "depth" / name, static_cast<std::uint16_t>(2000 + i));
+    truth << "1 0 0 " << i << " 0 1 0 0 0 0 1 0 0 0 0 1\n";
+  }
+  truth.close();
+  std::ofstream(folder / "calibration.json") << calibration();
+  const auto sequence = open_sequence(of(folder.path()));
+  ASSERT_EQ(sequence->size(), 11u);
+  for (std::size_t i = 0; i < 11; ++i) {
+    const SequenceFrame frame = sequence->read(i);
+    EXPECT_EQ(frame.color[0], 10 * i);
+    EXPECT_NEAR(frame.depth[7], 2 + 0.001 * static_cast<double>(i), 1e-6);
+    EXPECT_EQ((*sequence->truth(i))[3].x, static_cast<double>(i));
+  }
+}
+
 TEST(Sequence, some_frames_are_chosen) {
   const TemporaryFolder folder;
   make_replica(folder.path());

@@ -107,6 +107,17 @@ TEST(AtomicFile, NamesPathAndCause) {
   EXPECT_EQ(files_in(folder.path()), 1u);
 }
 
+TEST(AtomicFile, KeepsDevicesAndPipes) {
+  const TemporaryFolder folder;
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
+  std::filesystem::create_symlink("pipe", folder / "link");
+  for (const char* name : {"pipe", "link"}) {
+    expect_contains(input_error_of([&] { write_text_atomically(folder / name, "x"); }), "is a device or a pipe");
+    EXPECT_TRUE(std::filesystem::is_fifo(folder / name));
+  }
+  EXPECT_EQ(files_in(folder.path()), 2u);
+}
+
 TEST(AtomicFile, KeepsPermissionsAndLinks) {
   const TemporaryFolder folder;
   write_text_atomically(folder / "target", "old");

@@ -3,7 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <sstream>
 #include <string>
+#include <vector>
 
 namespace splatboost::test {
 namespace {
@@ -25,6 +27,19 @@ TEST(Text, ShowsWhatNoTerminalShould) {
   EXPECT_EQ(printable("\xc2\x80 \xc2\x9b\xc2\xa0"), "\\xc2\\x80 \\xc2\\x9b\xc2\xa0");
   EXPECT_EQ(printable("\xe2\x82"), "\\xe2\\x82");
   EXPECT_TRUE(is_utf8(printable("\xff\xfe\xe2\x82\xc3\xa4")));
+}
+
+TEST(Text, OrdersNumbersByTheirValue) {
+  std::vector<std::string> ordered;
+  std::istringstream words(
+      "0 00 01.png 1.png 2.png 10.png a a/b2 a/b10 cam1/9.jpg cam2/1.jpg cam10 f1a2 f01a03 f1b "
+      "f18446744073709551615 f18446744073709551616 f\xc3");
+  for (std::string word; words >> word;) ordered.push_back(word);
+  for (std::size_t i = 0; i < ordered.size(); ++i) {
+    for (std::size_t j = 0; j < ordered.size(); ++j) {
+      EXPECT_EQ(in_number_order(ordered[i], ordered[j]), i < j) << ordered[i] << " " << ordered[j];
+    }
+  }
 }
 
 }  // namespace

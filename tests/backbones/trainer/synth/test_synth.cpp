@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <string>
 
 #include <glm/geometric.hpp>
 #include <glm/vec4.hpp>
@@ -226,6 +228,44 @@ TEST(Synth, SameSeedSameBytesOtherSeedOtherBytes) {
     EXPECT_TRUE(read_file(folder.path() / "a" / name) == read_file(folder.path() / "b" / name)) << name;
     EXPECT_FALSE(read_file(folder.path() / "a" / name) == read_file(folder.path() / "c" / name)) << name;
   }
+}
+
+/// All files below the folder, by their path.
+std::map<std::string, std::string> content(const std::filesystem::path& folder) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file()) files[entry.path().lexically_relative(folder).string()] = read_file(entry.path());
+  }
+  return files;
+}
+
+TEST(Synth, NothingOfAnEarlierSceneStays) {
+  const TemporaryFolder folder;
+  const auto write = [&](const char* name, const char* kind, double baseline, int surface_points) {
+    SynthOptions options = small_scene(folder / name);
+    options.scene = kind;
+    options.views = 2;
+    options.points = 20;
+    options.baseline = baseline;
+    options.surface_points = surface_points;
+    write_synthetic_scene(options);
+  };
+  write("twice", "room", 0, 10);
+  write("twice", "moving", 0, 0);
+  write("twice", "walk", 0, 0);
+  write("twice", "walk", 0.1, 0);
+  write("twice", "room", 0, 0);
+  write("fresh", "room", 0, 0);
+  EXPECT_TRUE(content(folder / "twice") == content(folder / "fresh"));
+}
+
+TEST(Synth, AFolderWithOtherFilesIsRefused) {
+  const TemporaryFolder folder;
+  write_file(folder / "scene/results/depth000002.png", "measured");
+  expect_contains(input_error_of([&] { write_synthetic_scene(small_scene(folder / "scene")); }), "no synth.json");
+  write_file(folder / "scene/synth.json", "of something else");
+  expect_contains(input_error_of([&] { write_synthetic_scene(small_scene(folder / "scene")); }), "empty folder");
+  EXPECT_EQ(content(folder / "scene").size(), 2u);
 }
 
 TEST(Synth, PhotosAreExposedAndTextured) {
