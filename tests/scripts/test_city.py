@@ -134,7 +134,9 @@ def test_an_interrupt_ends_the_jobs(street, tmp_path, name):
     snakemake.chmod(0o755)
     process = subprocess.Popen([sys.executable, ROOT / "scripts/city/run", "-s", street, "-o", tmp_path / "city", "--grid", "2", "1"],
                                stderr=subprocess.PIPE, text=True,
-                               env={**os.environ, "SPLATBOOST_BIN": str(PROGRAM.parent), "SNAKEMAKE": str(snakemake)})
+                               env={**os.environ, "SPLATBOOST_BIN": str(PROGRAM.parent), "SNAKEMAKE": str(snakemake)},
+                               # Tests in the background or under nohup inherit ignored signals.
+                               preexec_fn=lambda: signal.signal(signal.Signals[name], signal.SIG_DFL))
     while not (tmp_path / "pid").exists() and process.poll() is None:
         time.sleep(0.05)
     process.send_signal(signal.Signals[name])
