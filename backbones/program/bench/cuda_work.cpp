@@ -50,7 +50,8 @@ Effort tile_lists(double splats, double visible, double entries, std::size_t til
   constexpr double kDepthSort = 4 * 2 * kPair + 4;     // four passes, keys read once more for the histograms
   constexpr double kListed = 4 + 4 + kPair;            // place and depth to key and value
   constexpr double kOffsets = 4 + kTileCount + 4 + 8;  // order, tiles, and their sums
-  const double passes = static_cast<int>(std::bit_width(tiles) + 7) / 8;
+  const int whole_passes = (static_cast<int>(std::bit_width(tiles)) + 7) / 8;
+  const double passes = whole_passes;
   return {kTileRowEnds * visible, (kVisible + 4 + 8) * splats +
                                       (kListed + kDepthSort + kOffsets + 4 + 4 + kBox + kEllipse) * visible +
                                       (kPair + passes * 2 * kPair + 4 + 4) * entries};

@@ -128,7 +128,7 @@ struct Mesh {
   /// Draws the mesh from the first measured view, into the run's folder and its report.
   fs::path write_picture(const TriangleMesh& mesh, const Scene& scene) const {
     const Camera& camera = measured_views(scene).front().camera;
-    const fs::path picture = options.model / "mesh.png";
+    fs::path picture = options.model / "mesh.png";
     const FolderLock lock(options.model);
     write_png(picture, camera.width, camera.height, 1, std::span<const std::uint8_t>(draw_mesh(mesh, camera)));
     show_mesh_in_report(options.model / "report.html", picture);
@@ -151,8 +151,9 @@ struct Mesh {
       depth_normals(camera, depth, normals, threads);
       const std::vector<std::uint8_t> mask = mask_of(view);
       for (std::size_t p = 0; p < pixels; ++p) {
-        const auto x = static_cast<float>(p % static_cast<std::size_t>(camera.width)) + 0.5f;
-        const auto y = static_cast<float>(p / static_cast<std::size_t>(camera.width)) + 0.5f;
+        const std::size_t row = p / static_cast<std::size_t>(camera.width),
+                          column = p % static_cast<std::size_t>(camera.width);
+        const float x = static_cast<float>(column) + 0.5f, y = static_cast<float>(row) + 0.5f;
         const glm::vec3 ray = glm::normalize(glm::vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1));
         const glm::vec3 normal(normals[p], normals[pixels + p], normals[2 * pixels + p]);
         const bool shows = alpha[p] >= kMinAlpha && std::isfinite(depth[p]) &&
@@ -183,7 +184,9 @@ struct Mesh {
     for (int y = 0; y < view.camera.height; ++y) {
       for (int x = 0; x < view.camera.width; ++x) {
         const int row = y * pixels.height / view.camera.height, column = x * pixels.width / view.camera.width;
-        mask.push_back(pixels.bytes[static_cast<std::size_t>((row * pixels.width + column) * pixels.channels)]);
+        const std::size_t pixel =
+            static_cast<std::size_t>(row) * static_cast<std::size_t>(pixels.width) + static_cast<std::size_t>(column);
+        mask.push_back(pixels.bytes[pixel * static_cast<std::size_t>(pixels.channels)]);
       }
     }
     return mask;

@@ -174,7 +174,7 @@ std::optional<float> trained_beta(const Json& config) {
 fs::path saved_model(const fs::path& folder, int iteration) {
   const fs::path saved = folder / "point_cloud";
   if (iteration > 0) {
-    const fs::path wanted = saved / (std::string(kSavedPrefix) + std::to_string(iteration));
+    fs::path wanted = saved / (std::string(kSavedPrefix) + std::to_string(iteration));
     require(fs::is_directory(wanted), wanted.string() + ": no model was saved at this iteration");
     return wanted;
   }

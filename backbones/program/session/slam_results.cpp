@@ -173,6 +173,7 @@ std::vector<ReportTrack> report_tracks(const SlamRun& run, const SlamOutcome& ou
   const int along = size.x <= size.y && size.x <= size.z ? 0 : size.y <= size.z ? 1 : 2;
   const auto flat = [&](const std::vector<glm::dvec3>& path) {
     std::vector<std::array<double, 2>> points;
+    points.reserve(path.size());
     for (const glm::dvec3& p : path) points.push_back({p[(along + 1) % 3], p[(along + 2) % 3]});
     return points;
   };

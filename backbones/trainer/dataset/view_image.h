@@ -88,7 +88,9 @@ struct RawImage {
   int bits = 8;  ///< 8 or 16
   std::vector<std::uint16_t> values;
   std::uint16_t at(int x, int y, int channel = 0) const {
-    return values[static_cast<std::size_t>((y * width + x) * channels + channel)];
+    const std::size_t pixel =
+        static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+    return values[pixel * static_cast<std::size_t>(channels) + static_cast<std::size_t>(channel)];
   }
 };
 
