@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 
 #include "families/nets/smooth_functions.h"
 #include "splatboost/activations.h"
 #include "splatboost/random.h"
 #include "splatboost/rows.h"
+#include "splatboost/schedule.h"
 #include "splatboost/select.h"
 #include "trainer/backbone_api/raster_laps.h"
 #include "trainer/dataset/splat_ply.h"
@@ -68,8 +68,7 @@ AnchorBackbone::AnchorBackbone(const BackboneContext& context, const AnchorConfi
 }
 
 int AnchorBackbone::at(int published) const {
-  const double scaled = static_cast<double>(published) * context_.iterations / published_iterations_;
-  return static_cast<int>(std::clamp(std::round(scaled), 1.0, static_cast<double>(std::numeric_limits<int>::max())));
+  return scaled_iteration(published, context_.iterations, published_iterations_);
 }
 
 void AnchorBackbone::set_anchors(std::span<const float> positions, std::span<const float> log_sizes) {
