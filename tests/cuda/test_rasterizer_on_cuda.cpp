@@ -313,6 +313,36 @@ TEST_P(RasterizerOnCuda, ASettleThatFailsIsRepeated) {
   }
 }
 
+using LargeViewsOnCuda = OnCuda<::testing::Test>;
+
+TEST_F(LargeViewsOnCuda, MorePairsThan32BitsHoldAreRefused) {
+  constexpr std::size_t kGaussians = 263000;
+  Camera camera;
+  camera.width = camera.height = 2048;  // 128 × 128 tiles: 2^32 + 14 million pairs
+  camera.fx = camera.fy = 2000;
+  camera.cx = camera.cy = 1024;
+  SceneData scene;
+  scene.count = kGaussians;
+  for (std::size_t i = 0; i < kGaussians; ++i) {
+    scene.means.insert(scene.means.end(), {0, 0, 2});
+    scene.rotations.insert(scene.rotations.end(), {1, 0, 0, 0});
+  }
+  scene.scales.assign(3 * kGaussians, 2);
+  scene.opacities.assign(kGaussians, 0.5f);
+  scene.colors.assign(3 * kGaussians, 0.5f);
+  SceneOnDevice on_device(stream(), scene, camera);
+  RasterOptions options;
+  options.box = BoxPolicy::square;
+  Rasterizer rasterizer(stream());
+  EXPECT_THROW(on_device.forward(rasterizer, camera, options), ArgumentError);
+  Camera away = camera;
+  away.width = away.height = 16;
+  away.cx += 1e6f;
+  SceneOnDevice elsewhere(stream(), scene, away);
+  EXPECT_NO_THROW(elsewhere.forward(rasterizer, away, options));
+  EXPECT_EQ(rasterizer.counts().tile_entries, 0u);
+}
+
 using ConvexesOnCuda = OnCuda<::testing::Test>;
 
 TEST_F(ConvexesOnCuda, AViewThatDoesNotFitIsRefused) {

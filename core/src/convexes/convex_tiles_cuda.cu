@@ -48,29 +48,15 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (e + 1 == keys.size() && own < tiles.size()) tiles[own].end = static_cast<std::uint32_t>(e + 1);
 }
 
-/// Offsets of entries have 32 bits: one that is below the one before it has wrapped around.
-__global__ void __launch_bounds__(kBlockThreads)
-    note_wrapped_kernel(DeviceView<const std::uint32_t> offsets, DeviceView<std::uint32_t> wrapped) {
-  const std::size_t i = element_index();
-  if (i + 1 < offsets.size() && offsets[i + 1] < offsets[i]) wrapped[0] = 1;
-}
-
 }  // namespace
 
 std::size_t build_convex_lists(CudaConvexFrame& frame, CudaStream& stream) {
-  const auto n = static_cast<int>(frame.convexes + 1);
-  run_cub(stream, frame.scratch, "cub::ExclusiveSum of convex tiles", [&](void* memory, std::size_t& bytes) {
-    return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.entry_offsets.data(), frame.entry_offsets.data(), n,
-                                         handle_of(stream));
-  });
-  frame.wrapped.ensure(1);
-  frame.wrapped.fill_zero();
-  launch_each(stream, "note_wrapped", note_wrapped_kernel, frame.convexes, std::as_const(frame.entry_offsets).span(),
-              frame.wrapped.span());
-  std::uint32_t total = 0, wrapped = 0;
-  stream.copy_to_host(&wrapped, frame.wrapped.data(), sizeof wrapped);
+  sum_to_offsets(stream, frame.scratch, "cub::ExclusiveScan of convex tiles", frame.entry_offsets,
+                 static_cast<int>(frame.convexes + 1));
+  std::uint32_t total = 0;
   stream.copy_to_host(&total, frame.entry_offsets.data() + frame.convexes, sizeof total);
-  SPLATBOOST_CHECK(wrapped == 0 && total < (1u << 31), "a view has more than 2^31 (tile, convex) pairs");
+  SPLATBOOST_CHECK(total < (1u << 31),
+                   "a view has more than 2^31 - 1 (tile, convex) pairs: use smaller images or smaller convexes");
   for (DeviceArray<std::uint64_t>* keys : {&frame.keys, &frame.keys_swap}) keys->ensure(total);
   for (DeviceArray<std::uint32_t>* entries : {&frame.entries, &frame.entries_swap}) entries->ensure(total);
   frame.tile_entries.ensure(frame.tiles());

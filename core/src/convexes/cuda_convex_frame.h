@@ -33,7 +33,6 @@ struct CudaConvexFrame {
   DeviceArray<ConvexTiles> tiles_of{stream};                         ///< [N]
   DeviceArray<std::uint8_t> visible{stream};                         ///< [N]
   DeviceArray<std::uint32_t> entry_offsets{stream};                  ///< [N+1] first entry of each
-  DeviceArray<std::uint32_t> wrapped{stream};                        ///< [1] whether the offsets exceeded 32 bits
   DeviceArray<std::uint64_t> keys{stream}, keys_swap{stream};        ///< [E] tile (high half), depth bits (low half)
   DeviceArray<std::uint32_t> entries{stream}, entries_swap{stream};  ///< [E] convexes, tile by tile, near to far
   DeviceArray<ConvexTileEntries> tile_entries{stream};               ///< [T]

@@ -24,4 +24,21 @@ void run_cub(CudaStream& stream, DeviceArray<std::uint8_t>& scratch, const char*
 
 inline cudaStream_t handle_of(const CudaStream& stream) { return static_cast<cudaStream_t>(stream.handle()); }
 
+/// A sum that stays at 2^32 - 1 instead of wrapping around. It is associative, as CUB requires.
+struct SaturatedSum {
+  __host__ __device__ std::uint32_t operator()(std::uint32_t a, std::uint32_t b) const {
+    const std::uint32_t sum = a + b;
+    return sum < a ? 0xffffffffu : sum;
+  }
+};
+
+/// Replaces each of the counts by the saturated sum of those before it.
+inline void sum_to_offsets(CudaStream& stream, DeviceArray<std::uint8_t>& scratch, const char* name,
+                           DeviceArray<std::uint32_t>& counts, int n) {
+  run_cub(stream, scratch, name, [&](void* memory, std::size_t& bytes) {
+    return cub::DeviceScan::ExclusiveScan(memory, bytes, counts.data(), counts.data(), SaturatedSum{}, 0u, n,
+                                          handle_of(stream));
+  });
+}
+
 }  // namespace splatboost::cuda

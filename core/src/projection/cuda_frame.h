@@ -44,7 +44,8 @@ struct alignas(8) TileEntries {
 /// Numbers that are known only on the device when the work of a frame is queued.
 struct FrameTotals {
   std::uint32_t visible;                     ///< Gaussians that are listed in a tile
-  std::uint32_t entries;                     ///< (tile, Gaussian) pairs; too few if visible exceeded visible_room
+  std::uint32_t entries;                     ///< (tile, Gaussian) pairs, at most 2^32 - 1 (SaturatedSum); too few if
+                                             ///< visible exceeded visible_room
   std::uint32_t most_visible, most_entries;  ///< maxima over all frames so far
 };
 
@@ -70,6 +71,9 @@ inline constexpr int kMomentColumns = 16;
 inline constexpr std::uint32_t kTilePixels = kTileSize * kTileSize;
 /// Number of splats of a tile's list that a warp processes together.
 inline constexpr std::uint32_t kBucketSplats = 32;
+
+/// Most items of an array that CUB sorts.
+inline constexpr std::size_t kMaxRoom = (std::size_t{1} << 31) - 1;
 
 /// Workspace of one view.
 struct CudaFrame {

@@ -196,6 +196,7 @@ class CudaRasterizer : public RasterizerBackend {
     const double needed = growth * static_cast<double>(most);
     if (kMinRoomFactor * needed + kMinRoom <= static_cast<double>(room)) return;
     room = static_cast<std::size_t>(kRoomFactor * needed + kMinRoom);
+    if (most <= kMaxRoom) room = std::min(room, kMaxRoom);  // more is refused by build_tile_lists
   }
 
   /// Reads the totals that have arrived.

@@ -15,7 +15,8 @@ namespace {
 constexpr std::uint32_t kNothing = 0xffffffffu;
 
 int items(std::size_t n) {
-  SPLATBOOST_CHECK(n < (std::size_t{1} << 31), "a view has more than 2^31 (tile, Gaussian) pairs");
+  SPLATBOOST_CHECK(n <= kMaxRoom,
+                   "a view has more than 2^31 - 1 (tile, Gaussian) pairs: use smaller images or smaller Gaussians");
   return static_cast<int>(n);
 }
 
@@ -143,10 +144,7 @@ __global__ void __launch_bounds__(kBlockThreads)
 void count_visible(CudaFrame& frame, CudaStream& stream) {
   frame.places.ensure(frame.gaussians + 1);
   launch_each(stream, "flag_visible", flag_kernel, frame.places.size(), frame.visible.span(), frame.places.span());
-  run_cub(stream, frame.scratch, "cub::ExclusiveSum of visible", [&](void* memory, std::size_t& bytes) {
-    return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.places.data(), frame.places.data(),
-                                         items(frame.places.size()), handle_of(stream));
-  });
+  sum_to_offsets(stream, frame.scratch, "cub::ExclusiveScan of visible", frame.places, items(frame.places.size()));
   launch(stream, "note_visible", note_visible_kernel, dim3(1), dim3(1), frame.places.span(), frame.totals.span());
 }
 
@@ -168,16 +166,14 @@ void sort_by_depth(CudaFrame& frame, CudaStream& stream) {
   frame.entry_offsets.ensure(room + 1);
   launch_each(stream, "entry_counts", entry_counts_kernel, room + 1, frame.order.span(), frame.tile_counts.span(),
               frame.totals.span(), frame.entry_offsets.span());
-  run_cub(stream, frame.scratch, "cub::ExclusiveSum of entries", [&](void* memory, std::size_t& bytes) {
-    return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.entry_offsets.data(), frame.entry_offsets.data(),
-                                         items(room + 1), handle_of(stream));
-  });
+  sum_to_offsets(stream, frame.scratch, "cub::ExclusiveScan of entries", frame.entry_offsets, items(room + 1));
   launch(stream, "note_entries", note_entries_kernel, dim3(1), dim3(1), frame.entry_offsets.span(),
          frame.totals.span());
 }
 
 void build_tile_lists(CudaFrame& frame, CudaStream& stream) {
   const std::size_t room = frame.entry_room;
+  const int n = items(room);
   frame.tile_keys.ensure(room);
   frame.tile_keys_swap.ensure(room);
   frame.entries.ensure(room);
@@ -195,7 +191,7 @@ void build_tile_lists(CudaFrame& frame, CudaStream& stream) {
   const int bits = static_cast<int>(std::bit_width(frame.tiles()));  // kNothing's low bits are greater than every tile
   run_cub(stream, frame.scratch, "cub::SortPairs by tile", [&](void* memory, std::size_t& bytes) {
     return cub::DeviceRadixSort::SortPairs(memory, bytes, frame.tile_keys.data(), frame.tile_keys_swap.data(),
-                                           frame.entries_swap.data(), frame.entries.data(), items(room), 0, bits,
+                                           frame.entries_swap.data(), frame.entries.data(), n, 0, bits,
                                            handle_of(stream));
   });
   launch_each(stream, "tile_ranges", ranges_kernel, room, frame.tile_keys_swap.span(), frame.tile_entries.span());
@@ -206,10 +202,8 @@ void number_buckets(CudaFrame& frame, CudaStream& stream) {
   frame.bucket_offsets.ensure(frame.tiles() + 1);
   launch_each(stream, "bucket_counts", bucket_counts_kernel, frame.tiles() + 1, frame.tile_entries.span(),
               frame.bucket_offsets.span());
-  run_cub(stream, frame.scratch, "cub::ExclusiveSum of buckets", [&](void* memory, std::size_t& bytes) {
-    return cub::DeviceScan::ExclusiveSum(memory, bytes, frame.bucket_offsets.data(), frame.bucket_offsets.data(),
-                                         items(frame.tiles() + 1), handle_of(stream));
-  });
+  sum_to_offsets(stream, frame.scratch, "cub::ExclusiveScan of buckets", frame.bucket_offsets,
+                 items(frame.tiles() + 1));
 }
 
 }  // namespace splatboost::cuda

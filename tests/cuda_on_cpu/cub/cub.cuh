@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <numeric>
 #include <type_traits>
 #include <vector>
@@ -108,14 +109,19 @@ struct DeviceScan {
   template <class In, class Out>
   static cudaError_t ExclusiveSum(void* memory, std::size_t& bytes, In in, Out out, std::int64_t n,
                                   cudaStream_t stream = nullptr) {
+    return ExclusiveScan(memory, bytes, in, out, std::plus<>{}, std::remove_cvref_t<decltype(out[0])>{}, n, stream);
+  }
+  template <class In, class Out, class Operation, class Value>
+  static cudaError_t ExclusiveScan(void* memory, std::size_t& bytes, In in, Out out, Operation operation, Value first,
+                                   std::int64_t n, cudaStream_t stream = nullptr) {
     if (detail_on_cpu::asks_for_size(memory, bytes)) return cudaSuccess;
     cuda_on_cpu::give_work(stream, [=] {
       const cuda_on_cpu::DeviceAccess access;
-      std::remove_cvref_t<decltype(out[0])> sum{};
+      Value sum = first;
       for (std::int64_t i = 0; i < n; ++i) {
         const auto value = in[i];  // in and out may be the same array
         out[i] = sum;
-        sum += value;
+        sum = operation(sum, value);
       }
     });
     return cudaSuccess;
