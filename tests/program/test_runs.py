@@ -334,6 +334,18 @@ def test_an_incomplete_video_does_not_replace_a_complete_one(trained, tmp_path):
     assert list(tmp_path.iterdir()) == [video]
 
 
+def test_a_video_replaces_no_pipe_and_no_link(trained, tmp_path):
+    pipe, link = tmp_path / "pipe.mp4", tmp_path / "link.mp4"
+    os.mkfifo(pipe)
+    done = run_program("render", "-m", trained, "--orbit", "4", "--video", pipe)
+    assert done.returncode == 2 and "is a device or a pipe" in done.stderr and pipe.is_fifo()
+    (tmp_path / "turn.mp4").write_bytes(b"old")
+    link.symlink_to("turn.mp4")
+    done = run_program("render", "-m", trained, "--orbit", "4", "--video", link)
+    if done.returncode == 0:  # OpenCV has a codec
+        assert link.is_symlink() and (tmp_path / "turn.mp4").stat().st_size > 500
+
+
 def test_synth_is_deterministic(tmp_path):
     for name in ("a", "b"):
         run_well("synth", tmp_path / name, "--width", 40, "--height", 30, "--views", 3, "--points", 50)

@@ -11,6 +11,7 @@
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -66,8 +67,8 @@ struct VideoFile::State {
 
 VideoFile::VideoFile(const fs::path& path, int width, int height, double frames_per_second)
     : state_(std::make_unique<State>()) {
-  state_->path = path;
-  state_->unfinished = unfinished_name(path);
+  const fs::path target = file_to_replace(path);
+  state_->unfinished = unfinished_name(target);
   state_->width = width;
   state_->height = height;
   state_->frame = cv::Mat(height / 2 * 2, width / 2 * 2, CV_8UC3);
@@ -77,6 +78,7 @@ VideoFile::VideoFile(const fs::path& path, int width, int height, double frames_
     fs::create_directories(path.parent_path(), error);
     if (error) throw InputError(path.string() + ": cannot create its folder: " + error.message());
   }
+  state_->path = target;
   // A missing codec is reported in one line below, instead of OpenCV's many lines.
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   for (const char* codec : {"avc1", "mp4v"}) {

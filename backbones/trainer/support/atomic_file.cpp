@@ -109,8 +109,7 @@ struct TemporaryFile {
 
 }  // namespace
 
-void write_file_atomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write) {
-  // If the path is a symbolic link, the file that it points to is replaced, not the link.
+std::filesystem::path file_to_replace(const std::filesystem::path& path) {
   std::error_code ignored;
   const std::filesystem::path target =
       std::filesystem::is_symlink(path, ignored) ? std::filesystem::weakly_canonical(path, ignored) : path;
@@ -118,7 +117,11 @@ void write_file_atomically(const std::filesystem::path& path, const std::functio
   if (std::filesystem::is_directory(target, ignored)) fail(path, "it is a folder");
   // The rename would replace it; links such as /dev/stdout, which have no canonical path, are followed.
   require(!std::filesystem::is_other(path, ignored), path.string() + ": is a device or a pipe; name a file");
+  return target;
+}
 
+void write_file_atomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write) {
+  const std::filesystem::path target = file_to_replace(path);
   TemporaryFile temporary(target);
   const int descriptor = temporary.descriptor;
 

@@ -9,9 +9,13 @@
 
 namespace splatboost {
 
+/// The file that writing to `path` replaces: the existing file that a symbolic link points to, else `path`. Throws
+/// InputError if it is a device or a pipe, std::runtime_error if it is a folder or `path` is empty.
+std::filesystem::path file_to_replace(const std::filesystem::path& path);
+
 /// Calls `write` on a temporary file beside `path`, and renames that to `path` once all bytes are on disk. On failure
 /// (disk full, no permission) an old file is kept, the new one is removed, and std::runtime_error names path and cause.
-/// Throws InputError if `path` is a device or a pipe.
+/// Links, folders, devices and pipes are treated as file_to_replace() says.
 void write_file_atomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write);
 
 /// Same, with `text` as the content.
