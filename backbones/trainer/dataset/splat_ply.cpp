@@ -175,7 +175,8 @@ class PlyVertices {
       if (in_vertex) after_vertex = true;
       if (!after_vertex && skipped_count > 0) {
         if (skipped_list) fail("has a list element before its vertices, which is not supported");
-        if (skipped_stride > 0 && skipped_count > file_size_ / skipped_stride) fail("is cut short");
+        const std::size_t row_bytes = ascii_ ? 1 : skipped_stride;  // in an ascii file at least the newline
+        if (row_bytes > 0 && skipped_count > file_size_ / row_bytes) fail("is cut short");
         bytes_before_ += skipped_count * skipped_stride;
         lines_before_ += skipped_count;
       }

@@ -116,16 +116,33 @@ void check_bmp(const Photo& photo, std::span<const std::uint8_t> bytes) {
   if (!complete) fail(photo, "the BMP is cut short or damaged; copy it again");
 }
 
+std::size_t count_pixels(const Pixels& pixels) {
+  return static_cast<std::size_t>(pixels.width) * static_cast<std::size_t>(pixels.height);
+}
+
+bool is_transparent(const Pixels& pixels) {
+  if (pixels.channels != 4) return false;
+  const std::size_t opaque = pixels.bits == 8 ? 0xff : 0xffff, size = static_cast<std::size_t>(pixels.bits) / 8;
+  for (std::size_t p = 0; p < count_pixels(pixels); ++p) {
+    std::uint16_t alpha = 0;
+    std::memcpy(&alpha, pixels.bytes.data() + (4 * p + 3) * size, size);
+    if (alpha != opaque) return true;
+  }
+  return false;
+}
+
 Pixels decode(const Photo& photo) {
   const std::vector<std::uint8_t> bytes = read_bytes(photo);
   if (starts_with(bytes, "\x89PNG\r\n\x1a\n")) check_png(photo, bytes);
   if (starts_with(bytes, "\xff\xd8\xff")) check_jpeg(photo, bytes);
   if (starts_with(bytes, "BM")) check_bmp(photo, bytes);
-  return decode_image(bytes, photo.file.string());
-}
-
-std::size_t count_pixels(const Pixels& pixels) {
-  return static_cast<std::size_t>(pixels.width) * static_cast<std::size_t>(pixels.height);
+  Pixels pixels = decode_image(bytes, photo.file.string());
+  // OpenCV returns their colours multiplied by alpha; rounding makes this irreversible.
+  const bool tiff = starts_with(bytes, {"II*\0", 4}) || starts_with(bytes, {"MM\0*", 4});
+  if (tiff && pixels.bits == 8 && is_transparent(pixels)) {
+    fail(photo, "transparent TIFF files with 8 bits are not supported; convert it to PNG");
+  }
+  return pixels;
 }
 
 /// 16 bit to 8, rounded.
@@ -158,17 +175,6 @@ Pixels to_rgb(Pixels pixels, bool white_background) {
     }
   }
   return rgb;
-}
-
-bool is_transparent(const Pixels& pixels) {
-  if (pixels.channels != 4) return false;
-  const std::size_t opaque = pixels.bits == 8 ? 0xff : 0xffff, size = static_cast<std::size_t>(pixels.bits) / 8;
-  for (std::size_t p = 0; p < count_pixels(pixels); ++p) {
-    std::uint16_t alpha = 0;
-    std::memcpy(&alpha, pixels.bytes.data() + (4 * p + 3) * size, size);
-    if (alpha != opaque) return true;
-  }
-  return false;
 }
 
 /// The lens in pixels of the photo on disk, with all defaults filled in.
@@ -310,8 +316,11 @@ void check_lens(const Lens& lens, const std::string& where) {
 ImageSize target_size(int width, int height, int resolution) {
   if (resolution == -1) resolution = kWidthLimit;
   if (resolution <= kLargestDivisor) {
-    return {std::max(1, static_cast<int>(std::lround(static_cast<double>(width) / resolution))),
-            std::max(1, static_cast<int>(std::lround(static_cast<double>(height) / resolution)))};
+    // Halves are rounded to even, as in 3DGS.
+    const auto divided = [&](int side) {
+      return std::max(1, static_cast<int>(std::lrint(static_cast<double>(side) / resolution)));
+    };
+    return {divided(width), divided(height)};
   }
   if (resolution >= width) return {width, height};  // enlarging a photo adds work and no information
   const auto scaled = static_cast<int>(static_cast<std::int64_t>(height) * resolution / width);

@@ -23,6 +23,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "COLMAP's binary files are little endian");
 
+constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";  // some editors begin UTF-8 files with it
+
 struct CameraModel {
   int number;
   std::string_view name;
@@ -184,7 +186,7 @@ class TextReader {
 
   bool next_raw(std::string& line) {
     if (!std::getline(in_, line)) return false;
-    ++number_;
+    if (number_++ == 0 && line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
     while (!line.empty() && (line.back() == '\r' || line.back() == ' ' || line.back() == '\t')) line.pop_back();
     return true;
   }

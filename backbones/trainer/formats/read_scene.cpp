@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <utility>
 
 #include <glm/geometric.hpp>
@@ -44,6 +45,7 @@ constexpr char kImages[] = "images";
 constexpr char kCaptureImages[] = "rgb/1x";  // for Nerfies captures
 constexpr int kFrames = 24;
 constexpr int kResolution = -1;
+constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";  // some editors begin UTF-8 files with it
 
 /// What a dataset lists, before any photo is decoded.
 struct Dataset {
@@ -269,7 +271,9 @@ std::vector<std::string> read_names(const std::filesystem::path& file) {
   std::ifstream in(file);
   if (!is_file(file) || !in) throw InputError(file.string() + ": the list of test images cannot be opened");
   std::vector<std::string> names;
-  for (std::string line; std::getline(in, line);) {
+  bool first = true;
+  for (std::string line; std::getline(in, line); first = false) {
+    if (first && line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
     const std::size_t begin = line.find_first_not_of(" \t\r");
     if (begin == std::string::npos || line[begin] == '#') continue;
     names.push_back(line.substr(begin, line.find_last_not_of(" \t\r") - begin + 1));

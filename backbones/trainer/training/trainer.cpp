@@ -165,6 +165,8 @@ class Run {
     if (outcome_.interrupted_by == 0) {
       if (options_.on_end) options_.on_end(outcome_);
       outcome_.storage_bytes = export_model();
+      // After the model, which is more important if the disk is full.
+      if (contains(options_.checkpoint_iterations, outcome_.iteration)) save();
     }
     return std::move(outcome_);
   }

@@ -112,6 +112,17 @@ TEST(SplatPly, ReadsAsciiInAnyOrderWithExtras) {
   EXPECT_EQ(cloud.rotations, (std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8}));
 }
 
+TEST(SplatPly, SkipsShortAsciiRowsBeforeTheVertices) {
+  // In an ascii file a row of the skipped element takes fewer bytes than its values in a binary one.
+  const TemporaryFolder folder;
+  std::string file =
+      "ply\nformat ascii 1.0\nelement extra 500\nproperty double a\nproperty double b\n"
+      "element vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+  for (int i = 0; i < 500; ++i) file += "0 1\n";
+  write_file(folder / "a.ply", file + "4 5 6\n");
+  EXPECT_EQ(read_point_ply(folder / "a.ply").positions, (std::vector<float>{4, 5, 6}));
+}
+
 TEST(SplatPly, EveryTruncationIsAnInputError) {
   const TemporaryFolder folder;
   write_splat_ply(folder / "whole.ply", make_cloud(3, 0));
@@ -154,6 +165,12 @@ TEST(SplatPly, BrokenFilesAreNamedWithTheCause) {
   expect_contains(
       message("ply\nformat binary_little_endian 1.0\nelement vertex 99999999999999\n" + all + "end_header\n"),
       "cut short");
+  // Must not try to skip the number of lines that the header declares, with or without properties.
+  for (const char* property : {"", "property double q\n"}) {
+    expect_contains(message("ply\nformat ascii 1.0\nelement extra 99999999999999\n" + std::string(property) +
+                            "element vertex 1\n" + all + "end_header\n" + row + " 14\n"),
+                    "cut short");
+  }
   expect_contains(input_error_of([&] { read_splat_ply(folder / "none.ply"); }), "none.ply: the file does not exist");
 }
 

@@ -303,6 +303,16 @@ TEST(Colmap, BrokenTextIsNamedByLine) {
   expect_contains(disk.error(), "too many");
 }
 
+TEST(Colmap, TextMayBeginWithAByteOrderMark) {
+  const SceneOnDisk disk(make_model(), ColmapFormat::text);
+  for (const char* name : {"cameras.txt", "images.txt", "points3D.txt"}) {
+    write_file(disk.model_folder / name, "\xef\xbb\xbf" + read_file(disk.model_folder / name));
+  }
+  const Scene scene = disk.read();
+  EXPECT_EQ(scene.train.size(), make_model().images.size());
+  EXPECT_EQ(scene.points.positions, make_model().points.positions);
+}
+
 TEST(Colmap, AListOfPointsThatIsLeftOutIsNoticed) {
   // Every second image line would be parsed as the points of the image before.
   const SceneOnDisk disk(make_model(), ColmapFormat::text);

@@ -10,6 +10,7 @@
 #include <glm/vec4.hpp>
 
 #include "support/temporary_folder.h"
+#include "trainer/dataset/view_image.h"
 #include "trainer/formats/colmap.h"
 #include "trainer/images/image_codec.h"
 
@@ -128,6 +129,8 @@ TEST(ReadScene, ATestListGoesBeforeTheRule) {
   const Scene scene = read_scene(options);
   EXPECT_EQ(names(scene.test), "v2 v7 ");
   EXPECT_EQ(scene.train.size(), 8u);
+  write_file(options.test_list, "\xef\xbb\xbfv7.png\nv2\n");
+  EXPECT_EQ(names(read_scene(options).test), "v2 v7 ");
   write_file(options.test_list, "v7.png\nv77.png\n");
   std::string message = input_error_of([&] { read_scene(options); });
   expect_contains(message, "test.txt");
@@ -164,6 +167,14 @@ TEST(ReadScene, ResolutionAveragesAreasAndScalesTheCamera) {
     options.resolution = wrong;
     expect_contains(input_error_of([&] { read_scene(options); }), "resolution " + std::to_string(wrong));
   }
+}
+
+TEST(ReadScene, DivisorsRoundHalvesToEvenAsIn3dgs) {
+  EXPECT_EQ(target_size(530, 946, 4), (ImageSize{132, 236}));     // 132.5, 236.5
+  EXPECT_EQ(target_size(4946, 3286, 4), (ImageSize{1236, 822}));  // 1236.5, 821.5
+  EXPECT_EQ(target_size(799, 719, 2), (ImageSize{400, 360}));     // 399.5, 359.5
+  EXPECT_EQ(target_size(530, 946, 8), (ImageSize{66, 118}));      // 66.25, 118.25
+  EXPECT_EQ(target_size(1, 3, 8), (ImageSize{1, 1}));
 }
 
 TEST(ReadScene, WidePhotosAreLimitedWithANote) {

@@ -106,6 +106,50 @@ TEST(Transforms, WhiteBackgroundIsUnderTransparentPixels) {
   EXPECT_TRUE(scene.white_background);
 }
 
+/// An uncompressed TIFF with 8-bit RGBA pixels whose colours are not multiplied by alpha.
+std::string make_tiff(std::uint8_t r, std::uint8_t g, std::uint8_t b, std::uint8_t a) {
+  std::string file("II*\0", 4);
+  const auto put = [&](std::uint32_t value, int bytes) {
+    for (int i = 0; i < bytes; ++i) file.push_back(static_cast<char>(value >> (8 * i)));
+  };
+  struct Tag {
+    std::uint32_t number, type, count, value;
+  };
+  constexpr std::uint32_t kShort = 3, kLong = 4;
+  constexpr std::uint32_t kTags = 11, kBits = 8 + 2 + 12 * kTags + 4, kPixels = kBits + 8;
+  const Tag tags[kTags] = {{256, kShort, 1, kWidth}, {257, kShort, 1, kHeight}, {258, kShort, 4, kBits},
+                           {259, kShort, 1, 1},      {262, kShort, 1, 2},       {273, kLong, 1, kPixels},
+                           {277, kShort, 1, 4},      {278, kShort, 1, kHeight}, {279, kLong, 1, 4 * kWidth * kHeight},
+                           {284, kShort, 1, 1},      {338, kShort, 1, 2}};
+  put(8, 4);
+  put(kTags, 2);
+  for (const Tag& tag : tags) {
+    put(tag.number, 2);
+    put(tag.type, 2);
+    put(tag.count, 4);
+    put(tag.value, 4);
+  }
+  put(0, 4);
+  for (int i = 0; i < 4; ++i) put(8, 2);
+  for (int i = 0; i < kWidth * kHeight; ++i) {
+    for (const std::uint8_t value : {r, g, b, a}) put(value, 1);
+  }
+  return file;
+}
+
+TEST(Transforms, TransparentTiffsAreRefusedOpaqueOnesAreNot) {
+  if (!have_opencv()) GTEST_SKIP() << "TIFF needs OpenCV";
+  const BlenderScene disk;
+  write_file(disk.folder / "train/r_0.png", make_tiff(200, 100, 50, 255));  // the content decides, not the name
+  const Scene scene = read_scene(disk.options());
+  EXPECT_EQ(scene.train[0].color[0], 200);
+  EXPECT_EQ(scene.train[0].color[2 * kWidth * kHeight], 50);
+  write_file(disk.folder / "train/r_0.png", make_tiff(200, 100, 50, 128));
+  const std::string message = input_error_of([&] { read_scene(disk.options()); });
+  expect_contains(message, "r_0.png: transparent TIFF");
+  expect_contains(message, "convert it to PNG");
+}
+
 TEST(Transforms, WithoutEvalTheTestViewsTrain) {
   const BlenderScene disk;
   const Scene scene = read_scene(disk.options());

@@ -189,6 +189,25 @@ TEST_F(Trainer, ResumesToTheSameModelAndCurve) {
   }
 }
 
+TEST_F(Trainer, WritesACheckpointOfTheLastIterationThatEndsAtOnce) {
+  options.checkpoint_iterations = {20};
+  FakeBackbone whole(scene);
+  const TrainOutcome expected = train(whole, scene, options);
+  const std::string expected_model = model(20);
+  options.resume = options.model / "checkpoints/iteration_20.ckpt";
+  ASSERT_TRUE(is_file(options.resume));
+
+  FakeBackbone resumed(scene);
+  options.model = folder / "resumed";
+  const TrainOutcome outcome = train(resumed, scene, options);
+  EXPECT_TRUE(resumed.iterations.empty());
+  EXPECT_EQ(model(20), expected_model);
+  EXPECT_EQ(outcome.iteration, 20);
+  EXPECT_EQ(outcome.interrupted_by, 0);
+  EXPECT_EQ(outcome.seconds, expected.seconds);
+  EXPECT_EQ(outcome.curve.size(), expected.curve.size());
+}
+
 TEST_F(Trainer, RefusesACheckpointOfAnotherRun) {
   options.identity = {{"backbone", "fake"}, {"beta", 0.5}};
   options.checkpoint_iterations = {7};
