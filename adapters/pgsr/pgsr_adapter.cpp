@@ -15,7 +15,9 @@ VanillaBoost pgsr_boost() {
   boost.beta = 1;
   // The backbone already selects its growth candidates by absolute gradients too.
   boost.absgrad = false;
-  boost.growth_after_reset = 0;
+  // PGSR's own resets, which serve its pruning within growth. Late pruning begins when growth has ended, and would
+  // remove every Gaussian whose opacity was reset shortly before.
+  boost.growth_after_reset = 500;
   return boost;
 }
 

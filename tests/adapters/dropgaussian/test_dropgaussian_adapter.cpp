@@ -29,6 +29,8 @@ TEST(DropGaussianAdapter, plan_is_of_the_published_run_of_10000) {
   EXPECT_EQ(prunes, (std::vector<int>{5000, 6000, 7000, 8000, 9000}));
   EXPECT_TRUE(adapter.prunes_at({2400, 3000}, false)) << "it scales with the run";
   EXPECT_EQ(resets, std::vector<int>{3000}) << "none after growth has ended";
+  EXPECT_FALSE(adapter.resets_opacities_at({500, 1010}, true)) << "late pruning at 505 would remove all but one";
+  EXPECT_TRUE(adapter.resets_opacities_at({500, 1400}, true)) << "200 iterations before it";
   VanillaBoost boost = dropgaussian_boost();
   boost.vcd = false;
   EXPECT_FALSE(DropGaussianAdapter(boost, threads).resets_opacities_at({9000, 10000}, true))

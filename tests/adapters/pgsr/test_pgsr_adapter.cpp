@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adapter on hand-written tensors: vanilla's rules on the backbone's candidates; its trim and resets are unchanged.
+// The adapter on hand-written tensors: vanilla's rules on the backbone's candidates; its trim is unchanged.
 #include "pgsr/pgsr_adapter.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <numeric>
 #include <vector>
 
@@ -24,9 +25,25 @@ TEST(PgsrAdapter, grows_as_long_as_the_backbone_does) {
     EXPECT_EQ(pgsr.prunes_at({i, 30000}, false), i >= 15000 && i < 30000 && i % 3000 == 0) << i;
     EXPECT_TRUE(pgsr.steps_at("xyz", {i, 30000})) << "plain Adam";
   }
-  for (const int i : {3000, 12000, 14999}) {
+  for (const int i : {3000, 12000, 14500}) {
     EXPECT_TRUE(pgsr.resets_opacities_at({i, 30000}, true)) << i;
     EXPECT_FALSE(pgsr.resets_opacities_at({i, 30000}, false)) << i;
+  }
+}
+
+TEST(PgsrAdapter, opacities_recover_before_late_pruning_in_runs_of_any_length) {
+  Threads threads(1);
+  const PgsrAdapter pgsr(pgsr_boost(), threads);
+  // The backbone's resets: every tenth of the run, but at least 500 iterations apart.
+  for (const int total : {1010, 2100, 5002, 7001, 12344, 30000}) {
+    const int interval = std::max(scaled_iteration(3000, total), 500);
+    int last_reset = -interval;
+    for (int i = 1; i <= total; ++i) {
+      if (pgsr.prunes_at({i, total}, false)) {
+        ASSERT_GE(i - last_reset, 500) << total << " " << i;
+      }
+      if (pgsr.resets_opacities_at({i, total}, i % interval == 0)) last_reset = i;
+    }
   }
 }
 
