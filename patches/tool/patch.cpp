@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tool/patch.h"
 
+#include <algorithm>
 #include <map>
 #include <utility>
 
@@ -33,6 +34,14 @@ std::string without_changes(std::string text, const PatchedFile& file) {
     revert_change(text, *change, file.file);
   }
   return text;
+}
+
+/// Whether a file has none of its changes: the checkout's own file was restored. One that still names this library may
+/// have an edited change.
+bool restored(const std::string& text, const PatchedFile& file) {
+  return text.find("splatboost") == std::string::npos &&
+         std::all_of(file.changes.begin(), file.changes.end(),
+                     [&](const Change& change) { return lacks(text, change); });
 }
 
 std::vector<std::string> names_of(const Manifest& manifest) {
@@ -148,6 +157,10 @@ Outcome revert(const SourceTree& tree, Writing writing) {
     const std::string text = content_of(tree, file.file);
     const std::string hash = sha256(text);
     if (hash == file.before || (manifest->state == State::reverting && hash == file.reverted)) continue;
+    if (restored(text, file)) {
+      outcome.edited_by_user.push_back(file.file);
+      continue;
+    }
     const std::string reverted = without_changes(text, file);
     tree.require_writable(file.file);
     if (hash != file.after) outcome.edited_by_user.push_back(file.file);
@@ -180,6 +193,8 @@ Outcome verify(const SourceTree& tree) {
     const std::string hash = sha256(text);
     require(hash != file.before,
             file.file + ": is the same as before the patch: run splatboost patch revert PATH, then apply again");
+    require(file.brought() || !restored(text, file),
+            file.file + ": contains nothing of the patch: run splatboost patch revert PATH, then apply again");
     const std::string without = file.brought() ? "" : without_changes(text, file);
     if (hash != file.after) {
       outcome.edited_by_user.push_back(file.file);

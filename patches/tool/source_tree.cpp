@@ -165,6 +165,7 @@ void SourceTree::commit(const Transaction& transaction) const {
   const fs::path record = resolve(transaction.record);
   const fs::path folder = record.parent_path();
   const std::optional<std::string> old_record = read(transaction.record);
+  if (!old_record) require_free(transaction.record);
 
   std::vector<fs::path> staged;   // including partly written ones
   std::vector<fs::path> folders;  // that were created

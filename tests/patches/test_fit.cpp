@@ -141,6 +141,21 @@ TEST(SourceCode, DamagedTextIsReadToItsEnd) {
   }
 }
 
+TEST(SourceCode, EmptyCppHasOneEmptyStatement) {
+  for (const char* text : {"", " ", "\n"}) {
+    const SourceCode source(text, Language::cpp);
+    ASSERT_EQ(source.statements().size(), 1u);
+    EXPECT_TRUE(source.statements()[0].empty);
+  }
+  EXPECT_EQ(nearest_place("", "void grow();", Language::cpp), "");
+}
+
+TEST(SourceCode, FindsTheNamesOfCodeInOtherText) {
+  EXPECT_TRUE(has_names_of("a = boost.grow(2)  # hooks", "hooks.boost = grow + 1"));
+  EXPECT_FALSE(has_names_of("a = boosted.grow(2)", "boost.grow("));
+  EXPECT_TRUE(has_names_of("", "1 + 1"));
+}
+
 TEST(Fit, SignaturesMayGrowByWhatIsOptional) {
   Need need;
   need.name = "f";

@@ -138,6 +138,21 @@ TEST(Patch, RestoredFilesAreToldAndRevertGoesOn) {
   mini.expect_pristine();
 }
 
+TEST(Patch, FilesRestoredToAnotherVersionAreKept) {
+  const Miniature mini;
+  write_file(mini.tree() / "train.py", "# my changes\n" + kTrain);
+  apply_to(mini);
+  // git checkout also discards what the user had changed before the patch.
+  write_file(mini.tree() / "train.py", kTrain);
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }),
+                  "train.py: contains nothing of the patch: run splatboost patch revert PATH, then apply again");
+  expect_contains(error_of([&] { apply_to(mini); }), "train.py: contains nothing of the patch");
+  EXPECT_EQ(revert_of(mini).edited_by_user, std::vector<std::string>{"train.py"});
+  mini.expect_pristine();
+  apply_to(mini);
+  expect_patched(mini);
+}
+
 TEST(Patch, LostManifestsAreNoticed) {
   const Miniature mini;
   apply_to(mini);
@@ -234,6 +249,14 @@ TEST(Patch, LinksOutOfTheTreeAreNotFollowed) {
     fs::create_symlink(mini.folder / "tree2/train.py", mini.tree() / "train.py");
     expect_contains(error_of([&] { apply_to(mini); }), "train.py: leads out of the tree");
   }
+}
+
+TEST(Patch, AFileInPlaceOfTheManifestsFolderIsTold) {
+  const Miniature mini;
+  write_file(mini.tree() / ".splatboost", "");
+  expect_contains(error_of([&] { apply_to(mini); }), ".splatboost/patch.json: its folder is a file: move it away");
+  EXPECT_TRUE(fs::remove(mini.tree() / ".splatboost"));
+  mini.expect_pristine();
 }
 
 TEST(Patch, MissingTreesAreTold) {

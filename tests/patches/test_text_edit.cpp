@@ -124,6 +124,17 @@ TEST(TextEdit, RefusesTextThatHoldsTheSnippetAlready) {
   expect_contains(error_of([&] { apply_edit(text, edit_of("step(", Place::after, {"hook()"})); }), "patched");
 }
 
+TEST(TextEdit, TellsLackingChangesFromEditedOnes) {
+  const Change inserted{"", "  hooks.count(a)\n", 1};
+  EXPECT_FALSE(lacks("def f(a):\n  hooks.count(a)\n", inserted));
+  EXPECT_FALSE(lacks("def f(a):\n  hooks.count(a, 2)\n", inserted));
+  EXPECT_TRUE(lacks("def f(a):\n  a.count()\n", inserted));
+  const Change replaced{"model.step(", "boost.step(", 2};
+  EXPECT_TRUE(lacks("import boost\nmodel.step(1)\nmodel.step(2)\n", replaced));
+  EXPECT_FALSE(lacks("import boost\nmodel.step(1)\nboost.step(2)\n", replaced));
+  EXPECT_FALSE(lacks("import boost\nmodel.step(1)\nboost .step(2)\n", replaced));
+}
+
 TEST(TextEdit, ChangedSnippetsAreNotTakenBack) {
   std::string text = "step()\n";
   const Change change = apply_edit(text, edit_of("step(", Place::after, {"hook()"}));

@@ -139,6 +139,30 @@ def test_mip_splatting_renews_its_filter_after_late_pruning():
     assert boost.gaussians.filters == 1
 
 
+@pytest.mark.parametrize("iteration, renewed", [(400, 0), (450, 0), (500, 1), (1000, 1), (1100, 0), (1900, 0)])
+def test_mip_splatting_renews_its_filter_when_growth_has_ended(iteration, renewed):
+    adapter = Adapter(prunes=False)
+    adapter.grows_at = lambda iteration, host_would: iteration < 500
+    boost = boost_of(mip_splatting, adapter, iteration=iteration, options=types.SimpleNamespace(
+        iterations=2000, densify_from_iter=100, densify_until_iter=1000, densification_interval=100))
+    boost.prune_late()
+    assert boost.gaussians.filters == renewed  # before, growth renews it; after densify_until_iter, the host
+    boost.on = False
+    boost.prune_late()
+    assert boost.gaussians.filters == renewed
+
+
+def test_mip_splatting_keeps_its_filter_at_the_end_of_a_short_run():
+    adapter = Adapter(prunes=False)
+    adapter.grows_at = lambda iteration, host_would: False
+    boost = boost_of(mip_splatting, adapter, options=types.SimpleNamespace(
+        iterations=700, densify_from_iter=500, densify_until_iter=15000, densification_interval=100))
+    for iteration in range(1, 701):
+        boost.begin(iteration)
+        boost.prune_late()
+    assert boost.gaussians.filters == 5
+
+
 @pytest.mark.parametrize("seen", [torch.tensor([True, False, True, False, False, False]), torch.tensor([[0], [2]])])
 @pytest.mark.parametrize("kind, views", [(vanilla, 1.0), (dropgaussian, 1 / (1 - 0.2 * 5000 / 10000))])
 def test_statistics_take_masks_and_indices_and_weigh_views(seen, kind, views):
@@ -291,6 +315,23 @@ def test_rates_of_anchors_fall_for_one_step_only():
     _anchors._WithRates(boost).step()
     assert torch.allclose((before - model.slow).abs(), torch.full((2,), 0.025))
     assert [group["lr"] for group in model.optimizer.param_groups] == [0.1, 0.1]
+
+
+def test_rates_of_anchors_are_reduced_in_the_step_before_growth_too():
+    from splatboost.hooks import _anchors
+
+    boost = _anchors.Boost.__new__(_anchors.Boost)
+    model = boost.gaussians = Model()
+    boost.on, boost.iteration = True, 9
+    boost.adapter = types.SimpleNamespace(rate_factor=lambda group, iteration: {"slow": 0.25}.get(group, 1.0))
+    boost._gate = lambda: torch.ones(N, dtype=torch.bool)
+    model.splatboost = types.SimpleNamespace(gate=None)
+    model.adjust_anchor = lambda: model.splatboost.gate
+    before = model.slow.detach().clone()
+    model.slow.sum().backward()
+    assert bool(boost.adjust_anchor().all())
+    assert torch.allclose((before - model.slow).abs(), torch.full((2,), 0.025))
+    assert model.slow.grad is None and model.splatboost.gate is None
 
 
 def test_pgsr_draws_scored_views_without_planes_and_with_their_exposure():

@@ -256,7 +256,8 @@ void SourceCode::read_cpp() {
       now.indent = static_cast<int>(std::min(text_.find_first_not_of(" \t", begin), end) - begin);
       now.empty = code.empty();
     }
-    const bool directive = text_[std::min(text_.find_first_not_of(" \t", now.begin), size - 1)] == '#';
+    const std::size_t first = text_.find_first_not_of(" \t", now.begin);
+    const bool directive = first < size && text_[first] == '#';
     if (!code.empty()) last = code.back();
     const bool ends =
         !within.contains(end) &&
@@ -576,6 +577,14 @@ std::vector<Match> find_words(const SourceCode& source, const std::string& ancho
     matches.push_back({begin, at});
   }
   return matches;
+}
+
+bool has_names_of(const std::string& text, const std::string& code) {
+  std::set<std::string_view> known;
+  for (const Token& token : tokens_of(text)) known.insert(token.text);
+  const std::vector<Token> sought = tokens_of(code);
+  return std::all_of(sought.begin(), sought.end(),
+                     [&](const Token& token) { return !token.name() || known.contains(token.text); });
 }
 
 std::optional<std::size_t> nearest_statement(const SourceCode& source, const std::string& anchor) {

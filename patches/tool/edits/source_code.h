@@ -95,6 +95,9 @@ struct Match {
 };
 std::vector<Match> find_words(const SourceCode& source, const std::string& anchor);
 
+/// Whether each name in a piece of code also occurs in a text, in comments and strings too.
+bool has_names_of(const std::string& text, const std::string& code);
+
 /// The statement most similar to a piece of code; nullopt if none is similar enough.
 std::optional<std::size_t> nearest_statement(const SourceCode& source, const std::string& anchor);
 

@@ -154,6 +154,12 @@ bool holds(const std::string& text, const Change& change) {
   return static_cast<int>(places_of(text, change).size()) == change.count;
 }
 
+bool lacks(const std::string& text, const Change& change) {
+  if (!has_names_of(text, change.added)) return true;
+  return !change.removed.empty() && places_of(text, change.added).empty() &&
+         static_cast<int>(places_of(text, change.removed).size()) == change.count;
+}
+
 void revert_change(std::string& text, const Change& change, const std::string& file) {
   const std::vector<std::size_t> places = places_of(text, change);
   const std::string what = "'" + first_line(change.added) + "'";

@@ -67,4 +67,8 @@ void revert_change(std::string& text, const Change& change, const std::string& f
 /// Whether a change is in the text as it was made.
 bool holds(const std::string& text, const Change& change);
 
+/// Whether a text certainly lacks a change, even in an edited form: some name that it adds is missing, or all that it
+/// replaced is back.
+bool lacks(const std::string& text, const Change& change);
+
 }  // namespace splatboost::patch

@@ -83,8 +83,8 @@ class Boost:
         if not self.on:
             return g.adjust_anchor(*given, **named)
         # The host replaces all parameters of anchors; their last gradient would be lost.
-        g.optimizer.step()
-        g.optimizer.zero_grad(set_to_none=True)
+        self.optimizer.step()
+        self.optimizer.zero_grad(set_to_none=True)
         g.splatboost.gate = self._gate()
         try:
             return g.adjust_anchor(*given, **named)
