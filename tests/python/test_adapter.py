@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decisions through the package, against the paper's rules computed here, with counts of the real rasterizer."""
 
+import copy
+import pickle
+
 import pytest
 import reference
 import torch
@@ -173,3 +176,20 @@ def test_what_a_view_raises_comes_through():
         adapter.grow(1000, wrong, **common)
     with pytest.raises(ValueError, match="origins need a preceding grow at the same iteration"):
         adapter.prune(2000, host.views(), candidates=torch.zeros(N, dtype=torch.bool), origins=torch.arange(N))
+
+
+@pytest.mark.parametrize(
+    "backbone", ["vanilla", "mip-splatting", "dropgaussian", "convex-splatting", "scaffold-gs", "photo-slam"]
+)
+@pytest.mark.parametrize("literal", [False, True])
+def test_copies_are_adapters_of_their_own(backbone, literal):
+    adapter = Adapter(backbone, total_iterations=900, seed=5, literal=literal, views=3)
+    copies = [copy.copy(adapter), copy.deepcopy(adapter), pickle.loads(pickle.dumps(adapter))]
+    grows = [adapter.grows_at(i, False) for i in range(1, 901)]
+    handles = {adapter._handle.value, *(c._handle.value for c in copies)}
+    assert len(handles) == 4
+    settings = adapter.settings
+    del adapter  # frees its handle
+    for made in copies:
+        assert made.settings == settings and made.seed == 5 and made.backbone == backbone
+        assert [made.grows_at(i, False) for i in range(1, 901)] == grows

@@ -178,6 +178,8 @@ def test_draws_hang_on_ids_alone():
     assert abs(draws.mean()) < 0.06 and abs(draws.std() - 1) < 0.04
     assert abs(torch.corrcoef(draws.T) - torch.eye(3)).max() < 0.12
     assert len(draws.unique()) == 3000
+    large = [whole.normal(seed, 20, 3) for seed in (torch.default_generator.initial_seed(), 67280421310721, 2**64 - 1)]
+    assert all(torch.isfinite(d).all() and not torch.equal(d, draws) for d in large)
 
 
 def test_sums_of_any_split_are_the_same():

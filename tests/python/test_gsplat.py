@@ -3,6 +3,7 @@
 where it is installed. gsplat's rasterizer needs CUDA, so SplatBoost's is used instead."""
 
 import os
+import pickle
 import subprocess
 import sys
 
@@ -136,6 +137,51 @@ def test_trains_grows_and_prunes(strategy_module):
     assert sum(trainer.losses[270:300]) < 0.6 * sum(trainer.losses[:30])
     opacities = torch.sigmoid(trainer.params["opacities"])
     assert torch.isfinite(opacities).all()
+
+
+@pytest.mark.skipif(conftest.EMULATED, reason="gradients of a GPU are sums in any order")
+def test_a_restored_strategy_continues_the_run(strategy_module):
+    trainer = Trainer(
+        strategy_module, 600, tau_d=0.5, gradient_threshold=1e-5, gradient_abs_threshold=1e-4, percent_dense=0.15
+    )
+    for step in range(150):
+        trainer.step(step)
+    assert trainer.strategy._shard is not None, "nothing grew before"
+    assert all(p.grad is None for p in trainer.params.values())
+    rest = ("params", "optimizers", "state", "strategy")
+    saved = pickle.dumps({name: getattr(trainer, name) for name in rest})
+    again = []
+    for restores in (False, True):
+        if restores:
+            vars(trainer).update(pickle.loads(saved))
+            trainer.strategy.score_on(trainer.views)
+        n = trainer.params["means"].shape[0]
+        torch.manual_seed(0)  # the double's split draws from torch; its means are replaced
+        for step in range(150, 260):
+            trainer.step(step)
+        assert trainer.params["means"].shape[0] != n, "nothing grew or went"
+        again.append({name: p.detach().clone() for name, p in trainer.params.items()})
+    for name, value in again[0].items():
+        assert torch.equal(again[1][name], value), name
+
+
+def test_a_saved_strategy_does_not_contain_the_data_set(strategy_module):
+    class Data:
+        def __len__(self):
+            return 1
+
+        def __getitem__(self, index):
+            return {}
+
+        def __reduce__(self):
+            raise AssertionError("the data set was written")
+
+    strategy = strategy_module.SplatBoostStrategy(max_steps=123)
+    strategy.score_on(Data())
+    strategy.adapter()
+    assert pickle.loads(pickle.dumps(strategy)) == strategy
+    with pytest.raises(ValueError, match="no views to score"):
+        pickle.loads(pickle.dumps(strategy)).step_post_backward({}, {}, {}, 0, {})
 
 
 def test_growth_is_the_adapter_s(strategy_module):

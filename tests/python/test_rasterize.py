@@ -12,7 +12,7 @@ import reference
 import torch
 
 import splatboost
-from splatboost import _render
+from splatboost import Camera, _render
 
 N = 24
 # The library computes in float32; gradients are sums over hundreds of pixels.
@@ -326,6 +326,9 @@ def test_visible_radii_are_those_of_the_square():
         ({"colors": None}, "either sh, or sh_dc"),
         ({"features": torch.zeros(N, 9)}, "features: at most 8 channels"),
         ({"background": (0.0, 1.0)}, "background: expected 3 numbers, got 2"),
+        ({"background": torch.zeros(2, 3)}, r"background: expected 3 numbers, got shape \[2,3\]"),
+        ({"background": 0.5}, "background: expected a vector or a matrix of numbers, got float"),
+        ({"background": (float("nan"), 0.0, 0.0)}, "background: expected finite numbers"),
         ({"beta": 1.5}, "beta must lie in"),
         ({"screen_points": torch.zeros(N, 2)}, r"screen_points: expected shape \[24,3\] or \[24,4\]"),
         (
@@ -348,3 +351,39 @@ def test_sh_too_short_for_its_degree():
     del tensors["colors"]
     with pytest.raises(ValueError, match="sh_rest: expected 8 coefficients for sh_degree 2, got 3"):
         splatboost.rasterize(reference.turned_camera(), **tensors, sh=torch.zeros(N, 4, 3), sh_degree=2)
+
+
+MOVED = torch.eye(4)
+MOVED[:3, 3] = torch.tensor([0.5, 0.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    "intrinsics, pose, message",
+    [
+        ([[30, 0, 16], [0, 30, 12], [0, 0, 1]], MOVED.T, "camera_from_world: .*is it transposed"),
+        ([[30, 0, 16], [0, 30, 12], [0, 0, 1]], MOVED @ torch.diag(torch.tensor([2.0, 2, 2, 1])), "expected a rigid motion"),
+        ([[30, 0, 0], [0, 30, 0], [16, 12, 1]], MOVED, "intrinsics: .*is it transposed"),
+        (torch.eye(3)[None], MOVED, r"intrinsics: expected a vector or a matrix of numbers, got shape \[1, 3, 3\]"),
+    ],
+)
+def test_bad_matrices_of_a_camera_are_named(intrinsics, pose, message):
+    with pytest.raises(ValueError, match=message):
+        Camera.from_matrices(32, 24, intrinsics, pose)
+
+
+def test_matrices_of_a_camera():
+    intrinsics = torch.tensor([[30.0, 0, 16], [0, 31, 12], [0, 0, 1]])
+    camera = Camera.from_matrices(32, 24, intrinsics, MOVED)
+    assert camera == Camera(32, 24, 30.0, 31.0, 16.0, 12.0, tuple(MOVED.flatten().tolist()))
+    assert camera == Camera.from_matrices(32, 24, intrinsics.tolist(), MOVED[:3].numpy())
+
+
+def test_matrices_on_a_gpu_in_inference_mode():
+    class OnCuda(torch.Tensor):
+        device = property(lambda self: torch.device("cuda"))
+
+    with torch.inference_mode():
+        pose = MOVED.clone().as_subclass(OnCuda)
+        assert Camera.from_matrices(8, 8, torch.eye(3), pose).camera_from_world[3] == 0.5
+        pose[0, 3] = 0.25
+        assert Camera.from_matrices(8, 8, torch.eye(3), pose).camera_from_world[3] == 0.25

@@ -13,7 +13,7 @@ from torch.autograd.function import once_differentiable
 from . import _library as lib
 from ._render import Lease, Render, Tensors, draw, new_gradients, returned_gradients, save_inputs, saved_inputs
 from ._tensors import Place, check
-from .camera import Camera, host_rows
+from .camera import Camera, color_of
 
 _F32 = torch.float32
 _NAMES = ("points", "smoothness", "sharpness", "opacities", "sh_dc", "sh_rest", "colors")
@@ -152,10 +152,7 @@ def rasterize_convexes(
         pixel_size=pixel_size,
         released_view_direction=int(released_view_direction),
     )
-    shade = host_rows(background)[0]
-    if len(shade) != 3:
-        raise ValueError("background: expected 3 numbers, got %d" % len(shade))
-    options.background[:] = shade
+    options.background[:] = color_of(background)
     if screen_points is not None:
         Place(points, "points").check_here(screen_points, "screen_points")
     call = _Call(camera, options, int(sh_degree), torch.is_grad_enabled())

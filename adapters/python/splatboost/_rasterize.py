@@ -13,7 +13,7 @@ from torch.autograd.function import once_differentiable
 from . import _library as lib
 from ._render import Lease, Render, Tensors, draw, new_gradients, returned_gradients, save_inputs, saved_inputs
 from ._tensors import Place, check
-from .camera import Camera, host_rows
+from .camera import Camera, color_of
 
 _F32 = torch.float32
 
@@ -215,10 +215,7 @@ def rasterize(
         int(compensate_opacity),
         near_plane,
     )
-    shade = host_rows(background)[0]
-    if len(shade) != 3:
-        raise ValueError("background: expected 3 numbers, got %d" % len(shade))
-    options.background[:] = shade
+    options.background[:] = color_of(background)
     place = Place(means, "means")
     for tensor, name in ((opacities, "opacities"), (screen_points, "screen_points")):
         if tensor is not None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import numbers
 import weakref
 from dataclasses import dataclass
@@ -56,6 +57,7 @@ class Adapter:
     the host's run, to which the published iteration numbers scale. device: where the host's renders and masks are.
     seed: of the random draws. settings: those of the backbone's adapter by name, such as vcd, vcp, cb, absgrad,
     schedule (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until; see `settings`.
+    Copies and pickles have the same settings and seed, and so make the same decisions.
     """
 
     def __init__(self, backbone: str, *, total_iterations: int, device: Any = "cpu", seed: int = 0, **settings: Any):
@@ -64,6 +66,7 @@ class Adapter:
         self.backbone = backbone
         self.total_iterations = int(total_iterations)
         self.device = torch.device(device)
+        self.seed = seed
         boost = ctypes.c_void_p()
         literal = int(bool(settings.get("literal")))
         lib.call("sb_boost_create", str(backbone).encode(), literal, ctypes.byref(boost))
@@ -80,6 +83,14 @@ class Adapter:
             lib.load().sb_boost_destroy(boost)
         self._handle = handle
         self._close = weakref.finalize(self, lib.load().sb_adapter_destroy, handle)
+
+    def __reduce__(self) -> Any:
+        # A new handle: the library frees that of each adapter.
+        make = functools.partial(
+            type(self), self.backbone, total_iterations=self.total_iterations, device=self.device, seed=self.seed,
+            **self.settings
+        )
+        return make, ()
 
     def _set(self, boost: Any, name: str, value: Any) -> None:
         if name not in self._kinds:

@@ -31,11 +31,17 @@ class Camera:
     @staticmethod
     def from_matrices(width: int, height: int, intrinsics: Any, camera_from_world: Any) -> "Camera":
         """From a 3×3 matrix of intrinsics and a 4×4 (or 3×4) pose: tensors, arrays or nested lists."""
-        k, pose = host_rows(intrinsics), host_rows(camera_from_world)
+        k, pose = host_rows(intrinsics, "intrinsics"), host_rows(camera_from_world, "camera_from_world")
         if len(k) != 3 or any(len(r) != 3 for r in k):
             raise ValueError("intrinsics: expected shape [3,3]")
         if len(pose) not in (3, 4) or any(len(r) != 4 for r in pose):
             raise ValueError("camera_from_world: expected shape [4,4]")
+        for name, row in [("intrinsics", k[2])] + [("camera_from_world", r) for r in pose[3:]]:
+            unit = [0.0] * (len(row) - 1) + [1.0]
+            if any(not abs(v - u) < 1e-3 for v, u in zip(row, unit)):
+                raise ValueError("%s: expected %s as the last row, got %s; is it transposed?" % (name, unit, row))
+        if not _orthonormal([r[:3] for r in pose[:3]]):
+            raise ValueError("camera_from_world: expected a rigid motion, got one that scales or shears")
         flat = [v for r in pose[:3] for v in r] + [0.0, 0.0, 0.0, 1.0]
         return Camera(int(width), int(height), k[0][0], k[1][1], k[0][2], k[1][2], tuple(flat))
 
@@ -48,17 +54,14 @@ class Camera:
         viewmatrix, projmatrix: 4×4 for row vectors (world → camera, world → clip). projmatrix contains the principal
         point. campos must be the camera centre of viewmatrix, the origin of view directions for spherical harmonics.
         """
-        view, full = host_rows(viewmatrix), host_rows(projmatrix)
+        view, full = host_rows(viewmatrix, "viewmatrix"), host_rows(projmatrix, "projmatrix")
         for name, m in (("viewmatrix", view), ("projmatrix", full)):
             if len(m) != 4 or any(len(r) != 4 for r in m):
                 raise ValueError("%s: expected shape [4,4]" % name)
         rotation = [[view[j][i] for j in range(3)] for i in range(3)]
         translation = [view[3][i] for i in range(3)]
-        for a in range(3):
-            for b in range(3):
-                dot = sum(rotation[a][k] * rotation[b][k] for k in range(3))
-                if not abs(dot - (a == b)) < 1e-3:
-                    raise ValueError("viewmatrix: expected a rigid motion, got one that scales or shears")
+        if not _orthonormal(rotation):
+            raise ValueError("viewmatrix: expected a rigid motion, got one that scales or shears")
         # Rows x, y and w of clip_from_camera = clip_from_world · world_from_camera, without translation.
         clip = [[sum(full[k][i] * rotation[c][k] for k in range(3)) for c in range(3)] for i in (0, 1, 3)]
         focal_x, focal_y = 1.0 / tanfovx, 1.0 / tanfovy
@@ -75,7 +78,7 @@ class Camera:
             raise ValueError("projmatrix: expected a pinhole projection that matches viewmatrix, tanfovx and tanfovy")
         if campos is not None:
             centre = [-sum(rotation[k][i] * translation[k] for k in range(3)) for i in range(3)]
-            given = host_rows(campos)[0]
+            given = host_rows(campos, "campos")[0]
             size = 1.0 + max(abs(c) for c in centre)
             if len(given) != 3 or any(not abs(a - b) < 1e-3 * size for a, b in zip(given, centre)):
                 raise ValueError("campos: expected the centre of viewmatrix, %s, got %s" % (centre, given))
@@ -100,32 +103,51 @@ class Camera:
         return camera
 
 
+def _orthonormal(rows: Rows) -> bool:
+    return all(
+        abs(sum(rows[a][k] * rows[b][k] for k in range(3)) - (a == b)) < 1e-3 for a in range(3) for b in range(3)
+    )
+
+
 # Host copies of small GPU tensors, so that a camera that is used again needs no synchronization:
 # id → (weak reference to the tensor, version, rows).
 _copies: Dict[int, Tuple[Any, int, Rows]] = {}
 
 
-def host_rows(matrix: Any) -> Rows:
-    """A small matrix (or a vector, as one row) as Python floats on the host."""
+def host_rows(matrix: Any, name: str) -> Rows:
+    """A small matrix (or a vector, as one row) as Python floats on the host. name: of the argument, for errors."""
     device = getattr(matrix, "device", None)
     if device is None or getattr(device, "type", "cpu") == "cpu":
-        return _rows(matrix)
+        return _rows(matrix, name)
+    if matrix.is_inference():  # torch does not count the changes of these
+        return _rows(matrix, name)
     known = _copies.get(id(matrix))
     if known is not None and known[0]() is matrix and known[1] == matrix._version:
         return known[2]
-    rows = _rows(matrix)
+    rows = _rows(matrix, name)
     key = id(matrix)
     _copies[key] = (weakref.ref(matrix, lambda _: _copies.pop(key, None)), matrix._version, rows)
     return rows
 
 
-def _rows(matrix: Any) -> Rows:
-    values: Sequence[Any] = matrix.tolist() if hasattr(matrix, "tolist") else matrix
-    rows = (
-        [[float(v) for v in r] for r in values]
-        if values and isinstance(values[0], (list, tuple))
-        else [[float(v) for v in values]]
-    )
+def color_of(background: Any) -> List[float]:
+    """The three numbers of a background."""
+    rows = host_rows(background, "background")
+    if len(rows) != 1 or len(rows[0]) != 3:
+        shape = "shape [%d,%d]" % (len(rows), len(rows[0])) if len(rows) != 1 else "%d" % len(rows[0])
+        raise ValueError("background: expected 3 numbers, got %s" % shape)
+    return rows[0]
+
+
+def _rows(matrix: Any, name: str) -> Rows:
+    try:
+        values: Sequence[Any] = matrix.tolist() if hasattr(matrix, "tolist") else matrix
+        nested = len(values) > 0 and isinstance(values[0], (list, tuple))
+        rows = [[float(v) for v in r] for r in (values if nested else [values])]
+    except (TypeError, ValueError):
+        shape = getattr(matrix, "shape", None)
+        what = type(matrix).__name__ if shape is None else "shape %s" % list(shape)
+        raise ValueError("%s: expected a vector or a matrix of numbers, got %s" % (name, what)) from None
     if any(not math.isfinite(v) for r in rows for v in r):
-        raise ValueError("a camera's matrices must be finite")
+        raise ValueError("%s: expected finite numbers, got %s" % (name, rows))
     return rows

@@ -138,7 +138,8 @@ class Shard:
         """float32 [rows, columns]: standard normal draws for the rows held here. Each depends only on seed, iteration,
         the row's id and the column, so that a Gaussian's children are the same whichever process splits it."""
         column = torch.arange(2 * columns, dtype=torch.int64, device=self.ids.device)
-        key = _mixed(torch.tensor(seed * 1_000_003 + iteration, dtype=torch.int64, device=self.ids.device))
+        start = (seed * 1_000_003 + iteration + 2**63) % 2**64 - 2**63  # modulo 2^64: seeds may have 64 bits
+        key = _mixed(torch.tensor(start, dtype=torch.int64, device=self.ids.device))
         bits = _mixed(_mixed(key + self.ids.unsqueeze(1)) + column)
         uniform = ((bits >> 11) & ((1 << 53) - 1)).double() * 2.0**-53
         radius = torch.sqrt(-2 * torch.log1p(-uniform[:, :columns]))

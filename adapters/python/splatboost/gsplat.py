@@ -100,6 +100,9 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
             optimizer.step()
             optimizer.zero_grad(set_to_none=True)
         strategy.step_post_backward(params, optimizers, state, step, info, packed)
+
+    Copies and pickles do not contain the views. To resume a run, restore params, optimizers, state and the strategy, and call
+    score_on(views) again, but not initialize_state().
     """
 
     absgrad: bool = True
@@ -121,6 +124,10 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         self._device: Any = None
         self._scene: Dict[str, Any] = {}
         self._truths: Dict[int, torch.Tensor] = {}
+
+    def __getstate__(self) -> Dict[str, Any]:
+        # Without the data set: simple_trainer writes its configuration, which contains the strategy, to cfg.yml.
+        return {**self.__dict__, "_views": (), "_truths": {}, "_scene": {}, "_adapter": None}
 
     def score_on(self, views: Any, config: Any = None) -> None:
         """Sets the training views to score, up to K at each event.
