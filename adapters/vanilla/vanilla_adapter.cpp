@@ -124,8 +124,8 @@ int VanillaAdapter::growth_end(Moment moment) const {
   if (boost_.literal) return until;
   const int published = std::min(at(kLiteralGrowthEnd, moment), moment.total / 2);
   if (!boost_.vcd) return std::max(until, published);  // the backbone decides
-  const int enough = at(boost_.densify_from, moment) + kMinGrowths * kMinGrowthInterval + 1;
-  return std::max(until, std::min(enough, published));
+  const std::int64_t enough = std::int64_t{at(boost_.densify_from, moment)} + kMinGrowths * kMinGrowthInterval + 1;
+  return std::max(until, static_cast<int>(std::min<std::int64_t>(enough, published)));
 }
 
 int VanillaAdapter::late_begin(Moment moment) const {

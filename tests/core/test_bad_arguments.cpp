@@ -122,6 +122,10 @@ TEST_F(BadArguments, DegreesAndFeaturesOutOfRange) {
   gaussians.features = nine;
   gaussians.features_per_gaussian = 9;
   expect_named([&] { check_gaussians(gaussians); }, "features");
+  // The images have these channels even if there are no Gaussians.
+  Gaussians none;
+  none.features_per_gaussian = 9;
+  expect_named([&] { check_gaussians(none); }, "features");
 }
 
 TEST_F(BadArguments, Cameras) {

@@ -136,6 +136,31 @@ TEST_F(DeviceMemory, LapsAreTakenInOrderAndWithoutAWait) {
   EXPECT_TRUE(laps.take());
 }
 
+TEST_F(DeviceMemory, WaitingForAnEventForgetsOnlyTheKernelsBeforeIt) {
+  CudaLaps laps(stream());
+  stream().begin_launch("early_kernel");
+  for (int i = 0; i < 1100; ++i) laps.mark("lap");
+  stream().begin_launch("late_kernel");
+  const std::uint64_t before = stream().activity().synchronizations;
+  laps.mark("lap");  // waits for the oldest mark
+  ASSERT_EQ(stream().activity().synchronizations, before + 1);
+  try {
+    stream().check(1, "a test");
+    FAIL() << "nothing was thrown";
+  } catch (const DeviceError& error) {
+    const std::string text = error.what();
+    EXPECT_NE(text.find("late_kernel"), std::string::npos) << text;
+    EXPECT_EQ(text.find("early_kernel"), std::string::npos) << text;
+  }
+  stream().synchronize();
+  try {
+    stream().check(1, "a test");
+    FAIL() << "nothing was thrown";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(std::string(error.what()).find("kernel"), std::string::npos) << error.what();
+  }
+}
+
 TEST_F(DeviceMemory, GoesAlongWithStreamsOfACaller) {
   CudaStream along(0, nullptr);
   DeviceArray<float> array(along);

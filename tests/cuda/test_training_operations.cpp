@@ -57,6 +57,14 @@ TEST_F(CudaTrainingOperations, Arithmetic) {
       1e-6f);
 }
 
+TEST_F(CudaTrainingOperations, NotANumberIsNotClamped) {
+  DeviceArray<float> values(stream(), std::vector<float>{std::nanf(""), 2, 0.5f, -INFINITY});
+  clamp_above(values.span(), 1, stream());
+  const std::vector<float> found = values.to_host();
+  EXPECT_TRUE(std::isnan(found[0]));
+  EXPECT_EQ(std::vector<float>(found.begin() + 1, found.end()), (std::vector<float>{1, 0.5f, -INFINITY}));
+}
+
 TEST_F(CudaTrainingOperations, GradientsOfActivations) {
   const std::vector<float> scales = numbers(kCount, 0, 3, 3), opacities = numbers(kCount, 0, 1, 4);
   for (const bool sigmoid : {false, true}) {

@@ -76,8 +76,10 @@ class CudaStream {
   void begin_launch(const char* kernel);
   /// Throws if the launch failed. @param error the launch's cudaError_t
   void end_launch(int error);
-  /// Counts a wait that happened elsewhere.
-  void count_synchronization();
+  /// Number of kernels launched so far.
+  std::size_t launches() const { return launches_; }
+  /// Counts a wait that happened elsewhere. @param launches number of kernels launched before what was waited for
+  void count_synchronization(std::size_t launches);
   /// Throws DeviceError, or DeviceMemoryError, unless `error` is cudaSuccess. @param error a cudaError_t
   void check(int error, const char* what) const;
 
@@ -92,8 +94,9 @@ class CudaStream {
   bool owned_ = false;
   void* end_of_call_ = nullptr;  ///< cudaEvent_t at the end of the last CudaCall; null: none yet
   CudaActivity activity_;
-  std::array<const char*, kRememberedKernels> kernels_{};  ///< ring buffer of launches since the last wait
-  std::size_t launches_ = 0;                               ///< since the last wait
+  std::array<const char*, kRememberedKernels> kernels_{};  ///< ring buffer of the last launches
+  std::size_t launches_ = 0;
+  std::size_t finished_ = 0;  ///< number of launches that the host has waited for
 };
 
 /// Scope of one call on the caller's stream, which may differ from call to call, as may the current device. The work of

@@ -4,6 +4,8 @@
 
 #include <cuda_runtime.h>
 
+#include <cstddef>
+
 #include "splatboost/cuda_stream.h"
 
 namespace splatboost::cuda {
@@ -23,6 +25,7 @@ class Event {
   void record() {
     stream_.make_current();  // a null handle means the default stream of the current device
     stream_.check(cudaEventRecord(event_, static_cast<cudaStream_t>(stream_.handle())), "cudaEventRecord");
+    launches_before_ = stream_.launches();
     recorded_ = true;
   }
   bool is_recorded() const { return recorded_; }
@@ -34,8 +37,8 @@ class Event {
     return true;
   }
   void wait() {
-    stream_.count_synchronization();
     stream_.check(cudaEventSynchronize(event_), "waiting for the device");
+    stream_.count_synchronization(launches_before_);  // later kernels may still fail
   }
   /// Seconds between two events that are done; 0 if one was never recorded.
   friend double seconds_between(const Event& from, const Event& to) {
@@ -49,6 +52,7 @@ class Event {
   CudaStream& stream_;
   cudaEvent_t event_ = nullptr;
   bool recorded_ = false;
+  std::size_t launches_before_ = 0;  ///< number of kernels launched before the last record()
 };
 
 }  // namespace splatboost::cuda

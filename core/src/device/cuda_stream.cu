@@ -100,7 +100,7 @@ std::size_t CudaStream::free_memory() const {
 void CudaStream::synchronize() {
   make_current();  // a null handle means the default stream of the current device
   check(cudaStreamSynchronize(stream_of(handle_)), "waiting for the device");
-  count_synchronization();
+  count_synchronization(launches_);
 }
 
 void* CudaStream::allocate(std::size_t bytes) {
@@ -192,10 +192,10 @@ void CudaStream::end_launch(int error) {
                     " was not launched: " + cudaGetErrorString(static_cast<cudaError_t>(error)) + recent_kernels());
 }
 
-void CudaStream::count_synchronization() {
+void CudaStream::count_synchronization(std::size_t launches) {
   ++activity_.synchronizations;
   ++all_synchronizations;
-  launches_ = 0;
+  finished_ = std::max(finished_, launches);
 }
 
 void CudaStream::check(int error, const char* what) const {
@@ -207,9 +207,9 @@ void CudaStream::check(int error, const char* what) const {
 }
 
 std::string CudaStream::recent_kernels() const {
-  if (launches_ == 0) return "";
+  if (launches_ == finished_) return "";
   std::string names;
-  const std::size_t known = std::min(launches_, kRememberedKernels);
+  const std::size_t known = std::min(launches_ - finished_, kRememberedKernels);
   for (std::size_t k = launches_ - known; k < launches_; ++k) {
     names += (names.empty() ? "" : ", ") + std::string(kernels_[k % kRememberedKernels]);
   }

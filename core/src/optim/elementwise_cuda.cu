@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "device/device_view.h"
+#include "device/host_device.h"
 #include "device/launch.h"
 #include "optim/cuda_ops.h"
 
@@ -29,7 +30,7 @@ __global__ void __launch_bounds__(kBlockThreads)
 __global__ void __launch_bounds__(kBlockThreads) clamp_above_kernel(DeviceView<float> values, float bound) {
   const std::size_t i = element_index();
   if (i >= values.size()) return;
-  values[i] = fminf(values[i], bound);
+  values[i] = min_of(bound, values[i]);  // NaN stays NaN, as on the CPU
 }
 
 __global__ void __launch_bounds__(kBlockThreads)

@@ -13,8 +13,15 @@ glm::vec3 Camera::centre() const {
   return -(glm::transpose(rotation()) * translation);
 }
 
-int Camera::tiles_x() const { return (width + kTileSize - 1) / kTileSize; }
-int Camera::tiles_y() const { return (height + kTileSize - 1) / kTileSize; }
+namespace {
+
+/// Without overflow for any length.
+int tiles_along(int length) { return length / kTileSize + (length % kTileSize != 0 ? 1 : 0); }
+
+}  // namespace
+
+int Camera::tiles_x() const { return tiles_along(width); }
+int Camera::tiles_y() const { return tiles_along(height); }
 
 void check_camera(const Camera& camera) {
   SPLATBOOST_CHECK(camera.width > 0 && camera.height > 0, "a camera needs a positive width and height");

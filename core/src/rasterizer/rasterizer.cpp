@@ -26,6 +26,8 @@ void check_gaussians(const Gaussians& g) {
   SPLATBOOST_CHECK(n < (std::size_t{1} << 31), "at most 2^31 Gaussians");
   check_rows(g.means, n, 3, "means");
   check_rows(g.opacities, n, 1, "opacities");
+  SPLATBOOST_CHECK(g.features_per_gaussian >= 0 && g.features_per_gaussian <= kMaxFeatures,
+                   "features_per_gaussian must be 0 to 8");
   if (n == 0) return;
   SPLATBOOST_CHECK(g.covariances.empty() != (g.scales.empty() && g.rotations.empty()),
                    "give either scales and rotations, or covariances");
@@ -36,8 +38,6 @@ void check_gaussians(const Gaussians& g) {
     check_rows(g.covariances, n, 6, "covariances");
   }
   check_colors(g);
-  SPLATBOOST_CHECK(g.features_per_gaussian >= 0 && g.features_per_gaussian <= kMaxFeatures,
-                   "features_per_gaussian must be 0 to 8");
   check_rows(g.features, n, static_cast<std::size_t>(g.features_per_gaussian), "features");
 }
 

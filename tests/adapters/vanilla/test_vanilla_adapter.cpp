@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <numeric>
 
 #include "support/fake_rasterizer.h"
@@ -215,6 +216,17 @@ TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   PruneDecisions prune{remove, PruneRule::late, {}};
   adapter.prune(hand.at(18000), rasterizer, prune);
   EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 1, 1}));
+}
+
+TEST_F(VanillaAdapterTest, growth_may_begin_at_any_iteration) {
+  for (const int from : {1000000, std::numeric_limits<int>::max()}) {  // never
+    VanillaBoost boost;
+    boost.densify_from = from;
+    const VanillaAdapter adapter(boost, threads_);
+    EXPECT_FALSE(adapter.grows_at({5000, 30000}, true)) << from;
+    EXPECT_FALSE(adapter.prunes_at({10000, 30000}, false)) << from;
+    EXPECT_TRUE(adapter.prunes_at({15000, 30000}, false)) << from;
+  }
 }
 
 TEST_F(VanillaAdapterTest, late_pruning_is_milder_where_views_are_seen_few_times) {

@@ -2,6 +2,8 @@
 // Visibility in a view, against the rasterizer.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -39,6 +41,22 @@ TEST(Visibility, RadiiAreTheRasterizersOwn) {
     // Other instructions round differently: a radius just below a whole pixel may become one larger.
     EXPECT_LE(differ, 3u) << covariances;
   }
+}
+
+TEST(Visibility, ImagesMayBeOfAnySize) {
+  Threads threads(1);
+  const SceneData scene = random_scene(oblique_camera(20, 20), {.count = 20}, 12);
+  std::vector<std::int32_t> small(20), large(20);
+  visible_radii(oblique_camera(20, 20), scene.view(), {}, small, threads);
+  Camera camera = oblique_camera(20, 20);
+  camera.width = camera.height = std::numeric_limits<int>::max();
+  visible_radii(camera, scene.view(), {}, large, threads);
+  for (std::size_t i = 0; i < 20; ++i) {
+    if (small[i] > 0) {
+      EXPECT_GT(large[i], 0) << i;
+    }
+  }
+  EXPECT_GT(*std::max_element(small.begin(), small.end()), 0);
 }
 
 TEST(Visibility, MarksWhatLiesBeyondTheNearPlane) {

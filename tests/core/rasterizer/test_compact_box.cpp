@@ -334,6 +334,35 @@ TEST(CompactBox, ZeroScalesGiveAPixelWithALowPassAndNothingWithout) {
   }
 }
 
+// Its determinant is above 0, but the inverse of its covariance overflows.
+TEST(CompactBox, AVanishingGaussianWithoutLowPassIsNotDrawn) {
+  const Camera camera = flat_camera(40, 40);
+  SceneData scene;
+  scene.count = 1;
+  scene.means = {20.5f, 20.5f, 1};
+  scene.covariances = {8e-21f, 0, 0, 8e-21f, 0, 0};
+  scene.opacities = {0.9f};
+  scene.colors = {1, 1, 1};
+  Threads threads(1);
+  Rasterizer rasterizer(threads);
+  ImageData images(camera, 0);
+  const ImageGradientData weights(camera, 0, 4, {});
+  for (const bool compensate : {false, true}) {
+    for (const RasterOptions base : {ellipse(1), RasterOptions{}}) {
+      RasterOptions options = base;
+      options.compensate_opacity = compensate;
+      options.low_pass = 0;
+      rasterizer.forward(camera, scene.view(), options, images.view());
+      EXPECT_EQ(rasterizer.counts().tile_entries, 0u);
+      GradientData gradients(scene);
+      rasterizer.backward(scene.view(), weights.view(), gradients.view());
+      for (const float gradient : gradients.means) EXPECT_EQ(gradient, 0);
+      for (const float gradient : gradients.covariances) EXPECT_EQ(gradient, 0);
+      EXPECT_EQ(gradients.opacities[0], 0);
+    }
+  }
+}
+
 TEST(CompactBox, AZeroQuaternionIsHarmless) {
   const Camera camera = flat_camera(40, 40);
   SceneData scene;
