@@ -122,6 +122,20 @@ TEST_P(CudaTraining, AGrowthThatFindsNoMemoryLeavesTheModelWhole) {
   expect_whole_model_without_memory(4, {1u << 10, 1u << 13, 1u << 14, 1u << 15});
 }
 
+TEST_P(CudaTraining, SavesTheModelIfMemoryRunsOutRightAfterAGrowth) {
+  const std::unique_ptr<Backbone> backbone = make(stream());
+  run(*backbone, 1, 3);
+  const std::size_t before = backbone->primitives();
+  cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() +
+                                 79'000);  // not enough for Mip-Splatting's filters
+  EXPECT_THROW(run(*backbone, 4, 4), DeviceMemoryError);
+  EXPECT_NE(backbone->primitives(), before);
+  const TemporaryFolder folder;
+  backbone->export_model(folder.path());
+  cuda_on_cpu::set_device_memory(kPlenty);
+  EXPECT_EQ(read_splat_ply(folder / "point_cloud.ply").size(), backbone->primitives());
+}
+
 TEST_P(CudaTraining, SavesTheModelWhereMemoryIsShort) {
   const TemporaryFolder folder;
   const std::unique_ptr<Backbone> backbone = make(stream());

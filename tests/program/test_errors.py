@@ -200,6 +200,17 @@ def test_a_negative_iteration(trained, tmp_path, command):
     assert "--iteration must be at least 0" in fails(command, "-m", trained, "--iteration", "-5", *output)
 
 
+@pytest.mark.parametrize("count", ["-1", "0", "2147483647"])
+def test_a_series_without_an_end(trained, count):
+    assert "--orbit must be 1 to 100000" in fails("render", "-m", trained, "--orbit", count)
+    assert "--sequence must be 1 to 100000" in fails("render", "-m", trained, "--sequence", count)
+
+
+@pytest.mark.parametrize("command", [["bench", "--device", "cuda:99"], ["mesh-eval", "none.ply", "none.ply"]])
+def test_an_unwritable_output_is_told_before_the_work(tmp_path, command):
+    assert "out.json: cannot be written: No such file" in fails(*command, "-o", tmp_path / "none/out.json", code=1)
+
+
 def test_model_whose_run_did_not_end(trained, tmp_path):
     (tmp_path / "config.json").write_bytes((trained / "config.json").read_bytes())
     assert "no model was saved" in fails("render", "-m", tmp_path)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Meshes of models, and their evaluation."""
 
+import fcntl
 import json
 import struct
 import zlib
@@ -59,6 +60,23 @@ def test_a_mesh_as_gltf_of_fewer_parts(meshed, tmp_path):
     magic, version, length = struct.unpack("<4sII", data[:12])
     assert (magic, version, length) == (b"glTF", 2, len(data))
     assert len(data) <= (tmp_path / "whole.glb").stat().st_size
+
+
+def test_a_mesh_of_a_model_in_use(meshed, tmp_path):
+    before = {name: (meshed / name).read_bytes() for name in ("mesh.ply", "mesh.png", "report.html")}
+    with open(meshed / ".splatboost.lock", "w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        refused = run_program("mesh", "-m", meshed, "--voxel-size", "0.1")
+        elsewhere = run_well("mesh", "-m", meshed, "--voxel-size", "0.1", "-o", tmp_path / "mesh.ply", "--quiet")
+        (meshed / ".splatboost.lock").unlink()
+    assert refused.returncode == 2 and "another splatboost process" in refused.stderr and refused.stdout == ""
+    assert "no picture of the mesh" in elsewhere.stderr and (tmp_path / "mesh.ply").exists()
+    assert {name: (meshed / name).read_bytes() for name in before} == before
+
+
+def test_an_unwritable_mesh_is_told_before_the_work(meshed, tmp_path):
+    done = run_program("mesh", "-m", meshed, "-o", tmp_path / "none/mesh.ply", "--voxel-size", "0.0005", "--max-memory", "1")
+    assert done.returncode == 1 and "mesh.ply: cannot be written: No such file" in done.stderr, done.stderr
 
 
 def test_the_same_mesh_for_any_number_of_threads(meshed, tmp_path):

@@ -81,7 +81,7 @@ def test_times_are_rendered(both, tmp_path):
 
 @pytest.mark.parametrize("arguments, word", [
     (["--time", "1.5"], "--time must be in [0, 1]"),
-    (["--sequence", "0"], "--sequence must be at least 1"),
+    (["--sequence", "0"], "--sequence must be 1 to 100000"),
     (["--view", "0001"], "--view requires --video or --orbit"),
     (["--orbit", "2", "--view", "nobody"], "no view 'nobody'"),
     (["--orbit", "2", "--view", "0001", "--time", "0"], "leave out --time"),

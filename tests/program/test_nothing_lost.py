@@ -112,6 +112,17 @@ def test_an_old_checkpoint_does_not_mix_two_runs(scene, tmp_path):
     assert [path.name for path in (model / "point_cloud").iterdir()] == ["iteration_40"]
 
 
+def test_an_old_checkpoint_does_not_mix_two_scenes(scene, tmp_path):
+    other = tmp_path / scene.name
+    run_well("synth", other, "--width", 80, "--height", 60, "--views", 10, "--points", 300, "--seed", 1)
+    model = tmp_path / "model"
+    run = ["train", "-m", model, "--iterations", "40", "--save-iterations", "10", "--quiet"]
+    run_well(*run, "-s", scene, "--checkpoint-iterations", "20")
+    run_well(*run, "-s", other)  # differs in its data only
+    run_well("train", "--resume", model / "checkpoints/iteration_20.ckpt", "-s", scene, "--quiet")
+    assert [path.name for path in (model / "point_cloud").iterdir()] == ["iteration_40"]
+
+
 def test_resuming_keeps_what_the_run_saved(scene, tmp_path):
     model = tmp_path / "model"
     run_well("train", "-s", scene, "-m", model, "--iterations", "40", "--save-iterations", "10",

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs of the program: their files, and the same bytes for the same run, interrupted or not, with any threads."""
 
+import fcntl
 import json
 import os
 import pathlib
@@ -344,6 +345,16 @@ def test_a_video_replaces_no_pipe_and_no_link(trained, tmp_path):
     done = run_program("render", "-m", trained, "--orbit", "4", "--video", link)
     if done.returncode == 0:  # OpenCV has a codec
         assert link.is_symlink() and (tmp_path / "turn.mp4").stat().st_size > 500
+
+
+def test_a_video_needs_no_lock_on_the_model(trained, tmp_path):
+    with open(trained / ".splatboost.lock", "w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        done = run_program("render", "-m", trained, "--orbit", "4", "--video", tmp_path / "turn.mp4")
+        pictures = run_program("render", "-m", trained, "--orbit", "4")
+        (trained / ".splatboost.lock").unlink()
+    assert done.returncode == 0 or "OpenCV" in done.stderr
+    assert pictures.returncode == 2 and "another splatboost process" in pictures.stderr
 
 
 def test_synth_is_deterministic(tmp_path):

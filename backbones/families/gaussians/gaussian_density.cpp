@@ -104,6 +104,7 @@ void GaussianTrainer::grow() {
   }
   // Reserve all groups first: if memory runs out, the model stays intact.
   for (TrainedGroup* group : row_groups_) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
+  stale_ = set_changed_ = true;  // also if memory runs out below
   const Array<std::uint32_t> listed(device_, clones);
   const std::size_t first_clone = primitives();
   for (TrainedGroup* group : row_groups_) group->append_copies(listed);
@@ -117,7 +118,6 @@ void GaussianTrainer::grow() {
     xyz_.values.edit(3 * first_clone, [&](std::span<float> means) {
       for (std::size_t k = 0; k < means.size(); ++k) means[k] += offsets[k];
     });
-    stale_ = set_changed_ = true;
   }
   append_children(parents);
   split.resize(primitives(), 0);  // remove parents, keep clones and children

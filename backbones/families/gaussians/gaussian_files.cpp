@@ -58,7 +58,8 @@ std::uint64_t GaussianTrainer::export_model(const std::filesystem::path& folder)
   cloud.log_scales = scaling_.values.to_host();
   cloud.rotations = rotation_.values.to_host();
   keep_whole_rows(cloud);
-  method_->export_to(cloud);
+  // If memory ran out before the method followed a change of the Gaussians, its data belong to other Gaussians.
+  if (!set_changed_) method_->export_to(cloud);
   const std::filesystem::path path = folder / "point_cloud.ply";
   write_splat_ply(path, cloud);
   const std::vector<TrainedGroup*> kept = model_groups();

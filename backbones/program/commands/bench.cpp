@@ -219,6 +219,7 @@ struct Bench {
     hold_instruction_set();
     Json old;
     if (!compare.empty()) old = read_earlier(compare);
+    if (!output.empty()) require_writable(output);
 
     ChosenDevice where(device, threads);
     Json document = {{"machine", machine_name()},     {"device", where.name()},  {"date", utc_now()},

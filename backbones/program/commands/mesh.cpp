@@ -19,6 +19,7 @@
 #include "trainer/mesh/tsdf_volume.h"
 #include "trainer/report/report.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/text.h"
 #include "trainer/training/trainer.h"
 
 namespace splatboost::program {
@@ -100,7 +101,12 @@ struct Mesh {
     OpenModel model(saved, options);
     require(model.backbone().has_surfaces(),
             "backbone " + options.backbone + " renders no depth, which a mesh is made from");
-    if (output.empty()) output = options.model / "mesh.ply";
+    std::optional<FolderLock> lock;
+    if (output.empty()) {
+      output = options.model / "mesh.ply";
+      lock.emplace(options.model);
+    }
+    require_writable(output);
 
     const double far = far_depth(model.scene());
     if (!set.given("max-depth")) max_depth = far;
@@ -120,16 +126,22 @@ struct Mesh {
         "mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones were removed; voxel %.4g, depth up to "
         "%.4g)\n",
         output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
+    try {
+      if (!lock) lock.emplace(options.model);
+    } catch (const InputError& error) {
+      // The mesh is elsewhere and complete.
+      std::fprintf(stderr, "note: no picture of the mesh: %s\n", printable(error.what()).c_str());
+      return 0;
+    }
     std::printf("picture: %s\n", write_picture(mesh, model.scene()).c_str());
     return 0;
   }
 
  private:
-  /// Draws the mesh from the first measured view, into the run's folder and its report.
+  /// Draws the mesh from the first measured view, into the run's folder, which must be locked, and its report.
   fs::path write_picture(const TriangleMesh& mesh, const Scene& scene) const {
     const Camera& camera = measured_views(scene).front().camera;
     fs::path picture = options.model / "mesh.png";
-    const FolderLock lock(options.model);
     write_png(picture, camera.width, camera.height, 1, std::span<const std::uint8_t>(draw_mesh(mesh, camera)));
     show_mesh_in_report(options.model / "report.html", picture);
     return picture;

@@ -66,6 +66,7 @@ struct MeshEval {
     if (!dtu_mask.empty() && !crop.empty())
       throw UsageError("--crop is for Tanks and Temples, --dtu-mask for DTU: give only one");
     check_threads(threads);
+    if (!output.empty()) require_writable(output);
     Threads workers(threads);
     const bool dtu = !dtu_mask.empty();
     const DtuMask mask = dtu ? read_dtu_mask(dtu_mask) : DtuMask{};

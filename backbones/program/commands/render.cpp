@@ -19,6 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kVideoFrames = 120;
+constexpr int kMaxSeries = 100000;  // file names have five digits
 
 struct Render {
   explicit Render(CLI::App& app) : set(app) {
@@ -40,10 +41,14 @@ struct Render {
 
   int run() {
     require_model(options);
-    if (orbit < 0 || (set.given("orbit") && orbit == 0)) throw UsageError("--orbit must be at least 1");
+    const auto check_count = [&](const std::string& name, int count) {
+      if (set.given(name) && (count < 1 || count > kMaxSeries))
+        throw UsageError("--" + name + " must be 1 to " + std::to_string(kMaxSeries));
+    };
+    check_count("orbit", orbit);
+    check_count("sequence", sequence);
     if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
     if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
-    if (set.given("sequence") && sequence < 1) throw UsageError("--sequence must be at least 1");
     if (sequence > 0 && (!video.empty() || orbit > 0 || time || !view.empty()))
       throw UsageError("--sequence writes models: leave out --video, --orbit, --view and --time");
     if (!view.empty() && video.empty() && orbit == 0) throw UsageError("--view requires --video or --orbit");
@@ -63,7 +68,8 @@ struct Render {
     std::optional<FolderLock> lock;
     if (output.empty()) {
       output = options.model;
-      lock.emplace(options.model);  // a run that measures writes pictures with the same names
+      // A run that measures writes pictures with the same names. A video has a name of its own.
+      if (video.empty()) lock.emplace(options.model);
     }
     if (sequence > 0) {
       export_sequence(backbone);

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "trainer/support/atomic_file.h"
+#include "trainer/training/data_identity.h"
 
 namespace splatboost::program {
 namespace {
@@ -51,6 +52,13 @@ bool is_same_run(Json one, Json other) {
   for (const char* key : kNotOfTheRun) {
     one.erase(key);
     other.erase(key);
+  }
+  // Folders of earlier versions do not name their data.
+  const Json::json_pointer data("/trained/data");
+  if (!one.contains(data) || !other.contains(data)) {
+    for (Json* config : {&one, &other}) {
+      if (config->contains(data)) (*config)["trained"].erase("data");
+    }
   }
   return one == other;
 }
@@ -125,7 +133,8 @@ FolderLock take_model_folder(const fs::path& folder, const std::string& resumed)
   return lock;
 }
 
-std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged) {
+std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged,
+                        const Scene* data) {
   Json config = set.record();
   config["splatboost"] = SPLATBOOST_VERSION;
   config["backbone"] = plugged ? plugged->backbone->config() : options.backbone_settings;
@@ -137,6 +146,8 @@ std::string config_text(const OptionSet& set, const RunOptions& options, bool bo
     trained["beta"] = plugged->beta ? readable(*plugged->beta) : Json(nullptr);
     trained["background"] = options.scene.white_background ? "white" : "black";
     if (config["backbone"].contains("sh_degree")) trained["sh_degree"] = config["backbone"]["sh_degree"];
+    // Two runs may differ in their data only, even below the same path.
+    if (data) trained["data"] = data_identity(*data);
   }
   return config.dump(2) + "\n";
 }

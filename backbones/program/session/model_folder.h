@@ -41,7 +41,9 @@ FolderLock take_model_folder(const std::filesystem::path& folder, const std::str
 /// The text of config.json: the options, the constants in use, and what viewers need to know of the training. Throws
 /// InputError on a path that is not UTF-8.
 /// @param plugged the run's backbone; null: a comparison, which has two
-std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged);
+/// @param data of the run, whose checksums identify it; null: not complete yet
+std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged,
+                        const Scene* data = nullptr);
 
 void write_config(const std::filesystem::path& folder, const std::string& text);
 

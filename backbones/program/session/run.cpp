@@ -175,7 +175,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   const PluggedBackbone plugged = make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
                                                 boost ? &settings : nullptr);
   Backbone& backbone = *plugged.backbone;
-  const std::string config = config_text(set, options, boost, &plugged);
+  const std::string config = config_text(set, options, boost, &plugged, &bench.scene);
   bench.scene.train_halves.clear();
   if (plugged.coarse_until > 0) bench.scene.train_halves = half_views(bench.scene.train, bench.device->threads());
   const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());

@@ -43,7 +43,8 @@ std::vector<fs::path> pictures_of(const fs::path& folder) {
   return files;
 }
 
-/// The source of each camera, sorted by name: a video, or a folder of its frames, which is preferred to a video of the
+/// The source of each camera, sorted by name as text (cam10 before cam2), which is the order of the rows in
+/// poses_bounds.npy: a video, or a folder of its frames, which is preferred to a video of the
 /// same name.
 std::vector<fs::path> cameras_of(const fs::path& folder) {
   std::vector<fs::path> cameras;

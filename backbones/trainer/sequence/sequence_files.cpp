@@ -118,8 +118,10 @@ std::vector<std::pair<double, std::string>> read_tum_list(const fs::path& file) 
   return list;
 }
 
-/// Published calibrations of the TUM RGB-D benchmark, selected by the number in the folder's name.
-std::optional<Calibration> tum_calibration(const std::string& name) {
+/// Published calibrations of the TUM RGB-D benchmark, selected by the number in the folder's name, or in that of the
+/// nearest folder above it that has one.
+std::optional<Calibration> tum_calibration(const fs::path& folder) {
+  const std::string name = folder.filename().string();
   Calibration c;
   c.width = 640, c.height = 480, c.depth_scale = 5000;
   const auto is = [&](const char* number) {
@@ -135,7 +137,7 @@ std::optional<Calibration> tum_calibration(const std::string& name) {
   } else if (is("3")) {
     c.fx = 535.4, c.fy = 539.2, c.cx = 320.1, c.cy = 247.6;
   } else {
-    return std::nullopt;
+    return folder.has_relative_path() ? tum_calibration(folder.parent_path()) : std::nullopt;
   }
   return c;
 }
@@ -155,6 +157,7 @@ SequenceFiles find_tum(const SequenceOptions& options) {
   const auto depth_of = nearest_in_time(times, times_of(depth), kMaxSecondsApart);
   std::vector<TimedPose> truth;
   if (is_file(options.source / "groundtruth.txt")) truth = read_tum_trajectory(options.source / "groundtruth.txt");
+  std::ranges::stable_sort(truth, {}, &TimedPose::time);
   std::vector<double> truth_times;
   for (const TimedPose& pose : truth) truth_times.push_back(pose.time);
   const auto truth_of = nearest_in_time(times, truth_times, kMaxSecondsApart);
@@ -168,7 +171,7 @@ SequenceFiles find_tum(const SequenceOptions& options) {
   }
   require(!files.frames.empty(), (options.source / "rgb.txt").string() + ": lists no images");
   if (options.calibration.empty()) {
-    const auto known = tum_calibration(fs::absolute(options.source).lexically_normal().string());
+    const auto known = tum_calibration(fs::absolute(options.source).lexically_normal());
     require(known.has_value(), options.source.string() +
                                    ": the camera is unknown (no freiburg1, 2 or 3 in its name); give a "
                                    "file with --calibration");

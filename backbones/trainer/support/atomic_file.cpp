@@ -120,6 +120,8 @@ std::filesystem::path file_to_replace(const std::filesystem::path& path) {
   return target;
 }
 
+void require_writable(const std::filesystem::path& path) { const TemporaryFile removed(file_to_replace(path)); }
+
 void write_file_atomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write) {
   const std::filesystem::path target = file_to_replace(path);
   TemporaryFile temporary(target);

@@ -13,6 +13,10 @@ namespace splatboost {
 /// InputError if it is a device or a pipe, std::runtime_error if it is a folder or `path` is empty.
 std::filesystem::path file_to_replace(const std::filesystem::path& path);
 
+/// Throws what write_file_atomically() would throw if `path` cannot be written, for use before long work. Changes
+/// nothing.
+void require_writable(const std::filesystem::path& path);
+
 /// Calls `write` on a temporary file beside `path`, and renames that to `path` once all bytes are on disk. On failure
 /// (disk full, no permission) an old file is kept, the new one is removed, and std::runtime_error names path and cause.
 /// Links, folders, devices and pipes are treated as file_to_replace() says.

@@ -240,6 +240,19 @@ TEST(NeuralVideo, FoldersOfFramesReadAsWritten) {
   expect_contains(scene.notes[0], "the first 2 of 5 frames");
 }
 
+/// Rows of poses_bounds.npy are in the order of the names as text, as the tools that write the file list the cameras.
+TEST(NeuralVideo, CamerasAreInTheOrderOfTheirNamesAsText) {
+  const Rig disk;
+  for (const auto& [from, to] : {std::pair("cam00", "cam1"), std::pair("cam01", "cam10"), std::pair("cam02", "cam2")}) {
+    std::filesystem::rename(disk.folder / from, disk.folder / to);
+  }
+  const Scene scene = read_scene(options_of(disk.folder));
+  expect_rig(scene, 0);
+  EXPECT_EQ(scene.test[0].name, "cam1/0000.png");
+  EXPECT_EQ(scene.train[0].name, "cam10/0000.png");
+  EXPECT_EQ(scene.train[5].name, "cam2/0000.png");
+}
+
 TEST(NeuralVideo, VideosReadAsWritten) {
   if (!have_opencv()) GTEST_SKIP() << "no OpenCV";
   const Rig disk(true);

@@ -149,6 +149,29 @@ TEST(Sequence, tum_pairs_by_time) {
   EXPECT_FALSE(sequence->truth(1).has_value());
 }
 
+TEST(Sequence, tum_poses_may_be_in_any_order) {
+  const TemporaryFolder parent;
+  const fs::path folder = parent / "rgbd_dataset_freiburg2_toy";
+  fs::create_directories(folder);
+  std::ofstream(folder / "rgb.txt") << "1.000 rgb/a.png\n2.000 rgb/b.png\n";
+  std::ofstream(folder / "groundtruth.txt") << "2.000 4 5 6 0 0 0 1\n1.000 1 2 3 0 0 0 1\n";
+  const auto sequence = open_sequence(of(folder));
+  ASSERT_TRUE(sequence->truth(0).has_value() && sequence->truth(1).has_value());
+  EXPECT_EQ((*sequence->truth(0))[3].z, 3);
+  EXPECT_EQ((*sequence->truth(1))[3].z, 6);
+}
+
+TEST(Sequence, tum_cameras_are_those_of_the_innermost_folder_that_names_one) {
+  const TemporaryFolder parent;
+  const auto focal_length = [&](const fs::path& folder) {
+    fs::create_directories(folder);
+    std::ofstream(folder / "rgb.txt") << "1.000 rgb/a.png\n";
+    return open_sequence(of(folder))->calibration().fx;
+  };
+  EXPECT_EQ(focal_length(parent / "fr1/rgbd_dataset_freiburg3_toy"), 535.4);
+  EXPECT_EQ(focal_length(parent / "fr2/desk/."), 520.908620) << "the name of a folder above it";
+}
+
 /// k1 bends straight lines; pixels without data are invalid.
 TEST(Sequence, distortion_is_taken_out) {
   const TemporaryFolder folder;

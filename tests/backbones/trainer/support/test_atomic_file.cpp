@@ -107,6 +107,18 @@ TEST(AtomicFile, NamesPathAndCause) {
   EXPECT_EQ(files_in(folder.path()), 1u);
 }
 
+TEST(AtomicFile, RequireWritableChangesNothing) {
+  const TemporaryFolder folder;
+  require_writable(folder / "new");
+  EXPECT_EQ(files_in(folder.path()), 0u);
+  write_text_atomically(folder / "old", "old");
+  require_writable(folder / "old");
+  EXPECT_EQ(read_file(folder / "old"), "old");
+  EXPECT_EQ(files_in(folder.path()), 1u);
+  EXPECT_THROW(require_writable(folder / "missing/a.txt"), std::runtime_error);
+  EXPECT_THROW(require_writable(folder.path()), std::runtime_error);
+}
+
 TEST(AtomicFile, KeepsDevicesAndPipes) {
   const TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
