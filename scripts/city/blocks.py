@@ -59,6 +59,11 @@ class Scene:
         views.sort()
         if len(views) < 2:
             raise BadInput(f"{self.sparse}: {len(views)} views are too few for blocks")
+        for name, pose, camera in views:
+            if camera not in self.cameras:
+                raise BadInput(f"{self.sparse}: {name} has camera {camera}, which is not in cameras.bin")
+            if not np.isfinite(pose).all() or not any(pose[:4]):
+                raise BadInput(f"{self.sparse}: {name} has no valid pose; remove it from the model")
         self.names = [name for name, _, _ in views]
         self.poses = np.array([pose for _, pose, _ in views])
         self.view_cameras = [camera for _, _, camera in views]
@@ -70,6 +75,8 @@ class Scene:
 
     def _read_points(self, data):
         count, at = struct.unpack_from("<Q", data)[0], 8
+        if count > len(data) // 51:  # the smallest size of a point
+            raise ValueError("points3D.bin ends early")
         self.points, self.colors, self.errors = np.zeros((count, 3)), np.zeros((count, 3), np.uint8), np.zeros(count)
         for i in range(count):
             self.points[i] = struct.unpack_from("<3d", data, at + 8)
@@ -113,16 +120,19 @@ class Grid:
     def around(scene, columns, rows):
         spread = scene.centres - scene.centres.mean(axis=0)
         _, lengths, directions = np.linalg.svd(spread, full_matrices=False)
-        if len(lengths) == 3 and lengths[2] < 0.3 * lengths[1]:
+        on_line = len(lengths) < 3 or lengths[1] <= 0.01 * lengths[0]
+        if not on_line and lengths[2] < 0.3 * lengths[1]:
             up = directions[2]  # camera positions are nearly coplanar: take their plane as the ground
         else:
             up = -scene.rotations[:, 1].mean(axis=0)  # rows of a rotation are the camera's axes; y is down
+            if on_line:  # the line lies on the ground
+                up -= directions[0] * (up @ directions[0])
             if np.linalg.norm(up) < 0.3:
                 raise BadInput(f"{scene.folder}: the ground cannot be found from the cameras' positions or up directions")
             up /= np.linalg.norm(up)
         spread -= np.outer(spread @ up, up)
-        _, _, directions = np.linalg.svd(spread, full_matrices=False)
-        axes = directions[:2]
+        along = np.linalg.svd(spread, full_matrices=False)[2][0]
+        axes = np.stack([along, np.cross(up, along)])
         places = scene.centres @ axes.T
         column_cuts = _cuts(places[:, 0], columns)
         column = np.searchsorted(column_cuts, places[:, 0], side="right")

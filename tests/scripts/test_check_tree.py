@@ -17,6 +17,11 @@ def test_the_tree_keeps_its_layers():
     assert run(ROOT).stderr == ""
 
 
+def test_a_folder_without_a_checkout_is_told_in_one_line(tmp_path):
+    done = run(tmp_path / "none")
+    assert done.returncode == 2 and "git cannot list its files" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
 @pytest.fixture
 def tree(tmp_path):
     """A small tree with this repository's layer table."""

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """scripts/city: the areas of blocks, the views each trains on, and the merged model."""
+import fcntl
 import json
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -57,6 +59,16 @@ def test_every_place_has_one_owner(street):
     assert (again.owners(places) == owners).all()
 
 
+def test_the_ground_holds_a_straight_street(street):
+    scene = blocks.Scene(street)
+    up = -scene.rotations[:, 1].mean(axis=0)
+    along = np.cross(up, [0.3, 0.5, 0.8])
+    scene.centres = np.outer(np.linspace(-5, 5, len(scene.names)), along / np.linalg.norm(along))
+    grid = blocks.Grid.around(scene, 4, 1)
+    assert np.abs(grid.axes @ up).max() < 1e-6 and np.allclose(grid.axes @ grid.axes.T, np.eye(2), atol=1e-6)
+    assert np.bincount(grid.owners(scene.centres), minlength=4).tolist() == [6] * 4
+
+
 def test_points_of_a_frustum(street):
     scene = blocks.Scene(street)
     for view in (0, 7):
@@ -104,7 +116,11 @@ def test_the_workflow(street, tmp_path):
     told = city(*arguments)
     assert "Gaussians, PSNR" in told and (tmp_path / "city/merged/report.html").is_file()
     before = (tmp_path / "city/blocks/0_0/model/results.json").stat().st_mtime_ns
-    city(*arguments)
+    other = tmp_path / "other"
+    other.write_bytes(PROGRAM.read_bytes() + b"\n")
+    other.chmod(0o755)
+    assert "another build" not in city(*arguments)
+    assert "another build of the program" in city(*arguments[:-3], "--program", other, *arguments[-3:])
     assert (tmp_path / "city/blocks/0_0/model/results.json").stat().st_mtime_ns == before  # not trained again
 
 
@@ -156,6 +172,10 @@ def test_what_cannot_be_is_told_in_one_line(street, tmp_path):
                              (("--", "--backbone=scaffold-gs"), "--backbone scaffold-gs: its models cannot be merged"),
                              (("--grid", 0, 1), "--grid must be at least 1 1"),
                              (("--border", "nan"), "--border at least 0"),
+                             (("--share", 1.5), "--share in (0, 1]"),
+                             (("--threads", -1), "--threads must be at least 0"),
+                             (("--jobs", 0), "--jobs at least 1"),
+                             (("--", "--resume", "a"), "--resume: cannot be passed to the blocks"),
                              (("--llffhold", 1), "--llffhold 1 holds out every view")):
         assert words in city(street, tmp_path / "a", "--split-only", *arguments, code=2)
         assert not (tmp_path / "a/plan.json").exists()
@@ -169,3 +189,28 @@ def test_what_cannot_be_is_told_in_one_line(street, tmp_path):
     assert "is not a complete COLMAP model" in city(broken, tmp_path / "c", "--split-only", code=2)
     city(street, tmp_path / "d", "--split-only", "--grid", 2, 1)
     assert "contains blocks of another command" in city(street, tmp_path / "d", "--split-only", "--grid", 1, 2, code=2)
+    with open(tmp_path / "d/lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert "another city is running" in city(street, tmp_path / "d", "--split-only", "--grid", 2, 1, code=2)
+    (tmp_path / "d/plan.json").write_text("{")
+    assert "d/plan.json: not JSON" in city(street, tmp_path / "d", "--split-only", "--grid", 2, 1, code=2)
+
+
+@pytest.mark.parametrize("name, at, wrong, words", [
+    ("images.bin", 8 + 60, struct.pack("<I", 77), "has camera 77, which is not in cameras.bin"),
+    ("images.bin", 8 + 4, struct.pack("<d", float("nan")), "has no valid pose"),
+    ("images.bin", 8 + 36, struct.pack("<d", float("inf")), "has no valid pose"),
+    ("images.bin", 8 + 4, bytes(32), "has no valid pose"),
+    ("points3D.bin", 0, struct.pack("<Q", 1 << 40), "points3D.bin ends early"),
+    (None, 0, b"", "no folder images")], ids=["camera", "nan", "inf", "rotation", "points", "images"])
+def test_a_damaged_scene_is_told_in_one_line(street, tmp_path, name, at, wrong, words):
+    scene = tmp_path / "scene"
+    shutil.copytree(street, scene)
+    if name is None:
+        shutil.rmtree(scene / "images")
+    else:
+        data = bytearray((scene / "sparse/0" / name).read_bytes())
+        data[at:at + len(wrong)] = wrong
+        (scene / "sparse/0" / name).write_bytes(data)
+    told = city(scene, tmp_path / "out", "--split-only", code=2)
+    assert words in told and len(told.splitlines()) == 1

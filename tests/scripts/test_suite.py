@@ -9,10 +9,12 @@ import math
 import os
 import pathlib
 import shutil
+import signal
 import stat
 import struct
 import subprocess
 import sys
+import time
 import zlib
 
 import pytest
@@ -394,6 +396,33 @@ def test_bad_input_is_one_line(words, message, tmp_path):
     assert done.returncode == 2 and message in done.stderr, done.stderr
     assert len([line for line in done.stderr.splitlines() if "left out" not in line]) == 1
     assert not (tmp_path / "out/runs").exists()
+
+
+def test_an_out_that_is_a_file_is_one_line(tmp_path):
+    (tmp_path / "out").write_text("")
+    done = run_suite("--out", tmp_path / "out", "--dry-run")
+    assert done.returncode == 2 and "cannot be made a folder" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_an_interrupt_ends_the_current_run(tmp_path, name):
+    program, workflow = tmp_path / "splatboost", tmp_path / "snakemake"
+    program.write_text("#!/bin/sh\necho --no-boost\n[ \"$1\" != synth ] || mkdir -p \"$2\"\n")
+    workflow.write_text(f'#!/bin/sh\necho $$ > "{tmp_path}/pid.part"; mv "{tmp_path}/pid.part" "{tmp_path}/pid"; exec sleep 100\n')
+    for file in (program, workflow):
+        file.chmod(0o755)
+    process = subprocess.Popen([sys.executable, ROOT / "scripts/suite/run", "--quick", "--out", tmp_path / "out", "--program", program,
+                                "--rules", "published"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               env={**os.environ, "SNAKEMAKE": str(workflow)},
+                               # Tests in the background or under nohup inherit ignored signals.
+                               preexec_fn=lambda: signal.signal(signal.Signals[name], signal.SIG_DFL))
+    while not (tmp_path / "pid").exists() and process.poll() is None:
+        time.sleep(0.05)
+    process.send_signal(signal.Signals[name])
+    assert process.communicate(timeout=60)[1].endswith("\nsuite: interrupted; the same command continues\n")
+    assert process.returncode == 130
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
 
 
 def test_help():
