@@ -40,7 +40,7 @@ std::optional<Manifest> read_manifest(const SourceTree& tree) {
       file.after = entry.at("after");
       file.reverted = entry.at("reverted");
       for (const ordered_json& made : entry.at("changes")) {
-        Change change{made.at("removed"), made.at("added"), made.at("count")};
+        Change change{made.at("removed"), made.at("added"), made.at("count"), made.value("known", 0)};
         require(!change.added.empty() && change.count > 0, "empty change");
         file.changes.push_back(std::move(change));
       }
@@ -71,7 +71,8 @@ std::string text_of(const Manifest& manifest) {
     entry["reverted"] = file.reverted;
     entry["changes"] = ordered_json::array();
     for (const Change& change : file.changes) {
-      entry["changes"].push_back({{"removed", change.removed}, {"added", change.added}, {"count", change.count}});
+      entry["changes"].push_back(
+          {{"removed", change.removed}, {"added", change.added}, {"count", change.count}, {"known", change.known}});
     }
     json["files"].push_back(std::move(entry));
   }

@@ -116,6 +116,9 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
   for (const std::string& file : files) {
     const auto& [before, after] = texts[file];
     PatchedFile patched{file, sha256(before), sha256(after), sha256(before), changes[file]};
+    for (Change& change : patched.changes) {
+      if (has_names_of(before, change.added)) change.known = count_names_of(before, change.added);
+    }
     // Refuse an edit that could not be reverted exactly.
     require(without_changes(after, patched) == before, file + ": the recipe's edits cannot be reverted in this file");
     manifest.files.push_back(std::move(patched));

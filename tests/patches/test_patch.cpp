@@ -153,6 +153,23 @@ TEST(Patch, FilesRestoredToAnotherVersionAreKept) {
   expect_patched(mini);
 }
 
+/// The names in the inserted line do not show whether it is there, since the host's file has them anyway.
+TEST(Patch, FilesRestoredFromALineOfTheirOwnNamesAreKept) {
+  const Miniature mini;
+  mini.write_recipe(replaced(kRecipe, "hooks.count(self)", "self.denominator = loss"));
+  write_file(mini.tree() / "scene/model.py", "# my changes\n" + kModel);
+  apply_to(mini);
+  write_file(mini.tree() / "scene/model.py", replaced(mini.model(), "denominator = loss", "denominator = 2 * loss"));
+  expect_contains(error_of([&] { revert_of(mini); }),
+                  "scene/model.py: the patch's 'self.denominator = loss' was removed or changed");
+  EXPECT_TRUE(mini.has_manifest());
+  write_file(mini.tree() / "scene/model.py", kModel);
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }),
+                  "scene/model.py: contains nothing of the patch: run splatboost patch revert PATH, then apply again");
+  EXPECT_EQ(revert_of(mini).edited_by_user, std::vector<std::string>{"scene/model.py"});
+  mini.expect_pristine();
+}
+
 TEST(Patch, LostManifestsAreNoticed) {
   const Miniature mini;
   apply_to(mini);

@@ -119,6 +119,20 @@ TEST(TextEdit, CommentsAndStringsAreNoAnchors) {
   expect_edit("// grow(a);\n/* grow(b); */\ngrow(c);\n", cpp, "// grow(a);\n/* grow(b); */\nboost(c);\n");
 }
 
+TEST(TextEdit, CommentsBetweenTheWordsOfAnAnchorDoNotMatter) {
+  expect_edit("if (a > b  # start, and c\n        # every d\n        and c % d == 0):  # grow\n    grow()\n",
+              edit_of("a > b and c % d == 0", Place::replace, {"boost.grows()"}),
+              "if (boost.grows()):  # grow\n    grow()\n");
+  expect_edit("g.step(a,  # b)\n    b)\n", edit_of("g.step(a, b)", Place::after, {"hook()"}),
+              "g.step(a,  # b)\n    b)\nhook()\n");
+  Edit cpp = edit_of("if (a && b)", Place::replace, {"if (c)"});
+  cpp.file = "a.cpp";
+  expect_edit("if (a  // first\n    && /* then\n    */ b) {\n}\n", cpp, "if (c) {\n}\n");
+  // A '#' in a string is no comment.
+  std::string text = "f('a # x\\\n b')\n";
+  expect_contains(error_of([&] { apply_edit(text, edit_of("'a b'", Place::replace, {"c"})); }), "is missing");
+}
+
 TEST(TextEdit, RefusesTextThatHoldsTheSnippetAlready) {
   std::string text = "step()\nhook()\n";
   expect_contains(error_of([&] { apply_edit(text, edit_of("step(", Place::after, {"hook()"})); }), "patched");
@@ -129,6 +143,11 @@ TEST(TextEdit, TellsLackingChangesFromEditedOnes) {
   EXPECT_FALSE(lacks("def f(a):\n  hooks.count(a)\n", inserted));
   EXPECT_FALSE(lacks("def f(a):\n  hooks.count(a, 2)\n", inserted));
   EXPECT_TRUE(lacks("def f(a):\n  a.count()\n", inserted));
+  const Change of_known_names{"", "  y = x\n", 1, 3};
+  EXPECT_TRUE(lacks("x = 1\ny = f(x)\n", of_known_names));
+  EXPECT_FALSE(lacks("x = 1\n  y = x\n", of_known_names));
+  EXPECT_FALSE(lacks("x = 1\ny = f(x)\n  y = x * 2\n", of_known_names));
+  EXPECT_FALSE(lacks("x = 1\ny = f(x)\n", Change{"", "  y = x\n", 1}));
   const Change replaced{"model.step(", "boost.step(", 2};
   EXPECT_TRUE(lacks("import boost\nmodel.step(1)\nmodel.step(2)\n", replaced));
   EXPECT_FALSE(lacks("import boost\nmodel.step(1)\nboost.step(2)\n", replaced));

@@ -195,7 +195,8 @@ Language language_of(const std::string& file) {
   return endings.contains(ending) ? Language::cpp : Language::other;
 }
 
-SourceCode::SourceCode(std::string text, Language language) : text_(std::move(text)), code_(text_) {
+SourceCode::SourceCode(std::string text, Language language)
+    : text_(std::move(text)), code_(text_), without_comments_(text_) {
   language == Language::cpp ? read_cpp() : read_python();
 }
 
@@ -211,16 +212,20 @@ void SourceCode::read_cpp() {
       }
     }
   };
+  const auto blank_comment = [&](std::size_t from, std::size_t to) {
+    blank(from, to);
+    without_comments_.replace(from, to - from, code_, from, to - from);
+  };
   for (std::size_t at = 0; at < size;) {
     const char c = text_[at];
     if (text_.compare(at, 2, "//") == 0) {
       const std::size_t end = std::min(text_.find('\n', at), size);
-      blank(at, end);
+      blank_comment(at, end);
       at = end;
     } else if (text_.compare(at, 2, "/*") == 0) {
       const std::size_t close = text_.find("*/", at + 2);
       const std::size_t end = close == std::string::npos ? size : close + 2;
-      blank(at, end);
+      blank_comment(at, end);
       at = end;
     } else if (c == '"' && at > 0 && text_[at - 1] == 'R') {
       const std::size_t open = std::min(text_.find('(', at), size);
@@ -306,6 +311,7 @@ void SourceCode::read_python() {
     if (c == '#') {
       const std::size_t end = std::min(text_.find('\n', at), size);
       blank(at, end);
+      without_comments_.replace(at, end - at, code_, at, end - at);
       at = end;
       continue;
     }
@@ -551,6 +557,9 @@ bool SourceCode::knows(const std::string& name, std::size_t statement) const {
 
 std::vector<Match> find_words(const SourceCode& source, const std::string& anchor) {
   const std::string& text = source.text();
+  const bool own_comment = anchor.find('#') != std::string::npos || anchor.find("//") != std::string::npos ||
+                           anchor.find("/*") != std::string::npos;
+  const std::string& plain = own_comment ? text : source.without_comments();
   std::vector<Match> matches;
   if (anchor.empty()) return matches;
   for (std::size_t begin = text.find(anchor.front()); begin != std::string::npos;
@@ -566,7 +575,7 @@ std::vector<Match> find_words(const SourceCode& source, const std::string& ancho
       // Space is required between two words and optional elsewhere.
       const std::size_t old_at = at, old_i = i;
       while (i < anchor.size() && is_space(anchor[i])) ++i;
-      while (at < text.size() && (is_space(text[at]) || text[at] == '\\')) ++at;
+      while (at < text.size() && (is_space(plain[at]) || text[at] == '\\')) ++at;
       same = (at != old_at || i != old_i) && at < text.size() && i < anchor.size() && text[at] == anchor[i];
       const bool between_words = at > 0 && i > 0 && is_word(anchor[i]) && old_i > 0 && is_word(anchor[old_i - 1]);
       if (same && between_words) same = at != old_at && i != old_i;
@@ -585,6 +594,16 @@ bool has_names_of(const std::string& text, const std::string& code) {
   const std::vector<Token> sought = tokens_of(code);
   return std::all_of(sought.begin(), sought.end(),
                      [&](const Token& token) { return !token.name() || known.contains(token.text); });
+}
+
+int count_names_of(const std::string& text, const std::string& code) {
+  std::set<std::string_view> names;
+  for (const Token& token : tokens_of(code)) {
+    if (token.name()) names.insert(token.text);
+  }
+  const std::vector<Token> tokens = tokens_of(text);
+  return static_cast<int>(
+      std::count_if(tokens.begin(), tokens.end(), [&](const Token& token) { return names.contains(token.text); }));
 }
 
 std::optional<std::size_t> nearest_statement(const SourceCode& source, const std::string& anchor) {

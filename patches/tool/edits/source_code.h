@@ -63,6 +63,8 @@ class SourceCode {
   std::string show(std::size_t statement) const;
   /// The text with comments and the insides of strings blanked out.
   const std::string& code() const { return code_; }
+  /// The text with only comments blanked out.
+  const std::string& without_comments() const { return without_comments_; }
 
   // The following are for Python only.
   std::vector<Function> functions(const std::string& name) const;
@@ -84,11 +86,11 @@ class SourceCode {
   bool binds(std::size_t statement, const std::string& name) const;
   Function read_function(std::size_t statement) const;
 
-  std::string text_, code_;
+  std::string text_, code_, without_comments_;
   std::vector<Statement> statements_;
 };
 
-/// An occurrence of an anchor within one statement, regardless of line breaks and spaces between its words.
+/// An occurrence of an anchor within one statement, regardless of line breaks, spaces and comments between its words.
 struct Match {
   std::size_t begin = 0;
   std::size_t end = 0;
@@ -97,6 +99,9 @@ std::vector<Match> find_words(const SourceCode& source, const std::string& ancho
 
 /// Whether each name in a piece of code also occurs in a text, in comments and strings too.
 bool has_names_of(const std::string& text, const std::string& code);
+
+/// How often a text has the names in a piece of code, in total, in comments and strings too.
+int count_names_of(const std::string& text, const std::string& code);
 
 /// The statement most similar to a piece of code; nullopt if none is similar enough.
 std::optional<std::size_t> nearest_statement(const SourceCode& source, const std::string& anchor);

@@ -156,8 +156,9 @@ bool holds(const std::string& text, const Change& change) {
 
 bool lacks(const std::string& text, const Change& change) {
   if (!has_names_of(text, change.added)) return true;
-  return !change.removed.empty() && places_of(text, change.added).empty() &&
-         static_cast<int>(places_of(text, change.removed).size()) == change.count;
+  if (!places_of(text, change).empty()) return false;
+  return change.removed.empty() ? count_names_of(text, change.added) <= change.known
+                                : static_cast<int>(places_of(text, change.removed).size()) == change.count;
 }
 
 void revert_change(std::string& text, const Change& change, const std::string& file) {

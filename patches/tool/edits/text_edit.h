@@ -15,8 +15,8 @@ enum class Place {
   replace  ///< the anchor itself, within its statement
 };
 
-/// An edit as a recipe specifies it. The anchor is a part of one statement of the host's file; line breaks in it do not
-/// matter.
+/// An edit as a recipe specifies it. The anchor is a part of one statement of the host's file; line breaks and comments
+/// in it do not matter.
 struct Edit {
   std::string file;  ///< relative to the tree, '/' between folders
   std::string anchor;
@@ -33,6 +33,7 @@ struct Change {
   std::string removed;
   std::string added;
   int count = 1;
+  int known = 0;  ///< how often the file before the patch has the names in `added`; 0: it lacks one of them
 
   bool operator==(const Change&) const = default;
 };
@@ -46,7 +47,7 @@ inline constexpr const char* kForkAdvice =
 std::string nearest_place(const std::string& text, const std::string& code, Language language);
 
 /// Occurrences of an anchor in a text. Those that match exactly are preferred; if their number is not `count`, other
-/// line breaks are allowed too. @return `count` places if there are that many; otherwise those found
+/// line breaks and comments are allowed too. @return `count` places if there are that many; otherwise those found
 std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count, Language language);
 
 /// As anchor_places(), without matches that begin in a comment or inside a string, unless the anchor itself begins with
@@ -67,8 +68,8 @@ void revert_change(std::string& text, const Change& change, const std::string& f
 /// Whether a change is in the text as it was made.
 bool holds(const std::string& text, const Change& change);
 
-/// Whether a text certainly lacks a change, even in an edited form: some name that it adds is missing, or all that it
-/// replaced is back.
+/// Whether a text certainly lacks a change, even in an edited form: some name that it adds is missing, all that it
+/// replaced is back, or those that the file had before are not more than then.
 bool lacks(const std::string& text, const Change& change);
 
 }  // namespace splatboost::patch
