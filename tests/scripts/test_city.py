@@ -124,6 +124,36 @@ def test_the_workflow(street, tmp_path):
     assert (tmp_path / "city/blocks/0_0/model/results.json").stat().st_mtime_ns == before  # not trained again
 
 
+def test_a_relative_lpips_is_found_from_any_folder(street, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.onnx").write_bytes(b"1")
+    for name, given in (("a", ("--lpips", "net.onnx")), ("b", ("--lpips=net.onnx",))):
+        city(street, name, "--split-only", "--grid", 2, 1, "--", *given)
+        assert json.loads((tmp_path / name / "plan.json").read_text())["options"] == ["--lpips", str(tmp_path / "net.onnx")]
+    told = city(street, "c", "--split-only", "--grid", 2, 1, "--", "--lpips", "none.onnx", code=2)
+    assert told == f"city: --lpips: {tmp_path}/none.onnx: no such file\n" and not (tmp_path / "c/plan.json").exists()
+
+
+@pytest.mark.parametrize("name", ["sparse/0/points3D.bin", "images", "net.onnx"])
+def test_files_that_changed_are_noticed(street, tmp_path, name):
+    scene, network = tmp_path / "scene", tmp_path / "net.onnx"
+    shutil.copytree(street, scene)
+    network.write_bytes(b"1")
+    arguments = (scene, tmp_path / "out", "--split-only", "--grid", 2, 1, "--", "--lpips", network)
+    city(*arguments)
+    before = (tmp_path / "out/plan.json").read_bytes()
+    (scene / "points3D.ply").write_bytes(b"not used")
+    city(*arguments)  # continues
+    if name == "images":
+        next((scene / "images").iterdir()).unlink()
+    else:
+        changed = network if name == "net.onnx" else scene / name
+        changed.write_bytes(changed.read_bytes()[:-1] + b"2")
+    what = "the file of --lpips" if name == "net.onnx" else f"the scene {scene}"
+    assert city(*arguments, code=2) == f"city: {tmp_path}/out: contains blocks of {what} before it changed; give another --out\n"
+    assert (tmp_path / "out/plan.json").read_bytes() == before
+
+
 def killer(path):
     """A program that kills Snakemake and the jobs on its first training, and afterwards is the real one."""
     path.write_text(f"""#!/bin/sh
