@@ -149,7 +149,11 @@ def test_backbones_and_settings():
         (dict(tau_d="five"), "tau_d: expected a number, got 'five'"),
         (dict(tau_d=10**400), "tau_d: expected a number, got 1000"),
         (dict(views=0), "views must be at least 1"),
-        (dict(total_iterations=0), "total_iterations"),
+        (dict(total_iterations=0), "total_iterations: expected a whole number from 1 to 2147483647, got 0"),
+        (dict(total_iterations=None), "total_iterations: expected a whole number, got None"),
+        (dict(device="x"), "device: expected a device such as cpu or cuda:0, got 'x'"),
+        (dict(seed=1.5), "seed: expected a whole number, got 1.5"),
+        (dict(literal="yes"), "literal: expected a whole number, got 'yes'"),
     ):
         with pytest.raises(ValueError, match=message):
             Adapter("vanilla", **{"total_iterations": 100, **wrong})
@@ -174,6 +178,25 @@ def test_what_a_view_raises_comes_through():
     wrong = [lambda: ScoredView(host.view(0).color, torch.zeros(3, 5, 5), render=host.view(0).render)]
     with pytest.raises(ValueError, match=r"truth: expected shape \[3,22,30\], got \[3, 5, 5\]"):
         adapter.grow(1000, wrong, **common)
+    for changed, message in (
+        (dict(views=None), "views: expected a list of functions that render a view, got None"),
+        (dict(views=[3]), r"views\[0\]: expected a function, got 3"),
+        (dict(views=[lambda: None]), r"views\[0\]: expected it to return a ScoredView, got NoneType"),
+        (dict(views=[lambda: ScoredView(host.view(0).color, host.truths[0], render=3)]), "render: expected a Render, got 3"),
+        (dict(views=[lambda: ScoredView(host.view(0).color, host.truths[0], 3, host.view(0).render)]),
+         "valid: expected a tensor, got int"),
+        (dict(gradients_abs=None), "gradients_abs: expected a tensor, got None"),
+        (dict(gradients=3), "gradients: expected a tensor, got int"),
+        (dict(iteration="x"), "iteration: expected a whole number, got 'x'"),
+        (dict(scene_extent=None), "scene_extent: expected a number, got None"),
+    ):
+        given = dict(iteration=1000, views=host.views(), scene_extent=1.0, gradients=n, gradients_abs=n, max_scales=n)
+        with pytest.raises(ValueError, match=message):
+            adapter.grow(**{**given, **changed})
+    with pytest.raises(ValueError, match="origins: expected int32 or int64, got float32"):
+        adapter.prune(1000, host.views(), candidates=n > 0, origins=n)
+    with pytest.raises(ValueError, match="iteration: expected a whole number from .*, got 4294967301"):
+        adapter.grows_at(2**32 + 5, True)
     with pytest.raises(ValueError, match="origins need a preceding grow at the same iteration"):
         adapter.prune(2000, host.views(), candidates=torch.zeros(N, dtype=torch.bool), origins=torch.arange(N))
 

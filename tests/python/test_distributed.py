@@ -13,10 +13,13 @@ import torch
 
 import splatboost
 from splatboost import distributed
+from splatboost._tensors import Place, counts_of
 
 N, VIEWS, EVENTS = 24, 5, 3
 #: Iterations of growth and of a late pruning, in a run of 600.
 ITERATIONS, LATE = (100, 200, 250), 400
+#: A view that process 1 owns.
+FAILING = 1
 
 pytestmark = pytest.mark.skipif(conftest.EMULATED, reason="processes of their own, on the CPU")
 
@@ -115,12 +118,66 @@ def views_of(scene, values):
     return [view(j) for j in range(VIEWS)]
 
 
+class Counter:
+    """A render that adds its view's number to every count."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def _add_counts(self, flagged, counts, place):
+        self._add_weights(counts, place)
+
+    def _add_weights(self, weights, place):
+        if self.number == FAILING:
+            raise ValueError("no lists")
+        counts_of(weights, place).add_(self.number)
+
+
+def check_failures(processes):
+    """Views that fail in their owner raise in every process, and later views are not affected."""
+    def photo(j, kind):
+        def draw():
+            if (j, kind) == (FAILING, "drawing"):
+                raise ValueError("no photo")
+            size = 3 if (j, kind) == (FAILING, "shape") else 4
+            return splatboost.ScoredView(torch.full((3, 4, 5), float(j)), torch.zeros(3, size, 5), None, Counter(j))
+
+        return draw
+
+    def raised(call):
+        with pytest.raises(Exception) as caught:
+            call()
+        return str(caught.value)
+
+    owns = processes.rank == processes.owner_of_view(FAILING)
+    for kind in ("drawing", "shape", "counting"):
+        views = distributed.shared_views([photo(j, kind) for j in range(VIEWS)], processes, "cpu")
+        for j, view in enumerate(views):
+            if j == FAILING and kind != "counting":
+                said = raised(view)
+                assert owns or said == "rendering view 1 failed in process 1, whose own error tells why", said
+                assert not owns or kind == "shape" or said == "no photo", said
+                continue
+            scored, sums = view(), torch.zeros(3, dtype=torch.int32)
+            assert float(scored.color.mean()) == j
+            place = Place(sums, "sums")
+            for add in (lambda: scored.render._add_counts(None, place.target(sums, "sums"), place),
+                        lambda: scored.render._add_weights(place.target(sums, "sums"), place)):
+                if j == FAILING:
+                    said = raised(add)
+                    assert said == "no lists" if owns else "view 1 failed in process 1" in said, said
+                else:
+                    add()
+            assert sums.tolist() == [0 if j == FAILING else 2 * j] * 3
+
+
 def main(rank, count, folder):
     torch.distributed.init_process_group("gloo", init_method="file://%s/meet" % folder, rank=rank, world_size=count)
     torch.set_num_threads(1)
     processes = distributed.Processes()
     assert (processes.rank, processes.count) == (rank, count)
     torch.save([run(processes, shards) for shards in (False, True)], os.path.join(folder, "%d.pt" % rank))
+    check_failures(processes)
     # Process 0 has no rows; sums require integers.
     rows = processes.rows(torch.full((rank, 2), float(rank)))
     assert rows.shape == (sum(range(count)), 2)

@@ -236,7 +236,7 @@ def test_beta_chooses_the_box():
     assert not torch.equal(drawn(), exact)
     splatboost.set_beta(None)
     assert torch.equal(drawn(), square)
-    for wrong in (0.0, 1.1, float("nan")):
+    for wrong in (0.0, 1.1, float("nan"), "x", torch.zeros(2)):
         with pytest.raises(ValueError, match="beta"):
             splatboost.set_beta(wrong)
 
@@ -265,6 +265,25 @@ def test_wrong_combinations_are_refused():
         rasterizer(**arguments, colors_precomp=torch.zeros(N, 3))
     with pytest.raises(ValueError, match="either scales and rotations, or cov3D_precomp"):
         rasterizer(**arguments, cov3D_precomp=torch.zeros(N, 6))
+    for changed, message in (
+        (dict(means3D=None), "means3D: expected a tensor, got NoneType"),
+        (dict(means2D=torch.zeros(N, 2)), r"means2D: expected shape \[24,3\] or \[24,4\], got \[24, 2\]"),
+        (dict(shs=torch.zeros(N, 3)), r"shs: expected shape \[24,K,3\], got \[24, 3\]"),
+        (dict(scales=3), "scales: expected a tensor, got int"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            rasterizer(**{**arguments, **changed})
+    for changed, message in (
+        (dict(image_height=None), "image_height: expected a whole number, got None"),
+        (dict(tanfovx=0.0), "tanfovx: expected a number above 0, got 0.0"),
+        (dict(bg=None), "bg: expected a vector or a matrix of numbers, got NoneType"),
+        (dict(sh_degree=9), "sh_degree: expected a whole number from 0 to 3, got 9"),
+        (dict(scale_modifier="x"), "scale_modifier: expected a number, got 'x'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            rasterizer.__class__(rasterizer.raster_settings._replace(**changed))(**arguments)
+    with pytest.raises(ValueError, match="layout: expected one of"):
+        splatboost.install_drop_ins(["pgsr"])
     offset = torch.full((22, 30, 2), 0.25)
     mip = module("mip-splatting").GaussianRasterizer(
         settings("mip-splatting", reference.turned_camera(), subpixel_offset=offset)

@@ -264,10 +264,28 @@ def test_packed_and_two_radii(strategy_module):
 def test_needs(strategy_module, monkeypatch):
     with pytest.raises(ValueError, match="views: expected at least one"):
         strategy_module.SplatBoostStrategy().score_on([])
+    for wrong in (None, 3):
+        with pytest.raises(ValueError, match="views: expected a list of View or a data set, got %s" % wrong):
+            strategy_module.SplatBoostStrategy().score_on(wrong)
+    with pytest.raises(ValueError, match="max_steps: expected a whole number, got None"):
+        strategy_module.SplatBoostStrategy(max_steps=None).adapter()
+    with pytest.raises(ValueError, match="tau_d: expected a number, got 'x'"):
+        strategy_module.SplatBoostStrategy(settings={"tau_d": "x"}).adapter()
+    whole = dict(viewmat=torch.eye(4), K=torch.eye(3), image=torch.zeros(15, 20, 3))
+    for changed, message in (
+        (dict(viewmat=None), r"viewmat: expected a tensor of shape \[4, 4\], got None"),
+        (dict(K=torch.eye(4)), r"K: expected a tensor of shape \[3, 3\], got Tensor of shape \[4, 4\]"),
+        (dict(image=torch.zeros(3, 15, 20)), r"image: expected shape \[H,W,3\], got \[3, 15, 20\]"),
+        (dict(mask=torch.zeros(15, 20)), "mask: expected bool or uint8, got float32"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            strategy_module.View(**{**whole, **changed})
     unready = strategy_module.SplatBoostStrategy()
     with pytest.raises(ValueError, match="call score_on"):
         unready.step_post_backward({}, {}, unready.initialize_state(), 0, {})
     trainer = Trainer(strategy_module, 100)
+    with pytest.raises(ValueError, match=r"info: expected that of gsplat's rasterization\(\), got one without radii, width"):
+        trainer.strategy.step_post_backward(trainer.params, {}, trainer.strategy.initialize_state(), 0, {"means2d": 0})
     params = {k: v for k, v in trainer.params.items() if k != "sh0"}
     optimizers = {k: v for k, v in trainer.optimizers.items() if k != "sh0"}
     with pytest.raises(ValueError, match="params: expected sh0"):

@@ -101,6 +101,33 @@ def test_scores_and_selections():
         splatboost.keep_largest(priorities, -1, every)
 
 
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda image, n: splatboost.flag_errors(image, image, 3), "valid: expected a tensor, got int"),
+        (lambda image, n: splatboost.flag_errors(image, image, image[0]), "valid: expected bool or uint8, got float32"),
+        (lambda image, n: splatboost.flag_errors(image, image.double()), "truth: expected uint8 or float32, got float64"),
+        (lambda image, n: splatboost.flag_errors(image, image, tau="x"), "tau: expected a number, got 'x'"),
+        (lambda image, n: splatboost.photometric_loss(image, image, lambda_dssim=None), "lambda_dssim: expected a number"),
+        (lambda image, n: splatboost.keep_important(n.long(), None, n > 0), "threshold: expected a number, got None"),
+        (lambda image, n: splatboost.keep_largest(n, 2.5, n > 0), "keep: expected a whole number, got 2.5"),
+        (lambda image, n: splatboost.keep_weighted_sample(n, 1, n > 0, seed="x"), "seed: expected a whole number, got 'x'"),
+        (lambda image, n: splatboost.importance_scores(n.long(), 2**32 + 1), "views: expected a whole number from .*4294967297"),
+        (lambda image, n: splatboost.mean_squared_neighbor_distances(image[0], None), "k: expected a whole number, got None"),
+        (lambda image, n: splatboost.adam_step(None, n, n, n, 1), "values: expected a tensor, got NoneType"),
+        (lambda image, n: splatboost.adam_step(n, n, n, n, 1, betas=0.9), "betas: expected two numbers, got 0.9"),
+        (lambda image, n: splatboost.adam_step(n, n, n, n, None), "step: expected a whole number, got None"),
+        (lambda image, n: splatboost.steps_at(None, 1, 10), "intervals: expected StepIntervals, got None"),
+        (lambda image, n: splatboost.steps_at(splatboost.StepIntervals("x"), 1, 10), "intervals: early: expected a whole"),
+        (lambda image, n: splatboost.scaled_iteration(-1, 10), "published: expected a whole number from 0 to"),
+        (lambda image, n: splatboost.exponential_rate(0, 1, 1, 1), "initial: expected a number above 0, got 0.0"),
+    ],
+)
+def test_bad_arguments_are_named(call, message):
+    with pytest.raises(ValueError, match=message):
+        call(torch.rand(3, 12, 3), torch.rand(4))
+
+
 def test_neighbors_by_brute_force():
     points = torch.rand((200, 3), generator=torch.Generator().manual_seed(4))
     squared = torch.cdist(points.double(), points.double()).square()

@@ -104,6 +104,19 @@ def test_the_readme_lists_all_layouts():
         assert any('`"%s"`' % layout in row and ".%s`" % module in row for row in table), layout
 
 
+def test_the_blocks_of_the_readme_run():
+    pytest.importorskip("torch")
+    readme = conftest.PACKAGE / "README.md"
+    if not readme.exists():
+        pytest.skip("the README is not here")
+    blocks = re.findall(r"^```python\n(.*?)^```", readme.read_text(encoding="utf-8"), flags=re.S | re.M)
+    assert len(blocks) == 4
+    # One after another, since some continue an earlier one; gsplat itself needs CUDA.
+    double = "import sys\nsys.path.append(%r)\nimport gsplat_double\ngsplat_double.install()\n" % os.path.dirname(__file__)
+    done = run(double + "\n".join(blocks))
+    assert done.returncode == 0, done.stderr
+
+
 def test_imports_without_torch_and_without_the_library():
     code = """
 import sys

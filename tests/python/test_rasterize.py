@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rasterizer on tensors against the reference in double precision, values and gradients."""
 
+import dataclasses
 import pathlib
 import subprocess
 import sys
@@ -330,6 +331,12 @@ def test_visible_radii_are_those_of_the_square():
         ({"background": 0.5}, "background: expected a vector or a matrix of numbers, got float"),
         ({"background": (float("nan"), 0.0, 0.0)}, "background: expected finite numbers"),
         ({"beta": 1.5}, "beta must lie in"),
+        ({"beta": "x"}, "beta: expected a number, got 'x'"),
+        ({"low_pass": None}, "low_pass: expected a number, got None"),
+        ({"near_plane": torch.zeros(3)}, r"near_plane: expected a number, got Tensor of shape \[3\]"),
+        ({"sh_degree": 4}, "sh_degree: expected a whole number from 0 to 3, got 4"),
+        ({"sh_degree": -1}, "sh_degree: expected a whole number from 0 to 3, got -1"),
+        ({"compensate_opacity": "x"}, "compensate_opacity: expected a whole number, got 'x'"),
         ({"screen_points": torch.zeros(N, 2)}, r"screen_points: expected shape \[24,3\] or \[24,4\]"),
         (
             {"means": torch.zeros(N, 3, device="meta")},
@@ -344,6 +351,26 @@ def test_visible_radii_are_those_of_the_square():
 def test_bad_arguments_are_named(change, message):
     with pytest.raises(ValueError, match=message):
         splatboost.rasterize(reference.turned_camera(), **{**small(), **change})
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"width": 0}, "width: expected a whole number from 1 to 2147483647, got 0"),
+        ({"height": 2**32 + 22}, "height: expected a whole number from 1"),
+        ({"fx": None}, "fx: expected a number, got None"),
+        ({"camera_from_world": (1.0, 2.0)}, "camera_from_world: expected 16 numbers, got 2 numbers"),
+        ({"camera_from_world": None}, "camera_from_world: expected a vector or a matrix of numbers, got NoneType"),
+    ],
+)
+def test_bad_cameras_are_named(change, message):
+    camera = dataclasses.replace(reference.turned_camera(), **change)
+    tensors = small()
+    for draw in (lambda: splatboost.rasterize(camera, **tensors), lambda: splatboost.mark_visible(camera, tensors["means"])):
+        with pytest.raises(ValueError, match=message):
+            draw()
+    with pytest.raises(ValueError, match="camera: expected a Camera, got NoneType"):
+        splatboost.rasterize(None, **tensors)
 
 
 def test_sh_too_short_for_its_degree():
@@ -363,6 +390,8 @@ MOVED[:3, 3] = torch.tensor([0.5, 0.0, 2.0])
         ([[30, 0, 16], [0, 30, 12], [0, 0, 1]], MOVED.T, "camera_from_world: .*is it transposed"),
         ([[30, 0, 16], [0, 30, 12], [0, 0, 1]], MOVED @ torch.diag(torch.tensor([2.0, 2, 2, 1])), "expected a rigid motion"),
         ([[30, 0, 0], [0, 30, 0], [16, 12, 1]], MOVED, "intrinsics: .*is it transposed"),
+        (torch.eye(2), MOVED, r"intrinsics: expected shape \[3,3\], got \[2,2\]"),
+        (torch.eye(3), MOVED[0], r"camera_from_world: expected shape \[4,4\], got 4 numbers"),
         (torch.eye(3)[None], MOVED, r"intrinsics: expected a vector or a matrix of numbers, got shape \[1, 3, 3\]"),
     ],
 )

@@ -218,6 +218,12 @@ def client_of(shown):
     return client
 
 
+@pytest.mark.parametrize("wrong", ["OUT", [], ["a", "b", "c"]])
+def test_models_are_one_or_two_paths(wrong):
+    with pytest.raises(models.ModelError, match="models: expected a list of one or two paths, got "):
+        Viewer(wrong)
+
+
 def middle_of(shown, channel):
     """Centroid (row, column) of what a page shows in red, green or blue in 24×32 pixels; None if there is none."""
     drawn = client_of(shown).get_render(height=24, width=32, transport_format="png", timeout=60)[..., :3] / 255.0

@@ -13,7 +13,7 @@ from torch.autograd.function import once_differentiable
 from . import _library as lib
 from ._render import Lease, Render, Tensors, draw, new_gradients, returned_gradients, save_inputs, saved_inputs
 from ._tensors import Place, check
-from .camera import Camera, color_of
+from .camera import Camera, check_camera, color_of
 
 _F32 = torch.float32
 _NAMES = ("points", "smoothness", "sharpness", "opacities", "sh_dc", "sh_rest", "colors")
@@ -39,7 +39,7 @@ def _draw(place: Place, call: _Call, tensors: Tensors) -> Any:
     """Takes a workspace and renders; returns color and visible."""
     points = tensors["points"]
     assert points is not None
-    color = place.empty((3, call.camera.height, call.camera.width))
+    color = place.empty((3, int(call.camera.height), int(call.camera.width)))
     visible = place.empty((points.shape[0],), torch.uint8)
     outputs = lib.ConvexOutputs(color=place.target(color, "color"), visible=place.target(visible, "visible"))
     convexes = _convexes(place, tensors, call.sh_degree)
@@ -129,6 +129,7 @@ def rasterize_convexes(
     screen_points  [N,3], values are not read: its gradient receives, over the gradients of a convex's projected points
                    in pixels, the sum along x, the sum along y and the sum of both absolute values, as published
     """
+    check_camera(camera)
     n = points.shape[0] if isinstance(points, torch.Tensor) and points.dim() > 0 else 0
     check(points, "points", _F32, ("N", "K", 3))
     for tensor, name, shapes in (
@@ -147,15 +148,15 @@ def rasterize_convexes(
         raise ValueError("sh: expected shape [%d,K,3] with K > 0, got %s" % (n, list(sh.shape)))
     options = lib.ConvexOptions(
         box=lib.CONVEX_BOX_SQUARE if beta is None else lib.CONVEX_BOX_COMPACT,
-        beta=1.0 if beta is None else beta,
-        near_plane=near_plane,
-        pixel_size=pixel_size,
+        beta=1.0 if beta is None else lib.number(beta, "beta"),
+        near_plane=lib.number(near_plane, "near_plane"),
+        pixel_size=lib.number(pixel_size, "pixel_size"),
         released_view_direction=int(released_view_direction),
     )
     options.background[:] = color_of(background)
     if screen_points is not None:
         Place(points, "points").check_here(screen_points, "screen_points")
-    call = _Call(camera, options, int(sh_degree), torch.is_grad_enabled())
+    call = _Call(camera, options, lib.whole(sh_degree, "sh_degree", 0, 3), torch.is_grad_enabled())
     color, visible = _Rasterize.apply(
         call, screen_points, sh, points, smoothness, sharpness, opacities, None, None, colors
     )

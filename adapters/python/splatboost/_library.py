@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import operator
 import os
 import pathlib
 from ctypes import POINTER, c_char_p, c_double, c_float, c_int32, c_int64, c_uint64, c_void_p
@@ -310,13 +311,46 @@ def call(entry: str, *arguments: Any) -> None:
         return
     message = library.sb_last_error().decode("utf-8", "replace")
     if status == ERROR_ARGUMENT:
-        raise ValueError(message)
+        raise ValueError(message.replace(" must not be NULL", ": expected a tensor, got None"))
     if status == ERROR_NO_CUDA:
         raise NoCudaError(message)
     if status == ERROR_MEMORY:
         raise MemoryError(message)
     raise LibraryError(entry + ": " + message)
 
+
+def shown(value: Any) -> str:
+    """An argument in an error message, on one line."""
+    shape = getattr(value, "shape", None)
+    if shape is not None and len(shape) > 0:
+        return "%s of shape %s" % (type(value).__name__, list(shape))
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else text[:60] + "…"
+
+
+def number(value: Any, name: str) -> float:
+    """An argument as a float; ctypes does not name the argument. The library checks the range."""
+    try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        raise ValueError("%s: expected a number, got %s" % (name, shown(value))) from None
+
+
+def whole(value: Any, name: str, least: int = -(2**31), most: int = 2**31 - 1) -> int:
+    """An argument as an int in a range; ctypes does not name the argument and drops the upper bits."""
+    try:
+        result = int(value) if isinstance(value, float) and value.is_integer() else operator.index(value)
+    except (TypeError, ValueError):
+        raise ValueError("%s: expected a whole number, got %s" % (name, shown(value))) from None
+    if not least <= result <= most:
+        raise ValueError("%s: expected a whole number from %d to %d, got %d" % (name, least, most, result))
+    return result
+
+
+#: Seeds of 64 bits, signed or not.
+SEEDS = (-(2**63), 2**64 - 1)
 
 _threads = 0
 _MAX_THREADS = 4096  # kMaxThreads of splatboost/threads.h, which the library checks too

@@ -13,7 +13,7 @@ from torch.autograd.function import once_differentiable
 from . import _library as lib
 from ._render import Lease, Render, Tensors, draw, new_gradients, returned_gradients, save_inputs, saved_inputs
 from ._tensors import Place, check
-from .camera import Camera, color_of
+from .camera import Camera, check_camera, color_of
 
 _F32 = torch.float32
 
@@ -47,7 +47,7 @@ def _draw(place: Place, call: _Call, tensors: Tensors) -> Tensors:
     """Takes a workspace and renders into new images."""
     means, features = tensors["means"], tensors["features"]
     assert means is not None
-    h, w, n = call.camera.height, call.camera.width, means.shape[0]
+    h, w, n = int(call.camera.height), int(call.camera.width), means.shape[0]
     images: Tensors = {
         "color": place.empty((3, h, w)),
         "features": None if features is None else place.empty((features.shape[1], h, w)),
@@ -183,6 +183,7 @@ def rasterize(
                    as in 3DGS. With 4 columns, columns 2 and 3 are the sums over pixels of the absolute gradients along
                    x and y (AbsGS). With 3, column 2 is 0, or the sum of both with absolute_sum (Mip-Splatting)
     """
+    check_camera(camera)
     n = means.shape[0] if isinstance(means, torch.Tensor) and means.dim() > 0 else 0
     check(means, "means", _F32, ("N", 3))
     check(opacities, "opacities", _F32, (n, 1), (n,))
@@ -210,17 +211,18 @@ def rasterize(
 
     options = lib.RasterOptions(
         lib.BOX_SQUARE if beta is None else lib.BOX_ELLIPSE,
-        1.0 if beta is None else beta,
-        low_pass,
-        int(compensate_opacity),
-        near_plane,
+        1.0 if beta is None else lib.number(beta, "beta"),
+        lib.number(low_pass, "low_pass"),
+        lib.whole(compensate_opacity, "compensate_opacity", 0, 1),
+        lib.number(near_plane, "near_plane"),
     )
     options.background[:] = color_of(background)
     place = Place(means, "means")
     for tensor, name in ((opacities, "opacities"), (screen_points, "screen_points")):
         if tensor is not None:
             place.check_here(tensor, name)
-    call = _Call(camera, options, int(sh_degree), inverse_depth, alpha, absolute_sum, torch.is_grad_enabled())
+    sh_degree = lib.whole(sh_degree, "sh_degree", 0, 3)
+    call = _Call(camera, options, sh_degree, inverse_depth, alpha, absolute_sum, torch.is_grad_enabled())
     color, radii, drawn_features, depth, drawn_alpha = _Rasterize.apply(
         call, screen_points, sh, means, opacities, scales, rotations, covariances, sh_dc, sh_rest, colors, features
     )
@@ -230,6 +232,7 @@ def rasterize(
 
 def mark_visible(camera: Camera, means: torch.Tensor, near_plane: float = 0.2) -> torch.Tensor:
     """bool [N]: which means [N,3] lie beyond the near plane, as 3DGS's markVisible."""
+    check_camera(camera)
     check(means, "means", _F32, ("N", 3))
     place = Place(means, "means")
     visible = place.empty((means.shape[0],), torch.uint8)
@@ -238,7 +241,7 @@ def mark_visible(camera: Camera, means: torch.Tensor, near_plane: float = 0.2) -
         place.c_device(),
         ctypes.byref(camera.c_struct()),
         place.view(means, "means"),
-        near_plane,
+        lib.number(near_plane, "near_plane"),
         place.target(visible, "visible"),
     )
     return visible.bool()
@@ -255,6 +258,7 @@ def visible_radii(
     near_plane: float = 0.2,
 ) -> torch.Tensor:
     """int32 [N] radii in px of the 3σ squares that overlap the image, 0 for others (visible_filter); no rendering."""
+    check_camera(camera)
     check(means, "means", _F32, ("N", 3))
     n = means.shape[0]
     for tensor, name, width in ((scales, "scales", 3), (rotations, "rotations", 4), (covariances, "covariances", 6)):
@@ -264,7 +268,9 @@ def visible_radii(
     radii = place.empty((n,), torch.int32)
     tensors: Tensors = dict.fromkeys(_NAMES)
     tensors.update(means=means, scales=scales, rotations=rotations, covariances=covariances)
-    options = lib.RasterOptions(lib.BOX_SQUARE, 1.0, low_pass, 0, near_plane)
+    options = lib.RasterOptions(
+        lib.BOX_SQUARE, 1.0, lib.number(low_pass, "low_pass"), 0, lib.number(near_plane, "near_plane")
+    )
     place.call(
         "sb_visible_radii",
         place.c_device(),

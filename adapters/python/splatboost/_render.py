@@ -184,17 +184,19 @@ class Render:
 
         Replays the tile lists of this render, so it must come before the next render.
         """
+        least = lib.number(min_transmittance, "min_transmittance")
         counts = torch.zeros_like(self.radii)
         place = Place(self.radii, "radii")
         target = place.target(counts, "counts")
         with self._replayed("count_observed") as workspace:
             if workspace.entries != "sb_rasterizer":
                 raise TypeError("count_observed: only available for renders of Gaussians")
-            lib.call("sb_rasterizer_count_observed", workspace.handle, min_transmittance, target, place.stream)
+            lib.call("sb_rasterizer_count_observed", workspace.handle, least, target, place.stream)
         return counts
 
     def weights(self) -> torch.Tensor:
-        """int32 [N]: blending weights of each Gaussian, summed over pixels, in units of 1/256 (rounded per pixel).
+        """int32 [N]: blending weights of each Gaussian, summed over pixels, in units of 1/256 (rounded per pixel);
+        at most 2^31 - 1.
 
         Replays the tile lists of this render, so it must come before the next render.
         """

@@ -25,12 +25,14 @@ _KINDS = {"cpu": lib.CPU, "cuda": lib.CUDA}
 Size = Union[int, str]  # a number, or a name for an arbitrary size
 
 
-def check(tensor: Any, name: str, dtype: torch.dtype, *shapes: Sequence[Size]) -> None:
-    """Raises ValueError unless the tensor has the type and one of the shapes; a name in a shape fits any size."""
+def check(tensor: Any, name: str, dtype: Union[torch.dtype, Sequence[torch.dtype]], *shapes: Sequence[Size]) -> None:
+    """Raises ValueError unless the tensor has the type, or one of the types, and one of the shapes; a name in a shape
+    fits any size."""
+    dtypes = (dtype,) if isinstance(dtype, torch.dtype) else dtype
     if not isinstance(tensor, torch.Tensor):
         raise ValueError("%s: expected a tensor, got %s" % (name, type(tensor).__name__))
-    if tensor.dtype != dtype:
-        raise ValueError("%s: expected %s, got %s" % (name, _name(dtype), _name(tensor.dtype)))
+    if tensor.dtype not in dtypes:
+        raise ValueError("%s: expected %s, got %s" % (name, " or ".join(map(_name, dtypes)), _name(tensor.dtype)))
     for shape in shapes:
         if len(shape) == tensor.dim() and all(isinstance(w, str) or w == s for w, s in zip(shape, tensor.shape)):
             return

@@ -14,7 +14,7 @@ import torch
 
 from . import _library as lib
 from ._tensors import Place, check
-from .operations import as_bytes
+from .operations import as_bytes, mask_bytes
 
 _F32 = torch.float32
 
@@ -39,6 +39,13 @@ class ScoredView:
 ViewSource = Sequence[Callable[[], ScoredView]]
 
 
+def _device_of(device: Any) -> torch.device:
+    try:
+        return torch.device(device)
+    except (TypeError, RuntimeError, AssertionError):
+        raise ValueError("device: expected a device such as cpu or cuda:0, got %s" % lib.shown(device)) from None
+
+
 def _setting_kinds(boost: Any) -> Dict[str, Any]:
     """Each setting's name and its type: bool, int or float."""
     kinds: Dict[str, Any] = {}
@@ -61,14 +68,12 @@ class Adapter:
     """
 
     def __init__(self, backbone: str, *, total_iterations: int, device: Any = "cpu", seed: int = 0, **settings: Any):
-        if total_iterations <= 0:
-            raise ValueError("total_iterations: expected a number above 0, got %r" % (total_iterations,))
         self.backbone = backbone
-        self.total_iterations = int(total_iterations)
-        self.device = torch.device(device)
-        self.seed = seed
+        self.total_iterations = lib.whole(total_iterations, "total_iterations", 1)
+        self.device = _device_of(device)
+        self.seed = lib.whole(seed, "seed", *lib.SEEDS)
         boost = ctypes.c_void_p()
-        literal = int(bool(settings.get("literal")))
+        literal = lib.whole(settings.get("literal", 0), "literal", 0, 1)
         lib.call("sb_boost_create", str(backbone).encode(), literal, ctypes.byref(boost))
         try:
             self._kinds = _setting_kinds(boost)
@@ -78,7 +83,7 @@ class Adapter:
             self.settings = {name: self._get(boost, name) for name in self._kinds}
             place = Place(torch.empty(0, device=self.device), "device")
             handle = ctypes.c_void_p()
-            place.call("sb_adapter_create", boost, seed, place.c_device(), ctypes.byref(handle))
+            place.call("sb_adapter_create", boost, self.seed, place.c_device(), ctypes.byref(handle))
         finally:
             lib.load().sb_boost_destroy(boost)
         self._handle = handle
@@ -96,12 +101,8 @@ class Adapter:
         if name not in self._kinds:
             raise ValueError("%s: no such setting; available: %s" % (name, ", ".join(sorted(self._kinds))))
         if self._kinds[name] is not float and not isinstance(value, numbers.Integral):
-            raise ValueError("%s: expected a whole number, got %r" % (name, value))
-        try:
-            number = float(value)
-        except (TypeError, ValueError, OverflowError) as e:
-            raise ValueError("%s: expected a number, got %r" % (name, value)) from e
-        lib.call("sb_boost_set", boost, name.encode(), number)
+            raise ValueError("%s: expected a whole number, got %s" % (name, lib.shown(value)))
+        lib.call("sb_boost_set", boost, name.encode(), lib.number(value, name))
 
     def _get(self, boost: Any, name: str) -> Any:
         value = ctypes.c_double()
@@ -117,7 +118,8 @@ class Adapter:
 
     def _asks(self, entry: str, iteration: int, host_would: bool) -> bool:
         answer = ctypes.c_int32()
-        lib.call(entry, self._handle, iteration, self.total_iterations, int(host_would), ctypes.byref(answer))
+        iteration = lib.whole(iteration, "iteration")
+        lib.call(entry, self._handle, iteration, self.total_iterations, int(bool(host_would)), ctypes.byref(answer))
         return bool(answer.value)
 
     def grows_at(self, iteration: int, host_would: bool) -> bool:
@@ -132,7 +134,8 @@ class Adapter:
         """Whether a parameter group ("xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation") steps now."""
         answer = ctypes.c_int32()
         lib.call(
-            "sb_adapter_steps_at", self._handle, group.encode(), iteration, self.total_iterations, ctypes.byref(answer)
+            "sb_adapter_steps_at", self._handle, str(group).encode(), lib.whole(iteration, "iteration"),
+            self.total_iterations, ctypes.byref(answer)
         )
         return bool(answer.value)
 
@@ -140,7 +143,8 @@ class Adapter:
         """Factor on the host's own learning rate of a parameter group at this iteration."""
         factor = ctypes.c_float()
         lib.call(
-            "sb_adapter_rate_factor", self._handle, group.encode(), iteration, self.total_iterations, ctypes.byref(factor)
+            "sb_adapter_rate_factor", self._handle, str(group).encode(), lib.whole(iteration, "iteration"),
+            self.total_iterations, ctypes.byref(factor)
         )
         return float(factor.value)
 
@@ -189,7 +193,7 @@ class Adapter:
             max_scales=max_scales,
             opacities=opacities,
         )
-        density.max_primitives = max_primitives
+        density.max_primitives = lib.whole(max_primitives, "max_primitives", 0, 2**63 - 1)
         with _Host(views, n, self.device) as host:
             host.call(
                 "sb_adapter_grow",
@@ -224,8 +228,8 @@ class Adapter:
         place = Place(candidates, "candidates")
         remove = candidates.to(torch.uint8)
         if origins is not None:
+            check(origins, "origins", (torch.int32, torch.int64), (m,))
             origins = origins.to(torch.int32)
-            check(origins, "origins", torch.int32, (m,))
         density = self._density(place, iteration, m, opacities=opacities)
         with _Host(views, m, self.device) as host:
             host.call(
@@ -240,8 +244,10 @@ class Adapter:
         return remove.bool()
 
     def _rows(self, tensor: Any, name: str) -> int:
-        if not isinstance(tensor, torch.Tensor) or tensor.dim() == 0:
-            raise ValueError("%s: expected a tensor of at least one dimension" % name)
+        if not isinstance(tensor, torch.Tensor):
+            raise ValueError("%s: expected a tensor, got %s" % (name, type(tensor).__name__))
+        if tensor.dim() == 0:
+            raise ValueError("%s: expected a tensor of at least one dimension, got shape []" % name)
         if tensor.device.type != self.device.type:
             raise ValueError("%s: expected a tensor on %s, got one on %s" % (name, self.device, tensor.device))
         return int(tensor.shape[0])
@@ -249,7 +255,9 @@ class Adapter:
     def _density(
         self, place: Place, iteration: int, n: int, scene_extent: float = 0.0, **statistics: Optional[torch.Tensor]
     ) -> lib.Density:
-        density = lib.Density(iteration, self.total_iterations, scene_extent)
+        density = lib.Density(
+            lib.whole(iteration, "iteration"), self.total_iterations, lib.number(scene_extent, "scene_extent")
+        )
         for name, tensor in statistics.items():
             if tensor is not None:
                 check(tensor, name, _F32, (n,), (n, 1))
@@ -261,6 +269,8 @@ class _Host:
     """The library's callbacks for the host's views. Exceptions in them are re-raised after the library has returned."""
 
     def __init__(self, views: ViewSource, primitives: int, device: torch.device):
+        if not hasattr(views, "__len__") or not hasattr(views, "__getitem__"):
+            raise ValueError("views: expected a list of functions that render a view, got %s" % lib.shown(views))
         self._sources = views
         self._primitives = primitives
         self._device = device
@@ -288,19 +298,23 @@ class _Host:
 
     def _render(self, _: Any, index: int, scored: Any) -> int:
         try:
+            source = self._sources[index]
+            if not callable(source):
+                raise ValueError("views[%d]: expected a function, got %s" % (index, lib.shown(source)))
             with torch.no_grad():
-                view = self._sources[index]()
+                view = source()
+            if not isinstance(view, ScoredView):
+                raise ValueError("views[%d]: expected it to return a ScoredView, got %s" % (index, type(view).__name__))
             if view.render is None:
                 from .compat import last_render
 
                 view.render = last_render()
+            if not hasattr(view.render, "_add_counts"):
+                raise ValueError("render: expected a Render, got %s" % lib.shown(view.render))
             check(view.color, "color", _F32, (3, "H", "W"))
             h, w = view.color.shape[1:]
-            truth, valid = as_bytes(view.truth), view.valid
+            truth, valid = as_bytes(view.truth), mask_bytes(view.valid, h, w)
             check(truth, "truth", torch.uint8, (3, h, w))
-            if valid is not None:
-                valid = valid.view(torch.uint8) if valid.dtype == torch.bool else valid
-                check(valid, "valid", torch.uint8, (h, w))
             place = Place(view.color, "color")
             scored[0].color = place.view(view.color, "color")
             scored[0].truth = lib.Truth(place.view(truth, "truth"), place.view(valid, "valid"))

@@ -33,9 +33,9 @@ class Camera:
         """From a 3×3 matrix of intrinsics and a 4×4 (or 3×4) pose: tensors, arrays or nested lists."""
         k, pose = host_rows(intrinsics, "intrinsics"), host_rows(camera_from_world, "camera_from_world")
         if len(k) != 3 or any(len(r) != 3 for r in k):
-            raise ValueError("intrinsics: expected shape [3,3]")
+            raise ValueError("intrinsics: expected shape [3,3], got %s" % _shape_of(k))
         if len(pose) not in (3, 4) or any(len(r) != 4 for r in pose):
-            raise ValueError("camera_from_world: expected shape [4,4]")
+            raise ValueError("camera_from_world: expected shape [4,4], got %s" % _shape_of(pose))
         for name, row in [("intrinsics", k[2])] + [("camera_from_world", r) for r in pose[3:]]:
             unit = [0.0] * (len(row) - 1) + [1.0]
             if any(not abs(v - u) < 1e-3 for v, u in zip(row, unit)):
@@ -43,7 +43,8 @@ class Camera:
         if not _orthonormal([r[:3] for r in pose[:3]]):
             raise ValueError("camera_from_world: expected a rigid motion, got one that scales or shears")
         flat = [v for r in pose[:3] for v in r] + [0.0, 0.0, 0.0, 1.0]
-        return Camera(int(width), int(height), k[0][0], k[1][1], k[0][2], k[1][2], tuple(flat))
+        width, height = lib.whole(width, "width", 1), lib.whole(height, "height", 1)
+        return Camera(width, height, k[0][0], k[1][1], k[0][2], k[1][2], tuple(flat))
 
     @staticmethod
     def from_3dgs(
@@ -57,14 +58,19 @@ class Camera:
         view, full = host_rows(viewmatrix, "viewmatrix"), host_rows(projmatrix, "projmatrix")
         for name, m in (("viewmatrix", view), ("projmatrix", full)):
             if len(m) != 4 or any(len(r) != 4 for r in m):
-                raise ValueError("%s: expected shape [4,4]" % name)
+                raise ValueError("%s: expected shape [4,4], got %s" % (name, _shape_of(m)))
         rotation = [[view[j][i] for j in range(3)] for i in range(3)]
         translation = [view[3][i] for i in range(3)]
         if not _orthonormal(rotation):
             raise ValueError("viewmatrix: expected a rigid motion, got one that scales or shears")
         # Rows x, y and w of clip_from_camera = clip_from_world · world_from_camera, without translation.
         clip = [[sum(full[k][i] * rotation[c][k] for k in range(3)) for c in range(3)] for i in (0, 1, 3)]
-        focal_x, focal_y = 1.0 / tanfovx, 1.0 / tanfovy
+        width, height = lib.whole(width, "width", 1), lib.whole(height, "height", 1)
+        tangents = [lib.number(value, name) for value, name in ((tanfovx, "tanfovx"), (tanfovy, "tanfovy"))]
+        for name, tangent in zip(("tanfovx", "tanfovy"), tangents):
+            if not tangent > 0:
+                raise ValueError("%s: expected a number above 0, got %r" % (name, tangent))
+        focal_x, focal_y = [1.0 / tangent for tangent in tangents]
         fits = (
             abs(clip[0][0] - focal_x) <= 1e-3 * abs(focal_x)
             and abs(clip[1][1] - focal_y) <= 1e-3 * abs(focal_y)
@@ -86,8 +92,8 @@ class Camera:
         shift = [0.0 if abs(clip[i][2]) < 1e-6 else clip[i][2] for i in (0, 1)]
         flat = [v for i in range(3) for v in rotation[i] + [translation[i]]] + [0.0, 0.0, 0.0, 1.0]
         return Camera(
-            int(width),
-            int(height),
+            width,
+            height,
             0.5 * width * focal_x,
             0.5 * height * focal_y,
             0.5 * width * (1.0 + shift[0]),
@@ -96,11 +102,29 @@ class Camera:
         )
 
     def c_struct(self) -> lib.Camera:
-        camera = lib.Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
-        if len(self.camera_from_world) != 16:
-            raise ValueError("camera_from_world: expected 16 numbers, got %d" % len(self.camera_from_world))
-        camera.camera_from_world[:] = self.camera_from_world
+        sizes = [lib.whole(getattr(self, name), name, 1) for name in ("width", "height")]
+        numbers = [lib.number(getattr(self, name), name) for name in ("fx", "fy", "cx", "cy")]
+        camera = lib.Camera(*sizes, *numbers)
+        rows = host_rows(self.camera_from_world, "camera_from_world")
+        if len(rows) != 1 or len(rows[0]) != 16:
+            raise ValueError("camera_from_world: expected 16 numbers, got %s" % _shape_of(rows))
+        camera.camera_from_world[:] = rows[0]
         return camera
+
+
+def check_camera(camera: Any) -> None:
+    """Raises ValueError unless this is a Camera with valid values."""
+    if not isinstance(camera, Camera):
+        raise ValueError("camera: expected a Camera, got %s" % type(camera).__name__)
+    camera.c_struct()
+
+
+def _shape_of(rows: Rows) -> str:
+    """The shape of a matrix, or the length of a vector."""
+    if len(rows) == 1:
+        return "%d numbers" % len(rows[0])
+    widths = {len(row) for row in rows}
+    return "[%d,%d]" % (len(rows), widths.pop()) if len(widths) == 1 else "rows of different lengths"
 
 
 def _orthonormal(rows: Rows) -> bool:

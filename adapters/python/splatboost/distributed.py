@@ -42,6 +42,23 @@ class Processes:
             dist.broadcast(tensor, source, group=self.group)
         return tensor
 
+    def in_owner(self, owner: int, what: str, work: Callable[[], Any], device: Any) -> Any:
+        """work() in the owner, None elsewhere. If it fails, all processes raise: the others would wait for ever for what
+        the owner broadcasts next. what: names the work in the error of the others."""
+        done: Any = None
+        error: Optional[BaseException] = None
+        if self.rank == owner:
+            try:
+                done = work()
+            except BaseException as e:  # KeyboardInterrupt too
+                error = e
+        failed = torch.tensor([error is not None], dtype=torch.int64, device=device)
+        if self.from_owner(failed, owner).item():
+            if error is not None:
+                raise error
+            raise RuntimeError("%s failed in process %d, whose own error tells why" % (what, owner))
+        return done
+
     def sum(self, integers: torch.Tensor) -> torch.Tensor:
         """Sums an int64 tensor over processes, in place."""
         if integers.dtype != torch.int64:
@@ -155,23 +172,26 @@ def _mixed(x: torch.Tensor) -> torch.Tensor:
 
 
 class _FromOwner:
-    """Counts and weights of a view that one process rendered, broadcast to all."""
+    """Counts and weights of a view that one process rendered, broadcast to all. render: None except in the owner."""
 
-    def __init__(self, processes: Processes, owner: int, render: Any):
-        self._processes, self._owner, self._render = processes, owner, render
+    def __init__(self, processes: Processes, owner: int, view: int, render: Any):
+        self._processes, self._owner, self._view, self._render = processes, owner, view, render
 
     def _add_counts(self, flagged: Any, counts: Any, place: Place) -> None:
-        sums = counts_of(counts, place)
-        here = torch.zeros_like(sums)
-        if self._render is not None:
+        def count(here: torch.Tensor) -> None:
             self._render._add_counts(flagged, place.target(here, "counts"), place)
-        sums += self._processes.from_owner(here, self._owner)
+
+        self._add(counts_of(counts, place), "counting flagged pixels", count)
 
     def _add_weights(self, weights: Any, place: Place) -> None:
-        sums = counts_of(weights, place)
-        here = torch.zeros_like(sums)
-        if self._render is not None:
+        def weigh(here: torch.Tensor) -> None:
             self._render._add_weights(place.target(here, "weights"), place)
+
+        self._add(counts_of(weights, place), "summing blending weights", weigh)
+
+    def _add(self, sums: torch.Tensor, what: str, fill: Callable[[torch.Tensor], None]) -> None:
+        here = torch.zeros_like(sums)
+        self._processes.in_owner(self._owner, "%s of view %d" % (what, self._view), lambda: fill(here), here.device)
         sums += self._processes.from_owner(here, self._owner)
 
 
@@ -179,36 +199,47 @@ def shared_views(views: Sequence[Callable[[], ScoredView]], processes: Processes
     """Views for an Adapter that every process runs: each is rendered by its owner and broadcast to the others.
 
     views[j] is called only in its owner (owner_of_view), and may be anything elsewhere. If the Gaussians are sharded,
-    it must render all of them, in the order of their ids.
+    it must render all of them, in the order of their ids. If a view fails in its owner, all processes raise.
     """
+
+    def blank(height: int, width: int, masked: bool) -> ScoredView:
+        def image(shape: Tuple[int, ...], dtype: torch.dtype) -> torch.Tensor:
+            return torch.zeros(shape, dtype=dtype, device=device)
+
+        color, truth = image((3, height, width), torch.float32), image((3, height, width), torch.uint8)
+        return ScoredView(color, truth, image((height, width), torch.uint8) if masked else None)
+
+    def drawn(j: int) -> ScoredView:
+        """The view as it is broadcast: complete before the others wait for its images."""
+        given = views[j]()
+        height, width = given.color.shape[1:]
+        view = blank(height, width, given.valid is not None)
+        view.color.copy_(given.color)
+        view.truth.copy_(as_bytes(given.truth))
+        if view.valid is not None and given.valid is not None:
+            view.valid.copy_(given.valid)
+        view.render = given.render
+        if view.render is None:
+            from .compat import last_render
+
+            view.render = last_render()
+        return view
 
     def source(j: int) -> Callable[[], ScoredView]:
         def draw() -> ScoredView:
             owner = processes.owner_of_view(j)
-            view = views[j]() if processes.rank == owner else None
+            view: Optional[ScoredView] = processes.in_owner(owner, "rendering view %d" % j, lambda: drawn(j), device)
             form = torch.zeros(3, dtype=torch.int64, device=device)
             if view is not None:
-                if view.render is None:
-                    from .compat import last_render
-
-                    view.render = last_render()
                 form[:] = torch.tensor([*view.color.shape[1:], view.valid is not None])
             height, width, masked = processes.from_owner(form, owner).tolist()
-            tensors: List[Optional[torch.Tensor]] = []
-            for name, shape, dtype in (("color", (3, height, width), torch.float32), ("truth", (3, height, width), torch.uint8),
-                                       ("valid", (height, width), torch.uint8)):
-                if name == "valid" and not masked:
-                    tensors.append(None)
-                    continue
-                tensor = torch.zeros(shape, dtype=dtype, device=device)
-                if view is not None:
-                    given = getattr(view, name)
-                    tensor.copy_(as_bytes(given) if name == "truth" else given)
-                tensors.append(processes.from_owner(tensor, owner))
-            render: Any = _FromOwner(processes, owner, None if view is None else view.render)
-            color, truth, valid = tensors
-            assert color is not None and truth is not None
-            return ScoredView(color, truth, valid, render)
+            if view is None:
+                view = blank(height, width, bool(masked))
+            for image in (view.color, view.truth, view.valid):
+                if image is not None:
+                    processes.from_owner(image, owner)
+            view.render = _FromOwner(processes, owner, j, view.render)
+            return view
 
         return draw
 

@@ -34,7 +34,7 @@ def install_drop_ins(layout: str) -> List[str]:
     layout: one of LAYOUTS. Must be called before the host's imports. Returns the names of the modules set. A second
     call with the same layout has no effect.
     """
-    if layout not in LAYOUTS:
+    if not isinstance(layout, str) or layout not in LAYOUTS:
         raise ValueError("layout: expected one of %s, got %r" % (", ".join(sorted(LAYOUTS)), layout))
     compat = __package__ + ".compat." if __package__ else "splatboost.compat."
     rasterization = importlib.import_module(compat + LAYOUTS[layout])

@@ -7,12 +7,15 @@ with its own boxes, so the compact box is not used.
 
 from __future__ import annotations
 
+import numbers
 from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import torch
 
+from . import _library as lib
 from ._rasterize import rasterize
+from ._tensors import check
 from .adapter import Adapter, ScoredView
 from .camera import Camera
 from .distributed import Processes, Shard, SharedAdapter
@@ -46,6 +49,15 @@ class View:
     K: torch.Tensor
     image: torch.Tensor
     mask: Optional[torch.Tensor] = None
+
+    def __post_init__(self) -> None:
+        for name, shape in (("viewmat", (4, 4)), ("K", (3, 3))):
+            value = getattr(self, name)
+            if not isinstance(value, torch.Tensor) or tuple(value.shape) != shape:
+                raise ValueError("%s: expected a tensor of shape %s, got %s" % (name, list(shape), lib.shown(value)))
+        check(self.image, "image", (torch.uint8, torch.float32), ("H", "W", 3))
+        if self.mask is not None:
+            check(self.mask, "mask", (torch.bool, torch.uint8), tuple(self.image.shape[:2]))
 
 
 #: Optimizers that update the Gaussians of one view only, so they must step at every iteration.
@@ -137,6 +149,8 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         config  simple_trainer's: max_steps, near_plane and antialiased are read from it, and reset_every is divided by
                 its steps_scaler
         """
+        if not hasattr(views, "__len__") or not hasattr(views, "__getitem__"):
+            raise ValueError("views: expected a list of View or a data set, got %s" % lib.shown(views))
         if len(views) == 0:
             raise ValueError("views: expected at least one training view")
         self._views = views
@@ -166,9 +180,11 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         """The adapter in use; on the given device, if any."""
         if self._adapter is None or (device is not None and self._adapter.device != torch.device(device)):
             device = "cpu" if device is None else device
-            settings = {name: int(v) if float(v).is_integer() else v for name, v in self.settings.items()}
+            settings = {name: int(v) if isinstance(v, numbers.Real) and float(v).is_integer() else v
+                        for name, v in self.settings.items()}
             settings.setdefault("absgrad", bool(self.absgrad))
-            self._adapter = Adapter("vanilla", total_iterations=self.max_steps, device=device, seed=self.seed, **settings)
+            steps = lib.whole(self.max_steps, "max_steps", 1)
+            self._adapter = Adapter("vanilla", total_iterations=steps, device=device, seed=self.seed, **settings)
         return self._adapter
 
     def steps_at(self, name: str, step: int) -> bool:
@@ -197,6 +213,12 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         """scene: gsplat 1.6's scene object, which keeps data beside the parameters of Gaussians."""
         if not self._views:
             raise ValueError("no views to score: call score_on(views) before training")
+        for given, name, needed in ((info, "info", ("means2d", "radii", "width", "height", "n_cameras")),
+                                    (state, "state", ("scene_scale", "grad2d", "absgrad2d", "count"))):
+            lacks = [key for key in needed if key not in given]
+            if lacks:
+                origin = "gsplat's rasterization()" if name == "info" else "initialize_state()"
+                raise ValueError("%s: expected that of %s, got one without %s" % (name, origin, ", ".join(lacks)))
         iteration = step + 1
         self._device = params["means"].device
         self._scene = {} if scene is None else {"scene": scene}

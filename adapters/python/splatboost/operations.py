@@ -19,17 +19,22 @@ def as_bytes(image: torch.Tensor, name: str = "truth") -> torch.Tensor:
     """Converts an image to uint8 for the scores. float32 in [0, 1] is rounded, which is exact for 8-bit photos."""
     if isinstance(image, torch.Tensor) and image.dtype == torch.uint8:
         return image
-    check(image, name, _F32, (3, "H", "W"))
+    check(image, name, (torch.uint8, _F32), (3, "H", "W"))
     return image.detach().clamp(0, 1).mul(255).round_().to(torch.uint8)
+
+
+def mask_bytes(valid: Optional[torch.Tensor], h: int, w: int) -> Optional[torch.Tensor]:
+    """A mask of valid pixels as uint8; None for None."""
+    if valid is None:
+        return None
+    check(valid, "valid", (torch.bool, torch.uint8), (h, w))
+    return valid.view(torch.uint8) if valid.dtype == torch.bool else valid
 
 
 def _truth(place: Place, truth: torch.Tensor, valid: Optional[torch.Tensor], h: int, w: int) -> lib.Truth:
     truth = as_bytes(truth)
     check(truth, "truth", torch.uint8, (3, h, w))
-    if valid is not None:
-        valid = valid.view(torch.uint8) if valid.dtype == torch.bool else valid
-        check(valid, "valid", torch.uint8, (h, w))
-    return lib.Truth(place.view(truth, "truth"), place.view(valid, "valid"))
+    return lib.Truth(place.view(truth, "truth"), place.view(mask_bytes(valid, h, w), "valid"))
 
 
 def flag_errors(
@@ -50,7 +55,7 @@ def flag_errors(
         place.c_device(),
         place.view(render, "render"),
         ctypes.byref(image),
-        tau,
+        lib.number(tau, "tau"),
         place.target(error, "error"),
         place.target(flagged, "flagged"),
         None,
@@ -82,7 +87,7 @@ def photometric_loss(
         place.c_device(),
         place.view(render, "render"),
         ctypes.byref(image),
-        lambda_dssim,
+        lib.number(lambda_dssim, "lambda_dssim"),
         None,
         ctypes.byref(loss),
     )
@@ -135,7 +140,7 @@ def importance_scores(counts: torch.Tensor, views: int) -> torch.Tensor:
     place = Place(counts, "counts")
     scores = torch.empty_like(counts, memory_format=torch.contiguous_format)
     place.call(
-        "sb_importance_scores", place.c_device(), place.view(counts, "counts"), views, place.target(scores, "scores")
+        "sb_importance_scores", place.c_device(), place.view(counts, "counts"), lib.whole(views, "views"), place.target(scores, "scores")
     )
     return scores
 
@@ -159,6 +164,10 @@ def _mask(candidates: torch.Tensor, name: str, n: int) -> torch.Tensor:
     return candidates.to(torch.uint8)
 
 
+def _count(value: int, name: str) -> int:
+    return lib.whole(value, name, -(2**63), 2**63 - 1)
+
+
 def keep_important(importance: torch.Tensor, threshold: float, candidates: torch.Tensor) -> torch.Tensor:
     """bool [N]: the candidates (bool [N]) whose importance (int64 [N]) exceeds the threshold."""
     check(importance, "importance", torch.int64, ("N",))
@@ -167,7 +176,7 @@ def keep_important(importance: torch.Tensor, threshold: float, candidates: torch
         "sb_keep_important",
         place.c_device(),
         place.view(importance, "importance"),
-        threshold,
+        lib.number(threshold, "threshold"),
         place.target(kept, "candidates"),
         None,
     )
@@ -184,9 +193,9 @@ def keep_weighted_sample(
         "sb_keep_weighted_sample",
         place.c_device(),
         place.view(weights, "weights"),
-        keep,
-        seed,
-        iteration,
+        _count(keep, "keep"),
+        lib.whole(seed, "seed", *lib.SEEDS),
+        lib.whole(iteration, "iteration", *lib.SEEDS),
         place.target(kept, "candidates"),
     )
     return kept.bool()
@@ -200,7 +209,7 @@ def keep_largest(priorities: torch.Tensor, keep: int, candidates: torch.Tensor) 
         "sb_keep_largest",
         place.c_device(),
         place.view(priorities, "priorities"),
-        keep,
+        _count(keep, "keep"),
         place.target(kept, "candidates"),
     )
     return kept.bool()
@@ -225,7 +234,7 @@ def mean_squared_neighbor_distances(points: torch.Tensor, k: int = 3) -> torch.T
         "sb_mean_squared_neighbor_distances",
         place.c_device(),
         place.view(points, "points"),
-        k,
+        lib.whole(k, "k"),
         place.target(distances, "distances"),
     )
     return distances
@@ -246,15 +255,17 @@ def adam_step(
 
     All tensors are float32, contiguous, of one shape (1 to 4 dimensions). step: number of this step, from 1.
     """
-    check(values, "values", _F32, tuple(values.shape))
     place = Place(values, "values")
+    check(values, "values", _F32, tuple(values.shape))
     for tensor, name in (
         (gradients, "gradients"),
         (first_moments, "first_moments"),
         (second_moments, "second_moments"),
     ):
         check(tensor, name, _F32, tuple(values.shape))
-    options = lib.AdamOptions(lr, betas[0], betas[1], eps)
+    if not isinstance(betas, (tuple, list)) or len(betas) != 2:
+        raise ValueError("betas: expected two numbers, got %s" % lib.shown(betas))
+    options = lib.AdamOptions(lib.number(lr, "lr"), *[lib.number(b, "betas") for b in betas], lib.number(eps, "eps"))
     place.call(
         "sb_adam_step",
         place.c_device(),
@@ -262,6 +273,6 @@ def adam_step(
         place.target(gradients, "gradients"),
         place.target(first_moments, "first_moments"),
         place.target(second_moments, "second_moments"),
-        step,
+        _count(step, "step"),
         ctypes.byref(options),
     )

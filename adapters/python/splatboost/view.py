@@ -254,6 +254,8 @@ def _models_of(given: List[str]) -> List[Tuple[str, str]]:
     """(model, label) of the user's arguments: one or two models, or a folder of `splatboost compare`."""
     from ._models import ModelError
 
+    if isinstance(given, str) or not 1 <= len(given) <= 2:
+        raise ModelError("models: expected a list of one or two paths, got %r" % (given,))
     for name in given:
         if not os.path.exists(name):
             raise ModelError("%s: no such file or folder" % name)

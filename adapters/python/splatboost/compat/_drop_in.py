@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, Optional
+from contextlib import contextmanager
+from typing import Any, Callable, Dict, Iterator, Optional
 
 import torch
 from torch import nn
 
+from .. import _library as lib
 from .._rasterize import mark_visible, rasterize
 from .._render import Render
+from .._tensors import check
 from ..camera import Camera
 
 _beta: Optional[float] = None
@@ -19,9 +22,10 @@ _last: Optional[Render] = None
 def set_beta(beta: Optional[float]) -> None:
     """Sets β in (0, 1] of the compact box of all drop-ins; None: 3DGS's 3σ square."""
     global _beta
-    if beta is not None and not 0.0 < beta <= 1.0:
+    number = None if beta is None else lib.number(beta, "beta")
+    if number is not None and not 0.0 < number <= 1.0:
         raise ValueError("beta: expected a number in (0, 1] or None, got %r" % (beta,))
-    _beta = None if beta is None else float(beta)
+    _beta = number
 
 
 def get_beta() -> Optional[float]:
@@ -50,19 +54,52 @@ def remember(done: Render) -> None:
 def camera_of(settings: Any) -> Camera:
     s = settings
     return Camera.from_3dgs(
-        int(s.image_height),
-        int(s.image_width),
-        float(s.tanfovx),
-        float(s.tanfovy),
+        lib.whole(s.image_height, "image_height", 1),
+        lib.whole(s.image_width, "image_width", 1),
+        s.tanfovx,
+        s.tanfovy,
         s.viewmatrix,
         s.projmatrix,
         s.campos,
     )
 
 
+#: Names of the arguments of rasterize() and rasterize_convexes() in 3DGS's layouts.
+_NAMES = {"means": "means3D", "screen_points": "means2D", "covariances": "cov3D_precomp", "sh": "shs", "sh_dc": "dc",
+          "sh_rest": "shs", "colors": "colors_precomp", "background": "bg", "points": "convex_points",
+          "smoothness": "delta", "sharpness": "sigma"}
+
+
+@contextmanager
+def host_names() -> Iterator[None]:
+    """Names arguments in errors as hosts do."""
+    try:
+        yield
+    except ValueError as e:
+        name, colon, rest = str(e).partition(": ")
+        if not colon or name not in _NAMES:
+            raise
+        raise ValueError(_NAMES[name] + colon + rest) from e
+
+
+def check_rows(means3D: torch.Tensor, **tensors: Any) -> None:
+    """Raises ValueError unless means3D is float32 [N,3] and each tensor, if given, float32 with N rows of that width;
+    for layouts that compute with them before they render. tensors: name=(tensor, width)"""
+    check(means3D, "means3D", torch.float32, ("N", 3))
+    for name, (tensor, *widths) in tensors.items():
+        check(tensor, name, torch.float32, *[(means3D.shape[0], width) for width in widths])
+
+
 def given(tensor: Optional[torch.Tensor]) -> Optional[torch.Tensor]:
     """Maps an empty vector to None: hosts pass either for omitted arguments. Tensors of no Gaussians are kept."""
-    return None if tensor is None or (tensor.numel() == 0 and tensor.dim() < 2) else tensor
+    empty = isinstance(tensor, torch.Tensor) and tensor.numel() == 0 and tensor.dim() < 2
+    return None if tensor is None or empty else tensor
+
+
+def scaled(settings: Any, scales: Optional[torch.Tensor]) -> Optional[torch.Tensor]:
+    """The scales times scale_modifier; None for None."""
+    modifier = lib.number(settings.scale_modifier, "scale_modifier")
+    return scales * modifier if isinstance(scales, torch.Tensor) and modifier != 1.0 else scales
 
 
 def render(
@@ -87,30 +124,30 @@ def render(
     dc, shs, colors_precomp = given(dc), given(shs), given(colors_precomp)
     scales, rotations, cov3D_precomp = given(scales), given(rotations), given(cov3D_precomp)
     forget()
-    if scales is not None and settings.scale_modifier != 1.0:
-        scales = scales * settings.scale_modifier
-    done = rasterize(
-        camera_of(settings),
-        means3D,
-        opacities,
-        scales=scales,
-        rotations=rotations,
-        covariances=cov3D_precomp,
-        sh=shs if dc is None else None,
-        sh_dc=dc,
-        sh_rest=shs if dc is not None else None,
-        sh_degree=int(settings.sh_degree),
-        colors=colors_precomp,
-        background=settings.bg,
-        beta=_beta,
-        screen_points=means2D,
-        **options,
-    )
+    with host_names():
+        done = rasterize(
+            camera_of(settings),
+            means3D,
+            opacities,
+            scales=scaled(settings, scales),
+            rotations=rotations,
+            covariances=cov3D_precomp,
+            sh=shs if dc is None else None,
+            sh_dc=dc,
+            sh_rest=shs if dc is not None else None,
+            sh_degree=settings.sh_degree,
+            colors=colors_precomp,
+            background=settings.bg,
+            beta=_beta,
+            screen_points=means2D,
+            **options,
+        )
     remember(done)
     return done
 
 
 def visible(settings: Any, positions: torch.Tensor) -> torch.Tensor:
+    check(positions, "positions", torch.float32, ("N", 3))
     with torch.no_grad():
         return mark_visible(camera_of(settings), positions)
 

@@ -17,6 +17,7 @@ import torch
 from torch import nn
 
 from .. import _convexes
+from .. import _library as lib
 from . import _drop_in
 
 __all__ = ["ConvexRasterizationSettings", "ConvexRasterizer", "rasterize_convexes"]
@@ -84,13 +85,18 @@ class ConvexRasterizer(nn.Module):
         if (shs is None) == (colors_precomp is None):
             raise ValueError("give either shs or colors_precomp")
         settings = self.raster_settings
-        points = _shaped(convex_points, num_points_per_convex, int(number_of_points))
+        for tensor, name in ((convex_points, "convex_points"), (num_points_per_convex, "num_points_per_convex"),
+                             (means2D, "means2D")):
+            if not isinstance(tensor, torch.Tensor):
+                raise ValueError("%s: expected a tensor, got %s" % (name, type(tensor).__name__))
+        points = _shaped(convex_points, num_points_per_convex, lib.whole(number_of_points, "number_of_points", 0))
         _drop_in.forget()
-        done = _convexes.rasterize_convexes(
-            _drop_in.camera_of(settings), points, delta, sigma, opacities,
-            sh=shs, sh_degree=int(settings.sh_degree), colors=colors_precomp, background=settings.bg,
-            beta=_drop_in.get_beta(), released_view_direction=True,
-            screen_points=means2D.reshape(-1, 3))
+        with _drop_in.host_names():
+            done = _convexes.rasterize_convexes(
+                _drop_in.camera_of(settings), points, delta, sigma, opacities,
+                sh=shs, sh_degree=settings.sh_degree, colors=colors_precomp, background=settings.bg,
+                beta=_drop_in.get_beta(), released_view_direction=True,
+                screen_points=means2D.reshape(-1, 3))
         done.radii, deviations = _sizes(settings, points, done.radii)
         _drop_in.remember(done)
         others = torch.zeros((1, 1, 1), device=points.device).expand((_OTHERS,) + done.color.shape[1:])

@@ -71,15 +71,19 @@ class SparseGaussianAdam(torch.optim.Adam):
     @torch.no_grad()
     def step(self, visibility: torch.Tensor, N: int) -> None:  # type: ignore[override]
         """visibility: bool [N]."""
+        if not isinstance(visibility, torch.Tensor):
+            raise ValueError("visibility: expected a tensor, got %s" % type(visibility).__name__)
         if visibility.dtype != torch.bool or tuple(visibility.shape) != (N,):
             raise ValueError(
-                "visibility: expected bool [%d], got %s %s"
+                "visibility: expected bool [%s], got %s %s"
                 % (N, str(visibility.dtype).replace("torch.", ""), list(visibility.shape))
             )
         for group in self.param_groups:
             if len(group["params"]) != 1:
                 raise ValueError("SparseGaussianAdam: expected one tensor per group, got %d" % len(group["params"]))
             value = group["params"][0]
+            if value.shape[:1] != (N,):
+                raise ValueError("SparseGaussianAdam: expected tensors of %d rows, got shape %s" % (N, list(value.shape)))
             if value.grad is None:
                 continue
             state = self.state[value]

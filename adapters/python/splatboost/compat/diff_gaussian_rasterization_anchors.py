@@ -24,12 +24,11 @@ class GaussianRasterizer(_drop_in.Drawer):
     ) -> torch.Tensor:
         """int32 [N] radii of the 3σ squares that overlap the image, 0 for others; anchors have no opacity to use."""
         settings = self.raster_settings
-        scales = _drop_in.given(scales)
-        if scales is not None and settings.scale_modifier != 1.0:
-            scales = scales * settings.scale_modifier
+        _drop_in.check_rows(means3D)
+        scales = _drop_in.scaled(settings, _drop_in.given(scales))
         if means3D.shape[0] == 0:
             return torch.zeros(0, dtype=torch.int32, device=means3D.device)
-        with torch.no_grad():
+        with torch.no_grad(), _drop_in.host_names():
             return visible_radii(_drop_in.camera_of(settings), means3D, scales=scales,
                                  rotations=_drop_in.given(rotations), covariances=_drop_in.given(cov3D_precomp))
 

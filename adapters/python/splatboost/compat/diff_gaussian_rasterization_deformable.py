@@ -38,6 +38,9 @@ class GaussianRasterizer(_drop_in.Drawer):
         means2D_densify: Optional[torch.Tensor] = None,
     ) -> Any:
         """means2D [N,3], or [N,4] from screen_points(); other arguments as in the other layouts."""
+        _drop_in.check_rows(means3D, means2D=(means2D, 3, 4))
+        if means2D_densify is not None:
+            _drop_in.check_rows(means3D, means2D_densify=(means2D_densify, 3))
         points = means2D if means2D.shape[1] == 4 else screen_points(means2D, means2D_densify)
         with torch.no_grad():
             # Row vectors: the third column of the view matrix gives z.

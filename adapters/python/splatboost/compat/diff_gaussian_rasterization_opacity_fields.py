@@ -42,6 +42,7 @@ class GaussianRasterizer(_MipSplatting):
     ) -> Any:
         if scales is None or rotations is None or view2gaussian_precomp is not None:
             raise ValueError("cov3D_precomp, view2gaussian_precomp: not supported; give scales and rotations")
+        _drop_in.check_rows(means3D, scales=(scales, 3), rotations=(rotations, 4))
         view = self.raster_settings.viewmatrix
         seen_from = means3D @ view[:3, :3] + view[3, :3]
         axes = _shortest_axes(scales, rotations) @ view[:3, :3]

@@ -51,6 +51,7 @@ class GaussianRasterizer(_drop_in.Drawer):
     ) -> Any:
         """means2D and means2D_abs [N,3]; other arguments as in the other layouts."""
         settings = self.raster_settings
+        _drop_in.check_rows(means3D, means2D=(means2D, 3), means2D_abs=(means2D_abs, 3))
         planes = _drop_in.given(all_map) if settings.render_geo else None
         if settings.render_geo and planes is None and means3D.shape[0] > 0:
             raise ValueError("all_map: expected [N,%d] with render_geo, got none" % _CHANNELS)

@@ -42,6 +42,7 @@ class GaussianRasterizer(_drop_in.Drawer):
     ) -> Any:
         if scales is None or rotations is None:
             raise ValueError("cov3D_precomp: not supported for surfels; give scales and rotations")
+        _drop_in.check_rows(means3D, scales=(scales, 2), rotations=(rotations, 4))
         view = self.raster_settings.viewmatrix
         seen_from = means3D @ view[:3, :3] + view[3, :3]
         normals = _normals(rotations) @ view[:3, :3]
