@@ -229,6 +229,12 @@ Splat<Scalar> project(const Scene<Scalar>& scene, std::size_t i, const Camera& c
       image_from_world[row][column] = sum;
     }
   }
+  if (!scene.scales.empty()) {
+    double squares = 0;
+    for (std::size_t k = 0; k < 4; ++k) squares += squared(value_of(scene.rotations[4 * i + k]));
+    const double length = std::sqrt(squares);
+    if (!(length >= kShortestQuaternion && length <= kLongestQuaternion)) return splat;
+  }
   const Matrix3<Scalar> sigma = world_covariance(scene, i);
   const auto screen_covariance = [&](std::size_t row, std::size_t column) {
     Scalar sum(0);

@@ -24,6 +24,8 @@ inline constexpr double kAlphaCeiling = 0.99f;
 inline constexpr double kTransmittanceFloor = 1e-4f;
 inline constexpr double kFieldMargin = 1.3f;
 inline constexpr double kCompensation2Floor = 2.5e-5f;
+inline constexpr double kShortestQuaternion = 1e-18f;
+inline constexpr double kLongestQuaternion = 1e19f;
 /// Pixels by which an implementation may widen an ellipse, so that rounding does not lose tiles. Tiles that only the
 /// widened ellipse intersects count as uncertain; tiles that the ellipse itself intersects do not.
 inline constexpr double kTileSlack = 1.1e-3;

@@ -110,7 +110,8 @@ typedef struct sb_camera {
 typedef struct sb_gaussians {
   const sb_tensor* means;       /**< [N,3] world */
   const sb_tensor* scales;      /**< [N,3] standard deviations, world units */
-  const sb_tensor* rotations;   /**< [N,4] quaternions (w,x,y,z), normalised by the library */
+  const sb_tensor* rotations;   /**< [N,4] quaternions (w,x,y,z), normalised; not drawn if shorter than 1e-18 or
+                                     longer than 1e19 */
   const sb_tensor* covariances; /**< [N,6] xx xy xz yy yz zz */
   const sb_tensor* opacities;   /**< [N] or [N,1] */
   const sb_tensor* sh_dc;       /**< [N,3] or [N,1,3] */
@@ -195,8 +196,8 @@ SB_API sb_status sb_rasterizer_count_flagged(sb_rasterizer* rasterizer, const sb
  *  front of it was above min_transmittance: the pixels that observe it (PGSR: 0.5). @param counts int32 [N] */
 SB_API sb_status sb_rasterizer_count_observed(sb_rasterizer* rasterizer, float min_transmittance,
                                               const sb_tensor* counts, void* stream);
-/** Adds each Gaussian's blending weights in the last forward, summed over pixels, in units of 1/256
- *  (Rasterizer::add_weights). @param weights int32 [N] */
+/** Adds each Gaussian's blending weights in the last forward, summed over pixels, in units of 1/256; a sum stops at
+ *  2^31 - 1 (Rasterizer::add_weights). @param weights int32 [N] */
 SB_API sb_status sb_rasterizer_add_weights(sb_rasterizer* rasterizer, const sb_tensor* weights, void* stream);
 /** For scores and evaluation, where every splat counts: waits for the last forward and, if it ran out of room, redraws
  *  it into the same images. The tensors of that call must still exist, unchanged. Does nothing on the CPU.

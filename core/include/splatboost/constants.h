@@ -28,6 +28,11 @@ inline constexpr float kLowPass = 0.3f;
 /// Means nearer than this (world units along the view axis) are not drawn (3DGS).
 inline constexpr float kNearPlane = 0.2f;
 
+/// A Gaussian whose quaternion is shorter or longer than these is not drawn: the square of its length might underflow
+/// or overflow, which distorts the rotation.
+inline constexpr float kMinQuaternionLength = 1e-18f;
+inline constexpr float kMaxQuaternionLength = 1e19f;
+
 /// Half side of the 3DGS box in standard deviations of the longer axis.
 inline constexpr float kBoxSigmas = 3.0f;
 

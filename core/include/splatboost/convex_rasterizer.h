@@ -77,7 +77,8 @@ class ConvexRasterizer {
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts);
 
   /// Adds to weights[i] the blending weights α·T of convex i, summed over the pixels where it was blended, in units of
-  /// kWeightUnit and rounded per pixel, so that sums are exact. Replays the tile lists like count_flagged().
+  /// kWeightUnit and rounded per pixel, so that sums are exact, and stop at 2^31 - 1. Replays the tile lists like
+  /// count_flagged().
   /// @param weights [N]
   void add_weights(std::span<std::int32_t> weights);
 

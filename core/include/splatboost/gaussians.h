@@ -12,9 +12,10 @@ struct Gaussians {
   std::size_t count = 0;               ///< N
   std::span<const float> means;        ///< [N,3] world
   std::span<const float> scales;       ///< [N,3] standard deviations along its axes, world units, > 0
-  std::span<const float> rotations;    ///< [N,4] quaternions (w,x,y,z), of any non-zero length; the library normalises
+  std::span<const float> rotations;    ///< [N,4] quaternions (w,x,y,z), normalised by the library; not drawn if their
+                                       ///< length is outside kMinQuaternionLength .. kMaxQuaternionLength
   std::span<const float> covariances;  ///< [N,6] xx xy xz yy yz zz, world; instead of scales and rotations
-  std::span<const float> opacities;    ///< [N], not drawn if below 0; may exceed 1 to compensate for dropout
+  std::span<const float> opacities;    ///< [N], not drawn unless finite and >= 0; may exceed 1 (for dropout)
   std::span<const float> sh_dc;        ///< [N,3] degree-0 spherical harmonics
   std::span<const float> sh_rest;      ///< [N,sh_rest_rows,3] higher degrees, in the order of 3DGS files
   int sh_rest_rows = 0;                ///< coefficients stored per Gaussian beyond the first (15 for degree 3)

@@ -55,7 +55,7 @@ struct RasterCounts {
 };
 
 /// Unit of add_weights(): a weight below half of it is invisible in an 8-bit image. Sums over a view of up to
-/// 16 megapixels fit 32 bits.
+/// 8 megapixels fit 32 bits.
 inline constexpr float kWeightUnit = 1.0f / 256;
 
 /// Time in seconds of each stage of the last forward(), backward() and count_flagged().
@@ -80,8 +80,8 @@ class Rasterizer {
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
-  /// Throws ArgumentError if an argument is invalid. Gaussians whose projection is not finite, degenerate or overflows
-  /// are not drawn. If drawing throws (too little memory), backward() and the counts need another forward().
+  /// Throws ArgumentError if an argument is invalid. Gaussians whose projection or opacity is not finite, degenerate or
+  /// overflows are not drawn. If drawing throws (too little memory), backward() and the counts need another forward().
   void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
                const RasterImages& images);
 
@@ -102,7 +102,8 @@ class Rasterizer {
   void count_observed(float min_transmittance, std::span<std::int32_t> counts);
 
   /// Adds to weights[i] the blending weights α·T of Gaussian i, summed over the pixels where it was blended, in units
-  /// of kWeightUnit and rounded per pixel, so that sums are exact. Replays the tile lists like count_flagged().
+  /// of kWeightUnit and rounded per pixel, so that sums are exact. A sum stops at 2^31 - 1, which only a Gaussian that
+  /// covers more than 8 megapixels alone reaches. Replays the tile lists like count_flagged().
   /// @param weights [N]
   void add_weights(std::span<std::int32_t> weights);
 

@@ -3,6 +3,7 @@
 #include "convexes/cuda_convex_frame.h"
 #include "device/device_view.h"
 #include "device/launch.h"
+#include "rasterizer/weight_sums.h"
 #include "splatboost/constants.h"
 
 namespace splatboost::cuda {
@@ -205,7 +206,7 @@ __global__ void __launch_bounds__(kTileThreads)
     }
 #pragma unroll
     for (int distance = 16; distance > 0; distance /= 2) weight += __shfl_xor_sync(kWholeWarp, weight, distance);
-    if (weight != 0 && threadIdx.x % 32 == 0) atomicAdd(&weights[owner], weight);
+    if (weight != 0 && threadIdx.x % 32 == 0) add_weight(weights[owner], weight);
   });
 }
 

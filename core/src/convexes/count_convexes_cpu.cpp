@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <atomic>
 
 #include "convexes/convex_frame.h"
 #include "rasterizer/flagged_tiles.h"
+#include "rasterizer/weight_sums.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "convexes/count_convexes_cpu.cpp"
@@ -51,7 +51,7 @@ HWY_INLINE void sum_convex_tile(const ConvexFrame& frame, std::size_t tile, Tile
       });
     }
     const auto sum = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, lane_sums)));
-    if (sum > 0) std::atomic_ref(sums[frame.entries[at].primitive]).fetch_add(sum, std::memory_order_relaxed);
+    if (sum > 0) add_weight(sums[frame.entries[at].primitive], sum);  // a count is a sum of weights 1
   }
 }
 

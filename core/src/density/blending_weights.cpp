@@ -15,7 +15,7 @@ std::span<const double> BlendingWeights::mean(RasterizerHook& rasterizer, int vi
     rasterizer.add_weights(view_weights_);
     const std::span<const std::int32_t> weights = view_weights_.on_host(copy_);
     for (std::size_t i = 0; i < n; ++i) {
-      mean_[i] += static_cast<std::uint32_t>(weights[i]);  // unsigned: exact for views of up to 16 megapixels
+      mean_[i] += weights[i];
       seen_[i] += weights[i] != 0 ? 1 : 0;
     }
   }

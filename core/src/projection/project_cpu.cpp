@@ -22,7 +22,7 @@ struct Shape {
   Symmetric3<Float> covariance;
   Vec3<Float> scale;
   Quaternion<Float> unit;
-  Float inverse_length;  ///< 1 / length of the stored quaternion
+  Float inverse_length;  ///< 1 / length of the stored quaternion; 1 without
   Matrix3<Float> rotation;
 };
 
@@ -32,6 +32,7 @@ void shape_at(const Gaussians& gaussians, std::size_t i, std::size_t count, Shap
     rows_to_columns(gaussians.covariances.data() + 6 * i, 6, count, 6, c);
     const std::size_t n = lanes();
     shape.covariance = {load(c), load(c + n), load(c + 2 * n), load(c + 3 * n), load(c + 4 * n), load(c + 5 * n)};
+    shape.inverse_length = Float(1.0f);
     return;
   }
   shape.scale = vec3_at(gaussians.scales, i, count);
@@ -56,7 +57,8 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
   Float opacity[1];
   load_rows(gaussians.opacities.data() + i, count, opacity);
   const Float drawn = opacity[0] * p.compensation;
-  Bool visible = p.valid & (drawn >= zero);  // false if the opacity is NaN
+  Bool visible = p.valid & is_normalisable(shape.inverse_length);
+  visible = visible & (drawn >= zero) & (drawn < Float(3e38f));  // false if the opacity is not finite
   const Float log2_opacity = log2_of(max_of(drawn, Float(1e-30f)));
 
   const bool square = options.box == BoxPolicy::square;

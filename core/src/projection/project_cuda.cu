@@ -55,7 +55,7 @@ struct Shape {
   Symmetric3<float> covariance;
   Vec3<float> scale;
   Quaternion<float> unit;
-  float inverse_length;  ///< 1 / length of the stored quaternion
+  float inverse_length;  ///< 1 / length of the stored quaternion; 1 without
   Matrix3<float> rotation;
 };
 
@@ -64,6 +64,7 @@ __device__ Shape shape_at(const GaussianViews& gaussians, std::size_t i) {
   if (!gaussians.covariances.empty()) {
     const auto& c = gaussians.covariances;
     shape.covariance = {c[6 * i], c[6 * i + 1], c[6 * i + 2], c[6 * i + 3], c[6 * i + 4], c[6 * i + 5]};
+    shape.inverse_length = 1.0f;
     return shape;
   }
   shape.scale = vec3_at(gaussians.scales, i);
@@ -122,10 +123,12 @@ __global__ void __launch_bounds__(kBlockThreads)
   const std::size_t i = element_index();
   if (i >= out.visible.size()) return;
   const Vec3<float> mean = vec3_at(gaussians.means, i);
-  const Projection<float> p = project_gaussian(options.camera, mean, shape_at(gaussians, i).covariance,
-                                               options.low_pass, options.compensate, options.near_plane);
+  const Shape shape = shape_at(gaussians, i);
+  const Projection<float> p = project_gaussian(options.camera, mean, shape.covariance, options.low_pass,
+                                               options.compensate, options.near_plane);
   const float drawn = gaussians.opacities[i] * p.compensation;
-  bool seen = p.valid && drawn >= 0.0f;  // false if the opacity is NaN
+  bool seen = p.valid && is_normalisable(shape.inverse_length);
+  seen = seen && drawn >= 0.0f && drawn < 3e38f;  // false if the opacity is not finite
   const float log2_opacity = log2_of(max_of(drawn, 1e-30f));
   const float radius = square_radius(p.covariance);
 

@@ -22,6 +22,12 @@ SPLATBOOST_HOST_DEVICE Vec3<T> widen(const float (&v)[3]) {
   return {T(v[0]), T(v[1]), T(v[2])};
 }
 
+/// Whether a quaternion can be normalised: whether its length is within [kMinQuaternionLength, kMaxQuaternionLength].
+template <class T>
+SPLATBOOST_HOST_DEVICE auto is_normalisable(T inverse_length) {
+  return (inverse_length >= T(1.0f / kMaxQuaternionLength)) & (T(1.0f / kMinQuaternionLength) >= inverse_length);
+}
+
 /// Rotation of a unit quaternion.
 template <class T>
 SPLATBOOST_HOST_DEVICE Matrix3<T> rotation_of(Quaternion<T> q) {

@@ -10,6 +10,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include "device/host_device.h"
 #include "projection/project_math.h"
@@ -32,8 +33,9 @@ SPLATBOOST_HOST_DEVICE Symmetric3<float> covariance_at(const Floats& scales, con
   }
   const Quaternion<float> q{rotations[4 * i], rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3]};
   const float inverse_length = 1.0f / sqrt_of(dot(q, q));
-  return covariance_of(Vec3<float>{scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]},
-                       rotation_of(inverse_length * q));
+  // With NaN, no radius is visible.
+  const float unit = is_normalisable(inverse_length) ? inverse_length : std::numeric_limits<float>::quiet_NaN();
+  return covariance_of(Vec3<float>{scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]}, rotation_of(unit * q));
 }
 
 /// Radius in px of the 3σ square, rounded up; 0 where it meets no tile of the image.

@@ -3,6 +3,7 @@
 
 #include "projection/frame.h"
 #include "rasterizer/flagged_tiles.h"
+#include "rasterizer/weight_sums.h"
 #include "splatboost/rasterizer.h"
 
 #undef HWY_TARGET_INCLUDE
@@ -131,7 +132,7 @@ void weigh_tile(const Frame& frame, std::size_t tile, std::int32_t* weights) {
       }
     }
     const auto weight = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (weight > 0) std::atomic_ref(weights[frame.entries[at].primitive]).fetch_add(weight, std::memory_order_relaxed);
+    if (weight > 0) add_weight(weights[frame.entries[at].primitive], weight);
   }
 }
 

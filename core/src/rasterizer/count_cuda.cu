@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "device/launch.h"
 #include "rasterizer/blend_cuda.h"
+#include "rasterizer/weight_sums.h"
 #include "splatboost/rasterizer.h"
 
 namespace splatboost::cuda {
@@ -63,7 +64,7 @@ __global__ void __launch_bounds__(kTileThreads) weigh_kernel(TileLists lists, De
     }
 #pragma unroll
     for (int distance = 16; distance > 0; distance /= 2) weight += __shfl_xor_sync(kWholeWarp, weight, distance);
-    if (weight != 0 && threadIdx.x % 32 == 0) atomicAdd(&weights[splat.gaussian], weight);
+    if (weight != 0 && threadIdx.x % 32 == 0) add_weight(weights[splat.gaussian], weight);
   });
 }
 

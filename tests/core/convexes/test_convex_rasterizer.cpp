@@ -2,6 +2,7 @@
 // The convex rasterizer against the double-precision reference: images, gradients, counts, listings.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 #include <string>
 #include <vector>
@@ -200,6 +201,11 @@ TEST_P(ConvexReference, Weights) {
     compared += certain[i] != 0 && blended[i] == exact[i] && weights[i] == 7 + truth[i] ? 1 : 0;
   }
   EXPECT_GT(compared, scene.count / 4) << "equal to the last unit where no rounding is doubtful";
+  // Sums stop at the largest number.
+  constexpr std::int32_t most = std::numeric_limits<std::int32_t>::max();
+  std::vector<std::int32_t> full(scene.count, most - 10);
+  rasterizer.add_weights(full);
+  for (std::size_t i = 0; i < scene.count; ++i) EXPECT_EQ(full[i], most - 10 + std::min(weights[i] - 7, 10)) << i;
 }
 
 INSTANTIATE_TEST_SUITE_P(All, ConvexReference, ::testing::ValuesIn(cases()),

@@ -8,6 +8,7 @@
 
 #include "reference/rasterizer.h"
 #include "splatboost/rasterizer.h"
+#include "splatboost/visibility.h"
 #include "support/compare.h"
 #include "support/scenes.h"
 #include "support/tested_rasterizer.h"
@@ -266,6 +267,7 @@ TEST(CompactBox, DegenerateGaussiansAreHarmless) {
       {{1e30f, 1e30f, 1}, {4, 0, 0, 4, 0, 0}, 0.5f},
       {{-1e9f, 3e9f, 1}, {4, 0, 0, 4, 0, 0}, 0.5f},
       {{20, 20, 1}, {4, 0, 0, 4, 0, 0}, nan},
+      {{20, 20, 1}, {4, 0, 0, 4, 0, 0}, infinity},
   };
   Threads threads(2);
   for (const bool compensate : {false, true}) {
@@ -363,20 +365,38 @@ TEST(CompactBox, AVanishingGaussianWithoutLowPassIsNotDrawn) {
   }
 }
 
-TEST(CompactBox, AZeroQuaternionIsHarmless) {
+TEST(CompactBox, QuaternionsAreNormalisedUnlessTheirSquareIsOutOfRange) {
   const Camera camera = flat_camera(40, 40);
   SceneData scene;
   scene.count = 1;
   scene.means = {20.5f, 20.5f, 1};
   scene.scales = {2, 3, 4};
-  scene.rotations = {0, 0, 0, 0};
   scene.opacities = {0.9f};
   scene.colors = {1, 1, 1};
   Threads threads(1);
   Rasterizer rasterizer(threads);
-  ImageData images(camera, 0);
-  rasterizer.forward(camera, scene.view(), RasterOptions{}, images.view());
-  for (const float value : images.color) EXPECT_TRUE(std::isfinite(value));
+  ImageData unit(camera, 0), images(camera, 0);
+  const ImageGradientData weights(camera, 0, 4, {});
+  for (const float length : {1.0f, 0.0f, 1e-45f, 1e-30f, 1e-22f, 9e-19f, 1.2e-18f, 9e18f, 1.2e19f, 1e30f}) {
+    scene.rotations = {0.1f * length, 0.7f * length, -0.5f * length, 0.5f * length};
+    rasterizer.forward(camera, scene.view(), RasterOptions{}, length == 1 ? unit.view() : images.view());
+    const bool drawn = length > 1e-18f && length < 1e19f;
+    EXPECT_EQ(rasterizer.visible()[0] != 0, drawn) << length;
+    EXPECT_EQ(reference::render(scene.reference(), reference_camera(camera), reference_options({})).visible[0] != 0,
+              drawn)
+        << length;
+    std::vector<std::int32_t> radii(1);
+    visible_radii(camera, scene.view(), {}, radii, threads);
+    EXPECT_EQ(radii[0] > 0, drawn) << length;
+    if (drawn && length != 1) {
+      for (std::size_t p = 0; p < unit.alpha.size(); ++p) ASSERT_NEAR(images.alpha[p], unit.alpha[p], 1e-5f) << length;
+    }
+    GradientData gradients(scene);
+    rasterizer.backward(scene.view(), weights.view(), gradients.view());
+    for (const float gradient : gradients.rotations) {
+      EXPECT_TRUE(std::isfinite(gradient) && (drawn || gradient == 0)) << length;
+    }
+  }
 }
 
 }  // namespace

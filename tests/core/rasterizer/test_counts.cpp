@@ -2,6 +2,7 @@
 // Flagged-pixel counts: integers, equal to the reference's away from thresholds.
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <numeric>
 #include <vector>
 
@@ -210,6 +211,17 @@ TEST(CountsKnown, WeightsAreOpacityTimesTransmittance) {
   std::vector<std::int32_t> weights(5, 1);
   rasterizer.add_weights(weights);
   EXPECT_EQ(weights, (std::vector<std::int32_t>{78, 55, 39, 27, 19}));  // 1 + 76.8, 53.76, 37.6, 26.3, 18.4
+}
+
+TEST(CountsKnown, SumsOfWeightsStopAtTheLargestNumber) {
+  OnePixel stack(4, 0.3f);  // 77, 54, 38, 26
+  Rasterizer& rasterizer = stack.rasterizer;
+  constexpr std::int32_t most = std::numeric_limits<std::int32_t>::max();
+  std::vector<std::int32_t> weights{most - 76, most - 54, most - 100, -30};
+  rasterizer.add_weights(weights);
+  EXPECT_EQ(weights, (std::vector<std::int32_t>{most, most, most - 62, -4}));
+  rasterizer.add_weights(weights);
+  EXPECT_EQ(weights, (std::vector<std::int32_t>{most, most, most - 24, 22}));
 }
 
 TEST_P(Counts, WeightsEqualTheWitness) {
