@@ -82,7 +82,7 @@ void check(const ConvexConfig& config) {
           what + "initial_size, initial_smoothness and initial_sharpness must be above 0");
   require(config.initial_opacity > 0 && config.initial_opacity < 1, what + "initial_opacity must lie in (0, 1)");
   require(config.child_size > 0, what + "child_size must be above 0");
-  require(config.child_opacity > 0 && config.child_opacity <= 1, what + "child_opacity must lie in (0, 1]");
+  require(config.child_opacity > 0 && config.child_opacity < 1, what + "child_opacity must lie in (0, 1)");
   require(config.reset_opacity > 0 && config.reset_opacity < 1, what + "reset_opacity must lie in (0, 1)");
   require(config.large_scene >= 0 && config.large_scene_factor > 0,
           what + "large_scene must not be negative, and large_scene_factor must be above 0");

@@ -33,7 +33,7 @@ struct ConvexConfig {
   double large_scene = 300;          ///< the threshold is × large_scene_factor if the points extend further; 0: never
   double large_scene_factor = 8.5;
   double child_size = 0.7;            ///< × the parent's
-  double child_opacity = 0.5;         ///< × the parent's
+  double child_opacity = 0.5;         ///< × the parent's, which may round to 1: below 1, for a finite logit
   double child_log_sharpness = 0.85;  ///< × the logarithm of the parent's
   double min_opacity = 0.03;
   double min_mask = 0.02;        ///< convexes with a mask at or below it are pruned

@@ -15,7 +15,26 @@ struct CublasOnCpu {
 };
 using cublasHandle_t = CublasOnCpu*;
 
+inline const char* cublasGetStatusName(cublasStatus_t status) {
+  switch (status) {
+    case CUBLAS_STATUS_SUCCESS:
+      return "CUBLAS_STATUS_SUCCESS";
+    case CUBLAS_STATUS_ALLOC_FAILED:
+      return "CUBLAS_STATUS_ALLOC_FAILED";
+    case CUBLAS_STATUS_INVALID_VALUE:
+      return "CUBLAS_STATUS_INVALID_VALUE";
+  }
+  return "unknown";
+}
+
+/// Like cuBLAS, which allocates its workspace when it needs it, functions fail if the device has no free memory.
+inline bool cublas_finds_memory() {
+  std::size_t free = 0, total = 0;
+  return cudaMemGetInfo(&free, &total) == cudaSuccess && free > 0;
+}
+
 inline cublasStatus_t cublasCreate(cublasHandle_t* handle) {
+  if (!cublas_finds_memory()) return CUBLAS_STATUS_ALLOC_FAILED;
   *handle = new CublasOnCpu;
   return CUBLAS_STATUS_SUCCESS;
 }
@@ -38,6 +57,7 @@ inline cublasStatus_t cublasSgemm(cublasHandle_t handle, cublasOperation_t of_a,
   if (m < 0 || n < 0 || k < 0 || lda < (a_turned ? k : m) || ldb < (b_turned ? n : k) || ldc < m) {
     return CUBLAS_STATUS_INVALID_VALUE;
   }
+  if (!cublas_finds_memory()) return CUBLAS_STATUS_ALLOC_FAILED;
   cuda_on_cpu::give_work(handle->stream, [=, alpha = *alpha, beta = *beta] {
     const cuda_on_cpu::DeviceAccess access;
     const auto at = [](const float* matrix, int ld, int row, int column) {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "cuda_training/training_runs.h"
@@ -58,6 +59,29 @@ TEST_P(CudaDeformation, IsThatOfTheCpu) {
     }
   }
 }
+
+#ifdef SPLATBOOST_CUDA_ON_CPU
+TEST_P(CudaDeformation, NamesTheMemoryThatCublasDidNotFind) {
+  const std::vector<float> start = initial_deformation(GetParam(), RandomStream(1, 0, RandomPurpose::net_parameters));
+  const Array<float> p(stream(), start), means(stream(), random_values(30, 2, 1)),
+      scales(stream(), random_values(30, 3, 1)), rotations(stream(), random_values(40, 4, 1));
+  Array<float> moved(stream(), std::vector<float>(30)), scaled(stream(), std::vector<float>(30)),
+      turned(stream(), std::vector<float>(40));
+  DeformationField field(GetParam(), stream());
+  const auto draw = [&] { field.forward(p, {means, scales, rotations}, 0.3f, {moved, scaled, turned}, false); };
+  draw();  // allocates the memory of our own
+  cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use());
+  std::string message;
+  try {
+    draw();
+  } catch (const DeviceMemoryError& error) {
+    message = error.what();
+  }
+  cuda_on_cpu::set_device_memory(std::size_t{4} << 30);
+  EXPECT_NE(message.find("out of device memory: cublasSgemm, 0 of "), std::string::npos) << message;
+  draw();
+}
+#endif
 
 DeformationShape shape_of(bool rigid, bool time_net) {
   DeformationShape shape;

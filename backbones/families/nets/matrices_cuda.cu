@@ -25,11 +25,12 @@ struct Cublas {
   decltype(&cublasDestroy) destroy;
   decltype(&cublasSetStream) set_stream;
   decltype(&cublasSgemm) sgemm;
+  decltype(&cublasGetStatusName) status_name;
 };
 
 #ifdef SPLATBOOST_CUDA_ON_CPU
 
-Cublas load_cublas() { return {cublasCreate, cublasDestroy, cublasSetStream, cublasSgemm}; }
+Cublas load_cublas() { return {cublasCreate, cublasDestroy, cublasSetStream, cublasSgemm, cublasGetStatusName}; }
 
 #else
 
@@ -51,6 +52,7 @@ Cublas load_cublas() {
   find(cublas.destroy, "cublasDestroy_v2");
   find(cublas.set_stream, "cublasSetStream_v2");
   find(cublas.sgemm, "cublasSgemm_v2");
+  find(cublas.status_name, "cublasGetStatusName");
   return cublas;
 }
 
@@ -103,9 +105,11 @@ struct CudaMatrices::State {
     handle.reset(made);
     check(cublas().set_stream(made, static_cast<cudaStream_t>(on.handle())), "cublasSetStream");
   }
-  static void check(cublasStatus_t status, const char* what) {
+  /// Throws DeviceMemoryError if cuBLAS found no memory for its workspace, like allocations of our own.
+  void check(cublasStatus_t status, const char* what) const {
     if (status == CUBLAS_STATUS_SUCCESS) return;
-    throw DeviceError(std::string(what) + " failed: cuBLAS status " + std::to_string(static_cast<int>(status)));
+    if (status == CUBLAS_STATUS_ALLOC_FAILED) stream.check(cudaErrorMemoryAllocation, what);
+    throw DeviceError(std::string(what) + " failed: " + cublas().status_name(status));
   }
   /// cuBLAS is column-major, where a row-major matrix is its transpose: c = op(a)·op(b) is computed as
   /// cᵀ = op(b)ᵀ·op(a)ᵀ.

@@ -331,6 +331,7 @@ TEST(ConvexConfigs, BadOnesAreOneClearLine) {
                                   {R"({"initial_opacity": 1})", "initial_opacity"},
                                   {R"({"initial_sharpness": 0})", "initial_sharpness"},
                                   {R"({"child_opacity": 0})", "child_opacity"},
+                                  {R"({"child_opacity": 1})", "child_opacity"},
                                   {R"({"child_size": 0})", "child_size"},
                                   {R"({"reset_opacity": 0})", "reset_opacity"},
                                   {R"({"trim_interval": 0})", "intervals"},
