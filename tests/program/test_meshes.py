@@ -150,6 +150,7 @@ def test_broken_requests_are_told_in_one_line(meshed, tmp_path):
             (["mesh", "-m", meshed, "--least-views", "0"], "--least-views"),
             (["mesh", "-m", meshed, "--masks", tmp_path / "none"], "masks"),
             (["mesh", "-m", meshed, "--voxel-size", "0.0005", "--max-memory", "1"], "--voxel-size"),
+            (["mesh", "-m", meshed, "--max-memory", str(2**44)], "--max-memory must be at most 17592186044415 MiB"),
             (["mesh-eval", tmp_path / "box.ply"], "two files"),
             (["mesh-eval", tmp_path / "bad.ply", tmp_path / "box.ply"], "bad.ply"),
             (["mesh-eval", tmp_path / "box.ply", tmp_path / "none.ply"], "none.ply"),
@@ -159,6 +160,18 @@ def test_broken_requests_are_told_in_one_line(meshed, tmp_path):
         done = run_program(*arguments)
         assert done.returncode == 2, (arguments, done.stdout, done.stderr)
         assert words in done.stderr and done.stderr.count("\n") == 1, done.stderr
+
+
+def test_a_truth_without_size(tmp_path):
+    write_points(tmp_path / "box.ply", BOX)
+    write_points(tmp_path / "dot.ply", [(0, 0, 0)] * 5)
+    refused = run_program("mesh-eval", tmp_path / "box.ply", tmp_path / "dot.ply")
+    assert refused.returncode == 2 and "all points coincide; set --threshold" in refused.stderr, refused.stderr
+    for mesh, accuracy in ("box.ply", "1.12"), ("dot.ply", "0 "):
+        done = run_well("mesh-eval", tmp_path / mesh, tmp_path / "dot.ply", "--threshold", "0.1", "-o", tmp_path / "of.json")
+        assert "accuracy      " + accuracy in done.stdout
+        assert "%" not in done.stdout and "nan" not in done.stdout and "inf" not in done.stdout, done.stdout
+        assert json.loads((tmp_path / "of.json").read_text())["diagonal"] == 0
 
 
 def test_points_are_moved_and_measured(tmp_path):

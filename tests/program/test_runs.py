@@ -252,6 +252,25 @@ def test_eval_finds_the_same_results(trained, tmp_path):
         assert after[key] == before[key], key
 
 
+def test_eval_of_another_scene_keeps_the_results_of_the_run(scene, trained, tmp_path):
+    model, moved, other = tmp_path / "model", tmp_path / "moved", tmp_path / "other"
+    shutil.copytree(trained, model)
+    before = (model / "results.json").read_bytes()
+    run_well("synth", other, "--width", 80, "--height", 60, "--views", 10, "--points", 300, "--seed", 5)
+    done = run_well("eval", "-m", model, "-s", other)
+    assert "PSNR" in done.stdout and "results.json was not changed" in done.stdout
+    assert (model / "results.json").read_bytes() == before
+    # The run's own scene, from another folder.
+    shutil.copytree(scene, moved)
+    assert f"results: {model / 'results.json'}" in run_well("eval", "-m", model, "-s", moved).stdout
+    assert (model / "results.json").read_bytes() != before  # frames per second, at least
+    # What the run left unmeasured is not measured on another scene.
+    (model / "results.json").rename(model / "training.json")
+    refused = run_program("eval", "-m", model, "-s", other)
+    assert refused.returncode == 2 and "without --source" in refused.stderr, refused.stderr
+    assert not (model / "results.json").exists()
+
+
 @pytest.mark.parametrize("backbone", ["mip-splatting", "dropgaussian", "pgsr", "photo-slam"])
 def test_other_backbones_run_through_all_commands(scene, tmp_path, backbone):
     config = tmp_path / "config.json"

@@ -49,8 +49,15 @@ struct Eval {
     OpenModel model(saved, options);
     Backbone& backbone = model.backbone();
     Lpips* const lpips = model.bench().lpips.get();
+    // The scene of the run may have moved; another scene is measured and printed, but results.json is that of the run.
+    const bool of_the_run =
+        !set.given("source") || is_scene_of_run(read_config(options.model), options.scene.source, model.scene());
+    require(measured || of_the_run, results_path.string() +
+                                        ": missing: the run was interrupted during the evaluation; evaluate its own "
+                                        "scene first, without --source");
+    const bool writes = of_the_end && of_the_run;
     std::optional<FolderLock> lock;
-    if (of_the_end) {
+    if (writes) {
       lock.emplace(options.model);
       remove_stale_files(options.model);
     }
@@ -68,13 +75,14 @@ struct Eval {
     backbone.rasterizer_hook().set_beta(1.0f);
     evaluate(backbone, model.scene(), lpips, {}, exact);
 
-    if (of_the_end && measured) {
+    if (writes && measured) {
       nlohmann::json json = to_json(results);
       if (before.contains("slam")) json["slam"] = before.at("slam");  // the tracking is not measured again
       write_text_atomically(results_path, json.dump(2) + "\n");
     }
     print(results, exact, saved.beta);
-    if (of_the_end) std::printf("\nresults: %s\n", results_path.c_str());
+    if (writes) std::printf("\nresults: %s\n", results_path.c_str());
+    if (!of_the_run) std::printf("\nanother scene than that of the run: %s was not changed\n", results_path.c_str());
     return 0;
   }
 
@@ -113,7 +121,9 @@ struct Eval {
 Command add_eval(CLI::App& program) {
   CLI::App* app =
       program.add_subcommand("eval", "Measure a saved model again, as trained and with beta = 1, at several scales");
-  app->footer("Example: splatboost eval -m OUT");
+  app->footer(
+      "Updates OUT/results.json. With -s of another scene, or --iteration of an earlier model, it only prints.\n"
+      "Example: splatboost eval -m OUT");
   const auto eval = std::make_shared<Eval>(*app);
   return {app, [eval](const std::string&) { return eval->run(); }};
 }

@@ -32,6 +32,7 @@ constexpr double kFarPoints = 0.95;    // default of the largest depth: this qua
 constexpr double kReach = 1.2;         // ... times this factor
 constexpr float kMinAlpha = 0.5f;      // least alpha of a pixel that shows a surface
 constexpr double kTruncation = 4;      // voxels
+constexpr std::uint64_t kMaxMemory = ~std::uint64_t{0} >> 20;  // MiB, so that bytes do not overflow
 
 /// The depth within which most points lie in the training views that see them, with a margin; 0 without points.
 double far_depth(const Scene& scene) {
@@ -94,6 +95,8 @@ struct Mesh {
     if (!output.empty() && output.extension() != ".ply" && output.extension() != ".glb") {
       throw UsageError("--output must end in .ply or .glb");
     }
+    if (max_memory > kMaxMemory)
+      throw UsageError("--max-memory must be at most " + std::to_string(kMaxMemory) + " MiB");
     require(masks.empty() || fs::is_directory(masks), masks.string() + ": no such folder of masks");
     if (!has_tsdf_volumes()) TsdfVolume absent({});  // throws: the message says what to install
     const SavedModel saved = find_saved_model(set, options);

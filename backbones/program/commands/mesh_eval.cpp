@@ -94,8 +94,10 @@ struct MeshEval {
     const SurfaceDistance d = dtu ? compare_as_dtu(points, others, mask, table, workers)
                                   : compare_surfaces(points, others, threshold, most, workers);
     const double diagonal = diagonal_of(known);
-    std::printf("accuracy      %.6g  (median %.6g, %.4f %% of the truth's diagonal)\n", d.accuracy, d.median_accuracy,
-                100 * d.median_accuracy / diagonal);
+    std::printf("accuracy      %.6g  (median %.6g", d.accuracy, d.median_accuracy);
+    // A truth whose points coincide has no size.
+    if (diagonal > 0) std::printf(", %.4f %% of the truth's diagonal", 100 * d.median_accuracy / diagonal);
+    std::printf(")\n");
     std::printf("completeness  %.6g\n", d.completeness);
     std::printf("chamfer       %.6g\n", d.chamfer);
     std::printf("precision     %.4f\nrecall        %.4f\nF1            %.4f  (threshold %.4g)\n", d.precision, d.recall,
@@ -139,7 +141,7 @@ struct MeshEval {
         low = std::min(low, mesh.positions[k]);
         high = std::max(high, mesh.positions[k]);
       }
-      squared += std::pow(static_cast<double>(high - low), 2);
+      squared += std::pow(static_cast<double>(high) - static_cast<double>(low), 2);
     }
     return std::sqrt(squared);
   }

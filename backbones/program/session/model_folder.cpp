@@ -171,6 +171,13 @@ Json read_config(const fs::path& folder) {
   return read_settings_file(folder / "config.json");
 }
 
+bool is_scene_of_run(const Json& config, const fs::path& source, const Scene& scene) {
+  const Json::json_pointer data("/trained/data");
+  if (config.contains(data)) return config.at(data) == data_identity(scene);
+  std::error_code error;
+  return fs::weakly_canonical(source, error) == fs::weakly_canonical(config.value("source", ""), error);
+}
+
 std::optional<float> trained_beta(const Json& config) {
   const std::string place = "config.json: trained: beta";
   require(config.contains("trained") && config["trained"].is_object() && config["trained"].contains("beta"),

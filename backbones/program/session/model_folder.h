@@ -54,6 +54,10 @@ void write_cameras(const std::filesystem::path& folder, const Scene& scene);
 /// Reads config.json of a run; throws InputError if there is none.
 nlohmann::json read_config(const std::filesystem::path& folder);
 
+/// Whether a scene is that of the run with this config.json: by the checksums of its data, which may have moved, or by
+/// its path if the config has none (slam, earlier versions).
+bool is_scene_of_run(const nlohmann::json& config, const std::filesystem::path& source, const Scene& scene);
+
 /// β the model was trained with; none: the backbone's own box.
 std::optional<float> trained_beta(const nlohmann::json& config);
 
