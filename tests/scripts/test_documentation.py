@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks of Python and of commands in the documents can be run as they stand. tests/python/test_package.py runs those of the
-Python package."""
+"""Blocks of Python and of commands in the documents leave nothing out and are valid code. tests/python/test_package.py runs
+those of the Python package."""
 import re
 import subprocess
 from pathlib import Path
