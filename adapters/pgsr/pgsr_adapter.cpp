@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "pgsr/pgsr_adapter.h"
 
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
 #include "registry/boost_settings.h"
 
 namespace splatboost {
@@ -19,6 +23,16 @@ VanillaBoost pgsr_boost() {
   // remove every Gaussian whose opacity was reset shortly before.
   boost.growth_after_reset = 500;
   return boost;
+}
+
+void PgsrAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
+  const std::vector<std::uint8_t> clone(decisions.clone.begin(), decisions.clone.end());
+  const std::vector<std::uint8_t> split(decisions.split.begin(), decisions.split.end());
+  VanillaAdapter::grow(statistics, rasterizer, decisions);
+  for (std::size_t i = 0; i < clone.size(); ++i) {
+    if (clone[i] == 0) decisions.clone[i] = 0;
+    if (split[i] == 0) decisions.split[i] = 0;
+  }
 }
 
 AdapterEntry pgsr_adapter_entry() {

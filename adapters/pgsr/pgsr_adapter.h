@@ -13,6 +13,10 @@ VanillaBoost pgsr_boost();
 class PgsrAdapter final : public VanillaAdapter {
  public:
   PgsrAdapter(const VanillaBoost& boost, Device device) : VanillaAdapter(boost, device) {}
+
+  /// Of the backbone's candidates only: its screen radius and its cap on splits by absolute gradients hold with the
+  /// literal thresholds too.
+  void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
 };
 
 }  // namespace splatboost
