@@ -18,6 +18,7 @@ namespace splatboost {
 namespace {
 
 constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
+constexpr double kNegligible = 1e-5;           // share of a convex's size
 
 float sigmoid(float x) { return 1 / (1 + std::exp(-x)); }
 
@@ -25,18 +26,30 @@ std::uint8_t byte_of(float value) {
   return static_cast<std::uint8_t>(std::lround(255 * std::clamp(value, 0.0f, 1.0f)));
 }
 
-/// Appends the faces of the convex hull of six points: triples with all other points on one side.
+/// Appends the faces of the convex hull of six points: triples with all other points on one side. Of points in a plane,
+/// this would hold for more triples than the hull has faces, which would overlap. Sides are therefore those of points
+/// moved by a negligible amount along a curve that has no four points in a plane.
 void append_hull(const std::array<glm::vec3, kConvexPoints>& points, std::uint32_t first,
                  std::vector<std::uint32_t>& triangles) {
+  std::array<glm::dvec3, kConvexPoints> at;
+  double size = 0;
+  for (std::size_t p = 0; p < kConvexPoints; ++p) {
+    at[p] = glm::dvec3(points[p]) - glm::dvec3(points[0]);
+    size = std::max(size, glm::length(at[p]));
+  }
+  if (size == 0) return;
+  for (std::size_t p = 0; p < kConvexPoints; ++p) {
+    const double t = static_cast<double>(p + 1) / kConvexPoints;
+    at[p] += kNegligible * size * glm::dvec3(t, t * t, t * t * t);
+  }
   for (std::uint32_t a = 0; a < kConvexPoints; ++a) {
     for (std::uint32_t b = a + 1; b < kConvexPoints; ++b) {
       for (std::uint32_t c = b + 1; c < kConvexPoints; ++c) {
-        const glm::dvec3 at(points[a]);
-        const glm::dvec3 normal = glm::cross(glm::dvec3(points[b]) - at, glm::dvec3(points[c]) - at);
+        const glm::dvec3 normal = glm::cross(at[b] - at[a], at[c] - at[a]);
         double least = 0, most = 0;
         for (std::uint32_t p = 0; p < kConvexPoints; ++p) {
           if (p == a || p == b || p == c) continue;
-          const double side = glm::dot(normal, glm::dvec3(points[p]) - at);
+          const double side = glm::dot(normal, at[p] - at[a]);
           least = std::min(least, side);
           most = std::max(most, side);
         }

@@ -203,7 +203,7 @@ std::size_t ConvexSplatting::bytes_per_primitive() const {
   for (const TrainedGroup* group : groups_) bytes += 4 * sizeof(float) * group->width;  // with gradients and moments
   constexpr std::size_t kActivated = 4 + 2, kStatistics = 2 + 3 + 4;                    // floats
   constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;                                    // as in memory_estimate.cpp
-  constexpr std::size_t kRecord = 192 + 8 + 9;
+  constexpr std::size_t kRecord = 160 + 8 + 9;                                          // record, listing, small arrays
   constexpr std::size_t kEntries = 10, kEntry = 4 + 4 + 8 + 8 + 4 + 128;  // tiles per convex (estimate); bytes per pair
   const std::size_t growth = 3 * kRestRows * sizeof(float);
   return bytes + (kActivated + kStatistics) * sizeof(float) + kScores + kRecord + kEntries * kEntry + growth;

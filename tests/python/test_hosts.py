@@ -158,7 +158,8 @@ def test_convexes_from_patch_to_revert(tmp_path):
     assert on["counts"][0] < on["counts"][-1] < 0.6 * off["counts"][-1]
     assert sum(on["losses"][-20:]) < 0.7 * sum(on["losses"][:20]), "it does not learn"
     assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {"backbone": "convex-splatting", "beta": 0.5}
-    assert ("SplatBoost: default rules of convex-splatting, beta 0.5, tau_d 30000, growth at 15 to 45 every 15, late pruning at 30 to "
+    # Late pruning waits for the end of the host's growth.
+    assert ("SplatBoost: default rules of convex-splatting, beta 0.5, tau_d 30000, growth at 15 to 45 every 15, late pruning at 50 to "
             "81, steps by schedule") in on["told"]
     assert max(a - b for a, b in zip(on["counts"][54:], on["counts"][55:])) > 0, "late pruning removed nothing"
 
@@ -228,6 +229,7 @@ def test_options_of_the_patch(tmp_path):
         "--boost_beta 2": "SplatBoost: --boost options: beta",
         "--boost_max_anchors -5": "--boost_max_anchors: expected at least 0, got -5"}),
     (miniature_convexes, None, {
+        "--densification_interval 0": "--densification_interval: expected at least 1, got 0",
         "--boost_tau_d nan": "SplatBoost: --boost options: tau_d",
         "--boost_max_convexes -5": "--boost_max_convexes: expected at least 0, got -5"})])
 def test_bad_options_are_told_in_one_line(tmp_path, hosts, layout, options):

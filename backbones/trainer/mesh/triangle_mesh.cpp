@@ -43,8 +43,20 @@ void write_ply(std::ostream& out, const TriangleMesh& mesh) {
   }
 }
 
+/// Colours of a mesh are encoded as in images (sRGB), the vertex colours of glTF are linear. 16 bits keep dark ones
+/// apart.
+std::array<std::uint16_t, 256> linear_colors() {
+  std::array<std::uint16_t, 256> linear;
+  for (std::size_t k = 0; k < linear.size(); ++k) {
+    const double c = static_cast<double>(k) / 255;
+    const double value = c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4);
+    linear[k] = static_cast<std::uint16_t>(std::lround(65535 * value));
+  }
+  return linear;
+}
+
 void write_glb(std::ostream& out, const TriangleMesh& mesh) {
-  constexpr int kFloat = 5126, kByte = 5121, kUnsigned = 5125, kVertices = 34962, kIndices = 34963;
+  constexpr int kFloat = 5126, kShort = 5123, kUnsigned = 5125, kVertices = 34962, kIndices = 34963;
   const std::size_t n = mesh.vertices();
   std::array<float, 3> low, high;
   low.fill(n > 0 ? std::numeric_limits<float>::max() : 0);
@@ -53,7 +65,7 @@ void write_glb(std::ostream& out, const TriangleMesh& mesh) {
     low[k % 3] = std::min(low[k % 3], mesh.positions[k]);
     high[k % 3] = std::max(high[k % 3], mesh.positions[k]);
   }
-  const std::size_t positions = 12 * n, colors = mesh.colors.empty() ? 0 : 4 * n, indices = 12 * mesh.size();
+  const std::size_t positions = 12 * n, colors = mesh.colors.empty() ? 0 : 8 * n, indices = 12 * mesh.size();
   const std::size_t bytes = positions + colors + indices;
   require(bytes < std::numeric_limits<std::uint32_t>::max() - (std::size_t{1} << 16),
           "the mesh is too large for a .glb file, which has 32-bit lengths; write a .ply file");
@@ -74,11 +86,18 @@ void write_glb(std::ostream& out, const TriangleMesh& mesh) {
     gltf["bufferViews"].push_back(
         {{"buffer", 0}, {"byteOffset", positions}, {"byteLength", colors}, {"target", kVertices}});
     gltf["accessors"].push_back(
-        {{"bufferView", 2}, {"componentType", kByte}, {"normalized", true}, {"count", n}, {"type", "VEC4"}});
+        {{"bufferView", 2}, {"componentType", kShort}, {"normalized", true}, {"count", n}, {"type", "VEC4"}});
     gltf["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2;
-  }
-  if (!mesh.opacities.empty()) {
-    gltf["materials"] = {{{"alphaMode", "BLEND"}, {"doubleSided", true}}};
+    // Unlit, because the colours of photos contain the light. Without a material viewers assume metal.
+    nlohmann::json material;
+    material["pbrMetallicRoughness"]["metallicFactor"] = 0;
+    material["extensions"]["KHR_materials_unlit"] = nlohmann::json::object();
+    if (!mesh.opacities.empty()) {
+      material["alphaMode"] = "BLEND";
+      material["doubleSided"] = true;
+    }
+    gltf["extensionsUsed"].push_back("KHR_materials_unlit");
+    gltf["materials"].push_back(material);
     gltf["meshes"][0]["primitives"][0]["material"] = 0;
   }
   std::string text = gltf.dump();
@@ -93,9 +112,10 @@ void write_glb(std::ostream& out, const TriangleMesh& mesh) {
   put(out, length(bytes));
   out.write("BIN\0", 4);
   out.write(reinterpret_cast<const char*>(mesh.positions.data()), static_cast<std::streamsize>(positions));
-  for (std::size_t i = 0; i < colors / 4; ++i) {
-    out.write(reinterpret_cast<const char*>(&mesh.colors[3 * i]), 3);
-    put(out, mesh.opacities.empty() ? std::uint8_t{255} : mesh.opacities[i]);
+  const std::array<std::uint16_t, 256> linear = linear_colors();
+  for (std::size_t i = 0; i < colors / 8; ++i) {
+    for (std::size_t c = 0; c < 3; ++c) put(out, linear[mesh.colors[3 * i + c]]);
+    put(out, static_cast<std::uint16_t>(257 * (mesh.opacities.empty() ? 255 : mesh.opacities[i])));
   }
   out.write(reinterpret_cast<const char*>(mesh.triangles.data()), static_cast<std::streamsize>(indices));
 }

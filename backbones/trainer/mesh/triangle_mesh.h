@@ -23,9 +23,10 @@ struct TriangleMesh {
 /// @return number of connected parts before
 std::size_t keep_largest_parts(TriangleMesh& mesh, std::size_t least_triangles, std::size_t most);
 
-/// Writes a .ply (binary little endian) or .glb (glTF 2.0; positions as in the world, not turned to glTF's y up; with
-/// opacities, alpha blended and double-sided), by the file's extension. Written to a temporary file, then renamed.
-/// Throws InputError on another extension, and if the mesh is too large for a .glb, whose lengths have 32 bits.
+/// Writes a .ply (binary little endian) or .glb (glTF 2.0; positions as in the world, not turned to glTF's y up;
+/// colours unlit; with opacities, alpha blended and double-sided), by the file's extension. Written to a temporary
+/// file, then renamed. Throws InputError on another extension, and if the mesh is too large for a .glb, whose lengths
+/// have 32 bits.
 void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh);
 
 /// Reads a .ply of triangles or of points only, binary little endian or text; colours and other properties are ignored.

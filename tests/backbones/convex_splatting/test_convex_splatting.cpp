@@ -11,6 +11,7 @@
 #include <set>
 
 #include "convex_splatting/convex_file.h"
+#include "convex_splatting/convex_mesh.h"
 #include "convex_splatting/convex_shapes.h"
 #include "support/backbone_checks.h"
 #include "support/density_recorder.h"
@@ -365,6 +366,61 @@ TEST(ConvexShapes, BeginOnSpheresAndAreMeasuredByTheirLongestDeviation) {
   std::vector<float> longest(1);
   longest_deviations(flat, longest);
   EXPECT_FLOAT_EQ(longest[0], 2);
+}
+
+/// Raw parameters of visible convexes with these points [N,6,3].
+ConvexCloud cloud_of(const std::vector<float>& points) {
+  const std::size_t n = points.size() / kConvexWidth;
+  ConvexCloud cloud;
+  cloud.points = points;
+  for (std::vector<float>* values :
+       {&cloud.log_smoothness, &cloud.log_sharpness, &cloud.logit_opacities, &cloud.logit_masks}) {
+    values->assign(n, 1.0f);
+  }
+  cloud.sh_dc.assign(3 * n, 0.5f);
+  cloud.sh_rest.assign(45 * n, 0.0f);
+  cloud.focal_lengths = {1000};
+  return cloud;
+}
+
+double area_of(const TriangleMesh& mesh) {
+  double area = 0;
+  for (std::size_t t = 0; t < mesh.size(); ++t) {
+    double edges[2][3];
+    for (std::size_t k = 0; k < 2; ++k) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        edges[k][c] = static_cast<double>(mesh.positions[3 * mesh.triangles[3 * t + 1 + k] + c]) -
+                      static_cast<double>(mesh.positions[3 * mesh.triangles[3 * t] + c]);
+      }
+    }
+    const auto& [a, b] = edges;
+    area += std::hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]) / 2;
+  }
+  return area;
+}
+
+TEST(ConvexMesh, HasNoTriangleTwiceWherePointsLieInAPlane) {
+  // A hexagon of side 5, tilted; a prism of two triangles, whose sides are squares.
+  std::vector<float> hexagon;
+  for (int k = 0; k < 6; ++k) {
+    const float x = 5 * std::cos(1.0471976f * static_cast<float>(k)),
+                y = 5 * std::sin(1.0471976f * static_cast<float>(k));
+    hexagon.insert(hexagon.end(), {7 + 0.8f * x, y, 3 + 0.6f * x});
+  }
+  const std::vector<float> prism{0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 1, 0, 1, 1};
+  const TriangleMesh flat = convex_mesh(cloud_of(hexagon)), solid = convex_mesh(cloud_of(prism));
+  EXPECT_EQ(flat.size(), 8u) << "both sides of a hexagon";
+  EXPECT_NEAR(area_of(flat), 3 * std::sqrt(3.0) * 25, 1e-3);
+  EXPECT_EQ(solid.size(), 8u);
+  EXPECT_NEAR(area_of(solid), 3 + std::sqrt(2.0), 1e-6);
+}
+
+TEST(ConvexMesh, OfOnePointHasNoTriangles) {
+  std::vector<float> points{0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 1, 0, 1, 1};
+  points.insert(points.end(), kConvexWidth, 2.0f);
+  EXPECT_EQ(convex_mesh(cloud_of(points)).size(), 8u);
+  test::expect_contains(test::input_error_of([&] { convex_mesh(cloud_of(std::vector<float>(kConvexWidth, 2.0f))); }),
+                        "no visible convexes");
 }
 
 TEST(ConvexEntry, IsKnownByItsName) {

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable
+import sys
+from typing import Any, Callable, Dict
 
 import torch
 
@@ -33,6 +34,16 @@ class Boost(_boost.Boost):
     backbone = "convex-splatting"
     host_options = {}
     gathers_absolute = False
+
+    def _settings(self) -> Dict[str, Any]:
+        """Late pruning begins when the host's growth has ended: it would remove what growth has just added."""
+        o = self.options
+        if o.densification_interval < 1:
+            sys.stderr.write("--densification_interval: expected at least 1, got %d\n" % o.densification_interval)
+            sys.exit(2)
+        begins = _boost.adapter_of(self.backbone, o, self._device, {}).settings["late_prune_from"]
+        ends = -(-min(o.densify_until_iter, o.iterations) * self.published_iterations // o.iterations)  # rounded up
+        return dict(super()._settings(), late_prune_from=max(begins, ends))
 
     def _means(self) -> torch.Tensor:
         return self.gaussians.get_convex_points  # type: ignore[no-any-return]

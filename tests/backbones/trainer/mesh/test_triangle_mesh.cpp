@@ -3,9 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -81,6 +83,16 @@ TEST(TriangleMesh, leaves_its_largest_parts) {
   EXPECT_EQ(mesh.size(), 0u);
 }
 
+/// [V,4] red, green, blue, alpha of a .glb's vertices.
+std::vector<std::uint16_t> colors_of_glb(const std::string& bytes) {
+  std::uint32_t length = 0;
+  std::memcpy(&length, bytes.data() + 12, 4);
+  const nlohmann::json view = nlohmann::json::parse(bytes.substr(20, length))["bufferViews"][2];
+  std::vector<std::uint16_t> colors(view["byteLength"].get<std::size_t>() / 2);
+  std::memcpy(colors.data(), bytes.data() + 28 + length + view["byteOffset"].get<std::size_t>(), 2 * colors.size());
+  return colors;
+}
+
 TEST(TriangleMesh, is_a_binary_gltf) {
   const test::TemporaryFolder folder;
   const TriangleMesh mesh = square_and_triangle();
@@ -105,6 +117,33 @@ TEST(TriangleMesh, is_a_binary_gltf) {
   EXPECT_EQ(number(indices + 4), 5u);
 }
 
+TEST(TriangleMesh, looks_as_the_pictures_in_a_gltf_viewer) {
+  const test::TemporaryFolder folder;
+  TriangleMesh mesh = square_and_triangle();
+  mesh.colors[0] = 255;
+  mesh.colors[1] = 128;
+  mesh.colors[2] = 0;
+  write_mesh(folder / "mesh.glb", mesh);
+  const std::string bytes = test::read_file(folder / "mesh.glb");
+  const std::vector<std::uint16_t> colors = colors_of_glb(bytes);
+  ASSERT_EQ(colors.size(), 28u);
+  EXPECT_EQ(colors[0], 65535);
+  EXPECT_NEAR(colors[1], 0.2158605 * 65535, 1) << "vertex colours are linear";
+  EXPECT_EQ(colors[2], 0);
+  EXPECT_EQ(colors[3], 65535) << "opaque";
+  std::uint32_t length = 0;
+  std::memcpy(&length, bytes.data() + 12, 4);
+  const nlohmann::json gltf = nlohmann::json::parse(bytes.substr(20, length));
+  EXPECT_EQ(gltf["accessors"][2]["componentType"], 5123);
+  EXPECT_EQ(gltf["extensionsUsed"][0], "KHR_materials_unlit");
+  EXPECT_TRUE(gltf["materials"][0]["extensions"].contains("KHR_materials_unlit"));
+  EXPECT_FALSE(gltf["materials"][0].contains("alphaMode"));
+  EXPECT_EQ(gltf["meshes"][0]["primitives"][0]["material"], 0);
+  mesh.colors.clear();
+  write_mesh(folder / "plain.glb", mesh);
+  EXPECT_EQ(test::read_file(folder / "plain.glb").find("materials"), std::string::npos);
+}
+
 TEST(TriangleMesh, what_is_translucent_is_so_in_its_files) {
   const test::TemporaryFolder folder;
   TriangleMesh mesh = square_and_triangle();
@@ -118,8 +157,7 @@ TEST(TriangleMesh, what_is_translucent_is_so_in_its_files) {
   std::memcpy(&length, bytes.data() + 12, 4);
   const nlohmann::json gltf = nlohmann::json::parse(bytes.substr(20, length));
   EXPECT_EQ(gltf["materials"][0]["alphaMode"], "BLEND");
-  const std::size_t colors = 28 + length + gltf["bufferViews"][2]["byteOffset"].get<std::size_t>();
-  for (std::size_t v = 0; v < 7; ++v) EXPECT_EQ(static_cast<std::uint8_t>(bytes[colors + 4 * v + 3]), 30 * v);
+  EXPECT_EQ(colors_of_glb(bytes)[4 * 6 + 3], 257 * 180);
   keep_largest_parts(mesh, 2, 0);
   EXPECT_EQ(mesh.opacities.size(), mesh.vertices());
 }
