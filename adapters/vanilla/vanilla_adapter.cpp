@@ -85,10 +85,7 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
     const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
                               RandomPurpose::scored_views);
     sums = &score(rasterizer, boost_.vcp, random);
-    if (boost_.vcp) {
-      pruning_.resize(n);
-      pruning_scores(*sums, pruning_);
-    }
+    if (boost_.vcp) compute_pruning_scores(*sums);
     scored_at_ = statistics.moment.iteration;
     if (!boost_.literal) gradient_scale = std::sqrt(scorer_.covered_share());
   }
@@ -110,6 +107,15 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
     const double below = importance_to_exceed(sums->views);
     keep_important(sums->counts, below, decisions.clone);
     keep_important(sums->counts, below, decisions.split);
+  }
+}
+
+void VanillaAdapter::compute_pruning_scores(const ScoreSums& sums) {
+  pruning_.resize(sums.counts.size());
+  if (boost_.absolute_scores) {
+    absolute_pruning_scores(sums, pruning_);
+  } else {
+    pruning_scores(sums, pruning_);
   }
 }
 
@@ -162,8 +168,7 @@ void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& 
   if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
-  pruning_.resize(n);
-  pruning_scores(score(rasterizer, true, random), pruning_);
+  compute_pruning_scores(score(rasterizer, true, random));
   const double settled = boost_.literal ? 1 : settled_share(statistics.moment, rasterizer.scorable_views());
   const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled);
   for (std::size_t i = 0; i < n; ++i) {

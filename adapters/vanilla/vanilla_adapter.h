@@ -46,6 +46,9 @@ struct VanillaBoost {
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
   double late_max_score = 0.9;
+  /// Pruning scores are shares of all errors of the scored views, not relative to the other primitives. For blocks of
+  /// one scene that are trained separately: a Gaussian's score does not depend on the block. Not in the paper.
+  bool absolute_scores = false;
   /// Once, when growth has ended: removes the Gaussians with the smallest blending weights whose weights together are
   /// at most this share of the total. Not in the paper.
   double late_share = 0.05;
@@ -84,6 +87,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("late_prune_interval", boost.late_prune_interval);
   visit("late_min_opacity", boost.late_min_opacity);
   visit("late_max_score", boost.late_max_score);
+  visit("absolute_scores", boost.absolute_scores);
   visit("late_share", boost.late_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
@@ -143,6 +147,8 @@ class VanillaAdapter : public Adapter {
   const VanillaBoost& boost() const { return boost_; }
 
  private:
+  /// Computes pruning_ from the views scored last.
+  void compute_pruning_scores(const ScoreSums& sums);
   /// The threshold that Σ_j n_ij over the views scored last must exceed for growth.
   double importance_to_exceed(int views) const;
   /// The first iteration without growth.

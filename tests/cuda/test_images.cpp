@@ -261,6 +261,7 @@ TEST_F(CudaImages, ScoresAreThoseOfTheCpu) {
     EXPECT_EQ(sums.views, expected.views);
     EXPECT_EQ(sums.counts, expected.counts);
     for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(sums.weighted_counts[i], expected.weighted_counts[i], 1e-2);
+    EXPECT_NEAR(sums.weighted_pixels, expected.weighted_pixels, 1e-2);
     EXPECT_EQ(on_device.mean_pixels(), on_host.mean_pixels());
     EXPECT_EQ(on_device.covered_share(), on_host.covered_share());
     const ScoreSums& without_losses = on_device.score(device, {views, 0.1f, 0.2f, false}, random);

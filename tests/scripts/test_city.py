@@ -94,7 +94,8 @@ def test_blocks_train_alone_and_become_one(street, tmp_path):
         assert np.allclose(part.centres[0], whole.centres[at]) and 0 < len(part.points) <= len(whole.points)
     for block in plan["blocks"]:
         folder = out / "blocks" / block["name"]
-        run(PROGRAM, "train", "-s", folder / "scene", "-m", folder / "model", "--iterations", 8, "--threads", 1, "--quiet")
+        run(PROGRAM, "train", "-s", folder / "scene", "-m", folder / "model", "--iterations", 8, "--threads", 1, "--quiet",
+            "--config", out / plan["config"])
     run(sys.executable, ROOT / "scripts/city/run", "--merge", out / "plan.json")
     run(PROGRAM, "eval", "-m", out / "merged", "--threads", 1)
     results = json.loads((out / "merged/results.json").read_text())
@@ -110,11 +111,22 @@ def test_blocks_train_alone_and_become_one(street, tmp_path):
         assert 0 < own.sum() < len(rows) and merged[owners == number].tobytes() == rows[own].tobytes()
 
 
+@pytest.mark.parametrize("options, absolute", [((), True), (("--no-coarse",), True), (("--literal",), False)])
+def test_scores_of_blocks_do_not_depend_on_the_block(street, tmp_path, options, absolute):
+    """Min-max over a block's own Gaussians would give blocks different thresholds; --literal keeps the paper's scores."""
+    city(street, tmp_path, "--split-only", "--grid", 2, 1, "--", *options)
+    plan = json.loads((tmp_path / "plan.json").read_text())
+    assert ("config" in plan) == absolute
+    if absolute:
+        assert json.loads((tmp_path / plan["config"]).read_text()) == {"boost": {"absolute_scores": True}}
+
+
 @pytest.mark.skipif(SNAKEMAKE is None, reason="Snakemake is not installed")
 def test_the_workflow(street, tmp_path):
     arguments = (street, tmp_path / "city", "--grid", 2, 1, "--threads", 1, "--", "--iterations", 4)
     told = city(*arguments)
     assert "Gaussians, PSNR" in told and (tmp_path / "city/merged/report.html").is_file()
+    assert json.loads((tmp_path / "city/blocks/0_0/model/config.json").read_text())["boost"]["absolute_scores"] is True
     before = (tmp_path / "city/blocks/0_0/model/results.json").stat().st_mtime_ns
     other = tmp_path / "other"
     other.write_bytes(PROGRAM.read_bytes() + b"\n")

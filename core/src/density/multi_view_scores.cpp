@@ -36,11 +36,12 @@ void MultiViewScorer::score_view(RasterizerHook& rasterizer, const ScoredView& v
   const std::size_t pixels = view.truth.color.size() / 3;
   error_.resize(pixels);
   flagged_.resize(pixels);
-  flag_errors(view.color, view.truth, options.tau, error_, flagged_, device_);
+  const std::size_t flagged = flag_errors(view.color, view.truth, options.tau, error_, flagged_, device_);
   const double loss = loss_of(view, options);
   counts_.assign(sums_.counts.size(), 0);
   rasterizer.count_flagged(flagged_, counts_);
   sums_.add_view(counts_, loss);
+  sums_.weighted_pixels += loss * static_cast<double>(flagged);
   for (std::size_t p = 0; p < pixels; ++p) {
     if (!view.truth.valid.empty() && view.truth.valid[p] == 0) continue;
     valid_pixels_ += 1;
@@ -62,6 +63,7 @@ void MultiViewScorer::score_view_on_cuda(RasterizerHook& rasterizer, const Score
   rasterizer.count_flagged(cuda_->flagged.span(), cuda_->view_counts.span());
   cuda::add_view(cuda_->view_counts.span(), loss, cuda_->counts.span(), cuda_->weighted_counts.span(), stream);
   ++sums_.views;
+  sums_.weighted_pixels += loss * static_cast<double>(found.flagged);
   valid_pixels_ += static_cast<double>(found.valid);
   covered_pixels_ += static_cast<double>(found.covered);
 }

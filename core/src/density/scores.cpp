@@ -10,6 +10,7 @@ namespace splatboost {
 
 void ScoreSums::reset(std::size_t primitives, bool losses) {
   views = 0;
+  weighted_pixels = 0;
   counts.assign(primitives, 0);
   weighted_counts.assign(losses ? primitives : 0, 0.0);
 }
@@ -47,6 +48,14 @@ void importance_scores(const ScoreSums& sums, std::span<std::int64_t> scores) {
 }
 
 void pruning_scores(const ScoreSums& sums, std::span<float> scores) { pruning_on_host(sums.weighted_counts, scores); }
+
+void absolute_pruning_scores(const ScoreSums& sums, std::span<float> scores) {
+  SPLATBOOST_CHECK(scores.size() == sums.weighted_counts.size(), "scores must have one number per primitive");
+  const double all = sums.weighted_pixels;
+  for (std::size_t i = 0; i < scores.size(); ++i) {
+    scores[i] = all > 0 ? static_cast<float>(sums.weighted_counts[i] / all) : 0.0f;
+  }
+}
 
 void importance_scores(std::span<const std::int64_t> counts, int views, std::span<std::int64_t> scores, Device device) {
   if (!device.is_cuda()) return importance_on_host(counts, views, scores);

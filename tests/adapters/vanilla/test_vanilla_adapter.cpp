@@ -218,6 +218,24 @@ TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 1, 1}));
 }
 
+TEST_F(VanillaAdapterTest, absolute_scores_do_not_depend_on_other_primitives) {
+  const auto removed = [&](const std::vector<std::int32_t>& counts, bool absolute) {  // of 32 flagged pixels
+    VanillaBoost boost = boost_at_paper_size();
+    boost.absolute_scores = absolute;
+    VanillaAdapter adapter(boost, threads_);
+    const Hand hand{{0, 0, 0}, {}, {0.5f, 0.5f, 0.5f}, {1, 1, 1}};
+    FakeRasterizer rasterizer(counts);
+    std::vector<std::uint8_t> remove(3);
+    PruneDecisions prune{remove, PruneRule::late, {}};
+    adapter.prune(hand.at(18000), rasterizer, prune);
+    return remove;
+  };
+  using Mask = std::vector<std::uint8_t>;
+  EXPECT_EQ(removed({4, 10, 20}, false), (Mask{0, 0, 1}));
+  EXPECT_EQ(removed({4, 10, 20}, true), (Mask{0, 0, 0})) << "the worst of a block is not removed for that alone";
+  EXPECT_EQ(removed({30, 10, 20}, true), (Mask{1, 0, 0})) << "in 30 of 32";
+}
+
 TEST_F(VanillaAdapterTest, growth_may_begin_at_any_iteration) {
   for (const int from : {1000000, std::numeric_limits<int>::max()}) {  // never
     VanillaBoost boost;

@@ -76,6 +76,7 @@ class Cardboard : public RasterizerHook {
       EXPECT_EQ(sums.counts[i], counts[i]);
       EXPECT_NEAR(sums.weighted_counts[i], weighted[i], 1e-5 * (1 + weighted[i]));
     }
+    EXPECT_NEAR(sums.weighted_pixels, weighted[0], 1e-5 * (1 + weighted[0]));
     EXPECT_GT(counts[1], 0);
     EXPECT_GT(counts[0], counts[1]);
   }

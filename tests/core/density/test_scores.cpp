@@ -98,6 +98,28 @@ TEST(Scores, ResetForgets) {
   EXPECT_EQ(sums.weighted_counts, (std::vector<double>{0, 0, 0}));
 }
 
+// A primitive's score is the same whichever others are scored with it, as in blocks of one scene.
+TEST(Scores, AbsoluteScoresDoNotDependOnOtherPrimitives) {
+  const auto absolute = [](const Counts& counts) {
+    ScoreSums sums;
+    sums.reset(counts.size());
+    sums.add_view(counts, 0.5);
+    sums.weighted_pixels = 0.5 * 40;
+    std::vector<float> scores(counts.size(), -1);
+    absolute_pruning_scores(sums, scores);
+    return scores;
+  };
+  EXPECT_EQ(absolute({10, 0, 40}), (std::vector<float>{0.25f, 0, 1}));
+  EXPECT_EQ(absolute({10}), (std::vector<float>{0.25f}));
+  ScoreSums none;
+  none.reset(2);
+  none.weighted_pixels = 1;
+  none.reset(2);
+  std::vector<float> scores(2, -1);
+  absolute_pruning_scores(none, scores);
+  EXPECT_EQ(scores, (std::vector<float>{0, 0})) << "nothing is flagged: 0, never NaN";
+}
+
 TEST(Scores, SumsExceedThirtyTwoBits) {
   ScoreSums sums;
   sums.reset(2);
