@@ -39,6 +39,7 @@ struct Boost::Parts {
   sb_adapter* adapter = nullptr;
   std::int32_t total = 0;
   std::int64_t max_gaussians = 0;  // 0: no cap
+  int loop_closed_at = -kProtectedIterations;
   torch::Device device = torch::kCPU;
   Tensor no_color;
   Tensor signed_sum, absolute_sum, seen;  // float [N] since the last growth
@@ -71,9 +72,11 @@ struct Boost::Parts {
       *sum = torch::cat({*sum, torch::zeros({missing}, sum->options())});
     }
   }
-  /// Removes Gaussians, except recently inserted ones, which have a low opacity only because they are new; keeps at
-  /// least one. @param mask bool [N] @return those removed, bool [N]
+  /// Removes Gaussians, except recently inserted ones, which have a low opacity only because they are new, and none
+  /// shortly after a loop closure, when the views do not agree yet; keeps at least one.
+  /// @param mask bool [N] @return those removed, bool [N]
   Tensor remove(const Tensor& mask, int iteration) {
+    if (iteration - loop_closed_at < kProtectedIterations) return torch::zeros_like(mask);
     const Tensor inserted = model().exist_since_iter_.to(device).reshape({-1});
     const Tensor old = (inserted == 0) | (inserted <= iteration - kProtectedIterations);
     const Given removals((mask & old).to(torch::kByte)), priorities(opacities());
@@ -405,6 +408,11 @@ void Boost::applyGradients() {
   for (auto& group : optimizer->param_groups()) {
     for (Tensor& parameter : group.params()) parameter.mutable_grad() = Tensor();
   }
+}
+
+void Boost::loopClosed(int iteration) {
+  parts_->loop_closed_at = iteration;
+  parts_->restart();
 }
 
 void densifyAndPrune(const std::shared_ptr<Boost>& boost, const std::shared_ptr<GaussianModel>& gaussians,

@@ -64,6 +64,8 @@ class Boost {
   void step(int iteration);
   /// Applies pending gradients; call it before the parameters that they belong to change.
   void applyGradients();
+  /// Forgets the statistics, which are of the map before the correction, and prunes nothing for 200 iterations.
+  void loopClosed(int iteration);
 
  private:
   struct Parts;

@@ -149,6 +149,16 @@ def test_forks_that_only_look_like_3dgs_are_refused(tmp_path, fork, only):
     assert "3dgs would fit, but" in run_well("patch", "status", tree).stdout
 
 
+@pytest.mark.parametrize("layout", list(miniature_anchors.RECIPES))
+def test_a_changed_near_plane_is_refused(tmp_path, layout):
+    """Our rasterizer would train with 0.2 without a word."""
+    tree = miniature_anchors.write_host(tmp_path / "host", layout)
+    file = tree / miniature_anchors.NEAR_PLANE
+    file.write_text(file.read_text().replace("0.2f", "0.0001f"))
+    line = fails("apply", miniature_anchors.RECIPES[layout], tree)
+    assert "auxiliary.h: 'if (p_view.z <= 0.2f)' is missing; nearest is line 1" in line and "our rasterizer has this near plane" in line
+
+
 def test_doctor_tells_the_nearest_recipe_and_what_does_not_hold(host, tmp_path):
     tree, recipe = host
     text = run_well("patch", "doctor", tree).stdout

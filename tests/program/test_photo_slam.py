@@ -78,6 +78,27 @@ def test_a_changed_signature_is_refused(tmp_path):
     assert files_of(tree) == before
 
 
+def test_the_documented_edits_for_newer_libtorch_fit_beside_the_patch(tmp_path):
+    commands = re.findall(r"^  (sed -i .*)$", (ROOT / "docs/patching.md").read_text(), re.M)
+    assert len(commands) == 3
+    lines = {
+        "src/gaussian_model.cpp": ("auto key = c10::guts::to_string(param.unsafeGetTensorImpl());",
+                                   "auto key = param.unsafeGetTensorImpl();"),
+        "examples/a.cpp": ("c10Alloc::DeviceStats all = f(0);\nc10Alloc::Stat"
+                           " one = all.reserved_bytes[static_cast<int>(c10Alloc::StatType::AGGREGATE)];",
+                           "auto all = f(0);\nauto one = all.reserved_bytes[0];"),
+        "third_party/simple-knn/simple_knn.cu": ("#define BOX", "#include <float.h>\n#define BOX")}
+    for name, (before, _) in lines.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(before + "\n")
+    for command in commands:
+        subprocess.run(["sh", "-c", command], cwd=tmp_path, check=True)
+    for name, (_, after) in lines.items():
+        assert (tmp_path / name).read_text() == after + "\n"
+    anchors = {edit["anchor"] for edit in RECIPE["edits"]} | {need["text"] for need in RECIPE["needs"]}
+    assert not any("getTensorImpl" in text or "c10Alloc" in text for text in anchors)
+
+
 def copy_checkout(to):
     for part in PARTS:
         source = pathlib.Path(CHECKOUT) / part

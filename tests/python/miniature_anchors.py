@@ -24,6 +24,9 @@ class OptimizationParams(Options):
         self.offer(parser, "Optimization Parameters")
 '''
 
+#: The file of the host's rasterizer whose near plane its users are told to edit for very large scenes.
+NEAR_PLANE = "submodules/diff-gaussian-rasterization/cuda_rasterizer/auxiliary.h"
+
 RENDERER = '''
 import torch
 from diff_gaussian_rasterization import GaussianRasterizer, GaussianRasterizationSettings
@@ -334,7 +337,7 @@ def write_host(folder, layout):
     files = {"arguments/__init__.py": ARGUMENTS,
              "gaussian_renderer/__init__.py": RENDERER + "\nfrom scene.gaussian_model import GaussianModel",
              "scene/gaussian_model.py": MODEL, "scene/__init__.py": SCENE, "scene/embedding.py": "class Embedding:\n    pass",
-             "train.py": TRAIN, "render.py": RENDER}
+             "train.py": TRAIN, "render.py": RENDER, NEAR_PLANE: "\tif (p_view.z <= 0.2f)// ||\n\t{\n\t\treturn false;\n\t}"}
     found = parts(layout)
     for name, text in files.items():
         for key in sorted(found, key=len, reverse=True):

@@ -118,6 +118,20 @@ def test_late_pruning_gives_the_host_radii_and_takes_them_back():
     assert boost.gaussians.tmp_radii is None
 
 
+@pytest.mark.parametrize("on", [True, False])
+def test_a_fork_may_remove_gaussians_outside_of_growth(on):
+    boost = boost_of(on=on)
+    model, before = boost.gaussians, boost.gaussians.value.detach().clone()
+    model.tmp_radii = torch.zeros(N)
+    boost._absolute[:, 0] = torch.arange(float(N))
+    model.value.sum().backward()
+    boost.prune_points(torch.arange(N) == 2)
+    kept = torch.arange(N) != 2
+    assert torch.equal(model.value.detach() < before[kept], torch.full((N - 1,), on))  # no gradient is lost
+    if on:
+        assert boost._absolute.reshape(-1).tolist() == [0, 1, 3, 4, 5]
+
+
 def test_late_pruning_never_removes_all():
     boost = boost_of(adapter=Adapter(remove=range(N)))
     boost.prune_late()
@@ -214,6 +228,30 @@ def test_a_view_is_drawn_at_its_own_time(moves):
 
     drawn = deformable_3dgs.at_its_time(render, Camera(), gaussians, None, torch.zeros(3), Deform(), moves, True)
     assert torch.equal(drawn, torch.full((N, 3), 1.0 if moves else 0.0))
+
+
+def test_a_camera_in_host_memory_is_moved_to_be_scored_and_back():
+    """With --load2gpu_on_the_fly. The device "meta" stands for the memory that the camera is not in."""
+    class Camera:
+        def __init__(self):
+            self.places = []
+            self.load2device("elsewhere")
+
+        def load2device(self, data_device="cuda"):
+            self.places.append(data_device)
+            self.fid = torch.tensor([0.25], device="cpu" if data_device == "cuda" else "meta")
+
+    class Deform:
+        def step(self, xyz, time):
+            return 4 * time, 1.0, 2.0
+
+    def render(camera, pc, pipe, background, d_xyz, d_rotation, d_scaling, is_6dof):
+        return {"render": pc.get_xyz + d_xyz}
+
+    camera, gaussians = Camera(), types.SimpleNamespace(get_xyz=torch.zeros(N, 3))
+    drawn = deformable_3dgs.at_its_time(render, camera, gaussians, None, torch.zeros(3), Deform(), True, False)
+    assert torch.equal(drawn, torch.full((N, 3), 1.0))
+    assert camera.places == ["elsewhere", "cuda", "cpu"]
 
 
 def test_changed_densify_functions_are_noticed():

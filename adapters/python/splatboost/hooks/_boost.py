@@ -297,6 +297,15 @@ class Boost:
         self._keep(~remove)
         self._pruned()
 
+    def prune_points(self, mask: torch.Tensor, *given: Any, **named: Any) -> Any:
+        """As the host's, with its arguments, for hosts that remove Gaussians outside of growth too."""
+        if self.on:
+            self._apply_gradients()
+        result = self.gaussians.prune_points(mask, *given, **named)
+        if self.on:
+            self._keep(~mask)
+        return result
+
     def _keep(self, kept: torch.Tensor) -> None:
         """Keeps the statistics of these Gaussians only."""
         self._absolute, self._seen = self._absolute[kept], self._seen[kept]
