@@ -2,6 +2,7 @@
 """SplatBoostStrategy in a training loop: with a test double of gsplat, and with gsplat's own classes and operations
 where it is installed. gsplat's rasterizer needs CUDA, so SplatBoost's is used instead."""
 
+import math
 import os
 import pickle
 import subprocess
@@ -211,6 +212,75 @@ def test_growth_is_the_adapter_s(strategy_module):
     assert torch.equal(params["means"].detach()[:kept], old[~split])
     assert torch.equal(params["means"].detach()[kept : kept + int(clone.sum())], old[clone])
     assert not state["count"].any() and not state["grad2d"].any()
+
+
+def projected(module, params, view, antialiased):
+    """What gsplat's fully_fused_projection() returns for one view: means2d, conics, depths, radii of two axes (None: not known) and
+    opacity compensations. gsplat's own reference in torch where it is installed, else the same in double precision."""
+    scales, rotations = params["scales"].exp(), params["quats"]
+    if hasattr(module.ops, "__file__"):
+        from gsplat.cuda._torch_impl import _fully_fused_projection, _quat_scale_to_covar_preci
+
+        covariances = _quat_scale_to_covar_preci(rotations, scales, compute_preci=False)[0]
+        radii, means2d, depths, conics, factors = _fully_fused_projection(
+            params["means"], covariances, view.viewmat[None], view.K[None], 40, 30, near_plane=0.2, calc_compensations=True)
+        return means2d[0], conics[0], depths[0], radii[0].reshape(len(radii[0]), -1).expand(-1, 2), factors[0] if antialiased else 1
+    turn, move = view.viewmat[:3, :3].double(), view.viewmat[:3, 3].double()
+    x, y, z = (params["means"].double() @ turn.T + move).T
+    (fx, _, cx), (_, fy, cy), _ = view.K.tolist()
+    zero = torch.zeros_like(z)
+    jacobian = torch.stack([fx / z, zero, -fx * x / z**2, zero, fy / z, -fy * y / z**2], dim=1).view(-1, 2, 3) @ turn
+    bare = jacobian @ reference.covariances_of(scales.double(), rotations.double()) @ jacobian.transpose(1, 2)
+    wide = bare + 0.3 * torch.eye(2, dtype=torch.float64)
+    inverse = torch.linalg.inv(wide)
+    conics = torch.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], dim=1)
+    factors = (torch.linalg.det(bare) / torch.linalg.det(wide)).sqrt() if antialiased else 1
+    return torch.stack([fx * x / z + cx, fy * y / z + cy], dim=1), conics, z, None, factors
+
+
+def contributing_ids(means2d, conics, depths, radii, opacities, width, height):
+    """What gsplat 1.6's rasterize_contributing_gaussian_ids() returns, restated because its kernel needs a GPU: for each pixel the ids
+    of the Gaussians that are blended there, from front to back; as lists rather than padded with -1."""
+    front_to_back = torch.argsort(depths).tolist()
+    means2d, conics, opacities = means2d.tolist(), conics.tolist(), opacities.tolist()
+    radii = None if radii is None else radii.tolist()
+    ids = []
+    for pixel in range(width * height):
+        column, row = pixel % width + 0.5, pixel // width + 0.5
+        found, transmittance = [], 1.0
+        for i in front_to_back:
+            dx, dy = column - means2d[i][0], row - means2d[i][1]
+            if radii is not None and any(not (m - r) // 16 <= p // 16 < -(-(m + r) // 16)
+                                         for p, m, r in zip((column, row), means2d[i], radii[i])):
+                continue  # the Gaussian's box does not touch the pixel's tile
+            sigma = 0.5 * (conics[i][0] * dx * dx + conics[i][2] * dy * dy) + conics[i][1] * dx * dy
+            alpha = min(0.99, opacities[i] * math.exp(-sigma))
+            if alpha < 1 / 255:
+                continue
+            transmittance *= 1 - alpha
+            if transmittance <= 1e-4:
+                break
+            found.append(i)
+        ids.append(found)
+    return ids
+
+
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_counts_are_those_of_gsplats_contributing_ids(strategy_module, antialiased):
+    trainer = Trainer(strategy_module, 30000)
+    trainer.strategy.antialiased = antialiased
+    total = 0
+    for j, view in enumerate(trainer.views):
+        flagged = torch.rand(30, 40, generator=torch.Generator().manual_seed(j)) < 0.4
+        with torch.no_grad():
+            n = trainer.params["means"].shape[0]
+            counts = trainer.strategy._sources(trainer.params)[j]().render.count_flagged(flagged)
+            means2d, conics, depths, radii, factors = projected(strategy_module, trainer.params, view, antialiased)
+            ids = contributing_ids(means2d, conics, depths, radii, torch.sigmoid(trainer.params["opacities"]) * factors, 40, 30)
+        blended = [i for pixel, found in enumerate(ids) if flagged.reshape(-1)[pixel] for i in found]
+        assert torch.equal(counts, torch.bincount(torch.tensor(blended), minlength=n).int())
+        total += len(blended)
+    assert total > 1000
 
 
 def test_accumulated_gradients_are_applied_before_surgery(strategy_module):

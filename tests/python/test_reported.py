@@ -222,3 +222,22 @@ def test_pictures_in_a_folder_for_each_camera_of_a_rig(tmp_path):
     for kind, count in (("train", 7), ("test", 1)):
         for scene in ("flat", "rig"):
             assert len(list((tmp_path / ("out" + scene) / kind / "renders").iterdir())) == count
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+def test_a_scene_that_moves_is_not_read_as_the_still_model_beside_it(tmp_path):
+    """COLMAP's model of the first frames lies beside the frames with times, and was read in their place."""
+    def run(*command):
+        done = subprocess.run([str(PROGRAM), *map(str, command)], capture_output=True, text=True, check=False, timeout=120)
+        assert done.returncode == 0, done.stderr
+
+    moving, still = tmp_path / "moving", tmp_path / "still"
+    run("synth", moving, "--scene", "moving", "--views", 6, "--width", 24, "--height", 16, "--points", 50)
+    run("synth", still, "--views", 5, "--width", 24, "--height", 16, "--points", 50)
+    run("pack", moving, tmp_path / "before.sbscene")
+    for part in ("sparse", "images"):
+        shutil.copytree(still / part, moving / part)
+    run("pack", moving, tmp_path / "after.sbscene")
+    run("pack", still, tmp_path / "still.sbscene")
+    before, after, other = [(tmp_path / (name + ".sbscene")).read_bytes() for name in ("before", "after", "still")]
+    assert after == before != other

@@ -103,7 +103,7 @@ class Shard:
     """The rows that this process holds, of Gaussians with ids; ids never change and are never reused.
 
     rows: total number in all processes at the start. They are divided evenly, in order; `mine` are the indices of this
-    process's rows.
+    process's rows. device: that of the Gaussians; with NCCL a GPU.
     """
 
     def __init__(self, rows: int, processes: Optional[Processes] = None, device: Any = "cpu"):

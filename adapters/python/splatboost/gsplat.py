@@ -161,7 +161,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
                 setattr(self, name, getattr(config, name))
         # simple_trainer has scaled its strategy's iterations; here reset_every refers to a run of 30 000.
         scaler = float(getattr(config, "steps_scaler", self._scaled_by))
-        self.reset_every = round(self.reset_every * self._scaled_by / scaler)
+        self.reset_every: int = round(self.reset_every * self._scaled_by / scaler)
         self._scaled_by = scaler
         self._adapter = None
 

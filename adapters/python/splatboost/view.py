@@ -44,6 +44,7 @@ class _Shown:
         self._stamp: Any = None
         self._seen: Any = None
         self._splats: Any = None
+        self._drawn: Optional[_models.Gaussians] = None  # the model of _splats
         self._eye: Any = None
         self._near = 0.0
         self.up: Any = None
