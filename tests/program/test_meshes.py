@@ -162,6 +162,27 @@ def test_broken_requests_are_told_in_one_line(meshed, tmp_path):
         assert words in done.stderr and done.stderr.count("\n") == 1, done.stderr
 
 
+def test_tanks_and_temples_uses_the_scene_s_threshold_in_its_volume(tmp_path):
+    # A grid 4 mm above the truth; Barn's threshold is 10 mm, Ignatius' 3 mm. Half of the truth is outside the volume.
+    grid = [(x / 50, y / 50) for x in range(50) for y in range(50)]
+    write_points(tmp_path / "truth.ply", [(x, y, 0) for x, y in grid] + [(x + 5, y, 0) for x, y in grid])
+    write_points(tmp_path / "mesh.ply", [(x, y, 0.004) for x, y in grid])
+    volume = {"class_name": "SelectionPolygonVolume", "orthogonal_axis": "Z", "axis_min": -1, "axis_max": 1,
+              "bounding_polygon": [[-1, -1, 0], [2, -1, 0], [2, 2, 0], [-1, 2, 0]]}
+    arguments = ["mesh-eval", tmp_path / "mesh.ply", tmp_path / "truth.ply", "-o", tmp_path / "numbers.json"]
+    for scene, threshold, f1 in ("Barn", 0.01, 1), ("Ignatius", 0.003, 0):
+        (tmp_path / f"{scene}.json").write_text(json.dumps(volume))
+        run_well(*arguments, "--crop", tmp_path / f"{scene}.json")
+        numbers = json.loads((tmp_path / "numbers.json").read_text())
+        assert (numbers["threshold"], numbers["f1"], numbers["truth_points"]) == (threshold, f1, 2500)
+        assert "refinement" not in numbers
+    run_well(*arguments, "--crop", tmp_path / "Ignatius.json", "--refine")
+    numbers = json.loads((tmp_path / "numbers.json").read_text())
+    assert numbers["f1"] == 1 and numbers["refinement"][11] == pytest.approx(-0.004, abs=1e-6)
+    refused = run_program(*arguments, "--refine")
+    assert refused.returncode == 2 and "--refine needs --crop" in refused.stderr, refused.stderr
+
+
 def test_a_truth_without_size(tmp_path):
     write_points(tmp_path / "box.ply", BOX)
     write_points(tmp_path / "dot.ply", [(0, 0, 0)] * 5)

@@ -156,16 +156,20 @@ Gaussians AnchorBackbone::gaussians() const {
   return g;
 }
 
-void AnchorBackbone::draw(const Camera& camera, std::optional<float> beta, std::span<float> color) {
+void AnchorBackbone::draw(const Camera& camera, std::optional<float> beta, const RasterImages& images) {
   RasterOptions options;
   if (beta) {
     options.box = BoxPolicy::ellipse;
     options.beta = *beta;
   }
   options.background = glm::vec3(context_.scene.white_background ? 1.0f : 0.0f);
+  rasterizer_.forward(camera, gaussians(), options, images);
+}
+
+void AnchorBackbone::draw(const Camera& camera, std::optional<float> beta, std::span<float> color) {
   RasterImages images;
   images.color = color;
-  rasterizer_.forward(camera, gaussians(), options, images);
+  draw(camera, beta, images);
 }
 
 std::size_t AnchorBackbone::bytes_per_primitive() const {
@@ -371,17 +375,40 @@ void AnchorBackbone::SlotsHook::count_flagged(std::span<const std::uint8_t> flag
   add_slot_counts(owner_.decoded_->slots, view_counts_, counts, owner_.device_);
 }
 
-void AnchorBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
+void AnchorBackbone::decode_for(const Camera& camera) {
   // A training view has an embedding of its own. A model may be rendered with other views than those of its training.
   const std::vector<View>& train = context_.scene.train;
   const auto same_pose = [&](const View& view) { return view.camera.camera_from_world == camera.camera_from_world; };
   const auto seen = embedding_.rows() == train.size() ? std::ranges::find_if(train, same_pose) : train.end();
   use_embedding_of(seen != train.end() ? &*seen : nullptr);
   decode(camera, false);
+}
+
+void AnchorBackbone::render(const Camera& camera, float /*time*/, std::optional<float> beta, std::span<float> color) {
+  decode_for(camera);
   if (device_.is_cuda()) image_.ensure(color.size());
   draw(camera, beta ? beta : beta_, device_.is_cuda() ? image_.span() : color);
   rasterizer_.settle();
   if (device_.is_cuda()) image_.cuda().download(color);
+}
+
+void AnchorBackbone::render_surface(const Camera& camera, float /*time*/, std::optional<float> beta,
+                                    const SurfaceImages& images) {
+  decode_for(camera);
+  Array<float> color(device_), inverse_depth(device_), alpha(device_);
+  color.ensure(images.color.size());
+  inverse_depth.ensure(images.depth.size());
+  alpha.ensure(images.alpha.size());
+  RasterImages there;
+  there.color = color;
+  there.inverse_depth = inverse_depth;
+  there.alpha = alpha;
+  draw(camera, beta ? beta : beta_, there);
+  rasterizer_.settle();
+  std::ranges::copy(color.to_host(), images.color.begin());
+  std::ranges::copy(alpha.to_host(), images.alpha.begin());
+  std::ranges::copy(inverse_depth.to_host(), images.depth.begin());
+  depths_of_inverse(images.alpha, images.depth);
 }
 
 std::vector<std::string> AnchorBackbone::model_columns() const {

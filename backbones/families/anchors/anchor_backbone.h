@@ -39,6 +39,9 @@ class AnchorBackbone : public Backbone {
   std::size_t primitives() const override { return positions_.size() / 3; }
   std::size_t bytes_per_primitive() const override;
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
+  bool has_surfaces() const override { return true; }
+  void render_surface(const Camera& camera, float time, std::optional<float> beta,
+                      const SurfaceImages& images) override;
   std::uint64_t export_model(const std::filesystem::path& folder) const override;
   void import_model(const std::filesystem::path& folder) override;
   void save(ArchiveWriter& archive) const override;
@@ -134,8 +137,11 @@ class AnchorBackbone : public Backbone {
   void activate();
   DecoderInputs<float> decoder_inputs() const;
   void use_embedding_of(const View* view);
+  /// Decodes for a camera that is not known to be a training view's.
+  void decode_for(const Camera& camera);
   void decode(const Camera& camera, bool ahead);
   Gaussians gaussians() const;
+  void draw(const Camera& camera, std::optional<float> beta, const RasterImages& images);
   void draw(const Camera& camera, std::optional<float> beta, std::span<float> color);
   void change_anchors();
   void remove_anchors(std::span<const std::uint8_t> removed);

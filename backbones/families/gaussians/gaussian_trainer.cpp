@@ -266,9 +266,7 @@ void GaussianTrainer::render_surface(const Camera& camera, float time, std::opti
   depth.ensure(there.alpha.size());
   if (method_->surface_depth(there.features, camera, depth)) return fetch(depth, images.depth);
   fetch(there.inverse_depth, images.depth);
-  for (std::size_t p = 0; p < images.depth.size(); ++p) {
-    images.depth[p] = images.depth[p] > 0 ? images.alpha[p] / images.depth[p] : 0.0f;
-  }
+  depths_of_inverse(images.alpha, images.depth);
 }
 
 void GaussianTrainer::render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) {

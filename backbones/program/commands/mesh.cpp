@@ -27,19 +27,21 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kVoxelsAcross = 400;  // default: voxels along the largest depth of the mesh
-constexpr double kFarPoints = 0.95;    // default of the largest depth: this quantile of the point depths, ...
-constexpr double kReach = 1.2;         // ... times this factor
-constexpr float kMinAlpha = 0.5f;      // least alpha of a pixel that shows a surface
-constexpr double kTruncation = 4;      // voxels
+constexpr double kVoxelsAcross = 400;        // default: voxels along the largest depth of the mesh
+constexpr double kFarPoints = 0.95;          // default of the largest depth: this quantile of the point depths, ...
+constexpr double kReach = 1.2;               // ... times this factor
+constexpr std::size_t kDepths = 10'000'000;  // at most so many point depths are compared, for the quantile
+constexpr float kMinAlpha = 0.5f;            // least alpha of a pixel that shows a surface
+constexpr double kTruncation = 4;            // voxels
 constexpr std::uint64_t kMaxMemory = ~std::uint64_t{0} >> 20;  // MiB, so that bytes do not overflow
 
 /// The depth within which most points lie in the training views that see them, with a margin; 0 without points.
 double far_depth(const Scene& scene) {
   std::vector<float> depths;
+  const std::size_t step = 1 + scene.train.size() * scene.points.size() / kDepths;
   for (const View& view : scene.train) {
     const Camera& camera = view.camera;
-    for (std::size_t i = 0; i < scene.points.size(); ++i) {
+    for (std::size_t i = 0; i < scene.points.size(); i += step) {
       const float* at = &scene.points.positions[3 * i];
       const glm::vec3 point(camera.camera_from_world * glm::vec4(at[0], at[1], at[2], 1));
       if (!(point.z > 0)) continue;

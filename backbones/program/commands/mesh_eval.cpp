@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kThreshold = 0.005;    // default, relative to the truth's diagonal
+constexpr double kThreshold = 0.005;    // default, relative to the truth's diagonal, where no scene has its own
 constexpr double kVertexSpacing = 0.5;  // relative to the threshold, as in Tanks and Temples
 
 struct MeshEval {
@@ -31,7 +31,8 @@ struct MeshEval {
     add_checked_option(app, "--mesh,mesh", mesh, "reconstructed mesh, .ply")->type_name("FILE");
     add_checked_option(app, "--truth,truth", truth, "true mesh or points to compare it with, .ply")->type_name("FILE");
     add_checked_option(app, "--threshold", threshold,
-                       "distance for precision and recall, world units [0.005 of the truth's diagonal]")
+                       "distance for precision and recall, world units [0.005 of the truth's diagonal; with --crop of "
+                       "a known scene its own]")
         ->type_name("X");
     add_checked_option(app, "--spacing", spacing,
                        "distance between the points sampled on both surfaces [half of the threshold]")
@@ -42,6 +43,7 @@ struct MeshEval {
     add_checked_option(app, "--crop", crop,
                        "SCENE.json of Tanks and Temples: the volume to evaluate, in the truth's frame")
         ->type_name("FILE");
+    app.add_flag("--refine", refine, "refine the alignment within --crop by ICP, as in Tanks and Temples");
     add_checked_option(
         app, "--dtu-mask", dtu_mask,
         "ObsMaskN_10.mat: volume observed by DTU's scanner, in mm; defaults are then --spacing 0.2 --cut 20")
@@ -65,6 +67,7 @@ struct MeshEval {
     if (dtu_mask.empty() != dtu_plane.empty()) throw UsageError("--dtu-mask and --dtu-plane must be given together");
     if (!dtu_mask.empty() && !crop.empty())
       throw UsageError("--crop is for Tanks and Temples, --dtu-mask for DTU: give only one");
+    if (refine && crop.empty()) throw UsageError("--refine needs --crop: the volume that is aligned");
     check_threads(threads);
     if (!output.empty()) require_writable(output);
     Threads workers(threads);
@@ -73,9 +76,11 @@ struct MeshEval {
     const std::array<double, 4> table = dtu ? read_dtu_plane(dtu_plane) : std::array<double, 4>{};
     if (dtu && !(spacing > 0)) spacing = kDtuSpacing;
     if (dtu && !(cut > 0)) cut = kDtuCut;
+    const CropVolume volume = crop.empty() ? CropVolume{} : read_crop_volume(crop);
     TriangleMesh found = read_mesh(mesh);
     const TriangleMesh known = read_mesh(truth);
     if (!align.empty()) transform_points(read_transform(align), found.positions);
+    if (!(threshold > 0) && !crop.empty()) threshold = tanks_and_temples_threshold(crop.stem().string()).value_or(0);
     if (!(threshold > 0)) threshold = kThreshold * diagonal_of(known);
     require(threshold > 0, truth.string() + ": all points coincide; set --threshold");
     if (!(spacing > 0)) spacing = kVertexSpacing * threshold;
@@ -83,13 +88,18 @@ struct MeshEval {
     // DTU's scan is used as it is: no points are added or removed.
     std::vector<float> points = sample_surface(found, spacing);
     std::vector<float> others = dtu ? known.positions : sample_surface(known, spacing);
-    if (!crop.empty()) {
-      const CropVolume volume = read_crop_volume(crop);
-      points = cropped(points, volume);
-      others = cropped(others, volume);
+    std::array<double, 16> refinement{};
+    if (refine) {
+      refinement = refined_alignment(points, others, volume, threshold, workers);
+      transform_points(refinement, points);
     }
-    points = thin_points(points, spacing, 0);
-    if (!dtu) others = thin_points(others, spacing, 0);
+    if (!crop.empty()) {
+      points = voxel_means(cropped(points, volume), spacing);
+      others = voxel_means(cropped(others, volume), spacing);
+    } else {
+      points = thin_points(points, spacing, 0);
+      if (!dtu) others = thin_points(others, spacing, 0);
+    }
     const std::optional<double> most = cut > 0 ? std::optional<double>(cut) : std::nullopt;
     const SurfaceDistance d = dtu ? compare_as_dtu(points, others, mask, table, workers)
                                   : compare_surfaces(points, others, threshold, most, workers);
@@ -103,18 +113,19 @@ struct MeshEval {
     std::printf("precision     %.4f\nrecall        %.4f\nF1            %.4f  (threshold %.4g)\n", d.precision, d.recall,
                 d.f1, threshold);
     if (!output.empty()) {
-      const nlohmann::json json = {{"accuracy", d.accuracy},
-                                   {"median_accuracy", d.median_accuracy},
-                                   {"completeness", d.completeness},
-                                   {"chamfer", d.chamfer},
-                                   {"precision", d.precision},
-                                   {"recall", d.recall},
-                                   {"f1", d.f1},
-                                   {"threshold", threshold},
-                                   {"spacing", spacing},
-                                   {"diagonal", diagonal},
-                                   {"mesh_points", d.found_points},
-                                   {"truth_points", d.true_points}};
+      nlohmann::json json = {{"accuracy", d.accuracy},
+                             {"median_accuracy", d.median_accuracy},
+                             {"completeness", d.completeness},
+                             {"chamfer", d.chamfer},
+                             {"precision", d.precision},
+                             {"recall", d.recall},
+                             {"f1", d.f1},
+                             {"threshold", threshold},
+                             {"spacing", spacing},
+                             {"diagonal", diagonal},
+                             {"mesh_points", d.found_points},
+                             {"truth_points", d.true_points}};
+      if (refine) json["refinement"] = refinement;
       write_text_atomically(output, json.dump(2) + "\n");
     }
     return 0;
@@ -149,7 +160,7 @@ struct MeshEval {
   CLI::App* given;
   fs::path mesh, truth, align, crop, dtu_mask, dtu_plane, output;
   double threshold = 0, spacing = 0, cut = 0;
-  bool vertices = false;
+  bool vertices = false, refine = false;
   int threads = 0;
 };
 

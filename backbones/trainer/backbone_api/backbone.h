@@ -38,6 +38,10 @@ struct SurfaceImages {
   std::span<float> alpha;  ///< [H,W]
 };
 
+/// Depth where primitives have no planes: the inverse of the mean inverse depth of what a pixel shows.
+/// @param depth [H,W] Σ wᵢ / zᵢ; becomes alpha / Σ wᵢ / zᵢ, 0 where nothing is shown
+void depths_of_inverse(std::span<const float> alpha, std::span<float> depth);
+
 class Backbone {
  public:
   virtual ~Backbone() = default;

@@ -2,6 +2,7 @@
 #include "trainer/mesh/surface_distance.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <string>
@@ -18,7 +19,7 @@ namespace {
 
 constexpr const char* kNothingCounts = "one of the surfaces has no points to compare";
 constexpr std::size_t kGrain = 1024;
-constexpr int kMaxSteps = 100000;  ///< along a side of a triangle
+constexpr double kMaxSamples = 1 << 28;  ///< 3 GiB; a finer spacing is a mistake rather than a wish
 
 /// [N,3] as nanoflann reads it.
 struct Points {
@@ -58,14 +59,19 @@ double share_below(const std::vector<double>& distances, double threshold) {
 
 std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing) {
   std::vector<float> points = mesh.positions;
+  double samples = static_cast<double>(mesh.vertices());
   for (std::size_t t = 0; t < mesh.size(); ++t) {
     const glm::dvec3 a = vertex(mesh, mesh.triangles[3 * t]), b = vertex(mesh, mesh.triangles[3 * t + 1]),
                      c = vertex(mesh, mesh.triangles[3 * t + 2]);
     const double longest = std::max({glm::length(b - a), glm::length(c - a), glm::length(c - b)});
-    require(longest / spacing < kMaxSteps, "the spacing is too small: a triangle would have more than " +
-                                               std::to_string(kMaxSteps) +
-                                               " points along a side; give a larger --spacing or --threshold");
-    const int steps = static_cast<int>(std::ceil(longest / spacing));
+    const double along = std::ceil(longest / spacing);
+    samples += along > 1 ? along * (along + 1) / 2 : 0;
+    if (!(samples < kMaxSamples)) {
+      throw InputError("the spacing is too small: the mesh would have more than " +
+                       std::to_string(static_cast<long>(kMaxSamples)) +
+                       " points; give a larger --spacing or --threshold");
+    }
+    const int steps = static_cast<int>(along);
     // The vertices are already among the points; a triangle no longer than the spacing needs no more.
     for (int i = 0; i < steps && steps > 1; ++i) {
       for (int j = 0; i + j < steps; ++j) {
@@ -100,17 +106,58 @@ std::vector<float> thin_points(std::span<const float> points, double radius, std
   return kept;
 }
 
+std::vector<float> voxel_means(std::span<const float> points, double size) {
+  struct Member {
+    std::array<std::int64_t, 3> voxel;
+    std::size_t point;
+  };
+  std::vector<Member> members(points.size() / 3);
+  for (std::size_t i = 0; i < members.size(); ++i) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      members[i].voxel[c] = static_cast<std::int64_t>(std::floor(static_cast<double>(points[3 * i + c]) / size));
+    }
+    members[i].point = i;
+  }
+  std::sort(members.begin(), members.end(), [](const Member& a, const Member& b) {
+    return a.voxel < b.voxel || (a.voxel == b.voxel && a.point < b.point);
+  });
+  std::vector<float> means;
+  for (std::size_t begin = 0, end = 0; begin < members.size(); begin = end) {
+    std::array<double, 3> sum{};
+    for (; end < members.size() && members[end].voxel == members[begin].voxel; ++end) {
+      for (std::size_t c = 0; c < 3; ++c) sum[c] += static_cast<double>(points[3 * members[end].point + c]);
+    }
+    for (const double value : sum) means.push_back(static_cast<float>(value / static_cast<double>(end - begin)));
+  }
+  return means;
+}
+
+struct PointTree::State {
+  explicit State(std::span<const float> points)
+      : data{points}, tree(3, data, nanoflann::KDTreeSingleIndexAdaptorParams(16)) {}
+  Points data;
+  Tree tree;
+};
+
+PointTree::PointTree(std::span<const float> points) {
+  require(!points.empty(), "there is no surface to measure the distance to");
+  state_ = std::make_unique<State>(points);
+}
+PointTree::~PointTree() = default;
+
+PointTree::Nearest PointTree::nearest(const float* point) const {
+  std::uint32_t index = 0;
+  float squared = 0;
+  state_->tree.knnSearch(point, 1, &index, &squared);
+  return {index, squared};
+}
+
 std::vector<double> nearest_distances(std::span<const float> points, std::span<const float> others, Threads& threads) {
-  require(!others.empty(), "there is no surface to measure the distance to");
-  const Points data{others};
-  const Tree tree(3, data, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  const PointTree tree(others);
   std::vector<double> distances(points.size() / 3);
   threads.for_range(distances.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      std::uint32_t index = 0;
-      float squared = 0;
-      tree.knnSearch(&points[3 * i], 1, &index, &squared);
-      distances[i] = std::sqrt(static_cast<double>(squared));
+      distances[i] = std::sqrt(static_cast<double>(tree.nearest(&points[3 * i]).squared_distance));
     }
   });
   return distances;

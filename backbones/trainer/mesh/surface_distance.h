@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -14,12 +15,34 @@
 namespace splatboost {
 
 /// Evenly spread points on the triangles, about `spacing` apart, and the vertices; a mesh without triangles gives its
-/// vertices. Throws InputError if the spacing is far too small for a triangle. @return [N,3]
+/// vertices. Throws InputError if the spacing is far too small for the mesh. @return [N,3]
 std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing);
 
 /// Visits the points in a random order given by `seed` and keeps each that has no kept point within `radius` (DTU's
 /// down-sampling).
 std::vector<float> thin_points(std::span<const float> points, double radius, std::uint64_t seed);
+
+/// The mean of the points in each voxel of a grid, in the order of the voxels (the resampling of Tanks and Temples).
+std::vector<float> voxel_means(std::span<const float> points, double size);
+
+/// Finds the nearest of a set of points, by a k-d tree.
+class PointTree {
+ public:
+  /// @param points [N,3], not empty; they must outlive the tree
+  explicit PointTree(std::span<const float> points);
+  ~PointTree();
+
+  struct Nearest {
+    std::size_t index;
+    float squared_distance;
+  };
+  /// @param point [3]
+  Nearest nearest(const float* point) const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
 
 /// Distance of each point to the nearest of `others`, which must not be empty.
 std::vector<double> nearest_distances(std::span<const float> points, std::span<const float> others, Threads& threads);

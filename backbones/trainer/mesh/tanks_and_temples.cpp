@@ -1,14 +1,45 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "trainer/mesh/tanks_and_temples.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <string>
+#include <utility>
 
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include "trainer/mesh/surface_distance.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
 
 namespace splatboost {
+namespace {
+
+constexpr std::pair<const char*, double> kThresholds[] = {
+    {"Barn", 0.01},      {"Caterpillar", 0.005}, {"Church", 0.025}, {"Courthouse", 0.025},
+    {"Ignatius", 0.003}, {"Meetingroom", 0.01},  {"Truck", 0.005}};
+
+/// A stage of the refinement. Lengths are in thresholds.
+struct IcpStage {
+  double spacing, farthest;
+};
+constexpr IcpStage kIcpStages[] = {{1, 80}, {0.5, 20}, {0.5, 2}};
+constexpr int kIcpSteps = 20;        // at most, per stage
+constexpr double kIcpChange = 1e-6;  // of the mean distance, relative: the stage has converged
+constexpr std::size_t kIcpPairs = 3;
+constexpr std::size_t kGrain = 1024;
+
+using Matrix = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
+
+std::array<double, 16> rows_of(const Matrix& matrix) {
+  std::array<double, 16> rows{};
+  std::copy(matrix.data(), matrix.data() + rows.size(), rows.begin());
+  return rows;
+}
+
+}  // namespace
 
 CropVolume read_crop_volume(const std::filesystem::path& path) {
   const nlohmann::json json = read_json_file(path);
@@ -65,6 +96,57 @@ void transform_points(const std::array<double, 16>& m, std::span<float> points) 
       points[i + row] = static_cast<float>(sum);
     }
   }
+}
+
+std::optional<double> tanks_and_temples_threshold(std::string_view scene) {
+  for (const auto& [name, threshold] : kThresholds) {
+    if (scene == name) return threshold;
+  }
+  return std::nullopt;
+}
+
+std::array<double, 16> refined_alignment(std::span<const float> points, std::span<const float> truth,
+                                         const CropVolume& volume, double threshold, Threads& threads) {
+  const std::vector<float> inside = cropped(truth, volume);
+  Matrix refined = Matrix::Identity();
+  for (const IcpStage& stage : kIcpStages) {
+    const std::vector<float> targets = voxel_means(inside, stage.spacing * threshold);
+    std::vector<float> sources(points.begin(), points.end());
+    transform_points(rows_of(refined), sources);
+    sources = voxel_means(cropped(sources, volume), stage.spacing * threshold);
+    require(
+        !targets.empty() && !sources.empty(),
+        "no points of the mesh or of the truth lie in the crop volume: is the mesh in the truth's frame? (--align)");
+    const PointTree tree(targets);
+    const double farthest = stage.farthest * threshold;
+    std::vector<PointTree::Nearest> nearest(sources.size() / 3);
+    double before = -1;
+    for (int step = 0; step < kIcpSteps; ++step) {
+      threads.for_range(nearest.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) nearest[i] = tree.nearest(&sources[3 * i]);
+      });
+      std::vector<double> from, to;
+      double sum = 0;
+      for (std::size_t i = 0; i < nearest.size(); ++i) {
+        const double distance = std::sqrt(static_cast<double>(nearest[i].squared_distance));
+        if (!(distance < farthest)) continue;
+        sum += distance;
+        from.insert(from.end(), &sources[3 * i], &sources[3 * i] + 3);
+        to.insert(to.end(), &targets[3 * nearest[i].index], &targets[3 * nearest[i].index] + 3);
+      }
+      const auto pairs = static_cast<Eigen::Index>(from.size() / 3);
+      require(from.size() >= 3 * kIcpPairs,
+              "too little of the mesh is near the truth to refine its alignment; check --align");
+      const double mean = sum / static_cast<double>(pairs);
+      if (before >= 0 && std::abs(before - mean) <= kIcpChange * before) break;
+      before = mean;
+      using Columns = Eigen::Map<const Eigen::Matrix3Xd>;
+      const Matrix motion = Eigen::umeyama(Columns(from.data(), 3, pairs), Columns(to.data(), 3, pairs), true);
+      transform_points(rows_of(motion), sources);
+      refined = motion * refined;
+    }
+  }
+  return rows_of(refined);
 }
 
 }  // namespace splatboost

@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Files of the Tanks and Temples evaluation (Knapitsch et al. 2017): the crop volume of a scene, and the
+/// @file The Tanks and Temples evaluation (Knapitsch et al. 2017): the crop volume of a scene, its threshold, and the
 /// transform of a reconstruction into its frame.
 #pragma once
 
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <span>
+#include <string_view>
 #include <vector>
+
+#include "splatboost/threads.h"
 
 namespace splatboost {
 
@@ -23,10 +27,20 @@ CropVolume read_crop_volume(const std::filesystem::path& path);
 /// The points [N,3] inside the volume.
 std::vector<float> cropped(std::span<const float> points, const CropVolume& volume);
 
+/// The threshold τ of precision and recall in a scene of the training set, in metres; none for other names.
+/// @param scene "Barn", as in Barn.json
+std::optional<double> tanks_and_temples_threshold(std::string_view scene);
+
 /// Reads a 4×4 matrix in row-major order (SCENE_trans.txt). Throws InputError.
 std::array<double, 16> read_transform(const std::filesystem::path& path);
 
 /// Applies the row-major transform to the points [N,3] in place.
 void transform_points(const std::array<double, 16>& transform, std::span<float> points);
+
+/// Refines an alignment by ICP: the similarity that brings the points [N,3] to the truth [M,3], row-major. Pairs of
+/// nearest points within `volume` count up to a distance of 80, then 20, then 2 thresholds, as in the benchmark.
+/// Throws InputError if no points are near enough to begin with.
+std::array<double, 16> refined_alignment(std::span<const float> points, std::span<const float> truth,
+                                         const CropVolume& volume, double threshold, Threads& threads);
 
 }  // namespace splatboost

@@ -337,6 +337,35 @@ TEST(ScaffoldTraining, training_views_are_rendered_with_their_own_embeddings) {
   }
 }
 
+TEST(ScaffoldTraining, surfaces_lie_between_the_nearest_and_the_farthest_gaussian) {
+  Threads threads(2);
+  const Scene scene = testing::tiny_scene(threads);
+  const auto backbone = make_scaffold({scene, threads, kSeed, kIterations, 0}, small());
+  train(*backbone, scene, 1, 60);
+  ASSERT_TRUE(backbone->has_surfaces());
+  const Camera& camera = scene.test[0].camera;
+  const std::size_t pixels = scene.test[0].color.size() / 3;
+  std::vector<float> color(3 * pixels), depth(pixels), alpha(pixels);
+  backbone->render_surface(camera, 0, std::nullopt, {color, depth, alpha});
+  EXPECT_EQ(color, testing::picture(*backbone, scene.test[0]));
+  float nearest = 1e9f, farthest = 0;
+  const std::vector<float> positions = testing::slot_positions(*backbone, kSlots);
+  for (std::size_t i = 0; i < positions.size(); i += 3) {
+    const float z = (camera.camera_from_world * glm::vec4(positions[i], positions[i + 1], positions[i + 2], 1)).z;
+    if (z > 0) nearest = std::min(nearest, z);
+    farthest = std::max(farthest, z);
+  }
+  std::size_t shown = 0;
+  for (std::size_t p = 0; p < pixels; ++p) {
+    EXPECT_EQ(depth[p] > 0, alpha[p] > 0) << p;
+    if (!(depth[p] > 0)) continue;
+    ++shown;
+    EXPECT_GT(depth[p], 0.999f * nearest) << p;
+    EXPECT_LT(depth[p], 1.001f * farthest) << p;
+  }
+  EXPECT_GT(shown, pixels / 20);
+}
+
 TEST(ScaffoldTraining, a_view_without_anything_in_it_is_background) {
   Threads threads(1);
   const Scene scene = testing::tiny_scene(threads);

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fstream>
 
+#include "splatboost/random.h"
 #include "support/temporary_folder.h"
 #include "trainer/mesh/tanks_and_temples.h"
 
@@ -32,6 +33,16 @@ TEST(SurfaceSamples, are_on_the_surface_and_leave_no_gap) {
   }
   for (const double d : nearest_distances(grid, points, threads)) EXPECT_LT(d, 0.05);
   for (std::size_t i = 2; i < points.size(); i += 3) EXPECT_EQ(points[i], 2);
+}
+
+TEST(SurfaceSamples, refuse_a_spacing_that_would_fill_the_memory) {
+  test::expect_contains(test::input_error_of([] { sample_surface(square_at(0), 2e-5); }), "spacing is too small");
+}
+
+TEST(VoxelMeans, are_one_point_per_voxel) {
+  const std::vector<float> points{1.5f, 0, 0, 0.125f, 0.25f, 0.75f, -0.5f, 0, 0, 0.375f, 0.25f, 0.25f};
+  EXPECT_EQ(voxel_means(points, 1), (std::vector<float>{-0.5f, 0, 0, 0.25f, 0.25f, 0.5f, 1.5f, 0, 0}));
+  EXPECT_TRUE(voxel_means({}, 1).empty());
 }
 
 TEST(ThinPoints, leaves_none_within_the_radius_of_another_and_none_without_one) {
@@ -89,6 +100,50 @@ TEST(CropVolume, is_a_polygon_between_two_heights) {
   test::expect_contains(test::input_error_of([&] { read_crop_volume(folder / "bad.json"); }), "orthogonal_axis");
   std::ofstream(folder / "none.json") << R"({"orthogonal_axis": "X"})";
   test::expect_contains(test::input_error_of([&] { read_crop_volume(folder / "none.json"); }), "axis_min");
+}
+
+TEST(Refinement, brings_a_mesh_that_is_nearly_aligned_to_the_truth) {
+  // Three faces that meet in a corner, sampled at other points for the mesh, which is turned, moved and scaled.
+  const RandomStream random(1, 0, RandomPurpose::synth);
+  std::uint64_t next = 0;
+  const auto faces = [&](std::size_t count) {
+    std::vector<float> points;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto u = static_cast<float>(random.uniform(next++)), v = static_cast<float>(random.uniform(next++));
+      const std::vector<float> on[3] = {{u, 0.8f * v, 0}, {u, 0, 0.6f * v}, {0, 0.8f * u, 0.6f * v}};
+      points.insert(points.end(), on[i % 3].begin(), on[i % 3].end());
+    }
+    return points;
+  };
+  const std::vector<float> truth = faces(4000), aligned = faces(3000);
+  const double c = 1.03 * std::cos(0.05), s = 1.03 * std::sin(0.05);
+  std::vector<float> found = aligned;
+  transform_points({c, -s, 0, 0.02, s, c, 0, -0.015, 0, 0, 1.03, 0.01, 0, 0, 0, 1}, found);
+  const auto mean_error = [&] {
+    double sum = 0;
+    for (std::size_t k = 0; k < found.size(); k += 3) {
+      const float dx = found[k] - aligned[k], dy = found[k + 1] - aligned[k + 1], dz = found[k + 2] - aligned[k + 2];
+      sum += static_cast<double>(std::sqrt(dx * dx + dy * dy + dz * dz));
+    }
+    return sum / 3000;
+  };
+  ASSERT_GT(mean_error(), 0.02);
+  Threads threads(2);
+  CropVolume volume;
+  volume.low = -1;
+  volume.high = 2;
+  volume.polygon = {{-1, -1, 0}, {2, -1, 0}, {2, 2, 0}, {-1, 2, 0}};
+  transform_points(refined_alignment(found, truth, volume, 0.02, threads), found);
+  EXPECT_LT(mean_error(), 0.005);
+  transform_points({1, 0, 0, 50, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, found);
+  test::expect_contains(test::input_error_of([&] { refined_alignment(found, truth, volume, 0.02, threads); }),
+                        "--align");
+}
+
+TEST(Thresholds, are_those_of_the_scenes) {
+  EXPECT_EQ(tanks_and_temples_threshold("Ignatius"), 0.003);
+  EXPECT_EQ(tanks_and_temples_threshold("Courthouse"), 0.025);
+  EXPECT_EQ(tanks_and_temples_threshold("crop"), std::nullopt);
 }
 
 TEST(Transform, moves_points_as_its_rows_say) {
