@@ -178,7 +178,8 @@ void require_times(const Scene& scene) {
   require(mean_time_interval(scene.train) > 0,
           std::string(kName) + ": all " + std::to_string(scene.train.size()) +
               " training views have the same time, so no motion can be learned; use a dataset with times "
-              "(docs/formats.md lists the supported ones) or another --backbone");
+              "(docs/formats.md lists the supported ones), --frame-times if the names of COLMAP's images end in frame "
+              "numbers, or another --backbone");
 }
 
 nlohmann::json to_json(const DeformableConfig& config) {

@@ -104,6 +104,13 @@ def test_still_scenes_and_still_models_are_refused_in_one_line(scene, trained, t
     assert "does not change with time" in done.stderr
 
 
+def test_a_backbone_for_still_scenes_says_that_it_ignores_times(moving, config, tmp_path):
+    done = run_well("train", "-s", moving, "-m", tmp_path / "still", "--iterations", "2")
+    assert done.stderr.count("different times, which backbone vanilla ignores") == 1
+    done = run_well("train", "-s", moving, "-m", tmp_path / "moving", "--iterations", "2", "--config", config)
+    assert "ignores" not in done.stderr
+
+
 def test_a_packed_scene_carries_the_times_that_it_was_packed_with(scene, tmp_path):
     """A COLMAP scene has times with --frame-times; runs on the folder and on the packed file give the same bytes."""
     run = ["--backbone", "deformable-3dgs", "--eval", "--iterations", "12", "--quiet", "--frame-times"]

@@ -83,6 +83,11 @@ BackboneContext context_of(Workbench& bench, const RunOptions& options) {
       bench.device->device()};
 }
 
+/// Whether the training views have different times.
+bool moves(const Scene& scene) {
+  return std::ranges::any_of(scene.train, [&](const View& view) { return view.time != scene.train.front().time; });
+}
+
 /// Renders from the camera of the first measured view at times from 0 to 1.
 std::vector<fs::path> write_moments(Backbone& backbone, const Scene& scene, const fs::path& folder) {
   constexpr int kMoments = 6;
@@ -197,6 +202,12 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
     write_config(folder, config);
     write_cameras(folder, bench.scene);
     if (on_host) tell_memory(memory, primitives, options, train_options.label, resident);
+    if (!options.quiet && !backbone.uses_time() && moves(bench.scene)) {
+      std::fprintf(stderr,
+                   "note: the training views have different times, which backbone %s ignores "
+                   "(docs/formats.md, Scenes that move)\n",
+                   options.backbone.c_str());
+    }
   };
   train_options.quiet = options.quiet;
   const auto results_of = [&](const TrainOutcome& trained) {

@@ -26,8 +26,8 @@ std::int64_t frame_of(const std::string& name) {
 
 }  // namespace
 
-void set_frame_times(std::vector<Photo>& photos, const std::string& where) {
-  if (photos.empty()) return;
+std::string set_frame_times(std::vector<Photo>& photos, const std::string& where) {
+  require(!photos.empty(), where + ": lists no images");
   std::vector<std::int64_t> frames;
   for (const Photo& photo : photos) {
     frames.push_back(frame_of(photo.name));
@@ -39,6 +39,11 @@ void set_frame_times(std::vector<Photo>& photos, const std::string& where) {
   for (std::size_t i = 0; i < photos.size(); ++i) {
     photos[i].time = static_cast<double>(frames[i] - first) / static_cast<double>(last - first);
   }
+  const std::string range = std::to_string(first) + " to " + std::to_string(last);
+  std::ranges::sort(frames);
+  const auto different = std::unique(frames.begin(), frames.end()) - frames.begin();
+  return "the names of " + std::to_string(photos.size()) + " images have " + std::to_string(different) +
+         " different frame numbers, " + range;
 }
 
 }  // namespace splatboost

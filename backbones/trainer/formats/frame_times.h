@@ -12,6 +12,7 @@ namespace splatboost {
 /// Takes the last number in each photo's file name as its frame number (7 for cam2/take1_0007.png), and sets times that
 /// are linear in it, from 0 for the first frame to 1 for the last. Throws InputError, beginning with `where`, if a name
 /// has no number or all numbers are equal.
-void set_frame_times(std::vector<Photo>& photos, const std::string& where);
+/// @return a note for the user: in some names the last number is not that of the frame
+std::string set_frame_times(std::vector<Photo>& photos, const std::string& where);
 
 }  // namespace splatboost

@@ -54,7 +54,7 @@ std::vector<fs::path> cameras_of(const fs::path& folder) {
     if (!path.filename().string().starts_with("cam")) continue;
     const bool video = is_video(path) && is_file(path);
     std::error_code ignored;
-    if (video && !fs::is_directory(folder / path.stem(), ignored)) cameras.push_back(path);
+    if (video && pictures_of(folder / path.stem()).empty()) cameras.push_back(path);
     if (fs::is_directory(path, ignored) && !pictures_of(path).empty()) cameras.push_back(path);
   }
   std::ranges::sort(cameras);

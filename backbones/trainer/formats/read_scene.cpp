@@ -73,7 +73,7 @@ Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& fo
     throw InputError(images.string() + ": the image folder does not exist; name the right one with --images");
   }
   dataset.photos = colmap_photos(model, images);
-  if (options.frame_times) set_frame_times(dataset.photos, dataset.listing.string());
+  if (options.frame_times) dataset.notes.push_back(set_frame_times(dataset.photos, dataset.listing.string()));
   dataset.points = std::move(model.points);
   return dataset;
 }
@@ -153,8 +153,9 @@ Dataset read_folder(const SceneOptions& options) {
   if (is_neural_video(source)) return read_rig(options);
   if (const auto model = find_colmap_model(source)) {
     // A transforms file without times is ignored if there is a COLMAP model.
-    const auto file = source / "transforms_train.json";
-    if (is_file(file) && has_times(file)) return read_blender(options, file);
+    const auto train = source / "transforms_train.json", frames = source / "transforms.json";
+    if (is_file(train) && has_times(train)) return read_blender(options, train);
+    if (is_file(frames) && has_times(frames)) return read_frames(frames);
     return read_colmap(options, *model);
   }
   if (const auto file = source / "transforms_train.json"; is_file(file)) return read_blender(options, file);

@@ -50,6 +50,8 @@ void check(const SynthOptions& options) {
           "the baseline of two cameras must be 0 to 1 m; 0: one camera with depth");
   require(options.scene == "walk" || options.baseline == 0, "only the scene 'walk' supports a pair of cameras");
   require(options.scene != "moving" || options.views >= 2, "the scene 'moving' needs 2 or more views");
+  require(options.scene != "moving" || options.surface_points == 0,
+          "the scene 'moving' has no surface.ply; the motion of its points is in motion/");
   require(options.width >= 16 && options.height >= 16 && options.width <= 8192 && options.height <= 8192,
           "the size " + std::to_string(options.width) + "x" + std::to_string(options.height) +
               " is not possible; both sides must be 16 to 8192");
@@ -112,7 +114,7 @@ void take_folder(const SynthOptions& options) {
     // All that a scene of any kind consists of.
     for (const char* name :
          {"images", "sparse", "depth", "normals", "masks", "surface.ply", "train", "test", "transforms_train.json",
-          "transforms_test.json", "points3d.ply", "results", "traj.txt", "cam_params.json", "mav0"}) {
+          "transforms_test.json", "points3d.ply", "motion", "results", "traj.txt", "cam_params.json", "mav0"}) {
       fs::remove_all(folder / name, error);
       require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
     }

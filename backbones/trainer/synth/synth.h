@@ -30,10 +30,10 @@ struct SynthOptions {
 /// normals/*.png (world frame, 127.5·(n + 1)) and masks/*.png (objects white; room, ground and sky black). Depth is 0
 /// in the sky and beyond 65 m. surface.ply is written on request. The scene "moving" has times and D-NeRF's layout:
 /// transforms_train.json and transforms_test.json, train/*.png and test/*.png, points3d.ply, and ground truth in the
-/// subfolders train/ and test/ of depth/, normals/ and masks/; its test views are combinations of pose and time that
-/// training does not see. The same options always give the same bytes. A scene that was written into the folder before
-/// is removed; synth.json, with the options, identifies it. Throws InputError on impossible options and if the folder
-/// holds other files.
+/// subfolders train/ and test/ of depth/, normals/ and masks/; motion/ holds where the points of points3d.ply are,
+/// without noise, at 21 times from 0 to 1. Its test views are combinations of pose and time that training does not see.
+/// The same options always give the same bytes. A scene that was written into the folder before is removed; synth.json,
+/// with the options, identifies it. Throws InputError on impossible options and if the folder holds other files.
 void write_synthetic_scene(const SynthOptions& options);
 
 }  // namespace splatboost

@@ -23,7 +23,10 @@ namespace synthetic {
 
 using namespace room;
 
-std::unique_ptr<World> make_moving_room(double time) {
+namespace {
+
+/// The solids at a time, in the same order at every time.
+std::vector<Solid> moving_solids(double time) {
   const double turn = 2 * kPi * time;
   const auto about = [](double angle, const Vec3& axis) { return glm::mat3_cast(glm::angleAxis(angle, axis)); };
   std::vector<Solid> solids;
@@ -68,8 +71,12 @@ std::unique_ptr<World> make_moving_room(double time) {
     frame = frame * bend;
     at += frame * Vec3(0, 0, 0.095);
   }
-  return make_room_of(std::move(solids));
+  return solids;
 }
+
+}  // namespace
+
+std::unique_ptr<World> make_moving_room(double time) { return make_room_of(moving_solids(time)); }
 
 }  // namespace synthetic
 
@@ -119,6 +126,44 @@ nlohmann::json matrix_of(const Pose& pose) {
   return rows;
 }
 
+/// Where points of surfaces are at evenly spaced times from 0 to 1. Files are named as those of `render --sequence`.
+class Motion {
+ public:
+  Motion() {
+    for (int k = 0; k < kTimes; ++k) solids_.push_back(moving_solids(static_cast<double>(k) / (kTimes - 1)));
+    tables_.resize(kTimes, FloatTable{{"x", "y", "z"}, {}});
+  }
+
+  /// @param point seen at `time` @param solid Seen::solid of it
+  void add(const Vec3& point, int solid, double time) {
+    const auto s = static_cast<std::size_t>(solid);
+    Vec3 local(0.0);
+    if (solid >= 0) {
+      const Solid now = moving_solids(time)[s];
+      local = now.local_from_world * (point - now.position);
+    }
+    for (std::size_t k = 0; k < tables_.size(); ++k) {
+      Vec3 there = point;
+      if (solid >= 0) there = solids_[k][s].position + glm::transpose(solids_[k][s].local_from_world) * local;
+      for (int axis = 0; axis < 3; ++axis) tables_[k].values.push_back(static_cast<float>(there[axis]));
+    }
+  }
+
+  void write(const std::filesystem::path& folder) const {
+    make_picture_folder(folder);
+    for (std::size_t k = 0; k < tables_.size(); ++k) {
+      char name[32];
+      std::snprintf(name, sizeof name, "%05zu.ply", k);
+      write_float_ply(folder / name, tables_[k]);
+    }
+  }
+
+ private:
+  static constexpr int kTimes = 21;
+  std::vector<std::vector<Solid>> solids_;  ///< at each time
+  std::vector<FloatTable> tables_;          ///< at each time
+};
+
 }  // namespace
 
 void write_moving_scene(const SynthOptions& options) {
@@ -148,12 +193,14 @@ void write_moving_scene(const SynthOptions& options) {
   // Surface points at random pixels of random training views, at the time of the view.
   const RandomStream random(options.seed, 1, RandomPurpose::synth);
   FloatTable points{{"x", "y", "z", "red", "green", "blue"}, {}};
+  Motion motion;
   for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(options.points); ++i) {
     const std::uint64_t key = 16 * i;
     const Shot& shot = film.train[random.below(key, film.train.size())];
     const Ray ray =
         camera.ray(shot.pose, camera.width * random.uniform(key + 1), camera.height * random.uniform(key + 2));
     const Seen seen = make_moving_room(shot.time)->look(ray, 1.0 / camera.focal);
+    motion.add(ray.origin + seen.distance * ray.direction, seen.solid, shot.time);
     for (int k = 0; k < 3; ++k) {
       const double off =
           static_cast<double>(options.point_noise) * random.normal(8 * i + 2 + static_cast<std::uint64_t>(k));
@@ -162,6 +209,7 @@ void write_moving_scene(const SynthOptions& options) {
     for (int k = 0; k < 3; ++k) points.values.push_back(static_cast<float>(encode_srgb(seen.color[k])) / 255.0f);
   }
   write_float_ply(options.output / "points3d.ply", points);
+  motion.write(options.output / "motion");
 }
 
 }  // namespace splatboost

@@ -70,12 +70,13 @@ class Room final : public World {
 
   Seen probe(const Ray& ray) const override {
     const Hit hit = trace(ray);
-    return {hit.distance, hit.normal, hit.solid >= 0, false, Vec3(0.0)};
+    return {hit.distance, hit.normal, hit.solid >= 0, false, Vec3(0.0), hit.solid};
   }
 
   Seen look(const Ray& ray, double pixel_angle) const override {
     const Shaded shaded = shade(ray, pixel_angle);
-    return {shaded.hit.distance, shaded.hit.normal, shaded.hit.solid >= 0, false, exposed(shaded.color)};
+    const Hit& hit = shaded.hit;
+    return {hit.distance, hit.normal, hit.solid >= 0, false, exposed(shaded.color), hit.solid};
   }
 
   Pose camera(int index, int count, const RandomStream& random) const override {

@@ -295,6 +295,7 @@ struct Seen {
   bool object = false;  ///< white in masks
   bool sky = false;     ///< no depth
   Vec3 color{0.0};      ///< linear, after exposure; only from look()
+  int solid = -1;       ///< index of the room's solid; -1: none
 };
 
 /// A scene and the poses of its cameras. probe() finds the geometry that a ray hits, look() also its colour.

@@ -329,8 +329,10 @@ TEST_F(DeformableRun, learns_motion_that_still_gaussians_cannot_show) {
 TEST_F(DeformableRun, a_scene_without_times_is_refused_in_one_line) {
   for (View& view : scene_.train) view.time = 0;
   const BackboneContext context{scene_, threads_, 3, 100, 0};
-  test::expect_contains(test::input_error_of([&] { deformable_3dgs_entry().make(context, nlohmann::json::object()); }),
-                        "all 21 training views have the same time");
+  const std::string message =
+      test::input_error_of([&] { deformable_3dgs_entry().make(context, nlohmann::json::object()); });
+  test::expect_contains(message, "all 21 training views have the same time");
+  test::expect_contains(message, "--frame-times");
 }
 
 TEST_F(DeformableRun, computed_pictures_choose_the_time_net_unless_told) {

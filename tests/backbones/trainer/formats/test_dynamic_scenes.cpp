@@ -257,6 +257,9 @@ TEST(NeuralVideo, VideosReadAsWritten) {
   if (!have_opencv()) GTEST_SKIP() << "no OpenCV";
   const Rig disk(true);
   expect_rig(read_scene(options_of(disk.folder)), 6);
+  // Tools that extract frames leave such folders when they are stopped.
+  std::filesystem::create_directories(disk.folder / "cam01/images");
+  expect_rig(read_scene(options_of(disk.folder)), 6);
   write_file(disk.folder / "cam01.mp4", "no video");
   expect_contains(input_error_of([&] { read_scene(options_of(disk.folder)); }), "cam01.mp4: ");
 }
@@ -368,7 +371,9 @@ TEST(PackedMotion, ACaptureHasItsTimesAndItsFolder) {
 
 // The format found first is used.
 
-TEST(DynamicScenes, ARigIsNotTakenForTheStillModelOfItsFirstFrames) {
+// FastGS issue 45, "fast-d3dgs branch still treats the scene as static": a COLMAP model of the first frames, which its
+// scripts write beside Neu3D's videos, was read instead of the videos.
+TEST(DynamicScenes, StillTreatsTheSceneAsStatic) {
   const Rig disk;
   write_still_model(disk.folder.path());
   expect_rig(read_scene(options_of(disk.folder)), 0);
@@ -396,8 +401,13 @@ TEST(DynamicScenes, BlendersFramesWithTimesAreNotTakenForAStillModelBesideThem) 
   const Scene moving = read_scene(options);
   EXPECT_EQ(moving.train.size(), 3u);
   EXPECT_TRUE(moving.synthetic);
+  std::filesystem::rename(folder / "transforms_train.json", folder / "transforms.json");
+  const Scene frames = read_scene(options);
+  ASSERT_EQ(frames.train.size(), 3u) << "nerfstudio's too";
+  EXPECT_EQ(frames.train[1].time, 0.5f);
+  EXPECT_FALSE(frames.synthetic);
   for (Json& frame : json["frames"]) frame.erase("time");
-  write_file(folder / "transforms_train.json", json.dump());
+  for (const char* name : {"transforms_train.json", "transforms.json"}) write_file(folder / name, json.dump());
   EXPECT_EQ(read_scene(options).train.size(), 1u) << "without times COLMAP's goes first, as it always did";
 }
 
@@ -415,7 +425,7 @@ TEST(FrameTimes, AreTheLastNumbersOfNames) {
   photos[0].name = "cam2/take1_0007.png";
   photos[1].name = "9.jpg";
   photos[2].name = "cam11/15";
-  set_frame_times(photos, "here");
+  EXPECT_EQ(set_frame_times(photos, "here"), "the names of 3 images have 3 different frame numbers, 7 to 15");
   EXPECT_EQ(photos[0].time, 0);
   EXPECT_EQ(photos[1].time, 0.25);
   EXPECT_EQ(photos[2].time, 1);
@@ -453,6 +463,7 @@ TEST(FrameTimes, AreOfColmapScenesWhereAskedFor) {
   options.frame_times = true;
   const Scene scene = read_scene(options);
   ASSERT_EQ(scene.train.size(), 4u);
+  EXPECT_EQ(scene.notes.at(0), "the names of 4 images have 2 different frame numbers, 10 to 11");
   for (const View& view : scene.train) {
     EXPECT_EQ(view.time, view.name.find("_11") != std::string::npos ? 1 : 0) << "not the camera's number";
   }

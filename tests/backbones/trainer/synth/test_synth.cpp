@@ -339,6 +339,59 @@ TEST(Synth, ARigSeesTheSameAtOneTimeAndThingsMoveBetweenTimes) {
   }
 }
 
+/// Rows of motion/*.ply are points of points3d.ply: each file holds where they are at its time.
+TEST(Synth, TheMotionOfSurfacePointsIsKnown) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "scene");
+  options.scene = "moving";
+  options.points = 4000;
+  write_synthetic_scene(options);
+  const auto positions = [&](const std::string& file) {
+    const FloatTable table = read_float_ply(options.output / file, {"x", "y", "z"});
+    std::vector<glm::vec3> rows;
+    for (std::size_t i = 0; i < table.rows(); ++i)
+      rows.emplace_back(table.values[3 * i], table.values[3 * i + 1], table.values[3 * i + 2]);
+    return rows;
+  };
+  const std::vector<glm::vec3> seen = positions("points3d.ply");
+  std::vector<std::vector<glm::vec3>> at;
+  for (int k = 0; k <= 20; ++k)
+    at.push_back(positions("motion/000" + std::string(k < 10 ? "0" : "") + std::to_string(k) + ".ply"));
+  EXPECT_FALSE(std::filesystem::exists(options.output / "motion/00021.ply"));
+
+  // The beach ball: its centre and its turn about y at a time.
+  const auto centre = [](int k) {
+    const double time = k / 20.0;
+    return glm::vec3(-0.5 + time, -0.72, 0.16 + 0.17 + 0.45 * std::abs(std::sin(3 * 3.141592653589793 * time)));
+  };
+  const auto on_ball = [&](std::size_t i, int k) {
+    return std::abs(glm::length(at[static_cast<std::size_t>(k)][i] - centre(k)) - 0.17f) < 1e-4f;
+  };
+  std::size_t of_ball = 0, still = 0;
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    float nearest = 1e9f, most = 0;
+    for (std::size_t k = 0; k < at.size(); ++k) {
+      ASSERT_EQ(at[k].size(), seen.size());
+      if (k % 4 == 0) nearest = std::min(nearest, glm::length(at[k][i] - seen[i]));  // the times of the six views
+      most = std::max(most, glm::length(at[k][i] - at[0][i]));
+    }
+    EXPECT_LT(nearest, 1e-5f) << "where a view saw it";
+    still += most < 1e-5f;
+    if (!on_ball(i, 0) || !on_ball(i, 13)) continue;
+    ++of_ball;
+    const glm::vec3 start = at[0][i] - centre(0);
+    for (int k = 0; k <= 20; ++k) {
+      const auto angle = static_cast<float>(-4 * k / 20.0);
+      const float c = std::cos(angle), s = std::sin(angle);
+      const glm::vec3 turned(c * start.x + s * start.z, start.y, c * start.z - s * start.x);
+      EXPECT_LT(glm::length(at[static_cast<std::size_t>(k)][i] - centre(k) - turned), 1e-4f) << k;
+    }
+  }
+  EXPECT_GT(of_ball, 5u);
+  EXPECT_GT(still, seen.size() / 2) << "the room";
+  EXPECT_LT(still, seen.size() - 100);
+}
+
 TEST(Synth, OneCameraWalksAroundWhatMoves) {
   const TemporaryFolder folder;
   SynthOptions options = small_scene(folder / "scene");
@@ -366,6 +419,7 @@ TEST(Synth, ImpossibleOptionsAreInputErrors) {
   expect_contains(error_with([](SynthOptions& o) { o.cameras = 2; }), "only the scene 'moving'");
   expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.cameras = 7; }), "7 cameras");
   expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.views = 1; }), "2 or more views");
+  expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.surface_points = 9; }), "no surface.ply");
   expect_contains(error_with([](SynthOptions& o) { o.output.clear(); }), "output");
   write_file(folder / "file", "x");
   expect_contains(error_with([&](SynthOptions& o) { o.output = folder / "file"; }), "not a folder");
