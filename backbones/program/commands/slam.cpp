@@ -130,9 +130,11 @@ struct Slam {
     std::unique_ptr<Lpips> lpips;
     if (!options.lpips.empty()) lpips = std::make_unique<Lpips>(options.lpips);
     const std::unique_ptr<Sequence> sequence = open_sequence(slam.sequence);
-    require(sequence->calibration().depth_scale > 0,
-            options.scene.source.string() +
-                ": has no depth (no depth_scale in its calibration); tracking without depth is not supported yet");
+    require(
+        sequence->calibration().depth_scale > 0,
+        options.scene.source.string() +
+            ": has no depth: its calibration has no depth_scale, or no depth image belongs to an image (by name, for "
+            "TUM RGB-D by time in depth.txt); tracking without depth is not supported yet");
     if (lpips) {
       const Calibration& camera = sequence->calibration();
       const ImageSize size = target_size(camera.width, camera.height, options.scene.resolution.value_or(-1));

@@ -157,7 +157,10 @@ void SlamRun::add_to_map(Update update) {
   for (std::size_t i = 0; i < scene_.train.size(); ++i) {
     scene_.train[i].camera.camera_from_world = glm::mat4(update.poses[i]);
   }
-  if (online_ != nullptr) return online_->map_changed(update.change);
+  if (online_ != nullptr) {
+    sample_curve();
+    return online_->map_changed(update.change);
+  }
   // The first keyframes, whose points initialize the map. Reserve first, so that a failure leaves the points intact.
   const SeenPoints& more = update.change.map_points;
   std::vector<float>& positions = first_points_.points.positions;
@@ -200,6 +203,15 @@ void SlamRun::iterate() {
                              "); lower the learning rates in --config, or report this");
   }
   loss_ = iteration_ == 1 ? loss : loss_ + kLossWeight * (loss - loss_);
+  shown_mapping_.loss = loss_;
+  shown_mapping_.primitives = plugged_.backbone->primitives();
+  shown_mapping_.iteration = iteration_;
+}
+
+void SlamRun::sample_curve() {
+  const int last = outcome_.curve.empty() ? 0 : outcome_.curve.back().iteration;
+  if (iteration_ == last) return;
+  outcome_.curve.push_back({iteration_, seconds(), loss_, plugged_.backbone->primitives(), std::nullopt});
 }
 
 void SlamRun::show_progress(bool last) {
@@ -209,9 +221,9 @@ void SlamRun::show_progress(bool last) {
   std::fprintf(stderr, "frame %zu/%zu  %zu tracked  %zu keyframes  %zu points  %d loops  %.1f frames/s",
                outcome_.frames.size(), sequence_.size(), tracked_, tracker_.keyframes(), tracker_.map_points(),
                tracker_.loops(), static_cast<double>(outcome_.frames.size()) / std::max(seconds(), 1e-9));
-  if (slam_.lockstep && online_ != nullptr) {
-    std::fprintf(stderr, "  iteration %d  loss %.4f  %zu primitives", iteration_, loss_,
-                 plugged_.backbone->primitives());
+  if (const int iteration = shown_mapping_.iteration; iteration > 0) {
+    std::fprintf(stderr, "  iteration %d  loss %.4f  %zu primitives", iteration, shown_mapping_.loss.load(),
+                 shown_mapping_.primitives.load());
   }
   std::fputc('\n', stderr);
 }
@@ -299,7 +311,7 @@ void SlamRun::finish_mapping() {
     }
     progress.update(std::min(iteration_, total), loss_, plugged_.backbone->primitives(), seconds() - tail_began);
     if (iteration_ == total || iteration_ % shown_every == 0) {
-      outcome_.curve.push_back({iteration_, seconds(), loss_, plugged_.backbone->primitives(), std::nullopt});
+      sample_curve();
     }
   }
 }

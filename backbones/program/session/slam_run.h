@@ -2,6 +2,7 @@
 /// @file Mapping while a camera moves: a tracker estimates its poses, and an online backbone trains on its keyframes.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <deque>
 #include <exception>
@@ -83,6 +84,8 @@ class SlamRun {
   void take_waiting();
   void begin_mapping();
   void iterate();
+  /// Adds a point to the curves, unless nothing was trained since the last one.
+  void sample_curve();
   void follow_sequence();
   void keep_what_there_is();
   void run_in_lockstep();
@@ -109,6 +112,12 @@ class SlamRun {
   SlamOutcome outcome_;
   int iteration_ = 0;
   double loss_ = 0;
+  /// Copies for show_progress(), which the tracking thread calls while the mapper runs.
+  struct {
+    std::atomic<int> iteration = 0;
+    std::atomic<double> loss = 0;
+    std::atomic<std::size_t> primitives = 0;
+  } shown_mapping_;
   double began_ = 0, shown_ = 0;
   TrackState last_state_ = TrackState::waiting;
   std::size_t tracked_ = 0, problems_ = 0;

@@ -52,7 +52,8 @@ void read_csv(const fs::path& file, std::size_t fields, const Row& row) {
   require(in.good(), file.string() + ": cannot be read");
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
-    if (line.empty() || line[0] == '#' || line[0] == '\r') continue;
+    const std::size_t begin = line.find_first_not_of(" \t\r");
+    if (begin == std::string::npos || line[begin] == '#') continue;
     const std::string where = file.string() + ":" + std::to_string(number);
     const std::vector<std::string> found = fields_of(line);
     require(found.size() >= fields, where + ": expected " + std::to_string(fields) + " comma-separated fields");

@@ -2,6 +2,7 @@
 #include "trainer/sequence/sequence_files.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -29,13 +30,15 @@ bool is_picture(const fs::path& file) {
   return ending == ".png" || ending == ".jpg" || ending == ".jpeg";
 }
 
-/// Sorted by name and number; empty where there is no such folder.
+/// Sorted by name and number; empty where there is no such folder. Hidden files are left out: archives made on macOS
+/// contain a ._NAME beside each picture.
 std::vector<fs::path> pictures_in(const fs::path& folder, const std::string& prefix) {
   std::vector<fs::path> files;
   std::error_code error;
   for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     const std::string name = entry->path().filename().string();
-    if (is_picture(entry->path()) && name.compare(0, prefix.size(), prefix) == 0) files.push_back(entry->path());
+    if (name.starts_with('.') || !name.starts_with(prefix)) continue;
+    if (is_picture(entry->path())) files.push_back(entry->path());
   }
   std::ranges::sort(files, in_number_order, &fs::path::native);
   return files;
@@ -60,11 +63,20 @@ std::vector<FrameFiles> paired(const std::vector<fs::path>& color, std::size_t c
   return frames;
 }
 
-void read_replica_truth(const fs::path& file, SequenceFiles& files) {
+std::optional<std::size_t> number_in(const std::string& text) {
+  std::size_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  return error == std::errc() && end == text.data() + text.size() ? std::optional(number) : std::nullopt;
+}
+
+/// Frames and poses correspond in order. If their numbers differ (frames were removed, say), a frame gets the pose of
+/// the number in its name, counted from 0, or none.
+/// @param prefix length of the name before the number
+void read_replica_truth(const fs::path& file, std::size_t prefix, SequenceFiles& files) {
   std::ifstream in(file);
   std::string line;
-  std::size_t number = 0;
-  while (std::getline(in, line)) {
+  std::vector<glm::dmat4> poses;
+  for (int number = 1; std::getline(in, line); ++number) {
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
     std::istringstream words(line);
     glm::dmat4 pose(1.0);
@@ -72,13 +84,18 @@ void read_replica_truth(const fs::path& file, SequenceFiles& files) {
       for (int column = 0; column < 4; ++column) words >> pose[column][row];
     }
     require(!words.fail(),
-            file.string() + ":" + std::to_string(number + 1) + ": expected the 16 numbers of a pose, row by row");
-    if (number < files.frames.size()) files.frames[number].truth = pose;
-    ++number;
+            file.string() + ":" + std::to_string(number) + ": expected the 16 numbers of a pose, row by row");
+    poses.push_back(pose);
   }
-  if (number != files.frames.size()) {
-    files.notes.push_back(file.string() + ": contains " + std::to_string(number) + " poses for " +
-                          std::to_string(files.frames.size()) + " frames");
+  const bool in_order = poses.size() == files.frames.size();
+  for (std::size_t i = 0; i < files.frames.size(); ++i) {
+    const auto number = in_order ? std::optional(i) : number_in(key_of(files.frames[i].color, prefix));
+    if (number && *number < poses.size()) files.frames[i].truth = poses[*number];
+  }
+  if (!in_order) {
+    files.notes.push_back(file.string() + ": contains " + std::to_string(poses.size()) + " poses for " +
+                          std::to_string(files.frames.size()) +
+                          " frames; a frame gets the pose of the number in its name, counted from 0");
   }
 }
 
@@ -87,8 +104,7 @@ SequenceFiles find_replica(const SequenceOptions& options) {
   files.form = "Replica";
   const fs::path results = options.source / "results";
   files.frames = paired(pictures_in(results, "frame"), 5, pictures_in(results, "depth"), 5);
-  require(!files.frames.empty(), results.string() + ": contains no frame*.jpg");
-  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
+  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", 5, files);
   if (options.calibration.empty()) {
     fs::path file = options.source / "cam_params.json";
     if (!is_file(file)) file = fs::absolute(options.source).parent_path() / "cam_params.json";
@@ -105,7 +121,8 @@ std::vector<std::pair<double, std::string>> read_tum_list(const fs::path& file) 
   std::vector<std::pair<double, std::string>> list;
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
-    if (line.empty() || line[0] == '#' || line[0] == '\r') continue;
+    const std::size_t begin = line.find_first_not_of(" \t\r");
+    if (begin == std::string::npos || line[begin] == '#') continue;
     std::istringstream words(line);
     double time = 0;
     std::string path;
@@ -191,7 +208,7 @@ SequenceFiles find_folder(const SequenceOptions& options) {
                               ": is not a sequence: no results/frame*.jpg (Replica), no rgb.txt (TUM), no images "
                               "in images/, rgb/, color/ or the folder itself");
   files.frames = paired(color, 0, pictures_in(options.source / "depth", ""), 0);
-  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
+  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", 0, files);
   if (options.calibration.empty()) {
     const fs::path file = options.source / "calibration.json";
     require(is_file(file), options.source.string() + ": has no calibration.json; give a file with --calibration");
@@ -253,10 +270,10 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
           source.string() +
               ": stereo cameras are read from mav0/cam0/sensor.yaml and "
               "mav0/cam1/sensor.yaml; omit --calibration, which is for one camera");
-  SequenceFiles files = pairs                                         ? find_euroc(source)
-                        : fs::is_directory(source / "results", error) ? find_replica(options)
-                        : is_file(source / "rgb.txt")                 ? find_tum(options)
-                                                                      : find_folder(options);
+  SequenceFiles files = pairs                                               ? find_euroc(source)
+                        : !pictures_in(source / "results", "frame").empty() ? find_replica(options)
+                        : is_file(source / "rgb.txt")                       ? find_tum(options)
+                                                                            : find_folder(options);
   if (!options.calibration.empty()) files.calibration = read_calibration(options.calibration);
   const std::size_t total = files.frames.size();
   std::vector<FrameFiles> chosen;
@@ -269,7 +286,12 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
                                std::to_string(options.first) + " onwards");
   files.frames = std::move(chosen);
   const auto without = std::ranges::count_if(files.frames, [](const FrameFiles& f) { return f.depth.empty(); });
-  if (without > 0 && static_cast<std::size_t>(without) < files.frames.size()) {
+  if (static_cast<std::size_t>(without) == files.frames.size()) {
+    require(!pairs, source.string() +
+                        ": no image of mav0/cam1 belongs to one of mav0/cam0: their times in data.csv are more than "
+                        "5 ms apart");
+    files.calibration.depth_scale = 0;  // colour alone, whatever the calibration says
+  } else if (without > 0) {
     files.notes.push_back(std::to_string(without) + " of " + std::to_string(files.frames.size()) +
                           (pairs ? " frames have no second image" : " frames have no depth") +
                           "; they are tracked by colour alone");

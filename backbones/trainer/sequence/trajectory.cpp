@@ -34,7 +34,8 @@ std::vector<TimedPose> read_tum_trajectory(const std::filesystem::path& path) {
   std::vector<TimedPose> poses;
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
-    if (line.empty() || line[0] == '#' || line[0] == '\r') continue;
+    const std::size_t begin = line.find_first_not_of(" \t\r");
+    if (begin == std::string::npos || line[begin] == '#') continue;
     std::istringstream words(line);
     TimedPose pose;
     glm::dvec3 t;

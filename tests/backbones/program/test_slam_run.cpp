@@ -78,8 +78,10 @@ struct Mapping {
         sequence, slam, options,
         [&](const Scene& scene) {
           if (before_backbone) before_backbone(scene);
-          return PluggedBackbone{
+          PluggedBackbone plugged{
               nullptr, make_photo_slam({scene, threads, 0, *options.iterations, 0, threads}, {}), {}};
+          if (optimizer != nullptr) plugged.backbone->set_hooks(nullptr, optimizer);
+          return plugged;
         },
         stopped);
     return slam_run->run();
@@ -109,6 +111,7 @@ struct Mapping {
   Threads threads;
   std::function<bool()> stopped = [] { return false; };
   std::function<void(const Scene&)> before_backbone;
+  OptimizerHook* optimizer = nullptr;  ///< of the backbone
   std::optional<SlamRun> slam_run;
 };
 
@@ -120,6 +123,46 @@ TEST(SlamRun, goes_to_its_end) {
   EXPECT_EQ(outcome.frames.size(), static_cast<std::size_t>(kFrames));
   EXPECT_GE(outcome.iterations, 20);
   EXPECT_EQ(mapping.slam_run->scene().train.size(), outcome.keyframe_frames.size());
+}
+
+TEST(SlamRun, curves_begin_in_the_sequence) {
+  Mapping mapping;
+  mapping.slam.lockstep = 2;
+  const SlamOutcome outcome = mapping.run();
+  ASSERT_GE(outcome.curve.size(), 2u);
+  EXPECT_LE(outcome.curve.front().iteration, outcome.iterations_in_sequence);
+  EXPECT_EQ(outcome.curve.back().iteration, outcome.iterations);
+  EXPECT_EQ(std::ranges::adjacent_find(outcome.curve, std::ranges::greater_equal{}, &CurvePoint::iteration),
+            outcome.curve.end())
+      << "a point of every iteration at most once";
+}
+
+/// Tells when the mapper is in its second iteration.
+class SecondIteration final : public OptimizerHook {
+ public:
+  bool steps_at(std::string_view, Moment moment) const override {
+    if (moment.iteration >= 2) begun = true;
+    return true;
+  }
+  mutable std::atomic<bool> begun = false;
+};
+
+TEST(SlamRun, progress_shows_the_mapper_beside_the_tracker) {
+  Mapping mapping;
+  mapping.options.quiet = false;
+  SecondIteration second;
+  mapping.optimizer = &second;
+  mapping.sequence.before_frame = [&](std::size_t number) {
+    while (number + 1 == kFrames && !second.begun) std::this_thread::yield();
+  };
+  ::testing::internal::CaptureStderr();
+  mapping.run();
+  const std::string lines = ::testing::internal::GetCapturedStderr();
+  const std::size_t last = lines.find("frame 12/12");
+  ASSERT_NE(last, std::string::npos) << lines;
+  const std::string line = lines.substr(last, lines.find('\n', last) - last);
+  EXPECT_NE(line.find("  iteration "), std::string::npos) << line;
+  EXPECT_NE(line.find(" primitives"), std::string::npos) << line;
 }
 
 TEST(SlamRun, stops_when_it_is_told) {

@@ -100,6 +100,47 @@ TEST(Sequence, frames_are_in_the_order_of_their_numbers) {
   }
 }
 
+TEST(Sequence, frames_keep_their_poses_if_others_were_removed) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  fs::remove(folder / "results/frame000001.png");
+  const auto sequence = open_sequence(of(folder.path()));
+  ASSERT_EQ(sequence->size(), 2u);
+  ASSERT_TRUE(sequence->truth(1).has_value());
+  EXPECT_EQ((*sequence->truth(1))[3].x, 2);
+  ASSERT_EQ(sequence->notes().size(), 1u);
+  expect_in(sequence->notes()[0], "contains 3 poses for 2 frames; a frame gets the pose of the number in its name");
+  // Names without a number have no pose.
+  fs::rename(folder / "results/frame000002.png", folder / "results/frame_last.png");
+  EXPECT_FALSE(open_sequence(of(folder.path()))->truth(1).has_value());
+  std::ofstream(folder / "traj.txt") << "\n1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n1 0 0\n";
+  expect_in(error_of([&] { open_sequence(of(folder.path())); }), "traj.txt:3: expected the 16 numbers");
+}
+
+TEST(Sequence, depth_that_belongs_to_no_image_is_none) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  for (int i = 0; i < 3; ++i) {
+    const std::string number = std::to_string(i) + ".png";
+    fs::rename(folder / "results" / ("depth00000" + number), folder / "results" / ("depth_" + number));
+  }
+  const auto sequence = open_sequence(of(folder.path()));
+  EXPECT_EQ(sequence->calibration().depth_scale, 0);
+  EXPECT_EQ(sequence->read(0).problem, "");
+}
+
+TEST(Sequence, hidden_files_are_no_images) {
+  const TemporaryFolder folder;
+  fs::create_directories(folder / "images");
+  write_color(folder / "images/a.png", 10);
+  std::ofstream(folder / "images/._a.png") << "attributes of macOS";
+  std::ofstream(folder / "calibration.json") << calibration();
+  fs::create_directories(folder / "results");  // of something else; Replica's has frame*.jpg
+  const auto sequence = open_sequence(of(folder.path()));
+  ASSERT_EQ(sequence->size(), 1u);
+  EXPECT_EQ(sequence->read(0).color[0], 10);
+}
+
 TEST(Sequence, some_frames_are_chosen) {
   const TemporaryFolder folder;
   make_replica(folder.path());
@@ -137,9 +178,9 @@ TEST(Sequence, tum_pairs_by_time) {
   const TemporaryFolder parent;
   const fs::path folder = parent / "rgbd_dataset_freiburg3_toy";
   fs::create_directories(folder / "rgb");
-  std::ofstream(folder / "rgb.txt") << "# color\n1.000 rgb/a.png\n1.033 rgb/b.png\n";
+  std::ofstream(folder / "rgb.txt") << "# color\n \n1.000 rgb/a.png\n1.033 rgb/b.png\r\n \t\r\n";
   std::ofstream(folder / "depth.txt") << "1.031 depth/b.png\n";
-  std::ofstream(folder / "groundtruth.txt") << "1.001 1 2 3 0 0 0 1\n";
+  std::ofstream(folder / "groundtruth.txt") << " # truth\n1.001 1 2 3 0 0 0 1\n \n";
   const auto sequence = open_sequence(of(folder));
   ASSERT_EQ(sequence->size(), 2u);
   EXPECT_EQ(sequence->calibration().depth_scale, 5000);
