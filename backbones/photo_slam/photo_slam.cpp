@@ -2,6 +2,7 @@
 #include "photo_slam/photo_slam.h"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -24,11 +25,19 @@ bool sees(const Camera& camera, const glm::vec3& point) {
   return x >= 0 && y >= 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height);
 }
 
-Similarity similarity_of(const glm::dmat4& transform) { return {glm::dmat3(transform), glm::dvec3(transform[3]), 1}; }
+Similarity similarity_of(const glm::dmat4& transform) {
+  const glm::dmat3 linear(transform);
+  const double scale = std::cbrt(glm::determinant(linear));
+  return {linear / scale, glm::dvec3(transform[3]), scale};
+}
 
-/// Composition of rigid motions: first `first`, then `second`.
+glm::dvec3 moved(const Similarity& by, const glm::dvec3& point) {
+  return by.scale * (by.rotation * point) + by.translation;
+}
+
+/// Composition: first `first`, then `second`.
 Similarity after(const Similarity& second, const Similarity& first) {
-  return {second.rotation * first.rotation, second.rotation * first.translation + second.translation, 1};
+  return {second.rotation * first.rotation, moved(second, first.translation), second.scale * first.scale};
 }
 
 /// Appends `more` to `points`.
@@ -156,10 +165,9 @@ class PhotoSlam final : public GaussianMethod {
   static void move_waiting(SeenPoints& points, const std::vector<Similarity>& moves) {
     for (std::size_t i = 0; i < points.views.size(); ++i) {
       if (points.views[i] >= moves.size()) continue;
-      const Similarity& by = moves[points.views[i]];
       float* p = &points.points.positions[3 * i];
-      const glm::dvec3 moved = by.rotation * glm::dvec3(p[0], p[1], p[2]) + by.translation;
-      for (int c = 0; c < 3; ++c) p[c] = static_cast<float>(moved[c]);
+      const glm::dvec3 place = moved(moves[points.views[i]], {p[0], p[1], p[2]});
+      for (int c = 0; c < 3; ++c) p[c] = static_cast<float>(place[c]);
     }
   }
 

@@ -14,15 +14,18 @@ from conftest import run_program, run_well, start, wait_for
 FRAMES = 12
 
 
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory):
+def make_walk(folder, width, height):
     """The first frames of a walk of 120: with fewer frames in all they would be too far apart."""
-    folder = tmp_path_factory.mktemp("walk") / "walk"
-    run_well("synth", folder, "--scene", "walk", "--width", 160, "--height", 120, "--views", 120, "--samples", 1)
+    run_well("synth", folder, "--scene", "walk", "--width", width, "--height", height, "--views", 120, "--samples", 1)
     for number in range(FRAMES, 120):
         for kind in ("frame", "depth"):
             (folder / "results" / f"{kind}{number:06}.png").unlink()
     return folder
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    return make_walk(tmp_path_factory.mktemp("walk") / "walk", 160, 120)
 
 
 SMALL = ["--features", 400, "--initial-keyframes", 3, "--quiet"]
@@ -45,6 +48,7 @@ def test_a_run_leaves_all_it_promises(mapped):
     slam = results["slam"]
     assert slam["tracked"] == slam["frames"] == FRAMES and slam["lost"] == 0
     assert slam["ate_rmse"] < 0.03 and slam["path_length"] > 0.5
+    assert slam["depth"] is True and slam["ate_alignment"] == "rigid" and slam["ate_scale"] == pytest.approx(1)
     assert slam["keyframes"]["frames"] >= 3 and results["psnr"] > 12 and results["split"] == "tracked"
     assert len(results["views"]) == FRAMES and results["backbone"] == "photo-slam"
     lines = (mapped / "trajectory.txt").read_text().splitlines()
@@ -160,6 +164,51 @@ def test_a_calibration_that_is_wrong_never_crashes(walk, mapped, tmp_path):
     done = run_program("slam", "-s", walk, "-m", tmp_path / "model", *SHORT, "--calibration", tmp_path / "camera.json")
     assert done.returncode in (0, 2), done.stderr
     assert "calibration" in done.stderr
-    (tmp_path / "flat.json").write_text(json.dumps({"width": 160, "height": 120, "fx": 120, "fy": 120, "cx": 80, "cy": 60}))
-    done = run_program("slam", "-s", walk, "-m", tmp_path / "model", *SHORT, "--calibration", tmp_path / "flat.json")
-    assert done.returncode == 2 and "has no depth" in done.stderr
+
+
+def camera_of(walk, file):
+    """A calibration without depth_scale, so that depth images are not used."""
+    camera = json.loads((walk / "cam_params.json").read_text())["camera"]
+    del camera["scale"]
+    file.write_text(json.dumps(camera))
+    return file
+
+
+def test_without_depth_a_walk_is_tracked_up_to_its_scale(mapped, tmp_path):
+    del mapped
+    walk = make_walk(tmp_path / "walk", 320, 240)  # without depth, smaller images are tracked less accurately
+    camera = camera_of(walk, tmp_path / "camera.json")
+    shown = [argument for argument in SHORT if argument != "--quiet"]
+    done = run_well("slam", "-s", walk, "-m", tmp_path / "model", *shown, "-r", 2, "--calibration", camera)
+    assert "tracked without depth" in done.stderr and "after alignment with scale" in done.stdout
+    results = json.loads((tmp_path / "model/results.json").read_text())
+    slam = results["slam"]
+    assert slam["depth"] is False and slam["ate_alignment"] == "similarity" and slam["ate_scale"] > 1
+    assert slam["ate_rmse"] < 0.03 and slam["path_length"] > 1 and slam["lost"] == 0 and slam["keyframes"]["frames"] >= 3
+    assert slam["tracked"] + slam["waiting"] == FRAMES and slam["tracked"] >= 6
+    assert results["psnr"] > 12
+    run_well("slam", "-m", tmp_path / "again", "--config", tmp_path / "model/config.json")
+    for name in ("trajectory.txt", f"point_cloud/iteration_{results['iterations']}/point_cloud.ply"):
+        assert (tmp_path / "model" / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+
+
+def test_without_depth_a_camera_that_stands_still_is_one_line(walk, mapped, tmp_path):
+    del mapped
+    (tmp_path / "images").mkdir()
+    for number in range(FRAMES):
+        shutil.copy(walk / "results/frame000000.png", tmp_path / f"images/{number}.png")
+    camera_of(walk, tmp_path / "calibration.json")
+    done = run_program("slam", "-s", tmp_path, "-m", tmp_path / "model", *SHORT)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert "nothing could be tracked" in done.stderr and "the camera must move sideways" in done.stderr
+    assert not (tmp_path / "model").exists()
+
+
+def test_what_is_wrong_with_a_video_is_one_line(walk, mapped, tmp_path):
+    del mapped
+    (tmp_path / "walk.mp4").write_text("no video")
+    done = run_program("slam", "-s", tmp_path / "walk.mp4", "-m", tmp_path / "model", "--calibration",
+                       camera_of(walk, tmp_path / "camera.json"))
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert "walk.mp4: OpenCV cannot read the video" in done.stderr or "a video needs OpenCV" in done.stderr
+    assert not (tmp_path / "model").exists()

@@ -15,6 +15,7 @@ constexpr double kNearest = 1e-3;  ///< metres; no residual for nearer points an
 constexpr int kRefinements = 3;
 constexpr int kRefinementSteps = 8;
 constexpr double kGraphRotationWeight = 4;  ///< metres per radian
+constexpr double kGraphScaleWeight = 4;     ///< metres per unit of the logarithm
 
 /// Rotation quaternion x, y, z, w, then translation.
 using PoseBlock = Eigen::Matrix<double, 7, 1>;
@@ -148,22 +149,28 @@ class BundleCost final : public ceres::SizedCostFunction<Errors, 7, 3> {
   SightingError<Errors> error_;
 };
 
+/// A node maps the corrected world to the camera in its own unit of length: p → scale · rotation · p + translation. Of
+/// the scale the logarithm is estimated.
 struct EdgeError {
-  Pose to_from;
-  double weight;
+  Edge edge;
 
   template <class T>
-  bool operator()(const T* q_from, const T* t_from, const T* q_to, const T* t_to, T* errors) const {
+  bool operator()(const T* q_from, const T* t_from, const T* s_from, const T* q_to, const T* t_to, const T* s_to,
+                  T* errors) const {
+    using std::exp;
     using Quaternion = Eigen::Quaternion<T>;
     using Vector = Eigen::Matrix<T, 3, 1>;
     const Quaternion from(q_from), to(q_to);
     const Quaternion turn = to * from.conjugate();
-    const Vector move = Eigen::Map<const Vector>(t_to) - Vector(turn * Vector(Eigen::Map<const Vector>(t_from)));
-    const Quaternion off = to_from.rotation.cast<T>().conjugate() * turn;
-    Eigen::Map<Eigen::Matrix<T, 6, 1>> e(errors);
+    const T scale = *s_to - *s_from;
+    const Vector move =
+        Eigen::Map<const Vector>(t_to) - Vector(turn * Vector(Eigen::Map<const Vector>(t_from))) * exp(scale);
+    const Quaternion off = edge.to_from.rotation.cast<T>().conjugate() * turn;
+    Eigen::Map<Eigen::Matrix<T, 7, 1>> e(errors);
     const T sign = off.w() < T(0) ? T(-1) : T(1);
-    e.template head<3>() = T(weight) * (move - to_from.translation.cast<T>());
-    e.template tail<3>() = T(2 * weight * kGraphRotationWeight) * sign * off.vec();
+    e.template head<3>() = T(edge.weight) * (move - edge.to_from.translation.cast<T>());
+    e.template segment<3>(3) = T(2 * edge.weight * kGraphRotationWeight) * sign * off.vec();
+    e[6] = T(edge.weight * kGraphScaleWeight) * (scale - T(std::log(edge.scale)));
     return true;
   }
 };
@@ -262,27 +269,38 @@ void adjust(const Optics& optics, Bundle& bundle, int iterations) {
   for (std::size_t i = 0; i < blocks.size(); ++i) bundle.poses[i] = to_pose(blocks[i].data());
 }
 
-void relax_pose_graph(std::vector<Pose>& poses, std::span<const Edge> edges) {
+void relax_pose_graph(std::vector<Pose>& poses, std::span<const Edge> edges, std::vector<double>* scales) {
+  if (scales != nullptr) scales->assign(poses.size(), 1);
   if (poses.size() < 2) return;
   ceres::Problem problem;
-  for (Pose& pose : poses) {
+  std::vector<double> logarithms(poses.size(), 0);
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    Pose& pose = poses[i];
     problem.AddParameterBlock(pose.rotation.coeffs().data(), 4, new ceres::EigenQuaternionManifold);
     problem.AddParameterBlock(pose.translation.data(), 3);
+    problem.AddParameterBlock(&logarithms[i], 1);
+    if (scales == nullptr || i == 0) problem.SetParameterBlockConstant(&logarithms[i]);
   }
   problem.SetParameterBlockConstant(poses.front().rotation.coeffs().data());
   problem.SetParameterBlockConstant(poses.front().translation.data());
-  for (const Edge& edge : edges) {
+  for (Edge edge : edges) {
+    if (scales == nullptr) edge.scale = 1;
     Pose &from = poses[edge.from], &to = poses[edge.to];
-    problem.AddResidualBlock(
-        new ceres::AutoDiffCostFunction<EdgeError, 6, 4, 3, 4, 3>(new EdgeError{edge.to_from, edge.weight}), nullptr,
-        from.rotation.coeffs().data(), from.translation.data(), to.rotation.coeffs().data(), to.translation.data());
+    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<EdgeError, 7, 4, 3, 1, 4, 3, 1>(new EdgeError{edge}),
+                             nullptr, from.rotation.coeffs().data(), from.translation.data(), &logarithms[edge.from],
+                             to.rotation.coeffs().data(), to.translation.data(), &logarithms[edge.to]);
   }
   ceres::Solver::Options options = solver_options(50);
   options.function_tolerance = 1e-9;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
-  for (Pose& pose : poses) pose.rotation.normalize();
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    poses[i].rotation.normalize();
+    if (scales == nullptr) continue;
+    (*scales)[i] = std::exp(-logarithms[i]);
+    poses[i].translation *= (*scales)[i];
+  }
 }
 
 }  // namespace splatboost::tracking

@@ -49,11 +49,14 @@ void adjust(const Optics& optics, Bundle& bundle, int iterations);
 /// A measured relative pose between two nodes of a pose graph.
 struct Edge {
   std::size_t from = 0, to = 0;
-  Pose to_from;
+  Pose to_from;       ///< its translation is in the unit of length of `to`
   double weight = 1;  ///< factor of its residuals
+  double scale = 1;   ///< unit of length of `from` in units of `to`
 };
 
 /// Optimises a pose graph, which distributes the error of a loop over its poses. The first pose is constant.
-void relax_pose_graph(std::vector<Pose>& poses, std::span<const Edge> edges);
+/// @param scales receives for each pose the factor by which lengths around it change, for a camera whose scale drifts;
+/// null: lengths are known, Edge::scale is ignored
+void relax_pose_graph(std::vector<Pose>& poses, std::span<const Edge> edges, std::vector<double>* scales = nullptr);
 
 }  // namespace splatboost::tracking

@@ -20,6 +20,7 @@ constexpr int kFastThreshold = 10;  ///< grey levels
 constexpr int kMaxBits = 60;        ///< maximum Hamming distance (of 256 bits) between descriptors of one point
 constexpr int kFarBits = 80;        ///< the same for matches near an expected position
 constexpr double kClearly = 0.8;    ///< ratio test: best / second best distance, upper bound
+constexpr double kLineErrors = 2;   ///< distance from the epipolar line, standard deviations
 constexpr int kLevelsApart = 2;     ///< maximum difference of pyramid levels
 constexpr int kBorder = 19;         ///< px without features at each side of a level: half of a rotated patch
 constexpr float kEdge = 0.05f;      ///< relative depth difference of neighbouring pixels at an edge
@@ -197,6 +198,44 @@ std::vector<int> match_descriptors(const cv::Mat& a, const cv::Mat& b) {
     if (two[0].distance >= static_cast<float>(kClearly) * two[1].distance) continue;
     if (backward[static_cast<std::size_t>(two[0].trainIdx)].trainIdx != two[0].queryIdx) continue;
     matches[static_cast<std::size_t>(two[0].queryIdx)] = two[0].trainIdx;
+  }
+  return matches;
+}
+
+std::vector<int> match_along_lines(const Features& a, const Features& b, const Eigen::Matrix3d& line_of,
+                                   std::span<const std::uint8_t> usable_a, std::span<const std::uint8_t> usable_b) {
+  std::vector<int> matches(a.size(), -1), owner(b.size(), -1), distance_of(b.size(), 0);
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    if (usable_a[i] == 0) continue;
+    Vec3 line = line_of * a.pixels[i].homogeneous();
+    const double length = line.head<2>().norm();
+    if (!(length > 0)) continue;
+    line /= length;
+    int best = kMaxBits + 1, second = 257, at = -1;
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      if (usable_b[j] == 0) continue;
+      const double away = std::abs(line.dot(b.pixels[j].homogeneous()));
+      if (away > kLineErrors * std::pow(kLevelFactor, b.levels[j])) continue;
+      const int distance = bits_apart(a.descriptors.ptr<std::uint8_t>(static_cast<int>(i)),
+                                      b.descriptors.ptr<std::uint8_t>(static_cast<int>(j)));
+      if (distance < best) {
+        second = best;
+        best = distance;
+        at = static_cast<int>(j);
+      } else {
+        second = std::min(second, distance);
+      }
+    }
+    if (at < 0 || best >= kClearly * second) continue;
+    // Two features of `a` that match the same one of `b`: the nearer descriptor is kept.
+    const auto slot = static_cast<std::size_t>(at);
+    if (owner[slot] >= 0) {
+      if (distance_of[slot] <= best) continue;
+      matches[static_cast<std::size_t>(owner[slot])] = -1;
+    }
+    owner[slot] = static_cast<int>(i);
+    distance_of[slot] = best;
+    matches[i] = at;
   }
   return matches;
 }

@@ -68,4 +68,10 @@ std::vector<int> match_expected(std::span<const Expected> expected, const Featur
 /// Mutual nearest neighbours that pass a ratio test: for each descriptor of `a` the index of its match in `b`, or -1.
 std::vector<int> match_descriptors(const cv::Mat& a, const cv::Mat& b);
 
+/// Matches features of two images with known poses. @param line_of maps a pixel of `a` to its epipolar line in `b`
+/// @param usable_a, usable_b [features] zero: not matched
+/// @return for each feature of `a` the index of its match in `b`, or -1
+std::vector<int> match_along_lines(const Features& a, const Features& b, const Eigen::Matrix3d& line_of,
+                                   std::span<const std::uint8_t> usable_a, std::span<const std::uint8_t> usable_b);
+
 }  // namespace splatboost::tracking

@@ -22,8 +22,9 @@ constexpr double kSearchRadius = 8;  ///< px
 /// Maximum drift, to reject different places that look alike: metres per metre travelled, its minimum in metres, and
 /// the rotation in radians.
 constexpr double kDrift = 0.1, kMinDrift = 0.1, kMaxTurn = 0.35;
-constexpr double kMaxAway = 1.0;  ///< radians between viewing directions of the same place
-constexpr int kEdgeShared = 30;   ///< minimum number of shared points for an edge of the pose graph
+constexpr double kMaxAway = 1.0;          ///< radians between viewing directions of the same place
+constexpr std::size_t kScalePoints = 15;  ///< minimum number of points mapped twice that the scale is measured with
+constexpr int kEdgeShared = 30;           ///< minimum number of shared points for an edge of the pose graph
 constexpr int kFinalIterations = 8;
 
 /// `keyframe` and the keyframes that share most points with it.
@@ -47,6 +48,22 @@ double possible_drift(const SparseMap& map, std::size_t earlier, std::size_t key
     way += (map.keyframes()[i + 1].pose.centre() - map.keyframes()[i].pose.centre()).norm();
   }
   return kMinDrift + kDrift * way;
+}
+
+/// Median ratio of the depths of points that were mapped twice, seen from the keyframe that returned.
+std::optional<double> scale_of(const SparseMap& map, const Loop& loop) {
+  const MapKeyframe& keyframe = map.keyframes()[loop.keyframe];
+  std::vector<double> ratios;
+  for (std::size_t f = 0; f < loop.point_of_feature.size(); ++f) {
+    if (loop.point_of_feature[f] < 0 || keyframe.points[f] < 0) continue;
+    const double then = (loop.pose * map.point(loop.point_of_feature[f]).position).z();
+    const double now = (keyframe.pose * map.point(keyframe.points[f]).position).z();
+    if (then > 0 && now > 0) ratios.push_back(then / now);
+  }
+  if (ratios.size() < kScalePoints) return std::nullopt;
+  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+  std::nth_element(ratios.begin(), middle, ratios.end());
+  return *middle;
 }
 
 std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size_t earlier) {
@@ -84,6 +101,11 @@ std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size
   const Pose& seems = map.keyframes()[keyframe].pose;
   if ((loop.pose.centre() - seems.centre()).norm() > possible_drift(map, earlier, keyframe)) return std::nullopt;
   if (angle_between(loop.pose, seems) > kMaxTurn) return std::nullopt;
+  if (!map.metric()) {
+    const std::optional<double> scale = scale_of(map, loop);
+    if (!scale) return std::nullopt;
+    loop.scale = *scale;
+  }
   return loop;
 }
 
@@ -130,12 +152,22 @@ void close_loop(SparseMap& map, const Loop& loop) {
   before.reserve(keyframes.size());
   for (const MapKeyframe& keyframe : keyframes) before.push_back(keyframe.pose);
   std::vector<Edge> edges = edges_of(map);
-  edges.push_back({loop.earlier, loop.keyframe, loop.pose * before[loop.earlier].inverse(),
-                   2 * std::sqrt(static_cast<double>(count_of(loop.point_of_feature)) / 100.0)});
+  Pose closing = loop.pose * before[loop.earlier].inverse();
+  closing.translation /= loop.scale;
+  edges.push_back({loop.earlier, loop.keyframe, closing,
+                   2 * std::sqrt(static_cast<double>(count_of(loop.point_of_feature)) / 100.0), 1 / loop.scale});
   std::vector<Pose> after = before;
-  relax_pose_graph(after, edges);
-  for (std::size_t i = 0; i < keyframes.size(); ++i) keyframes[i].pose = after[i];
-  for (MapPoint& p : map.points()) p.position = after[p.keyframe].inverse() * (before[p.keyframe] * p.position);
+  std::vector<double> scales(keyframes.size(), 1);
+  relax_pose_graph(after, edges, map.metric() ? nullptr : &scales);
+  for (std::size_t i = 0; i < keyframes.size(); ++i) {
+    keyframes[i].pose = after[i];
+    keyframes[i].median_depth *= scales[i];
+    keyframes[i].scale *= scales[i];
+  }
+  for (MapPoint& p : map.points()) {
+    p.position = after[p.keyframe].inverse() * (scales[p.keyframe] * (before[p.keyframe] * p.position));
+    p.distance *= scales[p.keyframe];
+  }
 
   // Merge duplicate points, first in the keyframe that returned, then in its neighbours.
   const auto join = [&](std::size_t keyframe, std::size_t feature, int earlier_point) {

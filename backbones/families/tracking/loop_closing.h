@@ -14,6 +14,7 @@ struct Loop {
   std::size_t keyframe = 0;           ///< the keyframe that returned to a known place
   std::size_t earlier = 0;            ///< the keyframe that saw this place before
   Pose pose;                          ///< of `keyframe` relative to the earlier points
+  double scale = 1;                   ///< lengths of the earlier points / of the newer ones; 1 if the map is metric
   std::vector<int> point_of_feature;  ///< of `keyframe`: index of the earlier point, or -1
 };
 
@@ -21,6 +22,7 @@ struct Loop {
 std::optional<Loop> find_loop(const SparseMap& map, std::size_t keyframe);
 
 /// Distributes the error of the loop over the keyframes, merges duplicate points and runs a full bundle adjustment.
+/// If the map is not metric, it also distributes the drift of the scale and changes MapKeyframe::scale.
 void close_loop(SparseMap& map, const Loop& loop);
 
 }  // namespace splatboost::tracking

@@ -21,6 +21,29 @@ constexpr int kMinAlike = 10;                                  ///< matches of a
 
 }  // namespace
 
+Sighting sighting_of(const Features& features, std::size_t feature) {
+  Sighting s;
+  s.pixel = features.pixels[feature];
+  s.depth = features.depths[feature];
+  s.sigma = std::pow(kLevelFactor, features.levels[feature]);
+  return s;
+}
+
+int SparseMap::add_point(const Vec3& position, double distance, std::size_t keyframe, std::size_t feature) {
+  const MapKeyframe& by = keyframes_[keyframe];
+  MapPoint added;
+  added.position = position;
+  added.descriptor = by.features.descriptors.row(static_cast<int>(feature));
+  added.level = by.features.levels[feature];
+  added.distance = distance;
+  added.keyframe = keyframe;
+  added.color = by.colors[feature];
+  points_.push_back(std::move(added));
+  const auto number = static_cast<int>(points_.size() - 1);
+  add_sighting(number, keyframe, feature);
+  return number;
+}
+
 void SparseMap::add_sighting(int point_number, std::size_t keyframe, std::size_t feature) {
   MapPoint& p = point(point_number);
   if (!p.sightings.emplace(keyframe, feature).second) return;
@@ -69,12 +92,7 @@ std::vector<int> SparseMap::seen_by(std::span<const std::size_t> keyframes) cons
 }
 
 Sighting SparseMap::sighting(std::size_t keyframe, std::size_t feature) const {
-  const Features& features = keyframes_[keyframe].features;
-  Sighting s;
-  s.pixel = features.pixels[feature];
-  s.depth = features.depths[feature];
-  s.sigma = std::pow(kLevelFactor, features.levels[feature]);
-  return s;
+  return sighting_of(keyframes_[keyframe].features, feature);
 }
 
 void SparseMap::adjust_around(std::size_t keyframe) {
@@ -193,11 +211,8 @@ std::size_t refine(const SparseMap& map, const Features& features, std::vector<i
   std::vector<std::size_t> of;
   for (std::size_t f = 0; f < point_of_feature.size(); ++f) {
     if (point_of_feature[f] < 0) continue;
-    Sighting s;
+    Sighting s = sighting_of(features, f);
     s.point = points.size();
-    s.pixel = features.pixels[f];
-    s.depth = features.depths[f];
-    s.sigma = std::pow(kLevelFactor, features.levels[f]);
     points.push_back(map.point(point_of_feature[f]).position);
     sightings.push_back(s);
     of.push_back(f);

@@ -37,13 +37,19 @@ struct MapKeyframe {
   std::vector<Color> colors;
   double median_depth = 1;
   std::size_t made_points = 0;  ///< number of points that it saw when created
+  double scale = 1;             ///< factor by which loops changed lengths around it; 1 if the map is metric
 };
+
+/// A feature as a sighting, of no camera and point yet.
+Sighting sighting_of(const Features& features, std::size_t feature);
 
 class SparseMap {
  public:
-  explicit SparseMap(const Optics& optics) : optics_(optics) {}
+  /// @param metric whether the scale of the map is known by depth; without it, the scale drifts
+  explicit SparseMap(const Optics& optics, bool metric = true) : optics_(optics), metric_(metric) {}
 
   const Optics& optics() const { return optics_; }
+  bool metric() const { return metric_; }
   std::vector<MapKeyframe>& keyframes() { return keyframes_; }
   const std::vector<MapKeyframe>& keyframes() const { return keyframes_; }
   std::vector<MapPoint>& points() { return points_; }
@@ -51,6 +57,8 @@ class SparseMap {
   MapPoint& point(int number) { return points_[static_cast<std::size_t>(number)]; }
   const MapPoint& point(int number) const { return points_[static_cast<std::size_t>(number)]; }
 
+  /// Adds a point that a feature of a keyframe sees, at this distance. @return its index
+  int add_point(const Vec3& position, double distance, std::size_t keyframe, std::size_t feature);
   void add_sighting(int point, std::size_t keyframe, std::size_t feature);
   void remove_sighting(int point, std::size_t keyframe);
   /// Moves the sightings of point `from` to `into` and removes `from`.
@@ -71,6 +79,7 @@ class SparseMap {
   void adjust_these(std::span<const std::size_t> moving, std::span<const std::size_t> standing, int iterations);
 
   Optics optics_;
+  bool metric_;
   std::vector<MapKeyframe> keyframes_;
   std::vector<MapPoint> points_;
 };

@@ -9,21 +9,24 @@
 #include "families/tracking/focal_check.h"
 #include "families/tracking/loop_closing.h"
 #include "families/tracking/sparse_map.h"
+#include "families/tracking/triangulation.h"
 
 namespace splatboost {
 namespace {
 
 using namespace tracking;
 
-constexpr std::size_t kFirstFeatures = 50;              ///< minimum number of features with depth to start a map
-constexpr std::size_t kMinMatches = 20;                 ///< minimum number of inliers of a tracked frame
-constexpr std::size_t kMinFound = 30;                   ///< the same for relocalisation
+constexpr std::size_t kFirstFeatures = 50;  ///< minimum number of features with depth, or of matches, to start a map
+constexpr std::size_t kMinMatches = 20;     ///< minimum number of inliers of a tracked frame
+constexpr std::size_t kMinFound = 30;       ///< the same for relocalisation
 constexpr double kNarrow = 4, kUsual = 15, kWide = 40;  ///< search radii for map points, px
+constexpr double kFirstSearch = 0.1;  ///< search radius around the last place of a feature, × width, without a map
 constexpr std::size_t kLocalKeyframes = 10;
 constexpr std::size_t kRelocalizations = 5;  ///< candidate keyframes for a lost frame
 constexpr std::size_t kLoopPause = 5;        ///< keyframes after a loop without loop detection
 constexpr std::size_t kPointTrial = 3;       ///< keyframes after which points are checked by kFoundShare
 constexpr double kFoundShare = 0.25;         ///< minimum of MapPoint::found / expected
+constexpr double kCopiedWithin = 20;  ///< px; a feature without depth takes that of the nearest map point within this
 
 glm::dmat4 to_glm(const Pose& pose) {
   const Eigen::Matrix3d r = pose.rotation.toRotationMatrix();
@@ -41,11 +44,16 @@ bool have_tracking() { return true; }
 
 struct Tracker::State {
   State(const Calibration& c, const TrackerOptions& given)
-      : options(given), map({c.width, c.height, c.fx, c.fy, c.cx, c.cy}), extractor(given.features) {}
+      : options(given), map({c.width, c.height, c.fx, c.fy, c.cx, c.cy}, c.has_depth()), extractor(given.features) {}
 
   TrackerOptions options;
   SparseMap map;
   FeatureExtractor extractor;
+
+  /// Without depth, until there is a map: the frame that later ones are matched with, and where its features were seen
+  /// last.
+  std::optional<MapKeyframe> first;
+  std::vector<Vec2> last_places;
 
   // The last tracked frame, relative to a keyframe.
   std::size_t reference = 0;
@@ -61,12 +69,17 @@ struct Tracker::State {
   // Changes for the next take_change().
   std::vector<int> new_points;
   std::vector<std::size_t> new_keyframes;
-  std::vector<Pose> before_loop;  ///< poses of the keyframes; empty: no loop was closed
+  struct Place {
+    Pose pose;
+    double scale;
+  };
+  std::vector<Place> before_loop;  ///< of the keyframes; empty: no loop was closed
 
   Features features_of(const SequenceFrame& frame) const {
     Features features = extractor.extract(frame.width, frame.height, frame.color, frame.depth, frame.valid);
     for (double& depth : features.depths) {
-      if (!(depth >= options.nearest_depth && depth <= options.farthest_depth)) depth = 0;
+      const bool usable = map.metric() && depth >= options.nearest_depth && depth <= options.farthest_depth;
+      if (!usable) depth = 0;
     }
     return features;
   }
@@ -178,54 +191,75 @@ struct Tracker::State {
     return std::nullopt;
   }
 
-  void add_keyframe(const SequenceFrame& frame, Features features, const std::vector<int>& points, const Pose& pose) {
-    const std::size_t number = map.keyframes().size();
+  static MapKeyframe keyframe_of(const SequenceFrame& frame, Features features, const Pose& pose) {
     MapKeyframe keyframe;
     keyframe.frame = frame.number;
     keyframe.pose = pose;
     keyframe.points.assign(features.size(), -1);
-    std::vector<double> depths;
-    for (std::size_t f = 0; f < features.size(); ++f) {
-      const auto pixel =
-          static_cast<std::size_t>(std::lround(features.pixels[f].y())) * static_cast<std::size_t>(frame.width) +
-          static_cast<std::size_t>(std::lround(features.pixels[f].x()));
+    for (const Vec2& place : features.pixels) {
+      const auto pixel = static_cast<std::size_t>(std::lround(place.y())) * static_cast<std::size_t>(frame.width) +
+                         static_cast<std::size_t>(std::lround(place.x()));
       keyframe.colors.push_back({frame.color[3 * pixel], frame.color[3 * pixel + 1], frame.color[3 * pixel + 2]});
-      if (features.depths[f] > 0) depths.push_back(features.depths[f]);
-    }
-    if (!depths.empty()) {
-      const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-      std::nth_element(depths.begin(), middle, depths.end());
-      keyframe.median_depth = *middle;
     }
     keyframe.features = std::move(features);
+    return keyframe;
+  }
+
+  /// Depths of the features of a keyframe, or of its map points if the map has no depth; 0: unknown.
+  std::vector<double> depths_of(const MapKeyframe& keyframe) const {
+    std::vector<double> depths = keyframe.features.depths;
+    if (map.metric()) return depths;
+    for (std::size_t f = 0; f < depths.size(); ++f) {
+      if (keyframe.points[f] >= 0) depths[f] = (keyframe.pose * map.point(keyframe.points[f]).position).z();
+    }
+    return depths;
+  }
+
+  void measure_median_depth(MapKeyframe& keyframe) const {
+    std::vector<double> depths = depths_of(keyframe);
+    std::erase_if(depths, [](double depth) { return !(depth > 0); });
+    if (depths.empty()) return;
+    const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+    std::nth_element(depths.begin(), middle, depths.end());
+    keyframe.median_depth = *middle;
+  }
+
+  /// Appends a keyframe whose features see `points` (-1: none), and makes points of those with depth.
+  void add_keyframe(MapKeyframe keyframe, const std::vector<int>& points) {
+    const std::size_t number = map.keyframes().size();
     map.keyframes().push_back(std::move(keyframe));
     MapKeyframe& added = map.keyframes().back();
-    const Pose world_from_camera = pose.inverse();
+    const Pose world_from_camera = added.pose.inverse();
     for (std::size_t f = 0; f < added.features.size(); ++f) {
       if (points[f] >= 0) {
         map.add_sighting(points[f], number, f);
       } else if (const double depth = added.features.depths[f]; depth > 0) {
-        MapPoint point;
         const Vec3 seen = map.optics().unproject(added.features.pixels[f], depth);
-        point.position = world_from_camera * seen;
-        point.descriptor = added.features.descriptors.row(static_cast<int>(f));
-        point.level = added.features.levels[f];
-        point.distance = seen.norm();
-        point.keyframe = number;
-        point.color = added.colors[f];
-        map.points().push_back(std::move(point));
-        const auto id = static_cast<int>(map.points().size() - 1);
-        map.add_sighting(id, number, f);
-        new_points.push_back(id);
+        new_points.push_back(map.add_point(world_from_camera * seen, seen.norm(), number, f));
       }
-      added.made_points += added.points[f] >= 0 ? 1 : 0;
     }
+    measure_median_depth(added);
+    count_points(added);
     new_keyframes.push_back(number);
-    keyframe_number = frame.number;
+    keyframe_number = added.frame;
     reference = number;
   }
 
-  /// Removes points that were often expected but rarely found.
+  static void count_points(MapKeyframe& keyframe) {
+    keyframe.made_points =
+        static_cast<std::size_t>(std::ranges::count_if(keyframe.points, [](int p) { return p >= 0; }));
+  }
+
+  /// Without depth, the position of a point with one sighting is unknown.
+  void drop_points_seen_once() {
+    for (std::size_t i = 0; i < map.points().size(); ++i) {
+      const MapPoint& p = map.points()[i];
+      if (!p.gone && p.sightings.size() == 1) map.remove_sighting(static_cast<int>(i), p.sightings.begin()->first);
+    }
+  }
+
+  /// Removes points that were often expected but rarely found. Without depth, two sightings do not show that a match
+  /// was right: a wrong one along the epipolar line fits too.
   void drop_failed_points(std::size_t keyframe) {
     if (keyframe < kPointTrial) return;
     const MapKeyframe& older = map.keyframes()[keyframe - kPointTrial];
@@ -234,7 +268,7 @@ struct Tracker::State {
       if (number < 0) continue;
       const MapPoint& p = map.point(number);
       if (p.keyframe != keyframe - kPointTrial || p.sightings.size() > 2) continue;
-      if (p.found >= kFoundShare * p.expected) continue;
+      if (map.metric() && p.found >= kFoundShare * p.expected) continue;
       const auto sightings = p.sightings;
       for (const auto& [seen_in, feature] : sightings) map.remove_sighting(number, seen_in);
     }
@@ -245,9 +279,10 @@ struct Tracker::State {
     const std::optional<Loop> loop = find_loop(map, keyframe);
     if (!loop) return false;
     if (before_loop.empty()) {
-      for (const MapKeyframe& k : map.keyframes()) before_loop.push_back(k.pose);
+      for (const MapKeyframe& k : map.keyframes()) before_loop.push_back({k.pose, k.scale});
     }
     close_loop(map, *loop);
+    if (velocity) velocity->translation *= map.keyframes()[keyframe].scale;
     last_loop = keyframe;
     ++loops;
     return true;
@@ -269,7 +304,9 @@ struct Tracker::State {
       return result;
     }
     Features features = features_of(frame);
-    if (map.keyframes().empty()) return begin(frame, std::move(features));
+    if (map.keyframes().empty()) {
+      return map.metric() ? begin(frame, std::move(features)) : begin_with_two(frame, std::move(features));
+    }
 
     const FeatureGrid grid(features);
     const Pose last = last_from_reference * map.keyframes()[reference].pose;
@@ -296,13 +333,19 @@ struct Tracker::State {
     result.matches = count;
     const bool follows = !was_lost && frame.number == last_number + 1;
     velocity = follows ? std::optional(pose * last.inverse()) : std::nullopt;
-    const bool due = !frame.depth.empty() && needs_keyframe(frame.number, pose, count);
+    const bool due = (!map.metric() || !frame.depth.empty()) && needs_keyframe(frame.number, pose, count);
     if (const auto known = due ? keyframe_from_here(pose, points) : std::nullopt) {
       reference = *known;
     } else if (due) {
-      add_keyframe(frame, std::move(features), points, pose);
+      add_keyframe(keyframe_of(frame, std::move(features), pose), points);
       const std::size_t keyframe = reference;
+      if (!map.metric()) {
+        const std::vector<int> added = add_triangulated_points(map, keyframe);
+        new_points.insert(new_points.end(), added.begin(), added.end());
+        count_points(map.keyframes()[keyframe]);
+      }
       map.adjust_around(keyframe);
+      if (!map.metric()) drop_points_seen_once();
       drop_failed_points(keyframe);
       result.closed_loop = look_for_loop(keyframe);
       result.is_keyframe = true;
@@ -312,6 +355,7 @@ struct Tracker::State {
     remember(frame.number, pose, std::move(points));
     result.keyframe = reference;
     result.camera_from_keyframe = to_glm(last_from_reference);
+    result.scale = map.keyframes()[reference].scale;
     return result;
   }
 
@@ -321,11 +365,79 @@ struct Tracker::State {
     const auto deep = std::ranges::count_if(features.depths, [](double d) { return d > 0; });
     if (static_cast<std::size_t>(deep) < kFirstFeatures) return result;
     const std::vector<int> none(features.size(), -1);
-    add_keyframe(frame, std::move(features), none, {});
-    remember(frame.number, {}, map.keyframes()[0].points);
+    add_keyframe(keyframe_of(frame, std::move(features), {}), none);
+    return begun(frame, result);
+  }
+
+  /// Without depth: keeps a frame until a later one has enough parallax to it.
+  TrackedFrame begin_with_two(const SequenceFrame& frame, Features features) {
+    TrackedFrame result;
+    result.frame = frame.number;
+    MapKeyframe second = keyframe_of(frame, std::move(features), {});
+    std::vector<std::size_t> in_first, in_second;
+    if (first) {
+      const std::vector<int> matches = match_with_first(second.features);
+      for (std::size_t f = 0; f < matches.size(); ++f) {
+        if (matches[f] < 0) continue;
+        in_first.push_back(f);
+        in_second.push_back(static_cast<std::size_t>(matches[f]));
+        last_places[f] = second.features.pixels[in_second.back()];
+      }
+    }
+    if (in_first.size() < kFirstFeatures) {  // the camera has left the first view
+      last_places = second.features.pixels;
+      first = std::move(second);
+      return result;
+    }
+    const std::optional<TwoViews> views =
+        relate_views(map.optics(), sightings(first->features, in_first), sightings(second.features, in_second));
+    if (!views) return result;
+    second.pose = views->second;
+    const std::vector<int> none(first->features.size(), -1);
+    std::vector<int> points(second.features.size(), -1);
+    add_keyframe(std::move(*first), none);
+    first.reset();
+    for (std::size_t i = 0; i < in_first.size(); ++i) {
+      if (const auto& point = views->points[i]) {
+        points[in_second[i]] = map.add_point(*point, point->norm(), 0, in_first[i]);
+        new_points.push_back(points[in_second[i]]);
+      }
+    }
+    measure_median_depth(map.keyframes()[0]);
+    count_points(map.keyframes()[0]);
+    add_keyframe(std::move(second), points);
+    return begun(frame, result);
+  }
+
+  /// For each feature of the first frame its match, or -1: near where it was seen last, or anywhere after a jump.
+  std::vector<int> match_with_first(const Features& features) const {
+    std::vector<Expected> expected;
+    for (std::size_t f = 0; f < first->features.size(); ++f) {
+      expected.push_back({last_places[f], kFirstSearch * map.optics().width, first->features.levels[f],
+                          first->features.descriptors.row(static_cast<int>(f))});
+    }
+    const std::vector<int> matches = match_expected(expected, features, FeatureGrid(features));
+    const auto count = std::ranges::count_if(matches, [](int match) { return match >= 0; });
+    return static_cast<std::size_t>(count) >= kFirstFeatures
+               ? matches
+               : match_descriptors(first->features.descriptors, features.descriptors);
+  }
+
+  static std::vector<Sighting> sightings(const Features& features, const std::vector<std::size_t>& which) {
+    std::vector<Sighting> chosen;
+    chosen.reserve(which.size());
+    for (const std::size_t f : which) chosen.push_back(sighting_of(features, f));
+    return chosen;
+  }
+
+  /// The frame that the newest keyframe was made of.
+  TrackedFrame begun(const SequenceFrame& frame, TrackedFrame result) {
+    const MapKeyframe& keyframe = map.keyframes()[reference];
+    remember(frame.number, keyframe.pose, keyframe.points);
+    result.keyframe = reference;
     result.state = TrackState::tracked;
     result.is_keyframe = true;
-    result.matches = map.keyframes()[0].made_points;
+    result.matches = keyframe.made_points;
     return result;
   }
 };
@@ -338,6 +450,11 @@ TrackedFrame Tracker::track(const SequenceFrame& frame) { return state_->track(f
 std::size_t Tracker::keyframes() const { return state_->map.keyframes().size(); }
 glm::dmat4 Tracker::camera_from_world(std::size_t keyframe) const {
   return to_glm(state_->map.keyframes()[keyframe].pose);
+}
+glm::dmat4 Tracker::camera_from_world(const TrackedFrame& frame) const {
+  glm::dmat4 motion = frame.camera_from_keyframe;
+  motion[3] = glm::dvec4(state_->map.keyframes()[frame.keyframe].scale / frame.scale * glm::dvec3(motion[3]), 1);
+  return motion * camera_from_world(frame.keyframe);
 }
 std::size_t Tracker::frame_of(std::size_t keyframe) const { return state_->map.keyframes()[keyframe].frame; }
 int Tracker::loops() const { return state_->loops; }
@@ -353,6 +470,25 @@ namespace {
 void add(PointCloud& cloud, const Vec3& position, const Color& color) {
   for (int c = 0; c < 3; ++c) cloud.positions.push_back(static_cast<float>(position[c]));
   cloud.colors.insert(cloud.colors.end(), color.begin(), color.end());
+}
+
+/// Gives features without depth that of the nearest feature with it, if that is close in the image (Photo-SLAM).
+std::vector<double> copied_depths(const Features& features, const std::vector<double>& depths) {
+  std::vector<double> copied = depths;
+  const FeatureGrid grid(features);
+  std::vector<std::size_t> near;
+  for (std::size_t f = 0; f < depths.size(); ++f) {
+    if (depths[f] > 0) continue;
+    double nearest = kCopiedWithin;
+    grid.within(features.pixels[f], kCopiedWithin, near);
+    for (const std::size_t other : near) {
+      const double away = (features.pixels[other] - features.pixels[f]).norm();
+      if (!(depths[other] > 0) || away >= nearest) continue;
+      nearest = away;
+      copied[f] = depths[other];
+    }
+  }
+  return copied;
 }
 
 }  // namespace
@@ -377,8 +513,10 @@ MapChange Tracker::take_change() {
   for (const std::size_t number : s.new_keyframes) {
     const MapKeyframe& keyframe = s.map.keyframes()[number];
     const Pose world_from_camera = keyframe.pose.inverse();
+    std::vector<double> depths = s.depths_of(keyframe);
+    if (!s.map.metric()) depths = copied_depths(keyframe.features, depths);
     for (std::size_t f = 0; f < keyframe.features.size(); ++f) {
-      const double depth = keyframe.features.depths[f];
+      const double depth = depths[f];
       if (!(depth > 0)) continue;
       add(change.features.points, world_from_camera * s.map.optics().unproject(keyframe.features.pixels[f], depth),
           keyframe.colors[f]);
@@ -386,7 +524,12 @@ MapChange Tracker::take_change() {
     }
   }
   for (std::size_t i = 0; i < s.before_loop.size(); ++i) {
-    change.corrections.push_back(to_glm(s.map.keyframes()[i].pose.inverse() * s.before_loop[i]));
+    const MapKeyframe& keyframe = s.map.keyframes()[i];
+    const auto& [pose, old_scale] = s.before_loop[i];
+    const double scale = keyframe.scale / old_scale;
+    glm::dmat4 correction = to_glm(keyframe.pose.inverse() * Pose{pose.rotation, scale * pose.translation});
+    for (int column = 0; column < 3; ++column) correction[column] *= scale;
+    change.corrections.push_back(correction);
   }
   s.new_points.clear();
   s.new_keyframes.clear();

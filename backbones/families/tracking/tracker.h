@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file RGB-D tracking with a sparse map (after the papers on ORB-SLAM: Mur-Artal et al. 2015, 2017). Uses OpenCV for
-/// features, matching and PnP, and Ceres for least squares.
+/// @file Tracking of an RGB-D camera, or of one camera without depth, with a sparse map (after the papers on ORB-SLAM:
+/// Mur-Artal et al. 2015, 2017). Uses OpenCV for features, matching, PnP and the essential matrix, and Ceres for least
+/// squares.
 #pragma once
 
 #include <cstddef>
@@ -30,7 +31,7 @@ struct TrackerOptions {
 };
 
 enum class TrackState {
-  waiting,  ///< no map yet: no frame had enough features with depth
+  waiting,  ///< no map yet: no frame had enough features with depth or, without depth, no two enough parallax
   tracked,
   lost,
   dropped,  ///< the image is unusable
@@ -41,12 +42,17 @@ struct TrackedFrame {
   TrackState state = TrackState::waiting;
   std::size_t keyframe = 0;              ///< the pose is relative to it, so it follows corrections of the map
   glm::dmat4 camera_from_keyframe{1.0};  ///< valid for tracked frames
+  double scale = 1;                      ///< of the keyframe at that time; changes if loops change the unit of length
   std::size_t matches = 0;               ///< number of inlier map points
   bool is_keyframe = false;
   bool closed_loop = false;
   bool relocalized = false;
 };
 
+/// Without depth (Calibration::depth_scale is 0) the map begins with two frames that see the same points from different
+/// places: track() then adds two keyframes at once, the first of an earlier frame. The unit of length is the median
+/// depth of the points in it.
+///
 /// Not thread-safe. Deterministic: the same frames give the same poses.
 class Tracker {
  public:
@@ -59,6 +65,8 @@ class Tracker {
   std::size_t keyframes() const;
   /// Current pose of a keyframe.
   glm::dmat4 camera_from_world(std::size_t keyframe) const;
+  /// Current pose of a tracked frame.
+  glm::dmat4 camera_from_world(const TrackedFrame& frame) const;
   /// SequenceFrame::number of a keyframe.
   std::size_t frame_of(std::size_t keyframe) const;
   std::size_t map_points() const;

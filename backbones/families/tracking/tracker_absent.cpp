@@ -17,6 +17,7 @@ Tracker::~Tracker() = default;
 TrackedFrame Tracker::track(const SequenceFrame&) { return {}; }
 std::size_t Tracker::keyframes() const { return 0; }
 glm::dmat4 Tracker::camera_from_world(std::size_t) const { return glm::dmat4(1.0); }
+glm::dmat4 Tracker::camera_from_world(const TrackedFrame&) const { return glm::dmat4(1.0); }
 std::size_t Tracker::frame_of(std::size_t) const { return 0; }
 std::size_t Tracker::map_points() const { return 0; }
 PointCloud Tracker::cloud() const { return {}; }

@@ -8,6 +8,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "program/commands/commands.h"
 #include "program/session/chosen_device.h"
@@ -35,8 +36,9 @@ struct Slam {
     options.backbone = "photo-slam";
     own.set_group("Data");
     own.add("-s,--source", options.scene.source,
-            "sequence: Replica, TUM RGB-D, EuRoC (stereo), or pictures with calibration.json")
-        ->type_name("DIR");
+            "sequence: Replica, TUM RGB-D, EuRoC (stereo), pictures with calibration.json, or a video with "
+            "--calibration; without depth, lengths have no unit")
+        ->type_name("DIR|VIDEO");
     add_model_option(set, options, "output folder");
     own.add("--calibration", slam.sequence.calibration, "camera calibration to use instead of the dataset's own")
         ->type_name("JSON");
@@ -48,7 +50,7 @@ struct Slam {
     own.add("--stride", slam.sequence.stride, "use every N-th frame")->type_name("N")->capture_default_str();
     own.set_group("Tracking");
     own.add("--features", slam.tracker.features, "features per frame")->type_name("N")->capture_default_str();
-    own.add("--max-depth", slam.tracker.farthest_depth, "ignore larger depths, metres")
+    own.add("--max-depth", slam.tracker.farthest_depth, "ignore larger depths of depth images, metres")
         ->type_name("X")
         ->capture_default_str();
     own.add("--no-loops", no_loops, "do not detect loops");
@@ -130,17 +132,19 @@ struct Slam {
     std::unique_ptr<Lpips> lpips;
     if (!options.lpips.empty()) lpips = std::make_unique<Lpips>(options.lpips);
     const std::unique_ptr<Sequence> sequence = open_sequence(slam.sequence);
-    require(
-        sequence->calibration().depth_scale > 0,
-        options.scene.source.string() +
-            ": has no depth: its calibration has no depth_scale, or no depth image belongs to an image (by name, for "
-            "TUM RGB-D by time in depth.txt); tracking without depth is not supported yet");
     if (lpips) {
       const Calibration& camera = sequence->calibration();
       const ImageSize size = target_size(camera.width, camera.height, options.scene.resolution.value_or(-1));
       require_lpips_size("the mapped image", size.width, size.height);
     }
-    for (const std::string& note : sequence->notes()) {
+    std::vector<std::string> notes = sequence->notes();
+    if (!sequence->calibration().has_depth()) {
+      notes.push_back(
+          options.scene.source.string() +
+          ": has no depth images, or its calibration has no depth_scale; tracked without depth: the unit of "
+          "length is the median depth where the map begins");
+    }
+    for (const std::string& note : notes) {
       if (!options.quiet) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
     }
 
@@ -257,7 +261,12 @@ struct Slam {
             {"keyframes", keyframes},
             {"map_points", mapping.tracker().map_points()},
             {"loops", mapping.tracker().loops()},
+            {"depth", sequence.calibration().has_depth()},
             {"ate_rmse", error ? Json(error->ate_rmse) : Json(nullptr)},
+            {"ate_alignment", !error                               ? Json(nullptr)
+                              : sequence.calibration().has_depth() ? Json("rigid")
+                                                                   : Json("similarity")},
+            {"ate_scale", error ? Json(error->scale) : Json(nullptr)},
             {"path_length", error ? Json(error->path) : Json(nullptr)},
             {"tracking_fps",
              outcome.tracking_seconds > 0 ? static_cast<double>(outcome.frames.size()) / outcome.tracking_seconds : 0},
@@ -275,8 +284,8 @@ struct Slam {
                 s.at("keyframes").at("frames").get<std::size_t>(), s.at("map_points").get<std::size_t>(),
                 s.at("loops").get<int>());
     if (s.at("ate_rmse").is_number()) {
-      std::printf("trajectory: ATE %.4f m (RMSE) on a path of %.2f m\n", s.at("ate_rmse").get<double>(),
-                  s.at("path_length").get<double>());
+      std::printf("trajectory: ATE %.4f m (RMSE%s) on a path of %.2f m\n", s.at("ate_rmse").get<double>(),
+                  s.at("depth").get<bool>() ? "" : ", after alignment with scale", s.at("path_length").get<double>());
     }
     if (s.at("keyframes").at("psnr").is_number()) {
       std::printf("PSNR: %.2f dB over all tracked frames, %.2f dB over keyframes\n", results.psnr,
@@ -299,7 +308,7 @@ struct Slam {
 }  // namespace
 
 Command add_slam(CLI::App& program) {
-  CLI::App* app = program.add_subcommand("slam", "Track a camera with depth and map the scene while the camera moves");
+  CLI::App* app = program.add_subcommand("slam", "Track a camera and map the scene while it moves");
   app->footer("Example: splatboost slam -s SEQUENCE -m OUT --iterations 3000");
   const auto slam = std::make_shared<Slam>(*app);
   return {app, [slam](const std::string& command_line) { return slam->run(command_line); }};

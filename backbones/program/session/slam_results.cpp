@@ -47,9 +47,7 @@ std::vector<TrackedFrame> tracked_frames(const SlamOutcome& outcome) {
 
 }  // namespace
 
-glm::dmat4 pose_of(const SlamRun& run, const TrackedFrame& frame) {
-  return frame.camera_from_keyframe * run.tracker().camera_from_world(frame.keyframe);
-}
+glm::dmat4 pose_of(const SlamRun& run, const TrackedFrame& frame) { return run.tracker().camera_from_world(frame); }
 
 std::optional<TrajectoryError> trajectory_error(const SlamRun& run, const SlamOutcome& outcome,
                                                 const Sequence& sequence) {
@@ -61,8 +59,8 @@ std::optional<TrajectoryError> trajectory_error(const SlamRun& run, const SlamOu
     truth.emplace_back((*pose)[3]);
   }
   if (found.size() < kMinPositions) return std::nullopt;
-  const Alignment alignment = align(found, truth, false);
-  return TrajectoryError{alignment.rmse, path_length(truth), found.size(), alignment.to_from};
+  const Alignment alignment = align(found, truth, !sequence.calibration().has_depth());
+  return TrajectoryError{alignment.rmse, alignment.scale, path_length(truth), found.size(), alignment.to_from};
 }
 
 void write_tracking(const SlamRun& run, const SlamOutcome& outcome, Sequence& sequence, const fs::path& folder) {

@@ -19,10 +19,11 @@ namespace splatboost::program {
 
 /// Deviation of the tracked positions from the ground truth of the dataset.
 struct TrajectoryError {
-  double ate_rmse = 0;     ///< metres, after rigid alignment
-  double path = 0;         ///< length of the true path, metres
-  std::size_t frames = 0;  ///< number of frames with both positions
-  glm::dmat4 truth_from_map{1.0};
+  double ate_rmse = 0;             ///< metres, after rigid alignment, or after alignment with scale if the map has none
+  double scale = 1;                ///< metres per unit of length of the map, if that is not metric
+  double path = 0;                 ///< length of the true path, metres
+  std::size_t frames = 0;          ///< number of frames with both positions
+  glm::dmat4 truth_from_map{1.0};  ///< similarity
 };
 
 /// None: the dataset has no ground truth, or fewer than three tracked frames have one.

@@ -122,11 +122,22 @@ std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
   if (tracked.is_keyframe) {
     update.emplace();
     const std::size_t keyframe = tracker_.keyframes() - 1;
-    update->views.push_back(view_of(frame, sequence_.calibration(), options_.scene.resolution.value_or(-1),
-                                    tracker_.camera_from_world(keyframe)));
+    for (std::size_t i = outcome_.keyframe_frames.size(); i <= keyframe; ++i) {
+      const std::size_t of = tracker_.frame_of(i);
+      if (of != number) {  // without depth the map begins with two keyframes: this frame and an earlier one
+        outcome_.frames[of].state = TrackState::tracked;
+        outcome_.frames[of].keyframe = i;
+        outcome_.frames[of].is_keyframe = true;
+        ++tracked_;
+      }
+      const SequenceFrame picture = of == number ? frame : sequence_.read(of);
+      require(!picture.color.empty(), picture.problem);
+      update->views.push_back(view_of(picture, sequence_.calibration(), options_.scene.resolution.value_or(-1),
+                                      tracker_.camera_from_world(i)));
+      outcome_.keyframe_frames.push_back(of);
+    }
     for (std::size_t i = 0; i <= keyframe; ++i) update->poses.push_back(tracker_.camera_from_world(i));
     update->change = tracker_.take_change();
-    outcome_.keyframe_frames.push_back(number);
     if (outcome_.keyframe_frames.size() == kCheckedKeyframes) check_focal_lengths();
   }
   outcome_.tracking_seconds += now() - start;
@@ -277,9 +288,13 @@ void SlamRun::run_at_once() {
 void SlamRun::finish_mapping() {
   if (stopped_()) return;
   if (online_ == nullptr) {
-    require(!scene_.train.empty(), options_.scene.source.string() +
-                                       ": nothing could be tracked: no frame has enough features with depth; check "
-                                       "depth_scale and the focal lengths of the calibration");
+    require(!scene_.train.empty(),
+            options_.scene.source.string() +
+                (sequence_.calibration().has_depth()
+                     ? ": nothing could be tracked: no frame has enough features with depth; check depth_scale and the "
+                       "focal lengths of the calibration"
+                     : ": nothing could be tracked: no two frames show enough of the same features from different "
+                       "places; without depth the camera must move sideways, not only turn"));
     begin_mapping();  // with fewer keyframes than usual
   }
   int total = online_->planned_iterations(iteration_);

@@ -22,7 +22,8 @@ struct SeenPoints {
 struct MapChange {
   SeenPoints map_points;  ///< added to the map
   SeenPoints features;    ///< of the new views, those with depth, whether or not they are map points
-  /// [views] motion of the world around each view when a loop was closed: new ← old. Empty: no loop was closed.
+  /// [views] motion of the world around each view when a loop was closed: new ← old, a similarity: where the scale is
+  /// not known, it is corrected too. Empty: no loop was closed.
   std::vector<glm::dmat4> corrections;
 };
 

@@ -19,6 +19,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr double kUsualRate = 30;  ///< frames per second of a video that does not state it
+
 fs::path unfinished_name(const fs::path& path) {
   // The suffix stays last: OpenCV chooses the container format by it.
   return path.parent_path() / ("." + path.stem().string() + ".part" + path.extension().string());
@@ -169,7 +171,15 @@ VideoLength measure_video(const fs::path& path, std::size_t most) {
   VideoLength length;
   const double claimed = capture.get(cv::CAP_PROP_FRAME_COUNT);
   if (claimed >= 1 && claimed < 1e7) length.claimed = static_cast<std::size_t>(claimed);
-  while ((most == 0 || length.readable < most) && capture.grab()) ++length.readable;
+  const double rate = capture.get(cv::CAP_PROP_FPS);
+  const double step = 1 / (rate >= 1e-3 && rate <= 1e5 ? rate : kUsualRate);
+  while ((most == 0 || length.readable < most) && capture.grab()) {
+    ++length.readable;
+    double time = capture.get(cv::CAP_PROP_POS_MSEC) / 1000;
+    // OpenCV 4.6 does not give the times of the last frames if the decoder delays frames.
+    if (!length.times.empty() && !(time > length.times.back())) time = length.times.back() + step;
+    length.times.push_back(time);
+  }
   return length;
 }
 

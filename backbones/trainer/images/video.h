@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "trainer/images/image_codec.h"
 
@@ -48,8 +49,9 @@ class VideoFrames {
 };
 
 struct VideoLength {
-  std::size_t readable = 0;  ///< frames from the beginning that VideoFrames can read
-  std::size_t claimed = 0;   ///< frames according to the file; 0: not stated
+  std::size_t readable = 0;   ///< frames from the beginning that VideoFrames can read
+  std::size_t claimed = 0;    ///< frames according to the file; 0: not stated
+  std::vector<double> times;  ///< [readable] seconds, ascending: as the file states, or by its frame rate
 };
 
 /// Counts the frames of a video by decoding it. Throws InputError if it cannot be opened.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <iterator>
@@ -10,6 +11,7 @@
 #include <utility>
 
 #include "trainer/images/image_codec.h"
+#include "trainer/images/video.h"
 #include "trainer/sequence/sequence_files.h"
 #include "trainer/support/input_error.h"
 
@@ -68,11 +70,11 @@ class FileSequence final : public Sequence {
     SequenceFrame frame;
     frame.number = number;
     frame.time = files.time;
-    frame.name = files.color.filename().string();
+    frame.name = name_of(files);
     frame.width = files_.calibration.width;
     frame.height = files_.calibration.height;
     try {
-      frame.color = read_color(files.color);
+      frame.color = files.video_frame < 0 ? read_color(files.color) : color_of(video_frame(files), files.color);
       if (stereo_) stereo_->rectify_left(frame.color, frame.valid);
       if (!places_.empty()) mark_valid(frame);
     } catch (const std::exception& error) {
@@ -80,7 +82,7 @@ class FileSequence final : public Sequence {
       frame.problem = error.what();
       return frame;
     }
-    if (calibration_.depth_scale <= 0) return frame;
+    if (!calibration_.has_depth()) return frame;
     try {
       if (files.depth.empty()) {
         throw InputError(files.color.string() + (stereo_ ? ": has no second image" : ": has no depth image"));
@@ -105,9 +107,33 @@ class FileSequence final : public Sequence {
                 " pixels, but the calibration has " + std::to_string(c.width) + "x" + std::to_string(c.height));
   }
 
+  static std::string name_of(const FrameFiles& files) {
+    if (files.video_frame < 0) return files.color.filename().string();
+    char number[16];
+    std::snprintf(number, sizeof(number), "_%06d", files.video_frame);
+    return files.color.stem().string() + number;
+  }
+
+  /// Decodes a video onwards, or again from its beginning for an earlier frame.
+  Pixels video_frame(const FrameFiles& files) {
+    if (!video_ || files.video_frame < next_in_video_) {
+      video_.emplace(files.color);
+      next_in_video_ = 0;
+    }
+    Pixels pixels;
+    while (next_in_video_ <= files.video_frame) {
+      ++next_in_video_;  // first, because a frame that cannot be read is passed too
+      pixels = video_->next();
+    }
+    return pixels;
+  }
+
   /// [H,W,3]
   std::vector<std::uint8_t> read_color(const fs::path& file) const {
-    Pixels pixels = decode_image(bytes_of(file), file.string());
+    return color_of(decode_image(bytes_of(file), file.string()), file);
+  }
+
+  std::vector<std::uint8_t> color_of(Pixels pixels, const fs::path& file) const {
     require_size(pixels, file);
     require(pixels.bits == 8, file.string() + ": colour images must have 8 bits per channel");
     if (!places_.empty()) pixels = resample_image(pixels, places_, file.string());
@@ -157,6 +183,8 @@ class FileSequence final : public Sequence {
   Calibration calibration_;            ///< of the frames returned
   std::optional<StereoDepth> stereo_;  ///< set for stereo pairs
   std::vector<float> places_;          ///< distorted_places(); empty: no distortion
+  std::optional<VideoFrames> video_;   ///< open while frames of a video are read
+  int next_in_video_ = 0;
 };
 
 }  // namespace

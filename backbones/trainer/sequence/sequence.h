@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Image sequences of a moving camera, with depth.
+/// @file Image sequences of a moving camera, with or without depth.
 #pragma once
 
 #include <cstddef>
@@ -21,6 +21,8 @@ struct Calibration {
   double fx = 0, fy = 0, cx = 0, cy = 0;
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
   double depth_scale = 0;  ///< value of one metre in depth images; 0: there are none
+
+  bool has_depth() const { return depth_scale > 0; }
 };
 
 /// One image, undistorted.
@@ -59,8 +61,9 @@ struct SequenceOptions {
 };
 
 /// Replica (results/frame*.jpg, depth*.png, traj.txt, cam_params.json), TUM RGB-D (rgb.txt, depth.txt,
-/// groundtruth.txt), EuRoC (mav0/: stereo pairs, from which depth is computed), or a folder of images (images/ and
-/// depth/, or colour alone) with calibration.json. Throws InputError in one line.
+/// groundtruth.txt), EuRoC (mav0/: stereo pairs, from which depth is computed), a folder of images (images/ and
+/// depth/, or colour alone) with calibration.json, or a video with SequenceOptions::calibration. Throws InputError in
+/// one line.
 std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
 
 /// Reads {"width", "height", "fx", "fy", "cx", "cy", "k1", …, "depth_scale"}; Replica's "camera" with "w", "h" and

@@ -8,6 +8,7 @@
 #include <map>
 #include <sstream>
 
+#include "trainer/images/video.h"
 #include "trainer/sequence/euroc.h"
 #include "trainer/sequence/trajectory.h"
 #include "trainer/support/atomic_file.h"
@@ -217,6 +218,39 @@ SequenceFiles find_folder(const SequenceOptions& options) {
   return files;
 }
 
+/// Number of frames from the beginning that can be needed; 0: all.
+std::size_t last_frame_of(const SequenceOptions& options) {
+  const auto first = static_cast<std::size_t>(options.first), count = static_cast<std::size_t>(options.count);
+  return count == 0 ? 0 : first + count * static_cast<std::size_t>(options.stride);
+}
+
+/// A video, which has no depth. Its calibration comes from a file.
+SequenceFiles find_video(const SequenceOptions& options) {
+  const std::string place = options.source.string();
+  const Pixels frame = VideoFrames(options.source).next();
+  require(!options.calibration.empty(),
+          place + ": a video does not contain the camera's calibration; give a file with --calibration");
+  const Calibration c = read_calibration(options.calibration);
+  require(frame.width == c.width && frame.height == c.height,
+          place + ": has " + std::to_string(frame.width) + "x" + std::to_string(frame.height) + " pixels, but " +
+              options.calibration.string() + " has " + std::to_string(c.width) + "x" + std::to_string(c.height));
+  const VideoLength video = measure_video(options.source, last_frame_of(options));
+  SequenceFiles files;
+  files.form = "video";
+  for (std::size_t i = 0; i < video.readable; ++i) {
+    FrameFiles frame_files;
+    frame_files.time = video.times[i];
+    frame_files.color = options.source;
+    frame_files.video_frame = static_cast<int>(i);
+    files.frames.push_back(std::move(frame_files));
+  }
+  if (last_frame_of(options) == 0 && video.readable < video.claimed) {
+    files.notes.push_back(place + ": claims " + std::to_string(video.claimed) + " frames, of which " +
+                          std::to_string(video.readable) + " can be read");
+  }
+  return files;
+}
+
 }  // namespace
 
 Calibration read_calibration(const fs::path& file) {
@@ -262,15 +296,14 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
   std::error_code error;
   const fs::path& source = options.source;
   require(fs::exists(source, error), source.string() + ": no such file or folder");
-  require(fs::is_directory(source, error),
-          source.string() +
-              ": is not a folder; videos are not supported, because tracking needs a second camera or depth images");
+  const bool video = !fs::is_directory(source, error);
   const bool pairs = fs::is_directory(source / "mav0", error);
   require(!pairs || options.calibration.empty(),
           source.string() +
               ": stereo cameras are read from mav0/cam0/sensor.yaml and "
               "mav0/cam1/sensor.yaml; omit --calibration, which is for one camera");
-  SequenceFiles files = pairs                                               ? find_euroc(source)
+  SequenceFiles files = video                                               ? find_video(options)
+                        : pairs                                             ? find_euroc(source)
                         : !pictures_in(source / "results", "frame").empty() ? find_replica(options)
                         : is_file(source / "rgb.txt")                       ? find_tum(options)
                                                                             : find_folder(options);

@@ -17,6 +17,7 @@ namespace splatboost {
 struct FrameFiles {
   double time = 0;
   std::filesystem::path color;
+  int video_frame = -1;         ///< index of the frame if `color` is a video, else -1
   std::filesystem::path depth;  ///< depth image, or the right image of a stereo pair; empty: none
   std::optional<glm::dmat4> truth;
 };

@@ -211,6 +211,34 @@ TEST_F(OnlineRun, a_loop_moves_gaussians_with_the_view_they_are_of) {
   EXPECT_EQ(std::ranges::count_if(features, [](float x) { return std::abs(x - 0.6f) < 1e-5f; }), 9);
 }
 
+TEST_F(OnlineRun, a_loop_corrects_the_scale_where_it_drifts) {
+  PhotoSlamConfig config = eager();
+  config.densify_from = 10000;
+  Run run = begin(threads_, config);
+  add_view(run);
+  testing::NeverSteps never;
+  run.backbone->set_hooks(nullptr, &never);
+  run.step(1);
+  const SplatCloud before = exported(*run.backbone);
+  glm::dmat4 doubled(2.0);
+  doubled[3] = {0, 0, 0.5, 1};
+  add_view(run, {glm::dmat4(1.0), glm::dmat4(1.0), doubled});
+  run.step(1);
+  const SplatCloud after = exported(*run.backbone);
+  ASSERT_EQ(after.size(), before.size() + 6 + 18);
+  constexpr double kStep = 0.01;  // the accumulated gradients were applied first
+  for (std::size_t i = before.size() - 6; i < before.size(); ++i) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      EXPECT_NEAR(after.means[3 * i + c], 2 * before.means[3 * i + c] + (c == 2 ? 0.5f : 0), kStep) << i;
+      EXPECT_NEAR(after.log_scales[3 * i + c] - before.log_scales[3 * i + c], std::log(2.0), kStep) << i;
+    }
+  }
+  std::size_t features = 0;  // of the view, which wait for insertion
+  for (std::size_t i = before.size() + 6; i < after.size(); ++i)
+    features += std::abs(after.means[3 * i] - 1.2f) < 1e-5f;
+  EXPECT_EQ(features, 9u);
+}
+
 TEST_F(OnlineRun, the_second_half_waits_for_the_last_view) {
   Run run = begin(threads_, eager());
   EXPECT_EQ(run.online->planned_iterations(10), kIterations);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <fstream>
 #include <functional>
 #include <new>
 #include <stdexcept>
@@ -17,7 +18,10 @@
 
 #include "photo_slam/photo_slam.h"
 #include "splatboost/threads.h"
+#include "support/temporary_folder.h"
 #include "support/walk_frames.h"
+#include "trainer/images/video.h"
+#include "trainer/sequence/trajectory.h"
 #include "trainer/support/input_error.h"
 #include "trainer/synth/synth_view.h"
 #include "trainer/synth/synth_walk.h"
@@ -56,6 +60,12 @@ class Walk final : public Sequence {
     frame.time = time_of(number);
     if (changed) changed(frame);
     return frame;
+  }
+
+  /// A camera without depth.
+  void forget_depth() {
+    calibration_.depth_scale = 0;
+    changed = [](SequenceFrame& frame) { frame.depth.clear(); };
   }
 
   std::function<void(std::size_t)> before_frame;
@@ -299,6 +309,79 @@ TEST(HardInput, no_depth_at_all) {
   expect_in(lines, "frame 0 (0.png): has no depth image; tracked by colour alone");
   expect_in(lines, "further messages of this kind are not printed");
   expect_in(lines, "nothing could be tracked: no frame has enough features with depth");
+}
+
+TEST(WithoutDepth, goes_to_its_end) {
+  Mapping mapping(2 * kFrames);
+  mapping.sequence.forget_depth();
+  EXPECT_EQ(mapping.lines(), "");
+  EXPECT_TRUE(mapping.outcome.complete);
+  // The map begins with two keyframes at once, the first of an earlier frame.
+  const std::vector<std::size_t>& of = mapping.outcome.keyframe_frames;
+  ASSERT_GE(of.size(), 4u);
+  EXPECT_EQ(of[0], 0u);
+  EXPECT_GT(of[1], 1u);
+  EXPECT_TRUE(std::ranges::is_sorted(of));
+  const std::vector<TrackedFrame>& frames = mapping.outcome.frames;
+  EXPECT_EQ(frames[0].state, TrackState::tracked);
+  EXPECT_EQ(frames[0].keyframe, 0u);
+  EXPECT_EQ(frames[1].state, TrackState::waiting);
+  for (std::size_t i = of[1]; i < frames.size(); ++i) EXPECT_EQ(frames[i].state, TrackState::tracked) << i;
+  const Scene& scene = mapping.slam_run->scene();
+  ASSERT_EQ(scene.train.size(), of.size());
+  for (std::size_t i = 0; i < of.size(); ++i) {
+    const SequenceFrame frame = mapping.sequence.read(of[i]);
+    EXPECT_EQ(scene.train[i].name, frame.name);
+    EXPECT_EQ(scene.train[i].color[0], frame.color[0]);
+  }
+}
+
+TEST(WithoutDepth, a_camera_that_only_turns_is_told_so) {
+  static const std::vector<SequenceFrame> turning = testing::walk_frames(kWidth, kHeight, kFrames, 120, true);
+  Mapping mapping;
+  mapping.sequence.forget_depth();
+  mapping.sequence.changed = [](SequenceFrame& frame) {
+    frame.color = turning[frame.number].color;
+    frame.depth.clear();
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "nothing could be tracked: no two frames show enough of the same features from different places");
+  EXPECT_EQ(lines.find('\n'), std::string::npos) << lines;
+}
+
+TEST(WithoutDepth, a_video_is_tracked) {
+  constexpr int kWide = 320, kHigh = 240, kCount = 20;
+  constexpr std::size_t kPlane = kWide * kHigh;
+  const test::TemporaryFolder folder;
+  VideoFile video(folder / "walk.mp4", kWide, kHigh, 30);
+  for (const SequenceFrame& frame : testing::walk_frames(kWide, kHigh, kCount, kWalkFrames)) {
+    std::vector<float> planes(3 * kPlane);
+    for (std::size_t i = 0; i < planes.size(); ++i) {
+      planes[i] = static_cast<float>(frame.color[3 * (i % kPlane) + i / kPlane]) / 255;
+    }
+    video.add(planes);
+  }
+  video.finish();
+  const double focal = synthetic::Intrinsics(kWide, kHigh).focal;
+  std::ofstream(folder / "camera.json") << R"({"width": 320, "height": 240, "fx": )" << focal << R"(, "fy": )" << focal
+                                        << R"(, "cx": 159.5, "cy": 119.5})";
+  SequenceOptions options;
+  options.source = folder / "walk.mp4";
+  options.calibration = folder / "camera.json";
+  const auto sequence = open_sequence(options);
+  ASSERT_EQ(sequence->size(), static_cast<std::size_t>(kCount));
+  Tracker tracker(sequence->calibration(), {});
+  std::vector<TrackedFrame> frames;
+  for (std::size_t i = 0; i < sequence->size(); ++i) frames.push_back(tracker.track(sequence->read(i)));
+  std::vector<glm::dvec3> found, truth;
+  for (const TrackedFrame& frame : frames) {
+    EXPECT_NE(frame.state, TrackState::lost) << frame.frame;
+    if (frame.state != TrackState::tracked) continue;
+    found.emplace_back(glm::inverse(tracker.camera_from_world(frame))[3]);
+    truth.push_back(walk_pose(static_cast<int>(frame.frame), kWalkFrames).centre);
+  }
+  EXPECT_GE(found.size(), 10u);
+  EXPECT_LT(align(found, truth, true).rmse, 0.03);  // on a path of 0.7 m
 }
 
 TEST(HardInput, depth_for_every_third_frame) {

@@ -135,5 +135,40 @@ TEST(PoseGraph, a_loop_spreads_what_it_is_off) {
   }
 }
 
+/// The same ring, seen by a camera whose unit of length shrinks at each step.
+TEST(PoseGraph, a_loop_spreads_the_drift_of_the_scale) {
+  constexpr int kCount = 20;
+  constexpr double kShrink = 0.98;
+  std::vector<Pose> truth, drifted;
+  for (int i = 0; i <= kCount; ++i) {
+    const double angle = 2 * std::numbers::pi * i / kCount;
+    truth.push_back(moved({Eigen::Quaterniond::Identity(), Vec3(-2 * std::cos(angle), -2 * std::sin(angle), 0)},
+                          {0, 0, angle}, {0, 0, 0}));
+  }
+  std::vector<Edge> edges;
+  drifted.push_back(truth[0]);
+  double unit = 1;
+  for (std::size_t i = 1; i < truth.size(); ++i) {
+    Pose step = truth[i] * truth[i - 1].inverse();
+    unit *= kShrink;
+    step.translation *= unit;
+    drifted.push_back(step * drifted.back());
+    edges.push_back({i - 1, i, step});
+  }
+  const double before = (drifted.back().centre() - truth.back().centre()).norm();
+  ASSERT_GT(before, 0.5);
+  // The last pose is the first one again, in another unit.
+  edges.push_back({0, truth.size() - 1, truth.back() * truth[0].inverse(), 20, unit});
+  std::vector<double> scales;
+  relax_pose_graph(drifted, edges, &scales);
+  ASSERT_EQ(scales.size(), truth.size());
+  EXPECT_EQ(scales[0], 1);
+  EXPECT_NEAR(scales.back(), 1 / unit, 0.01);
+  EXPECT_LT((drifted.back().centre() - truth.back().centre()).norm(), 0.01 * before);
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    EXPECT_LT((drifted[i].centre() - truth[i].centre()).norm(), 0.4 * before) << i;
+  }
+}
+
 }  // namespace
 }  // namespace splatboost::tracking

@@ -30,7 +30,8 @@ Pose true_pose(std::size_t keyframe) {
 
 class Ring : public ::testing::Test {
  protected:
-  Ring() {
+  /// @param shrink factor of the unit of length at each step; a map without depth if it is not 1
+  explicit Ring(double shrink = 1) : map_(kOptics, shrink == 1) {
     const RandomStream random(11, 0, RandomPurpose::synth);
     std::vector<Vec3> world;
     cv::Mat descriptors(static_cast<int>(kPoints), 32, CV_8U);
@@ -48,19 +49,26 @@ class Ring : public ::testing::Test {
     std::vector<int> number(kPoints, -1);
     std::vector<std::size_t> last(kPoints, 0);
     Pose drift;
+    double unit = 1;
     for (std::size_t k = 0; k < kKeyframes; ++k) {
       const Pose truth = true_pose(k);
       MapKeyframe keyframe;
       keyframe.frame = k;
       keyframe.pose = drift * truth;
-      keyframe.median_depth = 3.5;
+      // The positions drift with the unit: each step is the true one, in the unit at that time.
+      if (k > 0 && shrink != 1) {
+        Pose step = truth * true_pose(k - 1).inverse();
+        step.translation *= unit;
+        keyframe.pose = off * step * map_.keyframes().back().pose;
+      }
+      keyframe.median_depth = 3.5 * unit;
       std::vector<std::size_t> of;
       for (std::size_t i = 0; i < kPoints; ++i) {
         const Vec3 p = truth * world[i];
         if (p.z() < 0.5 || !kOptics.contains(kOptics.project(p))) continue;
         of.push_back(i);
         keyframe.features.pixels.push_back(kOptics.project(p));
-        keyframe.features.depths.push_back(p.z());
+        keyframe.features.depths.push_back(shrink == 1 ? p.z() : 0);
         keyframe.features.levels.push_back(0);
         keyframe.features.strengths.push_back(1);
         keyframe.features.descriptors.push_back(descriptors.row(static_cast<int>(i)));
@@ -71,7 +79,7 @@ class Ring : public ::testing::Test {
         const std::size_t i = of[f];
         if (number[i] < 0 || last[i] + kMemory < k) {
           MapPoint point;
-          const Vec3 seen = truth * world[i];
+          const Vec3 seen = unit * (truth * world[i]);
           point.position = keyframe.pose.inverse() * seen;
           point.descriptor = descriptors.row(static_cast<int>(i));
           point.distance = seen.norm();
@@ -83,6 +91,7 @@ class Ring : public ::testing::Test {
         map_.add_sighting(number[i], k, f);
       }
       drift = off * drift;
+      unit *= shrink;
     }
   }
 
@@ -97,7 +106,13 @@ class Ring : public ::testing::Test {
     return count;
   }
 
-  SparseMap map_{kOptics};
+  SparseMap map_;
+};
+
+class RingWithoutDepth : public Ring {
+ protected:
+  static constexpr double kShrink = 0.99;
+  RingWithoutDepth() : Ring(kShrink) {}
 };
 
 TEST_F(Ring, a_place_is_found_again_and_only_then) {
@@ -131,6 +146,20 @@ TEST_F(Ring, a_closed_loop_takes_the_drift_out_and_joins_what_was_mapped_twice) 
     }
   }
   EXPECT_FALSE(find_loop(map_, kKeyframes - 1).has_value());  // already merged into one place
+}
+
+TEST_F(RingWithoutDepth, a_closed_loop_takes_the_drift_of_the_scale_out) {
+  const double before = error(kKeyframes - 1);
+  ASSERT_GT(before, 0.2);
+  const auto loop = find_loop(map_, kKeyframes - 1);
+  ASSERT_TRUE(loop.has_value());
+  const double drift = std::pow(kShrink, static_cast<double>(kKeyframes - 1 - loop->earlier));
+  EXPECT_NEAR(loop->scale, 1 / drift, 0.05);
+  close_loop(map_, *loop);
+  EXPECT_EQ(map_.keyframes()[0].scale, 1);
+  EXPECT_GT(map_.keyframes().back().scale, 1.1);
+  EXPECT_LT(error(kKeyframes - 1), 0.2 * before);
+  for (std::size_t k = 0; k < kKeyframes; ++k) EXPECT_LT(error(k), 0.5 * before) << k;
 }
 
 }  // namespace

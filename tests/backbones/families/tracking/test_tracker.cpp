@@ -25,11 +25,11 @@ const std::vector<SequenceFrame>& walk() {
   return frames;
 }
 
-Calibration calibration() {
-  const synthetic::Intrinsics camera(kWidth, kHeight);
+Calibration calibration(int width = kWidth, int height = kHeight) {
+  const synthetic::Intrinsics camera(width, height);
   Calibration c;
-  c.width = kWidth;
-  c.height = kHeight;
+  c.width = width;
+  c.height = height;
   c.fx = c.fy = camera.focal;
   c.cx = camera.cx - 0.5;
   c.cy = camera.cy - 0.5;
@@ -44,14 +44,14 @@ TrackerOptions options() {
 }
 
 /// Absolute trajectory error of tracked frames.
-double error_of(const Tracker& tracker, const std::vector<TrackedFrame>& frames) {
+double error_of(const Tracker& tracker, const std::vector<TrackedFrame>& frames, bool with_scale = false) {
   std::vector<glm::dvec3> found, truth;
   for (const TrackedFrame& frame : frames) {
     if (frame.state != TrackState::tracked) continue;
-    found.emplace_back(glm::inverse(frame.camera_from_keyframe * tracker.camera_from_world(frame.keyframe))[3]);
+    found.emplace_back(glm::inverse(tracker.camera_from_world(frame))[3]);
     truth.push_back(walk_pose(static_cast<int>(frame.frame), kWalkFrames).centre);
   }
-  return align(found, truth, false).rmse;
+  return align(found, truth, with_scale).rmse;
 }
 
 TEST(Tracker, follows_a_walk) {
@@ -118,7 +118,7 @@ TEST(Tracker, is_lost_and_finds_itself_again) {
   const TrackedFrame back = tracker.track(walk()[5]);
   EXPECT_EQ(back.state, TrackState::tracked);
   EXPECT_TRUE(back.relocalized);
-  const glm::dvec3 found(glm::inverse(back.camera_from_keyframe * tracker.camera_from_world(back.keyframe))[3]);
+  const glm::dvec3 found(glm::inverse(tracker.camera_from_world(back))[3]);
   EXPECT_NEAR(glm::length(found), glm::length(walk_pose(5, kWalkFrames).centre - walk_pose(0, kWalkFrames).centre),
               0.02);
 }
@@ -136,6 +136,83 @@ TEST(Tracker, frames_without_depth_are_tracked_but_no_keyframes) {
   EXPECT_EQ(tracked.state, TrackState::tracked);
   EXPECT_FALSE(tracked.is_keyframe);
   EXPECT_EQ(tracker.keyframes(), keyframes);
+}
+
+/// Without depth, small images are tracked less accurately.
+class TrackerWithoutDepth : public ::testing::Test {
+ protected:
+  static constexpr int kWide = 320, kHigh = 240, kCount = 24;
+
+  static std::vector<SequenceFrame> frames_of(bool turns_only) {
+    std::vector<SequenceFrame> frames = testing::walk_frames(kWide, kHigh, kCount, kWalkFrames, turns_only);
+    for (SequenceFrame& frame : frames) frame.depth.clear();
+    return frames;
+  }
+  static const std::vector<SequenceFrame>& frames() {
+    static const std::vector<SequenceFrame> made = frames_of(false);
+    return made;
+  }
+  TrackerWithoutDepth() : calibration_(calibration(kWide, kHigh)) {
+    calibration_.depth_scale = 0;
+    options_.features = 600;
+  }
+
+  Calibration calibration_;
+  TrackerOptions options_;
+};
+
+TEST_F(TrackerWithoutDepth, follows_a_walk_up_to_its_scale) {
+  Tracker tracker(calibration_, options_);
+  std::vector<TrackedFrame> tracked;
+  for (const SequenceFrame& frame : frames()) tracked.push_back(tracker.track(frame));
+  std::size_t begun = 0;
+  while (begun < tracked.size() && tracked[begun].state == TrackState::waiting) ++begun;
+  ASSERT_GE(begun, 1u);
+  ASSERT_LE(begun, 10u);
+  EXPECT_TRUE(tracked[begun].is_keyframe);
+  EXPECT_EQ(tracked[begun].keyframe, 1u);
+  EXPECT_EQ(tracker.frame_of(0), 0u);
+  EXPECT_EQ(tracker.frame_of(1), begun);
+  for (std::size_t i = begun; i < tracked.size(); ++i) EXPECT_EQ(tracked[i].state, TrackState::tracked) << i;
+  EXPECT_GE(tracker.keyframes(), 4u);
+  EXPECT_GT(tracker.map_points(), 200u);
+  EXPECT_LT(error_of(tracker, tracked, true), 0.015);  // on a path of 0.8 m
+}
+
+TEST_F(TrackerWithoutDepth, the_same_frames_give_the_same_poses) {
+  const auto poses = [&] {
+    Tracker tracker(calibration_, options_);
+    for (const SequenceFrame& frame : frames()) tracker.track(frame);
+    std::vector<glm::dmat4> found;
+    for (std::size_t i = 0; i < tracker.keyframes(); ++i) found.push_back(tracker.camera_from_world(i));
+    return found;
+  };
+  EXPECT_EQ(poses(), poses());
+}
+
+TEST_F(TrackerWithoutDepth, a_camera_that_only_turns_gives_no_map) {
+  Tracker tracker(calibration_, options_);
+  for (const SequenceFrame& frame : frames_of(true)) {
+    EXPECT_EQ(tracker.track(frame).state, TrackState::waiting) << frame.number;
+  }
+  EXPECT_EQ(tracker.keyframes(), 0u);
+}
+
+TEST_F(TrackerWithoutDepth, features_take_the_depth_of_points_beside_them) {
+  Tracker tracker(calibration_, options_);
+  for (const SequenceFrame& frame : frames()) {
+    tracker.track(frame);
+    if (tracker.keyframes() > 0) break;
+  }
+  const MapChange change = tracker.take_change();
+  EXPECT_EQ(change.map_points.points.size(), tracker.map_points());
+  const std::vector<std::uint32_t>& views = change.features.views;
+  for (const std::uint32_t view : {0u, 1u}) {
+    const auto count = static_cast<std::size_t>(std::ranges::count(views, view));
+    EXPECT_GT(count, tracker.map_points()) << view;
+    EXPECT_LE(count, static_cast<std::size_t>(options_.features));
+  }
+  EXPECT_EQ(change.features.points.size(), views.size());
 }
 
 namespace association {
@@ -187,6 +264,19 @@ TEST(Association, by_descriptor_alone_must_be_clear) {
   const std::vector<int> matches = match_descriptors(features.descriptors, other);
   EXPECT_EQ(matches, (std::vector<int>{-1, -1, 2, 3}));
   EXPECT_EQ(match_descriptors(features.descriptors, cv::Mat()), std::vector<int>(4, -1));
+}
+
+TEST(Association, along_an_epipolar_line) {
+  const Features features = four();
+  Features other = four();
+  for (Vec2& pixel : other.pixels) pixel.x() += 7;
+  other.pixels[1].y() += 5;  // off its line
+  Eigen::Matrix3d line_of;   // of a camera that moves to the left: lines are rows
+  line_of << 0, 0, 0, 0, 0, -1, 0, 1, 0;
+  const std::vector<std::uint8_t> all(4, 1), not_the_last{1, 1, 1, 0};
+  EXPECT_EQ(match_along_lines(features, other, line_of, all, all), (std::vector<int>{0, -1, 2, 3}));
+  EXPECT_EQ(match_along_lines(features, other, line_of, all, not_the_last), (std::vector<int>{0, -1, 2, -1}));
+  EXPECT_EQ(match_along_lines(features, other, line_of, not_the_last, all), (std::vector<int>{0, -1, 2, -1}));
 }
 
 }  // namespace association

@@ -12,6 +12,7 @@
 
 #include "support/temporary_folder.h"
 #include "trainer/dataset/view_image.h"
+#include "trainer/images/video.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost::test {
@@ -231,6 +232,55 @@ TEST(Sequence, distortion_is_taken_out) {
   EXPECT_NEAR(frame.color[3 * (20 * kWidth + 33)], expected, 1.01);
   EXPECT_EQ(frame.valid[20 * kWidth + 33], 255);
   EXPECT_EQ(frame.valid[0], 0);
+}
+
+/// Five frames of different grey levels at 10 frames per second.
+void make_video(const fs::path& file) {
+  VideoFile video(file, kWidth, kHeight, 10);
+  for (int frame = 0; frame < 5; ++frame) {
+    video.add(std::vector<float>(3 * kWidth * kHeight, static_cast<float>(40 + 40 * frame) / 255));
+  }
+  video.finish();
+}
+
+TEST(Sequence, a_video_is_read) {
+  const TemporaryFolder folder;
+  make_video(folder / "walk.mp4");
+  std::ofstream(folder / "camera.json") << calibration();
+  SequenceOptions options = of(folder / "walk.mp4");
+  options.calibration = folder / "camera.json";
+  const auto sequence = open_sequence(options);
+  ASSERT_EQ(sequence->size(), 5u);
+  EXPECT_FALSE(sequence->calibration().has_depth());
+  for (const std::size_t number : {0u, 3u, 4u, 1u, 2u}) {  // backwards too
+    const SequenceFrame frame = sequence->read(number);
+    EXPECT_EQ(frame.problem, "");
+    EXPECT_NEAR(frame.color[0], 40 + 40 * static_cast<int>(number), 4) << number;
+    EXPECT_NEAR(frame.time, 0.1 * static_cast<double>(number), 1e-6);
+    EXPECT_EQ(frame.name, "walk_00000" + std::to_string(number));
+    EXPECT_TRUE(frame.depth.empty());
+  }
+  options.first = 1;
+  options.stride = 2;
+  options.count = 1;
+  const auto some = open_sequence(options);
+  ASSERT_EQ(some->size(), 1u);
+  EXPECT_NEAR(some->read(0).color[0], 80, 4);
+}
+
+TEST(Sequence, what_is_wrong_with_a_video_is_one_line) {
+  const TemporaryFolder folder;
+  make_video(folder / "walk.mp4");
+  std::ofstream(folder / "notes.mp4") << "no video";
+  std::ofstream(folder / "camera.json") << calibration(", \"width\": 64");
+  expect_in(error_of([&] { open_sequence(of(folder / "notes.mp4")); }), "notes.mp4: OpenCV cannot read the video");
+  SequenceOptions options = of(folder / "walk.mp4");
+  expect_in(error_of([&] { open_sequence(options); }), "give a file with --calibration");
+  options.calibration = folder / "camera.json";
+  expect_in(error_of([&] { open_sequence(options); }), "walk.mp4: has 48x40 pixels, but ");
+  std::ofstream(folder / "camera.json") << calibration();
+  options.first = 5;
+  expect_in(error_of([&] { open_sequence(options); }), "has 5 frames, none of them from frame 5 onwards");
 }
 
 TEST(Sequence, what_is_wrong_is_one_line) {
