@@ -52,26 +52,6 @@ sb_tensor tensor_of(std::span<T> values, std::int32_t type, std::initializer_lis
   return tensor;
 }
 
-/// Host access to the values of a tensor: in place on the CPU, through a copy for a GPU.
-template <class T>
-class OnHost {
- public:
-  OnHost(std::span<T> values, splatboost::Device device) : values_(values), device_(device) {
-    if (!device.is_cuda()) return;
-    copy_.resize(values.size());
-    device.stream().copy_to_host(copy_.data(), values.data(), values.size_bytes());
-  }
-  std::span<T> span() { return device_.is_cuda() ? std::span<T>(copy_) : values_; }
-  void write_back() {
-    if (device_.is_cuda()) device_.stream().copy_to_device(values_.data(), copy_.data(), values_.size_bytes());
-  }
-
- private:
-  std::span<T> values_;
-  splatboost::Device device_;
-  std::vector<std::remove_const_t<T>> copy_;
-};
-
 /// Wraps the host's callbacks in a RasterizerHook.
 class HostRenderer final : public splatboost::RasterizerHook {
  public:
@@ -327,6 +307,11 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
     if (d.opacities != nullptr) {
       opacities.emplace(a.place.view<const float>(d.opacities, "opacities", {{n}, {n, 1}}), device);
       statistics.opacities = opacities->span();
+    }
+    std::optional<OnHost<const float>> clearances;
+    if (d.clearances != nullptr && a.adapter->needs_clearances()) {
+      clearances.emplace(a.place.view<const float>(d.clearances, "clearances", {{n}, {n, 1}}), device);
+      statistics.clearances = clearances->span();
     }
     if (origins != nullptr) {
       SPLATBOOST_CHECK(a.grown_at == d.iteration, "origins need a preceding grow at the same iteration");

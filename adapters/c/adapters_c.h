@@ -53,6 +53,8 @@ typedef struct sb_density {
   const sb_tensor* opacities;     /**< activated, in [0, 1]; for pruning, of the M primitives present then */
   const sb_tensor* max_scales;    /**< longest standard deviation, world units; for growth with absgrad */
   int64_t max_primitives;         /**< cap that growth does not exceed, a clone or split adding one; 0: no cap */
+  const sb_tensor* clearances;    /**< of sb_camera_clearances(), for pruning, of the M primitives present then; NULL:
+                                   *   none is removed because it is near a camera */
 } sb_density;
 
 /** A view rendered without randomness (dropout, jitter) and settled (sb_rasterizer_settle). The tensors must stay valid

@@ -5,6 +5,7 @@
 
 #include "c/c_api_edge.h"
 #include "splatboost/adam.h"
+#include "splatboost/clearance.h"
 #include "splatboost/error_map.h"
 #include "splatboost/neighbors.h"
 #include "splatboost/rasterizer.h"
@@ -383,6 +384,29 @@ sb_status sb_mean_squared_neighbor_distances(const sb_device* device, const sb_t
     const std::int64_t n = size_of(points, "points");
     splatboost::mean_squared_neighbor_distances(place.view<const float>(points, "points", {n, 3}), k,
                                                 place.view<float>(distances, "distances", {n}), place.device());
+  });
+}
+
+sb_status sb_distances_to_scene(const sb_device* device, const sb_tensor* centres, const sb_tensor* points,
+                                const sb_tensor* distances) {
+  return guarded_on(device, [&](Place& place) {
+    const std::int64_t cameras = size_of(centres, "centres"), count = size_of(points, "points");
+    OnHost from(place.view<const float>(centres, "centres", {cameras, 3}), place.device());
+    OnHost to(place.view<const float>(points, "points", {count, 3}), place.device());
+    OnHost found(place.view<float>(distances, "distances", {cameras}), place.device());
+    splatboost::distances_to_scene(from.span(), to.span(), found.span(), place.host_threads());
+    found.write_back();
+  });
+}
+
+sb_status sb_camera_clearances(const sb_device* device, const sb_tensor* means, const sb_tensor* centres,
+                               const sb_tensor* distances, const sb_tensor* clearances) {
+  return guarded_on(device, [&](Place& place) {
+    const std::int64_t n = size_of(means, "means"), cameras = size_of(centres, "centres");
+    splatboost::camera_clearances(place.view<const float>(means, "means", {n, 3}),
+                                  place.view<const float>(centres, "centres", {cameras, 3}),
+                                  place.view<const float>(distances, "distances", {cameras}),
+                                  place.view<float>(clearances, "clearances", {n}), place.device());
   });
 }
 

@@ -11,6 +11,8 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
+#include <vector>
 
 #include "splatboost/c_api.h"
 #include "splatboost/camera.h"
@@ -90,6 +92,8 @@ class Place {
   /// The device to pass to operations; valid as long as this place.
   Device device() { return stream_ ? Device(*stream_) : Device(threads_); }
   bool is_cuda() const { return kind_ == SB_CUDA; }
+  /// For what runs on the host; a single one if the device is a GPU.
+  Threads& host_threads() { return threads_; }
   /// device_kind and device_index of tensors on this place.
   std::int32_t kind() const { return kind_; }
   std::int32_t index() const { return index_; }
@@ -140,6 +144,26 @@ class Place {
   std::optional<CudaStream> stream_;  ///< borrows the caller's stream during a call
   std::optional<Photometric> photometric_;
   std::optional<CudaSsimWorkspace> ssim_;
+};
+
+/// Host access to the values of a tensor: in place on the CPU, through a copy for a GPU.
+template <class T>
+class OnHost {
+ public:
+  OnHost(std::span<T> values, Device device) : values_(values), device_(device) {
+    if (!device.is_cuda()) return;
+    copy_.resize(values.size());
+    device.stream().copy_to_host(copy_.data(), values.data(), values.size_bytes());
+  }
+  std::span<T> span() { return device_.is_cuda() ? std::span<T>(copy_) : values_; }
+  void write_back() {
+    if (device_.is_cuda()) device_.stream().copy_to_device(values_.data(), copy_.data(), values_.size_bytes());
+  }
+
+ private:
+  std::span<T> values_;
+  Device device_;
+  std::vector<std::remove_const_t<T>> copy_;
 };
 
 /// The place of a call without a handle. On a GPU, places and their workspaces are reused by later calls.

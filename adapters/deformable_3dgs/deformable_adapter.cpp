@@ -21,6 +21,7 @@ VanillaBoost deformable_boost() {
   boost.late_prune_interval = kDeformableIterations / 10;
   // The backbone selects its growth candidates by absolute gradients. Vanilla's thresholds would select twice as many.
   boost.absgrad = false;
+  boost.min_clearance = 0;  // not measured for scenes that move
   return boost;
 }
 

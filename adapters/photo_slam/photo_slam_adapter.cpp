@@ -24,6 +24,7 @@ PhotoSlamBoost::PhotoSlamBoost() {
   percent_dense = 0.01;
   // Keyframes keep arriving until the end of the sequence.
   densify_until = late_prune_from = kLiteralGrowthEnd;
+  min_clearance = 0;  // the camera may return to where it was, and the scene is not known at the start
   // Photo-SLAM starts every keyframe with small images anyway.
   coarse = false;
 }

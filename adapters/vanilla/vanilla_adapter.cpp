@@ -38,6 +38,7 @@ void check(const VanillaBoost& boost) {
   check_setting(boost.late_min_opacity >= 0 && boost.late_min_opacity <= 1, "late_min_opacity must be in [0, 1]");
   check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
   check_setting(boost.late_share >= 0 && boost.late_share < 1, "late_share must be in [0, 1)");
+  not_negative(boost.min_clearance, "min_clearance must be at least 0");
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
 }
 
@@ -49,6 +50,7 @@ VanillaBoost literal_boost() {
   boost.densify_interval = 500;
   boost.late_prune_from = kLiteralGrowthEnd;
   boost.late_share = 0;
+  boost.min_clearance = 0;
   boost.coarse = false;
   return boost;
 }
@@ -63,6 +65,8 @@ std::optional<float> VanillaAdapter::beta() const {
 }
 
 bool VanillaAdapter::needs_absolute_gradients() const { return boost_.absgrad; }
+
+bool VanillaAdapter::needs_clearances() const { return boost_.min_clearance > 0; }
 
 bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcd) return backbone_would;
@@ -151,7 +155,15 @@ bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
 }
 
 void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) {
-  if (!boost_.vcp) return;
+  if (boost_.vcp) prune_by_scores(statistics, rasterizer, decisions);
+  if (!needs_clearances()) return;
+  for (std::size_t i = 0; i < statistics.clearances.size(); ++i) {
+    if (statistics.clearances[i] < static_cast<float>(boost_.min_clearance)) decisions.remove[i] = 1;
+  }
+}
+
+void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, RasterizerHook& rasterizer,
+                                     PruneDecisions& decisions) {
   const std::size_t n = decisions.remove.size();
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   if (decisions.rule == PruneRule::growth) {

@@ -52,6 +52,9 @@ struct VanillaBoost {
   /// Once, when growth has ended: removes the Gaussians with the smallest blending weights whose weights together are
   /// at most this share of the total. Not in the paper.
   double late_share = 0.05;
+  /// Removes Gaussians with a smaller clearance from the training cameras (clearance.h): a camera has free space around
+  /// it, so they are floaters, which hide the scene from new views near there. Not in the paper.
+  double min_clearance = 0.8;
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = false;        ///< off: growth in the first iterations needs full-size views
   double coarse_until = 0.3;  ///< until this share of the run
@@ -89,6 +92,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("late_max_score", boost.late_max_score);
   visit("absolute_scores", boost.absolute_scores);
   visit("late_share", boost.late_share);
+  visit("min_clearance", boost.min_clearance);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
 }
@@ -116,6 +120,7 @@ class VanillaAdapter : public Adapter {
   std::optional<float> beta() const override;
 
   bool needs_absolute_gradients() const override;
+  bool needs_clearances() const override;
   bool grows_at(Moment moment, bool backbone_would) const override;
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
@@ -147,6 +152,8 @@ class VanillaAdapter : public Adapter {
   const VanillaBoost& boost() const { return boost_; }
 
  private:
+  /// Prunes by VCP, at the end of each growth and late.
+  void prune_by_scores(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions);
   /// Computes pruning_ from the views scored last.
   void compute_pruning_scores(const ScoreSums& sums);
   /// The threshold that Σ_j n_ij over the views scored last must exceed for growth.

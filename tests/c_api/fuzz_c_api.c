@@ -259,6 +259,13 @@ static sb_status call_neighbors(const Entry* e) {
   return sb_mean_squared_neighbor_distances(TEST_DEVICE, e->p[0], 3, e->p[1]);
 }
 
+static sb_status call_distances(const Entry* e) {
+  return sb_distances_to_scene(TEST_DEVICE, e->p[0], e->p[1], e->p[2]);
+}
+static sb_status call_clearances(const Entry* e) {
+  return sb_camera_clearances(TEST_DEVICE, e->p[0], e->p[1], e->p[2], e->p[3]);
+}
+
 /* The host's answer is fuzzed as well. */
 static const Entry* host_entry;
 static int32_t host_render(void* context, int64_t view, sb_scored_view* scored) {
@@ -524,6 +531,15 @@ static int make_entries(Entry* e) {
   e[n] = entry("sb_mean_squared_neighbor_distances", call_neighbors);
   add(&e[n], SB_FLOAT32, 2, N, 3, 0, 0, 0);
   add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);
+  ++n;
+  e[n] = entry("sb_distances_to_scene", call_distances);
+  for (i = 0; i < 2; ++i) add(&e[n], SB_FLOAT32, 2, N, 3, 0, 0, 0);
+  add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);
+  e[n].any_size[1] = 1;
+  ++n;
+  e[n] = entry("sb_camera_clearances", call_clearances);
+  for (i = 0; i < 2; ++i) add(&e[n], SB_FLOAT32, 2, N, 3, 0, 0, 0);
+  for (i = 0; i < 2; ++i) add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);
   ++n;
   e[n] = entry("sb_adapter_grow", call_grow);
   for (i = 0; i < 3; ++i) add(&e[n], SB_FLOAT32, 1, N, 0, 0, 0, 0);

@@ -10,6 +10,7 @@
 #include "cuda/cuda_device.h"
 #include "splatboost/activations.h"
 #include "splatboost/array.h"
+#include "splatboost/clearance.h"
 #include "splatboost/density_statistics.h"
 #include "splatboost/dropout.h"
 #include "splatboost/elementwise.h"
@@ -124,6 +125,21 @@ TEST_F(CudaTrainingOperations, DensityStatistics) {
           1e-6f);
     }
   }
+}
+
+TEST_F(CudaTrainingOperations, CameraClearances) {
+  std::vector<float> distances = numbers(50, 0.1f, 2, 11);
+  distances[7] = 0;
+  expect_same(
+      [&](Device device) {
+        Array<float> clearances(device);
+        clearances.ensure(kCount);
+        camera_clearances(Array<float>(device, numbers(3 * kCount, -3, 3, 9)),
+                          Array<float>(device, numbers(3 * 50, -3, 3, 10)), Array<float>(device, distances), clearances,
+                          device);
+        return clearances.to_host();
+      },
+      1e-6f);
 }
 
 TEST_F(CudaTrainingOperations, SmoothingFilters) {

@@ -53,6 +53,19 @@ class Host:
         return counts, weighted, covered / pixels
 
 
+def test_what_is_near_a_camera_is_removed():
+    host = Host([3, 4])
+    none = torch.zeros(N, dtype=torch.bool)
+    clearances = torch.linspace(0.1, 2, N)
+    for limit, settings in ((0.8, {}), (1.5, {"min_clearance": 1.5}), (0.0, {"min_clearance": 0}), (0.0, {"literal": True})):
+        adapter = Adapter("vanilla", total_iterations=30000, vcp=False, **settings)
+        removed = adapter.prune(1000, host.views(), candidates=none, clearances=clearances)
+        assert torch.equal(removed, clearances < limit)
+    assert not adapter.prune(1000, host.views(), candidates=none).any()
+    with pytest.raises(ValueError, match=r"clearances: expected shape \[24\]"):
+        adapter.prune(1000, host.views(), candidates=none, clearances=clearances[:3])
+
+
 def test_growth_is_the_paper_s():
     host = Host([3, 4])
     counts, weighted, covered = host.sums()

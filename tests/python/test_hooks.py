@@ -25,7 +25,8 @@ class Adapter:
     def prunes_at(self, iteration, host_would):
         return self.prunes
 
-    def prune(self, iteration, views, *, candidates, origins=None, opacities=None):
+    def prune(self, iteration, views, *, candidates, origins=None, opacities=None, clearances=None):
+        self.clearances = clearances
         mask = torch.zeros_like(candidates)
         mask[list(self.remove)] = True
         return mask
@@ -130,6 +131,22 @@ def test_a_fork_may_remove_gaussians_outside_of_growth(on):
     assert torch.equal(model.value.detach() < before[kept], torch.full((N - 1,), on))  # no gradient is lost
     if on:
         assert boost._absolute.reshape(-1).tolist() == [0, 1, 3, 4, 5]
+
+
+def test_late_pruning_tells_how_near_the_cameras_gaussians_are():
+    boost = boost_of()
+    boost._means = lambda: torch.eye(N)[:, :3].repeat(3, 1)
+    boost._scene.getTrainCameras = lambda: [types.SimpleNamespace(camera_center=torch.tensor([4.0, 0.0, 0.0]))]
+    boost.adapter.settings = {"min_clearance": 0.0}
+    boost._measure_distances()
+    boost.prune_late()
+    assert boost.adapter.clearances is None
+    boost.adapter.settings = {"min_clearance": 0.5}
+    boost._measure_distances()
+    boost._means = lambda: torch.tensor([[0.0, 0, 0], [3, 0, 0]])
+    boost.prune_late()
+    # The run began with points at distance 3 (three), 4 (nine) and more; ten may be wrong, so the scene is at 4.
+    assert torch.allclose(boost.adapter.clearances, torch.tensor([1.0, 0.25]))
 
 
 def test_late_pruning_never_removes_all():
@@ -298,12 +315,14 @@ def test_options_of_the_user_hold_and_scale():
 @pytest.mark.parametrize("kind, until, iterations", [
     (vanilla, 15000, 60000), (dropgaussian, 10000, 30000), (pgsr, 15000, 45000), (deformable_3dgs, 15000, 60000)])
 def test_the_host_lets_gaussians_grow_as_long_as_announced(tmp_path, capsys, kind, until, iterations):
+    scene = types.SimpleNamespace(getTrainCameras=lambda: [types.SimpleNamespace(camera_center=torch.zeros(3))])
+
     def until_of(**given):
         options = types.SimpleNamespace(
             boost="on", boost_beta=0.5, boost_tau_d=5.0, boost_max_gaussians=0, iterations=iterations, densify_from_iter=500,
             densify_until_iter=until, densification_interval=100, densify_grad_threshold=0.0002)
         options.__dict__.update(given)
-        boost = kind.Boost(types.SimpleNamespace(get_xyz=torch.zeros(N, 3)), None, options, None, str(tmp_path))
+        boost = kind.Boost(types.SimpleNamespace(get_xyz=torch.zeros(N, 3)), scene, options, None, str(tmp_path))
         last = max(i for i in range(1, options.iterations + 1) if boost._grows_at(i))
         assert " to %d every" % last in capsys.readouterr().out
         return options.densify_until_iter, last

@@ -142,6 +142,21 @@ def test_neighbors_by_brute_force():
         splatboost.mean_squared_neighbor_distances(points[:, :2])
 
 
+def test_clearances_by_brute_force():
+    g = torch.Generator().manual_seed(5)
+    points, means, centres = torch.rand((300, 3), generator=g), torch.rand((500, 3), generator=g) * 3, torch.rand((9, 3), generator=g) * 3
+    distances = splatboost.distances_to_scene(centres, points)
+    wanted = torch.cdist(centres.double(), points.double()).sort(dim=1).values[:, 10]  # ten may be wrong
+    assert torch.allclose(distances.double(), wanted, atol=1e-6)
+    distances[3] = 0  # left out
+    ours = splatboost.camera_clearances(means, centres, distances)
+    known = distances > 0
+    wanted = (torch.cdist(means.double(), centres.double())[:, known] / distances[known].double()).min(dim=1).values
+    assert torch.allclose(ours.double(), wanted, rtol=1e-5)
+    with pytest.raises(ValueError, match=r"distances: expected shape \[9\]"):
+        splatboost.camera_clearances(means, centres, distances[:4])
+
+
 def test_adam_is_torch_s():
     g = torch.Generator().manual_seed(5)
     values = torch.randn((7, 3), generator=g)

@@ -33,9 +33,9 @@ inline constexpr float kExtent = 10;  // the border between small and large is e
 
 /// Density statistics of Gaussians with values given by the test.
 struct Hand {
-  std::vector<float> gradients, gradients_abs, opacities, max_scales;
+  std::vector<float> gradients, gradients_abs, opacities, max_scales, clearances = {};
   DensityStatistics at(int iteration) const {
-    return {{iteration, 30000}, kExtent, gradients, gradients_abs, opacities, max_scales};
+    return {{iteration, 30000}, kExtent, gradients, gradients_abs, opacities, max_scales, clearances};
   }
 };
 

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from .operations import (
         Loss,
         adam_step,
+        camera_clearances,
+        distances_to_scene,
         flag_errors,
         fused_ssim,
         importance_scores,
@@ -49,6 +51,8 @@ _NAMES = {
         "operations": (
             "Loss",
             "adam_step",
+            "camera_clearances",
+            "distances_to_scene",
             "flag_errors",
             "fused_ssim",
             "importance_scores",
@@ -70,6 +74,8 @@ __all__ = [
     "adam_step",
     "Adapter",
     "Camera",
+    "camera_clearances",
+    "distances_to_scene",
     "exponential_rate",
     "flag_errors",
     "fused_ssim",

@@ -157,7 +157,8 @@ _MOMENT: List[Tuple[str, Any]] = [("iteration", c_int32), ("total", c_int32), ("
 
 
 class Density(ctypes.Structure):
-    _fields_ = _MOMENT + _tensors("gradients gradients_abs opacities max_scales") + [("max_primitives", c_int64)]
+    _fields_ = _MOMENT + (
+        _tensors("gradients gradients_abs opacities max_scales") + [("max_primitives", c_int64)] + _tensors("clearances"))
 
 
 class ScoredView(ctypes.Structure):
@@ -231,6 +232,8 @@ _ENTRIES = {
     "sb_keep_largest": (_STATUS, [_DEVICE, _T, c_int64, _T]),
     "sb_spare_one": (_STATUS, [_DEVICE, _T, _T, _I64]),
     "sb_adam_step": (_STATUS, [_DEVICE, _T, _T, _T, _T, c_int64, POINTER(AdamOptions)]),
+    "sb_distances_to_scene": (_STATUS, [_DEVICE, _T, _T, _T]),
+    "sb_camera_clearances": (_STATUS, [_DEVICE, _T, _T, _T, _T]),
     "sb_mean_squared_neighbor_distances": (_STATUS, [_DEVICE, _T, c_int32, _T]),
     "sb_steps_at": (_STATUS, [POINTER(StepIntervals), c_int32, c_int32, _I32]),
     "sb_scaled_iteration": (_STATUS, [c_int32, c_int32, c_int32, _I32]),

@@ -214,6 +214,7 @@ class Adapter:
         candidates: torch.Tensor,
         origins: Optional[torch.Tensor] = None,
         opacities: Optional[torch.Tensor] = None,
+        clearances: Optional[torch.Tensor] = None,
     ) -> torch.Tensor:
         """Decides removal; returns bool [M]: the primitives to remove.
 
@@ -222,6 +223,7 @@ class Adapter:
                     iteration. None if not within growth: then late pruning, which scores the views and needs the
                     opacities, adds candidates at its own iterations (prunes_at); at others nothing changes
         opacities   float32 [M] or [M,1], activated
+        clearances  float32 [M] of camera_clearances(): those below the setting min_clearance are removed
         """
         m = self._rows(candidates, "candidates")
         check(candidates, "candidates", torch.bool, (m,))
@@ -230,7 +232,7 @@ class Adapter:
         if origins is not None:
             check(origins, "origins", (torch.int32, torch.int64), (m,))
             origins = origins.to(torch.int32)
-        density = self._density(place, iteration, m, opacities=opacities)
+        density = self._density(place, iteration, m, opacities=opacities, clearances=clearances)
         with _Host(views, m, self.device) as host:
             host.call(
                 "sb_adapter_prune",

@@ -240,6 +240,50 @@ def mean_squared_neighbor_distances(points: torch.Tensor, k: int = 3) -> torch.T
     return distances
 
 
+def distances_to_scene(centres: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
+    """float32 [C]: distances of cameras to the nearest points of the scene, a thousandth of which, at least ten, may be
+    nearer; 0 for ten points or fewer. Computed on the host.
+
+    centres  float32 [C,3] of the cameras
+    points   float32 [M,3] of the scene before training, such as those of structure from motion
+    """
+    check(centres, "centres", _F32, ("C", 3))
+    check(points, "points", _F32, ("M", 3))
+    place = Place(centres, "centres")
+    distances = place.empty((centres.shape[0],))
+    place.call(
+        "sb_distances_to_scene",
+        place.c_device(),
+        place.view(centres, "centres"),
+        place.view(points, "points"),
+        place.target(distances, "distances"),
+    )
+    return distances
+
+
+def camera_clearances(means: torch.Tensor, centres: torch.Tensor, distances: torch.Tensor) -> torch.Tensor:
+    """float32 [N]: distance of each Gaussian from the nearest camera, relative to that camera's from the scene.
+
+    means      float32 [N,3]
+    centres    float32 [C,3] of the cameras
+    distances  float32 [C] of distances_to_scene(); cameras at distance 0 are left out
+    """
+    check(means, "means", _F32, ("N", 3))
+    check(centres, "centres", _F32, ("C", 3))
+    check(distances, "distances", _F32, (centres.shape[0],))
+    place = Place(means, "means")
+    clearances = place.empty((means.shape[0],))
+    place.call(
+        "sb_camera_clearances",
+        place.c_device(),
+        place.view(means, "means"),
+        place.view(centres, "centres"),
+        place.view(distances, "distances"),
+        place.target(clearances, "clearances"),
+    )
+    return clearances
+
+
 def adam_step(
     values: torch.Tensor,
     gradients: torch.Tensor,

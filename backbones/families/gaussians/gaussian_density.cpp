@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "splatboost/clearance.h"
 #include "splatboost/density_statistics.h"
 #include "splatboost/rows.h"
 #include "splatboost/select.h"
@@ -31,6 +32,22 @@ DensityStatistics GaussianTrainer::statistics() {
           mean_gradients_abs_.on_host(on_host_.mean_gradients_abs),
           opacity_.activated.on_host(on_host_.opacities),
           max_scales_.on_host(on_host_.max_scales)};
+}
+
+std::span<const float> GaussianTrainer::clearances() {
+  if (camera_distances_.empty()) {
+    std::vector<float> centres, distances(context_.scene.train.size());
+    for (const View& view : context_.scene.train) {
+      const glm::vec3 centre = view.camera.centre();
+      centres.insert(centres.end(), {centre.x, centre.y, centre.z});
+    }
+    distances_to_scene(centres, context_.scene.points.positions, distances, context_.threads);
+    camera_centres_.assign(std::move(centres));
+    camera_distances_.assign(std::move(distances));
+  }
+  clearances_.ensure(primitives());
+  camera_clearances(xyz_.values, camera_centres_, camera_distances_, clearances_, device_);
+  return clearances_.on_host(on_host_.clearances);
 }
 
 void GaussianTrainer::control_density() {
@@ -176,7 +193,8 @@ void GaussianTrainer::prune(PruneRule rule) {
   } else {
     origins_.clear();
   }
-  const DensityStatistics known = statistics();
+  DensityStatistics known = statistics();
+  if (density_ != nullptr && density_->needs_clearances()) known.clearances = clearances();
   const std::size_t n = primitives();
   std::vector<std::uint8_t> removed(n, 0);
   if (rule == PruneRule::growth) {

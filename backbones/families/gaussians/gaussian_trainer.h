@@ -149,6 +149,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
 
   void control_density();
   DensityStatistics statistics();
+  std::span<const float> clearances();
   void grow();
   void prune(PruneRule rule);
   void append_children(std::span<const std::uint32_t> parents);
@@ -210,11 +211,13 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   Array<float> seen_{device_};                                          ///< [N] number of views in these sums
   Array<float> mean_gradients_{device_}, mean_gradients_abs_{device_};  ///< [N]
   Array<float> max_scales_{device_};                                    ///< [N]
+  Array<float> camera_centres_{device_}, camera_distances_{device_};    ///< [C,3], [C]; empty: not known yet
+  Array<float> clearances_{device_};                                    ///< [N]
   Array<float> workspace_{device_};                                     ///< for select()
 
   // For density control, which runs on the host.
   struct OnHost {
-    std::vector<float> mean_gradients, mean_gradients_abs, opacities, max_scales;
+    std::vector<float> mean_gradients, mean_gradients_abs, opacities, max_scales, clearances;
   };
   OnHost on_host_;                      ///< copies of statistics in device memory
   std::vector<std::uint32_t> origins_;  ///< [N] index before the growth of this iteration

@@ -342,7 +342,7 @@ SB_API sb_status sb_keep_largest(const sb_device* device, const sb_tensor* prior
 SB_API sb_status sb_spare_one(const sb_device* device, const sb_tensor* priorities, const sb_tensor* removals,
                               int64_t* removed);
 
-/* ---- optimizer, neighbours, schedule (adam.h, neighbors.h, schedule.h) ---- */
+/* ---- optimizer, neighbours, clearance, schedule (adam.h, neighbors.h, clearance.h, schedule.h) ---- */
 
 typedef struct sb_adam_options {
   float learning_rate, beta1, beta2, epsilon;
@@ -358,6 +358,17 @@ SB_API sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, 
  *  @param points float32 [N,3] @param k 1 .. 64, on a GPU 1 .. 8 @param distances float32 [N] */
 SB_API sb_status sb_mean_squared_neighbor_distances(const sb_device* device, const sb_tensor* points, int32_t k,
                                                     const sb_tensor* distances);
+
+/** Distances of cameras to the scene's nearest points. Computed on the host; waits. @param centres float32 [C,3] of the
+ * cameras
+ *  @param points float32 [M,3] of the scene before training @param distances float32 [C] */
+SB_API sb_status sb_distances_to_scene(const sb_device* device, const sb_tensor* centres, const sb_tensor* points,
+                                       const sb_tensor* distances);
+/** Distances of Gaussians from cameras, relative to those of the scene. @param means float32 [N,3]
+ *  @param centres float32 [C,3] @param distances float32 [C] of sb_distances_to_scene()
+ *  @param clearances float32 [N] */
+SB_API sb_status sb_camera_clearances(const sb_device* device, const sb_tensor* means, const sb_tensor* centres,
+                                      const sb_tensor* distances, const sb_tensor* clearances);
 
 /** Interval of a parameter group's steps in each phase; early_end and middle_end are iterations of the published run
  *  (30 000 iterations). */

@@ -59,11 +59,12 @@ class RasterizerHook {
 /// and valid during the call; empty if the backbone has no such quantity.
 struct DensityStatistics {
   Moment moment;
-  float scene_extent = 0;                ///< radius of the camera positions, world units
-  std::span<const float> gradients;      ///< mean norm of the signed screen gradient, in NDC units
-  std::span<const float> gradients_abs;  ///< the same for the absolute gradient (AbsGS)
-  std::span<const float> opacities;      ///< activated
-  std::span<const float> max_scales;     ///< longest standard deviation, world units
+  float scene_extent = 0;                  ///< radius of the camera positions, world units
+  std::span<const float> gradients;        ///< mean norm of the signed screen gradient, in NDC units
+  std::span<const float> gradients_abs;    ///< the same for the absolute gradient (AbsGS)
+  std::span<const float> opacities;        ///< activated
+  std::span<const float> max_scales;       ///< longest standard deviation, world units
+  std::span<const float> clearances = {};  ///< from the training cameras (clearance.h); for pruning
 };
 
 /// Decisions about growth. On entry they hold the decisions of the backbone's own rule; the hook overwrites them.
@@ -97,6 +98,8 @@ class DensityHook {
   virtual ~DensityHook() = default;
   /// Whether the backbone must accumulate gradients_abs; otherwise that span may be empty.
   virtual bool needs_absolute_gradients() const { return false; }
+  /// Whether prune() uses clearances; otherwise that span may be empty.
+  virtual bool needs_clearances() const { return false; }
   virtual bool grows_at(Moment moment, bool backbone_would) const {
     (void)moment;
     return backbone_would;

@@ -14,6 +14,10 @@ void add_screen_radii(std::span<const std::int32_t>, std::span<const std::int32_
 }
 void mean_screen_gradients(const ScreenGradientSums&, std::span<float>, std::span<float>, CudaStream&) { absent(); }
 void longest_scales(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
+void camera_clearances(std::span<const float>, std::span<const float>, std::span<const float>, std::span<float>,
+                       CudaStream&) {
+  absent();
+}
 void add_view(std::span<const std::int32_t>, double, std::span<std::int64_t>, std::span<double>, CudaStream&) {
   absent();
 }

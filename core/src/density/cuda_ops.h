@@ -23,6 +23,10 @@ void mean_screen_gradients(const ScreenGradientSums& sums, std::span<float> mean
                            CudaStream& stream);
 void longest_scales(std::span<const float> scales, std::span<float> longest, CudaStream& stream);
 
+/// As in clearance.h.
+void camera_clearances(std::span<const float> means, std::span<const float> centres, std::span<const float> distances,
+                       std::span<float> clearances, CudaStream& stream);
+
 /// As ScoreSums::add_view().
 void add_view(std::span<const std::int32_t> view_counts, double photometric_loss, std::span<std::int64_t> counts,
               std::span<double> weighted_counts, CudaStream& stream);

@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <limits>
 #include <numeric>
+#include <utility>
+#include <vector>
 
 #include "support/fake_rasterizer.h"
 #include "vanilla/vanilla_adapter.h"
@@ -216,6 +219,37 @@ TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   PruneDecisions prune{remove, PruneRule::late, {}};
   adapter.prune(hand.at(18000), rasterizer, prune);
   EXPECT_EQ(remove, (std::vector<std::uint8_t>{1, 0, 1, 1}));
+}
+
+TEST_F(VanillaAdapterTest, removes_what_is_near_a_camera) {
+  const auto removed = [&](const VanillaBoost& boost, PruneRule rule, std::vector<float> clearances) {
+    VanillaAdapter adapter(boost, threads_);
+    Hand hand{{0, 0, 0}, {}, {0.5f, 0.5f, 0.5f}, {1, 1, 1}};
+    hand.clearances = std::move(clearances);
+    FakeRasterizer rasterizer({0, 0, 0});
+    std::vector<std::uint8_t> remove(3), clone(3), split(3);
+    std::vector<std::uint32_t> origins{0, 1, 2};
+    GrowDecisions grow{clone, split};
+    if (rule == PruneRule::growth && boost.vcp) adapter.grow(hand.at(18000), rasterizer, grow);
+    PruneDecisions prune{remove, rule, origins};
+    adapter.prune(hand.at(18000), rasterizer, prune);
+    return remove;
+  };
+  using Mask = std::vector<std::uint8_t>;
+  VanillaBoost boost = boost_at_paper_size();
+  boost.absgrad = false;
+  EXPECT_TRUE(VanillaAdapter(boost, threads_).needs_clearances());
+  for (const PruneRule rule : {PruneRule::growth, PruneRule::late}) {
+    EXPECT_EQ(removed(boost, rule, {0.79f, 0.8f, 3}), (Mask{1, 0, 0}));
+    EXPECT_EQ(removed(boost, rule, {}), (Mask{0, 0, 0})) << "not known";
+  }
+  boost.vcp = false;
+  EXPECT_EQ(removed(boost, PruneRule::growth, {0.79f, 0.8f, 3}), (Mask{1, 0, 0})) << "a part of its own";
+  boost.min_clearance = 0;
+  EXPECT_EQ(removed(boost, PruneRule::growth, {0, 0.8f, 3}), (Mask{0, 0, 0}));
+  EXPECT_FALSE(VanillaAdapter(literal_boost(), threads_).needs_clearances());
+  boost.min_clearance = -1;
+  EXPECT_THROW(check(boost), ArgumentError);
 }
 
 TEST_F(VanillaAdapterTest, absolute_scores_do_not_depend_on_other_primitives) {

@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 import torch
 
 from ..adapter import Adapter, ScoredView
-from ..operations import spare_one
+from ..operations import camera_clearances, distances_to_scene, spare_one
 from ..schedule import PUBLISHED_ITERATIONS
 from . import _drawing
 
@@ -80,6 +80,9 @@ class Boost:
     _scaled = ("densify_from_iter", "densify_until_iter")
     #: Whether absolute gradients are accumulated here; False if the host does so itself.
     gathers_absolute = True
+    #: [C,3] of the training cameras, and [C] their distances to the scene; None: not used.
+    _centres: Optional[torch.Tensor] = None
+    _distances: Optional[torch.Tensor] = None
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, render: Callable[[Any], torch.Tensor],
                  model_path: str, checkpoints: Iterable[int] = ()):
@@ -98,12 +101,26 @@ class Boost:
         self._extend_growth()
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
+        self._measure_distances()
         _drawing.save(model_path, self.backbone, self.adapter.beta)
         announce(self.adapter, self._schedule())
 
     def _means(self) -> torch.Tensor:
         """[N,3], or another tensor of the host with one row per primitive."""
         return self.gaussians.get_xyz  # type: ignore[no-any-return]
+
+    def _measure_distances(self) -> None:
+        """Of the training cameras to the scene: to the Gaussians that the run begins with."""
+        if self.adapter.settings.get("min_clearance", 0) > 0:
+            cameras = self._scene.getTrainCameras()
+            centres = torch.stack([camera.camera_center.detach().float().reshape(3) for camera in cameras])
+            self._centres = centres.to(self._device)
+            self._distances = distances_to_scene(self._centres, self._means().detach())
+
+    def _clearances(self) -> Optional[torch.Tensor]:
+        if self._centres is None or self._distances is None:
+            return None
+        return camera_clearances(self._means().detach(), self._centres, self._distances)
 
     def _grows_at(self, iteration: int) -> bool:
         return self.adapter.grows_at(iteration, False)
@@ -227,7 +244,7 @@ class Boost:
         if max_screen_size:
             candidates |= g.get_scaling.max(dim=1).values > 0.1 * extent
         remove = self.adapter.prune(self.iteration, views, candidates=candidates, origins=origins,
-                                    opacities=g.get_opacity.detach())
+                                    opacities=g.get_opacity.detach(), clearances=self._clearances())
         self._remove(remove)
         if radii:
             g.tmp_radii = None
@@ -289,7 +306,8 @@ class Boost:
         self._apply_gradients()
         opacities = g.get_opacity.detach()
         none = torch.zeros((opacities.shape[0],), dtype=torch.bool, device=self._device)
-        remove = self.adapter.prune(self.iteration, self._views(), candidates=none, opacities=opacities)
+        remove = self.adapter.prune(self.iteration, self._views(), candidates=none, opacities=opacities,
+                                    clearances=self._clearances())
         # Hosts that keep radii through growth index them in prune_points.
         g.tmp_radii = torch.zeros((opacities.shape[0],), device=self._device)
         remove = self._remove(remove)

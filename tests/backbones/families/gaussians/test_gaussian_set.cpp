@@ -10,6 +10,7 @@
 
 #include <glm/gtc/quaternion.hpp>
 
+#include "splatboost/clearance.h"
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
 #include "support/toy_methods.h"
@@ -65,6 +66,23 @@ class RemovesAll : public DensityHook {
   int at_;
 };
 
+/// Removes the half that is nearest to a camera.
+class ClearsCameras : public DensityHook {
+ public:
+  bool needs_clearances() const override { return asks; }
+  bool grows_at(Moment, bool) const override { return false; }
+  void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions&) override {}
+  bool prunes_at(Moment, bool) const override { return true; }
+  void prune(const DensityStatistics& statistics, RasterizerHook&, PruneDecisions& decisions) override {
+    given.assign(statistics.clearances.begin(), statistics.clearances.end());
+    std::vector<float> sorted = given;
+    std::ranges::sort(sorted);
+    for (std::size_t i = 0; i < given.size(); ++i) decisions.remove[i] = given[i] < sorted[sorted.size() / 2] ? 1 : 0;
+  }
+  bool asks = false;
+  std::vector<float> given;
+};
+
 PointCloud three_points() { return {{0.5f, 0, 0, 0.5f, 0.1f, 0, 0.5f, 0, 0.1f}, {255, 0, 0, 0, 255, 0, 0, 0, 255}}; }
 
 class GaussianSetRun : public ::testing::Test {
@@ -106,6 +124,30 @@ TEST_F(GaussianSetRun, inserted_gaussians_come_last_as_a_start_would_make_them) 
   EXPECT_NEAR(after.sh_dc[3 * before.size() + 1], -0.5 / 0.28209479, 1e-5);
   EXPECT_EQ(method_->labels_.rows(), after.size());
   EXPECT_EQ(method_->labels_.values.to_host().back(), 0);
+}
+
+TEST_F(GaussianSetRun, pruning_knows_how_near_the_cameras_gaussians_are) {
+  const auto backbone = make();
+  ClearsCameras hook;
+  backbone->set_hooks(&hook, nullptr);
+  backbone->train_step(1, scene_.train[0]);
+  EXPECT_TRUE(hook.given.empty()) << "nobody asked";
+
+  hook.asks = true;
+  backbone->train_step(2, scene_.train[1]);
+  const SplatCloud left = exported(*backbone);
+  ASSERT_LT(left.size(), hook.given.size());
+  std::vector<float> centres, distances(scene_.train.size()), expected(left.size());
+  for (const View& view : scene_.train) {
+    const glm::vec3 centre = view.camera.centre();
+    centres.insert(centres.end(), {centre.x, centre.y, centre.z});
+  }
+  distances_to_scene(centres, scene_.points.positions, distances, threads_);
+  camera_clearances(left.means, centres, distances, expected, threads_);
+  EXPECT_GT(*std::ranges::min_element(distances), 0.0f);
+  std::ranges::sort(hook.given);
+  std::ranges::sort(expected);
+  EXPECT_TRUE(std::equal(expected.rbegin(), expected.rend(), hook.given.rbegin()));
 }
 
 TEST_F(GaussianSetRun, inserting_holds_the_cap) {

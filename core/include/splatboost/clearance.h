@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file The space around the cameras, which is empty: Gaussians there are floaters. Not in the paper.
+#pragma once
+
+#include <span>
+
+#include "splatboost/device.h"
+#include "splatboost/threads.h"
+
+namespace splatboost {
+
+/// Distances of cameras to the scene: to its nearest points, in any direction. A thousandth of the points, at least
+/// ten, may be nearer, because some may be wrong.
+/// @param centres [C,3] of the cameras, world frame
+/// @param points [M,3] of the scene before training, such as those of structure from motion
+/// @param distances [C] world units; 0 if there are at most ten points
+void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,
+                        Threads& threads);
+
+/// Clearances of Gaussians: clearances[i] = min_c |means_i − centres_c| / distances_c. Below 1, a Gaussian is nearer to
+/// a camera than the scene is.
+/// @param means [N,3]
+/// @param centres [C,3]
+/// @param distances [C] of distances_to_scene(); cameras at distance 0 are left out
+/// @param clearances [N] infinite if no camera is left
+void camera_clearances(std::span<const float> means, std::span<const float> centres, std::span<const float> distances,
+                       std::span<float> clearances, Device device);
+
+}  // namespace splatboost

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "splatboost/clearance.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+#include "density/clearance_math.h"
+#include "density/cuda_ops.h"
+#include "splatboost/errors.h"
+
+namespace splatboost {
+namespace {
+
+constexpr std::size_t kGrain = 1024;
+constexpr std::size_t kWrongPoints = 10;   ///< points that may be wrong, at least
+constexpr std::size_t kWrongShare = 1000;  ///< one of so many may be
+constexpr float kNoCamera = std::numeric_limits<float>::infinity();
+
+void check_cameras(std::span<const float> centres, std::span<const float> distances) {
+  SPLATBOOST_CHECK(centres.size() == 3 * distances.size(), "centres must be [C,3] and distances [C]");
+}
+
+}  // namespace
+
+void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,
+                        Threads& threads) {
+  check_cameras(centres, distances);
+  SPLATBOOST_CHECK(points.size() % 3 == 0, "points must be [M,3]");
+  const std::size_t count = points.size() / 3, wrong = std::max(kWrongPoints, count / kWrongShare);
+  if (count <= wrong) {
+    std::ranges::fill(distances, 0.0f);
+    return;
+  }
+  threads.for_range(distances.size(), 1, [&](std::size_t begin, std::size_t end) {
+    std::vector<float> squares(count);
+    for (std::size_t c = begin; c < end; ++c) {
+      for (std::size_t p = 0; p < count; ++p) {
+        const float x = points[3 * p] - centres[3 * c], y = points[3 * p + 1] - centres[3 * c + 1];
+        const float z = points[3 * p + 2] - centres[3 * c + 2];
+        const float square = x * x + y * y + z * z;
+        squares[p] = std::isnan(square) ? kNoCamera : square;
+      }
+      const auto nearest = squares.begin() + static_cast<std::ptrdiff_t>(wrong);
+      std::nth_element(squares.begin(), nearest, squares.end());
+      distances[c] = std::isfinite(*nearest) ? std::sqrt(*nearest) : 0.0f;
+    }
+  });
+}
+
+void camera_clearances(std::span<const float> means, std::span<const float> centres, std::span<const float> distances,
+                       std::span<float> clearances, Device device) {
+  check_cameras(centres, distances);
+  SPLATBOOST_CHECK(means.size() == 3 * clearances.size(), "means must be [N,3] and clearances [N]");
+  if (device.is_cuda()) return cuda::camera_clearances(means, centres, distances, clearances, device.stream());
+  device.threads().for_range(clearances.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    // Separate coordinates and an inner loop over Gaussians, which the compiler vectorizes.
+    std::array<float, kGrain> x, y, z, least;
+    for (std::size_t first = begin; first < end; first += kGrain) {
+      const std::size_t n = std::min(kGrain, end - first);
+      for (std::size_t i = 0; i < n; ++i) {
+        x[i] = means[3 * (first + i)];
+        y[i] = means[3 * (first + i) + 1];
+        z[i] = means[3 * (first + i) + 2];
+        least[i] = kNoCamera;
+      }
+      for (std::size_t c = 0; c < distances.size(); ++c) {
+        const float cx = centres[3 * c], cy = centres[3 * c + 1], cz = centres[3 * c + 2], distance = distances[c];
+        if (!(distance > 0)) continue;
+        for (std::size_t i = 0; i < n; ++i) {
+          least[i] = min_of(squared_clearance(x[i] - cx, y[i] - cy, z[i] - cz, distance), least[i]);
+        }
+      }
+      for (std::size_t i = 0; i < n; ++i) clearances[first + i] = std::sqrt(least[i]);
+    }
+  });
+}
+
+}  // namespace splatboost
