@@ -21,6 +21,7 @@ namespace edge = splatboost::edge;
 using edge::guarded;
 using edge::kAny;
 using edge::need;
+using edge::OnHost;
 using edge::Place;
 using edge::size_of;
 using splatboost::ArgumentError;

@@ -20,6 +20,7 @@ using edge::guarded;
 using edge::guarded_on;
 using edge::kAny;
 using edge::need;
+using edge::OnHost;
 using edge::Place;
 using edge::size_of;
 
