@@ -359,9 +359,9 @@ SB_API sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, 
 SB_API sb_status sb_mean_squared_neighbor_distances(const sb_device* device, const sb_tensor* points, int32_t k,
                                                     const sb_tensor* distances);
 
-/** Distances of cameras to the scene's nearest points. Computed on the host; waits. @param centres float32 [C,3] of the
- * cameras
- *  @param points float32 [M,3] of the scene before training @param distances float32 [C] */
+/** Distances of cameras to the scene's nearest points, world units. Computed on the host; waits.
+ *  @param centres float32 [C,3] of the cameras @param points float32 [M,3] of the scene before training
+ *  @param distances float32 [C]; 0 if there are at most ten points */
 SB_API sb_status sb_distances_to_scene(const sb_device* device, const sb_tensor* centres, const sb_tensor* points,
                                        const sb_tensor* distances);
 /** Distances of Gaussians from cameras, relative to those of the scene. @param means float32 [N,3]
