@@ -186,6 +186,12 @@ ceres::Solver::Options solver_options(int iterations) {
 
 }  // namespace
 
+double median_of(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 double squared_error(const Optics& optics, const Pose& pose, const Vec3& point, const Sighting& sighting) {
   const Vec3 p = pose * point;
   double errors[3] = {};

@@ -29,6 +29,9 @@ double squared_error(const Optics& optics, const Pose& pose, const Vec3& point, 
 /// Threshold of squared_error() for inliers: 95 % quantile of chi-squared with 3 or 2 degrees of freedom.
 inline double likely_error(const Sighting& sighting) { return sighting.depth > 0 ? 7.815 : 5.991; }
 
+/// The upper median of depths or of their ratios, of which there is at least one.
+double median_of(std::vector<double> values);
+
 /// Refines a pose by sightings of known points, rejecting outliers.
 /// @param sightings Sighting::camera is ignored, Sighting::point is an index into `points`
 /// @param fits [sightings] receives non-zero for inliers

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <set>
 #include <span>
+#include <utility>
 
 namespace splatboost::tracking {
 namespace {
@@ -61,9 +62,7 @@ std::optional<double> scale_of(const SparseMap& map, const Loop& loop) {
     if (then > 0 && now > 0) ratios.push_back(then / now);
   }
   if (ratios.size() < kScalePoints) return std::nullopt;
-  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), middle, ratios.end());
-  return *middle;
+  return median_of(std::move(ratios));
 }
 
 std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size_t earlier) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 #include <set>
+#include <utility>
 
 #include "families/tracking/focal_check.h"
 #include "families/tracking/loop_closing.h"
@@ -218,10 +219,7 @@ struct Tracker::State {
   void measure_median_depth(MapKeyframe& keyframe) const {
     std::vector<double> depths = depths_of(keyframe);
     std::erase_if(depths, [](double depth) { return !(depth > 0); });
-    if (depths.empty()) return;
-    const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-    std::nth_element(depths.begin(), middle, depths.end());
-    keyframe.median_depth = *middle;
+    if (!depths.empty()) keyframe.median_depth = median_of(std::move(depths));
   }
 
   /// Appends a keyframe whose features see `points` (-1: none), and makes points of those with depth.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
 #include <opencv2/calib3d.hpp>
 
@@ -193,12 +194,11 @@ std::optional<TwoViews> relate_views(const Optics& optics, std::span<const Sight
   for (const auto& point : views.points) {
     if (point) depths.push_back(point->z());
   }
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
+  const double unit = median_of(std::move(depths));
   for (auto& point : views.points) {
-    if (point) *point /= *middle;
+    if (point) *point /= unit;
   }
-  views.second.translation /= *middle;
+  views.second.translation /= unit;
   return views;
 }
 
