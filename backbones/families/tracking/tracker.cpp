@@ -20,6 +20,8 @@ using namespace tracking;
 constexpr std::size_t kFirstFeatures = 50;  ///< minimum number of features with depth, or of matches, to start a map
 constexpr std::size_t kMinMatches = 20;     ///< minimum number of inliers of a tracked frame
 constexpr std::size_t kMinFound = 30;       ///< the same for relocalisation
+constexpr std::size_t kTrialKeyframes = 5;  ///< without depth, a map with fewer is dropped …
+constexpr int kTrialLost = 5;               ///< … when tracking has been lost for this many frames
 constexpr double kNarrow = 4, kUsual = 15, kWide = 40;  ///< search radii for map points, px
 constexpr double kFirstSearch = 0.1;  ///< search radius around the last place of a feature, × width, without a map
 constexpr std::size_t kLocalKeyframes = 10;
@@ -62,7 +64,7 @@ struct Tracker::State {
   std::optional<Pose> velocity;  ///< motion between the last two tracked frames
   std::vector<int> last_points;
   std::size_t last_number = 0;
-  bool lost = false;
+  int lost_frames = 0;              ///< since the last tracked one
   std::size_t keyframe_number = 0;  ///< frame number of the last keyframe
   std::size_t last_loop = 0;        ///< index of the keyframe that closed it
   int loops = 0;
@@ -310,16 +312,17 @@ struct Tracker::State {
     const Pose last = last_from_reference * map.keyframes()[reference].pose;
     Pose pose = velocity ? *velocity * last : last;
     std::vector<int> points;
-    const bool was_lost = lost;
-    std::size_t count = lost ? 0 : track_from(features, grid, pose, points);
+    const bool was_lost = lost_frames > 0;
+    std::size_t count = was_lost ? 0 : track_from(features, grid, pose, points);
     if (count < kMinMatches) count = relocalize(features, grid, pose, points);
     if (count >= kMinMatches) {
       search(features, grid, pose, local_points(points), kNarrow, points, true);
       count = refine(map, features, points, pose);
     }
-    lost = count < kMinMatches;
-    if (lost) {
+    lost_frames = count < kMinMatches ? lost_frames + 1 : 0;
+    if (lost_frames > 0) {
       velocity.reset();
+      if (on_trial() && lost_frames == kTrialLost) return begin_anew(frame, std::move(features));
       result.state = TrackState::lost;
       return result;
     }
@@ -365,6 +368,19 @@ struct Tracker::State {
     const std::vector<int> none(features.size(), -1);
     add_keyframe(keyframe_of(frame, std::move(features), {}), none);
     return begun(frame, result);
+  }
+
+  bool on_trial() const { return !map.metric() && map.keyframes().size() < kTrialKeyframes; }
+
+  /// Drops a map that was on trial. It closed no loop, and the next map sets what is remembered of the last frame.
+  TrackedFrame begin_anew(const SequenceFrame& frame, Features features) {
+    map = SparseMap(map.optics(), map.metric());
+    new_points.clear();
+    new_keyframes.clear();
+    lost_frames = 0;
+    TrackedFrame result = begin_with_two(frame, std::move(features));
+    result.begins_anew = true;
+    return result;
   }
 
   /// Without depth: keeps a frame until a later one has enough parallax to it.
@@ -446,6 +462,7 @@ Tracker::~Tracker() = default;
 
 TrackedFrame Tracker::track(const SequenceFrame& frame) { return state_->track(frame); }
 std::size_t Tracker::keyframes() const { return state_->map.keyframes().size(); }
+bool Tracker::on_trial() const { return state_->on_trial(); }
 glm::dmat4 Tracker::camera_from_world(std::size_t keyframe) const {
   return to_glm(state_->map.keyframes()[keyframe].pose);
 }

@@ -47,11 +47,14 @@ struct TrackedFrame {
   bool is_keyframe = false;
   bool closed_loop = false;
   bool relocalized = false;
+  bool begins_anew = false;  ///< the map was dropped before this frame: earlier frames have no pose any more
 };
 
 /// Without depth (Calibration::depth_scale is 0) the map begins with two frames that see the same points from different
 /// places: track() then adds two keyframes at once, the first of an earlier frame. The unit of length is the median
-/// depth of the points in it.
+/// depth of the points in it. Two views can agree on a wrong map, in which later frames cannot be located. So the map
+/// is on trial until it has a few keyframes: if tracking is lost for several frames before, it is dropped, and another
+/// one begins.
 ///
 /// Not thread-safe. Deterministic: the same frames give the same poses.
 class Tracker {
@@ -63,6 +66,8 @@ class Tracker {
   TrackedFrame track(const SequenceFrame& frame);
 
   std::size_t keyframes() const;
+  /// Whether the map, if there is one, may still be dropped; never with depth.
+  bool on_trial() const;
   /// Current pose of a keyframe.
   glm::dmat4 camera_from_world(std::size_t keyframe) const;
   /// Current pose of a tracked frame.

@@ -16,6 +16,7 @@ Tracker::Tracker(const Calibration&, const TrackerOptions&) {
 Tracker::~Tracker() = default;
 TrackedFrame Tracker::track(const SequenceFrame&) { return {}; }
 std::size_t Tracker::keyframes() const { return 0; }
+bool Tracker::on_trial() const { return false; }
 glm::dmat4 Tracker::camera_from_world(std::size_t) const { return glm::dmat4(1.0); }
 glm::dmat4 Tracker::camera_from_world(const TrackedFrame&) const { return glm::dmat4(1.0); }
 std::size_t Tracker::frame_of(std::size_t) const { return 0; }

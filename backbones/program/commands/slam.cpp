@@ -36,8 +36,8 @@ struct Slam {
     options.backbone = "photo-slam";
     own.set_group("Data");
     own.add("-s,--source", options.scene.source,
-            "sequence: Replica, TUM RGB-D, EuRoC (stereo), pictures with calibration.json, or a video with "
-            "--calibration; without depth, lengths have no unit")
+            "sequence: Replica, TUM RGB-D, EuRoC (stereo, or cam0 alone), pictures with calibration.json, or a video "
+            "with --calibration; without depth, lengths have no unit")
         ->type_name("DIR|VIDEO");
     add_model_option(set, options, "output folder");
     own.add("--calibration", slam.sequence.calibration, "camera calibration to use instead of the dataset's own")

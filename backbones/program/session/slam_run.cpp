@@ -95,6 +95,7 @@ void SlamRun::tell(const TrackedFrame& frame, const SequenceFrame& picture) {
   if (frame.state == TrackState::lost && last_state_ != TrackState::lost) {
     say("tracking lost: too little of the map is visible; trying to relocalize at each of the next frames");
   }
+  if (frame.begins_anew) say("the map was dropped, because it was lost soon after it had begun; another one begins");
   if (frame.relocalized) say("tracking resumed: the camera was relocalized in the map");
   if (frame.closed_loop && !options_.quiet) say("a loop was closed: poses and Gaussians were corrected");
   if (frame.state != TrackState::dropped) last_state_ = frame.state;
@@ -115,12 +116,12 @@ std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
   const double start = now();
   SequenceFrame frame = sequence_.read(number);
   const TrackedFrame tracked = tracker_.track(frame);
+  if (tracked.begins_anew) forget_map();
   tracked_ += tracked.state == TrackState::tracked ? 1 : 0;
   outcome_.frames.push_back(tracked);
   tell(tracked, frame);
   std::optional<Update> update;
   if (tracked.is_keyframe) {
-    update.emplace();
     const std::size_t keyframe = tracker_.keyframes() - 1;
     for (std::size_t i = outcome_.keyframe_frames.size(); i <= keyframe; ++i) {
       const std::size_t of = tracker_.frame_of(i);
@@ -132,16 +133,37 @@ std::optional<SlamRun::Update> SlamRun::track(std::size_t number) {
       }
       const SequenceFrame picture = of == number ? frame : sequence_.read(of);
       require(!picture.color.empty(), picture.problem);
-      update->views.push_back(view_of(picture, sequence_.calibration(), options_.scene.resolution.value_or(-1),
-                                      tracker_.camera_from_world(i)));
+      held_.push_back(view_of(picture, sequence_.calibration(), options_.scene.resolution.value_or(-1),
+                              tracker_.camera_from_world(i)));
       outcome_.keyframe_frames.push_back(of);
     }
-    for (std::size_t i = 0; i <= keyframe; ++i) update->poses.push_back(tracker_.camera_from_world(i));
-    update->change = tracker_.take_change();
     if (outcome_.keyframe_frames.size() == kCheckedKeyframes) check_focal_lengths();
+    if (!tracker_.on_trial()) update = next_update();
   }
   outcome_.tracking_seconds += now() - start;
   return update;
+}
+
+SlamRun::Update SlamRun::next_update() {
+  Update update;
+  update.views = std::exchange(held_, {});
+  for (std::size_t i = 0; i < tracker_.keyframes(); ++i) update.poses.push_back(tracker_.camera_from_world(i));
+  update.change = tracker_.take_change();
+  return update;
+}
+
+void SlamRun::take_held() {
+  if (!take_failed_ && !held_.empty()) take(next_update());
+}
+
+void SlamRun::forget_map() {
+  for (TrackedFrame& frame : outcome_.frames) {
+    if (frame.state == TrackState::tracked) frame.state = TrackState::waiting;
+    frame.is_keyframe = false;
+  }
+  tracked_ = 0;
+  outcome_.keyframe_frames.clear();
+  held_.clear();
 }
 
 void SlamRun::begin_mapping() {
@@ -287,6 +309,7 @@ void SlamRun::run_at_once() {
 
 void SlamRun::finish_mapping() {
   if (stopped_()) return;
+  take_held();
   if (online_ == nullptr) {
     require(!scene_.train.empty(),
             options_.scene.source.string() +
@@ -346,6 +369,7 @@ void SlamRun::follow_sequence() {
 void SlamRun::keep_what_there_is() {
   try {
     take_waiting();
+    take_held();
     if (online_ == nullptr && !scene_.train.empty()) begin_mapping();
   } catch (const InputError&) {
     throw;

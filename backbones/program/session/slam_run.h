@@ -76,8 +76,14 @@ class SlamRun {
     MapChange change;
   };
 
-  /// Tracks one frame. @return the change of the map, if any
+  /// Tracks one frame. @return the change of the map, if any; changes of a map on trial are held back
   std::optional<Update> track(std::size_t number);
+  /// All that the mapper does not have yet.
+  Update next_update();
+  /// After the last frame: takes what is held back.
+  void take_held();
+  /// The tracker has dropped its map.
+  void forget_map();
   /// If this throws, the map lacks one change of the tracker, and no later change can be applied.
   void take(Update update);
   void add_to_map(Update update);
@@ -105,6 +111,7 @@ class SlamRun {
   std::mutex waiting_mutex_;
   std::deque<Update> waiting_;  ///< from the tracking thread to the mapping thread
   bool take_failed_ = false;
+  std::vector<View> held_;  ///< keyframes that are not in an Update yet
   Scene scene_;
   SeenPoints first_points_;  ///< collected until there is a backbone
   PluggedBackbone plugged_;

@@ -170,15 +170,20 @@ SequenceFiles find_euroc(const fs::path& source) {
   const fs::path mav = source / "mav0";
   SequenceFiles files;
   files.form = "EuRoC";
-  require(fs::exists(mav / "cam1"),
-          source.string() + ": has no mav0/cam1; tracking needs a second camera or depth images");
-  const EurocCamera left = read_camera(mav / "cam0" / "sensor.yaml"), right = read_camera(mav / "cam1" / "sensor.yaml");
-  require(left.calibration.width == right.calibration.width && left.calibration.height == right.calibration.height,
-          (mav / "cam1" / "sensor.yaml").string() + ": the two cameras have different image sizes");
+  const EurocCamera left = read_camera(mav / "cam0" / "sensor.yaml");
   files.calibration = left.calibration;
-  files.stereo =
-      StereoRig{left.calibration, right.calibration, glm::inverse(right.body_from_camera) * left.body_from_camera};
-  const auto pictures = read_pictures(mav / "cam0"), others = read_pictures(mav / "cam1");
+  const auto pictures = read_pictures(mav / "cam0");
+  std::vector<std::pair<double, fs::path>> others;
+  if (fs::exists(mav / "cam1")) {
+    const EurocCamera right = read_camera(mav / "cam1" / "sensor.yaml");
+    require(left.calibration.width == right.calibration.width && left.calibration.height == right.calibration.height,
+            (mav / "cam1" / "sensor.yaml").string() + ": the two cameras have different image sizes");
+    files.stereo =
+        StereoRig{left.calibration, right.calibration, glm::inverse(right.body_from_camera) * left.body_from_camera};
+    others = read_pictures(mav / "cam1");
+  } else {
+    files.notes.push_back(source.string() + ": has no mav0/cam1; mav0/cam0 is tracked alone");
+  }
   const auto first = &std::pair<double, fs::path>::first;
   const std::vector<double> times = times_of(pictures, first);
   const auto other_of = nearest_in_time(times, times_of(others, first), kMaxSecondsApart);

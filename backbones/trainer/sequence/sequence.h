@@ -61,9 +61,9 @@ struct SequenceOptions {
 };
 
 /// Replica (results/frame*.jpg, depth*.png, traj.txt, cam_params.json), TUM RGB-D (rgb.txt, depth.txt,
-/// groundtruth.txt), EuRoC (mav0/: stereo pairs, from which depth is computed), a folder of images (images/ and
-/// depth/, or colour alone) with calibration.json, or a video with SequenceOptions::calibration. Throws InputError in
-/// one line.
+/// groundtruth.txt), EuRoC (mav0/: stereo pairs, from which depth is computed, or one camera), a folder of
+/// images (images/ and depth/, or colour alone) with calibration.json, or a video with SequenceOptions::calibration.
+/// Throws InputError in one line.
 std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
 
 /// Reads {"width", "height", "fx", "fy", "cx", "cy", "k1", …, "depth_scale"}; Replica's "camera" with "w", "h" and

@@ -297,16 +297,16 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
   const fs::path& source = options.source;
   require(fs::exists(source, error), source.string() + ": no such file or folder");
   const bool video = !fs::is_directory(source, error);
-  const bool pairs = fs::is_directory(source / "mav0", error);
+  SequenceFiles files = video                                               ? find_video(options)
+                        : fs::is_directory(source / "mav0", error)          ? find_euroc(source)
+                        : !pictures_in(source / "results", "frame").empty() ? find_replica(options)
+                        : is_file(source / "rgb.txt")                       ? find_tum(options)
+                                                                            : find_folder(options);
+  const bool pairs = files.stereo.has_value();
   require(!pairs || options.calibration.empty(),
           source.string() +
               ": stereo cameras are read from mav0/cam0/sensor.yaml and "
               "mav0/cam1/sensor.yaml; omit --calibration, which is for one camera");
-  SequenceFiles files = video                                               ? find_video(options)
-                        : pairs                                             ? find_euroc(source)
-                        : !pictures_in(source / "results", "frame").empty() ? find_replica(options)
-                        : is_file(source / "rgb.txt")                       ? find_tum(options)
-                                                                            : find_folder(options);
   if (!options.calibration.empty()) files.calibration = read_calibration(options.calibration);
   const std::size_t total = files.frames.size();
   std::vector<FrameFiles> chosen;

@@ -336,6 +336,54 @@ TEST(WithoutDepth, goes_to_its_end) {
   }
 }
 
+TEST(WithoutDepth, a_map_that_is_lost_early_is_not_mapped) {
+  constexpr std::size_t kAgain = 2 * (kFrames - 1);  // there, the walk is where it began
+  Mapping plain(2 * kFrames);
+  plain.sequence.forget_depth();
+  EXPECT_EQ(plain.lines(), "");
+  Mapping mapping(kAgain + 2 * kFrames);
+  mapping.sequence.forget_depth();
+  const std::size_t first_lost = plain.outcome.keyframe_frames.at(1) + 1;  // the map has two keyframes
+  ASSERT_LE(first_lost + 5, kAgain);
+  mapping.sequence.changed = [&](SequenceFrame& frame) {
+    frame.depth.clear();
+    if (frame.number >= first_lost && frame.number < kAgain) std::ranges::fill(frame.color, std::uint8_t{90});
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame " + std::to_string(first_lost) + " (");
+  expect_in(lines, ": tracking lost");
+  expect_in(lines, "frame " + std::to_string(first_lost + 4) + " (");
+  expect_in(lines, ": the map was dropped, because it was lost soon after it had begun; another one begins");
+  EXPECT_EQ(std::ranges::count(lines, '\n'), 2) << lines;
+  EXPECT_EQ(mapping.count(TrackState::lost), 4u);
+  EXPECT_EQ(mapping.count(TrackState::tracked), plain.count(TrackState::tracked));
+
+  std::vector<std::size_t> expected = plain.outcome.keyframe_frames;
+  for (std::size_t& frame : expected) frame += kAgain;
+  ASSERT_EQ(mapping.outcome.keyframe_frames, expected);
+  const std::vector<View>&views = mapping.slam_run->scene().train, &plain_views = plain.slam_run->scene().train;
+  ASSERT_EQ(views.size(), expected.size());
+  ASSERT_EQ(plain_views.size(), expected.size());
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    EXPECT_EQ(views[i].color[0], plain_views[i].color[0]);
+    EXPECT_EQ(views[i].camera.camera_from_world, plain_views[i].camera.camera_from_world);
+  }
+  EXPECT_EQ(mapping.slam_run->scene().points.positions, plain.slam_run->scene().points.positions);
+}
+
+TEST(WithoutDepth, a_map_with_few_keyframes_at_the_end_is_mapped) {
+  Mapping whole(2 * kFrames);
+  whole.sequence.forget_depth();
+  whole.lines();
+  const std::size_t second = whole.outcome.keyframe_frames.at(1);
+  Mapping mapping(second + 1);
+  mapping.sequence.forget_depth();
+  EXPECT_EQ(mapping.lines(), "");
+  EXPECT_EQ(mapping.outcome.keyframe_frames, (std::vector<std::size_t>{0, second}));
+  EXPECT_EQ(mapping.slam_run->scene().train.size(), 2u);
+  EXPECT_GT(mapping.slam_run->backbone().primitives(), 0u);
+}
+
 TEST(WithoutDepth, a_camera_that_only_turns_is_told_so) {
   static const std::vector<SequenceFrame> turning = testing::walk_frames(kWidth, kHeight, kFrames, 120, true);
   Mapping mapping;

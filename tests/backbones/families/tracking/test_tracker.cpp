@@ -198,6 +198,58 @@ TEST_F(TrackerWithoutDepth, a_camera_that_only_turns_gives_no_map) {
   EXPECT_EQ(tracker.keyframes(), 0u);
 }
 
+SequenceFrame grey(SequenceFrame frame) {
+  std::ranges::fill(frame.color, std::uint8_t{128});
+  return frame;
+}
+
+TEST_F(TrackerWithoutDepth, a_map_that_is_lost_early_is_dropped) {
+  Tracker tracker(calibration_, options_);
+  std::size_t number = 0;
+  const auto next = [&](SequenceFrame frame) {
+    frame.number = number++;
+    return tracker.track(frame);
+  };
+  for (std::size_t i = 0; i < frames().size() && tracker.keyframes() == 0; ++i) next(frames()[i]);
+  ASSERT_EQ(tracker.keyframes(), 2u);
+  EXPECT_TRUE(tracker.on_trial());
+  for (int lost = 1; lost < 5; ++lost) EXPECT_EQ(next(grey(frames()[0])).state, TrackState::lost);
+  EXPECT_EQ(tracker.keyframes(), 2u);
+  const TrackedFrame dropped = next(grey(frames()[0]));
+  EXPECT_TRUE(dropped.begins_anew);
+  EXPECT_EQ(dropped.state, TrackState::waiting);
+  EXPECT_EQ(tracker.keyframes(), 0u);
+  EXPECT_EQ(tracker.map_points(), 0u);
+  EXPECT_TRUE(tracker.take_change().map_points.views.empty());
+
+  // Nothing of the first map is left in the second.
+  const std::size_t again = number;
+  Tracker fresh(calibration_, options_);
+  for (const SequenceFrame& frame : frames()) EXPECT_EQ(next(frame).state, fresh.track(frame).state) << frame.number;
+  ASSERT_GE(fresh.keyframes(), 4u);
+  ASSERT_EQ(tracker.keyframes(), fresh.keyframes());
+  EXPECT_EQ(tracker.map_points(), fresh.map_points());
+  for (std::size_t i = 0; i < fresh.keyframes(); ++i) {
+    EXPECT_EQ(tracker.frame_of(i), again + fresh.frame_of(i));
+    EXPECT_EQ(tracker.camera_from_world(i), fresh.camera_from_world(i)) << i;
+  }
+}
+
+TEST_F(TrackerWithoutDepth, a_map_that_is_lost_later_is_kept) {
+  options_.keyframe_gap = 3;
+  Tracker tracker(calibration_, options_);
+  std::size_t number = 0;
+  while (number < frames().size() && tracker.on_trial()) tracker.track(frames()[number++]);
+  ASSERT_FALSE(tracker.on_trial());
+  ASSERT_EQ(tracker.keyframes(), 5u);
+  SequenceFrame wall = grey(frames()[0]);
+  for (int lost = 0; lost < 8; ++lost) {
+    wall.number = number++;
+    EXPECT_EQ(tracker.track(wall).state, TrackState::lost);
+  }
+  EXPECT_EQ(tracker.keyframes(), 5u);
+}
+
 TEST_F(TrackerWithoutDepth, features_take_the_depth_of_points_beside_them) {
   Tracker tracker(calibration_, options_);
   for (const SequenceFrame& frame : frames()) {

@@ -144,8 +144,32 @@ TEST_F(Stereo, mistakes_are_told) {
   expect_in(with("data: [-0.", "data: [-7."), "T_BS is not a rigid transform");
   fs::copy_file(walk() / "mav0/cam0/sensor.yaml", sensor, fs::copy_options::overwrite_existing);
   expect_in(error_of(walk()), "must be side by side");
+}
+
+TEST_F(Stereo, one_camera_alone_has_no_depth) {
+  const auto stereo = open_sequence(of(walk()));
   fs::remove_all(walk() / "mav0/cam1");
-  expect_in(error_of(walk()), "has no mav0/cam1");
+  const auto sequence = open_sequence(of(walk()));
+  ASSERT_EQ(sequence->size(), 2u);
+  ASSERT_EQ(sequence->notes().size(), 1u);
+  expect_in(sequence->notes()[0], "has no mav0/cam1; mav0/cam0 is tracked alone");
+  EXPECT_FALSE(sequence->calibration().has_depth());
+  EXPECT_NEAR(sequence->calibration().fx, synthetic::Intrinsics(kWidth, kHeight).focal, 1e-6);
+  const SequenceFrame frame = sequence->read(1);
+  EXPECT_EQ(frame.problem, "");
+  EXPECT_FALSE(frame.color.empty());
+  EXPECT_TRUE(frame.depth.empty());
+  ASSERT_TRUE(sequence->truth(1).has_value());
+  EXPECT_LT(glm::length((*sequence->truth(1))[3] - (*stereo->truth(1))[3]), 1e-9);
+
+  // A calibration for one camera is usable here.
+  SequenceOptions options = of(walk());
+  options.calibration = folder_ / "camera.json";
+  std::ofstream(options.calibration)
+      << R"({"width": 200, "height": 150, "fx": 170, "fy": 171, "cx": 99, "cy": 74, "depth_scale": 1000})";
+  const auto calibrated = open_sequence(options);
+  EXPECT_EQ(calibrated->calibration().fy, 171);
+  EXPECT_FALSE(calibrated->calibration().has_depth());
 }
 
 TEST_F(Stereo, a_calibration_beside_its_own_is_refused) {
