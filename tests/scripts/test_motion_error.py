@@ -63,3 +63,5 @@ def test_wrong_folders_are_told_in_one_line(tmp_path, truth):
     whole = (truth / "00001.ply").read_bytes()
     (truth / "00001.ply").write_bytes(whole[:-4])
     assert "00001.ply: is cut short" in refused(truth, moving)
+    (truth / "00001.ply").write_bytes(whole[:-4] + struct.pack("<f", float("nan")))
+    assert "00001.ply: holds values that are not finite" in refused(truth, moving)

@@ -205,6 +205,9 @@ std::vector<int> match_descriptors(const cv::Mat& a, const cv::Mat& b) {
 std::vector<int> match_along_lines(const Features& a, const Features& b, const Eigen::Matrix3d& line_of,
                                    std::span<const std::uint8_t> usable_a, std::span<const std::uint8_t> usable_b) {
   std::vector<int> matches(a.size(), -1), owner(b.size(), -1), distance_of(b.size(), 0);
+  std::vector<double> farthest;  // px from the line, of features of `b`
+  farthest.reserve(b.size());
+  for (const int level : b.levels) farthest.push_back(kLineErrors * std::pow(kLevelFactor, level));
   for (std::size_t i = 0; i < a.size(); ++i) {
     if (usable_a[i] == 0) continue;
     Vec3 line = line_of * a.pixels[i].homogeneous();
@@ -214,8 +217,7 @@ std::vector<int> match_along_lines(const Features& a, const Features& b, const E
     int best = kMaxBits + 1, second = 257, at = -1;
     for (std::size_t j = 0; j < b.size(); ++j) {
       if (usable_b[j] == 0) continue;
-      const double away = std::abs(line.dot(b.pixels[j].homogeneous()));
-      if (away > kLineErrors * std::pow(kLevelFactor, b.levels[j])) continue;
+      if (std::abs(line.dot(b.pixels[j].homogeneous())) > farthest[j]) continue;
       const int distance = bits_apart(a.descriptors.ptr<std::uint8_t>(static_cast<int>(i)),
                                       b.descriptors.ptr<std::uint8_t>(static_cast<int>(j)));
       if (distance < best) {

@@ -8,6 +8,7 @@
 #include "program/session/options.h"
 #include "splatboost/errors.h"
 #include "splatboost/threads.h"
+#include "trainer/images/image_codec.h"
 
 namespace splatboost::program {
 namespace {
@@ -37,6 +38,7 @@ void check_threads(int threads) {
 }
 
 ChosenDevice::ChosenDevice(const std::string& name, int threads) : threads_(threads) {
+  set_opencv_threads(threads_.count());
   const std::optional<int> ordinal = ordinal_of(name);
   if (!ordinal) return;
   try {

@@ -21,7 +21,7 @@ class ChosenDevice {
  public:
   /// @param name cpu; cuda, the first GPU; cuda:N, the N-th, counted from 0. Throws InputError if the machine has no
   /// such GPU or the build no CUDA.
-  /// @param threads for the work of the CPU, also when the device is a GPU; 0: available_cpus()
+  /// @param threads for the work of the CPU, also when the device is a GPU, and for OpenCV's loops; 0: available_cpus()
   ChosenDevice(const std::string& name, int threads);
 
   Device device() { return stream_ ? Device(*stream_) : Device(threads_); }

@@ -22,6 +22,10 @@ struct Pixels {
 /// Whether this build has OpenCV.
 bool have_opencv();
 
+/// Sets the number of threads of OpenCV's own loops, for the whole process; `count` is at least 1 and limited to
+/// available_cpus(). Images and tracking are the same for any number; LPIPS changes by rounding, about 1e-8 of it.
+void set_opencv_threads(int count);
+
 /// Decodes an image file without conversion: alpha and 16 bit are kept, and the EXIF orientation is ignored, as COLMAP
 /// does. Throws InputError, beginning with `where`.
 Pixels decode_image(std::span<const std::uint8_t> file, const std::string& where);

@@ -7,9 +7,11 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <mutex>
 
+#include "splatboost/threads.h"
 #include "trainer/images/image_codec.h"
 #include "trainer/support/input_error.h"
 
@@ -77,6 +79,9 @@ cv::Mat make_room(Pixels& pixels, int width, int height, int channels, int bits)
 }  // namespace
 
 bool have_opencv() { return true; }
+
+// TBB, which OpenCV may use, prints a warning if it is to use more threads than there are CPUs.
+void set_opencv_threads(int count) { cv::setNumThreads(std::min(count, available_cpus())); }
 
 Pixels decode_image(std::span<const std::uint8_t> file, const std::string& where) {
   silence_opencv();

@@ -83,6 +83,7 @@ bool write_png(png_structp png, png_infop info, const Pixels& pixels) {
 }  // namespace
 
 bool have_opencv() { return false; }
+void set_opencv_threads(int) {}
 
 Pixels decode_image(std::span<const std::uint8_t> file, const std::string& where) {
   require(file.size() > 8 && std::memcmp(file.data(), kMagic, 8) == 0,

@@ -137,7 +137,7 @@ void VideoFile::finish() {
 struct VideoFrames::State {
   fs::path path;
   cv::VideoCapture capture;
-  std::size_t frames = 0;  ///< read so far
+  std::size_t frames = 0;  ///< read, or passed, so far
 };
 
 VideoFrames::VideoFrames(const fs::path& path) : state_(std::make_unique<State>()) {
@@ -150,11 +150,11 @@ VideoFrames::~VideoFrames() = default;
 Pixels VideoFrames::next() {
   cv::Mat frame;
   const bool read = state_->capture.read(frame);
+  const std::size_t number = state_->frames++;
   if (!read || frame.empty() || frame.type() != CV_8UC3) {
-    throw InputError(state_->path.string() + ": frame " + std::to_string(state_->frames) +
+    throw InputError(state_->path.string() + ": frame " + std::to_string(number) +
                      " of the video cannot be read; copy it again");
   }
-  ++state_->frames;
   Pixels pixels{frame.cols, frame.rows, 3, 8, {}};
   pixels.bytes.reserve(3 * static_cast<std::size_t>(frame.cols) * static_cast<std::size_t>(frame.rows));
   for (int y = 0; y < frame.rows; ++y) {
@@ -164,6 +164,11 @@ Pixels VideoFrames::next() {
     }
   }
   return pixels;
+}
+
+void VideoFrames::skip() {
+  state_->capture.grab();
+  ++state_->frames;
 }
 
 VideoLength measure_video(const fs::path& path, std::size_t most) {

@@ -42,6 +42,8 @@ class VideoFrames {
 
   /// The next frame, 8-bit RGB.
   Pixels next();
+  /// Passes the next frame, without the time to convert it.
+  void skip();
 
  private:
   struct State;

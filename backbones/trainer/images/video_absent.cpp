@@ -25,6 +25,7 @@ VideoFrames::VideoFrames(const std::filesystem::path& path) {
 
 VideoFrames::~VideoFrames() = default;
 Pixels VideoFrames::next() { return {}; }
+void VideoFrames::skip() {}
 
 VideoLength measure_video(const std::filesystem::path& path, std::size_t) {
   const VideoFrames refused(path);

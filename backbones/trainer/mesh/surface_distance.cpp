@@ -108,13 +108,13 @@ std::vector<float> thin_points(std::span<const float> points, double radius, std
 
 std::vector<float> voxel_means(std::span<const float> points, double size) {
   struct Member {
-    std::array<std::int64_t, 3> voxel;
+    std::array<double, 3> voxel;  ///< integers, which may be too large for integer types
     std::size_t point;
   };
   std::vector<Member> members(points.size() / 3);
   for (std::size_t i = 0; i < members.size(); ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
-      members[i].voxel[c] = static_cast<std::int64_t>(std::floor(static_cast<double>(points[3 * i + c]) / size));
+      members[i].voxel[c] = std::floor(static_cast<double>(points[3 * i + c]) / size);
     }
     members[i].point = i;
   }

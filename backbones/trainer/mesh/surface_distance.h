@@ -22,7 +22,8 @@ std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing);
 /// down-sampling).
 std::vector<float> thin_points(std::span<const float> points, double radius, std::uint64_t seed);
 
-/// The mean of the points in each voxel of a grid, in the order of the voxels (the resampling of Tanks and Temples).
+/// The mean of the points, which must be finite, in each voxel of a grid, in the order of the voxels (the resampling of
+/// Tanks and Temples).
 std::vector<float> voxel_means(std::span<const float> points, double size);
 
 /// Finds the nearest of a set of points, by a k-d tree.

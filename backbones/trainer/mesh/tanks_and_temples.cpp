@@ -65,7 +65,7 @@ std::vector<float> cropped(std::span<const float> points, const CropVolume& volu
   for (std::size_t i = 0; i + 2 < points.size(); i += 3) {
     const double p[3] = {static_cast<double>(points[i]), static_cast<double>(points[i + 1]),
                          static_cast<double>(points[i + 2])};
-    if (p[axis] < volume.low || p[axis] > volume.high) continue;
+    if (!(p[axis] >= volume.low && p[axis] <= volume.high)) continue;
     bool in = false;  // a ray along u crosses an odd number of edges
     for (std::size_t k = 0, last = volume.polygon.size() - 1; k < volume.polygon.size(); last = k++) {
       const auto &a = volume.polygon[k], &b = volume.polygon[last];

@@ -109,9 +109,9 @@ class FileSequence final : public Sequence {
 
   static std::string name_of(const FrameFiles& files) {
     if (files.video_frame < 0) return files.color.filename().string();
-    char number[16];
-    std::snprintf(number, sizeof(number), "_%06d", files.video_frame);
-    return files.color.stem().string() + number;
+    char number[20];
+    std::snprintf(number, sizeof(number), "_%06d.png", files.video_frame);
+    return files.color.stem().string() + number;  // as of a picture, because the stem may contain dots
   }
 
   /// Decodes a video onwards, or again from its beginning for an earlier frame.
@@ -120,12 +120,9 @@ class FileSequence final : public Sequence {
       video_.emplace(files.color);
       next_in_video_ = 0;
     }
-    Pixels pixels;
-    while (next_in_video_ <= files.video_frame) {
-      ++next_in_video_;  // first, because a frame that cannot be read is passed too
-      pixels = video_->next();
-    }
-    return pixels;
+    for (; next_in_video_ < files.video_frame; ++next_in_video_) video_->skip();
+    ++next_in_video_;  // first, because a frame that cannot be read is passed too
+    return video_->next();
   }
 
   /// [H,W,3]

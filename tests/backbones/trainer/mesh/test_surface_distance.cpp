@@ -43,6 +43,7 @@ TEST(VoxelMeans, are_one_point_per_voxel) {
   const std::vector<float> points{1.5f, 0, 0, 0.125f, 0.25f, 0.75f, -0.5f, 0, 0, 0.375f, 0.25f, 0.25f};
   EXPECT_EQ(voxel_means(points, 1), (std::vector<float>{-0.5f, 0, 0, 0.25f, 0.25f, 0.5f, 1.5f, 0, 0}));
   EXPECT_TRUE(voxel_means({}, 1).empty());
+  EXPECT_EQ(voxel_means(points, 1e-30).size(), points.size()) << "voxel numbers beyond 64 bits";
 }
 
 TEST(ThinPoints, leaves_none_within_the_radius_of_another_and_none_without_one) {
@@ -93,8 +94,8 @@ TEST(CropVolume, is_a_polygon_between_two_heights) {
   std::ofstream(folder / "crop.json") << R"({"class_name": "SelectionPolygonVolume", "orthogonal_axis": "Y",
     "axis_min": -1, "axis_max": 2, "bounding_polygon": [[0, 0, 0], [4, 0, 0], [0, 0, 4]]})";
   const CropVolume volume = read_crop_volume(folder / "crop.json");
-  // Inside; above; beyond the slanted edge; outside.
-  const std::vector<float> points{1, 1, 1, 1, 3, 1, 3, 1, 3, -1, 0, 1};
+  // Inside; above; beyond the slanted edge; outside; nowhere.
+  const std::vector<float> points{1, 1, 1, 1, 3, 1, 3, 1, 3, -1, 0, 1, 1, NAN, 1};
   EXPECT_EQ(cropped(points, volume), (std::vector<float>{1, 1, 1}));
   std::ofstream(folder / "bad.json") << R"({"orthogonal_axis": "W"})";
   test::expect_contains(test::input_error_of([&] { read_crop_volume(folder / "bad.json"); }), "orthogonal_axis");

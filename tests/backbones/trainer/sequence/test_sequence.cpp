@@ -245,9 +245,9 @@ void make_video(const fs::path& file) {
 
 TEST(Sequence, a_video_is_read) {
   const TemporaryFolder folder;
-  make_video(folder / "walk.mp4");
+  make_video(folder / "walk.TS.mp4");
   std::ofstream(folder / "camera.json") << calibration();
-  SequenceOptions options = of(folder / "walk.mp4");
+  SequenceOptions options = of(folder / "walk.TS.mp4");
   options.calibration = folder / "camera.json";
   const auto sequence = open_sequence(options);
   ASSERT_EQ(sequence->size(), 5u);
@@ -257,7 +257,7 @@ TEST(Sequence, a_video_is_read) {
     EXPECT_EQ(frame.problem, "");
     EXPECT_NEAR(frame.color[0], 40 + 40 * static_cast<int>(number), 4) << number;
     EXPECT_NEAR(frame.time, 0.1 * static_cast<double>(number), 1e-6);
-    EXPECT_EQ(frame.name, "walk_00000" + std::to_string(number));
+    EXPECT_EQ(frame.name, "walk.TS_00000" + std::to_string(number) + ".png");
     EXPECT_TRUE(frame.depth.empty());
   }
   options.first = 1;
