@@ -70,11 +70,8 @@ sb_status failed(sb_status status, const char* message) noexcept {
   return status;
 }
 
-Place::Place(const sb_device* device) : threads_(1) {
-  if (device == nullptr) {
-    threads_ = Threads();
-    return;
-  }
+Place::Place(const sb_device* device) {
+  if (device == nullptr) return;
   SPLATBOOST_CHECK(device->kind == SB_CPU || device->kind == SB_CUDA,
                    "device.kind must be SB_CPU or SB_CUDA, not " + std::to_string(device->kind));
   kind_ = device->kind;

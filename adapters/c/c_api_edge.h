@@ -92,7 +92,7 @@ class Place {
   /// The device to pass to operations; valid as long as this place.
   Device device() { return stream_ ? Device(*stream_) : Device(threads_); }
   bool is_cuda() const { return kind_ == SB_CUDA; }
-  /// For what runs on the host; a single one if the device is a GPU.
+  /// For what runs on the host; as many as there are CPUs if the device is a GPU.
   Threads& host_threads() { return threads_; }
   /// device_kind and device_index of tensors on this place.
   std::int32_t kind() const { return kind_; }

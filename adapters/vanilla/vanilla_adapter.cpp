@@ -156,7 +156,9 @@ bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
 
 void VanillaAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) {
   if (boost_.vcp) prune_by_scores(statistics, rasterizer, decisions);
-  if (!needs_clearances()) return;
+  if (!needs_clearances() || statistics.clearances.empty()) return;
+  SPLATBOOST_CHECK(statistics.clearances.size() == decisions.remove.size(),
+                   "clearances must have one number per primitive");
   for (std::size_t i = 0; i < statistics.clearances.size(); ++i) {
     if (statistics.clearances[i] < static_cast<float>(boost_.min_clearance)) decisions.remove[i] = 1;
   }

@@ -173,6 +173,8 @@ int run_commands(int argc, char** argv) {
     return fail(kUsage, where, error.what());
   } catch (const std::bad_alloc&) {
     return fail(kFailure, where, "out of memory: lower --resolution or set --max-primitives");
+  } catch (const DeviceMemoryError& error) {
+    return fail(kFailure, where, std::string(error.what()) + "; use --device cpu to run without a GPU");
   } catch (const std::filesystem::filesystem_error& error) {
     return fail(kFailure, where, error.path1().string() + ": " + error.code().message());
   } catch (const std::exception& error) {

@@ -23,6 +23,12 @@ def test_help_and_unknown_arguments(name):
     assert run(name, "--nonsense").returncode == 2
 
 
+def test_the_wheel_refuses_arguments_after_the_first_too():
+    """pip would, but after dist/ was emptied."""
+    done = subprocess.run([SCRIPTS / "wheel", "--cuda", "--in-tree"], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2 and done.stderr == "wheel: unknown argument --in-tree; see --help\n"
+
+
 def test_a_program_that_is_missing():
     done = run("two_at_once", "/nonexistent")
     assert done.returncode == 2 and done.stderr.endswith("/nonexistent is not a program; scripts/build builds it\n")

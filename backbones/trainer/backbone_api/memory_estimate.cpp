@@ -14,7 +14,7 @@ constexpr std::size_t kFloat = sizeof(float);
 constexpr std::size_t kParameters = 3 + 3 + 45 + 1 + 3 + 4;
 constexpr std::size_t kTrained = 4 * kParameters * kFloat;     // values, gradients, two moments
 constexpr std::size_t kActivated = 4 * kFloat;                 // scales, opacity
-constexpr std::size_t kStatistics = (2 + 2 + 3 + 3) * kFloat;  // screen gradients, their sums and means
+constexpr std::size_t kStatistics = (2 + 2 + 3 + 4) * kFloat;  // screen gradients, their sums, means, clearances
 constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;             // sums over views, importance, pruning score, counts
 constexpr std::size_t kProjected = 64 + 8 + 9;                 // blend record, listing, small arrays
 // (tile, Gaussian) pairs per Gaussian. In photo scenes: 3 (small images) to 20 (half a megapixel) with the 3σ square, 2
@@ -65,7 +65,10 @@ MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes,
       largest = std::max(largest, view.color.size() / 3);
     }
   }
-  estimate.fixed_bytes = std::max(resident_bytes, estimate.photo_bytes) + kPixel * largest;
+  std::size_t rescaled = 0;  // read after resident_bytes was measured
+  for (const View& view : scene.train_rescaled) rescaled += view.color.size() + view.valid.size();
+  estimate.fixed_bytes = std::max(resident_bytes, estimate.photo_bytes) + rescaled + kPixel * largest;
+  estimate.photo_bytes += rescaled;
   estimate.bytes_per_primitive = bytes_per_primitive;
   return estimate;
 }

@@ -359,14 +359,16 @@ SB_API sb_status sb_adam_step(const sb_device* device, const sb_tensor* values, 
 SB_API sb_status sb_mean_squared_neighbor_distances(const sb_device* device, const sb_tensor* points, int32_t k,
                                                     const sb_tensor* distances);
 
-/** Distances of cameras to the scene's nearest points, world units. Computed on the host; waits.
- *  @param centres float32 [C,3] of the cameras @param points float32 [M,3] of the scene before training
+/** Distances of cameras to the scene's nearest points, world units; max(10, M / max(1000, 10 C)) points may be nearer,
+ *  because some may be wrong. Computed on the host; waits.
+ *  @param centres float32 [C,3] of all training cameras @param points float32 [M,3] of the scene before training
  *  @param distances float32 [C]; 0 if there are at most ten points */
 SB_API sb_status sb_distances_to_scene(const sb_device* device, const sb_tensor* centres, const sb_tensor* points,
                                        const sb_tensor* distances);
-/** Distances of Gaussians from cameras, relative to those of the scene. @param means float32 [N,3]
- *  @param centres float32 [C,3] @param distances float32 [C] of sb_distances_to_scene()
- *  @param clearances float32 [N] */
+/** Distances of Gaussians from cameras, relative to those of the scene: the least over the cameras.
+ *  @param means float32 [N,3] @param centres float32 [C,3]
+ *  @param distances float32 [C] of sb_distances_to_scene(); cameras at distance 0 are left out
+ *  @param clearances float32 [N]; infinite if no camera is left */
 SB_API sb_status sb_camera_clearances(const sb_device* device, const sb_tensor* means, const sb_tensor* centres,
                                       const sb_tensor* distances, const sb_tensor* clearances);
 

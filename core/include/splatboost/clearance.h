@@ -9,9 +9,10 @@
 
 namespace splatboost {
 
-/// Distances of cameras to the scene: to its nearest points, in any direction. A thousandth of the points, at least
-/// ten, may be nearer, because some may be wrong.
-/// @param centres [C,3] of the cameras, world frame
+/// Distances of cameras to the scene: to its nearest points, in any direction. Some points may be wrong, so max(10,
+/// M / max(1000, 10·C)) may be nearer: with many cameras a tenth of one camera's share, because in a long scene the
+/// surfaces around a camera are a small share of all points.
+/// @param centres [C,3] of all training cameras, world frame
 /// @param points [M,3] of the scene before training, such as those of structure from motion
 /// @param distances [C] world units; 0 if there are at most ten points
 void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,

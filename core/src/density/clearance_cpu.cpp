@@ -16,9 +16,10 @@ namespace splatboost {
 namespace {
 
 constexpr std::size_t kGrain = 1024;
-constexpr std::size_t kWrongPoints = 10;   ///< points that may be wrong, at least
-constexpr std::size_t kWrongShare = 1000;  ///< one of so many may be
-constexpr float kNoCamera = std::numeric_limits<float>::infinity();
+constexpr std::size_t kWrongPoints = 10;     ///< points that may be wrong, at least
+constexpr std::size_t kWrongShare = 1000;    ///< one of so many may be,
+constexpr std::size_t kWrongPerCamera = 10;  ///< but at most one of so many of a camera's share of the points
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 void check_cameras(std::span<const float> centres, std::span<const float> distances) {
   SPLATBOOST_CHECK(centres.size() == 3 * distances.size(), "centres must be [C,3] and distances [C]");
@@ -30,7 +31,8 @@ void distances_to_scene(std::span<const float> centres, std::span<const float> p
                         Threads& threads) {
   check_cameras(centres, distances);
   SPLATBOOST_CHECK(points.size() % 3 == 0, "points must be [M,3]");
-  const std::size_t count = points.size() / 3, wrong = std::max(kWrongPoints, count / kWrongShare);
+  const std::size_t count = points.size() / 3, share = std::max(kWrongShare, kWrongPerCamera * distances.size());
+  const std::size_t wrong = std::max(kWrongPoints, count / share);
   if (count <= wrong) {
     std::ranges::fill(distances, 0.0f);
     return;
@@ -42,7 +44,7 @@ void distances_to_scene(std::span<const float> centres, std::span<const float> p
         const float x = points[3 * p] - centres[3 * c], y = points[3 * p + 1] - centres[3 * c + 1];
         const float z = points[3 * p + 2] - centres[3 * c + 2];
         const float square = x * x + y * y + z * z;
-        squares[p] = std::isnan(square) ? kNoCamera : square;
+        squares[p] = std::isnan(square) ? kInfinity : square;
       }
       const auto nearest = squares.begin() + static_cast<std::ptrdiff_t>(wrong);
       std::nth_element(squares.begin(), nearest, squares.end());
@@ -65,7 +67,7 @@ void camera_clearances(std::span<const float> means, std::span<const float> cent
         x[i] = means[3 * (first + i)];
         y[i] = means[3 * (first + i) + 1];
         z[i] = means[3 * (first + i) + 2];
-        least[i] = kNoCamera;
+        least[i] = kInfinity;
       }
       for (std::size_t c = 0; c < distances.size(); ++c) {
         const float cx = centres[3 * c], cy = centres[3 * c + 1], cz = centres[3 * c + 2], distance = distances[c];

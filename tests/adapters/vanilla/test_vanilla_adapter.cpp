@@ -242,6 +242,7 @@ TEST_F(VanillaAdapterTest, removes_what_is_near_a_camera) {
   for (const PruneRule rule : {PruneRule::growth, PruneRule::late}) {
     EXPECT_EQ(removed(boost, rule, {0.79f, 0.8f, 3}), (Mask{1, 0, 0}));
     EXPECT_EQ(removed(boost, rule, {}), (Mask{0, 0, 0})) << "not known";
+    EXPECT_THROW(removed(boost, rule, {3, 3, 3, 3}), ArgumentError);
   }
   boost.vcp = false;
   EXPECT_EQ(removed(boost, PruneRule::growth, {0.79f, 0.8f, 3}), (Mask{1, 0, 0})) << "a part of its own";

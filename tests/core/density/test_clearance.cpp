@@ -63,6 +63,19 @@ TEST(DistancesToScene, AreThoseOfTheEleventhPointOrOfTheNearestThousandth) {
   }
 }
 
+// A street of 1 km with a camera at every metre, 2 m above it. A thousandth of its points is 12 m² of ground.
+TEST(DistancesToScene, AreThoseOfTheGroundBelowInALongScene) {
+  std::vector<float> points = in_a_cube(100000, 8), centres;  // in [-2, 2]
+  for (std::size_t i = 0; i < points.size(); i += 3) {
+    points[i] *= 250;
+    points[i + 1] *= 3;
+    points[i + 2] = 0;
+  }
+  for (int c = 0; c < 1000; ++c) centres.insert(centres.end(), {static_cast<float>(c - 500), 0, 2});
+  EXPECT_LT(distances_of(centres, points)[500], 2.3f);
+  EXPECT_GT(distances_of({0, 0, 2}, points)[0], 2.5f) << "a tenth of a camera's share must be less than a thousandth";
+}
+
 TEST(DistancesToScene, AreZeroWithTooFewPoints) {
   EXPECT_EQ(distances_of({0, 0, 0}, in_a_cube(10, 1)), std::vector<float>{0});
   EXPECT_EQ(distances_of({0, 0, 0}, {}), std::vector<float>{0});

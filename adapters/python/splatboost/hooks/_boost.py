@@ -110,7 +110,8 @@ class Boost:
         return self.gaussians.get_xyz  # type: ignore[no-any-return]
 
     def _measure_distances(self) -> None:
-        """Of the training cameras to the scene: to the Gaussians that the run begins with."""
+        """Of the training cameras to the scene: to the Gaussians that the run begins with, which are the checkpoint's if it is
+        resumed."""
         if self.adapter.settings.get("min_clearance", 0) > 0:
             cameras = self._scene.getTrainCameras()
             centres = torch.stack([camera.camera_center.detach().float().reshape(3) for camera in cameras])

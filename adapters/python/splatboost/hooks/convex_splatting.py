@@ -50,7 +50,7 @@ class Boost(_boost.Boost):
 
     def _grows_at(self, iteration: int) -> bool:
         o = self.options
-        return o.densify_from_iter < iteration < o.densify_until_iter and iteration % o.densification_interval == 0
+        return bool(o.densify_from_iter < iteration < o.densify_until_iter and iteration % o.densification_interval == 0)
 
     def _restart_statistics(self) -> None:
         """No effect: only the host's statistics are used."""

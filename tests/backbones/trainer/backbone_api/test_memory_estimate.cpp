@@ -40,6 +40,16 @@ TEST(MemoryEstimate, CountsWhatTheProcessHolds) {
   EXPECT_EQ(large.fixed_bytes - small.fixed_bytes, 30 * kMebibyte);
 }
 
+TEST(MemoryEstimate, AddsPhotosOfAnotherScale) {
+  Scene scene = two_views();
+  scene.train_rescaled.resize(2);
+  for (View& view : scene.train_rescaled) view.color.resize(5000);
+  const MemoryEstimate without = estimate_memory(two_views(), kMebibyte, 100);
+  const MemoryEstimate with = estimate_memory(scene, kMebibyte, 100);
+  EXPECT_EQ(with.photo_bytes - without.photo_bytes, 10000u);
+  EXPECT_EQ(with.fixed_bytes - without.fixed_bytes, 10000u);
+}
+
 TEST(MemoryEstimate, AGaussianHoldsAtLeastItsTensors) {
   EXPECT_GT(gaussian_memory_bytes(), 59u * 4 * 4);
   EXPECT_LT(gaussian_memory_bytes(), 3000u);
