@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include "pgsr/neighbor_views.h"
 #include "splatboost/array.h"
 #include "splatboost/elementwise.h"
+#include "splatboost/errors.h"
 #include "splatboost/exposure.h"
 #include "splatboost/gaussian_planes.h"
 #include "splatboost/photometric.h"
@@ -49,6 +51,7 @@ class Pgsr final : public GaussianMethod {
         flatness_sums_(device_, {0.0, 0.0}),
         radii_(device_),
         observed_(device_),
+        patch_photos_{Array<std::uint8_t>(device_), Array<std::uint8_t>(device_)},
         photometric_(device_),
         no_exposure_(device_, {0.0f, 0.0f}),
         exposure_gradients_(device_, {0.0f, 0.0f}),
@@ -86,6 +89,7 @@ class Pgsr final : public GaussianMethod {
     plane_depth(camera, features, depth, device_);
     return true;
   }
+  double photo_scale() const override { return config_.photometric_weight > 0 ? config_.ncc_scale : 1; }
   bool trains_surfaces() const override { return true; }
 
   // Density control.
@@ -121,6 +125,8 @@ class Pgsr final : public GaussianMethod {
     return {seed_, static_cast<std::uint64_t>(iteration), purpose};
   }
   const View* second_view(const DrawContext& first);
+  /// The photo of a view in which patches are compared, if that is not the one it is trained on.
+  std::optional<PatchPhoto> patch_photo(const StepView& view, Array<std::uint8_t>& memory) const;
   /// Exposure parameters [2] of a training view or its half-size view; empty for other views.
   std::span<float> exposure_of(const View& view, Array<float>& rows) const;
   double add_exposed_loss(const StepView& first);
@@ -151,6 +157,7 @@ class Pgsr final : public GaussianMethod {
   std::span<const std::uint8_t> visible_;          ///< [N] in the first view
   Array<std::int32_t> radii_;                      ///< [N] largest screen radius since the last growth, px
   Array<std::int32_t> observed_;                   ///< [N] number of pixels of a view that observe a Gaussian
+  Array<std::uint8_t> patch_photos_[2];            ///< only on a GPU: of the views of a step
   Photometric photometric_;                        ///< for views with exposure
   Array<float> no_exposure_, exposure_gradients_;  ///< for views without compensation
   Array<double> exposure_sums_;
@@ -194,9 +201,12 @@ double Pgsr::add_loss(std::span<const StepView> views) {
     if (!device_.is_cuda()) loss += flatness_sums_.host()[0];  // not on a GPU, where reading it would synchronise
   }
   if (!has_surfaces_) return loss;
-  const auto surface_of = [](const StepView& view) {
-    return SurfaceView{view.context.camera, view.truth, view.images.features, view.images.alpha,
-                       view.gradients.features};
+  const std::optional<PatchPhoto> patches[2] = {patch_photo(first, patch_photos_[0]),
+                                                patch_photo(views.back(), patch_photos_[1])};
+  const auto surface_of = [&](const StepView& view, const std::optional<PatchPhoto>& photo) {
+    return SurfaceView{view.context.camera,     view.truth,
+                       view.images.features,    view.images.alpha,
+                       view.gradients.features, photo ? &*photo : nullptr};
   };
   SurfaceTerms terms;
   terms.normal_weight = static_cast<float>(config_.normal_weight);
@@ -206,11 +216,25 @@ double Pgsr::add_loss(std::span<const StepView> views) {
   terms.max_pixel_noise = static_cast<float>(config_.max_pixel_noise);
   terms.max_patches = config_.max_patches;
   terms.near_depth = static_cast<float>(unit_ * kNearDepth);
-  const SurfaceView one = surface_of(first), other = surface_of(views.back());
+  const SurfaceView one = surface_of(first, patches[0]), other = surface_of(views.back(), patches[1]);
   return loss + surface_loss_
                     .add(one, views.size() > 1 ? &other : nullptr, terms,
                          random(first.context.iteration, RandomPurpose::patches))
                     .total();
+}
+
+std::optional<PatchPhoto> Pgsr::patch_photo(const StepView& view, Array<std::uint8_t>& memory) const {
+  if (photo_scale() == 1) return std::nullopt;
+  const std::optional<std::size_t> index = training_index(scene_, *view.context.view);
+  if (!index) return std::nullopt;  // a virtual camera
+  SPLATBOOST_CHECK(*index < scene_.train_rescaled.size(), "ncc_scale needs Scene::train_rescaled");
+  const View& photo = scene_.train_rescaled[*index];
+  TruthImage truth = photo.truth();
+  if (device_.is_cuda()) {
+    memory.assign(photo.color);
+    truth.color = memory;
+  }
+  return PatchPhoto{photo.camera, truth};
 }
 
 std::span<float> Pgsr::exposure_of(const View& view, Array<float>& rows) const {

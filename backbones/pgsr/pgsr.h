@@ -37,6 +37,8 @@ struct PgsrConfig : GaussianConfig {
   double photometric_weight = 0.15;
   double max_pixel_noise = 1;
   int max_patches = 102400;
+  /// Patches are compared in photos of the training resolution divided by this: 0.5 for photos of twice the size.
+  double ncc_scale = 1;
 
   // The second view.
   int max_neighbors = 8;

@@ -26,6 +26,7 @@ void for_each_field(Config& config, Visit&& visit) {
   visit("photometric_weight", config.photometric_weight);
   visit("max_pixel_noise", config.max_pixel_noise);
   visit("max_patches", config.max_patches);
+  visit("ncc_scale", config.ncc_scale);
   visit("max_neighbors", config.max_neighbors);
   visit("neighbor_angle", config.neighbor_angle);
   visit("neighbor_nearest", config.neighbor_nearest);
@@ -66,6 +67,7 @@ PgsrConfig pgsr_config_from_json(const nlohmann::json& json) {
   not_negative(config.photometric_weight, "photometric_weight");
   require(config.max_pixel_noise > 0, what + "max_pixel_noise must be above 0");
   not_negative(config.max_patches, "max_patches");
+  require(config.ncc_scale >= 0.1 && config.ncc_scale <= 10, what + "ncc_scale must lie in [0.1, 10]");
   not_negative(config.max_neighbors, "max_neighbors");
   require(config.neighbor_angle > 0 && config.neighbor_angle <= 180, what + "neighbor_angle must lie in (0, 180]");
   require(config.neighbor_nearest >= 0 && config.neighbor_farthest > config.neighbor_nearest,

@@ -83,38 +83,51 @@ TEST_F(CudaSurfaces, planes_and_flatness_are_those_of_the_cpu) {
   EXPECT_EQ(d_sums.to_host()[1], sums[1]);
 }
 
-TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu) {
-  const SurfaceScene scene(0.01);
+void expect_losses_of_the_cpu(const SurfaceScene& scene, CudaStream& stream) {
   Threads threads(2);
   std::vector<float> expected[2];
   for (auto& g : expected) g.assign(scene.planes[0].size(), 0.0f);
   const SurfaceView first = scene.view(0, expected[0]), second = scene.view(1, expected[1]);
   const SurfaceLossParts parts = SurfaceLoss(threads).add(first, &second, {}, scene.random());
 
-  SurfaceLoss loss(stream());
+  SurfaceLoss loss(stream);
   SurfaceLossParts found;
   for (int round = 0; round < 3; ++round) {
-    DeviceArray<std::uint8_t> photos[2] = {{stream(), scene.photos[0]}, {stream(), scene.photos[1]}};
-    DeviceArray<float> planes[2] = {{stream(), scene.planes[0]}, {stream(), scene.planes[1]}};
-    DeviceArray<float> alphas[2] = {{stream(), scene.alphas[0]}, {stream(), scene.alphas[1]}};
-    DeviceArray<float> gradients[2] = {{stream(), std::vector<float>(scene.planes[0].size(), 0.0f)},
-                                       {stream(), std::vector<float>(scene.planes[0].size(), 0.0f)}};
+    DeviceArray<std::uint8_t> photos[2] = {{stream, scene.photos[0]}, {stream, scene.photos[1]}};
+    DeviceArray<std::uint8_t> patch_photos[2] = {{stream, scene.patch_photos[0]}, {stream, scene.patch_photos[1]}};
+    DeviceArray<float> planes[2] = {{stream, scene.planes[0]}, {stream, scene.planes[1]}};
+    DeviceArray<float> alphas[2] = {{stream, scene.alphas[0]}, {stream, scene.alphas[1]}};
+    DeviceArray<float> gradients[2] = {{stream, std::vector<float>(scene.planes[0].size(), 0.0f)},
+                                       {stream, std::vector<float>(scene.planes[0].size(), 0.0f)}};
+    const auto patches_of = [&](std::size_t v) {
+      const Camera& camera = scene.patch_cameras[v];
+      return PatchPhoto{camera, {camera.width, camera.height, patch_photos[v].span(), {}}};
+    };
+    const PatchPhoto patches[2] = {patches_of(0), patches_of(1)};
     const auto view = [&](std::size_t v) {
-      return SurfaceView{scene.cameras[v],
-                         {SurfaceScene::kWidth, SurfaceScene::kHeight, photos[v].span(), {}},
-                         read(planes[v]),
-                         read(alphas[v]),
-                         gradients[v].span()};
+      return SurfaceView{scene.cameras[v],    {SurfaceScene::kWidth, SurfaceScene::kHeight, photos[v].span(), {}},
+                         read(planes[v]),     read(alphas[v]),
+                         gradients[v].span(), scene.patches[v] ? &patches[v] : nullptr};
     };
     const SurfaceView one = view(0), other = view(1);
     found = loss.add(one, &other, {}, scene.random());
-    stream().synchronize();
+    stream.synchronize();
     for (std::size_t v = 0; v < 2; ++v) expect_near(gradients[v].to_host(), expected[v], 1e-4f);
   }
   // The parts are those of this call or of the one before, which are equal.
   EXPECT_NEAR(found.normal, parts.normal, 1e-5 * parts.normal);
   EXPECT_NEAR(found.geometric, parts.geometric, 1e-4 * parts.geometric);
   EXPECT_NEAR(found.photometric, parts.photometric, 1e-4 * parts.photometric);
+}
+
+TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu) {
+  expect_losses_of_the_cpu(SurfaceScene(0.01), stream());
+}
+
+TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu_with_other_photos_for_patches) {
+  SurfaceScene scene(0.01);
+  scene.take_patch_photos(40, 32);
+  expect_losses_of_the_cpu(scene, stream());
 }
 
 TEST_F(CudaSurfaces, depth_and_normals_are_those_of_the_cpu) {

@@ -3,6 +3,7 @@
 
 import fcntl
 import json
+import math
 import struct
 import zlib
 
@@ -50,6 +51,20 @@ def test_report_and_picture_show_surfaces_and_mesh(meshed):
     assert page.count('<section id="mesh">') == 1
     if "<h2>Pictures</h2>" in page and "without OpenCV" not in page:
         assert "<h2>Surfaces</h2>" in page and "mesh, shaded by its normals" in page
+
+
+def test_patches_are_compared_in_finer_photos(scene, tmp_path):
+    (tmp_path / "fine.json").write_text(json.dumps({"backbone": {"name": "pgsr", "ncc_scale": 0.5}}))
+    arguments = ["train", "-s", scene, "-m", tmp_path / "model", "--config", tmp_path / "fine.json", "--iterations", "30",
+                 "--threads", "1", "--quiet"]
+    refused = run_program(*arguments)
+    assert refused.returncode == 2 and "has 80x60 pixels, but ncc_scale needs 160x120" in refused.stderr, refused.stderr
+    assert refused.stderr.count("\n") == 1 and not (tmp_path / "model/config.json").exists()
+    done = run_program(*arguments, "-r", "2")
+    if done.returncode == 2 and "OpenCV" in done.stderr:
+        pytest.skip("this build does not resize photos")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "model/config.json").read_text())["backbone"]["ncc_scale"] == 0.5
 
 
 def test_a_mesh_as_gltf_of_fewer_parts(meshed, tmp_path):
@@ -181,6 +196,72 @@ def test_tanks_and_temples_uses_the_scene_s_threshold_in_its_volume(tmp_path):
     assert numbers["f1"] == 1 and numbers["refinement"][11] == pytest.approx(-0.004, abs=1e-6)
     refused = run_program(*arguments, "--refine")
     assert refused.returncode == 2 and "--refine needs --crop" in refused.stderr, refused.stderr
+
+
+def test_a_mesh_is_aligned_by_its_cameras(tmp_path):
+    # truth = 2.5 · turn · mesh + shift; the pose of one camera is wrong.
+    c, s = math.cos(0.7), math.sin(0.7)
+    turn, shift, scale = [[c, -s, 0], [0, 0, -1], [s, c, 0]], [3, -1, 7], 2.5
+
+    def moved(p):
+        return [scale * sum(turn[r][k] * p[k] for k in range(3)) + shift[r] for r in range(3)]
+
+    grid = [(x / 10, y / 10, math.sin(x + y) / 5) for x in range(20) for y in range(20)]
+    write_points(tmp_path / "mesh.ply", grid)
+    write_points(tmp_path / "truth.ply", [moved(p) for p in grid])
+    places = [(3 * math.cos(0.5 * i), 3 * math.sin(0.5 * i), 1 + 0.1 * i) for i in range(12)]
+
+    def log_of(numbers):
+        text = ""
+        for i, n in enumerate(numbers):
+            at = [90, 0, 0] if n == 4 else moved(places[n])
+            text += f"{i} {i} 0\n" + "".join(f"1 0 0 {x}\n" for x in at) + "0 0 0 1\n"
+        return text
+
+    (tmp_path / "all.log").write_text(log_of(range(12)))
+    model = tmp_path / "model"
+    model.mkdir()
+
+    def write_cameras(numbers):
+        (model / "cameras.json").write_text(json.dumps(
+            [{"id": i, "img_name": f"{n + 1}.jpg", "position": places[n]} for i, n in enumerate(numbers)]))
+
+    colmap = tmp_path / "colmap/sparse/0"
+    colmap.mkdir(parents=True)
+    (colmap / "cameras.txt").write_text("1 PINHOLE 10 10 10 10 5 5\n")
+    (colmap / "images.txt").write_text("".join(  # turned by half a turn about x
+        f"{n + 1} 0 1 0 0 {-p[0]} {p[1]} {p[2]} 1 {n + 1:06}.jpg\n\n" for n, p in enumerate(places)))
+    arguments = ["mesh-eval", tmp_path / "mesh.ply", tmp_path / "truth.ply", "--threshold", "0.01", "--vertices",
+                 "--trajectory", tmp_path / "all.log", "-o", tmp_path / "of.json", "--cameras"]
+    for cameras, numbers in [(model, [11, *range(11)]), (model / "cameras.json", [9, 2, 11, 7, 0, 5]), (colmap, []),
+                             (tmp_path / "colmap", [])]:
+        write_cameras(numbers)
+        done = run_well(*arguments, cameras)
+        found = json.loads((tmp_path / "of.json").read_text())
+        wrong = 0 if len(numbers) == 6 else 1
+        used = (len(numbers) or 12) - wrong
+        assert f"cameras       {used} aligned with" in done.stdout, done.stdout
+        assert f"scale 2.5; {wrong} left out" in done.stdout, done.stdout
+        assert found["f1"] == 1 and found["accuracy"] < 1e-4
+        assert (found["trajectory"]["cameras"], found["trajectory"]["left_out"]) == (used, wrong)
+        wanted = [[scale * x for x in turn[r]] + [shift[r]] for r in range(3)] + [[0, 0, 0, 1]]
+        assert found["trajectory"]["transform"] == pytest.approx([x for row in wanted for x in row], abs=1e-5)
+    # The benchmark's matrix comes after it.
+    (tmp_path / "up.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 100\n0 0 0 1\n")
+    run_well(*arguments, colmap, "--align", tmp_path / "up.txt")
+    assert json.loads((tmp_path / "of.json").read_text())["f1"] == 0
+
+    write_cameras([0, 1])
+    (tmp_path / "none.json").write_text('[{"img_name": "1.jpg"}]')
+    (tmp_path / "far.json").write_text('[{"img_name": "13.jpg", "position": [0, 0, 0]}]')
+    (tmp_path / "cut.log").write_text(log_of(range(12))[:-9])
+    for broken, words in [(arguments[:-1], "must be given together"), ([*arguments, model], "not all on one line"),
+                          ([*arguments, tmp_path / "none.json"], "camera 0 needs img_name and position"),
+                          ([*arguments, tmp_path / "far.json"], "image '13.jpg' has no pose"),
+                          ([*arguments, tmp_path], "neither cameras.bin nor cameras.txt"),
+                          ([*arguments[:-5], *arguments[-3:], colmap, "--trajectory", tmp_path / "cut.log"], "ends within")]:
+        refused = run_program(*broken)
+        assert refused.returncode == 2 and words in refused.stderr and refused.stderr.count("\n") == 1, refused.stderr
 
 
 def test_a_truth_without_size(tmp_path):

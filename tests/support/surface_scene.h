@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <glm/geometric.hpp>
@@ -33,6 +34,9 @@ struct SurfaceScene {
                        camera_looking_at_origin({2.9f, -0.7f, 1.6f}, kWidth, kHeight)};
   std::vector<float> planes[2], alphas[2];
   std::vector<std::uint8_t> photos[2];
+  Camera patch_cameras[2] = {cameras[0], cameras[1]};
+  std::vector<std::uint8_t> patch_photos[2];  ///< those in which patches are compared
+  std::optional<PatchPhoto> patches[2];       ///< if they are not `photos`
 
   /// @param noise standard deviation of noise per pixel, added to the normal and, relatively, to the distance
   explicit SurfaceScene(double noise) {
@@ -43,7 +47,6 @@ struct SurfaceScene {
       const glm::dmat3 rotation(camera_from_world);
       const glm::dvec3 centre = -(glm::transpose(rotation) * glm::dvec3(camera_from_world[3]));
       planes[v].resize(4 * pixels());
-      photos[v].resize(3 * pixels());
       for (std::size_t p = 0; p < pixels(); ++p) {
         const double alpha = 0.6 + 0.4 * numbers.uniform(next++);
         alphas[v].push_back(static_cast<float>(alpha));
@@ -54,22 +57,48 @@ struct SurfaceScene {
               static_cast<float>(alpha * (local[c] + noise * numbers.normal(next++)));
         }
         planes[v][3 * pixels() + p] = static_cast<float>(alpha * distance * (1 + noise * numbers.normal(next++)));
-        const glm::dvec3 ray = glm::transpose(rotation) * ray_of(cameras[v], p);
-        const glm::dvec3 point = centre + (offset - glm::dot(normal, centre)) / glm::dot(normal, ray) * ray;
-        for (std::size_t c = 0; c < 3; ++c) {
-          const double phase = static_cast<double>(c);
-          const double texture = 0.5 + 0.2 * std::sin(4 * point.x + 6 * point.y + phase) +
-                                 0.2 * std::cos(5 * point.z - 3 * point.y + 2 * phase);
-          photos[v][c * pixels() + p] = static_cast<std::uint8_t>(std::lround(255 * texture));
-        }
+      }
+      photos[v] = patch_photos[v] = photo_of(cameras[v]);
+    }
+  }
+  /// Compares patches in photos of this size.
+  void take_patch_photos(int width, int height) {
+    for (std::size_t v = 0; v < 2; ++v) {
+      Camera& camera = patch_cameras[v];
+      camera.width = width;
+      camera.height = height;
+      camera.fx *= static_cast<float>(width) / kWidth;
+      camera.cx *= static_cast<float>(width) / kWidth;
+      camera.fy *= static_cast<float>(height) / kHeight;
+      camera.cy *= static_cast<float>(height) / kHeight;
+      patch_photos[v] = photo_of(camera);
+      patches[v].emplace(PatchPhoto{camera, {width, height, patch_photos[v], {}}});
+    }
+  }
+  /// The textured plane from the camera.
+  std::vector<std::uint8_t> photo_of(const Camera& camera) const {
+    const auto count = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+    const glm::dmat4 camera_from_world(camera.camera_from_world);
+    const glm::dmat3 rotation(camera_from_world);
+    const glm::dvec3 centre = -(glm::transpose(rotation) * glm::dvec3(camera_from_world[3]));
+    std::vector<std::uint8_t> photo(3 * count);
+    for (std::size_t p = 0; p < count; ++p) {
+      const glm::dvec3 ray = glm::transpose(rotation) * ray_of(camera, p);
+      const glm::dvec3 point = centre + (offset - glm::dot(normal, centre)) / glm::dot(normal, ray) * ray;
+      for (std::size_t c = 0; c < 3; ++c) {
+        const double phase = static_cast<double>(c);
+        const double texture = 0.5 + 0.2 * std::sin(4 * point.x + 6 * point.y + phase) +
+                               0.2 * std::cos(5 * point.z - 3 * point.y + 2 * phase);
+        photo[c * count + p] = static_cast<std::uint8_t>(std::lround(255 * texture));
       }
     }
+    return photo;
   }
   static std::size_t pixels() { return static_cast<std::size_t>(kWidth) * kHeight; }
   SurfaceView view(std::size_t v, std::vector<float>& gradients) const {
     TruthImage truth;
     if (!photos[v].empty()) truth = {kWidth, kHeight, photos[v], {}};
-    return {cameras[v], truth, planes[v], alphas[v], gradients};
+    return {cameras[v], truth, planes[v], alphas[v], gradients, patches[v] ? &*patches[v] : nullptr};
   }
   static RandomStream random() { return {2, 3, RandomPurpose::synth}; }
 };
@@ -176,26 +205,37 @@ inline double plain_surface_loss(const SurfaceScene& scene, const std::vector<do
   }
 
   if (terms.photometric_weight > 0) {
-    std::vector<double> greys[2];
-    for (std::size_t v = 0; v < 2; ++v) {
-      for (std::size_t p = 0; p < pixels; ++p) {
-        const auto& color = scene.photos[v];
-        greys[v].push_back((0.299 * color[p] + 0.587 * color[pixels + p] + 0.114 * color[2 * pixels + p]) / 255);
-      }
-    }
+    const Camera &photo_a = scene.patch_cameras[0], &photo_b = scene.patch_cameras[1];
+    const int width = photo_a.width, height = photo_a.height;
+    const auto grey = [&](std::size_t v, int x, int y) {
+      const auto& color = scene.patch_photos[v];
+      const std::size_t p = static_cast<std::size_t>(std::clamp(y, 0, height - 1) * width) +
+                            static_cast<std::size_t>(std::clamp(x, 0, width - 1));
+      const std::size_t count = color.size() / 3;
+      return (0.299 * color[p] + 0.587 * color[count + p] + 0.114 * color[2 * count + p]) / 255;
+    };
+    const auto grey_at = [&](dvec2 at) {  // in the second photo
+      const double x = std::clamp(at.x - 0.5, 0.0, width - 1.0), y = std::clamp(at.y - 0.5, 0.0, height - 1.0);
+      const int x0 = static_cast<int>(x), y0 = static_cast<int>(y);
+      const double u = x - x0, v = y - y0;
+      return (1 - v) * ((1 - u) * grey(1, x0, y0) + u * grey(1, x0 + 1, y0)) +
+             v * ((1 - u) * grey(1, x0, y0 + 1) + u * grey(1, x0 + 1, y0 + 1));
+    };
     std::vector<double> losses(pixels, 0.0);
     for (std::size_t p = 0; p < pixels; ++p) {
       if (frozen.weights[p] == 0) continue;
       const dvec3 n = normal_at(first, p);
       const double d = first[3 * pixels + p];
+      const int column = static_cast<int>((static_cast<int>(p) % kWidth + 0.5) * width / kWidth);
+      const int row = static_cast<int>((static_cast<int>(p) / kWidth + 0.5) * height / kHeight);
       std::vector<double> mine, theirs;
       for (int j = -3; j <= 3; ++j) {
         for (int i = -3; i <= 3; ++i) {
-          const int x = static_cast<int>(p) % kWidth + i, y = static_cast<int>(p) / kWidth + j;
-          const dvec3 ray = ray_at(a, dvec2(x + 0.5, y + 0.5));
+          const int x = column + i, y = row + j;
+          const dvec3 ray = ray_at(photo_a, dvec2(x + 0.5, y + 0.5));
           const dvec3 point = -d / glm::dot(n, ray) * ray;
-          mine.push_back(greys[0][index(x, y)]);
-          theirs.push_back(sampled(greys[1], project(b, moved(b_from_a, point))));
+          mine.push_back(grey(0, x, y));
+          theirs.push_back(grey_at(project(photo_b, moved(b_from_a, point))));
         }
       }
       const auto covariance = [](const std::vector<double>& s, const std::vector<double>& t) {

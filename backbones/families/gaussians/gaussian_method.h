@@ -152,6 +152,8 @@ class GaussianMethod {
     (void)features, (void)camera, (void)depth;
     return false;
   }
+  /// As Backbone::photo_scale().
+  virtual double photo_scale() const { return 1; }
   /// Whether the loss has terms for surfaces.
   virtual bool trains_surfaces() const { return false; }
 

@@ -63,6 +63,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   bool uses_time() const override { return method_->uses_time(); }
   void export_moment(float time, const std::filesystem::path& file) override;
   bool has_surfaces() const override { return true; }
+  double photo_scale() const override { return method_->photo_scale(); }
   bool trains_surfaces() const override { return method_->trains_surfaces(); }
   void render_surface(const Camera& camera, float time, std::optional<float> beta,
                       const SurfaceImages& images) override;

@@ -12,6 +12,7 @@
 #include "program/commands/commands.h"
 #include "program/session/chosen_device.h"
 #include "program/session/options.h"
+#include "program/session/trajectory_alignment.h"
 #include "trainer/mesh/dtu.h"
 #include "trainer/mesh/surface_distance.h"
 #include "trainer/mesh/tanks_and_temples.h"
@@ -38,6 +39,13 @@ struct MeshEval {
                        "distance between the points sampled on both surfaces [half of the threshold]")
         ->type_name("X");
     add_checked_option(app, "--cut", cut, "exclude pairs farther apart from the means [no limit]")->type_name("X");
+    add_checked_option(app, "--cameras", cameras,
+                       "first align the mesh by its cameras: the model folder, its cameras.json, or a COLMAP model")
+        ->type_name("PATH");
+    add_checked_option(
+        app, "--trajectory", trajectory,
+        "with --cameras: their poses in the frame to align to, SCENE_COLMAP_SfM.log of Tanks and Temples")
+        ->type_name("FILE");
     add_checked_option(app, "--align", align, "text file of the 4x4 matrix that transforms the mesh to the truth")
         ->type_name("FILE");
     add_checked_option(app, "--crop", crop,
@@ -68,6 +76,7 @@ struct MeshEval {
     if (!dtu_mask.empty() && !crop.empty())
       throw UsageError("--crop is for Tanks and Temples, --dtu-mask for DTU: give only one");
     if (refine && crop.empty()) throw UsageError("--refine needs --crop: the volume that is aligned");
+    if (cameras.empty() != trajectory.empty()) throw UsageError("--cameras and --trajectory must be given together");
     check_threads(threads);
     if (!output.empty()) require_writable(output);
     Threads workers(threads);
@@ -77,8 +86,11 @@ struct MeshEval {
     if (dtu && !(spacing > 0)) spacing = kDtuSpacing;
     if (dtu && !(cut > 0)) cut = kDtuCut;
     const CropVolume volume = crop.empty() ? CropVolume{} : read_crop_volume(crop);
+    std::optional<TrajectoryAlignment> by_cameras;
+    if (!cameras.empty()) by_cameras = align_to_trajectory(cameras, trajectory);
     TriangleMesh found = read_mesh(mesh);
     const TriangleMesh known = read_mesh(truth);
+    if (by_cameras) transform_points(by_cameras->transform, found.positions);
     if (!align.empty()) transform_points(read_transform(align), found.positions);
     if (!(threshold > 0) && !crop.empty()) threshold = tanks_and_temples_threshold(crop.stem().string()).value_or(0);
     if (!(threshold > 0)) threshold = kThreshold * diagonal_of(known);
@@ -103,6 +115,10 @@ struct MeshEval {
     const std::optional<double> most = cut > 0 ? std::optional<double>(cut) : std::nullopt;
     const SurfaceDistance d = dtu ? compare_as_dtu(points, others, mask, table, workers)
                                   : compare_surfaces(points, others, threshold, most, workers);
+    if (by_cameras) {
+      std::printf("cameras       %zu aligned with an error of %.4g, scale %.6g; %zu left out\n", by_cameras->cameras,
+                  by_cameras->rmse, by_cameras->scale, by_cameras->left_out);
+    }
     const double diagonal = diagonal_of(known);
     std::printf("accuracy      %.6g  (median %.6g", d.accuracy, d.median_accuracy);
     // A truth whose points coincide has no size.
@@ -125,6 +141,13 @@ struct MeshEval {
                              {"diagonal", diagonal},
                              {"mesh_points", d.found_points},
                              {"truth_points", d.true_points}};
+      if (by_cameras) {
+        json["trajectory"] = {{"transform", by_cameras->transform},
+                              {"scale", by_cameras->scale},
+                              {"rmse", by_cameras->rmse},
+                              {"cameras", by_cameras->cameras},
+                              {"left_out", by_cameras->left_out}};
+      }
       if (refine) json["refinement"] = refinement;
       write_text_atomically(output, json.dump(2) + "\n");
     }
@@ -158,7 +181,7 @@ struct MeshEval {
   }
 
   CLI::App* given;
-  fs::path mesh, truth, align, crop, dtu_mask, dtu_plane, output;
+  fs::path mesh, truth, cameras, trajectory, align, crop, dtu_mask, dtu_plane, output;
   double threshold = 0, spacing = 0, cut = 0;
   bool vertices = false, refine = false;
   int threads = 0;

@@ -16,6 +16,7 @@
 #include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/multi_scale.h"
+#include "trainer/formats/read_scene.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"
 #include "trainer/training/trainer.h"
@@ -81,6 +82,14 @@ BackboneContext context_of(Workbench& bench, const RunOptions& options) {
   return {
       bench.scene,           bench.device->threads(), options.seed, options.iterations.value(), options.max_primitives,
       bench.device->device()};
+}
+
+/// The training photos at this scale; none if it is 1.
+std::vector<View> rescaled_views(const RunOptions& options, double scale) {
+  if (scale == 1) return {};
+  SceneOptions scene = options.scene;
+  scene.photo_scale = scale;
+  return read_scene(scene).train;
 }
 
 /// Whether the training views have different times.
@@ -183,6 +192,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   const std::string config = config_text(set, options, boost, &plugged, &bench.scene);
   bench.scene.train_halves.clear();
   if (plugged.coarse_until > 0) bench.scene.train_halves = half_views(bench.scene.train, bench.device->threads());
+  bench.scene.train_rescaled = rescaled_views(options, backbone.photo_scale());
   const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
   // On a GPU, primitives take no host memory, which is what is estimated.
   const bool on_host = !bench.device->device().is_cuda();

@@ -77,6 +77,10 @@ class Backbone {
 
   /// Whether render_surface() is implemented.
   virtual bool has_surfaces() const { return false; }
+  /// Divisor of the training photos' size for Scene::train_rescaled, which must then be set before the first
+  /// train_step(); 1: it is not used.
+  virtual double photo_scale() const { return 1; }
+
   /// Whether it is trained for surfaces, so that its report shows pictures of them.
   virtual bool trains_surfaces() const { return false; }
   /// Renders as render() does, with depth and alpha of the surface; call only if has_surfaces().

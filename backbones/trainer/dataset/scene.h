@@ -33,6 +33,8 @@ struct Scene {
   std::vector<View> test;
   /// The training views at half their size, in the same order, for the coarse start of a run; empty if there are none.
   std::vector<View> train_halves;
+  /// The training photos at Backbone::photo_scale(), in the same order; empty if that is 1.
+  std::vector<View> train_rescaled;
   PointCloud points;
   float extent = 0;  ///< 1.1 × largest distance of a training camera from their mean (3DGS)
   bool white_background = false;

@@ -290,6 +290,18 @@ void write_png_of(const std::filesystem::path& path, int width, int height, int 
   write_text_atomically(path, std::string(file.begin(), file.end()));
 }
 
+/// The size divided by `scale`, if the photo is that large. Throws InputError, beginning with `where`.
+ImageSize rescaled(ImageSize size, double scale, ImageSize photo, const std::string& where) {
+  const auto text = [](ImageSize s) { return std::to_string(s.width) + "x" + std::to_string(s.height); };
+  const ImageSize wanted{std::max(1, static_cast<int>(size.width / scale)),
+                         std::max(1, static_cast<int>(size.height / scale))};
+  // `size` may have been rounded up.
+  require(wanted.width < photo.width + 1 / scale && wanted.height < photo.height + 1 / scale,
+          where + ": has " + text(photo) + " pixels, but ncc_scale needs " + text(wanted) +
+              "; use a larger --resolution divisor, or a larger ncc_scale");
+  return {std::min(wanted.width, photo.width), std::min(wanted.height, photo.height)};
+}
+
 }  // namespace
 
 void check_lens(const Lens& lens, const std::string& where) {
@@ -352,7 +364,8 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
   loaded.undistorted = lens.distorted();
   if (loaded.undistorted) valid = undistort(lens, rgb, where);
 
-  const ImageSize size = target_size(rgb.width, rgb.height, options.resolution);
+  ImageSize size = target_size(rgb.width, rgb.height, options.resolution);
+  if (options.photo_scale != 1) size = rescaled(size, options.photo_scale, {rgb.width, rgb.height}, where);
   if (size != loaded.photo_size) {
     loaded.limited = options.resolution == -1;
     rgb = shrink_image(rgb, size.width, size.height, where);

@@ -46,7 +46,8 @@ struct Photo {
 };
 
 struct ImageOptions {
-  int resolution = -1;  ///< as SceneOptions::resolution
+  int resolution = -1;     ///< as SceneOptions::resolution
+  double photo_scale = 1;  ///< as SceneOptions::photo_scale
   bool white_background = false;
 };
 

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cstdint>
 
 #include "trainer/support/input_error.h"
 
@@ -12,8 +11,9 @@ namespace {
 
 constexpr char kDigits[] = "0123456789";
 
-/// The last number in the file name; -1 if there is none or it is out of range.
-std::int64_t frame_of(const std::string& name) {
+}  // namespace
+
+std::int64_t frame_number(const std::string& name) {
   const std::string stem = std::filesystem::path(name).stem().string();
   const std::size_t last = stem.find_last_of(kDigits);
   if (last == std::string::npos) return -1;
@@ -24,13 +24,11 @@ std::int64_t frame_of(const std::string& name) {
   return parsed.ec == std::errc{} ? frame : -1;
 }
 
-}  // namespace
-
 std::string set_frame_times(std::vector<Photo>& photos, const std::string& where) {
   require(!photos.empty(), where + ": lists no images");
   std::vector<std::int64_t> frames;
   for (const Photo& photo : photos) {
-    frames.push_back(frame_of(photo.name));
+    frames.push_back(frame_number(photo.name));
     require(frames.back() >= 0,
             where + ": the name of image '" + photo.name + "' has no frame number, which --frame-times requires");
   }

@@ -172,6 +172,9 @@ Dataset read_folder(const SceneOptions& options) {
 /// Throws InputError if the options ask for other images than the packed ones.
 void check_packed_pictures(const SceneOptions& options, const PackedListing& listing) {
   const std::string again = "; pack the scene again with that option";
+  require(options.photo_scale == 1, options.source.string() +
+                                        ": holds its photos at one size, but ncc_scale needs another; give the "
+                                        "original scene folder");
   if (options.images && *options.images != listing.images) {
     throw InputError(options.source.string() + ": was packed from the image folder '" + listing.images +
                      "', but --images is '" + *options.images + "'" + again);
@@ -497,7 +500,7 @@ void note_images(const std::vector<LoadedView>& loaded, std::vector<std::string>
 }
 
 ImageOptions image_options(const SceneOptions& options) {
-  return {options.resolution.value_or(kResolution), options.white_background};
+  return {options.resolution.value_or(kResolution), options.photo_scale, options.white_background};
 }
 
 /// Loads the chosen photos (indices into Dataset::names), in the order of `chosen`.

@@ -19,6 +19,8 @@ struct SceneOptions {
   std::optional<std::string> images;
   /// -1: full, but at most 1600 px wide (with a note); 1, 2, 4, 8: divisor; larger: px width; unset: -1, or as packed
   std::optional<int> resolution;
+  /// Divides the size that `resolution` gives, rounded down. Below 1 it throws InputError if a photo is too small.
+  double photo_scale = 1;
   bool eval = false;  ///< hold out test views: every llffhold-th by name, or a Blender test split
   int llffhold = 8;
   bool frame_times = false;   ///< COLMAP scenes: times from the last number in each image name

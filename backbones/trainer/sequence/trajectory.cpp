@@ -8,12 +8,20 @@
 #include <sstream>
 
 #include <Eigen/Geometry>
+#include <glm/geometric.hpp>
 #include <glm/gtc/quaternion.hpp>
 
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
+namespace {
+
+constexpr double kRounding = 1e-6;  ///< of the extent: residuals below it are no outliers
+constexpr double kOutlier = 3;      ///< medians of the residuals from which a pair is left out
+constexpr int kOutlierRounds = 50;  ///< at most; the pairs left out settle before that
+
+}  // namespace
 
 void write_tum_trajectory(const std::filesystem::path& path, std::span<const TimedPose> poses) {
   std::string text;
@@ -49,6 +57,31 @@ std::vector<TimedPose> read_tum_trajectory(const std::filesystem::path& path) {
     poses.push_back(pose);
   }
   return poses;
+}
+
+std::vector<glm::dvec3> read_log_positions(const std::filesystem::path& path) {
+  constexpr int kLines = 5;
+  std::ifstream file(path);
+  require(file.good(), path.string() + ": cannot be read");
+  std::vector<glm::dvec3> positions;
+  std::string line;
+  int part = 0;  // of the camera: 0 the three numbers, then the rows
+  for (int number = 1; std::getline(file, line); ++number) {
+    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    std::istringstream words(line);
+    double values[4] = {};
+    const int count = part == 0 ? 3 : 4;
+    for (int i = 0; i < count; ++i) words >> values[i];
+    require(!words.fail() && std::isfinite(values[0] + values[1] + values[2] + values[3]),
+            path.string() + ":" + std::to_string(number) +
+                (part == 0 ? ": expected the three numbers before a camera's matrix"
+                           : ": expected four numbers, a row of a camera's matrix"));
+    if (part == 1) positions.emplace_back();
+    if (part >= 1 && part <= 3) positions.back()[part - 1] = values[3];
+    part = (part + 1) % kLines;
+  }
+  require(part == 0, path.string() + ": ends within a camera's matrix");
+  return positions;
 }
 
 std::vector<std::ptrdiff_t> nearest_in_time(std::span<const double> times, std::span<const double> others,
@@ -93,6 +126,38 @@ Alignment align(std::span<const glm::dvec3> from, std::span<const glm::dvec3> to
     for (int row = 0; row < 4; ++row) result.to_from[column][row] = motion(row, column);
   }
   return result;
+}
+
+Alignment align_most(std::span<const glm::dvec3> from, std::span<const glm::dvec3> to, std::size_t* used) {
+  std::vector<glm::dvec3> some_from(from.begin(), from.end()), some_to(to.begin(), to.end());
+  double extent = 0;
+  for (const glm::dvec3& position : to) extent = std::max(extent, glm::length(position - to.front()));
+  Alignment found;
+  std::vector<bool> fits(from.size(), true);
+  for (int round = 0; round < kOutlierRounds; ++round) {
+    found = align(some_from, some_to, true);
+    std::vector<double> residuals;
+    for (std::size_t i = 0; i < from.size(); ++i) {
+      residuals.push_back(glm::length(glm::dvec3(found.to_from * glm::dvec4(from[i], 1)) - to[i]));
+    }
+    if (residuals.empty()) break;
+    std::vector<double> sorted = residuals;
+    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    std::nth_element(sorted.begin(), middle, sorted.end());
+    const double limit = std::max(kOutlier * *middle, kRounding * extent);
+    const std::vector<bool> before = fits;
+    some_from.clear();
+    some_to.clear();
+    for (std::size_t i = 0; i < from.size(); ++i) {
+      fits[i] = residuals[i] <= limit;
+      if (!fits[i]) continue;
+      some_from.push_back(from[i]);
+      some_to.push_back(to[i]);
+    }
+    if (fits == before) break;
+  }
+  if (used != nullptr) *used = some_from.size();
+  return found;
 }
 
 double path_length(std::span<const glm::dvec3> positions) {

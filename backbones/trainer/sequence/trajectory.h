@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Trajectories: files in TUM format, and the error against the ground truth.
+/// @file Trajectories: files in TUM and .log format, and the error against the ground truth.
 #pragma once
 
 #include <filesystem>
@@ -23,6 +23,10 @@ void write_tum_trajectory(const std::filesystem::path& path, std::span<const Tim
 /// Reads such a file; lines that begin with # are skipped. Throws InputError naming the line.
 std::vector<TimedPose> read_tum_trajectory(const std::filesystem::path& path);
 
+/// Reads the camera positions of a .log file (Tanks and Temples): for each camera a line of three numbers, which are
+/// not used, and the 4×4 matrix world from camera in four lines. Throws InputError naming the line.
+std::vector<glm::dvec3> read_log_positions(const std::filesystem::path& path);
+
 /// For each of `times`, the index of the nearest of `others` (ascending) at most `most` seconds away; -1: none.
 std::vector<std::ptrdiff_t> nearest_in_time(std::span<const double> times, std::span<const double> others, double most);
 
@@ -36,6 +40,11 @@ struct Alignment {
 /// @param from, to [N] corresponding positions; fewer than 3 do not determine a rotation: they are only translated
 /// @param with_scale for a trajectory of unknown scale (one camera without depth)
 Alignment align(std::span<const glm::dvec3> from, std::span<const glm::dvec3> to, bool with_scale);
+
+/// The same with scale, without pairs that do not fit: repeatedly, those with a residual above three times the median
+/// are left out. At least half of the pairs must be right.
+/// @param used if not null, receives the number of pairs that were used
+Alignment align_most(std::span<const glm::dvec3> from, std::span<const glm::dvec3> to, std::size_t* used = nullptr);
 
 /// Sum of the distances from each position to the next.
 double path_length(std::span<const glm::dvec3> positions);

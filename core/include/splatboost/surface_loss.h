@@ -14,13 +14,20 @@
 
 namespace splatboost {
 
+/// A photo of a view at another size, from the same pose, in device memory.
+struct PatchPhoto {
+  const Camera& camera;
+  TruthImage truth;
+};
+
 /// A rendered view, in device memory.
 struct SurfaceView {
   const Camera& camera;
-  TruthImage truth;                  ///< empty if the camera has no photo; the view is then compared by depth only
-  std::span<const float> planes;     ///< [4,H,W] blended planes of Gaussians
-  std::span<const float> alpha;      ///< [H,W]; read for the first view only
-  std::span<float> plane_gradients;  ///< [4,H,W] added to
+  TruthImage truth;                     ///< empty if the camera has no photo; the view is then compared by depth only
+  std::span<const float> planes;        ///< [4,H,W] blended planes of Gaussians
+  std::span<const float> alpha;         ///< [H,W]; read for the first view only
+  std::span<float> plane_gradients;     ///< [4,H,W] added to
+  const PatchPhoto* patches = nullptr;  ///< the photo in which patches are compared; null: truth
 };
 
 /// A weight of 0 disables its term. Defaults are those of the release.
@@ -49,8 +56,8 @@ struct SurfaceLossParts {
 /// A pixel p of the first view is projected by its depth into the second view and, by the depth there (bilinear), back
 /// to p', with noise ε = ‖p' − p‖. Where it stays in the image and in front of both cameras, and ε < max_pixel_noise:
 ///   geometric = weight · mean of v·ε, v = exp(−ε), through which no gradient passes.
-/// For 7×7 patches around those pixels, mapped to the second photo by the homography of the first view's blended plane
-/// at p (grey = 0.299 r + 0.587 g + 0.114 b):
+/// For 7×7 patches of the first photo (PatchPhoto, if there are any) around the centres of those pixels, mapped to the
+/// second photo by the homography of the first view's blended plane at p (grey = 0.299 r + 0.587 g + 0.114 b):
 ///   photometric = weight · mean of v·c over those with c = 1 − cov² / (var·var' + 1e-8) below 0.9.
 class SurfaceLoss {
  public:

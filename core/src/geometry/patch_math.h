@@ -49,7 +49,7 @@ struct PatchMatch {
   T distance;
 };
 
-/// @param column,row of the patch's centre, integers
+/// @param column,row of the patch's centre in the first photo, integers
 /// @param normal,distance the blended plane
 /// @param grey_first (column, row) ↦ grey of the first photo, 0 to 1; called with integers within it
 /// @param grey_second the same for the second

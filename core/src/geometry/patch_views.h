@@ -22,13 +22,38 @@ struct PatchViews {
   float fx_second, fy_second, cx_second, cy_second;
   float rotation[3][3], shift[3];  ///< second_from_first
   int width_first, height_first, width_second, height_second;
+  int width, height;   ///< of the render of the first view
+  float per_x, per_y;  ///< pixels of the first photo per pixel of that render
 };
 
-SPLATBOOST_HOST_DEVICE PatchViews patch_views(const surface::ViewPair<float>& pair) {
-  const surface::Pinhole<float>&a = pair.first, &b = pair.second;
-  const surface::Motion<float>& motion = pair.second_from_first;
-  PatchViews views{a.cx, a.cy, 1 / a.fx, 1 / a.fy, b.fx,     b.fy,    b.cx,
-                   b.cy, {},   {},       a.width,  a.height, b.width, b.height};
+/// The photo in which patches of the view are compared.
+inline PatchPhoto patch_photo(const SurfaceView& view) {
+  return view.patches != nullptr ? *view.patches : PatchPhoto{view.camera, view.truth};
+}
+
+/// @param photos cameras of the two photos
+/// @param width,height of the render of the first view
+inline PatchViews patch_views(const surface::ViewPair<float>& photos, int width, int height) {
+  const surface::Pinhole<float>&a = photos.first, &b = photos.second;
+  const surface::Motion<float>& motion = photos.second_from_first;
+  PatchViews views{a.cx,
+                   a.cy,
+                   1 / a.fx,
+                   1 / a.fy,
+                   b.fx,
+                   b.fy,
+                   b.cx,
+                   b.cy,
+                   {},
+                   {},
+                   a.width,
+                   a.height,
+                   b.width,
+                   b.height,
+                   width,
+                   height,
+                   static_cast<float>(a.width) / static_cast<float>(width),
+                   static_cast<float>(a.height) / static_cast<float>(height)};
   for (int k = 0; k < 3; ++k) {
     views.rotation[k][0] = motion.rows[k].x;
     views.rotation[k][1] = motion.rows[k].y;
@@ -40,10 +65,17 @@ SPLATBOOST_HOST_DEVICE PatchViews patch_views(const surface::ViewPair<float>& pa
   return views;
 }
 
+/// Column or row of the pixel of the first photo at the centre of a pixel of the render.
+/// @param place column or row of that pixel
+/// @param per PatchViews::per_x or per_y
+SPLATBOOST_HOST_DEVICE float place_in_photo(int place, float per) {
+  return static_cast<float>(static_cast<int>((static_cast<float>(place) + 0.5f) * per));
+}
+
 /// Compares patches around pixels of a row of the first view.
 /// @param columns the pixels
 /// @param planes [4,H,W] of the first view
-/// @param greys_first, greys_second [H,W]
+/// @param greys_first, greys_second [H,W] of the photos
 /// @param losses,counts,gradients one per element of columns; count 1 where the patch counts, otherwise all are 0
 void match_patches(const PatchViews& views, int row, std::span<const std::int32_t> columns,
                    std::span<const float> planes, std::span<const float> greys_first,

@@ -45,16 +45,16 @@ struct Texels {
 void match_row(const PatchJob& job) {
   const PatchViews& views = *job.views;
   const Texels first{job.greys_first, views.width_first}, second{job.greys_second, views.width_second};
-  const std::size_t width = static_cast<std::size_t>(views.width_first);
-  const std::size_t pixels = width * static_cast<std::size_t>(views.height_first);
-  const Float row(static_cast<float>(job.row));
+  const std::size_t width = static_cast<std::size_t>(views.width);
+  const std::size_t pixels = width * static_cast<std::size_t>(views.height);
+  const Float row(place_in_photo(job.row, views.per_y));
   for (std::size_t begin = 0; begin < job.columns.size(); begin += lanes()) {
     const std::size_t count = std::min(lanes(), job.columns.size() - begin);
     alignas(64) float column[kTileSize], plane[4][kTileSize];
     for (std::size_t lane = 0; lane < lanes(); ++lane) {
-      const auto x = static_cast<std::size_t>(job.columns[begin + std::min(lane, count - 1)]);
-      column[lane] = static_cast<float>(x);
-      const std::size_t p = static_cast<std::size_t>(job.row) * width + x;
+      const std::int32_t x = job.columns[begin + std::min(lane, count - 1)];
+      column[lane] = place_in_photo(x, views.per_x);
+      const std::size_t p = static_cast<std::size_t>(job.row) * width + static_cast<std::size_t>(x);
       for (std::size_t c = 0; c < 4; ++c) plane[c][lane] = job.planes[c * pixels + p];
     }
     const Float normal[3] = {load(plane[0]), load(plane[1]), load(plane[2])};

@@ -159,14 +159,16 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
   }
 
   if (terms.photometric_weight == 0 || second.truth.color.empty() || first.truth.color.empty()) return;
-  fill_greys(first.truth, work.greys[0], threads);
-  fill_greys(second.truth, work.greys[1], threads);
+  const PatchPhoto photo = patch_photo(first), other_photo = patch_photo(second);
+  fill_greys(photo.truth, work.greys[0], threads);
+  fill_greys(other_photo.truth, work.greys[1], threads);
   const std::span<const float> greys_first = std::as_const(work.greys[0]), greys_second = std::as_const(work.greys[1]);
   work.patches.ensure(pixels);
   const std::span<PatchGradient> patches = work.patches;
   const double drawn = static_cast<double>(terms.max_patches) / agreeing;
   rows.assign(rows.size(), {});
-  const PatchViews patch_pair = patch_views(views);
+  const PatchViews patch_pair =
+      patch_views(surface::pair_of<float>(photo.camera, other_photo.camera), first.camera.width, first.camera.height);
   const auto width = static_cast<std::size_t>(first.camera.width);
   threads.for_range(rows.size(), kRowGrain, [&](std::size_t begin, std::size_t end) {
     std::vector<std::int32_t> columns;
@@ -213,6 +215,10 @@ void check_surface_view(const SurfaceView& view, bool with_alpha) {
   SPLATBOOST_CHECK(!with_alpha || view.alpha.size() == pixels, "alpha must be [H,W]");
   SPLATBOOST_CHECK(view.truth.color.empty() || view.truth.color.size() == 3 * pixels,
                    "the photo must be empty or of the camera's size");
+  if (view.patches == nullptr) return;
+  check_camera(view.patches->camera);
+  SPLATBOOST_CHECK(view.patches->truth.color.size() == 3 * pixels_of(view.patches->camera),
+                   "the photo of patches must be of its camera's size");
 }
 
 }  // namespace

@@ -137,7 +137,7 @@ __global__ void __launch_bounds__(kBlockThreads)
     patch_kernel(PatchViews views, int max_patches, RandomStream random, DeviceView<const PixelMatch> matches,
                  DeviceView<const float> planes, DeviceView<const float> greys_first,
                  DeviceView<const float> greys_second, DeviceView<PatchGradient> patches, DeviceView<double> sums) {
-  const ImagePixel pixel(views.width_first, views.height_first);
+  const ImagePixel pixel(views.width, views.height);
   float loss = 0, counts = 0;
   if (pixel.inside) {
     PatchGradient gradient{};
@@ -146,8 +146,8 @@ __global__ void __launch_bounds__(kBlockThreads)
       const surface::Plane<float> plane = pixel.plane(planes);
       const float normal[3] = {plane.normal.x, plane.normal.y, plane.normal.z};
       const PatchMatch<float> match =
-          match_patch(views, static_cast<float>(pixel.x), static_cast<float>(pixel.y), normal, plane.distance,
-                      Texels{greys_first, views.width_first}, Texels{greys_second, views.width_second});
+          match_patch(views, place_in_photo(pixel.x, views.per_x), place_in_photo(pixel.y, views.per_y), normal,
+                      plane.distance, Texels{greys_first, views.width_first}, Texels{greys_second, views.width_second});
       if (match.counts > 0) {
         const float weight = expf(-noise);
         loss = weight * match.loss;
@@ -215,14 +215,17 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
                 work.depth_gradients[1].span());
   }
   if (terms.photometric_weight == 0 || second.truth.color.empty() || first.truth.color.empty()) return;
+  const PatchPhoto photos[2] = {patch_photo(first), patch_photo(second)};
   for (std::size_t v = 0; v < 2; ++v) {
-    const TruthImage& truth = v == 0 ? first.truth : second.truth;
+    const TruthImage& truth = photos[v].truth;
     work.greys[v].ensure(truth.color.size() / 3);
     launch_each(stream, "greys", greys_kernel, work.greys[v].size(), truth.color, work.greys[v].span());
   }
   work.patches.ensure(pixels);
-  launch_each(stream, "patches", patch_kernel, pixels, patch_views(views), terms.max_patches, random, matches,
-              first.planes, read(work.greys[0]), read(work.greys[1]), work.patches.span(), work.sums.span());
+  const PatchViews patch_pair =
+      patch_views(surface::pair_of<float>(photos[0].camera, photos[1].camera), first.camera.width, first.camera.height);
+  launch_each(stream, "patches", patch_kernel, pixels, patch_pair, terms.max_patches, random, matches, first.planes,
+              read(work.greys[0]), read(work.greys[1]), work.patches.span(), work.sums.span());
   launch_each(stream, "patch_gradient", patch_gradient_kernel, pixels, terms.photometric_weight, read(work.patches),
               sums, first.plane_gradients);
 }

@@ -48,7 +48,7 @@ struct SurfaceWorkspace {
   Array<float> edges;               ///< [H,W]
   Array<std::uint32_t> edge_range;  ///< only on a GPU: ~bits of the least edge, bits of the greatest
   Array<float> differences;         ///< [6,H,W] gradients of the two differences that a pixel's normal is made of
-  Array<float> greys[2];            ///< [H,W]
+  Array<float> greys[2];            ///< [H,W] of the photos in which patches are compared
   Array<PixelMatch> matches;        ///< [H,W] of the first view
   Array<PatchGradient> patches;     ///< [H,W]
   Array<double> sums;               ///< [kSurfaceSums]

@@ -253,12 +253,17 @@ TEST_F(PgsrRun, a_trim_of_a_single_view_keeps_what_it_observes) {
   EXPECT_GT(backbone->primitives(), 10u);
 }
 
-TEST_F(PgsrRun, gradients_are_those_of_all_terms_in_both_views) {
+class PgsrScale : public PgsrRun, public ::testing::WithParamInterface<double> {};
+
+TEST_P(PgsrScale, gradients_are_those_of_all_terms_in_both_views) {
   const auto trained = make(eager());
   testing::train(*trained, scene_, 1, 60);
   SplatCloud cloud = exported(*trained);
   std::ranges::fill(cloud.sh_rest, 0.0f);
-  const PgsrConfig config = eager();
+  PgsrConfig config = eager();
+  config.ncc_scale = GetParam();
+  const bool rescaled = config.ncc_scale != 1;
+  if (rescaled) scene_.train_rescaled = testing::tiny_scene(threads_, 12, 96, 80).train;
   const int iteration = 2003;  // no densification or pruning
   const View& view = scene_.train[1];
   const auto found = testing::gathered_gradients(*make(config, 30000), cloud, iteration, view);
@@ -269,7 +274,8 @@ TEST_F(PgsrRun, gradients_are_those_of_all_terms_in_both_views) {
       {config.max_neighbors, config.neighbor_angle, unit * config.neighbor_nearest, unit * config.neighbor_farthest});
   const RandomStream numbers(3, iteration, RandomPurpose::neighbor_view);
   ASSERT_GT(neighbors[1].size(), 1u);
-  const View& other = scene_.train[neighbors[1][numbers.below(0, neighbors[1].size())]];
+  const std::size_t neighbor = neighbors[1][numbers.below(0, neighbors[1].size())];
+  const View& other = scene_.train[neighbor];
   const ActiveCloud active(cloud, threads_);
   auto expected = testing::gradients_of_view(cloud, active.scales, active.opacities, view, {}, 0.8f, 0.2f, threads_);
 
@@ -304,8 +310,13 @@ TEST_F(PgsrRun, gradients_are_those_of_all_terms_in_both_views) {
   SurfaceTerms terms;
   terms.max_pixel_noise = 20;
   terms.near_depth = static_cast<float>(0.1 * unit);
-  const SurfaceView first{view.camera, view.truth(), features[0], alphas[0], gradients[0]};
-  const SurfaceView second{other.camera, other.truth(), features[1], alphas[1], gradients[1]};
+  SurfaceView first{view.camera, view.truth(), features[0], alphas[0], gradients[0]};
+  SurfaceView second{other.camera, other.truth(), features[1], alphas[1], gradients[1]};
+  const View& photo = rescaled ? scene_.train_rescaled[1] : view;
+  const View& other_photo = rescaled ? scene_.train_rescaled[neighbor] : other;
+  const PatchPhoto patches{photo.camera, photo.truth()}, other_patches{other_photo.camera, other_photo.truth()};
+  first.patches = &patches;
+  second.patches = &other_patches;
   const SurfaceLossParts parts =
       SurfaceLoss(threads_).add(first, &second, terms, RandomStream(3, iteration, RandomPurpose::patches));
   EXPECT_GT(parts.normal, 0);
@@ -335,6 +346,8 @@ TEST_F(PgsrRun, gradients_are_those_of_all_terms_in_both_views) {
   close(found.rotations, expected.rotations);
   close(found.opacities, expected.opacities);
 }
+
+INSTANTIATE_TEST_SUITE_P(Scales, PgsrScale, ::testing::Values(1.0, 0.5));
 
 TEST_F(PgsrRun, surface_terms_begin_when_they_shall) {
   PgsrConfig config = eager();
@@ -484,6 +497,7 @@ TEST(PgsrConfig, broken_ones_are_told_in_one_line) {
                                   {R"({"neighbor_angle": 0})", "neighbor_angle"},
                                   {R"({"max_pixel_noise": 0})", "max_pixel_noise"},
                                   {R"({"photometric_weight": -1})", "photometric_weight"},
+                                  {R"({"ncc_scale": 0})", "ncc_scale"},
                                   {R"({"exposure": 3})", "exposure"},
                                   {R"({"sh_degree": 9})", "pgsr: sh_degree"}});
   EXPECT_EQ(to_json(pgsr_config_from_json({{"max_neighbors", 3}}))["max_neighbors"], 3);

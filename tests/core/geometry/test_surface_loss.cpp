@@ -62,11 +62,15 @@ TEST(PlaneDepth, is_zero_where_nothing_faces_the_camera) {
 struct Case {
   const char* name;
   float normal, geometric, photometric;
+  int patch_width = SurfaceScene::kWidth, patch_height = SurfaceScene::kHeight;  ///< size of the photos of patches
 };
 class SurfaceLossCase : public ::testing::TestWithParam<Case> {};
 
 TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differences) {
   SurfaceScene scene(0.01);
+  if (GetParam().patch_width != SurfaceScene::kWidth) {
+    scene.take_patch_photos(GetParam().patch_width, GetParam().patch_height);
+  }
   SurfaceTerms terms;
   terms.normal_weight = GetParam().normal;
   terms.geometric_weight = GetParam().geometric;
@@ -123,7 +127,9 @@ TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differe
 
 INSTANTIATE_TEST_SUITE_P(Terms, SurfaceLossCase,
                          ::testing::Values(Case{"normal", 0.5f, 0, 0}, Case{"geometric", 0, 0.5f, 0},
-                                           Case{"photometric", 0, 0, 0.5f}, Case{"all", 0.015f, 0.03f, 0.15f}),
+                                           Case{"photometric", 0, 0, 0.5f}, Case{"finer_photos", 0, 0, 0.5f, 40, 32},
+                                           Case{"coarser_photos", 0, 0, 0.5f, 13, 11},
+                                           Case{"all", 0.015f, 0.03f, 0.15f}),
                          [](const auto& tested) { return tested.param.name; });
 
 TEST(SurfaceLossRun, gives_the_same_bytes_for_any_number_of_threads_and_again) {

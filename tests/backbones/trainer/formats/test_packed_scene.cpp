@@ -184,6 +184,8 @@ TEST(PackedScene, HoldsWhatOtherSizesAndFoldersGive) {
   expect_contains(message, "pack the scene again");
   message = pair.refused([](SceneOptions& o) { o.images = "images"; });
   expect_contains(message, "'others', but --images is 'images'");
+  message = pair.refused([](SceneOptions& o) { o.photo_scale = 0.5; });
+  expect_contains(message, "at one size, but ncc_scale needs another");
 }
 
 TEST(PackedScene, RefusesFilesThatAreNotWhole) {

@@ -169,6 +169,33 @@ TEST(ReadScene, ResolutionAveragesAreasAndScalesTheCamera) {
   }
 }
 
+TEST(ReadScene, PhotosOfAnotherScaleHaveTheirOwnCameras) {
+  if (!have_opencv()) GTEST_SKIP() << "resizing needs OpenCV";
+  const Row row;
+  SceneOptions options = row.options();
+  options.resolution = 4;  // 16x12
+  options.photo_scale = 0.5;
+  Camera camera = read_scene(options).train[0].camera;
+  EXPECT_EQ(camera.width, 32);
+  EXPECT_EQ(camera.height, 24);
+  EXPECT_FLOAT_EQ(camera.fx, 25);
+  options.photo_scale = 1.5;
+  camera = read_scene(options).train[0].camera;
+  EXPECT_EQ(camera.width, 10) << "rounded down";
+  EXPECT_EQ(camera.height, 8);
+  options.photo_scale = 0.2;
+  const std::string message = input_error_of([&] { read_scene(options); });
+  expect_contains(message, "v0.png: has 64x48 pixels, but ncc_scale needs 80x60");
+
+  const Row odd;
+  write_png(odd.folder / "images/v0.png", 63, 47, 1,
+            std::span<const std::uint8_t>(std::vector<std::uint8_t>(std::size_t{63} * 47, 9)));
+  options = odd.options();
+  options.resolution = 2;  // 31.5 and 23.5 are rounded to even
+  options.photo_scale = 0.5;
+  EXPECT_EQ(read_scene(options).train[0].camera.width, 63) << "not 64";
+}
+
 TEST(ReadScene, DivisorsRoundHalvesToEvenAsIn3dgs) {
   EXPECT_EQ(target_size(530, 946, 4), (ImageSize{132, 236}));     // 132.5, 236.5
   EXPECT_EQ(target_size(4946, 3286, 4), (ImageSize{1236, 822}));  // 1236.5, 821.5

@@ -57,6 +57,41 @@ TEST(Alignment, of_few_points_is_a_shift) {
   EXPECT_EQ(align({}, {}, false).rmse, 0);
 }
 
+TEST(Alignment, of_most_leaves_out_what_does_not_fit) {
+  const std::vector<glm::dvec3> from = helix(40);
+  std::vector<glm::dvec3> to = moved(from, 2);
+  for (const std::size_t wrong : {3u, 17u, 18u, 31u, 39u})
+    to[wrong] += glm::dvec3(9, -4.0 * static_cast<double>(wrong), 7);
+  std::size_t used = 0;
+  const Alignment found = align_most(from, to, &used);
+  EXPECT_EQ(used, 35u);
+  EXPECT_NEAR(found.scale, 2, 1e-12);
+  EXPECT_NEAR(found.rmse, 0, 1e-12);
+  EXPECT_GT(align(from, to, true).rmse, 1);
+  EXPECT_EQ(align_most({}, {}, &used).rmse, 0);
+  EXPECT_EQ(used, 0u);
+}
+
+TEST(Trajectory, positions_of_a_log_are_the_last_column) {
+  const TemporaryFolder folder;
+  const std::string pose = "0 0 0\n1 0 0 1.5\n0 0 -1 -2\n0 1 0 3e1\n0 0 0 1\n";
+  std::ofstream(folder / "t.log") << pose << "1 1 0\r\n1 0 0 4\r\n0 1 0 5\r\n0 0 1 6\r\n0 0 0 1\r\n\n";
+  const std::vector<glm::dvec3> read = read_log_positions(folder / "t.log");
+  EXPECT_EQ(read, (std::vector<glm::dvec3>{{1.5, -2, 30}, {4, 5, 6}}));
+  const auto message = [&](const std::string& text) {
+    std::ofstream(folder / "t.log") << text;
+    try {
+      read_log_positions(folder / "t.log");
+    } catch (const InputError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_NE(message(pose + "1 1 0\n1 0 0 x\n").find("t.log:7: expected four numbers"), std::string::npos);
+  EXPECT_NE(message(pose + "1 1\n").find("t.log:6: expected the three numbers"), std::string::npos);
+  EXPECT_NE(message(pose + "1 1 0\n1 0 0 4\n").find("ends within"), std::string::npos);
+}
+
 TEST(Trajectory, files_are_read_back) {
   const TemporaryFolder folder;
   std::vector<TimedPose> poses(2);
