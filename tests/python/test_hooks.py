@@ -6,7 +6,7 @@ import types
 import pytest
 import torch
 
-from splatboost.hooks import _boost, _drawing, deformable_3dgs, dropgaussian, mip_splatting, pgsr, vanilla
+from splatboost.hooks import _boost, _drawing, absgs, deformable_3dgs, dropgaussian, mip_splatting, opacity_fields, pgsr, vanilla
 
 N = 6
 
@@ -423,9 +423,26 @@ def test_pgsr_grows_from_its_own_candidates():
     assert boost._settings() == {"beta": 1.0, "tau_d": 5.0}
 
 
-def test_pgsr_without_tracked_points_says_so(capsys):
+@pytest.mark.parametrize("given", [(), (0.2,)])
+def test_opacity_fields_counts_with_the_hosts_kernel_size(monkeypatch, given):
+    found = {}
+    camera = types.SimpleNamespace(original_image=torch.zeros(3, 4, 4))
+    g = types.SimpleNamespace(get_xyz=torch.zeros(2, 3), get_opacity_with_3D_filter=torch.ones(2, 1),
+                              get_scaling_with_3D_filter=torch.ones(2, 3), get_rotation=torch.ones(2, 4))
+    monkeypatch.setattr(opacity_fields, "rasterize", lambda *_, **named: found.update(named))
+    monkeypatch.setattr(_drawing, "pinhole", lambda *_: None)
+    options = types.SimpleNamespace(boost="off")
+    boost = opacity_fields.Boost(g, None, options, lambda _: torch.zeros(3, 4, 4), "", (), *given)
+    boost._render = lambda _: torch.zeros(3, 4, 4)
+    boost._score(camera)
+    assert found["low_pass"] == (given[0] if given else 0.0) and found["compensate_opacity"]
+
+
+@pytest.mark.parametrize("host", [absgs, pgsr])
+def test_a_host_without_tracked_points_says_so(capsys, host):
+    options = types.SimpleNamespace(boost="on", use_prune_weight=False)
     with pytest.raises(SystemExit) as stopped:
-        pgsr.Boost(types.SimpleNamespace(get_xyz=torch.zeros(0, 3)), None, types.SimpleNamespace(boost="on"), None, "")
+        host.Boost(types.SimpleNamespace(get_xyz=torch.zeros(0, 3)), None, options, None, "")
     assert stopped.value.code == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1 and "three photos" in told and "point_triangulator" in told

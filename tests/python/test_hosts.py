@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import types
 
 import conftest
 import host_runner
@@ -266,6 +267,23 @@ def test_errors_of_the_runner(tmp_path):
     assert command(tmp_path, "failing.py").returncode == 7
 
 
+def test_a_script_in_a_folder_of_the_checkout(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "tree", "pgsr")
+    (tree / "scripts/beside.py").write_text("import no_such_package_at_all\n")
+    (tree / "scripts/look.py").write_text(
+        "import os, sys\nsys.path.append(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))\n"
+        "from scene import Scene\nfrom gaussian_renderer import render\nimport diff_plane_rasterization\n"
+        "print(diff_plane_rasterization.__name__)\n")
+    done = command(tree, "scripts/look.py")
+    assert done.returncode == 0, done.stderr
+    assert "diff_plane_rasterization" in done.stdout
+    with (tree / "scripts/look.py").open("a") as script:
+        script.write("import beside\n")
+    done = command(tree, "scripts/look.py")
+    assert done.returncode == 2
+    assert "look.py needs the Python module no_such_package_at_all: pip install" in done.stderr
+
+
 def test_cuda_calls_happen_on_the_cpu(tmp_path):
     (tmp_path / "calls.py").write_text("""
 import sys
@@ -346,6 +364,23 @@ def test_pictures_of_signed_bytes(monkeypatch):
     _stand_ins._pictures()
     bytes_of_host = numpy.array(numpy.full((2, 2, 3), 200.0), dtype=numpy.uint8).view(numpy.byte)
     assert (numpy.asarray(Image.fromarray(bytes_of_host, "RGB")) == 200).all()
+
+
+def test_maps_are_drawn_with_a_newer_matplotlib(monkeypatch):
+    from splatboost import _stand_ins
+
+    class FigureCanvasAgg:
+        def buffer_rgba(self):
+            return memoryview(numpy.arange(24, dtype=numpy.uint8).reshape(2, 3, 4))
+
+    agg, cm = types.SimpleNamespace(FigureCanvasAgg=FigureCanvasAgg), types.SimpleNamespace()
+    backends = types.SimpleNamespace(backend_agg=agg)
+    whole = types.SimpleNamespace(backends=backends, cm=cm, colormaps={"turbo": "a map"})
+    for name, module in (("", whole), (".cm", cm), (".backends", backends), (".backends.backend_agg", agg)):
+        monkeypatch.setitem(sys.modules, "matplotlib" + name, module)
+    _stand_ins._drawing()
+    assert cm.get_cmap("turbo") == "a map"
+    assert FigureCanvasAgg().tostring_rgb() == bytes(i for i in range(24) if i % 4 != 3)
 
 
 def test_numpy_that_torch_cannot_use_is_told(monkeypatch):

@@ -52,9 +52,12 @@ def _file_of(folder: str, module: str) -> Optional[str]:
     return None
 
 
-def needed_modules(script: str) -> List[str]:
-    """Top-level modules needed by a script and by the files of its folder that it imports, sorted."""
-    folder = os.path.dirname(os.path.abspath(script))
+def needed_modules(script: str, checkout: Optional[str] = None) -> List[str]:
+    """Top-level modules needed by a script and by the files of its folder that it imports, sorted.
+
+    checkout: another folder with files that the script may import
+    """
+    folders = [os.path.dirname(os.path.abspath(script))] + ([os.path.abspath(checkout)] if checkout else [])
     found: Set[str] = set()
     seen: Set[str] = set()
     waiting = [os.path.abspath(script)]
@@ -69,17 +72,18 @@ def needed_modules(script: str) -> List[str]:
         except (OSError, SyntaxError):
             continue
         for module in _imports(tree):
-            here = folder
+            here = folders
             if module.startswith("."):
-                here = os.path.dirname(path)
+                package = os.path.dirname(path)
                 for _ in range(len(module) - len(module.lstrip(".")) - 1):
-                    here = os.path.dirname(here)
+                    package = os.path.dirname(package)
+                here = [package]
                 module = module.lstrip(".")
             # Importing a module imports its parent packages too.
             names = module.split(".")
-            files = [_file_of(here, ".".join(names[: i + 1])) for i in range(len(names))]
+            files = [_file_of(folder, ".".join(names[: i + 1])) for i in range(len(names)) for folder in here]
             waiting.extend(file for file in files if file is not None)
-            if files[0] is None and here == folder and not os.path.isdir(os.path.join(folder, names[0])):
+            if here is folders and not any(files) and not any(os.path.isdir(os.path.join(folder, names[0])) for folder in here):
                 found.add(names[0])
     return sorted(found)
 
@@ -93,10 +97,10 @@ def _is_there(module: str) -> bool:
         return False
 
 
-def missing_modules(script: str, stand_ins: Iterable[str] = ()) -> List[str]:
+def missing_modules(script: str, stand_ins: Iterable[str] = (), checkout: Optional[str] = None) -> List[str]:
     """The needed modules that are not installed. stand_ins: modules that the runner of the script provides."""
     provided = set(stand_ins)
-    return [name for name in needed_modules(script) if name not in provided and not _is_there(name)]
+    return [name for name in needed_modules(script, checkout) if name not in provided and not _is_there(name)]
 
 
 def install_command(modules: Iterable[str]) -> str:

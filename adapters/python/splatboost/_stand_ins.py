@@ -45,6 +45,7 @@ def install() -> None:
         _pytorch3d()
     _numpy_names()
     _pictures()
+    _drawing()
     _histograms()
     _lpips()
     if shutil.which("nvidia-smi") is None:
@@ -76,6 +77,23 @@ def _pictures() -> None:
         return fromarray(array, *arguments, **named)
 
     Image.fromarray = from_bytes
+
+
+def _drawing() -> None:
+    """Restores functions of matplotlib with which hosts draw maps: get_cmap, removed in 3.9, and tostring_rgb, removed in 3.10."""
+    if _lacks("matplotlib") or isinstance(sys.modules.get("matplotlib"), _Missing):
+        return
+    import matplotlib
+    import numpy
+    from matplotlib import cm
+    from matplotlib.backends import backend_agg
+
+    maps: Any = cm
+    if not hasattr(maps, "get_cmap"):
+        maps.get_cmap = lambda name: matplotlib.colormaps[name]
+    canvas: Any = backend_agg.FigureCanvasAgg
+    if not hasattr(canvas, "tostring_rgb"):
+        canvas.tostring_rgb = lambda self: numpy.asarray(self.buffer_rgba())[..., :3].tobytes()
 
 
 def _histograms() -> None:

@@ -165,6 +165,13 @@ def detect_layout(folder: str) -> Optional[str]:
     return "3dgs-2024" if "depth_image" in text or "antialiasing" in text else "3dgs-2023"
 
 
+def checkout_of(folder: str) -> str:
+    """The checkout that a folder of scripts belongs to: the folder itself, or the one above it if only that is a 3DGS
+    checkout."""
+    above = os.path.dirname(folder)
+    return above if detect_layout(folder) is None and detect_layout(above) is not None else folder
+
+
 def _fail(message: str) -> int:
     sys.stderr.write("splatboost.cpu: %s\n" % message)
     return 2
@@ -196,11 +203,12 @@ def main(arguments: Optional[List[str]] = None) -> int:
     trouble = _needs.numpy_trouble()
     if trouble:
         return _fail(trouble)
-    missing = _needs.missing_modules(options.script, _stand_ins.PROVIDED)
+    folder = os.path.dirname(os.path.abspath(options.script))
+    checkout = checkout_of(folder)
+    missing = _needs.missing_modules(options.script, _stand_ins.PROVIDED, checkout)
     if missing:
         return _fail_for_modules(options.script, missing)
-    folder = os.path.dirname(os.path.abspath(options.script))
-    layout = options.layout or detect_layout(folder)
+    layout = options.layout or detect_layout(checkout)
     from ._library import LibraryError
 
     map_cuda()

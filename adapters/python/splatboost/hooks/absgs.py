@@ -28,6 +28,11 @@ class Boost(_boost.Boost):
             sys.stderr.write("--use_prune_weight: needs blending weights, which SplatBoost's rasterizer does not provide; leave "
                              "it out, or train with --boost off\n")
             sys.exit(2)
+        if options.boost == "on" and gaussians.get_xyz.shape[0] == 0:
+            sys.stderr.write("AbsGS begins with no Gaussians: it takes only points that three photos or more saw, with an error of at "
+                             "most 2 pixels, and the scene has none; triangulate them, as colmap point_triangulator does, and remove "
+                             "the host's points3D.ply, which it would read again\n")
+            sys.exit(2)
         super().__init__(gaussians, scene, options, *rest)
 
     def _settings(self) -> Dict[str, Any]:

@@ -4,7 +4,7 @@ box; flagged pixels are counted in an additional render with Mip-Splatting's fil
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any, Dict, Iterable
 
 from .._rasterize import rasterize
 from ..adapter import ScoredView
@@ -14,8 +14,11 @@ __all__ = ["Boost"]
 
 
 class Boost(mip_splatting.Boost):
-    #: px², the low-pass filter of Mip-Splatting; the host's --kernel_size is nearly the same.
-    low_pass = 0.1
+    def __init__(self, gaussians: Any, scene: Any, options: Any, render: Any, model_path: str,
+                 checkpoints: Iterable[int] = (), kernel_size: float = 0.0):
+        """kernel_size: px², the host's option of this name"""
+        self._low_pass = float(kernel_size)
+        super().__init__(gaussians, scene, options, render, model_path, checkpoints)
 
     def _settings(self) -> Dict[str, Any]:
         return dict(self._host_settings(), tau_d=self.options.boost_tau_d, cb=False)
@@ -25,5 +28,5 @@ class Boost(mip_splatting.Boost):
         view.render = rasterize(
             _drawing.pinhole(camera, view.color), g.get_xyz.detach(), g.get_opacity_with_3D_filter.detach(),
             scales=g.get_scaling_with_3D_filter.detach(), rotations=g.get_rotation.detach(),
-            colors=g.get_xyz.detach().clone().zero_(), low_pass=self.low_pass, compensate_opacity=True)
+            colors=g.get_xyz.detach().clone().zero_(), low_pass=self._low_pass, compensate_opacity=True)
         return view
