@@ -10,9 +10,9 @@
 #include <nlohmann/json.hpp>
 
 #include "program/commands/commands.h"
+#include "program/commands/trajectory_alignment.h"
 #include "program/session/chosen_device.h"
 #include "program/session/options.h"
-#include "program/session/trajectory_alignment.h"
 #include "trainer/mesh/dtu.h"
 #include "trainer/mesh/surface_distance.h"
 #include "trainer/mesh/tanks_and_temples.h"

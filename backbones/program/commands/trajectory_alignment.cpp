@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "program/session/trajectory_alignment.h"
+#include "program/commands/trajectory_alignment.h"
 
 #include <algorithm>
 #include <cmath>
