@@ -36,24 +36,24 @@ inline PatchPhoto patch_photo(const SurfaceView& view) {
 inline PatchViews patch_views(const surface::ViewPair<float>& photos, int width, int height) {
   const surface::Pinhole<float>&a = photos.first, &b = photos.second;
   const surface::Motion<float>& motion = photos.second_from_first;
-  PatchViews views{a.cx,
-                   a.cy,
-                   1 / a.fx,
-                   1 / a.fy,
-                   b.fx,
-                   b.fy,
-                   b.cx,
-                   b.cy,
-                   {},
-                   {},
-                   a.width,
-                   a.height,
-                   b.width,
-                   b.height,
-                   width,
-                   height,
-                   static_cast<float>(a.width) / static_cast<float>(width),
-                   static_cast<float>(a.height) / static_cast<float>(height)};
+  PatchViews views{.cx_first = a.cx,
+                   .cy_first = a.cy,
+                   .step_x = 1 / a.fx,
+                   .step_y = 1 / a.fy,
+                   .fx_second = b.fx,
+                   .fy_second = b.fy,
+                   .cx_second = b.cx,
+                   .cy_second = b.cy,
+                   .rotation = {},
+                   .shift = {},
+                   .width_first = a.width,
+                   .height_first = a.height,
+                   .width_second = b.width,
+                   .height_second = b.height,
+                   .width = width,
+                   .height = height,
+                   .per_x = static_cast<float>(a.width) / static_cast<float>(width),
+                   .per_y = static_cast<float>(a.height) / static_cast<float>(height)};
   for (int k = 0; k < 3; ++k) {
     views.rotation[k][0] = motion.rows[k].x;
     views.rotation[k][1] = motion.rows[k].y;
