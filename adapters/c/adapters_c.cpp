@@ -34,6 +34,11 @@ splatboost::Moment moment_of(std::int32_t iteration, std::int32_t total) {
   return {iteration, total};
 }
 
+std::size_t cap_of(const sb_density& density) {
+  SPLATBOOST_CHECK(density.max_primitives >= 0, "max_primitives must not be negative");
+  return static_cast<std::size_t>(density.max_primitives);
+}
+
 template <class T>
 sb_tensor tensor_of(std::span<T> values, std::int32_t type, std::initializer_list<std::int64_t> shape,
                     const Place& place) {
@@ -271,7 +276,7 @@ sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const 
     }
     OnHost clones(a.place.view<std::uint8_t>(clone, "clone", {n}), device);
     OnHost splits(a.place.view<std::uint8_t>(split, "split", {n}), device);
-    SPLATBOOST_CHECK(d.max_primitives >= 0, "max_primitives must not be negative");
+    statistics.max_primitives = cap_of(d);
     std::vector<float> priorities(statistics.gradients.begin(), statistics.gradients.end());
     splatboost::GrowDecisions decisions{clones.span(), splits.span(), priorities};
     a.grown_at = -1;
@@ -297,6 +302,7 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
     const sb_density& d = need(density, "density");
     splatboost::DensityStatistics statistics;
     statistics.moment = moment_of(d.iteration, d.total);
+    statistics.max_primitives = cap_of(d);
     const std::int64_t n = size_of(remove, "remove");
     SPLATBOOST_CHECK(n < (std::int64_t{1} << 31), "remove: at most 2^31 rows");
     HostRenderer renderer(need(views, "views"), a.place);

@@ -52,7 +52,8 @@ typedef struct sb_density {
   const sb_tensor* gradients_abs; /**< of the absolute gradient (Mip-Splatting: its sums); for growth with absgrad */
   const sb_tensor* opacities;     /**< activated, in [0, 1]; for pruning, of the M primitives present then */
   const sb_tensor* max_scales;    /**< longest standard deviation, world units; for growth with absgrad */
-  int64_t max_primitives;         /**< cap that growth does not exceed, a clone or split adding one; 0: no cap */
+  int64_t max_primitives;         /**< cap that growth does not exceed, a clone or split adding one; 0: no cap. For
+                                   *   late pruning too, which removes none if growth has reached it */
   const sb_tensor* clearances;    /**< of sb_camera_clearances(), for pruning, of the M primitives present then; NULL:
                                    *   none is removed because it is near a camera */
 } sb_density;
@@ -74,8 +75,8 @@ typedef struct sb_views {
    *  last render. */
   int32_t (*count_flagged)(void* context, const sb_tensor* flagged, const sb_tensor* counts);
   /** Adds to weights (int32 [N]) each primitive's blending weights in the last render, as sb_rasterizer_add_weights.
-   *  Adapters of Gaussians and of convexes call it once, when growth has ended (late_share); those of anchors never do,
-   *  and for them it may be NULL. */
+   *  Adapters of Gaussians and of convexes call it once, when growth has ended (late_share), and those of Gaussians at
+   *  each growth that reaches a cap (cap_share); those of anchors never do, and for them it may be NULL. */
   int32_t (*add_weights)(void* context, const sb_tensor* weights);
 } sb_views;
 

@@ -37,7 +37,7 @@ inline double settled_share(Moment moment, std::size_t views) {
   return std::min(1.0, visits / kSettledVisits);
 }
 
-/// Views rendered once per run to measure the blending weights; this many take less than 1% of the run's time.
+/// Views rendered to measure the blending weights. Once per run, this many take less than 1% of the time.
 inline constexpr int kWeighedViews = 50;
 
 }  // namespace splatboost

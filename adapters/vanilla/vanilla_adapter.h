@@ -55,6 +55,11 @@ struct VanillaBoost {
   /// Removes Gaussians with a smaller clearance from the training cameras (clearance.h): a camera has free space around
   /// it, so they are floaters, which hide the scene from new views near there. Not in the paper.
   double min_clearance = 0.8;
+  /// Under a cap that growth has reached: each growth but the last also removes the Gaussians with the smallest
+  /// blending weights whose weights together are at most this share of the total, so that the next growth can use their
+  /// places, and nothing is removed late, because the cap is the size that the user wants. 0: a cap changes nothing
+  /// else. Not in the paper.
+  double cap_share = 0.01;
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = false;        ///< off: growth in the first iterations needs full-size views
   double coarse_until = 0.3;  ///< until this share of the run
@@ -93,6 +98,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("absolute_scores", boost.absolute_scores);
   visit("late_share", boost.late_share);
   visit("min_clearance", boost.min_clearance);
+  visit("cap_share", boost.cap_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
 }
@@ -110,6 +116,9 @@ inline constexpr int kLiteralGrowthEnd = 15000;
 /// than every kMinGrowthInterval iterations, as 3DGS does, nor in the second half of a run.
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
+
+/// Growth has reached a cap if at least this share of it is used; pruning within growth leaves a few places free.
+inline constexpr double kFullCap = 0.9;
 
 /// Views are scored on the device; statistics and decisions are in host memory.
 class VanillaAdapter : public Adapter {
@@ -158,6 +167,12 @@ class VanillaAdapter : public Adapter {
   void compute_pruning_scores(const ScoreSums& sums);
   /// The threshold that Σ_j n_ij over the views scored last must exceed for growth.
   double importance_to_exceed(int views) const;
+  /// Iterations between growths.
+  int growth_interval(Moment moment) const;
+  /// Whether this many primitives have reached the cap.
+  bool is_full(const DensityStatistics& statistics, std::size_t primitives) const;
+  /// Whether this growth reaches the cap and another one follows.
+  bool makes_room(const DensityStatistics& statistics, const GrowDecisions& decisions) const;
   /// The first iteration without growth.
   int growth_end(Moment moment) const;
   /// The first iteration of late pruning.
@@ -168,6 +183,9 @@ class VanillaAdapter : public Adapter {
   BlendingWeights weights_;
   std::vector<float> pruning_;  ///< [N] pruning scores of the primitives at the last scoring
   int scored_at_ = -1;          ///< iteration of that scoring
+  /// [N] blending weights of the primitives before the last growth (some hosts cannot render between growth and
+  /// pruning); empty unless that growth makes room for the next one
+  std::vector<double> growth_weights_;
 };
 
 }  // namespace splatboost

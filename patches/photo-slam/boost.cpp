@@ -368,6 +368,7 @@ void Boost::pruneLate(int iteration) {
   density.iteration = iteration;
   density.total = p.total;
   density.opacities = opacities;
+  density.max_primitives = p.max_gaussians;
   Views views(p.host, p.no_color, p.device);
   views.check(sb_adapter_prune(p.adapter, &density, views.c_views(), removed, nullptr, nullptr));
   const Tensor gone = p.remove(removed.tensor().to(torch::kBool), iteration);

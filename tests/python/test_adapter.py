@@ -134,6 +134,36 @@ def test_late_pruning():
         adapter.prune(18000, host.views(), candidates=torch.zeros(N, dtype=torch.bool))
 
 
+def test_pruning_under_a_cap():
+    """Growth that reaches a cap makes room for the next, and late pruning leaves what the cap leaves."""
+    host = Host([3, 4])
+    adapter = Adapter("vanilla", total_iterations=30000, cap_share=0.1)
+    opacities = torch.full((N,), 0.05)
+    none, every = torch.zeros(N, dtype=torch.bool), torch.arange(N)
+
+    def removed_at_growth(most):
+        still = torch.zeros(N)
+        clone, split = adapter.grow(1000, host.views(), scene_extent=1.0, gradients=still, gradients_abs=still,
+                                    max_scales=still, max_primitives=most)
+        assert not clone.any() and not split.any()
+        return adapter.prune(1000, host.views(), candidates=none, origins=every, opacities=opacities, max_primitives=most)
+
+    weights = torch.stack([host.view(j).render.weights() for j in range(3)]).double()
+    mean = weights.sum(0) / (weights > 0).sum(0).clamp_min(1)
+    order = torch.argsort(mean[mean > 0])
+    few = torch.nonzero(mean > 0).reshape(-1)[order][mean[mean > 0][order].cumsum(0) <= 0.1 * mean.sum()]
+    assert 0 < len(few) < N
+    assert torch.equal(removed_at_growth(N).nonzero().reshape(-1), few.sort().values)
+    assert not removed_at_growth(0).any() and not removed_at_growth(2 * N).any()
+
+    late = {"candidates": none, "opacities": opacities}
+    assert adapter.prune(18000, host.views(), **late).all()
+    assert adapter.prune(18000, host.views(), **late, max_primitives=2 * N).all()
+    assert not adapter.prune(18000, host.views(), **late, max_primitives=N).any()
+    with pytest.raises(ValueError, match="max_primitives"):
+        adapter.prune(18000, host.views(), **late, max_primitives=-1)
+
+
 def test_backbones_and_settings():
     vanilla = Adapter("vanilla", total_iterations=30000)
     assert vanilla.beta == 0.5 and Adapter("vanilla", total_iterations=100, cb=False).beta is None

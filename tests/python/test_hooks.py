@@ -25,8 +25,9 @@ class Adapter:
     def prunes_at(self, iteration, host_would):
         return self.prunes
 
-    def prune(self, iteration, views, *, candidates, origins=None, opacities=None, clearances=None):
+    def prune(self, iteration, views, *, candidates, origins=None, opacities=None, clearances=None, max_primitives=0):
         self.clearances = clearances
+        self.max_primitives = max_primitives
         mask = torch.zeros_like(candidates)
         mask[list(self.remove)] = True
         return mask
@@ -68,7 +69,7 @@ class Model:
 def boost_of(kind=vanilla, adapter=None, **state):
     boost = kind.Boost.__new__(kind.Boost)
     boost.on, boost.gaussians, boost.adapter = True, Model(), adapter or Adapter()
-    boost.options = types.SimpleNamespace(iterations=100, opacity_reset_interval=30)
+    boost.options = types.SimpleNamespace(iterations=100, opacity_reset_interval=30, boost_max_gaussians=70)
     boost.iteration, boost._checkpoints, boost._device = 50, frozenset([7]), torch.device("cpu")
     boost._scene = types.SimpleNamespace(getTrainCameras=lambda: [])
     boost._restart_statistics()
@@ -133,7 +134,7 @@ def test_a_fork_may_remove_gaussians_outside_of_growth(on):
         assert boost._absolute.reshape(-1).tolist() == [0, 1, 3, 4, 5]
 
 
-def test_late_pruning_tells_how_near_the_cameras_gaussians_are():
+def test_late_pruning_tells_the_cap_and_how_near_the_cameras_gaussians_are():
     boost = boost_of()
     boost._means = lambda: torch.eye(N)[:, :3].repeat(3, 1)
     boost._scene.getTrainCameras = lambda: [types.SimpleNamespace(camera_center=torch.tensor([4.0, 0.0, 0.0]))]
@@ -141,6 +142,7 @@ def test_late_pruning_tells_how_near_the_cameras_gaussians_are():
     boost._measure_distances()
     boost.prune_late()
     assert boost.adapter.clearances is None
+    assert boost.adapter.max_primitives == 70
     boost.adapter.settings = {"min_clearance": 0.5}
     boost._measure_distances()
     boost._means = lambda: torch.tensor([[0.0, 0, 0], [3, 0, 0]])

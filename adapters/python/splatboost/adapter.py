@@ -215,6 +215,7 @@ class Adapter:
         origins: Optional[torch.Tensor] = None,
         opacities: Optional[torch.Tensor] = None,
         clearances: Optional[torch.Tensor] = None,
+        max_primitives: int = 0,
     ) -> torch.Tensor:
         """Decides removal; returns bool [M]: the primitives to remove.
 
@@ -224,6 +225,7 @@ class Adapter:
                     opacities, adds candidates at its own iterations (prunes_at); at others it adds none
         opacities   float32 [M] or [M,1], activated
         clearances  float32 [M] of camera_clearances(): those below the setting min_clearance are removed
+        max_primitives  as for grow(): late pruning removes none if growth has reached it
         """
         m = self._rows(candidates, "candidates")
         check(candidates, "candidates", torch.bool, (m,))
@@ -233,6 +235,7 @@ class Adapter:
             check(origins, "origins", (torch.int32, torch.int64), (m,))
             origins = origins.to(torch.int32)
         density = self._density(place, iteration, m, opacities=opacities, clearances=clearances)
+        density.max_primitives = lib.whole(max_primitives, "max_primitives", 0, 2**63 - 1)
         with _Host(views, m, self.device) as host:
             host.call(
                 "sb_adapter_prune",

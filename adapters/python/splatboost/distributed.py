@@ -293,5 +293,6 @@ class SharedAdapter:
             origins = torch.searchsorted(self._before, self._all(origins))
         every = self._all(opacities)
         remove = self.adapter.prune(iteration, shared_views(views, self.processes, self.adapter.device),
-                                    candidates=self._all(candidates), opacities=every, origins=origins)
+                                    candidates=self._all(candidates), opacities=every, origins=origins,
+                                    max_primitives=self.max_gaussians)
         return self._own(spare_one(every.reshape(-1), remove))

@@ -31,7 +31,9 @@ DensityStatistics GaussianTrainer::statistics() {
           mean_gradients_.on_host(on_host_.mean_gradients),
           mean_gradients_abs_.on_host(on_host_.mean_gradients_abs),
           opacity_.activated.on_host(on_host_.opacities),
-          max_scales_.on_host(on_host_.max_scales)};
+          max_scales_.on_host(on_host_.max_scales),
+          {},
+          context_.max_primitives};
 }
 
 std::span<const float> GaussianTrainer::clearances() {

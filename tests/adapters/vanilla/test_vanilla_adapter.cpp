@@ -324,6 +324,72 @@ TEST_F(VanillaAdapterTest, what_shows_least_goes_when_growth_has_ended) {
       << "views seen 25 times: half the share, half the opacity";
 }
 
+// Six Gaussians of which the first two grow; the caps below leave room for both, for one or for none.
+class VanillaCapTest : public VanillaAdapterTest {
+ protected:
+  using Mask = std::vector<std::uint8_t>;
+
+  /// @return what is removed at a growth, of the six and of copies of the first two
+  Mask removed_at_growth(const VanillaBoost& boost, int iteration, std::size_t cap) {
+    VanillaAdapter adapter(boost, threads_);
+    FakeRasterizer rasterizer({99, 99, 99, 99, 99, 99}, 60);
+    rasterizer.weights = {400, 500, 0, 3, 94, 3};
+    DensityStatistics statistics = hand_.at(iteration);
+    statistics.max_primitives = cap;
+    Mask clone(6), split(6), remove(8, 0);
+    std::vector<float> priorities(6);
+    GrowDecisions grow{clone, split, priorities};
+    adapter.grow(statistics, rasterizer, grow);
+    EXPECT_EQ(clone, (Mask{1, 1, 0, 0, 0, 0}));
+    const std::vector<std::uint32_t> origins{0, 1, 2, 3, 4, 5, 0, 1};
+    PruneDecisions prune{remove, PruneRule::growth, origins};
+    adapter.prune(hand_.at(iteration), rasterizer, prune);
+    return remove;
+  }
+
+  Hand hand_{{1, 1, 0, 0, 0, 0}, {0, 0, 0, 0, 0, 0}, {0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.05f}, {0, 0, 0, 0, 0, 0}};
+};
+
+TEST_F(VanillaCapTest, growth_that_reaches_a_cap_makes_room_for_the_next) {
+  const VanillaBoost boost = boost_at_paper_size();
+  const Mask none(8, 0), least{0, 0, 0, 1, 0, 1, 0, 0};  // the third shows in no view: nothing is known about it
+  EXPECT_EQ(removed_at_growth(boost, 1000, 8), least);
+  EXPECT_EQ(removed_at_growth(boost, 1000, 6), least);
+  EXPECT_EQ(removed_at_growth(boost, 1000, 9), none) << "less than nine tenths of the cap";
+  EXPECT_EQ(removed_at_growth(boost, 1000, 0), none) << "no cap";
+  EXPECT_EQ(removed_at_growth(boost, 9800, 8), least);
+  EXPECT_EQ(removed_at_growth(boost, 9900, 8), none) << "no growth follows";
+  VanillaBoost off = boost;
+  off.cap_share = 0;
+  EXPECT_EQ(removed_at_growth(off, 1000, 8), none);
+  off = boost;
+  off.vcp = false;
+  EXPECT_EQ(removed_at_growth(off, 1000, 8), none);
+  EXPECT_EQ(literal_boost().cap_share, 0);
+}
+
+TEST_F(VanillaCapTest, late_pruning_leaves_what_a_cap_leaves) {
+  const auto removed = [&](int iteration, std::size_t cap, double share) {
+    VanillaBoost boost = boost_at_paper_size();
+    boost.cap_share = share;
+    VanillaAdapter adapter(boost, threads_);
+    FakeRasterizer rasterizer({1, 1, 1, 1, 1, 1}, 60);
+    rasterizer.weights = {400, 500, 0, 3, 94, 3};
+    DensityStatistics statistics = hand_.at(iteration);
+    statistics.max_primitives = cap;
+    Mask remove(6, 0);
+    PruneDecisions prune{remove, PruneRule::late, {}};
+    adapter.prune(statistics, rasterizer, prune);
+    return remove;
+  };
+  const Mask none(6, 0);
+  EXPECT_EQ(removed(10000, 6, 0.01), none);
+  EXPECT_EQ(removed(18000, 6, 0.01), none);
+  EXPECT_EQ(removed(10000, 7, 0.01), (Mask{0, 0, 0, 1, 0, 1})) << "growth did not reach this cap";
+  EXPECT_EQ(removed(18000, 7, 0.01), (Mask{0, 0, 0, 0, 0, 1}));
+  EXPECT_EQ(removed(10000, 6, 0), (Mask{0, 0, 0, 1, 0, 1}));
+}
+
 TEST_F(VanillaAdapterTest, removal_that_is_not_the_papers_passes_untouched) {
   const Hand hand{{0, 0, 0, 0}, {0, 0, 0, 0}, {0.09f, 0.11f, 0.5f, 0.5f}, {1, 1, 1, 1}};
   const std::vector<std::uint8_t> candidates{0, 1, 0, 0};

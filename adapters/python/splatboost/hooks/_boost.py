@@ -237,7 +237,7 @@ class Boost:
         clone, split = self.adapter.grow(
             self.iteration, views, scene_extent=float(extent), gradients=gradients,
             gradients_abs=self._absolute_gradients(), max_scales=max_scales, opacities=g.get_opacity.detach(),
-            max_primitives=self._max_gaussians(), **self._own_growth(gradients, max_scales, float(extent)))
+            max_primitives=self._max_primitives(), **self._own_growth(gradients, max_scales, float(extent)))
         if radii:
             g.tmp_radii = radii[0]
         origins = self._grow(clone, split, float(extent))
@@ -251,8 +251,8 @@ class Boost:
             g.tmp_radii = None
         self._restart_statistics()
 
-    def _max_gaussians(self) -> int:
-        """Cap on the number of Gaussians after growth; 0: no cap."""
+    def _max_primitives(self) -> int:
+        """Cap on the number of primitives after growth; 0: no cap."""
         return int(self.options.boost_max_gaussians)
 
     def _own_growth(self, gradients: torch.Tensor, max_scales: torch.Tensor, extent: float) -> Dict[str, torch.Tensor]:
@@ -308,7 +308,7 @@ class Boost:
         opacities = g.get_opacity.detach()
         none = torch.zeros((opacities.shape[0],), dtype=torch.bool, device=self._device)
         remove = self.adapter.prune(self.iteration, self._views(), candidates=none, opacities=opacities,
-                                    clearances=self._clearances())
+                                    clearances=self._clearances(), max_primitives=self._max_primitives())
         # Hosts that keep radii through growth index them in prune_points.
         g.tmp_radii = torch.zeros((opacities.shape[0],), device=self._device)
         remove = self._remove(remove)

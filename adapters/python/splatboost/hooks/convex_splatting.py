@@ -74,8 +74,8 @@ class Boost(_boost.Boost):
         own = gradients >= g.max_grad
         _, split = self.adapter.grow(self.iteration, views, scene_extent=float(extent), gradients=gradients, split=own)
         children = int(g.nb_points)
-        if self.options.boost_max_convexes > 0:
-            room = max(0, self.options.boost_max_convexes - n) // (children - 1)
+        if self._max_primitives() > 0:
+            room = max(0, self._max_primitives() - n) // (children - 1)
             split = keep_largest(gradients, room, split)
 
         before = torch.arange(n, device=split.device)
@@ -92,6 +92,9 @@ class Boost(_boost.Boost):
         self._remove(self.adapter.prune(self.iteration, views, candidates=candidates, origins=origins,
                                         opacities=g.get_opacity.detach()))
         torch.cuda.empty_cache()
+
+    def _max_primitives(self) -> int:
+        return int(self.options.boost_max_convexes)
 
     def _restart_hosts_statistics(self) -> None:
         g = self.gaussians

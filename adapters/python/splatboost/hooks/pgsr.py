@@ -54,8 +54,8 @@ class Boost(_boost.Boost):
         # The host's loss covers every pixel, even of photos with a mask.
         return ScoredView(self._render(camera).contiguous(), camera.get_image()[0])
 
-    def _max_gaussians(self) -> int:
-        own, asked = int(self.gaussians.max_all_points), super()._max_gaussians()
+    def _max_primitives(self) -> int:
+        own, asked = int(self.gaussians.max_all_points), super()._max_primitives()
         return min(own, asked) if asked > 0 else own
 
     def _densify_and_prune(self, max_grad: float, abs_max_grad: float, *rest: Any) -> None:  # type: ignore[override]
