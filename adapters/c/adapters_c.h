@@ -76,7 +76,7 @@ typedef struct sb_views {
   int32_t (*count_flagged)(void* context, const sb_tensor* flagged, const sb_tensor* counts);
   /** Adds to weights (int32 [N]) each primitive's blending weights in the last render, as sb_rasterizer_add_weights.
    *  Adapters of Gaussians and of convexes call it once, when growth has ended (late_share), and those of Gaussians at
-   *  each growth that reaches a cap (cap_share); those of anchors never do, and for them it may be NULL. */
+   *  each growth that reaches a cap (replaced_share); those of anchors never do, and for them it may be NULL. */
   int32_t (*add_weights)(void* context, const sb_tensor* weights);
 } sb_views;
 

@@ -24,7 +24,6 @@ VanillaBoost dropgaussian_boost() {
   boost.late_prune_interval = kDropGaussianIterations / 10;
   // With few views, the Gaussians that they show least are still needed: removing them cost held-out views 0.2 dB.
   boost.late_share = 0;
-  boost.cap_share = 0;  // not measured with few views
   boost.coarse = true;
   // The supplement (Sec. 9.2) trains it with plain Adam.
   boost.schedule = false;

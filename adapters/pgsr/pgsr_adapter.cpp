@@ -22,7 +22,8 @@ VanillaBoost pgsr_boost() {
   // PGSR's own resets, which serve its pruning within growth. Late pruning begins when growth has ended, and would
   // remove every Gaussian whose opacity was reset shortly before.
   boost.growth_after_reset = 500;
-  boost.min_clearance = 0;  // not measured
+  boost.min_clearance = 0;   // not measured
+  boost.replaced_share = 0;  // not measured; every run has a cap, PGSR's own
   return boost;
 }
 

@@ -19,7 +19,7 @@ PhotoSlamBoost::PhotoSlamBoost() {
   late_min_opacity = 0.2;
   // The few keyframes still need the Gaussians of smallest weight: removing them cost 0.5 dB on red kitchen, two seeds.
   late_share = 0;
-  cap_share = 0;  // not measured here: the map still grows when a cap is reached
+  replaced_share = 0;  // not measured here: the map still grows when a cap is reached
   // The scene extent is that of the first keyframes, which lie close together: with vanilla's 0.001 nothing would be
   // small enough to clone.
   percent_dense = 0.01;

@@ -39,7 +39,7 @@ void check(const VanillaBoost& boost) {
   check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
   check_setting(boost.late_share >= 0 && boost.late_share < 1, "late_share must be in [0, 1)");
   not_negative(boost.min_clearance, "min_clearance must be at least 0");
-  check_setting(boost.cap_share >= 0 && boost.cap_share < 1, "cap_share must be in [0, 1)");
+  check_setting(boost.replaced_share >= 0 && boost.replaced_share < 1, "replaced_share must be in [0, 1)");
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
 }
 
@@ -52,7 +52,7 @@ VanillaBoost literal_boost() {
   boost.late_prune_from = kLiteralGrowthEnd;
   boost.late_share = 0;
   boost.min_clearance = 0;
-  boost.cap_share = 0;
+  boost.replaced_share = 0;
   boost.coarse = false;
   return boost;
 }
@@ -82,9 +82,9 @@ int VanillaAdapter::growth_interval(Moment moment) const {
   return std::min(boost_.densify_interval, std::max(kMinGrowthInterval, growth_end(moment) / kMinGrowths));
 }
 
-bool VanillaAdapter::is_full(const DensityStatistics& statistics, std::size_t primitives) const {
-  return boost_.cap_share > 0 && statistics.max_primitives > 0 &&
-         static_cast<double>(primitives) >= kFullCap * static_cast<double>(statistics.max_primitives);
+bool VanillaAdapter::reaches_cap(const DensityStatistics& statistics, std::size_t primitives) const {
+  return boost_.vcd && boost_.replaced_share > 0 && statistics.max_primitives > 0 &&
+         static_cast<double>(primitives) >= kReachedCap * static_cast<double>(statistics.max_primitives);
 }
 
 const ScoreSums& VanillaAdapter::score(RasterizerHook& rasterizer, bool losses, const RandomStream& random) {
@@ -97,7 +97,7 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
   const RandomStream random(boost_.seed, static_cast<std::uint64_t>(moment.iteration), RandomPurpose::scored_views);
   double gradient_scale = 1;
   const ScoreSums* sums = nullptr;
-  growth_weights_.clear();
+  weights_before_growth_.clear();
   if (boost_.vcd || boost_.vcp) {
     sums = &score(rasterizer, boost_.vcp, random);
     if (boost_.vcp) compute_pruning_scores(*sums);
@@ -125,16 +125,16 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
   }
   if (makes_room(statistics, decisions)) {
     const std::span<const double> weights = weights_.mean(rasterizer, kWeighedViews, random);
-    growth_weights_.assign(weights.begin(), weights.end());
+    weights_before_growth_.assign(weights.begin(), weights.end());
   }
 }
 
 bool VanillaAdapter::makes_room(const DensityStatistics& statistics, const GrowDecisions& decisions) const {
   const Moment moment = statistics.moment;
-  if (!boost_.vcd || !boost_.vcp || moment.iteration + growth_interval(moment) >= growth_end(moment)) return false;
+  if (!boost_.vcp || moment.iteration + growth_interval(moment) >= growth_end(moment)) return false;
   std::size_t grown = decisions.clone.size();
   for (std::size_t i = 0; i < decisions.clone.size(); ++i) grown += decisions.clone[i] != 0 || decisions.split[i] != 0;
-  return is_full(statistics, grown);
+  return reaches_cap(statistics, grown);
 }
 
 void VanillaAdapter::compute_pruning_scores(const ScoreSums& sums) {
@@ -200,13 +200,13 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
         std::count_if(decisions.remove.begin(), decisions.remove.end(), [](std::uint8_t r) { return r != 0; }));
     keep_weighted_sample(weights, candidates / 2, RandomStream(boost_.seed, iteration, RandomPurpose::prune),
                          decisions.remove);
-    if (growth_weights_.empty()) return;
+    if (weights_before_growth_.empty()) return;
     std::vector<double> blended(n);
-    for (std::size_t i = 0; i < n; ++i) blended[i] = growth_weights_[decisions.origins[i]];
-    select_least(blended, boost_.cap_share, decisions.remove);
+    for (std::size_t i = 0; i < n; ++i) blended[i] = weights_before_growth_[decisions.origins[i]];
+    select_least(blended, boost_.replaced_share, decisions.remove);
     return;
   }
-  if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment) || is_full(statistics, n)) return;
+  if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment) || reaches_cap(statistics, n)) return;
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   compute_pruning_scores(score(rasterizer, true, random));

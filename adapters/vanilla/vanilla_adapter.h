@@ -57,9 +57,9 @@ struct VanillaBoost {
   double min_clearance = 0.8;
   /// Under a cap that growth has reached: each growth but the last also removes the Gaussians with the smallest
   /// blending weights whose weights together are at most this share of the total, so that the next growth can use their
-  /// places, and nothing is removed late, because the cap is the size that the user wants. 0: a cap changes nothing
-  /// else. Not in the paper.
-  double cap_share = 0.01;
+  /// places (measuring them takes 50 renders, about 5% of the run's time), and nothing is removed late, because the cap
+  /// is the size that the user wants. 0: a cap changes nothing else. Not in the paper.
+  double replaced_share = 0.01;
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = false;        ///< off: growth in the first iterations needs full-size views
   double coarse_until = 0.3;  ///< until this share of the run
@@ -98,7 +98,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("absolute_scores", boost.absolute_scores);
   visit("late_share", boost.late_share);
   visit("min_clearance", boost.min_clearance);
-  visit("cap_share", boost.cap_share);
+  visit("replaced_share", boost.replaced_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
 }
@@ -118,7 +118,7 @@ inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
 
 /// Growth has reached a cap if at least this share of it is used; pruning within growth leaves a few places free.
-inline constexpr double kFullCap = 0.9;
+inline constexpr double kReachedCap = 0.9;
 
 /// Views are scored on the device; statistics and decisions are in host memory.
 class VanillaAdapter : public Adapter {
@@ -170,7 +170,7 @@ class VanillaAdapter : public Adapter {
   /// Iterations between growths.
   int growth_interval(Moment moment) const;
   /// Whether this many primitives have reached the cap.
-  bool is_full(const DensityStatistics& statistics, std::size_t primitives) const;
+  bool reaches_cap(const DensityStatistics& statistics, std::size_t primitives) const;
   /// Whether this growth reaches the cap and another one follows.
   bool makes_room(const DensityStatistics& statistics, const GrowDecisions& decisions) const;
   /// The first iteration without growth.
@@ -185,7 +185,7 @@ class VanillaAdapter : public Adapter {
   int scored_at_ = -1;          ///< iteration of that scoring
   /// [N] blending weights of the primitives before the last growth (some hosts cannot render between growth and
   /// pruning); empty unless that growth makes room for the next one
-  std::vector<double> growth_weights_;
+  std::vector<double> weights_before_growth_;
 };
 
 }  // namespace splatboost

@@ -110,7 +110,7 @@ def test_resume_takes_a_renamed_scene(scene, trained, tmp_path):
 
 def test_a_coarse_start_is_taken_up_where_it_was_cut(tmp_path):
     scene = tmp_path / "room"
-    run_well("synth", scene, "--width", 160, "--height", 128, "--views", 8, "--points", 300)
+    run_well("synth", scene, "--width", 256, "--height", 256, "--views", 8, "--points", 300)
     settings = json.loads(pathlib.Path(SHORT_RUN[-1]).read_text())
     settings["boost"]["coarse"] = True
     config = tmp_path / "coarse.json"

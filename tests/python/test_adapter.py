@@ -137,7 +137,7 @@ def test_late_pruning():
 def test_pruning_under_a_cap():
     """Growth that reaches a cap makes room for the next, and late pruning leaves what the cap leaves."""
     host = Host([3, 4])
-    adapter = Adapter("vanilla", total_iterations=30000, cap_share=0.1)
+    adapter = Adapter("vanilla", total_iterations=30000, replaced_share=0.1)
     opacities = torch.full((N,), 0.05)
     none, every = torch.zeros(N, dtype=torch.bool), torch.arange(N)
 

@@ -18,7 +18,7 @@ inline constexpr std::array<int, 4> kScaleDivisors = {1, 2, 4, 8};
 View smaller_view(const View& view, int divisor);
 
 /// Minimum width and height of a half-size view, in pixels.
-inline constexpr int kMinHalfSide = 64;
+inline constexpr int kMinHalfSide = 128;
 
 /// The views at half their size; empty if any half would be smaller than kMinHalfSide.
 std::vector<View> half_views(const std::vector<View>& views, Threads& threads);

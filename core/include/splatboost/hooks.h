@@ -65,7 +65,7 @@ struct DensityStatistics {
   std::span<const float> opacities;        ///< activated
   std::span<const float> max_scales;       ///< longest standard deviation, world units
   std::span<const float> clearances = {};  ///< from the training cameras (clearance.h); for pruning
-  std::size_t max_primitives = 0;          ///< cap that the backbone enforces; 0: none
+  std::size_t max_primitives = 0;          ///< cap that the backbone enforces; 0: none, or not reported
 };
 
 /// Decisions about growth. On entry they hold the decisions of the backbone's own rule; the hook overwrites them.

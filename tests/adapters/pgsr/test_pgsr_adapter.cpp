@@ -31,6 +31,19 @@ TEST(PgsrAdapter, grows_as_long_as_the_backbone_does) {
   }
 }
 
+TEST(PgsrAdapter, prunes_late_although_its_own_cap_is_reached) {
+  Threads threads(1);
+  PgsrAdapter pgsr(pgsr_boost(), threads);
+  const Hand hand{{0, 0}, {}, {0.5f, 0.05f}, {}};
+  FakeRasterizer rasterizer({1, 1});
+  DensityStatistics statistics = hand.at(18000);
+  statistics.max_primitives = 2;
+  std::vector<std::uint8_t> remove(2, 0);
+  PruneDecisions prune{remove, PruneRule::late, {}};
+  pgsr.prune(statistics, rasterizer, prune);
+  EXPECT_EQ(remove, (std::vector<std::uint8_t>{0, 1}));
+}
+
 TEST(PgsrAdapter, opacities_recover_before_late_pruning_in_runs_of_any_length) {
   Threads threads(1);
   const PgsrAdapter pgsr(pgsr_boost(), threads);

@@ -360,18 +360,18 @@ TEST_F(VanillaCapTest, growth_that_reaches_a_cap_makes_room_for_the_next) {
   EXPECT_EQ(removed_at_growth(boost, 9800, 8), least);
   EXPECT_EQ(removed_at_growth(boost, 9900, 8), none) << "no growth follows";
   VanillaBoost off = boost;
-  off.cap_share = 0;
+  off.replaced_share = 0;
   EXPECT_EQ(removed_at_growth(off, 1000, 8), none);
   off = boost;
   off.vcp = false;
   EXPECT_EQ(removed_at_growth(off, 1000, 8), none);
-  EXPECT_EQ(literal_boost().cap_share, 0);
+  EXPECT_EQ(literal_boost().replaced_share, 0);
 }
 
 TEST_F(VanillaCapTest, late_pruning_leaves_what_a_cap_leaves) {
   const auto removed = [&](int iteration, std::size_t cap, double share) {
     VanillaBoost boost = boost_at_paper_size();
-    boost.cap_share = share;
+    boost.replaced_share = share;
     VanillaAdapter adapter(boost, threads_);
     FakeRasterizer rasterizer({1, 1, 1, 1, 1, 1}, 60);
     rasterizer.weights = {400, 500, 0, 3, 94, 3};

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -38,7 +39,8 @@ class GaussianMethodRun : public ::testing::Test {
 /// Clones all Gaussians, ranked by its own priority.
 class Ranking : public DensityHook {
  public:
-  void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& d) override {
+  void grow(const DensityStatistics& s, RasterizerHook&, GrowDecisions& d) override {
+    caps.insert(s.max_primitives);
     count = d.clone.size();
     for (std::size_t i = 0; i < count; ++i) {
       d.clone[i] = 1;
@@ -46,12 +48,14 @@ class Ranking : public DensityHook {
       d.priorities[i] = static_cast<float>(i * 37 % count);  // a permutation: no count that occurs is a multiple of 37
     }
   }
-  void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions& d) override {
+  void prune(const DensityStatistics& s, RasterizerHook&, PruneDecisions& d) override {
+    caps.insert(s.max_primitives);
     std::ranges::fill(d.remove, std::uint8_t{0});
     if (grown.empty()) grown.assign(d.origins.begin() + static_cast<std::ptrdiff_t>(count), d.origins.end());
   }
   std::size_t count = 0;
   std::vector<std::uint32_t> grown;  ///< Gaussians cloned by the first growth
+  std::set<std::size_t> caps;        ///< that the backbone named
 };
 
 TEST_F(GaussianMethodRun, a_cap_ranks_by_what_the_hook_says) {
@@ -67,6 +71,7 @@ TEST_F(GaussianMethodRun, a_cap_ranks_by_what_the_hook_says) {
   ASSERT_EQ(ranking.grown.size(), kRoom);
   for (const std::uint32_t i : ranking.grown) EXPECT_GE(i * 37 % n, n - kRoom);
   EXPECT_EQ(backbone->primitives(), capped.max_primitives);
+  EXPECT_EQ(ranking.caps, (std::set<std::size_t>{capped.max_primitives}));
 }
 
 TEST_F(GaussianMethodRun, a_scored_view_is_drawn_at_its_own_time) {

@@ -53,7 +53,7 @@ TEST(SmallerView, AtTheTrainedScaleIsTheView) {
 TEST(HalfViews, AreTheViewsInTheirOrder) {
   Threads threads(2);
   std::vector<View> views;
-  for (const int width : {2 * kMinHalfSide, 150, 200}) views.push_back(numbered_view(width, 2 * kMinHalfSide));
+  for (const int width : {2 * kMinHalfSide, 300, 400}) views.push_back(numbered_view(width, 2 * kMinHalfSide));
   const std::vector<View> halves = half_views(views, threads);
   ASSERT_EQ(halves.size(), views.size());
   for (std::size_t i = 0; i < views.size(); ++i) {
