@@ -169,7 +169,7 @@ class VanillaAdapter : public Adapter {
   double importance_to_exceed(int views) const;
   /// Iterations between growths.
   int growth_interval(Moment moment) const;
-  /// Whether this many primitives have reached the cap.
+  /// Whether the rule for caps is on and this many primitives have reached the cap.
   bool reaches_cap(const DensityStatistics& statistics, std::size_t primitives) const;
   /// Whether this growth reaches the cap and another one follows.
   bool makes_room(const DensityStatistics& statistics, const GrowDecisions& decisions) const;

@@ -369,9 +369,10 @@ TEST_F(VanillaCapTest, growth_that_reaches_a_cap_makes_room_for_the_next) {
 }
 
 TEST_F(VanillaCapTest, late_pruning_leaves_what_a_cap_leaves) {
-  const auto removed = [&](int iteration, std::size_t cap, double share) {
+  const auto removed = [&](int iteration, std::size_t cap, double share, bool vcd = true) {
     VanillaBoost boost = boost_at_paper_size();
     boost.replaced_share = share;
+    boost.vcd = vcd;
     VanillaAdapter adapter(boost, threads_);
     FakeRasterizer rasterizer({1, 1, 1, 1, 1, 1}, 60);
     rasterizer.weights = {400, 500, 0, 3, 94, 3};
@@ -388,6 +389,7 @@ TEST_F(VanillaCapTest, late_pruning_leaves_what_a_cap_leaves) {
   EXPECT_EQ(removed(10000, 7, 0.01), (Mask{0, 0, 0, 1, 0, 1})) << "growth did not reach this cap";
   EXPECT_EQ(removed(18000, 7, 0.01), (Mask{0, 0, 0, 0, 0, 1}));
   EXPECT_EQ(removed(10000, 6, 0), (Mask{0, 0, 0, 1, 0, 1}));
+  EXPECT_EQ(removed(18000, 6, 0.01, false), (Mask{0, 0, 0, 0, 0, 1})) << "growth of the backbone makes no room";
 }
 
 TEST_F(VanillaAdapterTest, removal_that_is_not_the_papers_passes_untouched) {
