@@ -14,7 +14,7 @@ PhotoSlamBoost::PhotoSlamBoost() {
   // Photo-SLAM's threshold is five times 3DGS's, because most of its Gaussians come from features; so are these.
   gradient_threshold = 1e-3;
   gradient_abs_threshold = 3e-3;
-  // For the same reason many Gaussians are faint: others have replaced those inserted from features. 0.1 and 0.5 were
+  // For the same reason many Gaussians are faint: others have replaced those inserted from features. 0.1 was
   // measured too (docs/results/backbones.md).
   late_min_opacity = 0.2;
   // The few keyframes still need the Gaussians of smallest weight: removing them cost 0.5 dB on red kitchen, two seeds.
