@@ -24,11 +24,11 @@ TEST(DeformableAdapter, plan_is_of_the_published_run_of_40000) {
     if (adapter.prunes_at({i, 40000}, false)) prunes.push_back(i);
   }
   EXPECT_EQ(first, 600);
-  EXPECT_EQ(last, 14900);
-  EXPECT_EQ(prunes, (std::vector<int>{15000, 16000, 20000, 24000, 28000, 32000, 36000}))
+  EXPECT_EQ(last, 9900);
+  EXPECT_EQ(prunes, (std::vector<int>{10000, 12000, 16000, 20000, 24000, 28000, 32000, 36000}))
       << "where growth ends, and to the end of the run";
   EXPECT_TRUE(adapter.prunes_at({18000, 20000}, false)) << "it scales with the run";
-  EXPECT_FALSE(adapter.prunes_at({7000, 20000}, false));
+  EXPECT_FALSE(adapter.prunes_at({4000, 20000}, false));
 }
 
 TEST(DeformableAdapter, the_net_steps_at_every_iteration) {
