@@ -136,7 +136,7 @@ def test_a_fork_may_remove_gaussians_outside_of_growth(on):
 
 def test_late_pruning_tells_the_cap_and_how_near_the_cameras_gaussians_are():
     boost = boost_of()
-    boost._means = lambda: torch.eye(N)[:, :3].repeat(3, 1)
+    boost._means = lambda: torch.cat([torch.eye(N)[:, :3].repeat(3, 1), torch.zeros(60, 3)])
     boost._scene.getTrainCameras = lambda: [types.SimpleNamespace(camera_center=torch.tensor([4.0, 0.0, 0.0]))]
     boost.adapter.settings = {"min_clearance": 0.0}
     boost._measure_distances()
@@ -147,7 +147,7 @@ def test_late_pruning_tells_the_cap_and_how_near_the_cameras_gaussians_are():
     boost._measure_distances()
     boost._means = lambda: torch.tensor([[0.0, 0, 0], [3, 0, 0]])
     boost.prune_late()
-    # The run began with points at distance 3 (three), 4 (nine) and more; ten may be wrong, so the scene is at 4.
+    # The run began with points at distance 3 (three), 4 (most) and more; ten may be wrong, so the scene is at 4.
     assert torch.allclose(boost.adapter.clearances, torch.tensor([1.0, 0.25]))
 
 

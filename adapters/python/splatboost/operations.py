@@ -242,7 +242,8 @@ def mean_squared_neighbor_distances(points: torch.Tensor, k: int = 3) -> torch.T
 
 def distances_to_scene(centres: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
     """float32 [C]: distances of cameras to the nearest points of the scene; max(10, M / max(1000, 10 C)) points may be
-    nearer, because some may be wrong. 0 for ten points or fewer. Computed on the host.
+    nearer, because some may be wrong. 0 if the points fill their bounding box evenly, as if drawn at random, or are fewer than
+    64: then they show no surface. Computed on the host.
 
     centres  float32 [C,3] of all training cameras
     points   float32 [M,3] of the scene before training, such as those of structure from motion

@@ -360,9 +360,10 @@ SB_API sb_status sb_mean_squared_neighbor_distances(const sb_device* device, con
                                                     const sb_tensor* distances);
 
 /** Distances of cameras to the scene's nearest points, world units; max(10, M / max(1000, 10 C)) points may be nearer,
- *  because some may be wrong. Computed on the host; waits.
+ *  because some may be wrong. Points that fill their bounding box evenly are taken as drawn at random, which show no
+ *  surface; nor do fewer than 64 points. Computed on the host; waits.
  *  @param centres float32 [C,3] of all training cameras @param points float32 [M,3] of the scene before training
- *  @param distances float32 [C]; 0 if there are at most ten points */
+ *  @param distances float32 [C]; 0 if no surface is known */
 SB_API sb_status sb_distances_to_scene(const sb_device* device, const sb_tensor* centres, const sb_tensor* points,
                                        const sb_tensor* distances);
 /** Distances of Gaussians from cameras, relative to those of the scene: the least over the cameras.

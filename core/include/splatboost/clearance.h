@@ -14,7 +14,9 @@ namespace splatboost {
 /// surfaces around a camera are a small share of all points.
 /// @param centres [C,3] of all training cameras, world frame
 /// @param points [M,3] of the scene before training, such as those of structure from motion
-/// @param distances [C] world units; 0 if there are at most ten points
+/// Points that fill their bounding box evenly are taken as drawn at random, as for a scene without points: they show no
+/// surface, and all distances are 0. Fewer than 64 points show none either.
+/// @param distances [C] world units; 0 if no surface is known
 void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,
                         Threads& threads);
 

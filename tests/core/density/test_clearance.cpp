@@ -24,6 +24,13 @@ std::vector<float> in_a_cube(std::size_t count, std::uint64_t seed) {
   return values;
 }
 
+/// Points on the six walls of that cube.
+std::vector<float> on_walls(std::size_t count, std::uint64_t seed) {
+  std::vector<float> points = in_a_cube(count, seed);
+  for (std::size_t i = 0; i < count; ++i) points[3 * i + i % 3] = i % 2 == 0 ? -2.0f : 2.0f;
+  return points;
+}
+
 double distance(const std::vector<float>& a, std::size_t i, const std::vector<float>& b, std::size_t j) {
   double sum = 0;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -51,8 +58,8 @@ std::vector<float> clearances_of(const std::vector<float>& means, const std::vec
 
 TEST(DistancesToScene, AreThoseOfTheEleventhPointOrOfTheNearestThousandth) {
   const std::vector<float> centres = in_a_cube(3, 1);
-  for (const std::size_t count : {11, 12, 500, 20000}) {
-    const std::vector<float> points = in_a_cube(count, 2);
+  for (const std::size_t count : {500, 20000}) {
+    const std::vector<float> points = on_walls(count, 2);
     const std::vector<float> found = distances_of(centres, points);
     for (std::size_t c = 0; c < 3; ++c) {
       std::vector<double> all;
@@ -77,12 +84,31 @@ TEST(DistancesToScene, AreThoseOfTheGroundBelowInALongScene) {
 }
 
 TEST(DistancesToScene, AreZeroWithTooFewPoints) {
-  EXPECT_EQ(distances_of({0, 0, 0}, in_a_cube(10, 1)), std::vector<float>{0});
   EXPECT_EQ(distances_of({0, 0, 0}, {}), std::vector<float>{0});
+  EXPECT_EQ(distances_of({0, 0, 0}, std::vector<float>(3 * 63, 1.0f)), std::vector<float>{0});
   // Points that are not finite are no points.
-  std::vector<float> points = in_a_cube(11, 1);
+  std::vector<float> points(3 * 64, 1.0f);
+  EXPECT_GT(distances_of({0, 0, 0}, points)[0], 0.0f);
   points[4] = kNan;
   EXPECT_EQ(distances_of({0, 0, 0}, points), std::vector<float>{0});
+}
+
+// A scene without points starts from random ones, in a box that may be smaller than the scene (NeRF-synthetic's ±1.3).
+TEST(DistancesToScene, AreZeroIfThePointsWereDrawnAtRandom) {
+  for (const std::size_t count : {64, 300, 1000, 5000, 100000}) {
+    EXPECT_EQ(distances_of({4, 0, 0}, in_a_cube(count, count)), std::vector<float>{0}) << count;
+  }
+  // Boxes that are not cubes, as for cameras that look at a long scene.
+  std::vector<float> points = in_a_cube(5000, 3);
+  for (std::size_t i = 0; i < points.size(); i += 3) points[i] *= 40;
+  EXPECT_EQ(distances_of({4, 0, 0}, points), std::vector<float>{0});
+  // Neither a room whose walls are sampled evenly nor a plane is random.
+  for (const std::size_t count : {500, 1000, 5000}) {
+    EXPECT_GT(distances_of({0, 0, 0}, on_walls(count, count))[0], 1.5f) << count;
+    std::vector<float> plane = in_a_cube(count, count);
+    for (std::size_t i = 0; i < plane.size(); i += 3) plane[i] = 1;
+    EXPECT_GT(distances_of({0, 0, 0}, plane)[0], 1.0f) << count;
+  }
 }
 
 TEST(CameraClearances, AreRelativeToTheCameraWhoseSceneIsFarthest) {
@@ -106,8 +132,8 @@ TEST(CameraClearances, AreInfiniteWithoutCameras) {
 
 TEST(CameraClearances, AreTheSameForAnyNumberOfThreads) {
   const std::vector<float> means = in_a_cube(5000, 5), centres = in_a_cube(40, 6);
-  const std::vector<float> distances = distances_of(centres, in_a_cube(900, 7), 1);
-  EXPECT_EQ(distances, distances_of(centres, in_a_cube(900, 7), 3));
+  const std::vector<float> distances = distances_of(centres, on_walls(900, 7), 1);
+  EXPECT_EQ(distances, distances_of(centres, on_walls(900, 7), 3));
   EXPECT_EQ(clearances_of(means, centres, distances, 1), clearances_of(means, centres, distances, 3));
 }
 

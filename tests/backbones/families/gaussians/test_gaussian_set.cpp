@@ -127,6 +127,8 @@ TEST_F(GaussianSetRun, inserted_gaussians_come_last_as_a_start_would_make_them) 
 }
 
 TEST_F(GaussianSetRun, pruning_knows_how_near_the_cameras_gaussians_are) {
+  scene_ = testing::tiny_scene(threads_, 6, 48, 40, 60, 100);
+  for (std::size_t i = 0; i < scene_.points.positions.size(); i += 3) scene_.points.positions[i] = 0;  // a surface
   const auto backbone = make();
   ClearsCameras hook;
   backbone->set_hooks(&hook, nullptr);
