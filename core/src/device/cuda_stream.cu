@@ -238,7 +238,7 @@ CudaCall::~CudaCall() {
     stream_.end_of_call_ = end;
     static_cast<void>(cudaEventRecord(end, stream_of(stream_.handle_)));
   }
-  static_cast<void>(cudaSetDevice(device_before_));
+  if (device_before_ != stream_.ordinal_) static_cast<void>(cudaSetDevice(device_before_));
 }
 
 }  // namespace splatboost

@@ -16,6 +16,7 @@ namespace splatboost::cuda {
 template <class Call>
 void run_cub(CudaStream& stream, DeviceArray<std::uint8_t>& scratch, const char* name, Call&& call) {
   std::size_t bytes = 0;
+  static_cast<void>(cudaGetLastError());  // CUB also reports errors of earlier calls, of this thread, that were handled
   stream.begin_launch(name);
   stream.end_launch(call(nullptr, bytes));
   scratch.ensure(std::max<std::size_t>(bytes, 1));
