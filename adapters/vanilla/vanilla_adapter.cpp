@@ -154,11 +154,13 @@ double VanillaAdapter::importance_to_exceed(int views) const {
 
 int VanillaAdapter::growth_end(Moment moment) const {
   const int until = at(boost_.densify_until, moment);
-  if (boost_.literal) return until;
+  if (boost_.literal || boost_.densify_until == 0) return until;
   const int published = std::min(at(kLiteralGrowthEnd, moment), moment.total / 2);
   if (!boost_.vcd) return std::max(until, published);  // the backbone decides
   const std::int64_t enough = std::int64_t{at(boost_.densify_from, moment)} + kMinGrowths * kMinGrowthInterval + 1;
-  return std::max(until, static_cast<int>(std::min<std::int64_t>(enough, published)));
+  // An early end that was asked for is kept: growth is at most as long as in the published run, not scaled.
+  const int longest = boost_.densify_from < boost_.densify_until ? boost_.densify_until : published;
+  return std::max(until, static_cast<int>(std::min<std::int64_t>({enough, published, longest})));
 }
 
 int VanillaAdapter::late_begin(Moment moment) const {
@@ -170,7 +172,10 @@ bool VanillaAdapter::prunes_late_at(Moment moment) const {
   if (!boost_.vcp) return false;
   if (growth_ended_at(moment)) return moment.iteration < moment.total;
   const int interval = at(boost_.late_prune_interval, moment);
-  return moment.iteration > late_begin(moment) && moment.iteration < moment.total && moment.iteration % interval == 0;
+  // Half an interval before the end at the latest: rounded, a tenth of a run may also be due just before its last
+  // iteration, where nothing would be left to recover in.
+  return moment.iteration > late_begin(moment) && moment.iteration + interval / 2 < moment.total &&
+         moment.iteration % interval == 0;
 }
 
 bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
@@ -206,7 +211,8 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
     select_least(blended, boost_.replaced_share, decisions.remove);
     return;
   }
-  if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment) || reaches_cap(statistics, n)) return;
+  if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
+  if (reaches_cap(statistics, n) && n <= statistics.max_primitives) return;  // above it: begun with more than the cap
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   compute_pruning_scores(score(rasterizer, true, random));

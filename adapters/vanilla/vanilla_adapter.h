@@ -34,7 +34,8 @@ struct VanillaBoost {
   double gradient_abs_threshold = 6e-4;  ///< split; paper: 1.2e-3
   double percent_dense = 0.001;          ///< × scene extent: Gaussians up to this scale clone, larger split
   int densify_from = 500;
-  /// End of growth; later in a short run that would otherwise grow fewer than kMinGrowths times. Paper: 15 000.
+  /// End of growth; later in a short run that would otherwise grow fewer than kMinGrowths times. 0: no growth. Paper:
+  /// 15 000.
   int densify_until = 10000;
   /// Iterations between growths (VCD), as in 3DGS; paper: 500. Not scaled, because the gradient statistics need this
   /// many views, but reduced, to no less than kMinGrowthInterval, in runs that would grow fewer than kMinGrowths times.

@@ -94,7 +94,7 @@ def run(processes, shards):
         sizes.append((int(clone.sum()), int(split.sum()), int(remove.sum()), scene.everyone()["means"].shape[0]))
     opacities = scene.rows["opacities"].reshape(-1)
     remove = shared.prune(LATE, views_of(scene, scene.everyone()), candidates=torch.zeros_like(opacities, dtype=torch.bool),
-                          opacities=opacities)
+                          opacities=opacities, clearances=10 * scene.rows["means"][:, 0].abs())
     ids.remove(remove)
     scene.rows = {name: v[~remove] for name, v in scene.rows.items()}
     # In the order of ids, also if every process holds all Gaussians.

@@ -222,9 +222,9 @@ class Adapter:
         candidates  bool [M] primitives that the host's own rule would remove
         origins     integers [M]: index that each primitive, or the one it was made from, had in grow() of this
                     iteration. None if not within growth: then late pruning, which scores the views and needs the
-                    opacities, adds candidates at its own iterations (prunes_at); at others it adds none
+                    opacities, adds candidates at its own iterations (prunes_at)
         opacities   float32 [M] or [M,1], activated
-        clearances  float32 [M] of camera_clearances(): those below the setting min_clearance are removed
+        clearances  float32 [M] of camera_clearances(): those below the setting min_clearance are removed, at any iteration
         max_primitives  as for grow(): late pruning removes none if growth has reached it
         """
         m = self._rows(candidates, "candidates")

@@ -285,7 +285,8 @@ class SharedAdapter:
         return self._own(grows), self._own(splits)
 
     def prune(self, iteration: int, views: Sequence[Callable[[], ScoredView]], *, candidates: torch.Tensor,
-              opacities: torch.Tensor, origins: Optional[torch.Tensor] = None) -> torch.Tensor:
+              opacities: torch.Tensor, origins: Optional[torch.Tensor] = None,
+              clearances: Optional[torch.Tensor] = None) -> torch.Tensor:
         """As Adapter.prune, for the rows held here; at least one row over all processes is kept. origins: with a shard,
         as returned by its grow()."""
         if origins is not None and self.shard is not None:
@@ -294,5 +295,6 @@ class SharedAdapter:
         every = self._all(opacities)
         remove = self.adapter.prune(iteration, shared_views(views, self.processes, self.adapter.device),
                                     candidates=self._all(candidates), opacities=every, origins=origins,
+                                    clearances=None if clearances is None else self._all(clearances),
                                     max_primitives=self.max_gaussians)
         return self._own(spare_one(every.reshape(-1), remove))

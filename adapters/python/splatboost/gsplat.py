@@ -226,7 +226,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         until = self._at(max(adapter.settings["densify_until"], _PUBLISHED_GROWTH_END))
         if iteration < until:
             self._gather(params, state, info, packed)
-        published = iteration > 500 and iteration < until and iteration % 100 == 0
+        published = iteration > self._at(500) and iteration < until and iteration % 100 == 0
         if iteration < until and adapter.grows_at(iteration, published):
             self._apply_pending(params, optimizers)
             self._grow(params, optimizers, state, iteration)

@@ -61,6 +61,16 @@ void check_end_of_growth(std::string_view name, const Json& constants, const Jso
                    std::to_string(own) + ": set densify_until of the backbone too");
 }
 
+/// Late pruning must not begin before growth has ended, because it would remove what was just made. Adapters that do
+/// not decide when growth ends (of convexes) do not know this.
+Json after_growth(Json settings, const Json& constants) {
+  const int end = constants.value("densify_until", 0);
+  if (!settings.contains("densify_until") && settings.value("late_prune_from", end) < end) {
+    settings["late_prune_from"] = end;
+  }
+  return settings;
+}
+
 }  // namespace
 
 PluggedBackbone make_backbone(std::string_view name, const BackboneContext& context, const Json& constants,
@@ -68,8 +78,9 @@ PluggedBackbone make_backbone(std::string_view name, const BackboneContext& cont
   PluggedBackbone plugged;
   plugged.backbone = find_backbone(name).make(context, constants);
   if (boost != nullptr) {
-    const std::unique_ptr<BoostSettings> settings = read_boost_settings(name, *boost);
-    check_end_of_growth(name, plugged.backbone->config(), to_json(*settings));
+    const Json own = plugged.backbone->config(), given = to_json(*read_boost_settings(name, *boost));
+    check_end_of_growth(name, own, given);
+    const std::unique_ptr<BoostSettings> settings = read_boost_settings(name, after_growth(given, own));
     plugged.adapter = settings->make_adapter(context.seed, context.device);
     plugged.beta = plugged.adapter->beta();
     plugged.coarse_until = settings->coarse_share();

@@ -86,6 +86,7 @@ TEST(ConvexAdapter, PrunesLateByTheReleasesOpacityAndByTheScore) {
     FakeRasterizer rasterizer({0, 0, 0, 1, 10});
     EXPECT_TRUE(adapter.prunes_at({18000, 30000}, false));
     EXPECT_FALSE(adapter.prunes_at({17000, 30000}, false));
+    EXPECT_FALSE(adapter.prunes_at({30000, 30001}, false)) << "nothing would be left to recover in";
     EXPECT_EQ(adapter.prunes_at({12000, 30000}, false), !literal);
     EXPECT_TRUE(adapter.prunes_at({17000, 30000}, true));
     std::vector<std::uint8_t> remove(5, 0);

@@ -212,6 +212,9 @@ TEST_F(VanillaAdapterTest, late_pruning_removes_the_faint_and_the_worst) {
   EXPECT_TRUE(adapter.prunes_at({27000, 30000}, false));
   EXPECT_FALSE(adapter.prunes_at({18001, 30000}, false));
   EXPECT_FALSE(adapter.prunes_at({30000, 30000}, false)) << "nothing is left to recover in";
+  EXPECT_FALSE(adapter.prunes_at({30000, 30001}, false)) << "one iteration is not enough either";
+  EXPECT_FALSE(adapter.prunes_at({7000, 7004}, false));
+  EXPECT_TRUE(adapter.prunes_at({27000, 30001}, false));
   EXPECT_TRUE(adapter.prunes_at({4200, 7000}, false)) << "the plan scales with the run";
   const Hand hand{{0, 0, 0, 0}, {}, {0.09f, 0.11f, 0.5f, 0.5f}, {1, 1, 1, 1}};
   FakeRasterizer rasterizer({0, 10, 95, 100});
@@ -388,6 +391,7 @@ TEST_F(VanillaCapTest, late_pruning_leaves_what_a_cap_leaves) {
   EXPECT_EQ(removed(18000, 6, 0.01), none);
   EXPECT_EQ(removed(10000, 7, 0.01), (Mask{0, 0, 0, 1, 0, 1})) << "growth did not reach this cap";
   EXPECT_EQ(removed(18000, 7, 0.01), (Mask{0, 0, 0, 0, 0, 1}));
+  EXPECT_EQ(removed(10000, 5, 0.01), (Mask{0, 0, 0, 1, 0, 1})) << "a host began with more than the cap";
   EXPECT_EQ(removed(10000, 6, 0), (Mask{0, 0, 0, 1, 0, 1}));
   EXPECT_EQ(removed(18000, 6, 0.01, false), (Mask{0, 0, 0, 0, 0, 1})) << "growth of the backbone makes no room";
 }
@@ -445,6 +449,11 @@ TEST_F(VanillaAdapterTest, grows_as_often_as_3dgs) {
   EXPECT_EQ(published.back(), 9900);
   EXPECT_EQ(growths(7000).size(), 22u) << "200, 300 … 2300: intervals do not scale";
   EXPECT_EQ(growths(3000).size(), 12u) << "100, 200 … 1200: growth ends after a third of the run for that";
+  boost.densify_until = 1000;
+  EXPECT_EQ(growths(30000), (std::vector<int>{600, 700, 800, 900})) << "as was asked for";
+  boost.densify_until = 0;
+  EXPECT_EQ(growths(30000), std::vector<int>{});
+  boost.densify_until = 10000;
   boost.densify_interval = 500;  // the paper's
   EXPECT_EQ(growths(30000).size(), 18u);
   EXPECT_EQ(growths(1200), (std::vector<int>{100, 200, 300, 400, 500}))
