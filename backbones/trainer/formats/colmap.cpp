@@ -430,8 +430,10 @@ ColmapModel read_colmap_model(const std::filesystem::path& folder) {
   model.images = images->extension() == ".bin" ? read_images_binary(*images) : read_images_text(*images);
   if (const auto points = model_file(folder, "points3D")) {
     model.points = points->extension() == ".bin" ? read_points_binary(*points) : read_points_text(*points);
+    model.points_file = *points;
   } else if (is_file(folder / "points3D.ply")) {
-    model.points = read_point_ply(folder / "points3D.ply");
+    model.points_file = folder / "points3D.ply";
+    model.points = read_point_ply(model.points_file);
   }
   return model;
 }

@@ -34,6 +34,7 @@ struct ColmapModel {
   PointCloud points;                   ///< empty if the model has none
   std::filesystem::path cameras_file;  ///< the files it was read from
   std::filesystem::path images_file;
+  std::filesystem::path points_file;  ///< empty if the model has no points
 };
 
 enum class ColmapFormat { binary, text };

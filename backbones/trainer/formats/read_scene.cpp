@@ -12,6 +12,7 @@
 #include <optional>
 #include <span>
 #include <string_view>
+#include <tuple>
 #include <utility>
 
 #include <glm/geometric.hpp>
@@ -55,18 +56,27 @@ struct Dataset {
   bool has_test_split = false;
   bool blender = false;
   std::string images = kImages;  ///< image folder, for datasets that support --images
+  bool takes_images = false;     ///< whether --images has an effect
+  bool takes_times = false;      ///< whether --frame-times has an effect
   std::optional<int> frames;     ///< requested frames per camera of a rig of videos
   PointCloud points;
+  std::filesystem::path points_file;  ///< where the points are from, for error messages
   std::vector<std::string> notes;
   std::vector<Photo> photos;                  ///< if the source is a folder
   std::shared_ptr<const PackedScene> packed;  ///< if the source is a packed scene
 };
+
+void read_points(const std::filesystem::path& file, Dataset& dataset) {
+  dataset.points = read_point_ply(file);
+  dataset.points_file = file;
+}
 
 Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& folder) {
   ColmapModel model = read_colmap_model(folder);
   Dataset dataset;
   dataset.listing = model.images_file;
   dataset.images = options.images.value_or(kImages);
+  dataset.takes_images = dataset.takes_times = true;
   const std::filesystem::path images = options.source / dataset.images;
   std::error_code ignored;
   if (!model.images.empty() && !std::filesystem::is_directory(images, ignored)) {
@@ -75,6 +85,7 @@ Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& fo
   dataset.photos = colmap_photos(model, images);
   if (options.frame_times) dataset.notes.push_back(set_frame_times(dataset.photos, dataset.listing.string()));
   dataset.points = std::move(model.points);
+  dataset.points_file = model.points_file;
   return dataset;
 }
 
@@ -91,9 +102,9 @@ Dataset read_blender(const SceneOptions& options, const std::filesystem::path& t
     std::ranges::move(held_out, std::back_inserter(dataset.photos));
   }
   if (!transforms.points_file.empty()) {
-    dataset.points = read_point_ply(transforms.points_file);
+    read_points(transforms.points_file, dataset);
   } else if (const auto points = options.source / "points3d.ply"; is_file(points)) {
-    dataset.points = read_point_ply(points);  // where 3DGS stores its random initial points
+    read_points(points, dataset);  // where 3DGS stores its random initial points
   }
   return dataset;
 }
@@ -104,7 +115,7 @@ Dataset read_frames(const std::filesystem::path& file) {
   Transforms transforms = read_transforms(file);
   dataset.photos = std::move(transforms.photos);
   std::ranges::stable_sort(dataset.photos, {}, &Photo::name);
-  if (!transforms.points_file.empty()) dataset.points = read_point_ply(transforms.points_file);
+  if (!transforms.points_file.empty()) read_points(transforms.points_file, dataset);
   return dataset;
 }
 
@@ -112,11 +123,13 @@ Dataset read_capture(const SceneOptions& options) {
   Dataset dataset;
   dataset.listing = options.source / "dataset.json";
   dataset.images = options.images.value_or(kCaptureImages);
+  dataset.takes_images = true;
   NerfiesCapture capture = read_nerfies(options.source, dataset.images);
   dataset.photos = std::move(capture.photos);
   dataset.own_test = capture.test;
   dataset.has_test_split = true;
   dataset.points = std::move(capture.points);
+  dataset.points_file = options.source / "points.npy";
   return dataset;
 }
 
@@ -131,7 +144,7 @@ Dataset read_rig(const SceneOptions& options) {
   dataset.notes = std::move(rig.notes);
   for (const char* name : {"points3d.ply", "points3D.ply", "points3D_downsample2.ply"}) {
     const auto points = options.source / name;
-    if (dataset.points.size() == 0 && is_file(points)) dataset.points = read_point_ply(points);
+    if (dataset.points.size() == 0 && is_file(points)) read_points(points, dataset);
   }
   return dataset;
 }
@@ -209,7 +222,11 @@ Dataset read_packed(const SceneOptions& options) {
   dataset.own_test = listing.own_test;
   dataset.has_test_split = listing.has_test_split;
   dataset.blender = listing.blender;
+  dataset.frames = listing.frames;
+  // The listing does not tell nerfstudio's scenes from COLMAP's.
+  dataset.takes_images = dataset.takes_times = !listing.blender && !listing.frames;
   dataset.points = listing.points;
+  dataset.points_file = options.source;
   return dataset;
 }
 
@@ -222,24 +239,65 @@ std::string number_text(double value) {
 /// Throws InputError if a position [3] is too far from the origin to train with.
 /// @param name function that names what is at the position, for the message
 template <class Name>
-void check_position(const float* place, const std::filesystem::path& listing, const Name& name) {
+void check_position(const float* place, const std::filesystem::path& file, const Name& name) {
   for (int axis = 0; axis < 3; ++axis) {
     if (std::abs(place[axis]) <= kFarthest) continue;
-    throw InputError(listing.string() + ": " + name() + " is " + number_text(std::abs(place[axis])) +
+    throw InputError(file.string() + ": " + name() + " is " + number_text(std::abs(place[axis])) +
                      " units away from the origin, farther than " + number_text(kFarthest) +
                      "; scale the scene down, or remove it from the dataset");
   }
 }
 
-void check_points(const PointCloud& points, const std::filesystem::path& listing) {
+void check_points(const PointCloud& points, const std::filesystem::path& file) {
   for (std::size_t i = 0; i < points.size(); ++i) {
-    check_position(points.positions.data() + 3 * i, listing, [&] { return "point " + std::to_string(i); });
+    check_position(points.positions.data() + 3 * i, file, [&] { return "point " + std::to_string(i); });
   }
 }
 
 void check_camera_position(const View& view, const std::filesystem::path& listing) {
   const glm::vec3 centre = view.camera.centre();
   check_position(&centre[0], listing, [&] { return "the camera of image '" + view.name + "'"; });
+}
+
+/// Throws InputError if a photo is listed twice: it could be both a training and a test view. A video has many photos,
+/// and a picture may be listed for several times. Copies in the dataset's own test views are only noted: 3DGS requires
+/// a transforms_test.json, so some scenes have a copy of transforms_train.json.
+void check_listed_once(Dataset& dataset) {
+  std::map<std::tuple<std::string, int, double>, bool> listed;  // whether in the test views
+  std::size_t copies = 0;
+  for (std::size_t i = 0; i < dataset.names.size(); ++i) {
+    std::tuple<std::string, int, double> photo;
+    if (dataset.packed) {
+      const View& view = dataset.packed->listing().photos[i].view;
+      photo = {view.name, -1, view.time};
+    } else {
+      const Photo& from = dataset.photos[i];
+      photo = {from.file.lexically_normal().string(), from.video_frame, from.time};
+    }
+    const bool is_test = i >= dataset.names.size() - dataset.own_test;
+    const auto [first, added] = listed.try_emplace(std::move(photo), is_test);
+    if (added) continue;
+    if (first->second == is_test) {
+      throw InputError((dataset.packed ? dataset.listing : dataset.photos[i].listed_in).string() +
+                       ": lists the image '" + dataset.names[i] + "' twice; remove one of the two entries" +
+                       (dataset.packed ? " from the original dataset and pack that again" : ""));
+    }
+    ++copies;
+  }
+  if (copies > 0) {
+    dataset.notes.push_back(std::to_string(copies) + " images are both training and test views of the dataset: with " +
+                            "--eval the test views are also trained on");
+  }
+}
+
+/// Adds a line for each option that was given and has no effect on this dataset.
+void note_unused_options(const SceneOptions& options, Dataset& dataset) {
+  const auto note = [&](const std::string& option, const std::string& kind) {
+    dataset.notes.push_back(option + " has no effect on " + dataset.listing.string() + ": it is for " + kind);
+  };
+  if (options.images && !dataset.takes_images) note("--images", "COLMAP scenes and captures of Nerfies");
+  if (options.frames && !dataset.frames) note("--frames", "rigs of videos");
+  if (options.frame_times && !dataset.takes_times) note("--frame-times", "COLMAP scenes");
 }
 
 Dataset read_dataset(const SceneOptions& options) {
@@ -266,7 +324,9 @@ Dataset read_dataset(const SceneOptions& options) {
     throw InputError(dataset.listing.string() + ": the name of the image '" + name +
                      "' is not UTF-8; rename the image file and its entry in the dataset");
   }
-  check_points(dataset.points, dataset.listing);
+  check_listed_once(dataset);
+  check_points(dataset.points, dataset.points_file);
+  note_unused_options(options, dataset);
   return dataset;
 }
 
@@ -328,9 +388,14 @@ Split split_photos(const SceneOptions& options, const Dataset& dataset) {
     for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo % every == 0);
   }
   if (split.train.empty()) {
-    throw InputError(
-        dataset.listing.string() + ": all " + std::to_string(split.test.size()) +
-        " images are held out for the test, none is left for training; raise --llffhold or shorten the list");
+    const bool listed = !options.test_list.empty();
+    const std::string held_out = count == 1 ? "its only image is" : "all " + std::to_string(count) + " images are";
+    std::string remedy = listed ? "shorten the list of --test-list" : "raise --llffhold";
+    // The first image is held out whatever --llffhold is.
+    if (count == 1 || (!listed && dataset.has_test_split))
+      remedy = listed ? "leave out --test-list" : "leave out --eval";
+    throw InputError(dataset.listing.string() + ": " + held_out +
+                     " held out for the test, none is left for training; " + remedy);
   }
   return split;
 }
@@ -484,7 +549,15 @@ void check_options(const SceneOptions& options) {
     throw InputError("n-views " + std::to_string(options.n_views) + " is not possible: use 0 for all views");
 }
 
-void note_images(const std::vector<LoadedView>& loaded, std::vector<std::string>& notes) {
+/// Adds a line if the resolution is a width that no photo has.
+void note_resolution(const SceneOptions& options, int widest, std::vector<std::string>& notes) {
+  const int resolution = options.resolution.value_or(kResolution);
+  if (resolution <= widest || target_size(widest, 1, resolution).width != widest) return;
+  notes.push_back("--resolution " + std::to_string(resolution) + " has no effect: the photos are at most " +
+                  std::to_string(widest) + " px wide, and photos are not enlarged");
+}
+
+void note_images(const SceneOptions& options, const std::vector<LoadedView>& loaded, std::vector<std::string>& notes) {
   std::size_t limited = 0, undistorted = 0;
   int widest = 0;
   for (const LoadedView& view : loaded) {
@@ -497,6 +570,7 @@ void note_images(const std::vector<LoadedView>& loaded, std::vector<std::string>
                     " px wide and were reduced to 1600 px; use --resolution 1 for full resolution");
   }
   if (undistorted > 0) notes.push_back(std::to_string(undistorted) + " photos were undistorted");
+  note_resolution(options, widest, notes);
 }
 
 ImageOptions image_options(const SceneOptions& options) {
@@ -508,14 +582,19 @@ std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset
                              std::vector<std::string>& notes) {
   std::vector<View> views;
   if (dataset.packed) {
-    for (const std::size_t i : chosen) views.push_back(dataset.packed->load(i, options.white_background));
+    int widest = 0;
+    for (const std::size_t i : chosen) {
+      views.push_back(dataset.packed->load(i, options.white_background));
+      widest = std::max(widest, dataset.packed->listing().photos[i].photo_width);
+    }
+    note_resolution(options, widest, notes);
     for (const View& view : views) check_camera_position(view, dataset.listing);
     return views;
   }
   std::vector<Photo> photos;
   for (const std::size_t i : chosen) photos.push_back(dataset.photos[i]);
   std::vector<LoadedView> loaded = load_photos(photos, image_options(options));
-  note_images(loaded, notes);
+  note_images(options, loaded, notes);
   for (LoadedView& view : loaded) views.push_back(std::move(view.view));
   for (const View& view : views) check_camera_position(view, dataset.listing);
   return views;
@@ -531,7 +610,7 @@ std::vector<std::string> pack_scene(const SceneOptions& options, const std::file
   pictures.white_background = false;
   std::vector<LoadedView> loaded = load_photos(dataset.photos, pictures);
   std::vector<std::string> notes = dataset.notes;
-  note_images(loaded, notes);
+  note_images(options, loaded, notes);
 
   std::vector<Photo> transparent;
   for (std::size_t i = 0; i < loaded.size(); ++i) {

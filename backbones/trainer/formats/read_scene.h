@@ -35,7 +35,7 @@ struct SceneOptions {
 };
 
 /// Throws InputError (file and cause in one line) if the data is invalid, or if the options ask for other images than
-/// those in a packed scene.
+/// those in a packed scene. Scene::notes names options that have no effect on the dataset.
 Scene read_scene(const SceneOptions& options);
 
 /// Packs the dataset of a folder with all its views; read_scene() then gives the same result for `file` as for the

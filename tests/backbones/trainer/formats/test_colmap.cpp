@@ -7,6 +7,7 @@
 #include <cstring>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include <glm/geometric.hpp>
 #include <glm/vec4.hpp>
@@ -289,6 +290,21 @@ TEST(Colmap, CamerasAndPosesThatCannotBeAreNamed) {
   expect_contains(error_after([&](ColmapModel& m) { m.cameras[0].width = 1ull << 40; }), "not possible");
   expect_contains(error_after([&](ColmapModel& m) { m.points.positions[4] = NAN; }), "points3D.bin");
   expect_contains(error_after([&](ColmapModel& m) { m.images.clear(); }), "lists no images");
+}
+
+TEST(Colmap, PointsFarAwayAreNamedWithTheirFile) {
+  ColmapModel model = make_model();
+  model.points.positions[4] = 1e20f;
+  for (const auto& [format, name] :
+       {std::pair(ColmapFormat::binary, "points3D.bin"), std::pair(ColmapFormat::text, "points3D.txt")}) {
+    const SceneOnDisk disk(model, format);
+    expect_contains(disk.error(), (disk.model_folder / name).string() + ": point 1 is 1e+20 units away");
+    std::filesystem::remove(disk.model_folder / name);
+    write_file(disk.model_folder / "points3D.ply",
+               "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+               "end_header\n0 0 -4e13\n");
+    expect_contains(disk.error(), (disk.model_folder / "points3D.ply").string() + ": point 0 is 4e+13 units away");
+  }
 }
 
 TEST(Colmap, BrokenTextIsNamedByLine) {

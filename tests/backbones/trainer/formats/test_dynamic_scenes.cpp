@@ -153,6 +153,18 @@ TEST(Nerfies, CapturesReadAsWritten) {
   EXPECT_FALSE(scene.synthetic);
 }
 
+TEST(Nerfies, OptionsWithoutEffectAreNamed) {
+  const Capture disk;
+  SceneOptions options = disk.options();
+  EXPECT_EQ(read_scene(options).notes, std::vector<std::string>{});
+  options.frames = 2;
+  options.frame_times = true;
+  const Scene scene = read_scene(options);
+  ASSERT_EQ(scene.notes.size(), 2u);
+  expect_contains(scene.notes[0], "--frames has no effect");
+  expect_contains(scene.notes[1], "--frame-times has no effect");
+}
+
 TEST(Nerfies, InterpolationScenesHoldOutEveryFourth) {
   Capture disk;
   disk.dataset["val_ids"] = Json::array();
@@ -177,6 +189,10 @@ TEST(Nerfies, BrokenCapturesAreToldInOneLine) {
   expect_contains(error("metadata.json", R"({"000": {"time_id": 1}})"), "has no entry for image '001'");
   expect_contains(error("camera/001.json", R"({"focal_length": 3})"), "is missing");
   expect_contains(error("points.npy", "none"), "points.npy");
+  expect_contains(error("dataset.json", R"({"train_ids": ["001", "001"], "val_ids": ["000"]})"),
+                  "dataset.json: lists the image '001.png' twice");
+  expect_contains(error("points.npy", npy_bytes<double>("<f8", "(1, 3)", {1, 2, 3e20})),
+                  "points.npy: point 0 is 6e+20 units away");
   const Capture disk;
   SceneOptions options = disk.options();
   options.images.reset();
@@ -311,6 +327,32 @@ TEST(NeuralVideo, FramesThatCannotBeReadAreLeftOutWithALine) {
   damage_last_frames(disk.folder / "cam01.mp4");
   options.frames = 0;
   expect_contains(read_scene(options).notes.at(0), "(and 1 more videos are also shorter than declared)");
+}
+
+TEST(NeuralVideo, OptionsWithoutEffectAreNamed) {
+  const Rig disk;
+  SceneOptions options = options_of(disk.folder);
+  options.frames = 5;
+  options.images = "images";
+  options.frame_times = true;
+  const auto expect_notes = [&] {
+    const Scene scene = read_scene(options);
+    ASSERT_EQ(scene.notes.size(), 3u) << "and one on points";
+    expect_contains(scene.notes[0], "--images has no effect");
+    expect_contains(scene.notes[1], "--frame-times has no effect");
+  };
+  expect_notes();
+  pack_scene(options, disk.folder / "rig.sbscene");
+  options.source = disk.folder / "rig.sbscene";
+  expect_notes();
+}
+
+TEST(NeuralVideo, PointsFarAwayAreNamedWithTheirFile) {
+  const Rig disk;
+  write_file(disk.folder / "points3D.ply",
+             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+             "end_header\n0 0 4e13\n");
+  expect_contains(input_error_of([&] { read_scene(options_of(disk.folder)); }), "points3D.ply: point 0 is 4e+13");
 }
 
 TEST(NeuralVideo, CamerasAndPosesMustAgree) {

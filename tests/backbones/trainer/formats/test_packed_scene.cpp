@@ -218,6 +218,30 @@ TEST(PackedScene, RefusesFilesThatAreNotWhole) {
   pair.expect_equal(pair.options);
 }
 
+/// Files that pack_scene() does not write, because it refuses such datasets.
+TEST(PackedScene, RefusesWhatDatasetsMayNotHold) {
+  const TemporaryFolder folder;
+  PackedPhoto photo;
+  photo.view.name = "a.png";
+  photo.view.camera.width = photo.view.camera.height = photo.photo_width = photo.photo_height = 2;
+  photo.view.camera.fx = photo.view.camera.fy = 1;
+  photo.view.color.assign(std::size_t{3} * 4, 9);
+  PackedListing listing;
+  listing.photos = {photo, photo};
+  listing.points.positions = {0, 0, 3};
+  listing.points.colors = {1, 2, 3};
+  SceneOptions options;
+  options.source = folder / "made.sbscene";
+  write_packed_scene(options.source, listing);
+  expect_contains(input_error_of([&] { read_scene(options); }), "made.sbscene: lists the image 'a.png' twice");
+  listing.photos[1].view.time = 1;
+  write_packed_scene(options.source, listing);
+  EXPECT_EQ(read_scene(options).train.size(), 2u) << "two moments of one picture";
+  listing.points.positions[2] = 4e13f;
+  write_packed_scene(options.source, listing);
+  expect_contains(input_error_of([&] { read_scene(options); }), "made.sbscene: point 0 is 4e+13 units away");
+}
+
 TEST(PackedScene, PacksOnlyFolders) {
   Pair pair([](const auto& folder) { write_colmap_scene(folder, false); });
   pair.pack();

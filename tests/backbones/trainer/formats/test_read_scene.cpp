@@ -99,9 +99,70 @@ TEST(ReadScene, SplitsAsAsked) {
   EXPECT_EQ(read_scene(options).train.size(), 6u);
 
   options.llffhold = 1;
-  expect_contains(input_error_of([&] { read_scene(options); }), "all 10 images are held out");
+  std::string message = input_error_of([&] { read_scene(options); });
+  expect_contains(message, "all 10 images are held out");
+  expect_contains(message, "raise --llffhold");
+  options.test_list = row.folder / "all.txt";
+  write_file(options.test_list, "v0\nv1\nv2\nv3\nv4\nv5\nv6\nv7\nv8\nv9\n");
+  message = input_error_of([&] { read_scene(options); });
+  expect_contains(message, "all 10 images are held out");
+  expect_contains(message, "shorten the list");
+  options.test_list.clear();
   options.llffhold = 0;
   expect_contains(input_error_of([&] { read_scene(options); }), "llffhold 0");
+}
+
+TEST(ReadScene, AnImageListedTwiceIsRefused) {
+  const Row row;
+  for (const char* again : {"v8.png", "./v8.png"}) {  // the same file under both names
+    ColmapModel model = read_colmap_model(row.folder / "sparse/0");
+    model.images.push_back(model.images.front());
+    model.images.back().name = again;
+    const Row damaged;
+    write_colmap_model(damaged.folder / "sparse/0", model);
+    const std::string message = input_error_of([&] { read_scene(damaged.options()); });
+    expect_contains(message, "sparse/0/images.bin: lists the image 'v8.png' twice");
+    EXPECT_EQ(input_error_of([&] { pack_scene(damaged.options(), damaged.folder / "x.sbscene"); }), message);
+  }
+}
+
+TEST(ReadScene, TheOnlyPhotoCannotBeHeldOut) {
+  const Row row;
+  ColmapModel model = read_colmap_model(row.folder / "sparse/0");
+  model.images.resize(1);
+  write_colmap_model(row.folder / "sparse/0", model);
+  SceneOptions options = row.options();
+  EXPECT_EQ(read_scene(options).train.size(), 1u);
+  options.eval = true;
+  std::string message = input_error_of([&] { read_scene(options); });
+  expect_contains(message, "images.bin: its only image is held out");
+  expect_contains(message, "leave out --eval");
+  EXPECT_EQ(message.find("llffhold"), std::string::npos) << message;
+  options.eval = false;
+  options.test_list = row.folder / "test.txt";
+  write_file(options.test_list, model.images[0].name);
+  expect_contains(input_error_of([&] { read_scene(options); }), "leave out --test-list");
+}
+
+TEST(ReadScene, OptionsWithoutEffectAreNamed) {
+  const Row row;
+  SceneOptions options = row.options();
+  options.images = "images";
+  options.resolution = kWidth;
+  EXPECT_EQ(read_scene(options).notes, std::vector<std::string>{});
+  options.frames = 3;
+  options.resolution = 300;
+  const std::vector<std::string> notes = read_scene(options).notes;
+  ASSERT_EQ(notes.size(), 2u);
+  EXPECT_EQ(notes[0], "--frames has no effect on " + (row.folder / "sparse/0/images.bin").string() +
+                          ": it is for rigs of videos");
+  EXPECT_EQ(notes[1], "--resolution 300 has no effect: the photos are at most 64 px wide, and photos are not enlarged");
+  EXPECT_EQ(pack_scene(options, row.folder / "row.sbscene"), notes);
+  options.source = row.folder / "row.sbscene";
+  const std::vector<std::string> packed = read_scene(options).notes;
+  ASSERT_EQ(packed.size(), 2u);
+  expect_contains(packed[0], "--frames has no effect on " + options.source.string());
+  EXPECT_EQ(packed[1], notes[1]);
 }
 
 TEST(ReadScene, FewViewsStartFromPointsOfTheirOwn) {

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -275,6 +276,75 @@ TEST(Transforms, BrokenInputIsNamed) {
   expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][0] = -1; }), "determinant");
   expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][1] = 0.5; }), "orthogonal");
   expect_contains(broken([](Json& j) { j["frames"][1]["time"] = 3; }), "'time'");
+}
+
+TEST(Transforms, AFrameListedTwiceIsRefused) {
+  const BlenderScene disk;
+  const std::string whole = read_file(disk.folder / "transforms_train.json");
+  Json train = Json::parse(whole);
+  train["frames"].push_back(train["frames"][1]);
+  train["frames"].back()["file_path"] = "train/../train/r_1.png";
+  write_file(disk.folder / "transforms_train.json", train.dump());
+  expect_contains(input_error_of([&] { read_scene(disk.options()); }),
+                  "transforms_train.json: lists the image 'train/r_1.png' twice; remove one");
+  train["frames"].back()["time"] = 0.9;  // another moment of a picture that does not change
+  write_file(disk.folder / "transforms_train.json", train.dump());
+  EXPECT_EQ(read_scene(disk.options()).train.size(), 7u);
+
+  write_file(disk.folder / "transforms_train.json", whole);
+  write_file(disk.folder / "transforms_test.json", whole);
+  const std::vector<std::string> notes = read_scene(disk.options()).notes;  // a copy, because 3DGS wants both files
+  EXPECT_EQ(std::ranges::count_if(notes, [](const auto& n) { return n.starts_with("5 images are both training"); }), 1);
+
+  std::filesystem::remove(disk.folder / "transforms_test.json");
+  std::filesystem::remove(disk.folder / "transforms_train.json");
+  train["frames"].push_back(train["frames"][3]);
+  write_file(disk.folder / "transforms.json", train.dump());
+  expect_contains(input_error_of([&] { read_scene(disk.options()); }),
+                  "transforms.json: lists the image 'train/r_3.png' twice; remove one");
+}
+
+TEST(Transforms, PointsFarAwayAreNamedWithTheirFile) {
+  const BlenderScene disk;
+  const auto error = [&] { return input_error_of([&] { read_scene(disk.options()); }); };
+  const std::string cloud =
+      "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+      "end_header\n0 0 4e13\n";
+  write_file(disk.folder / "points3d.ply", cloud);
+  expect_contains(error(), (disk.folder / "points3d.ply").string() + ": point 0 is 4e+13 units away");
+  write_file(disk.folder / "cloud.ply", cloud);
+  Json train = Json::parse(read_file(disk.folder / "transforms_train.json"));
+  train["ply_file_path"] = "cloud.ply";
+  write_file(disk.folder / "transforms_train.json", train.dump());
+  expect_contains(error(), (disk.folder / "cloud.ply").string() + ": point 0 is 4e+13 units away");
+  std::filesystem::rename(disk.folder / "transforms_train.json", disk.folder / "transforms.json");
+  expect_contains(error(), (disk.folder / "cloud.ply").string() + ": point 0 is 4e+13 units away");
+}
+
+TEST(Transforms, OptionsWithoutEffectAreNamed) {
+  const BlenderScene disk;
+  SceneOptions options = disk.options();
+  options.random_points = 10;
+  EXPECT_EQ(read_scene(options).notes.size(), 1u) << "on points";
+  options.images = "images_4";
+  options.frames = 0;
+  options.frame_times = true;
+  const auto expect_notes = [&](const std::string& listing) {
+    const std::vector<std::string> notes = read_scene(options).notes;
+    ASSERT_EQ(notes.size(), 4u);
+    const std::string place = " has no effect on " + (disk.folder / listing).string() + ": it is for ";
+    EXPECT_EQ(notes[0], "--images" + place + "COLMAP scenes and captures of Nerfies");
+    EXPECT_EQ(notes[1], "--frames" + place + "rigs of videos");
+    EXPECT_EQ(notes[2], "--frame-times" + place + "COLMAP scenes");
+  };
+  expect_notes("transforms_train.json");
+  options.images = "images";  // the name in the file, whatever was given
+  pack_scene(options, disk.folder / "packed.sbscene");
+  options.source = disk.folder / "packed.sbscene";
+  expect_notes("packed.sbscene");
+  options.source = disk.folder.path();
+  std::filesystem::rename(disk.folder / "transforms_train.json", disk.folder / "transforms.json");
+  expect_notes("transforms.json");
 }
 
 TEST(Transforms, MissingImagesAreNamedWithTheirExtension) {
