@@ -22,7 +22,17 @@ using Colors = openvdb::Vec3SGrid;
 
 constexpr float kFarthestIndex = 1 << 24;
 constexpr int kBlock = 8;  // voxels along a side of OpenVDB's leaves
-constexpr std::uint64_t kBlockBytes = kBlock * kBlock * kBlock * (4 + 4 + 12);
+
+/// Levels of the trees above the leaves. Scattered leaves share few of these nodes, which are larger than leaves.
+template <class Tree>
+using UpperNode = typename Tree::RootNodeType::ChildNodeType;
+template <class Tree>
+using LowerNode = typename UpperNode<Tree>::ChildNodeType;
+
+/// Memory of one node, or leaf, in all three trees.
+constexpr std::uint64_t kLeafBytes = std::uint64_t{kBlock} * kBlock * kBlock * (4 + 4 + 12);
+constexpr std::uint64_t kLowerBytes = 2 * sizeof(LowerNode<Floats::TreeType>) + sizeof(LowerNode<Colors::TreeType>);
+constexpr std::uint64_t kUpperBytes = 2 * sizeof(UpperNode<Floats::TreeType>) + sizeof(UpperNode<Colors::TreeType>);
 
 }  // namespace
 
@@ -61,13 +71,15 @@ struct TsdfVolume::State {
           if (block == last) continue;
           last = block;
           if (accessor.probeConstLeaf(block) != nullptr) continue;
+          bytes += kLeafBytes;
+          if (accessor.probeNode<LowerNode<Floats::TreeType>>(block) == nullptr) bytes += kLowerBytes;
+          if (accessor.probeNode<UpperNode<Floats::TreeType>>(block) == nullptr) bytes += kUpperBytes;
+          require(bytes <= options.max_bytes,
+                  "the mesh would take more than " + std::to_string(options.max_bytes >> 20) +
+                      " MiB of memory: give a larger --voxel-size or a smaller --max-depth");
           accessor.touchLeaf(block);
           weight->tree().touchLeaf(block);
           color->tree().touchLeaf(block);
-          ++blocks;
-          require(blocks * kBlockBytes <= options.max_bytes,
-                  "the mesh would take more than " + std::to_string(options.max_bytes >> 20) +
-                      " MiB of memory: give a larger --voxel-size or a smaller --max-depth");
         }
       }
     }
@@ -76,7 +88,7 @@ struct TsdfVolume::State {
   TsdfOptions options;
   Floats::Ptr distance, weight;
   Colors::Ptr color;
-  std::uint64_t blocks = 0;
+  std::uint64_t bytes = 0;
 };
 
 bool has_tsdf_volumes() { return true; }
@@ -87,7 +99,7 @@ TsdfVolume::TsdfVolume(const TsdfOptions& options) : state_(std::make_unique<Sta
 }
 TsdfVolume::~TsdfVolume() = default;
 
-std::uint64_t TsdfVolume::bytes() const { return state_->blocks * kBlockBytes; }
+std::uint64_t TsdfVolume::bytes() const { return state_->bytes; }
 
 void TsdfVolume::integrate(const Camera& camera, std::span<const float> depth, std::span<const float> color,
                            Threads& threads) {
