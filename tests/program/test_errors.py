@@ -208,7 +208,7 @@ def test_a_series_without_an_end(trained, count):
 
 @pytest.mark.parametrize("command", [["bench", "--device", "cuda:99"], ["mesh-eval", "none.ply", "none.ply"]])
 def test_an_unwritable_output_is_told_before_the_work(tmp_path, command):
-    assert "out.json: cannot be written: No such file" in fails(*command, "-o", tmp_path / "none/out.json", code=1)
+    assert "out.json: cannot be written: No such file" in fails(*command, "-o", tmp_path / "none/out.json")
 
 
 def test_model_whose_run_did_not_end(trained, tmp_path):

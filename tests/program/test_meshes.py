@@ -91,7 +91,7 @@ def test_a_mesh_of_a_model_in_use(meshed, tmp_path):
 
 def test_an_unwritable_mesh_is_told_before_the_work(meshed, tmp_path):
     done = run_program("mesh", "-m", meshed, "-o", tmp_path / "none/mesh.ply", "--voxel-size", "0.0005", "--max-memory", "1")
-    assert done.returncode == 1 and "mesh.ply: cannot be written: No such file" in done.stderr, done.stderr
+    assert done.returncode == 2 and "mesh.ply: cannot be written: No such file" in done.stderr, done.stderr
 
 
 def test_the_same_mesh_for_any_number_of_threads(meshed, tmp_path):

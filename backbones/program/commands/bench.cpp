@@ -200,6 +200,7 @@ struct Bench {
     if (repeats < 1 || repeats > kMaxRepeats) {
       throw UsageError("--repeats must be 1 to " + std::to_string(kMaxRepeats));
     }
+    if (!output.empty() && output.extension() != ".json") throw UsageError("--output must end in .json");
     check_threads(threads);
     check_device_name(device);
     if (scaling && device != "cpu") throw UsageError("--scaling is only available on the CPU: leave out --device");
@@ -219,7 +220,10 @@ struct Bench {
     hold_instruction_set();
     Json old;
     if (!compare.empty()) old = read_earlier(compare);
-    if (!output.empty()) require_writable(output);
+    if (!output.empty()) {
+      require_replaceable(output, {compare});
+      require_writable(output);
+    }
 
     ChosenDevice where(device, threads);
     Json document = {{"machine", machine_name()},     {"device", where.name()},  {"date", utc_now()},

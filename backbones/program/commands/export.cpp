@@ -8,6 +8,7 @@
 #include "program/session/model_folder.h"
 #include "program/session/options.h"
 #include "program/session/plugged_backbone.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
 
@@ -30,7 +31,6 @@ int run_export(const ExportOptions& options) {
   if (ending != ".ply" && ending != ".glb") {
     throw UsageError(options.output.string() + ": the file name of a mesh must end in .ply or .glb");
   }
-  require(!fs::is_directory(options.output), options.output.string() + ": is a folder");
   const nlohmann::json config = read_config(options.model);
   const std::string place = (options.model / "config.json").string() + ": backbone: name";
   require(config.contains("backbone") && config["backbone"].contains("name"), place + " is missing");
@@ -40,6 +40,8 @@ int run_export(const ExportOptions& options) {
   require(entry.export_mesh != nullptr, options.model.string() + ": a model of " + name +
                                             " cannot be exported as triangles; open its point_cloud.ply in a viewer");
   const fs::path saved = saved_model(options.model, options.iteration);
+  require_replaceable(options.output, {saved / "point_cloud.ply"});
+  require_writable(options.output);
   remove_stale_files(fs::absolute(options.output).parent_path());
   entry.export_mesh(saved, options.output);
   std::printf("mesh: %s (%.1f MB)\n", options.output.c_str(), static_cast<double>(fs::file_size(options.output)) / 1e6);

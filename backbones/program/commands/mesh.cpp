@@ -35,6 +35,10 @@ constexpr float kMinAlpha = 0.5f;            // least alpha of a pixel that show
 constexpr double kTruncation = 4;            // voxels
 constexpr std::uint64_t kMaxMemory = ~std::uint64_t{0} >> 20;  // MiB, so that bytes do not overflow
 
+/// Point clouds that a scene may have under these names; a mesh must not replace them.
+constexpr const char* kPointFiles[] = {"points3d.ply", "points3D.ply", "sparse_pc.ply", "sparse/points3D.ply",
+                                       "sparse/0/points3D.ply"};
+
 /// The depth within which most points lie in the training views that see them, with a margin; 0 without points.
 double far_depth(const Scene& scene) {
   std::vector<float> depths;
@@ -102,6 +106,12 @@ struct Mesh {
     require(masks.empty() || fs::is_directory(masks), masks.string() + ": no such folder of masks");
     if (!has_tsdf_volumes()) TsdfVolume absent({});  // throws: the message says what to install
     const SavedModel saved = find_saved_model(set, options);
+    if (!output.empty()) {
+      std::vector<fs::path> inputs = {saved.folder / "point_cloud.ply", options.scene.source};
+      for (const char* name : kPointFiles) inputs.push_back(options.scene.source / name);
+      require_replaceable(output, inputs);
+      require_writable(output);  // before the photos are read
+    }
     options.lpips.clear();  // nothing is measured
     OpenModel model(saved, options);
     require(model.backbone().has_surfaces(),
@@ -110,8 +120,8 @@ struct Mesh {
     if (output.empty()) {
       output = options.model / "mesh.ply";
       lock.emplace(options.model);
+      require_writable(output);
     }
-    require_writable(output);
 
     const double far = far_depth(model.scene());
     if (!set.given("max-depth")) max_depth = far;

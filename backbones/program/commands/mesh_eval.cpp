@@ -78,7 +78,13 @@ struct MeshEval {
     if (refine && crop.empty()) throw UsageError("--refine needs --crop: the volume that is aligned");
     if (cameras.empty() != trajectory.empty()) throw UsageError("--cameras and --trajectory must be given together");
     check_threads(threads);
-    if (!output.empty()) require_writable(output);
+    if (!output.empty()) {
+      if (output.extension() != ".json") throw UsageError("--output must end in .json");
+      std::vector<fs::path> inputs = {mesh, truth, cameras, trajectory, align, crop, dtu_mask, dtu_plane};
+      if (!cameras.empty()) inputs.push_back(cameras / "cameras.json");
+      require_replaceable(output, inputs);
+      require_writable(output);
+    }
     Threads workers(threads);
     const bool dtu = !dtu_mask.empty();
     const DtuMask mask = dtu ? read_dtu_mask(dtu_mask) : DtuMask{};

@@ -28,7 +28,8 @@ int run_pack(const PackOptions& options) {
   if (options.output.extension() != kExtension) {
     throw UsageError(options.output.string() + ": the file name of a packed scene must end in " + kExtension);
   }
-  require(!fs::is_directory(options.output), options.output.string() + ": is a folder");
+  require_replaceable(options.output, {scene.source});
+  require_writable(options.output);  // before the photos are read
   remove_stale_files(fs::absolute(options.output).parent_path());
   for (const std::string& note : pack_scene(scene, options.output))
     std::fprintf(stderr, "note: %s\n", printable(note).c_str());

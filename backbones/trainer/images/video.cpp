@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -20,11 +21,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kUsualRate = 30;  ///< frames per second of a video that does not state it
-
-fs::path unfinished_name(const fs::path& path) {
-  // The suffix stays last: OpenCV chooses the container format by it.
-  return path.parent_path() / ("." + path.stem().string() + ".part" + path.extension().string());
-}
 
 /// Silences OpenCV and FFmpeg. Done before main(): several threads open videos, and setenv() must not run while they
 /// read the environment.
@@ -59,18 +55,18 @@ std::size_t readable_frames(const fs::path& path) {
 
 struct VideoFile::State {
   fs::path path;
-  fs::path unfinished;
+  std::optional<TemporaryFile> unfinished;
   int width = 0;
   int height = 0;
   cv::Mat frame;
   std::size_t frames = 0;  ///< added so far
-  cv::VideoWriter writer;
+  cv::VideoWriter writer;  ///< after `unfinished`, so that it is closed first
 };
 
 VideoFile::VideoFile(const fs::path& path, int width, int height, double frames_per_second)
     : state_(std::make_unique<State>()) {
+  require_video_name(path);
   const fs::path target = file_to_replace(path);
-  state_->unfinished = unfinished_name(target);
   state_->width = width;
   state_->height = height;
   state_->frame = cv::Mat(height / 2 * 2, width / 2 * 2, CV_8UC3);
@@ -81,28 +77,24 @@ VideoFile::VideoFile(const fs::path& path, int width, int height, double frames_
     if (error) throw InputError(path.string() + ": cannot create its folder: " + error.message());
   }
   state_->path = target;
+  remove_stale_files(fs::absolute(target).parent_path());
+  // OpenCV chooses the container by the ending. It opens this file and keeps it, and with it the lock.
+  state_->unfinished.emplace(target, path.extension().native());
   // A missing codec is reported in one line below, instead of OpenCV's many lines.
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   for (const char* codec : {"avc1", "mp4v"}) {
     const int fourcc = cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]);
     try {
-      if (state_->writer.open(state_->unfinished.string(), fourcc, frames_per_second, state_->frame.size())) return;
+      if (state_->writer.open(state_->unfinished->path.string(), fourcc, frames_per_second, state_->frame.size()))
+        return;
     } catch (const cv::Exception&) {
       // try the next codec
     }
   }
-  std::error_code ignored;
-  fs::remove(state_->unfinished, ignored);
-  throw InputError(path.string() +
-                   ": OpenCV cannot write the video (no codec, or no permission); omit --video to write PNG files");
+  throw InputError(path.string() + ": OpenCV cannot write the video (no codec); omit --video to write PNG files");
 }
 
-VideoFile::~VideoFile() {
-  if (state_->path.empty()) return;
-  state_->writer.release();
-  std::error_code ignored;
-  fs::remove(state_->unfinished, ignored);
-}
+VideoFile::~VideoFile() = default;
 
 void VideoFile::add(std::span<const float> color) {
   const auto plane = static_cast<std::size_t>(state_->width) * static_cast<std::size_t>(state_->height);
@@ -124,14 +116,14 @@ void VideoFile::add(std::span<const float> color) {
 void VideoFile::finish() {
   state_->writer.release();
   // OpenCV does not report failed writes.
-  if (readable_frames(state_->unfinished) != state_->frames) {
+  if (readable_frames(state_->unfinished->path) != state_->frames) {
     throw std::runtime_error(state_->path.string() +
                              ": cannot write the video: it is incomplete; the disk may be full");
   }
   std::error_code error;
-  fs::rename(state_->unfinished, state_->path, error);
+  fs::rename(state_->unfinished->path, state_->path, error);
   if (error) throw std::runtime_error(state_->path.string() + ": cannot write the video: " + error.message());
-  state_->path.clear();
+  state_->unfinished->renamed = true;
 }
 
 struct VideoFrames::State {

@@ -2,20 +2,33 @@
 /// @file Writes renders to a video file, and reads videos as photos.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "trainer/images/image_codec.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
+
+/// Throws InputError unless the name ends like the containers that VideoFile writes. Given the name of a picture,
+/// OpenCV would write one picture for all frames.
+inline void require_video_name(const std::filesystem::path& path) {
+  constexpr std::array<std::string_view, 4> kEndings = {".mp4", ".mov", ".mkv", ".avi"};
+  require(std::ranges::find(kEndings, path.extension().native()) != kEndings.end(),
+          path.string() + ": the file name of a video must end in .mp4, .mov, .mkv or .avi");
+}
 
 /// Writes a video file, which gets its name in finish(). The codec is H.264 if OpenCV was built with it, else MPEG-4.
 class VideoFile {
  public:
-  /// Crops width and height to even numbers, as codecs require. Throws InputError if no codec or file can be opened.
+  /// Crops width and height to even numbers, as codecs require. Removes what killed processes left beside `path`.
+  /// Throws InputError if no codec or file can be opened, or as require_video_name() does.
   VideoFile(const std::filesystem::path& path, int width, int height, double frames_per_second);
   /// Removes the unfinished file unless finish() succeeded.
   ~VideoFile();

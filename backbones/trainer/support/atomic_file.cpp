@@ -25,6 +25,15 @@ namespace {
   throw std::runtime_error(path.string() + ": cannot be written: " + cause);
 }
 
+/// Reports that no file can be created beside `path`. A wrong place is the user's to correct; a full disk is a failure.
+[[noreturn]] void fail_to_create(const std::filesystem::path& path, int error) {
+  for (const int of_the_place : {ENOENT, ENOTDIR, EACCES, EPERM, EROFS}) {
+    require(error != of_the_place, path.string() + ": cannot be written: " + std::strerror(error) +
+                                       "; name a file in an existing folder that you may write to");
+  }
+  fail(path, std::strerror(error));
+}
+
 // Not derived from the target's name, which may already have the maximum length of the file system.
 constexpr std::string_view kTemporaryPrefix = ".splatboost-";
 constexpr std::string_view kTemporarySuffix = ".tmp";
@@ -80,47 +89,57 @@ class DescriptorBuffer final : public std::streambuf {
   std::vector<char> buffer_;
 };
 
-/// The temporary file beside the target. The destructor closes it, and removes it unless it was renamed.
-struct TemporaryFile {
-  std::filesystem::path path;
-  int descriptor = -1;
-  bool renamed = false;
-
-  explicit TemporaryFile(const std::filesystem::path& target) {
-    static std::atomic<unsigned> counter{0};
-    const std::string prefix = std::string(kTemporaryPrefix) + std::to_string(::getpid()) + "-";
-    for (;;) {
-      path = target.parent_path() / (prefix + std::to_string(counter++) + std::string(kTemporarySuffix));
-      descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-      if (descriptor < 0 && errno == EEXIST) continue;  // left by a killed process with the same process ID
-      if (descriptor < 0) fail(target, std::strerror(errno));
-      // The lock marks the file as in use. remove_stale_files() may have removed it before it was locked.
-      if (::flock(descriptor, LOCK_EX | LOCK_NB) != 0 || is_at(descriptor, path)) return;
-      ::close(descriptor);
-    }
-  }
-  TemporaryFile(const TemporaryFile&) = delete;
-  TemporaryFile& operator=(const TemporaryFile&) = delete;
-  ~TemporaryFile() {
-    if (descriptor >= 0) ::close(descriptor);
-    if (!renamed) ::unlink(path.c_str());
-  }
-};
-
 }  // namespace
+
+TemporaryFile::TemporaryFile(const std::filesystem::path& target, std::string_view ending) {
+  static std::atomic<unsigned> counter{0};
+  const std::string prefix = std::string(kTemporaryPrefix) + std::to_string(::getpid()) + "-";
+  const std::string suffix = std::string(kTemporarySuffix) + std::string(ending);
+  for (;;) {
+    path = target.parent_path() / (prefix + std::to_string(counter++) + suffix);
+    descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (descriptor < 0 && errno == EEXIST) continue;  // left by a killed process with the same process ID
+    if (descriptor < 0) fail_to_create(target, errno);
+    // The lock marks the file as in use. remove_stale_files() may have removed it before it was locked.
+    if (::flock(descriptor, LOCK_EX | LOCK_NB) != 0 || is_at(descriptor, path)) return;
+    ::close(descriptor);
+  }
+}
+
+TemporaryFile::~TemporaryFile() {
+  if (descriptor >= 0) ::close(descriptor);
+  if (!renamed) ::unlink(path.c_str());
+}
 
 std::filesystem::path file_to_replace(const std::filesystem::path& path) {
   std::error_code ignored;
   const std::filesystem::path target =
       std::filesystem::is_symlink(path, ignored) ? std::filesystem::weakly_canonical(path, ignored) : path;
-  if (target.empty()) fail(path, "the name is empty or a broken symbolic link");
-  if (std::filesystem::is_directory(target, ignored)) fail(path, "it is a folder");
+  require(!target.empty(), path.string() + ": cannot be written: the name is empty or a broken symbolic link");
+  require(!std::filesystem::is_directory(target, ignored),
+          path.string() + ": cannot be written: it is a folder; name a file");
   // The rename would replace it; links such as /dev/stdout, which have no canonical path, are followed.
   require(!std::filesystem::is_other(path, ignored), path.string() + ": is a device or a pipe; name a file");
   return target;
 }
 
 void require_writable(const std::filesystem::path& path) { const TemporaryFile removed(file_to_replace(path)); }
+
+void require_replaceable(const std::filesystem::path& output, const std::vector<std::filesystem::path>& inputs) {
+  std::error_code ignored;
+  for (const std::filesystem::path& input : inputs) {
+    require(!std::filesystem::equivalent(output, input, ignored),
+            output.string() + ": is an input of this command, which it would replace; name another file to write");
+  }
+  // Absolute first: of a relative path that does not exist, weakly_canonical() does not add the current folder.
+  const std::filesystem::path target =
+      std::filesystem::weakly_canonical(std::filesystem::absolute(output, ignored), ignored);
+  for (auto folder = target.parent_path(); folder.has_relative_path(); folder = folder.parent_path()) {
+    const std::filesystem::path run = folder.parent_path();
+    require(folder.filename() != "point_cloud" || !std::filesystem::exists(run / "config.json", ignored),
+            output.string() + ": is in the folder of saved models of " + run.string() + "; name a file elsewhere");
+  }
+}
 
 void write_file_atomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write) {
   const std::filesystem::path target = file_to_replace(path);
@@ -157,7 +176,9 @@ void write_text_atomically(const std::filesystem::path& path, const std::string&
 
 bool is_working_file(const std::filesystem::path& name) {
   const std::string text = name.filename().string();
-  return text == kLockName || (text.starts_with(kTemporaryPrefix) && text.ends_with(kTemporarySuffix));
+  const std::filesystem::path stem = name.stem();  // what is before the ending of a TemporaryFile
+  return text == kLockName || (text.starts_with(kTemporaryPrefix) &&
+                               (text.ends_with(kTemporarySuffix) || stem.extension() == kTemporarySuffix));
 }
 
 void remove_stale_files(const std::filesystem::path& folder) {
@@ -197,9 +218,8 @@ FolderLock::FolderLock(const std::filesystem::path& folder) : file_(folder / kLo
     }
     if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
       ::close(descriptor_);
-      throw InputError(
-          folder.string() +
-          ": another splatboost process is using this folder; wait until it ends, or give another --model");
+      throw InputError(folder.string() +
+                       ": another splatboost process is using this folder; wait until it ends, or name another folder");
     }
     // The previous holder may have removed the file after it was opened here; then this lock has no effect.
     if (is_at(descriptor_, file_)) return;

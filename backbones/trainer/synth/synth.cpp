@@ -107,9 +107,13 @@ std::string marker_text(const SynthOptions& options) {
 
 /// Creates the output folder, or takes over that of an earlier scene and removes it. The marker is the first file, so
 /// that a killed command can be repeated.
-void take_folder(const SynthOptions& options) {
+/// @return a lock to hold while the scene is written
+FolderLock take_folder(const SynthOptions& options) {
   const fs::path& folder = options.output;
   std::error_code error;
+  fs::create_directories(folder, error);
+  require(!error, folder.string() + ": cannot create this folder: " + error.message());
+  FolderLock lock(folder);
   if (is_ours(folder)) {
     // All that a scene of any kind consists of.
     for (const char* name :
@@ -119,19 +123,19 @@ void take_folder(const SynthOptions& options) {
       require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
     }
   } else {
-    require(!fs::exists(folder, error) || !holds_files(folder),
-            folder.string() + ": contains files, but no " + kMarker +
-                " of an earlier splatboost synth; name a new or an empty folder");
+    require(!holds_files(folder), folder.string() + ": contains files, but no " + kMarker +
+                                      " of an earlier splatboost synth; name a new or an empty folder");
   }
-  make_picture_folder(folder);
+  remove_stale_files(folder);
   write_text_atomically(folder / kMarker, marker_text(options));
+  return lock;
 }
 
 }  // namespace
 
 void write_synthetic_scene(const SynthOptions& options) {
   check(options);
-  take_folder(options);
+  const FolderLock lock = take_folder(options);
   if (options.scene == "moving") return write_moving_scene(options);
   if (options.scene == "walk") return options.baseline > 0 ? write_stereo_walk(options) : write_walk(options);
   for (const char* folder : {"images", "sparse/0", "depth", "normals", "masks"}) {

@@ -115,8 +115,52 @@ TEST(AtomicFile, RequireWritableChangesNothing) {
   require_writable(folder / "old");
   EXPECT_EQ(read_file(folder / "old"), "old");
   EXPECT_EQ(files_in(folder.path()), 1u);
-  EXPECT_THROW(require_writable(folder / "missing/a.txt"), std::runtime_error);
-  EXPECT_THROW(require_writable(folder.path()), std::runtime_error);
+}
+
+TEST(AtomicFile, AWrongPlaceIsBadInput) {
+  const TemporaryFolder folder;
+  write_file(folder / "file", "x");
+  for (const char* name : {"missing/a.txt", "file/a.txt"}) {
+    expect_contains(input_error_of([&] { require_writable(folder / name); }), "name a file in an existing folder");
+  }
+  expect_contains(input_error_of([&] { require_writable(folder.path()); }), "it is a folder");
+}
+
+TEST(AtomicFile, InputsAndSavedModelsAreNotReplaced) {
+  const TemporaryFolder folder;
+  write_file(folder / "in.ply", "in");
+  write_file(folder / "run/point_cloud/iteration_9/point_cloud.ply", "model");
+  write_file(folder / "points/point_cloud/a.ply", "of no run");
+  write_file(folder / "run/config.json", "{}");
+  std::filesystem::create_symlink("in.ply", folder / "link.ply");
+  const auto refusal = [&](const char* output) {
+    return input_error_of([&] { require_replaceable(folder / output, {"", folder / "none.ply", folder / "in.ply"}); });
+  };
+  for (const char* name : {"in.ply", "link.ply", "run/../in.ply"}) {
+    expect_contains(refusal(name), "is an input of this command");
+  }
+  for (const char* name : {"run/point_cloud/iteration_9/point_cloud.ply", "run/point_cloud/new/a.ply"}) {
+    expect_contains(refusal(name), "saved models of");
+  }
+  for (const char* name : {"out.ply", "run/mesh.ply", "points/point_cloud/a.ply", "missing/out.ply"}) {
+    require_replaceable(folder / name, {"", folder / "none.ply", folder / "in.ply"});
+  }
+}
+
+TEST(AtomicFile, AFileOfALibraryKeepsItsEndingAndIsKnown) {
+  const TemporaryFolder folder;
+  write_file(folder / ".splatboost-99999-0.tmp.mp4", "left by a killed process");
+  write_file(folder / ".splatboost-notes.mp4", "of the user");
+  {
+    const TemporaryFile file(folder / "turn.mp4", ".mp4");
+    EXPECT_EQ(file.path.extension(), ".mp4");
+    EXPECT_TRUE(is_working_file(file.path));
+    remove_stale_files(folder.path());
+    EXPECT_TRUE(std::filesystem::exists(file.path));
+    EXPECT_EQ(files_in(folder.path()), 2u);
+  }
+  EXPECT_EQ(files_in(folder.path()), 1u);
+  EXPECT_FALSE(is_working_file(".splatboost-notes.mp4"));
 }
 
 TEST(AtomicFile, KeepsDevicesAndPipes) {
