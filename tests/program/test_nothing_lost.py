@@ -139,6 +139,12 @@ def test_a_comparison_is_not_replaced_by_a_run(scene, tmp_path):
     before = content(model)
     assert "the folder of a comparison" in refused("train", "-s", scene, "-m", model, *SHORT_RUN)
     assert content(model) == before
+    for run in ("baseline", "boosted/"):
+        assert "is a run of a comparison" in refused("train", "-s", scene, "-m", f"{model}/{run}", *SHORT_RUN)
+        assert content(model) == before
+    run_well("compare", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
+    # An interrupted comparison describes no run yet.
+    (model / "compare.json").unlink()
     run_well("train", "-s", scene, "-m", model / "baseline", "--iterations", "5", "--quiet")
     run_well("compare", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
 

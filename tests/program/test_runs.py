@@ -382,3 +382,10 @@ def test_synth_is_deterministic(tmp_path):
     a = {str(p.relative_to(tmp_path / "a")): p.read_bytes() for p in (tmp_path / "a").rglob("*") if p.is_file()}
     b = {str(p.relative_to(tmp_path / "b")): p.read_bytes() for p in (tmp_path / "b").rglob("*") if p.is_file()}
     assert a == b
+
+
+def test_literal_does_not_take_the_constants_of_the_default(scene, trained, tmp_path):
+    """config.json of a run holds all constants, which would replace the paper's under the name of literal."""
+    done = run_program("train", "-s", scene, "-m", tmp_path / "model", "--config", trained / "config.json", "--literal")
+    assert done.returncode == 2 and "--literal would not change; leave out one of them" in done.stderr
+    assert not (tmp_path / "model").exists()

@@ -88,6 +88,34 @@ def test_keyframes_are_a_scene(mapped, tmp_path):
     assert config["slam"]["lockstep"] == 3 and config["slam"]["source"].endswith("walk")
 
 
+def test_eval_keeps_what_was_measured_on_all_tracked_frames(mapped, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(mapped, model)
+    before = (model / "results.json").read_bytes()
+    done = run_well("eval", "-m", model)
+    assert "PSNR" in done.stdout and "train views" in done.stdout
+    assert "results.json was not changed, because it is for all tracked frames" in done.stdout
+    assert (model / "results.json").read_bytes() == before
+
+
+def test_a_run_that_was_moved_is_measured_on_its_own_keyframes(mapped, tmp_path):
+    def psnr(folder):
+        return [line for line in run_well("eval", "-m", folder).stdout.splitlines() if line.startswith("PSNR")]
+
+    there, moved = tmp_path / "there", tmp_path / "moved"
+    shutil.copytree(mapped, there)
+    shutil.copytree(mapped, moved)
+    config = json.loads((moved / "config.json").read_text()) | {"source": str(there / "keyframes")}
+    (moved / "config.json").write_text(json.dumps(config))
+    first, *others = sorted((there / "keyframes/images").iterdir())  # now of another run
+    for image in others:
+        shutil.copyfile(first, image)
+    assert psnr(moved) == psnr(mapped) != psnr(there)
+    run_well("render", "-m", moved)  # its own scene, also for the pictures in its folder
+    shutil.rmtree(there)
+    assert psnr(moved) == psnr(mapped)
+
+
 def test_a_run_is_repeated_by_its_config(mapped, tmp_path):
     run_well("slam", "-m", tmp_path / "again", "--config", mapped / "config.json", "--quiet")
     assert (mapped / "trajectory.txt").read_bytes() == (tmp_path / "again/trajectory.txt").read_bytes()
@@ -133,6 +161,7 @@ def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, e
     run_well("eval", "-m", model)
     measured = json.loads((model / "results.json").read_text())
     assert measured["psnr"] > (12 if results["iterations"] else 8) and measured["slam"] == slam
+    assert measured["split"] == "train"
 
 
 @pytest.mark.parametrize("arguments, words", [

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstdio>
+#include <limits>
 #include <memory>
 #include <optional>
 
@@ -9,6 +11,8 @@
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/evaluation/result_tables.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/process_info.h"
+#include "trainer/support/text.h"
 #include "trainer/training/trainer.h"
 
 namespace splatboost::program {
@@ -49,18 +53,22 @@ struct Eval {
     OpenModel model(saved, options);
     Backbone& backbone = model.backbone();
     Lpips* const lpips = model.bench().lpips.get();
-    // The scene of the run may have moved; another scene is measured and printed, but results.json is that of the run.
-    const bool of_the_run =
-        !set.given("source") || is_scene_of_run(read_config(options.model), options.scene.source, model.scene());
-    require(measured || of_the_run, results_path.string() +
-                                        ": missing: the run was interrupted during the evaluation; evaluate its own "
-                                        "scene first, without --source");
-    const bool writes = of_the_end && of_the_run;
+    // The scene of the run may have moved, or its folder hold other data now. Another scene is measured and printed,
+    // but results.json is that of the run.
+    const bool of_the_run = is_scene_of_run(read_config(options.model), options.scene.source, model.scene());
+    require(measured || of_the_run,
+            results_path.string() + ": missing: the run was interrupted during the evaluation, and " +
+                options.scene.source.string() + " is not its scene; evaluate its own scene first, " +
+                (set.given("source") ? "without --source" : "named by --source"));
+    // Only slam measures all tracked frames. A run of slam that was stopped before it measured has nothing to keep.
+    const bool of_tracked = before.contains("slam") && results.split != "train" && !results.views.empty();
+    const bool writes = of_the_end && of_the_run && !of_tracked;
     std::optional<FolderLock> lock;
     if (writes) {
       lock.emplace(options.model);
       remove_stale_files(options.model);
     }
+    const Results earlier = results;
     if (measured) {
       evaluate(backbone, model.scene(), lpips, {}, results);
     } else {
@@ -75,18 +83,50 @@ struct Eval {
     backbone.rasterizer_hook().set_beta(1.0f);
     evaluate(backbone, model.scene(), lpips, {}, exact);
 
-    if (writes && measured) {
-      nlohmann::json json = to_json(results);
+    const bool keeps_fps = writes && !measured_here(earlier, *model.bench().device);
+    if (writes && (measured || keeps_fps)) {
+      Results kept = results;
+      if (keeps_fps) kept.fps = measured ? earlier.fps : std::numeric_limits<double>::quiet_NaN();
+      if (!lpips) keep_lpips(earlier, kept);
+      nlohmann::json json = to_json(kept);
       if (before.contains("slam")) json["slam"] = before.at("slam");  // the tracking is not measured again
       write_text_atomically(results_path, json.dump(2) + "\n");
     }
     print(results, exact, saved.beta);
     if (writes) std::printf("\nresults: %s\n", results_path.c_str());
-    if (!of_the_run) std::printf("\nanother scene than that of the run: %s was not changed\n", results_path.c_str());
+    if (keeps_fps && !options.quiet) {
+      const std::string machine = earlier.machine.empty() ? "" : ", " + earlier.machine;
+      std::fprintf(stderr, "note: %s: these frames per second were not written: times there are for %s, %d threads%s\n",
+                   results_path.c_str(), printable(earlier.device).c_str(), earlier.threads,
+                   printable(machine).c_str());
+    }
+    if (!of_the_run) {
+      std::printf("\n%s is another scene than that of the run: %s was not changed\n", options.scene.source.c_str(),
+                  results_path.c_str());
+    } else if (of_tracked && of_the_end) {
+      std::printf(
+          "\nthese are the keyframes alone: %s was not changed, because it is for all tracked frames, which only a new "
+          "run of slam can measure\n",
+          results_path.c_str());
+    }
     return 0;
   }
 
  private:
+  /// Whether frames per second on this device belong beside the results, whose device, machine and threads stay those
+  /// of the training time.
+  static bool measured_here(const Results& results, ChosenDevice& device) {
+    return results.device == device.name() && results.machine == machine_name() &&
+           results.threads == device.threads().count();
+  }
+
+  /// LPIPS is not measured again without its network. It still holds for the same model and views.
+  static void keep_lpips(const Results& earlier, Results& results) {
+    if (!std::ranges::equal(earlier.views, results.views, {}, &ViewResult::name, &ViewResult::name)) return;
+    results.lpips = earlier.lpips;
+    for (std::size_t i = 0; i < results.views.size(); ++i) results.views[i].lpips = earlier.views[i].lpips;
+  }
+
   static Results results_of(const nlohmann::json& document, const fs::path& path) {
     try {
       return results_from_json(document);
@@ -122,7 +162,7 @@ Command add_eval(CLI::App& program) {
   CLI::App* app =
       program.add_subcommand("eval", "Measure a saved model again, as trained and with beta = 1, at several scales");
   app->footer(
-      "Updates OUT/results.json. With -s of another scene, or --iteration of an earlier model, it only prints.\n"
+      "Updates OUT/results.json. For another scene, an earlier model (--iteration) or a run of slam it only prints.\n"
       "Example: splatboost eval -m OUT");
   const auto eval = std::make_shared<Eval>(*app);
   return {app, [eval](const std::string&) { return eval->run(); }};

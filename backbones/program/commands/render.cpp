@@ -8,6 +8,7 @@
 
 #include "program/commands/commands.h"
 #include "program/commands/orbit.h"
+#include "program/session/model_folder.h"
 #include "program/session/saved_model.h"
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/images/video.h"
@@ -48,6 +49,7 @@ struct Render {
     check_count("orbit", orbit);
     check_count("sequence", sequence);
     if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
+    if (!video.empty()) require_video_name(video);
     if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
     if (sequence > 0 && (!video.empty() || orbit > 0 || time || !view.empty()))
       throw UsageError("--sequence writes models: leave out --video, --orbit, --view and --time");
@@ -55,10 +57,16 @@ struct Render {
     if (!view.empty() && time)
       throw UsageError("--view and --time cannot be combined: with --view, time advances; leave out --time");
     const SavedModel saved = find_saved_model(set, options);
+    check_output();
     options.lpips.clear();  // nothing is measured
     OpenModel model(saved, options);
     Backbone& backbone = model.backbone();
     const Scene& scene = model.scene();
+    if (replaces_measured() && !is_scene_of_run(read_config(options.model), options.scene.source, scene)) {
+      throw UsageError(options.scene.source.string() +
+                       ": another scene than that of the run, whose pictures would be replaced; name a folder for them "
+                       "with --output");
+    }
     const std::pair<const char*, bool> of_time[] = {
         {"--time", time.has_value()}, {"--view", !view.empty()}, {"--sequence", sequence > 0}};
     for (const auto& [name, asked] : of_time) {
@@ -83,6 +91,28 @@ struct Render {
   }
 
  private:
+  /// Pictures in a model folder are those that its results were measured on; others go to a folder of their own.
+  bool replaces_measured() const { return own_folder && video.empty() && orbit == 0 && sequence == 0; }
+
+  void check_output() {
+    own_folder = output.empty();
+    if (own_folder) {
+      for (const char* name : {"iteration", "beta", "time"}) {
+        if (replaces_measured() && set.given(name)) {
+          throw UsageError("--" + std::string(name) +
+                           ": these pictures would replace those that the run measured; name " +
+                           "a folder for them with --output");
+        }
+      }
+      return;
+    }
+    std::error_code error;
+    const bool own = fs::equivalent(output, options.model, error);
+    if (!own && (fs::exists(output / "point_cloud") || is_file(output / "compare.json"))) {
+      throw UsageError("--output: " + output.string() + " is the folder of another run; name another one");
+    }
+  }
+
   void render_views(Backbone& backbone, const std::vector<View>& views, const fs::path& folder) const {
     if (views.empty()) return;
     make_folder(folder);
@@ -170,6 +200,7 @@ struct Render {
   RunOptions options;
   OptionSet set;
   fs::path output;
+  bool own_folder = false;  ///< writes into the model folder
   fs::path video;
   int orbit = 0;
   std::optional<float> time;

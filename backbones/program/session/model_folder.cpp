@@ -6,6 +6,7 @@
 #include <iterator>
 #include <string_view>
 
+#include "program/session/run.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/training/data_identity.h"
 
@@ -47,6 +48,8 @@ Json config_in(const fs::path& folder) {
 }
 
 bool is_ours(const fs::path& folder) { return config_in(folder).contains("splatboost"); }
+
+bool is_comparison(const fs::path& folder) { return is_ours(folder) && !config_in(folder).contains("trained"); }
 
 bool is_same_run(Json one, Json other) {
   for (const char* key : kNotOfTheRun) {
@@ -111,8 +114,14 @@ void require_inputs_elsewhere(const fs::path& folder, const SceneOptions& scene)
 }
 
 void require_no_comparison(const fs::path& folder) {
-  require(!is_ours(folder) || config_in(folder).contains("trained"),
-          folder.string() + ": is the folder of a comparison; choose another --model");
+  require(!is_comparison(folder), folder.string() + ": is the folder of a comparison; choose another --model");
+  std::error_code error;
+  const fs::path whole = fs::weakly_canonical(folder, error);
+  const fs::path parent = whole.parent_path();
+  const bool named_as_run = whole.filename() == run_label(false) || whole.filename() == run_label(true);
+  // Without compare.json the comparison was interrupted: its runs may be resumed.
+  require(!named_as_run || !fs::exists(parent / "compare.json", error) || !is_comparison(parent),
+          folder.string() + ": is a run of a comparison, whose compare.json describes it; choose another --model");
 }
 
 FolderLock take_model_folder(const fs::path& folder, const std::string& resumed) {
@@ -168,7 +177,12 @@ Json read_config(const fs::path& folder) {
   require(fs::is_directory(folder, error), folder.string() + ": no such model folder");
   require(fs::exists(folder / "config.json", error),
           folder.string() + ": not a model folder of SplatBoost: it has no config.json");
-  return read_settings_file(folder / "config.json");
+  Json config = read_settings_file(folder / "config.json");
+  // Keyframes are in the folder of their run, which may have been moved or copied.
+  if (config.contains("slam") && fs::is_directory(folder / "keyframes", error)) {
+    config["source"] = (folder / "keyframes").string();
+  }
+  return config;
 }
 
 bool is_scene_of_run(const Json& config, const fs::path& source, const Scene& scene) {
@@ -181,8 +195,7 @@ bool is_scene_of_run(const Json& config, const fs::path& source, const Scene& sc
 std::optional<float> trained_beta(const Json& config) {
   const std::string place = "config.json: trained: beta";
   require(config.contains("trained") && config["trained"].is_object() && config["trained"].contains("beta"),
-          "config.json has no trained.beta: it does not belong to a single run; give one of its runs, such as "
-          "MODEL/boosted");
+          "config.json has no trained.beta: it is not that of a run; give the --model folder of one");
   std::optional<float> beta;
   read_value(config["trained"]["beta"], place, beta);
   require(!beta || (*beta > 0 && *beta <= 1), place + " must be in (0, 1]");
@@ -190,6 +203,8 @@ std::optional<float> trained_beta(const Json& config) {
 }
 
 fs::path saved_model(const fs::path& folder, int iteration) {
+  require(!is_comparison(folder), folder.string() + ": is the folder of a comparison; give one of its runs, such as " +
+                                      (folder / run_label(true)).string());
   const fs::path saved = folder / "point_cloud";
   if (iteration > 0) {
     fs::path wanted = saved / (std::string(kSavedPrefix) + std::to_string(iteration));

@@ -27,7 +27,8 @@ void require_ours_or_empty(const std::filesystem::path& folder);
 /// take_model_folder() deletes.
 void require_inputs_elsewhere(const std::filesystem::path& folder, const SceneOptions& scene);
 
-/// Throws InputError if the folder holds a comparison: a run in it would leave the two runs of the comparison there.
+/// Throws InputError if the folder holds a comparison: a run in it would leave the two runs of the comparison there. Or
+/// if it is one of the two runs of a finished one, which compare.json describes.
 void require_no_comparison(const std::filesystem::path& folder);
 
 /// Creates the folder, or takes over that of an earlier SplatBoost run: its results are deleted, its checkpoints kept.
@@ -51,7 +52,8 @@ void write_config(const std::filesystem::path& folder, const std::string& text);
 /// "split".
 void write_cameras(const std::filesystem::path& folder, const Scene& scene);
 
-/// Reads config.json of a run; throws InputError if there is none.
+/// Reads config.json of a run; throws InputError if there is none. The source of a run of slam is the keyframes in the
+/// folder, if they are there, wherever they were written.
 nlohmann::json read_config(const std::filesystem::path& folder);
 
 /// Whether a scene is that of the run with this config.json: by the checksums of its data, which may have moved, or by
@@ -61,7 +63,8 @@ bool is_scene_of_run(const nlohmann::json& config, const std::filesystem::path& 
 /// β the model was trained with; none: the backbone's own box.
 std::optional<float> trained_beta(const nlohmann::json& config);
 
-/// Folder of the model saved at `iteration`, or of the last one if it is 0. Throws InputError if there is none.
+/// Folder of the model saved at `iteration`, or of the last one if it is 0. Throws InputError if there is none, as in
+/// the folder of a comparison.
 std::filesystem::path saved_model(const std::filesystem::path& folder, int iteration);
 
 /// The iteration in the name of such a folder; -1 if it has another name.

@@ -224,6 +224,11 @@ void apply_settings(const Json& settings, const std::string& place, OptionSet& s
       boost.erase("enabled");
       if (!set.given("boost")) options.boost = enabled;
     }
+    // A whole set of constants, such as in the config.json of a run, would replace the paper's.
+    require(
+        !options.literal || boost.value("literal", true),
+        place +
+            ": boost has the constants of the default rules, which --literal would not change; leave out one of them");
     options.boost_settings = std::move(boost);
   }
 }
