@@ -86,8 +86,8 @@ bool ConvexAdapter::prunes_late_at(Moment moment) const {
   if (growth_ended_at(moment)) return moment.iteration < moment.total;
   const int from = scaled_iteration(boost_.late_prune_from, moment.total);
   const int interval = scaled_iteration(boost_.late_prune_interval, moment.total);
-  // Half an interval before the end at the latest, as in VanillaAdapter.
-  return moment.iteration > from && moment.iteration + interval / 2 < moment.total && moment.iteration % interval == 0;
+  // Not shortly before the end, as in VanillaAdapter.
+  return moment.iteration > from && moment.iteration + interval / 10 < moment.total && moment.iteration % interval == 0;
 }
 
 bool ConvexAdapter::prunes_at(Moment moment, bool backbone_would) const {

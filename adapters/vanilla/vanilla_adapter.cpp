@@ -172,9 +172,9 @@ bool VanillaAdapter::prunes_late_at(Moment moment) const {
   if (!boost_.vcp) return false;
   if (growth_ended_at(moment)) return moment.iteration < moment.total;
   const int interval = at(boost_.late_prune_interval, moment);
-  // Half an interval before the end at the latest: rounded, a tenth of a run may also be due just before its last
-  // iteration, where nothing would be left to recover in.
-  return moment.iteration > late_begin(moment) && moment.iteration + interval / 2 < moment.total &&
+  // Not shortly before the end: rounded, the tenth multiple of a tenth of a run may be due before its last iteration,
+  // where nothing would be left to recover in.
+  return moment.iteration > late_begin(moment) && moment.iteration + interval / 10 < moment.total &&
          moment.iteration % interval == 0;
 }
 

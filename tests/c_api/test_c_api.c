@@ -349,10 +349,10 @@ static void steps_and_measures(void) {
   const sb_adam_options adam = {0.1f, 0.9f, 0.999f, 1e-15f};
   float points[12] = {0, 0, 0, 1, 0, 0, 3, 0, 0, 7, 0, 0}, distances[4];
   const sb_tensor p = floats(points, 2, 4, 3, 0), d = floats(distances, 1, 4, 0, 0);
-  /* twelve points at 1 .. 12 from one camera on a line, of which ten may be wrong */
-  float line[36] = {0}, centres[6] = {0, 0, 0, 0, 5, 0}, to_scene[2], clearances[4];
+  /* 64 points at 1 .. 64 from one camera on a line, of which ten may be wrong */
+  float line[192] = {0}, centres[6] = {0, 0, 0, 0, 5, 0}, to_scene[2], clearances[4];
   const sb_tensor cameras = floats(centres, 2, 2, 3, 0), of_cameras = floats(to_scene, 1, 2, 0, 0),
-                  clear = floats(clearances, 1, 4, 0, 0), scene = floats(line, 2, 12, 3, 0);
+                  clear = floats(clearances, 1, 4, 0, 0), scene = floats(line, 2, 64, 3, 0);
   const sb_step_intervals rest = {16, 32, 64, 15000, 20000};
   int i;
   int32_t steps = -1, iteration = 0;
@@ -364,7 +364,7 @@ static void steps_and_measures(void) {
   CHECK(sb_mean_squared_neighbor_distances(TEST_DEVICE, &p, 3, &d) == SB_OK);
   CHECK_NEAR(distances[0], (1 + 9 + 49) / 3.0, 1e-5);
   CHECK_NEAR(distances[2], (9 + 4 + 16) / 3.0, 1e-5);
-  for (i = 0; i < 12; ++i) line[3 * i] = (float)(i + 1);
+  for (i = 0; i < 64; ++i) line[3 * i] = (float)(i + 1);
   CHECK(sb_distances_to_scene(TEST_DEVICE, &cameras, &scene, &of_cameras) == SB_OK);
   CHECK_NEAR(to_scene[0], 11, 1e-5);
   CHECK_NEAR(to_scene[1], sqrt(121 + 25), 1e-5);
