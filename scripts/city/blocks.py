@@ -230,6 +230,7 @@ def merge(plan, out):
     (saved / "point_cloud.ply").write_bytes(("\n".join(head) + "\n").encode() + rows.tobytes())
     config = json.loads((model / "config.json").read_text())
     config.update(source=plan["source"], eval=plan["hold"] > 0)
+    config["trained"].pop("data", None)  # of the block's photos; eval then knows the scene by its path
     if plan["hold"]:
         config["llffhold"] = plan["hold"]
     (merged / "config.json").write_text(json.dumps(config, indent=2) + "\n")
