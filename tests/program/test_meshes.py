@@ -4,12 +4,14 @@
 import fcntl
 import json
 import math
+import resource
 import struct
+import subprocess
 import zlib
 
 import pytest
 
-from conftest import run_program, run_well
+from conftest import PROGRAM, run_program, run_well
 
 BOX = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 
@@ -285,3 +287,12 @@ def test_points_are_moved_and_measured(tmp_path):
                  tmp_path / "numbers.json", *extra)
         numbers = json.loads((tmp_path / "numbers.json").read_text())
         assert numbers["f1"] == f1 and numbers["truth_points"] == 8
+
+
+def test_the_memory_limit_counts_scattered_blocks_too(meshed, tmp_path):
+    """Voxels far smaller than a pixel make blocks that share no inner node of the volume, which are larger than blocks."""
+    two_gib = (2 << 30, 2 << 30)
+    done = subprocess.run([PROGRAM, "mesh", "-m", meshed, "-o", tmp_path / "mesh.ply", "--voxel-size", "0.00001", "--max-memory", "100",
+                           "--threads", "1"], capture_output=True, text=True, check=False, timeout=120,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, two_gib))
+    assert done.returncode == 2 and "more than 100 MiB of memory" in done.stderr, done.stderr
