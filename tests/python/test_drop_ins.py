@@ -310,6 +310,13 @@ def test_sparse_adam_steps_what_was_visible():
     assert {"exp_avg", "exp_avg_sq"} <= set(optimizer.state[value])
     with pytest.raises(ValueError, match=r"visibility: expected bool \[4\]"):
         optimizer.step(visible[:3], 4)
+    # Right after growth the host still has the visibility of before it; the new tensors have no gradient yet.
+    optimizer.param_groups[0]["params"] = [torch.nn.Parameter(torch.ones(6, 2))]
+    optimizer.step(visible, 4)
+    assert torch.equal(optimizer.param_groups[0]["params"][0].detach(), torch.ones(6, 2))
+    optimizer.param_groups[0]["params"][0].grad = torch.ones(6, 2)
+    with pytest.raises(ValueError, match="expected tensors of 4 rows"):
+        optimizer.step(visible, 4)
 
 
 def test_install_drop_ins():

@@ -82,10 +82,10 @@ class SparseGaussianAdam(torch.optim.Adam):
             if len(group["params"]) != 1:
                 raise ValueError("SparseGaussianAdam: expected one tensor per group, got %d" % len(group["params"]))
             value = group["params"][0]
+            if value.grad is None:  # hosts call this right after growth too, with the number of rows before it
+                continue
             if value.shape[:1] != (N,):
                 raise ValueError("SparseGaussianAdam: expected tensors of %d rows, got shape %s" % (N, list(value.shape)))
-            if value.grad is None:
-                continue
             state = self.state[value]
             if len(state) == 0:
                 state["step"] = torch.tensor(0.0)
