@@ -283,6 +283,16 @@ def test_counts_are_those_of_gsplats_contributing_ids(strategy_module, antialias
     assert total > 1000
 
 
+def test_late_pruning_also_follows_growth(strategy_module):
+    trainer = Trainer(strategy_module, 30000, literal=1, densify_until=20000)
+    calls = []
+    trainer.strategy._grow = lambda *_: calls.append("grow")
+    trainer.strategy._prune_late = lambda *_: calls.append("prune")
+    for step in (17498, 17499, 17999, 20999):  # iterations are one more
+        trainer.step(step)
+    assert calls == ["grow", "grow", "prune", "prune"]
+
+
 def test_accumulated_gradients_are_applied_before_surgery(strategy_module):
     trainer = Trainer(strategy_module, 30000)
     rest = trainer.params["shN"].detach().clone()
@@ -414,6 +424,12 @@ def test_views_of_a_data_set_and_masks(strategy_module):
     assert (from_items.truth.int() - from_views.truth.int()).abs().max() <= 1
     assert torch.equal(from_items.valid, masks[1]) and from_views.valid is None
     strategy_module.score_views(types.SimpleNamespace(strategy=object()), Dataset())  # another strategy: no effect
+    # Scored as pinhole images, views of another camera would give wrong scores without an error.
+    config.camera_model = "pinhole"
+    strategy_module.score_views(config, Dataset())
+    config.camera_model = "fisheye"
+    with pytest.raises(ValueError, match="config: expected camera_model pinhole, with which views are scored, got fisheye"):
+        strategy_module.score_views(config, Dataset())
 
 
 def test_optimizers_that_wait_and_those_that_cannot(strategy_module):

@@ -147,12 +147,15 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         views   Views; or a data set such as that of gsplat's simple_trainer, whose items have camtoworld, K, image
                 (0 to 255) and optionally mask
         config  simple_trainer's: max_steps, near_plane and antialiased are read from it, and reset_every is divided by
-                its steps_scaler
+                its steps_scaler; its camera_model must be pinhole
         """
         if not hasattr(views, "__len__") or not hasattr(views, "__getitem__"):
             raise ValueError("views: expected a list of View or a data set, got %s" % lib.shown(views))
         if len(views) == 0:
             raise ValueError("views: expected at least one training view")
+        model = getattr(config, "camera_model", "pinhole")
+        if model != "pinhole":
+            raise ValueError("config: expected camera_model pinhole, with which views are scored, got %s" % model)
         self._views = views
         self._lists_views = isinstance(views[0], View)
         self._truths.clear()
@@ -230,7 +233,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         if iteration < until and adapter.grows_at(iteration, published):
             self._apply_pending(params, optimizers)
             self._grow(params, optimizers, state, iteration)
-        elif adapter.prunes_at(iteration, False):
+        if adapter.prunes_at(iteration, False):  # with other settings, growth may not have ended
             self._apply_pending(params, optimizers)
             self._prune_late(params, optimizers, state, iteration)
         if adapter.resets_opacities_at(iteration, iteration < until and iteration % self._at(self.reset_every) == 0):
