@@ -6,6 +6,7 @@ import types
 import pytest
 import torch
 
+import splatboost
 from splatboost.hooks import _boost, _drawing, absgs, deformable_3dgs, dropgaussian, mip_splatting, opacity_fields, pgsr, vanilla
 
 N = 6
@@ -335,6 +336,18 @@ def test_the_host_lets_gaussians_grow_as_long_as_announced(tmp_path, capsys, kin
     assert until_of(densify_until_iter=until - 1000)[0] == until - 1000  # the user's own value
 
 
+@pytest.mark.parametrize("kind", [splatboost.NoCudaError, splatboost.LibraryError])
+def test_a_library_that_cannot_train_is_told_in_one_line(monkeypatch, capsys, kind):
+    def refused(*_, **__):
+        raise kind("built without CUDA")
+
+    monkeypatch.setattr(_boost, "Adapter", refused)
+    with pytest.raises(SystemExit) as ended:
+        _boost.adapter_of("vanilla", types.SimpleNamespace(iterations=100), torch.device("cpu"), {})
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "SplatBoost: built without CUDA; --boost off trains without it\n"
+
+
 def test_hosts_rasterizer_is_used_without_boost():
     host = object()
     assert _drawing.rasterizer(types.SimpleNamespace(), host) is host
@@ -345,7 +358,6 @@ def test_gaussians_of_anchors_are_counted_as_their_slots():
     from test_rasterize import gaussians
 
     import reference
-    import splatboost
     from splatboost._tensors import Place
     from splatboost.hooks import _anchors
 

@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 
 import torch
 
+from .._library import LibraryError, NoCudaError
 from ..adapter import Adapter, ScoredView
 from ..operations import camera_clearances, distances_to_scene, spare_one
 from ..schedule import PUBLISHED_ITERATIONS
@@ -32,12 +33,15 @@ def is_on(options: Any) -> bool:
 
 
 def adapter_of(backbone: str, options: Any, device: torch.device, settings: Dict[str, Any]) -> Adapter:
-    """The adapter of a run with these options; exits the host if a setting is invalid."""
+    """The adapter of a run with these options; exits the host if a setting is invalid, or if there is no library for the
+    device."""
     try:
         return Adapter(backbone, total_iterations=options.iterations, device=device, **settings)
     except ValueError as error:
         sys.stderr.write("SplatBoost: --boost options: %s\n" % error)
-        sys.exit(2)
+    except (LibraryError, NoCudaError) as error:
+        sys.stderr.write("SplatBoost: %s; --boost off trains without it\n" % error)
+    sys.exit(2)
 
 
 def announce(adapter: Adapter, schedule: str) -> None:
