@@ -321,6 +321,25 @@ assert int(told.split("\\n")[0].split()[2]) >= 0
     assert "LPIPS is not measured" in done.stdout
 
 
+def test_checkpoints_are_read_whole_by_any_torch():
+    """In a separate process, which patches torch. By default torch since 2.6 reads only tensors and plain values."""
+    done = subprocess.run([sys.executable, "-c", """
+import torch
+def of_newer_torch(f, map_location=None, pickle_module=None, *, weights_only=None):
+    return f, map_location, weights_only
+def of_older_torch(f, map_location=None, pickle_module=None):
+    return f, map_location
+torch.load = of_newer_torch
+from splatboost import cpu
+cpu.map_cuda()
+assert torch.load("a") == ("a", "cpu", False) and torch.load("a", "cuda:0", weights_only=True) == ("a", "cpu", True)
+torch.load, torch._splatboost_on_cpu = of_older_torch, False
+cpu.map_cuda()
+assert torch.load("a") == ("a", "cpu")
+"""], capture_output=True, text=True, check=False, env=dict(os.environ, PYTHONPATH=str(conftest.PACKAGE)))
+    assert done.returncode == 0, done.stderr
+
+
 def test_scatter_max_of_hosts_with_anchors():
     from splatboost import _stand_ins
 

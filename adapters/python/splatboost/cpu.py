@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import functools
+import inspect
 import os
 import runpy
 import sys
@@ -115,9 +116,12 @@ def map_cuda() -> None:
     torch.Generator = Generator  # type: ignore[misc]
 
     load = torch.load
+    # Since 2.6 torch refuses the numpy numbers in the hosts' checkpoints by default.
+    whole = {"weights_only": False} if "weights_only" in inspect.signature(load).parameters else {}
 
     @functools.wraps(load)
     def load_on_cpu(file: Any, map_location: Any = None, *arguments: Any, **named: Any) -> Any:
+        named = {**whole, **named}
         return load(file, "cpu" if map_location is None else _on_cpu(map_location), *arguments, **named)
 
     torch.load = load_on_cpu
