@@ -166,9 +166,19 @@ def test_doctor():
     code = "import sys; sys.modules['torch'] = None; from splatboost import doctor; sys.exit(doctor.main())"
     done = run(code)
     assert done.returncode == 1
-    assert "apt-get install python3-torch" in done.stdout or "--system-site-packages" in done.stdout
+    remedies = ("apt-get install python3-torch", "--system-site-packages", "pip install torch   (with CUDA")
+    assert any(remedy in done.stdout for remedy in remedies)
     done = run(code, SPLATBOOST_LIBRARY="/nowhere/x.so")
     assert done.returncode == 1 and "missing  libsplatboost was not found" in done.stdout
+
+
+def test_the_torch_for_a_gpu_is_one_with_cuda(tmp_path):
+    driver = tmp_path / "nvidia-smi"
+    driver.write_text("#!/bin/sh\n")
+    driver.chmod(0o755)
+    code = "from splatboost import _needs; print(_needs.where_torch_is())"
+    with_gpu, without = run(code, PATH=str(tmp_path)).stdout, run(code, PATH="/nowhere").stdout
+    assert with_gpu.startswith("pip install torch   (with CUDA") and "with CUDA" not in without
 
 
 def test_doctor_tells_of_cuda():
@@ -198,6 +208,19 @@ def test_doctor_looks_at_a_checkout(tmp_path):
     assert "all Python modules that its scripts need are installed" in done.stdout
     done = run("import sys; from splatboost import doctor; sys.exit(doctor.main(%r))" % str(tmp_path / "nowhere"))
     assert done.returncode == 1 and "there is no train.py" in done.stdout
+
+
+def test_doctor_looks_at_a_checkout_of_gsplat(tmp_path):
+    trainer = tmp_path / "examples/simple_trainer.py"
+    (tmp_path / "examples/datasets").mkdir(parents=True)
+    trainer.write_text("import no_such_a\nfrom datasets.colmap import Dataset\nfrom fused_ssim import fused_ssim\n")
+    (tmp_path / "examples/datasets/colmap.py").write_text("import no_such_b\n")
+    code = "import sys; from splatboost import doctor; print(doctor._host(%r))" % str(tmp_path)
+    told = run(code).stdout
+    assert "simple_trainer.py needs fused_ssim, no_such_a, no_such_b, not installed" in told
+    assert "pip install -e %s && pip install -r %s/examples/requirements.txt" % (tmp_path, tmp_path) in told
+    trainer.write_text("import json\n")
+    assert "all Python modules that simple_trainer.py needs are installed" in run(code).stdout
 
 
 def test_usage():

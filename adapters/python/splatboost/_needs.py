@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import os
+import shutil
 import sys
 from typing import Iterable, Iterator, List, Optional, Set
 
@@ -142,6 +143,8 @@ def numpy_trouble() -> Optional[str]:
 
 def where_torch_is() -> str:
     """How to get torch, for a Python without it."""
+    if shutil.which("nvidia-smi"):
+        return "pip install torch   (with CUDA; other versions of CUDA: https://pytorch.org/get-started/locally)"
     debian = "/usr/lib/python3/dist-packages/torch"
     if os.path.isdir(debian):
         return "Debian's torch is installed, but %s cannot find it: %s ~/sb && . ~/sb/bin/activate" % (

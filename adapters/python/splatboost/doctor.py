@@ -7,6 +7,7 @@ import ctypes
 import importlib.util
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
@@ -112,9 +113,22 @@ def _upstream() -> List[Line]:
 _SCRIPTS = ("train.py", "render.py", "metrics.py")
 
 
+def _gsplat(folder: str, trainer: str) -> List[Line]:
+    """Checks the Python modules of gsplat's example trainer. It has no stand-ins, since it does not run without a GPU."""
+    missing = _needs.missing_modules(trainer)
+    if not missing:
+        return [("ok", "%s: all Python modules that simple_trainer.py needs are installed" % folder, "")]
+    listed = os.path.join(folder, "examples", "requirements.txt")
+    remedy = "pip install -e %s && pip install -r %s" % (shlex.quote(folder), shlex.quote(listed))
+    return [("missing", "%s needs %s, not installed" % (trainer, ", ".join(missing)), remedy)]
+
+
 def _host(folder: str) -> List[Line]:
     """Checks the Python modules that the scripts of a host's checkout need."""
     scripts = [os.path.join(folder, name) for name in _SCRIPTS if os.path.isfile(os.path.join(folder, name))]
+    trainer = os.path.join(folder, "examples", "simple_trainer.py")
+    if not scripts and os.path.isfile(trainer):
+        return _gsplat(folder, trainer)
     if not scripts:
         return [("missing", "%s: there is no train.py" % folder, "give the folder of a backbone's checkout")]
     needed = {name for script in scripts for name in _needs.needed_modules(script)}
