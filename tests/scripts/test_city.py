@@ -121,6 +121,16 @@ def test_scores_of_blocks_do_not_depend_on_the_block(street, tmp_path, options, 
         assert json.loads((tmp_path / plan["config"]).read_text()) == {"boost": {"absolute_scores": True}}
 
 
+def test_all_threads_are_those_of_the_cpus_that_it_may_use(street, tmp_path):
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(before)})
+    try:
+        city(street, tmp_path, "--split-only", "--grid", 2, 1)
+    finally:
+        os.sched_setaffinity(0, before)
+    assert json.loads((tmp_path / "plan.json").read_text())["threads"] == 1
+
+
 @pytest.mark.skipif(SNAKEMAKE is None, reason="Snakemake is not installed")
 def test_the_workflow(street, tmp_path):
     arguments = (street, tmp_path / "city", "--grid", 2, 1, "--threads", 1, "--", "--iterations", 4)
@@ -186,9 +196,13 @@ def test_the_same_command_continues_after_a_kill(street, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_an_interrupt_ends_the_jobs(street, tmp_path, name):
+@pytest.mark.parametrize("early", [False, True])  # the first moment: from the started Snakemake itself
+def test_an_interrupt_ends_the_jobs(street, tmp_path, name, early):
     snakemake = tmp_path / "snakemake"
-    snakemake.write_text(f'#!/bin/sh\necho $$ > "{tmp_path}/pid.part"; mv "{tmp_path}/pid.part" "{tmp_path}/pid"; exec sleep 100\n')
+    told = f'echo $$ > "{tmp_path}/pid.part"; mv "{tmp_path}/pid.part" "{tmp_path}/pid"'
+    if early:
+        told = f'echo $$ > "{tmp_path}/pid"; kill -{name[3:]} $PPID'
+    snakemake.write_text(f"#!/bin/sh\n{told}; exec sleep 100\n")
     snakemake.chmod(0o755)
     process = subprocess.Popen([sys.executable, ROOT / "scripts/city/run", "-s", street, "-o", tmp_path / "city", "--grid", "2", "1"],
                                stderr=subprocess.PIPE, text=True,
@@ -197,7 +211,8 @@ def test_an_interrupt_ends_the_jobs(street, tmp_path, name):
                                preexec_fn=lambda: signal.signal(signal.Signals[name], signal.SIG_DFL))
     while not (tmp_path / "pid").exists() and process.poll() is None:
         time.sleep(0.05)
-    process.send_signal(signal.Signals[name])
+    if not early:
+        process.send_signal(signal.Signals[name])
     assert process.communicate(timeout=60)[1].endswith("\ncity: interrupted; the same command continues\n")
     assert process.returncode == 130
     with pytest.raises(ProcessLookupError):

@@ -339,6 +339,18 @@ def snakemake():
     pytest.skip("there is no Snakemake (scripts/test installs it in build/suite-venv)")
 
 
+def test_all_threads_are_those_of_the_cpus_that_it_may_use(tmp_path):
+    if not PROGRAM.exists():
+        pytest.skip(f"{PROGRAM} is not built")
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(before)})
+    try:
+        run_suite("--scene-list", small_list(tmp_path / "scenes.json"), "--out", tmp_path / "out", "--page")  # writes the plan
+    finally:
+        os.sched_setaffinity(0, before)
+    assert json.loads((tmp_path / "out/plan.json").read_text())["threads"] == 1
+
+
 def test_a_small_suite_from_end_to_end(tmp_path):
     if not PROGRAM.exists():
         pytest.skip(f"{PROGRAM} is not built")
@@ -405,10 +417,14 @@ def test_an_out_that_is_a_file_is_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_an_interrupt_ends_the_current_run(tmp_path, name):
+@pytest.mark.parametrize("early", [False, True])  # the first moment: from the started Snakemake itself
+def test_an_interrupt_ends_the_current_run(tmp_path, name, early):
     program, workflow = tmp_path / "splatboost", tmp_path / "snakemake"
     program.write_text("#!/bin/sh\necho --no-boost\n[ \"$1\" != synth ] || mkdir -p \"$2\"\n")
-    workflow.write_text(f'#!/bin/sh\necho $$ > "{tmp_path}/pid.part"; mv "{tmp_path}/pid.part" "{tmp_path}/pid"; exec sleep 100\n')
+    told = f'echo $$ > "{tmp_path}/pid.part"; mv "{tmp_path}/pid.part" "{tmp_path}/pid"'
+    if early:
+        told = f'echo $$ > "{tmp_path}/pid"; kill -{name[3:]} $PPID'
+    workflow.write_text(f"#!/bin/sh\n{told}; exec sleep 100\n")
     for file in (program, workflow):
         file.chmod(0o755)
     process = subprocess.Popen([sys.executable, ROOT / "scripts/suite/run", "--quick", "--out", tmp_path / "out", "--program", program,
@@ -418,7 +434,8 @@ def test_an_interrupt_ends_the_current_run(tmp_path, name):
                                preexec_fn=lambda: signal.signal(signal.Signals[name], signal.SIG_DFL))
     while not (tmp_path / "pid").exists() and process.poll() is None:
         time.sleep(0.05)
-    process.send_signal(signal.Signals[name])
+    if not early:
+        process.send_signal(signal.Signals[name])
     assert process.communicate(timeout=60)[1].endswith("\nsuite: interrupted; the same command continues\n")
     assert process.returncode == 130
     with pytest.raises(ProcessLookupError):
