@@ -22,11 +22,11 @@ void sort_unique(std::vector<Cell>& cells) {
 }  // namespace
 
 Cell CellGrid::cell_of(const float* point) const {
-  constexpr float kFarthest = 2147483520.0f;  // the largest float below 2³¹
+  constexpr float kFarthest = 9223371487098961920.0f;  // the largest float below 2⁶³
   Cell cell{};
   for (std::size_t c = 0; c < 3; ++c) {
     const float nearest = std::nearbyint((point[c] - origin[c]) / size);
-    cell[c] = static_cast<std::int32_t>(std::clamp(nearest, -kFarthest, kFarthest));
+    cell[c] = static_cast<std::int64_t>(std::clamp(nearest, -kFarthest, kFarthest));
   }
   return cell;
 }

@@ -9,14 +9,14 @@
 
 namespace splatboost {
 
-using Cell = std::array<std::int32_t, 3>;
+using Cell = std::array<std::int64_t, 3>;
 
 /// A grid of cubes; cell (a, b, c) has its centre at origin + size·(a, b, c).
 struct CellGrid {
   float size = 1;
   std::array<float, 3> origin{0, 0, 0};
 
-  /// Nearest cell, halves to even. Distant points are clamped to the cells that 32-bit indices can represent.
+  /// Nearest cell, halves to even. Distant points are clamped to the cells that 64-bit indices can represent.
   Cell cell_of(const float* point) const;
   std::array<float, 3> centre_of(const Cell& cell) const;
 };

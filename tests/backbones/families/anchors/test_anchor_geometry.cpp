@@ -70,8 +70,11 @@ TEST(AnchorCells, points_round_to_the_nearest_cell_and_halves_to_even) {
   EXPECT_EQ(grid.cell_of(point), (Cell{1, 0, -2}));
   EXPECT_EQ(grid.centre_of({1, 0, -2}), (std::array<float, 3>{1.5f, 0, -1}));
   const float far[3] = {1e30f, -1e30f, 0};
-  EXPECT_GT(grid.cell_of(far)[0], 2000000000);
-  EXPECT_LT(grid.cell_of(far)[1], -2000000000);
+  EXPECT_GT(grid.cell_of(far)[0], 9000000000000000000);
+  EXPECT_LT(grid.cell_of(far)[1], -9000000000000000000);
+  const std::vector<float> on_a_map{5.4e6f, -4.2e6f, 100};  // in metres: over 2³¹ cells of a millimetre
+  const std::vector<float> centre = occupied_centres({0.001f, {}}, on_a_map);
+  for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(centre[c], on_a_map[c], 1);
   EXPECT_EQ(occupied_centres({1, {}}, std::vector<float>{3.2f, 0, 0, 1.4f, 0, 0, 2.9f, 0.3f, 0}),
             (std::vector<float>{1, 0, 0, 3, 0, 0}));
 }
