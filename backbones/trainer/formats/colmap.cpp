@@ -9,6 +9,7 @@
 #include <fstream>
 #include <limits>
 #include <map>
+#include <set>
 #include <sstream>
 #include <string_view>
 
@@ -58,6 +59,7 @@ constexpr std::array<CameraModel, 11> kModels{{{0, "SIMPLE_PINHOLE", 3, true},
                  supported + "); undistort the photos with 'colmap image_undistorter' first");
 }
 
+/// Throws InputError if the model is none of COLMAP's; it may be one that is not supported.
 template <class Model>
 const CameraModel& model_of(const std::filesystem::path& file, std::uint32_t camera, const Model& wanted) {
   for (const CameraModel& model : kModels) {
@@ -67,9 +69,7 @@ const CameraModel& model_of(const std::filesystem::path& file, std::uint32_t cam
     } else {
       same = model.name == wanted;
     }
-    if (!same) continue;
-    if (!model.supported) fail_model(file, camera, std::string(model.name));
-    return model;
+    if (same) return model;
   }
   if constexpr (std::is_same_v<Model, int>) {
     fail_model(file, camera, "number " + std::to_string(wanted));
@@ -346,7 +346,10 @@ std::optional<std::filesystem::path> model_file(const std::filesystem::path& fol
   return std::nullopt;
 }
 
-Lens lens_of(const ColmapCamera& camera, const std::string& where) {
+Lens lens_of(const ColmapCamera& camera, const std::filesystem::path& file) {
+  const CameraModel& model = model_of(file, camera.id, camera.model);
+  if (!model.supported) fail_model(file, camera.id, std::string(model.name));
+  const std::string where = file.string() + ": camera " + std::to_string(camera.id);
   // Sizes beyond the range of int are clamped; check_lens() rejects them.
   const auto side = [](std::uint64_t value) {
     return static_cast<int>(std::min<std::uint64_t>(value, std::numeric_limits<int>::max()));
@@ -510,9 +513,15 @@ void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& 
 }
 
 std::vector<Photo> colmap_photos(const ColmapModel& model, const std::filesystem::path& image_folder) {
+  // Only these cameras are checked: one without images may be of any model, or not calibrated.
+  std::set<std::uint32_t> used;
+  for (const ColmapImage& image : model.images) used.insert(image.camera_id);
   std::map<std::uint32_t, Lens> lenses;
   for (const ColmapCamera& camera : model.cameras) {
-    lenses[camera.id] = lens_of(camera, model.cameras_file.string() + ": camera " + std::to_string(camera.id));
+    if (!used.contains(camera.id)) continue;
+    if (!lenses.try_emplace(camera.id, lens_of(camera, model.cameras_file)).second) {
+      fail(model.cameras_file, "lists camera " + std::to_string(camera.id) + " twice; remove one of the two entries");
+    }
   }
   std::vector<Photo> photos;
   photos.reserve(model.images.size());

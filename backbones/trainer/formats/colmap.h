@@ -43,14 +43,14 @@ enum class ColmapFormat { binary, text };
 std::optional<std::filesystem::path> find_colmap_model(const std::filesystem::path& source);
 
 /// Reads a model; .bin is preferred, points may also be a points3D.ply. Throws InputError on a file that is missing,
-/// cut short or of an unsupported camera model.
+/// cut short or of an unknown camera model.
 ColmapModel read_colmap_model(const std::filesystem::path& folder);
 
 /// Writes a model without tracks (the *_file members are not used). The folder must exist.
 void write_colmap_model(const std::filesystem::path& folder, const ColmapModel& model,
                         ColmapFormat format = ColmapFormat::binary);
 
-/// The photos of a model, sorted by name. Throws InputError on a camera or pose that cannot be used.
+/// The photos of a model, sorted by name. Throws InputError on a pose, or a camera of a photo, that cannot be used.
 std::vector<Photo> colmap_photos(const ColmapModel& model, const std::filesystem::path& image_folder);
 
 }  // namespace splatboost

@@ -24,10 +24,17 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kRow = 17;  // per camera in poses_bounds.npy: [3,5] of axes, centre and size, two depths
 
-bool is_video(const fs::path& camera) { return camera.extension() == ".mp4"; }
+/// In lower case: some cameras write names in capitals.
+std::string extension_of(const fs::path& file) {
+  std::string extension = file.extension().string();
+  for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return extension;
+}
+
+bool is_video(const fs::path& camera) { return extension_of(camera) == ".mp4"; }
 
 bool is_picture(const fs::path& file) {
-  const std::string extension = file.extension().string();
+  const std::string extension = extension_of(file);
   return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
 }
 

@@ -162,6 +162,7 @@ Transforms read_transforms(const std::filesystem::path& file) {
   read_lens(top, shared);
 
   Transforms result;
+  std::optional<std::size_t> timed, untimed;  // the first frame with a time, and the first without
   const std::filesystem::path folder = file.parent_path();
   for (std::size_t i = 0; i < frames->size(); ++i) {
     const Place frame{(*frames)[i], file.string() + ": frame " + std::to_string(i)};
@@ -179,9 +180,15 @@ Transforms read_transforms(const std::filesystem::path& file) {
     read_lens(frame, photo.lens);
     check_lens(photo.lens, frame.where);
     photo.camera_from_world = read_pose(frame);
-    photo.time = frame.number("time").value_or(0);
+    const std::optional<double> time = frame.number("time");
+    if (std::optional<std::size_t>& first = time ? timed : untimed; !first) first = i;
+    photo.time = time.value_or(0);
     if (!(photo.time >= 0 && photo.time <= 1)) frame.fail("'time' must lie between 0 and 1");
     result.photos.push_back(std::move(photo));
+  }
+  if (timed && untimed) {
+    top.fail("frame " + std::to_string(*untimed) + " has no 'time', but frame " + std::to_string(*timed) +
+             " has one; give a time to every frame, or to none");
   }
   if (const auto points = top.text("ply_file_path")) result.points_file = folder / *points;
   return result;

@@ -259,6 +259,25 @@ TEST(Colmap, UnknownModelsAreNamedWithThoseSupported) {
   expect_contains(SceneOnDisk(model).error(), "number 77");
 }
 
+TEST(Colmap, CamerasWithoutImagesMayBeOfAnyModel) {
+  for (const ColmapFormat format : {ColmapFormat::binary, ColmapFormat::text}) {
+    ColmapModel model = make_model();
+    model.cameras.push_back({8, 5, kWidth, kHeight, std::vector<double>(8, 1.0)});  // OPENCV_FISHEYE
+    model.cameras.push_back({9, 1, 0, 0, std::vector<double>(4, 0.0)});             // never calibrated
+    EXPECT_EQ(SceneOnDisk(model, format).read().train.size(), model.images.size());
+    model.images[0].camera_id = 8;
+    expect_contains(SceneOnDisk(model, format).error(), "camera 8 has the model OPENCV_FISHEYE");
+    model.images[0].camera_id = 9;
+    expect_contains(SceneOnDisk(model, format).error(), "camera 9: the image size is zero");
+  }
+}
+
+TEST(Colmap, ACameraListedTwiceIsRefused) {
+  ColmapModel model = make_model();
+  model.cameras.push_back(model.cameras[0]);
+  expect_contains(SceneOnDisk(model).error(), "cameras.bin: lists camera 7 twice");
+}
+
 TEST(Colmap, CamerasAndPosesThatCannotBeAreNamed) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const auto error_after = [](auto&& change, ColmapFormat format = ColmapFormat::binary) {

@@ -269,6 +269,19 @@ TEST(NeuralVideo, CamerasAreInTheOrderOfTheirNamesAsText) {
   EXPECT_EQ(scene.train[5].name, "cam2/0000.png");
 }
 
+TEST(NeuralVideo, ExtensionsMayBeInCapitals) {
+  const Rig disk;
+  for (int frame = 0; frame < 5; ++frame) {
+    const std::filesystem::path file = disk.folder / ("cam01/images/000" + std::to_string(frame) + ".png");
+    std::filesystem::rename(file, std::filesystem::path(file).replace_extension(".PNG"));
+  }
+  expect_rig(read_scene(options_of(disk.folder)), 0);
+  if (!have_opencv()) GTEST_SKIP() << "no OpenCV";
+  const Rig videos(true);
+  std::filesystem::rename(videos.folder / "cam01.mp4", videos.folder / "cam01.MP4");
+  expect_rig(read_scene(options_of(videos.folder)), 6);
+}
+
 TEST(NeuralVideo, VideosReadAsWritten) {
   if (!have_opencv()) GTEST_SKIP() << "no OpenCV";
   const Rig disk(true);

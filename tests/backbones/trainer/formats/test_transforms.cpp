@@ -276,6 +276,8 @@ TEST(Transforms, BrokenInputIsNamed) {
   expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][0] = -1; }), "determinant");
   expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][1] = 0.5; }), "orthogonal");
   expect_contains(broken([](Json& j) { j["frames"][1]["time"] = 3; }), "'time'");
+  expect_contains(broken([](Json& j) { j["frames"][1]["time"] = 0.5; }), "frame 0 has no 'time', but frame 1 has one");
+  expect_contains(broken([](Json& j) { j["frames"][0]["time"] = 0; }), "frame 1 has no 'time', but frame 0 has one");
 }
 
 TEST(Transforms, AFrameListedTwiceIsRefused) {
