@@ -255,7 +255,7 @@ double Pgsr::add_exposed_loss(const StepView& first) {
                  first.gradients.color,
                  compensates ? exposure_of(*first.context.view, exposures_.gradients) : exposure_gradients_.span(),
                  exposure_sums_, device_);
-  exposures_.pending = true;
+  if (compensates) exposures_.pending = true;
   const double l1 = device_.is_cuda() ? (1 - static_cast<double>(lambda)) * measured.l1 : exposure_sums_.host()[0];
   return static_cast<double>(lambda) * (1 - measured.ssim) + l1;
 }

@@ -94,6 +94,7 @@ void expect_losses_of_the_cpu(const SurfaceScene& scene, CudaStream& stream) {
   SurfaceLossParts found;
   for (int round = 0; round < 3; ++round) {
     DeviceArray<std::uint8_t> photos[2] = {{stream, scene.photos[0]}, {stream, scene.photos[1]}};
+    DeviceArray<std::uint8_t> valid[2] = {{stream, scene.valid[0]}, {stream, scene.valid[1]}};
     DeviceArray<std::uint8_t> patch_photos[2] = {{stream, scene.patch_photos[0]}, {stream, scene.patch_photos[1]}};
     DeviceArray<float> planes[2] = {{stream, scene.planes[0]}, {stream, scene.planes[1]}};
     DeviceArray<float> alphas[2] = {{stream, scene.alphas[0]}, {stream, scene.alphas[1]}};
@@ -105,9 +106,10 @@ void expect_losses_of_the_cpu(const SurfaceScene& scene, CudaStream& stream) {
     };
     const PatchPhoto patches[2] = {patches_of(0), patches_of(1)};
     const auto view = [&](std::size_t v) {
-      return SurfaceView{scene.cameras[v],    {SurfaceScene::kWidth, SurfaceScene::kHeight, photos[v].span(), {}},
-                         read(planes[v]),     read(alphas[v]),
-                         gradients[v].span(), scene.patches[v] ? &patches[v] : nullptr};
+      return SurfaceView{
+          scene.cameras[v],    {SurfaceScene::kWidth, SurfaceScene::kHeight, photos[v].span(), valid[v].span()},
+          read(planes[v]),     read(alphas[v]),
+          gradients[v].span(), scene.patches[v] ? &patches[v] : nullptr};
     };
     const SurfaceView one = view(0), other = view(1);
     found = loss.add(one, &other, {}, scene.random());
@@ -122,6 +124,12 @@ void expect_losses_of_the_cpu(const SurfaceScene& scene, CudaStream& stream) {
 
 TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu) {
   expect_losses_of_the_cpu(SurfaceScene(0.01), stream());
+}
+
+TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu_with_masks) {
+  SurfaceScene scene(0.01);
+  scene.mask_pixels();
+  expect_losses_of_the_cpu(scene, stream());
 }
 
 TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu_with_other_photos_for_patches) {

@@ -34,6 +34,7 @@ struct SurfaceScene {
                        camera_looking_at_origin({2.9f, -0.7f, 1.6f}, kWidth, kHeight)};
   std::vector<float> planes[2], alphas[2];
   std::vector<std::uint8_t> photos[2];
+  std::vector<std::uint8_t> valid[2];  ///< masks of the photos; empty: none
   Camera patch_cameras[2] = {cameras[0], cameras[1]};
   std::vector<std::uint8_t> patch_photos[2];  ///< those in which patches are compared
   std::optional<PatchPhoto> patches[2];       ///< if they are not `photos`
@@ -59,6 +60,13 @@ struct SurfaceScene {
         planes[v][3 * pixels() + p] = static_cast<float>(alpha * distance * (1 + noise * numbers.normal(next++)));
       }
       photos[v] = patch_photos[v] = photo_of(cameras[v]);
+    }
+  }
+  /// Masks different pixels of each photo.
+  void mask_pixels() {
+    for (std::size_t v = 0; v < 2; ++v) {
+      valid[v].assign(pixels(), 1);
+      for (std::size_t p = v; p < pixels(); p += 5 + v) valid[v][p] = 0;
     }
   }
   /// Compares patches in photos of this size.
@@ -97,7 +105,7 @@ struct SurfaceScene {
   static std::size_t pixels() { return static_cast<std::size_t>(kWidth) * kHeight; }
   SurfaceView view(std::size_t v, std::vector<float>& gradients) const {
     TruthImage truth;
-    if (!photos[v].empty()) truth = {kWidth, kHeight, photos[v], {}};
+    if (!photos[v].empty()) truth = {kWidth, kHeight, photos[v], valid[v]};
     return {cameras[v], truth, planes[v], alphas[v], gradients, patches[v] ? &*patches[v] : nullptr};
   }
   static RandomStream random() { return {2, 3, RandomPurpose::synth}; }
@@ -152,6 +160,7 @@ inline double plain_surface_loss(const SurfaceScene& scene, const std::vector<do
   const glm::dmat4 b_from_a = glm::dmat4(b.camera_from_world) * world_from_a, a_from_b = glm::inverse(b_from_a);
   const auto moved = [](const glm::dmat4& by, dvec3 point) { return dvec3(by * glm::dvec4(point, 1)); };
   const std::vector<double> depth_a = depths_of(first, a), depth_b = depths_of(second, b);
+  const auto masked = [&](std::size_t v, std::size_t p) { return !scene.valid[v].empty() && scene.valid[v][p] == 0; };
   double loss = 0;
 
   std::vector<double> edges(pixels, 0.0);
@@ -166,18 +175,23 @@ inline double plain_surface_loss(const SurfaceScene& scene, const std::vector<do
         dy += std::abs(value(x, y + 1) - value(x, y - 1)) / 3;
       }
       edges[index(x, y)] = std::max(dx, dy);
+      if (masked(0, index(x, y)) || masked(0, index(x - 1, y)) || masked(0, index(x + 1, y)) ||
+          masked(0, index(x, y - 1)) || masked(0, index(x, y + 1))) {
+        continue;
+      }
       least = std::min(least, edges[index(x, y)]);
       greatest = std::max(greatest, edges[index(x, y)]);
     }
   }
   for (int y = 1; y + 1 < kHeight; ++y) {
     for (int x = 1; x + 1 < kWidth; ++x) {
+      if (masked(0, index(x, y))) continue;
       const auto point = [&](int i, int j) { return depth_a[index(i, j)] * ray_of(a, index(i, j)); };
       const dvec3 normal =
           glm::normalize(glm::cross(point(x + 1, y) - point(x - 1, y), point(x, y - 1) - point(x, y + 1)));
       const std::size_t p = index(x, y);
       const dvec3 gap = static_cast<double>(scene.alphas[0][p]) * normal - normal_at(first, p);
-      const double rest = 1 - (edges[p] - least) / (greatest - least);
+      const double rest = 1 - std::clamp((edges[p] - least) / (greatest - least), 0.0, 1.0);
       loss += static_cast<double>(terms.normal_weight) / static_cast<double>(pixels) * rest * rest *
               (std::abs(gap.x) + std::abs(gap.y) + std::abs(gap.z));
     }
@@ -195,7 +209,8 @@ inline double plain_surface_loss(const SurfaceScene& scene, const std::vector<do
     const dvec3 back = moved(a_from_b, sampled(depth_b, at) * ray_at(b, at));
     noise[p] = glm::length(project(a, back) - project(a, ray_of(a, p)));
     const bool inside = at.x >= 0 && at.y >= 0 && at.x < kWidth && at.y < kHeight;
-    if (fresh && inside && noise[p] < static_cast<double>(terms.max_pixel_noise)) {
+    const bool both = inside && !masked(0, p) && !masked(1, index(static_cast<int>(at.x), static_cast<int>(at.y)));
+    if (fresh && both && noise[p] < static_cast<double>(terms.max_pixel_noise)) {
       frozen.weights[p] = std::exp(-noise[p]);
       ++frozen.agreeing;
     }

@@ -57,11 +57,13 @@ void fill_edges(const SurfaceView& view, SurfaceWorkspace& work, Threads& thread
   for_pixels(view.camera, threads,
              [&](int x, int y, std::size_t p) { edges[p] = surface::edge_of(view.truth.color, x, y, width, height); });
   float least = 765, greatest = 0;
-  for (int y = 1; width > 2 && y + 1 < height; ++y) {
+  for (int y = 1; y + 1 < height; ++y) {
     const float* row = &edges[static_cast<std::size_t>(y) * static_cast<std::size_t>(width)];
-    const auto [low, high] = std::minmax_element(row + 1, row + width - 1);
-    least = std::min(least, *low);
-    greatest = std::max(greatest, *high);
+    for (int x = 1; x + 1 < width; ++x) {
+      if (!surface::has_data_around(view.truth.valid, x, y, width)) continue;
+      least = std::min(least, row[x]);
+      greatest = std::max(greatest, row[x]);
+    }
   }
   const float range = greatest - least;
   for (float& edge : edges) edge = range > 0 ? (edge - least) / range : 0.0f;
@@ -126,8 +128,8 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
   const std::span<PixelMatch> matches = work.matches;
   RowSums rows(static_cast<std::size_t>(first.camera.height));
   for_pixels(first.camera, threads, [&](int x, int y, std::size_t p) {
-    matches[p] = surface::match_pixel(views, x, y, depth_first[p], depth_second, terms);
-    if (!first.truth.valid.empty() && first.truth.valid[p] == 0) matches[p].noise = -1;
+    matches[p] =
+        surface::match_pixel(views, x, y, depth_first[p], depth_second, first.truth.valid, second.truth.valid, terms);
     if (matches[p].noise < 0) return;
     auto& row = rows[static_cast<std::size_t>(y)];
     row[0] += static_cast<double>(std::exp(-matches[p].noise) * matches[p].noise);
@@ -215,6 +217,8 @@ void check_surface_view(const SurfaceView& view, bool with_alpha) {
   SPLATBOOST_CHECK(!with_alpha || view.alpha.size() == pixels, "alpha must be [H,W]");
   SPLATBOOST_CHECK(view.truth.color.empty() || view.truth.color.size() == 3 * pixels,
                    "the photo must be empty or of the camera's size");
+  SPLATBOOST_CHECK(view.truth.valid.empty() || view.truth.valid.size() == pixels,
+                   "the photo's mask must be empty or of the camera's size");
   if (view.patches == nullptr) return;
   check_camera(view.patches->camera);
   SPLATBOOST_CHECK(view.patches->truth.color.size() == 3 * pixels_of(view.patches->camera),

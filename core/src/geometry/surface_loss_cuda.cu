@@ -17,13 +17,14 @@ using surface::Vector;
 using surface::ViewPair;
 
 __global__ void __launch_bounds__(kBlockThreads)
-    edges_kernel(int width, int height, DeviceView<const std::uint8_t> color, DeviceView<float> edges,
-                 DeviceView<std::uint32_t> range) {
+    edges_kernel(int width, int height, DeviceView<const std::uint8_t> color, DeviceView<const std::uint8_t> valid,
+                 DeviceView<float> edges, DeviceView<std::uint32_t> range) {
   const ImagePixel pixel(width, height);
-  bool inner = false;
+  bool inner = false;  // and without a masked neighbour: only these set the range
   float edge = 0;
   if (pixel.inside) {
-    inner = pixel.x > 0 && pixel.y > 0 && pixel.x < width - 1 && pixel.y < height - 1;
+    inner = pixel.x > 0 && pixel.y > 0 && pixel.x < width - 1 && pixel.y < height - 1 &&
+            surface::has_data_around(valid, pixel.x, pixel.y, width);
     edges[pixel.index] = edge = surface::edge_of(color, pixel.x, pixel.y, width, height);
   }
   // Bits of floats that are not negative compare as integers; the minimum is kept as the maximum of the complements.
@@ -89,14 +90,14 @@ __global__ void __launch_bounds__(kBlockThreads)
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
-    match_kernel(ViewPair<float> views, SurfaceTerms terms, DeviceView<const std::uint8_t> valid,
-                 DeviceView<const float> depth_first, DeviceView<const float> depth_second,
-                 DeviceView<PixelMatch> matches, DeviceView<double> sums) {
+    match_kernel(ViewPair<float> views, SurfaceTerms terms, DeviceView<const std::uint8_t> valid_first,
+                 DeviceView<const std::uint8_t> valid_second, DeviceView<const float> depth_first,
+                 DeviceView<const float> depth_second, DeviceView<PixelMatch> matches, DeviceView<double> sums) {
   const ImagePixel pixel(views.first.width, views.first.height);
   float noise = 0, agrees = 0;
   if (pixel.inside) {
-    PixelMatch match = surface::match_pixel(views, pixel.x, pixel.y, depth_first[pixel.index], depth_second, terms);
-    if (!valid.empty() && valid[pixel.index] == 0) match.noise = -1;
+    const PixelMatch match = surface::match_pixel(views, pixel.x, pixel.y, depth_first[pixel.index], depth_second,
+                                                  valid_first, valid_second, terms);
     matches[pixel.index] = match;
     if (match.noise >= 0) {
       noise = expf(-match.noise) * match.noise;
@@ -187,8 +188,8 @@ void add_normal_term(const SurfaceView& first, const SurfaceTerms& terms, Surfac
   work.edge_range.assign_zeros(2);
   work.edges.ensure(by_edges ? pixels : 0);
   if (by_edges) {
-    launch_each(stream, "edges", edges_kernel, pixels, width, height, first.truth.color, work.edges.span(),
-                work.edge_range.span());
+    launch_each(stream, "edges", edges_kernel, pixels, width, height, first.truth.color, first.truth.valid,
+                work.edges.span(), work.edge_range.span());
   }
   work.differences.ensure(6 * pixels);
   const auto pinhole = surface::pinhole_of<float>(first.camera);
@@ -205,8 +206,8 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
   const std::size_t pixels = work.depth[0].size();
   const ViewPair<float> views = surface::pair_of<float>(first.camera, second.camera);
   work.matches.ensure(pixels);
-  launch_each(stream, "match", match_kernel, pixels, views, terms, first.truth.valid, read(work.depth[0]),
-              read(work.depth[1]), work.matches.span(), work.sums.span());
+  launch_each(stream, "match", match_kernel, pixels, views, terms, first.truth.valid, second.truth.valid,
+              read(work.depth[0]), read(work.depth[1]), work.matches.span(), work.sums.span());
   const std::span<const PixelMatch> matches = read(work.matches);
   const std::span<const double> sums = read(work.sums);
   if (terms.geometric_weight > 0) {

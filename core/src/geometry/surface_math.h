@@ -368,13 +368,24 @@ SPLATBOOST_HOST_DEVICE Reprojection<Real> reproject(const ViewPair<Real>& views,
   return out;
 }
 
-/// reproject() of pixel (x, y), in the form in which it is stored.
-template <class Image>
+/// Whether the pixel that contains (x, y) px has no data. @param valid [H,W]; empty: all have data
+template <class Mask>
+SPLATBOOST_HOST_DEVICE bool is_masked(const Mask& valid, float x, float y, int width) {
+  return !valid.empty() &&
+         valid[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] == 0;
+}
+
+/// reproject() of pixel (x, y), in the form in which it is stored. Pixels that are masked in either photo do not match.
+template <class Image, class Mask>
 SPLATBOOST_HOST_DEVICE PixelMatch match_pixel(const ViewPair<float>& views, int x, int y, float depth,
-                                              const Image& depths, const SurfaceTerms& terms) {
-  const Reprojection<float> found = reproject(views, static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f, depth,
-                                              depths, terms.max_pixel_noise, terms.near_depth);
-  return {found.agrees ? found.noise : -1.0f, found.x, found.y, found.g_first, found.g_second};
+                                              const Image& depths, const Mask& valid_first, const Mask& valid_second,
+                                              const SurfaceTerms& terms) {
+  const float at_x = static_cast<float>(x) + 0.5f, at_y = static_cast<float>(y) + 0.5f;
+  const Reprojection<float> found =
+      reproject(views, at_x, at_y, depth, depths, terms.max_pixel_noise, terms.near_depth);
+  const bool matches = found.agrees && !is_masked(valid_first, at_x, at_y, views.first.width) &&
+                       !is_masked(valid_second, found.x, found.y, views.second.width);
+  return {matches ? found.noise : -1.0f, found.x, found.y, found.g_first, found.g_second};
 }
 
 /// Weight of a pixel, given how strong an edge the photo has there. @param edge 0 to 1
@@ -382,6 +393,15 @@ template <class Real>
 SPLATBOOST_HOST_DEVICE Real edge_weight(Real edge) {
   const Real rest = edge < 0 ? Real(1) : edge > 1 ? Real(0) : 1 - edge;
   return rest * rest;
+}
+
+/// Whether a pixel and its four neighbours have data. @param x,y not on the border @param valid [H,W]; empty: all have
+template <class Mask>
+SPLATBOOST_HOST_DEVICE bool has_data_around(const Mask& valid, int x, int y, int width) {
+  if (valid.empty()) return true;
+  const auto row = static_cast<std::size_t>(width);
+  const std::size_t p = static_cast<std::size_t>(y) * row + static_cast<std::size_t>(x);
+  return valid[p] != 0 && valid[p - 1] != 0 && valid[p + 1] != 0 && valid[p - row] != 0 && valid[p + row] != 0;
 }
 
 /// Largest central difference along x or y, mean over channels; 0 on the border, which has weight 0 anyway.

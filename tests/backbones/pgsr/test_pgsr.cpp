@@ -410,6 +410,22 @@ TEST_F(PgsrRun, a_scored_view_is_exposed_as_it_is_trained) {
   }
 }
 
+TEST_F(PgsrRun, exposures_step_only_after_views_that_they_compensate) {
+  PgsrConfig config = eager();
+  config.exposure = true;
+  config.exposure_from = 1;
+  const RandomStream random(7, 0, RandomPurpose::synth);
+  std::uint64_t next = 0;
+  for (View& view : scene_.train) {  // no render resembles noise
+    for (std::uint8_t& value : view.color) value = static_cast<std::uint8_t>(255 * random.uniform(next++));
+  }
+  const auto backbone = make(config);
+  testing::train(*backbone, scene_, 1, 20);
+  const test::TemporaryFolder folder;
+  testing::save_state(*backbone, folder / "state");
+  EXPECT_EQ(ArchiveReader(folder / "state").integer("exposure.steps"), 0);
+}
+
 TEST_F(PgsrRun, resume_is_exact) {
   testing::StepsEveryThird third;
   PgsrConfig config = eager();

@@ -63,6 +63,7 @@ struct Case {
   const char* name;
   float normal, geometric, photometric;
   int patch_width = SurfaceScene::kWidth, patch_height = SurfaceScene::kHeight;  ///< size of the photos of patches
+  bool masked = false;
 };
 class SurfaceLossCase : public ::testing::TestWithParam<Case> {};
 
@@ -71,6 +72,7 @@ TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differe
   if (GetParam().patch_width != SurfaceScene::kWidth) {
     scene.take_patch_photos(GetParam().patch_width, GetParam().patch_height);
   }
+  if (GetParam().masked) scene.mask_pixels();
   SurfaceTerms terms;
   terms.normal_weight = GetParam().normal;
   terms.geometric_weight = GetParam().geometric;
@@ -125,12 +127,13 @@ TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differe
   });
 }
 
-INSTANTIATE_TEST_SUITE_P(Terms, SurfaceLossCase,
-                         ::testing::Values(Case{"normal", 0.5f, 0, 0}, Case{"geometric", 0, 0.5f, 0},
-                                           Case{"photometric", 0, 0, 0.5f}, Case{"finer_photos", 0, 0, 0.5f, 40, 32},
-                                           Case{"coarser_photos", 0, 0, 0.5f, 13, 11},
-                                           Case{"all", 0.015f, 0.03f, 0.15f}),
-                         [](const auto& tested) { return tested.param.name; });
+INSTANTIATE_TEST_SUITE_P(
+    Terms, SurfaceLossCase,
+    ::testing::Values(Case{"normal", 0.5f, 0, 0}, Case{"geometric", 0, 0.5f, 0}, Case{"photometric", 0, 0, 0.5f},
+                      Case{"finer_photos", 0, 0, 0.5f, 40, 32}, Case{"coarser_photos", 0, 0, 0.5f, 13, 11},
+                      Case{"all", 0.015f, 0.03f, 0.15f},
+                      Case{"masked", 0.015f, 0.03f, 0.15f, SurfaceScene::kWidth, SurfaceScene::kHeight, true}),
+    [](const auto& tested) { return tested.param.name; });
 
 TEST(SurfaceLossRun, gives_the_same_bytes_for_any_number_of_threads_and_again) {
   const SurfaceScene scene(0.01);
