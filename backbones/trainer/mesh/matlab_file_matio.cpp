@@ -4,6 +4,7 @@
 #include <matio.h>
 
 #include "trainer/mesh/matlab_file.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -48,7 +49,7 @@ void with_values(const matvar_t& variable, const std::string& what, Use&& use) {
 template <class Number, class Convert>
 MatlabArray<Number> read(const std::filesystem::path& path, const std::string& name, Convert&& convert) {
   Mat_LogInitFunc("splatboost", [](int, char*) {});  // by default it would print to the terminal
-  require(std::filesystem::is_regular_file(path), path.string() + ": there is no such file");
+  require(is_file(path), path.string() + ": there is no such file");
   const std::unique_ptr<mat_t, Close> file(Mat_Open(path.c_str(), MAT_ACC_RDONLY));
   require(file != nullptr, path.string() + ": is not a MATLAB file, or is damaged");
   const std::unique_ptr<matvar_t, Close> variable(Mat_VarRead(file.get(), name.c_str()));

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -83,19 +84,26 @@ std::array<double, 16> read_transform(const std::filesystem::path& path) {
     require(static_cast<bool>(in >> value) && std::isfinite(value),
             path.string() + ": must hold the 16 numbers of a 4x4 matrix, row by row");
   }
+  // A matrix stored by columns would otherwise lose its translation.
+  require(transform[12] == 0 && transform[13] == 0 && transform[14] == 0 && transform[15] == 1,
+          path.string() + ": the last row of the matrix must be 0 0 0 1");
   return transform;
 }
 
 void transform_points(const std::array<double, 16>& m, std::span<float> points) {
+  constexpr double kMost = std::numeric_limits<float>::max();
+  bool finite = true;
   for (std::size_t i = 0; i + 2 < points.size(); i += 3) {
     const double p[4] = {static_cast<double>(points[i]), static_cast<double>(points[i + 1]),
                          static_cast<double>(points[i + 2]), 1};
     for (std::size_t row = 0; row < 3; ++row) {
       double sum = 0;
       for (std::size_t column = 0; column < 4; ++column) sum += m[4 * row + column] * p[column];
+      finite = finite && std::abs(sum) <= kMost;  // fails for NaN
       points[i + row] = static_cast<float>(sum);
     }
   }
+  require(finite, "the alignment moves points to coordinates that are not finite; check --align or --trajectory");
 }
 
 std::optional<double> tanks_and_temples_threshold(std::string_view scene) {

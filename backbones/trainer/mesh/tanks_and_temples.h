@@ -31,10 +31,10 @@ std::vector<float> cropped(std::span<const float> points, const CropVolume& volu
 /// @param scene "Barn", as in Barn.json
 std::optional<double> tanks_and_temples_threshold(std::string_view scene);
 
-/// Reads a 4×4 matrix in row-major order (SCENE_trans.txt). Throws InputError.
+/// Reads an affine 4×4 matrix in row-major order (SCENE_trans.txt). Throws InputError.
 std::array<double, 16> read_transform(const std::filesystem::path& path);
 
-/// Applies the row-major transform to the points [N,3] in place.
+/// Applies the row-major affine transform to the points [N,3] in place. Throws InputError if a result is not finite.
 void transform_points(const std::array<double, 16>& transform, std::span<float> points);
 
 /// Refines an alignment by ICP: the similarity that brings the points [N,3] to the truth [M,3], row-major. Pairs of

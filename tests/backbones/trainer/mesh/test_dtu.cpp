@@ -134,6 +134,7 @@ TEST(Dtu, refuses_files_that_hold_something_else) {
     EXPECT_NE(text.find("libmatio-dev"), std::string::npos);
     return;
   }
+  EXPECT_NE(told([&] { read_dtu_plane(folder / std::string(300, 'x')); }).find("no such file"), std::string::npos);
   MatlabWriter(folder / "Plane2.mat").doubles("P", {3, 1}, {0, 0, 2});
   EXPECT_NE(told([&] { read_dtu_plane(folder / "Plane2.mat"); }).find("plane of 4"), std::string::npos);
   MatlabWriter(folder / "other.mat").doubles("Q", {4, 1}, {0, 0, 2, 1});

@@ -155,6 +155,14 @@ TEST(Transform, moves_points_as_its_rows_say) {
   EXPECT_EQ(points, (std::vector<float>{-3, 2, 3}));
   std::ofstream(folder / "short.txt") << "1 2 3";
   test::expect_contains(test::input_error_of([&] { read_transform(folder / "short.txt"); }), "16 numbers");
+  std::ofstream(folder / "columns.txt") << "0 2 0 0\n-2 0 0 0\n0 0 2 0\n1 0 -3 1\n";
+  test::expect_contains(test::input_error_of([&] { read_transform(folder / "columns.txt"); }), "last row");
+  for (const double scale : {1e300, static_cast<double>(NAN)}) {
+    test::expect_contains(test::input_error_of([&] {
+                            transform_points({scale, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, points);
+                          }),
+                          "not finite");
+  }
 }
 
 }  // namespace
