@@ -20,8 +20,11 @@ using namespace tracking;
 constexpr std::size_t kFirstFeatures = 50;  ///< minimum number of features with depth, or of matches, to start a map
 constexpr std::size_t kMinMatches = 20;     ///< minimum number of inliers of a tracked frame
 constexpr std::size_t kMinFound = 30;       ///< the same for relocalisation
-constexpr std::size_t kTrialKeyframes = 5;  ///< without depth, a map with fewer is dropped …
-constexpr int kTrialLost = 5;               ///< … when tracking has been lost for this many frames
+/// Minimum share of the expected points that are matched: where only a pattern repeats, fewer are.
+constexpr double kMinShare = 0.1;
+constexpr double kGoodShare = 0.2;                      ///< from this share on, no other search is tried
+constexpr std::size_t kTrialKeyframes = 5;              ///< without depth, a map with fewer is dropped …
+constexpr int kTrialLost = 5;                           ///< … when tracking has been lost for this many frames
 constexpr double kNarrow = 4, kUsual = 15, kWide = 40;  ///< search radii for map points, px
 constexpr double kFirstSearch = 0.1;  ///< search radius around the last place of a feature, × width, without a map
 constexpr std::size_t kLocalKeyframes = 10;
@@ -88,8 +91,9 @@ struct Tracker::State {
   }
 
   /// Searches for candidate map points that are not matched yet. @param count whether to update MapPoint::expected
-  void search(const Features& features, const FeatureGrid& grid, const Pose& pose, std::vector<int> candidates,
-              double radius, std::vector<int>& points, bool count) {
+  /// @return number of points expected in the image, including those matched before; at most that of the features
+  std::size_t search(const Features& features, const FeatureGrid& grid, const Pose& pose, std::vector<int> candidates,
+                     double radius, std::vector<int>& points, bool count) {
     const std::set<int> known(points.begin(), points.end());
     std::erase_if(candidates, [&](int p) { return known.contains(p) || map.point(p).gone; });
     std::vector<int> visible;
@@ -101,6 +105,12 @@ struct Tracker::State {
         points[static_cast<std::size_t>(found[i])] = visible[i];
       }
     }
+    const std::size_t matched = known.size() - (known.contains(-1) ? 1 : 0);
+    return std::min(matched + visible.size(), features.size());
+  }
+
+  static bool has_share(std::size_t matches, std::size_t expected, double share) {
+    return static_cast<double>(matches) >= share * static_cast<double>(expected);
   }
 
   /// Keyframes that see most of `points`, at most kLocalKeyframes; most first, ties by index.
@@ -135,15 +145,30 @@ struct Tracker::State {
     }
     std::ranges::sort(candidates);
     candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
+    // If the camera has moved farther than expected, a few features near the expected places may still match by
+    // chance. So the search that explains most is used.
     const Pose predicted = pose;
-    for (const double radius : {kUsual, kWide}) {
-      pose = predicted;
-      points.assign(features.size(), -1);
-      search(features, grid, pose, candidates, radius, points, false);
-      if (const std::size_t count = refine(map, features, points, pose); count >= kMinMatches) return count;
-    }
+    std::size_t most = 0;
+    const auto keep_best = [&](std::size_t count, std::vector<int> found, const Pose& at) {
+      if (count < kMinMatches || count <= most) return;
+      most = count;
+      points = std::move(found);
+      pose = at;
+    };
     points.assign(features.size(), -1);
-    return match_keyframe(reference, features, points, pose, kMinMatches);
+    for (const double radius : {kUsual, kWide}) {
+      std::vector<int> found(features.size(), -1);
+      Pose at = predicted;
+      const std::size_t expected = search(features, grid, at, candidates, radius, found, false);
+      const std::size_t count = refine(map, features, found, at);
+      keep_best(count, std::move(found), at);
+      if (count >= kMinMatches && has_share(count, expected, kGoodShare)) return most;
+    }
+    std::vector<int> found(features.size(), -1);
+    Pose at = predicted;
+    const std::size_t count = match_keyframe(reference, features, found, at, kMinMatches);
+    keep_best(count, std::move(found), at);
+    return most;
   }
 
   /// Matches a frame with a keyframe by descriptors alone. @return number of inliers
@@ -164,13 +189,21 @@ struct Tracker::State {
     for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
     for (const std::size_t keyframe : similar_keyframes(map, features, all, kRelocalizations)) {
       if (match_keyframe(keyframe, features, points, pose, kMinMatches) == 0) continue;
-      search(features, grid, pose, local_points(points), kUsual, points, false);
-      if (const std::size_t count = refine(map, features, points, pose); count >= kMinFound) {
+      const std::size_t expected = search(features, grid, pose, local_points(points), kUsual, points, false);
+      const std::size_t count = refine(map, features, points, pose);
+      if (count >= kMinFound && has_share(count, expected, kMinShare)) {
         reference = keyframe;
         return count;
       }
     }
     return 0;
+  }
+
+  /// Matches further points of the keyframes around. @return number of inliers; 0: too few of the expected points
+  std::size_t match_local(const Features& features, const FeatureGrid& grid, Pose& pose, std::vector<int>& points) {
+    const std::size_t expected = search(features, grid, pose, local_points(points), kNarrow, points, true);
+    const std::size_t count = refine(map, features, points, pose);
+    return has_share(count, expected, kMinShare) ? count : 0;
   }
 
   bool is_near(const Pose& pose, const MapKeyframe& keyframe) const {
@@ -314,10 +347,10 @@ struct Tracker::State {
     std::vector<int> points;
     const bool was_lost = lost_frames > 0;
     std::size_t count = was_lost ? 0 : track_from(features, grid, pose, points);
-    if (count < kMinMatches) count = relocalize(features, grid, pose, points);
-    if (count >= kMinMatches) {
-      search(features, grid, pose, local_points(points), kNarrow, points, true);
-      count = refine(map, features, points, pose);
+    if (count >= kMinMatches) count = match_local(features, grid, pose, points);
+    if (count < kMinMatches) {
+      count = relocalize(features, grid, pose, points);
+      if (count >= kMinMatches) count = match_local(features, grid, pose, points);
     }
     lost_frames = count < kMinMatches ? lost_frames + 1 : 0;
     if (lost_frames > 0) {

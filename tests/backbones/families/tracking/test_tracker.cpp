@@ -19,6 +19,7 @@ namespace splatboost {
 namespace {
 
 constexpr int kWidth = 240, kHeight = 180, kFrames = 16;
+constexpr int kElsewhere = 170;  ///< frame of the walk that shows nothing of its beginning
 
 const std::vector<SequenceFrame>& walk() {
   static const std::vector<SequenceFrame> frames = testing::walk_frames(kWidth, kHeight, kFrames, kWalkFrames);
@@ -40,6 +41,13 @@ Calibration calibration(int width = kWidth, int height = kHeight) {
 TrackerOptions options() {
   TrackerOptions o;
   o.features = 400;
+  return o;
+}
+
+/// With more features, more match by chance.
+TrackerOptions many_features() {
+  TrackerOptions o;
+  o.features = 1000;
   return o;
 }
 
@@ -121,6 +129,34 @@ TEST(Tracker, is_lost_and_finds_itself_again) {
   const glm::dvec3 found(glm::inverse(tracker.camera_from_world(back))[3]);
   EXPECT_NEAR(glm::length(found), glm::length(walk_pose(5, kWalkFrames).centre - walk_pose(0, kWalkFrames).centre),
               0.02);
+}
+
+/// Between the frames features move farther than the tracker looks at first, where some match by chance.
+TEST(Tracker, a_fast_camera_is_not_located_by_chance) {
+  Tracker tracker(calibration(), many_features());
+  std::vector<TrackedFrame> frames;
+  for (const std::size_t i : {0u, 5u, 10u, 15u}) frames.push_back(tracker.track(walk()[i]));
+  for (const TrackedFrame& frame : frames) EXPECT_EQ(frame.state, TrackState::tracked) << frame.frame;
+  EXPECT_LT(error_of(tracker, frames), 0.03);
+}
+
+TEST(Tracker, a_jump_to_another_place_is_no_tracking) {
+  const auto room = synthetic::make_room();
+  const synthetic::Intrinsics camera(kWidth, kHeight);
+  Threads threads;
+  Tracker tracker(calibration(), many_features());
+  for (const SequenceFrame& frame : walk()) tracker.track(frame);
+  const std::size_t keyframes = tracker.keyframes();
+  for (int i = 0; i < 2; ++i) {
+    synthetic::Picture picture(camera);
+    synthetic::render_view(*room, camera, walk_pose(kElsewhere + i, kWalkFrames), 1, threads, picture);
+    SequenceFrame frame = walk()[0];
+    frame.number = walk().size() + static_cast<std::size_t>(i);
+    frame.color = picture.color;
+    frame.depth.assign(picture.depth.begin(), picture.depth.end());
+    EXPECT_EQ(tracker.track(frame).state, TrackState::lost) << i;
+  }
+  EXPECT_EQ(tracker.keyframes(), keyframes);
 }
 
 TEST(Tracker, frames_without_depth_are_tracked_but_no_keyframes) {
