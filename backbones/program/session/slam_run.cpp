@@ -88,6 +88,7 @@ void SlamRun::tell(const TrackedFrame& frame, const SequenceFrame& picture) {
   const auto say = [&](const std::string& what) {
     std::fprintf(stderr, "frame %zu (%s): %s\n", frame.frame, printable(picture.name).c_str(), printable(what).c_str());
   };
+  unusable_ += picture.color.empty() ? 1 : 0;
   if (!picture.problem.empty() && ++problems_ <= kMaxProblems) {
     say(picture.problem + (picture.color.empty() ? "; left out" : "; tracked by colour alone") +
         (problems_ == kMaxProblems ? " (further messages of this kind are not printed)" : ""));
@@ -311,6 +312,9 @@ void SlamRun::finish_mapping() {
   if (stopped_()) return;
   take_held();
   if (online_ == nullptr) {
+    require(unusable_ < outcome_.frames.size(),
+            options_.scene.source.string() +
+                ": nothing could be tracked: not one image can be used; see the messages about single frames");
     require(!scene_.train.empty(),
             options_.scene.source.string() +
                 (sequence_.calibration().has_depth()

@@ -127,7 +127,7 @@ class SlamRun {
   } shown_mapping_;
   double began_ = 0, shown_ = 0;
   TrackState last_state_ = TrackState::waiting;
-  std::size_t tracked_ = 0, problems_ = 0;
+  std::size_t tracked_ = 0, problems_ = 0, unusable_ = 0;  ///< unusable: frames without an image
 };
 
 }  // namespace splatboost::program

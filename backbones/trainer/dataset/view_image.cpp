@@ -2,16 +2,15 @@
 #include "trainer/dataset/view_image.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <fstream>
-#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "splatboost/errors.h"
 #include "trainer/images/image_codec.h"
+#include "trainer/images/image_damage.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 
@@ -35,85 +34,11 @@ std::vector<std::uint8_t> read_bytes(const Photo& photo) {
   if (!std::filesystem::is_regular_file(photo.file, error)) fail(photo, "is not a file");
   const auto size = std::filesystem::file_size(photo.file, error);
   if (error) fail(photo, "cannot be read: " + error.message());
-  if (size == 0) fail(photo, "the image is empty (0 bytes); copy it again");
   std::vector<std::uint8_t> bytes(size);
   std::ifstream in(photo.file, std::ios::binary);
   in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
   if (!in) fail(photo, "cannot be read; check its permissions");
   return bytes;
-}
-
-bool starts_with(std::span<const std::uint8_t> bytes, std::string_view magic) {
-  return bytes.size() >= magic.size() &&
-         std::equal(magic.begin(), magic.end(), bytes.begin(),
-                    [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
-}
-
-std::uint32_t big_endian_32(std::span<const std::uint8_t> bytes, std::size_t at) {
-  return std::uint32_t{bytes[at]} << 24 | std::uint32_t{bytes[at + 1]} << 16 | std::uint32_t{bytes[at + 2]} << 8 |
-         std::uint32_t{bytes[at + 3]};
-}
-
-constexpr std::array<std::uint32_t, 256> make_crc_table() {
-  std::array<std::uint32_t, 256> table{};
-  for (std::uint32_t i = 0; i < 256; ++i) {
-    std::uint32_t value = i;
-    for (int bit = 0; bit < 8; ++bit) value = (value & 1) != 0 ? 0xedb88320u ^ (value >> 1) : value >> 1;
-    table[i] = value;
-  }
-  return table;
-}
-
-std::uint32_t crc32(std::span<const std::uint8_t> bytes) {
-  static constexpr std::array<std::uint32_t, 256> kTable = make_crc_table();
-  std::uint32_t crc = 0xffffffffu;
-  for (const std::uint8_t byte : bytes) crc = kTable[(crc ^ byte) & 0xff] ^ (crc >> 8);
-  return ~crc;
-}
-
-/// Checks the chunks of a PNG. libpng detects damage as well, but reports it on stderr.
-void check_png(const Photo& photo, std::span<const std::uint8_t> bytes) {
-  for (std::size_t at = 8;;) {
-    if (bytes.size() - at < 12) fail(photo, "the PNG is cut short; copy it again");
-    const std::size_t length = big_endian_32(bytes, at);
-    if (length > bytes.size() - at - 12) fail(photo, "the PNG is cut short; copy it again");
-    const auto checked = bytes.subspan(at + 4, length + 4);
-    if (crc32(checked) != big_endian_32(bytes, at + 8 + length)) {
-      fail(photo, "the PNG is damaged (a checksum does not match); copy it again");
-    }
-    if (starts_with(checked, "IEND")) return;
-    at += 12 + length;
-  }
-}
-
-/// Looks for the end marker of a JPEG after the start of its first scan. libjpeg fills a truncated image with grey,
-/// warns on stderr and reports success; training on that would be a silent error.
-void check_jpeg(const Photo& photo, std::span<const std::uint8_t> bytes) {
-  std::size_t at = 2;
-  while (at + 4 <= bytes.size()) {
-    if (bytes[at] != 0xff) return;  // not a marker: the decoder decides
-    const std::uint8_t marker = bytes[at + 1];
-    if (marker == 0xff) {  // fill byte
-      ++at;
-      continue;
-    }
-    if (marker == 0xda) {  // start of scan: inside it, 0xff is always followed by 0 or a marker
-      for (std::size_t i = at + 2; i + 1 < bytes.size(); ++i) {
-        if (bytes[i] == 0xff && bytes[i + 1] == 0xd9) return;
-      }
-      break;
-    }
-    at += 2 + (std::size_t{bytes[at + 2]} << 8 | bytes[at + 3]);
-  }
-  fail(photo, "the JPEG is cut short; copy it again");
-}
-
-/// Compares a BMP with the size in its header. OpenCV detects truncation as well, but reports it on stderr.
-void check_bmp(const Photo& photo, std::span<const std::uint8_t> bytes) {
-  constexpr std::size_t kHeader = 54;
-  const bool complete = bytes.size() >= kHeader && (std::size_t{bytes[5]} << 24 | std::size_t{bytes[4]} << 16 |
-                                                    std::size_t{bytes[3]} << 8 | bytes[2]) <= bytes.size();
-  if (!complete) fail(photo, "the BMP is cut short or damaged; copy it again");
 }
 
 std::size_t count_pixels(const Pixels& pixels) {
@@ -133,12 +58,10 @@ bool is_transparent(const Pixels& pixels) {
 
 Pixels decode(const Photo& photo) {
   const std::vector<std::uint8_t> bytes = read_bytes(photo);
-  if (starts_with(bytes, "\x89PNG\r\n\x1a\n")) check_png(photo, bytes);
-  if (starts_with(bytes, "\xff\xd8\xff")) check_jpeg(photo, bytes);
-  if (starts_with(bytes, "BM")) check_bmp(photo, bytes);
+  require_whole_image(bytes, photo.file.string());
   Pixels pixels = decode_image(bytes, photo.file.string());
   // OpenCV returns their colours multiplied by alpha; rounding makes this irreversible.
-  const bool tiff = starts_with(bytes, {"II*\0", 4}) || starts_with(bytes, {"MM\0*", 4});
+  const bool tiff = has_magic(bytes, {"II*\0", 4}) || has_magic(bytes, {"MM\0*", 4});
   if (tiff && pixels.bits == 8 && is_transparent(pixels)) {
     fail(photo, "transparent TIFF files with 8 bits are not supported; convert it to PNG");
   }

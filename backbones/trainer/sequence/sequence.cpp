@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "trainer/images/image_codec.h"
+#include "trainer/images/image_damage.h"
 #include "trainer/images/video.h"
 #include "trainer/sequence/sequence_files.h"
 #include "trainer/support/input_error.h"
@@ -20,10 +21,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<std::uint8_t> bytes_of(const fs::path& file) {
+Pixels read_image(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
   require(in.good(), file.string() + ": cannot be read");
-  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  const std::vector<std::uint8_t> bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  require_whole_image(bytes, file.string());
+  return decode_image(bytes, file.string());
 }
 
 /// [H,W,2] position x, y in the distorted image of each pixel of the undistorted image.
@@ -127,7 +130,7 @@ class FileSequence final : public Sequence {
 
   /// [H,W,3]
   std::vector<std::uint8_t> read_color(const fs::path& file) const {
-    return color_of(decode_image(bytes_of(file), file.string()), file);
+    return color_of(read_image(file), file);
   }
 
   std::vector<std::uint8_t> color_of(Pixels pixels, const fs::path& file) const {
@@ -155,7 +158,7 @@ class FileSequence final : public Sequence {
   }
 
   void read_depth(const fs::path& file, SequenceFrame& frame) const {
-    const Pixels pixels = decode_image(bytes_of(file), file.string());
+    const Pixels pixels = read_image(file);
     require_size(pixels, file);
     require(pixels.bits == 16 && pixels.channels == 1, file.string() + ": depth images must have one 16-bit channel");
     const std::size_t count = static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height);

@@ -274,6 +274,12 @@ Calibration read_calibration(const fs::path& file) {
   read("p1", "p1", c.p1, false);
   read("p2", "p2", c.p2, false);
   read("k3", "k3", c.k3, false);
+  for (const char* unsupported : {"k4", "k5", "k6"}) {
+    double value = 0;
+    read(unsupported, unsupported, value, false);
+    require(value == 0, file.string() + ": " + unsupported +
+                            " is not supported, only the distortion k1, k2, p1, p2, k3; undistort the images");
+  }
   read("depth_scale", "scale", c.depth_scale, false);
   check_calibration(c, file.string());
   return c;

@@ -311,6 +311,18 @@ TEST(HardInput, no_depth_at_all) {
   expect_in(lines, "nothing could be tracked: no frame has enough features with depth");
 }
 
+TEST(HardInput, no_image_at_all) {
+  Mapping mapping;
+  mapping.sequence.changed = [](SequenceFrame& frame) {
+    frame.color.clear();
+    frame.problem = "cannot be read";
+  };
+  const std::string lines = mapping.lines();
+  expect_in(lines, "frame 0 (0.png): cannot be read; left out");
+  expect_in(lines, "nothing could be tracked: not one image can be used");
+  EXPECT_EQ(lines.find("depth_scale"), std::string::npos) << lines;
+}
+
 TEST(WithoutDepth, goes_to_its_end) {
   Mapping mapping(2 * kFrames);
   mapping.sequence.forget_depth();

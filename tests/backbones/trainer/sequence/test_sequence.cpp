@@ -214,6 +214,23 @@ TEST(Sequence, tum_cameras_are_those_of_the_innermost_folder_that_names_one) {
   EXPECT_EQ(focal_length(parent / "fr2/desk/."), 520.908620) << "the name of a folder above it";
 }
 
+/// The decoder would fill the missing part with grey.
+TEST(Sequence, a_jpeg_that_is_cut_short_is_no_image) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  // An end marker before the scan is that of a thumbnail.
+  const std::string begin("\xff\xd8\xff\xe1\x00\x04\xff\xd9\xff\xda\x00\x02\x11\xff\x00\x22", 16);
+  std::ofstream(folder / "results/frame000000.png") << begin;
+  std::ofstream(folder / "results/frame000001.png") << begin << "\xff\xd9";
+  std::ofstream(folder / "results/frame000002.png").close();
+  const auto sequence = open_sequence(of(folder.path()));
+  const SequenceFrame cut = sequence->read(0);
+  EXPECT_TRUE(cut.color.empty());
+  expect_in(cut.problem, "frame000000.png: the JPEG is cut short");
+  EXPECT_EQ(sequence->read(1).problem.find("cut short"), std::string::npos) << sequence->read(1).problem;
+  expect_in(sequence->read(2).problem, "frame000002.png: the image is empty");
+}
+
 /// k1 bends straight lines; pixels without data are invalid.
 TEST(Sequence, distortion_is_taken_out) {
   const TemporaryFolder folder;
@@ -294,6 +311,8 @@ TEST(Sequence, what_is_wrong_is_one_line) {
   expect_in(with(R"({"w": 48, "h": 40, "fx": -1, "fy": 50, "cx": 24, "cy": 20})"), "focal lengths must be above 0");
   expect_in(with(R"({"w": 48, "h": 40, "fx": 0.5, "fy": 50, "cx": 24, "cy": 20})"), "do not match the image size");
   expect_in(with(R"({"w": 48, "h": 40, "fx": 50, "fy": 50, "cx": 240, "cy": 20})"), "principal point");
+  expect_in(with(calibration(", \"k4\": 0.1")), "k4 is not supported");
+  EXPECT_EQ(with(calibration(", \"k4\": 0")), "");
   EXPECT_EQ(with(R"({"w": 96, "h": 40, "fx": 50, "fy": 50, "cx": 24, "cy": 20})"), "");
   expect_in(open_sequence(of(folder.path()))->read(0).problem, "calibration has 96x40");
   fs::remove(folder / "cam_params.json");
