@@ -112,7 +112,7 @@ int run_commands(int argc, char** argv) {
   std::string command_line = "splatboost";
   std::vector<std::string> arguments;
   for (int i = 1; i < argc; ++i) {
-    command_line += std::string(" ") + argv[i];
+    command_line += " " + shell_word(argv[i]);
     arguments.insert(arguments.begin(), with_dashes(argv[i]));  // CLI11 expects them in reverse order
   }
   std::string where = "splatboost";

@@ -47,7 +47,8 @@ def test_unknown_option_suggests_the_nearest(wrong, right):
 
 
 def test_unknown_option_without_a_near_one():
-    assert "unknown option --xyzzy" in fails("train", "--xyzzy")
+    assert "unknown option --xyzzy (see" in fails("train", "--xyzzy")
+    assert "unknown option --beta (see" in fails("eval", "--beta", "0.5")
 
 
 def test_stray_argument():
@@ -81,6 +82,33 @@ def test_missing_output_folder(scene):
 def test_impossible_values(scene, tmp_path, arguments, name):
     length = [] if "--iterations" in arguments else ["--iterations", "2"]
     assert name in fails("train", "-s", scene, "-m", tmp_path / "model", *length, *arguments)
+    assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize("arguments", [["--beta", "0.5"], ["--tau-d", "5"], ["--views", "3"], ["--literal"],
+                                       ["--no-vcd"], ["--no-vcp"], ["--no-cb"], ["--no-absgrad"], ["--no-schedule"],
+                                       ["--no-coarse"]])
+def test_options_without_a_meaning_for_a_published_run(scene, tmp_path, arguments):
+    for command in ("train", "slam"):
+        line = fails(command, "-s", scene, "-m", tmp_path / "model", "--no-boost", *arguments)
+        assert f"{arguments[0]} has no effect without acceleration" in line
+
+
+@pytest.mark.parametrize("command", ["train", "compare"])
+def test_test_views_need_eval(scene, tmp_path, command):
+    line = fails(command, "-s", scene, "-m", tmp_path / "model", "--llffhold", "4")
+    assert "--llffhold has no effect without --eval" in line
+
+
+def test_a_frame_rate_needs_a_video(trained):
+    assert "--fps requires --video" in fails("render", "-m", trained, "--orbit", "3", "--fps", "5")
+
+
+@pytest.mark.parametrize("command", ["train", "compare"])
+@pytest.mark.parametrize("option", ["--save-iterations", "--checkpoint-iterations"])
+def test_iterations_after_the_end(scene, tmp_path, command, option):
+    run = [command, "-s", scene, "-m", tmp_path / "model", "--iterations", "5"]
+    assert f"{option}: 6 is after the end of the run, 5 iterations" in fails(*run, option, "2,6")
     assert not (tmp_path / "model").exists()
 
 
@@ -227,6 +255,7 @@ def test_truncated_model(trained, tmp_path):
 
 def test_checkpoints_that_are_none(trained, tmp_path):
     assert "no such checkpoint" in fails("train", "--resume", tmp_path / "none.ckpt", "-m", tmp_path / "model")
+    assert "is a folder; name a checkpoint" in fails("train", "--resume", trained)
     whole = (trained / "checkpoints/iteration_25.ckpt").read_bytes()
     bad = tmp_path / "run/checkpoints/iteration_25.ckpt"
     bad.parent.mkdir(parents=True)

@@ -149,6 +149,46 @@ def test_a_comparison_is_not_replaced_by_a_run(scene, tmp_path):
     run_well("compare", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
 
 
+def test_a_comparison_killed_while_it_measured_trains_only_the_other_run(scene, tmp_path):
+    model = tmp_path / "both"
+    run_well("compare", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
+    running = start("compare", "-s", scene, "-m", model, *SHORT_RUN, "--seed", "2")
+    wait_for(model / "baseline/point_cloud/iteration_60/point_cloud.ply", running)
+    running.send_signal(signal.SIGKILL)  # evaluation takes a second
+    running.communicate(timeout=60)
+    assert not (model / "baseline/results.json").exists()
+    assert not (model / "boosted/results.json").exists(), "of the earlier comparison"
+    baseline = json.loads((model / "baseline/training.json").read_text())
+    run_well("compare", "--resume", model)
+    found = json.loads((model / "compare.json").read_text())
+    assert found["baseline"]["train_seconds"] == baseline["train_seconds"]
+    assert found["baseline"]["seed"] == found["boosted"]["seed"] == 2
+    assert not (model / "baseline/training.json").exists()
+
+
+def test_a_comparison_is_resumed_with_its_settings_and_data(scene, tmp_path):
+    model, copy = tmp_path / "both", tmp_path / "copy"
+    run_well("compare", "-s", scene, "-m", model, *SHORT_RUN, "--threads", "1")
+    for name in ("compare.json", "boosted/results.json"):
+        (model / name).unlink()
+    shutil.copytree(scene, copy)
+    shutil.copyfile(copy / "images/0003.png", copy / "images/0002.png")
+    before = content(model)
+    for options, what in [(["--seed", "1"], "seed = 0 instead of 1"), (["--beta", "0.9"], "beta"),
+                          (["-s", copy], "different photos"), (["-m", tmp_path / "other"], "leave out --model")]:
+        assert what in refused("compare", "--resume", model, *options)
+        assert content(model) == before
+    results = json.loads((model / "baseline/results.json").read_text())
+    (model / "baseline/results.json").write_text(json.dumps(results | {"machine": "another"}))
+    assert "1 threads, another; resume there" in refused("compare", "--resume", model)
+    (model / "baseline/results.json").write_text(json.dumps(results))
+    assert "not the folder of a comparison" in refused("compare", "--resume", model / "baseline")
+    assert "no such model folder" in refused("compare", "--resume", tmp_path / "none")
+    shutil.copyfile(scene / "images/0002.png", copy / "images/0002.png")
+    run_well("compare", "--resume", model, "-s", copy)
+    assert (model / "compare.json").exists()
+
+
 def test_resume_knows_its_data(scene, finished, tmp_path):
     checkpoint = finished / "checkpoints/iteration_25.ckpt"
     before = content(finished)
@@ -163,6 +203,9 @@ def test_resume_knows_its_data(scene, finished, tmp_path):
     shutil.copyfile(copy / "images/0003.png", copy / "images/0002.png")
     assert "photos" in refused("train", "--resume", checkpoint, "-s", copy)
     shutil.copyfile(scene / "images/0002.png", copy / "images/0002.png")
+    shutil.copyfile(copy / "images/0003.png", copy / "images/0004.png")  # a test view
+    assert "different test views" in refused("train", "--resume", checkpoint, "-s", copy)
+    shutil.copyfile(scene / "images/0004.png", copy / "images/0004.png")
     images = bytearray((copy / "sparse/0/images.bin").read_bytes())
     images[8 + 4 + 3] ^= 0x10  # a middle byte of the first quaternion number of view 0000, a test view
     record = 4 + 7 * 8 + 4 + len("0000.png") + 1 + 8

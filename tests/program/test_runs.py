@@ -6,6 +6,7 @@ import json
 import os
 import pathlib
 import resource
+import shlex
 import shutil
 import signal
 import struct
@@ -15,7 +16,7 @@ import time
 import numpy as np
 import pytest
 
-from conftest import PROGRAM, SHORT_RUN, run_program, run_well
+from conftest import PROGRAM, SHORT_RUN, run_program, run_well, start, wait_for
 
 RESULT_KEYS = {"backbone", "boost", "iterations", "psnr", "ssim", "lpips", "psnr_beta1", "primitives", "train_seconds",
                "fps", "peak_memory_bytes", "storage_bytes", "device", "threads", "seed", "version"}
@@ -85,10 +86,12 @@ def test_command_line_wins_over_the_file(scene, tmp_path):
     assert results(model)["seed"] == 3
     assert results(model)["threads"] == 1
     assert json.loads((model / "config.json").read_text())["trained"]["beta"] == 0.25
-    run_well("train", "--config", config, "-m", model, "--iterations", "5", "--beta", "0.75", "--no_boost", "--quiet")
+    run_well("train", "--config", config, "-m", model, "--iterations", "5", "--beta", "0.75", "--quiet")
+    assert json.loads((model / "config.json").read_text())["trained"]["beta"] == 0.75
+    run_well("train", "--config", config, "-m", model, "--iterations", "5", "--no_boost", "--quiet")
     assert results(model)["boost"] is False
     assert json.loads((model / "config.json").read_text())["trained"]["beta"] is None
-    assert json.loads((model / "config.json").read_text())["boost"]["beta"] == 0.75
+    assert json.loads((model / "config.json").read_text())["boost"]["beta"] == 0.25
 
 
 def test_resume_gives_the_bytes_of_an_uninterrupted_run(trained, tmp_path):
@@ -126,8 +129,8 @@ def test_a_coarse_start_is_taken_up_where_it_was_cut(tmp_path):
     run_well("train", "-s", scene, *SHORT_RUN, "-m", plain := tmp_path / "plain")
     assert ply(plain) == ply(other), "the default has none"
     published = [tmp_path / "published", tmp_path / "published_too"]
-    for model, switch in zip(published, ([], ["--no-coarse"])):
-        run_well("train", *options, "-m", model, "--no-boost", *switch)
+    for model, settings in zip(published, (config, SHORT_RUN[-1])):
+        run_well("train", *options[:-1], settings, "-m", model, "--no-boost")
     assert ply(published[0]) == ply(published[1])
 
 
@@ -240,6 +243,48 @@ def test_compare_writes_all_files(scene, tmp_path):
     run_well("compare", "-s", scene, "-m", model, *SHORT_RUN)
     run_well("train", "-s", scene, "-m", tmp_path / "alone", *SHORT_RUN, "--no-boost")
     assert ply(tmp_path / "alone") == ply(model / "baseline")
+
+
+def without_times(value):
+    varying = {"train_seconds", "seconds", "stage_seconds", "fps", "peak_memory_bytes", "estimated_memory_bytes",
+               "date", "command", "ratios"}
+    if isinstance(value, dict):
+        return {key: without_times(inner) for key, inner in value.items() if key not in varying}
+    return [without_times(inner) for inner in value] if isinstance(value, list) else value
+
+
+def interrupt(process, run):
+    """Interrupts a comparison in this run. @return the arguments of the command that it says resumes it"""
+    wait_for(run / "point_cloud", process)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 128 + signal.SIGINT, errors
+    command = shlex.split(errors.splitlines()[-1].partition("resume with: ")[2])
+    assert command[0] == "splatboost"
+    return command[1:]
+
+
+def test_an_interrupted_comparison_is_resumed_by_the_command_it_prints(scene, tmp_path):
+    options = ["-s", scene, "--eval", "--iterations", "4000", "--threads", "1", "--max-primitives", "1500"]
+    model, whole = tmp_path / "it's both", tmp_path / "whole"
+    command = interrupt(start("compare", "-m", model, *options), model / "baseline")
+    assert command == ["compare", "--resume", str(model)]
+    # A checkpoint of a run with other settings is not taken, though it is of a later iteration.
+    run_well("train", "-s", scene, "-m", tmp_path / "other", *SHORT_RUN, "--checkpoint-iterations", "25")
+    shutil.copyfile(tmp_path / "other/checkpoints/iteration_25.ckpt",
+                    model / "baseline/checkpoints/iteration_3999.ckpt")
+    assert interrupt(start(*command), model / "boosted") == command
+    trained = results(model / "baseline")["date"]
+    assert str(model / "report.html") in run_well(*command).stdout
+    assert results(model / "baseline")["date"] == trained, "a finished run is kept"
+    run_well("compare", "-m", whole, *options)
+    for run in ("baseline", "boosted"):
+        assert ply(model / run, 4000) == ply(whole / run, 4000)
+    found, expected = (json.loads((folder / "compare.json").read_text()) for folder in (model, whole))
+    assert without_times(found) == without_times(expected)
+    pictures = [(folder / "report.html").read_text().count("<img") for folder in (model, whole)]
+    assert pictures[0] == pictures[1]
 
 
 def test_eval_finds_the_same_results(trained, tmp_path):

@@ -230,6 +230,14 @@ class Compare(Scenario):
         return ["compare", "-s", "scene", "-m", "case", *TRAINING]
 
 
+class CompareResumed(Compare):
+    name = "compare, then resumed"
+
+    def again(self, found):
+        whole = found.get("config.json") == self.after["config.json"]
+        return ["compare", "--resume", "case", "--quiet"] if whole else self.command()
+
+
 class Resume(Train):
     name = "resume"
     removes = ()
@@ -341,7 +349,8 @@ class PatchRevert(PatchApply):
 
 
 SCENARIOS = {scenario.name: scenario for scenario in (
-    Train, TrainNets, TrainOver, Compare, Resume, Eval, EvalUnmeasured, Render, Pack, Synth, PatchApply, PatchRevert)}
+    Train, TrainNets, TrainOver, Compare, CompareResumed, Resume, Eval, EvalUnmeasured, Render, Pack, Synth, PatchApply,
+    PatchRevert)}
 
 
 def attack(name, sample=None, seed=0):

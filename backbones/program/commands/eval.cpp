@@ -11,7 +11,6 @@
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/evaluation/result_tables.h"
 #include "trainer/support/atomic_file.h"
-#include "trainer/support/process_info.h"
 #include "trainer/support/text.h"
 #include "trainer/training/trainer.h"
 
@@ -41,7 +40,7 @@ struct Eval {
     const bool measured = fs::exists(results_path);
     require(measured || fs::exists(training_path), results_path.string() + kDidNotEnd);
     const nlohmann::json before = read_json_file(measured ? results_path : training_path);
-    Results results = results_of(before, measured ? results_path : training_path);
+    Results results = read_results(measured ? results_path : training_path);
     // A model saved before the end is measured and printed, but results.json describes the end of the run.
     const bool of_the_end = saved_iteration(saved.folder) == results.iterations;
     require(measured || of_the_end || options.iteration == 0, results_path.string() + kDidNotEnd);
@@ -73,17 +72,15 @@ struct Eval {
       evaluate(backbone, model.scene(), lpips, {}, results);
     } else {
       // The run was killed after its last iteration: complete its output now.
-      results.storage_bytes = 0;
-      for (const auto& file : fs::directory_iterator(saved.folder)) {
-        if (!is_working_file(file.path())) results.storage_bytes += file.file_size();
-      }
+      results.storage_bytes = model_bytes(saved.folder);
       results = measure_run(model.bench(), backbone, options.model, std::move(results)).run.results;
     }
     Results exact;
     backbone.rasterizer_hook().set_beta(1.0f);
     evaluate(backbone, model.scene(), lpips, {}, exact);
 
-    const bool keeps_fps = writes && !measured_here(earlier, *model.bench().device);
+    // Times in the results stay those of the machine that trained.
+    const bool keeps_fps = writes && !is_machine_of(earlier, *model.bench().device);
     if (writes && (measured || keeps_fps)) {
       Results kept = results;
       if (keeps_fps) kept.fps = measured ? earlier.fps : std::numeric_limits<double>::quiet_NaN();
@@ -113,26 +110,11 @@ struct Eval {
   }
 
  private:
-  /// Whether frames per second on this device belong beside the results, whose device, machine and threads stay those
-  /// of the training time.
-  static bool measured_here(const Results& results, ChosenDevice& device) {
-    return results.device == device.name() && results.machine == machine_name() &&
-           results.threads == device.threads().count();
-  }
-
   /// LPIPS is not measured again without its network. It still holds for the same model and views.
   static void keep_lpips(const Results& earlier, Results& results) {
     if (!std::ranges::equal(earlier.views, results.views, {}, &ViewResult::name, &ViewResult::name)) return;
     results.lpips = earlier.lpips;
     for (std::size_t i = 0; i < results.views.size(); ++i) results.views[i].lpips = earlier.views[i].lpips;
-  }
-
-  static Results results_of(const nlohmann::json& document, const fs::path& path) {
-    try {
-      return results_from_json(document);
-    } catch (const InputError& error) {
-      throw InputError(path.string() + ": " + error.what());
-    }
   }
 
   static void print(const Results& results, const Results& exact, std::optional<float> beta) {

@@ -49,6 +49,7 @@ struct Render {
     check_count("orbit", orbit);
     check_count("sequence", sequence);
     if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
+    if (set.given("fps") && video.empty()) throw UsageError("--fps requires --video");
     if (!video.empty()) require_video_name(video);
     if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
     if (sequence > 0 && (!video.empty() || orbit > 0 || time || !view.empty()))

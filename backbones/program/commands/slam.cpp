@@ -106,6 +106,7 @@ struct Slam {
     usage(!options.scene.source.empty(), "no sequence given: name its folder with -s/--source");
     usage(!options.model.empty(), "no output folder given: name it with -m/--model");
     check_options(options);
+    check_boost_options(set, options);
     usage(!slam.lockstep || *slam.lockstep >= 0, "--lockstep must be at least 0");
     usage(!slam.seconds || (*slam.seconds >= 0 && std::isfinite(*slam.seconds)), "--seconds must be at least 0");
     usage(!(slam.lockstep && slam.seconds),
@@ -179,7 +180,7 @@ struct Slam {
     const std::string when = outcome.complete ? "while measuring, after " + std::to_string(measured) + " frames"
                                               : place_of(outcome, *sequence);
     std::fprintf(stderr, "interrupted %s; %s; measure the model with: splatboost eval -m %s\n", when.c_str(),
-                 kept(mapping).c_str(), options.model.c_str());
+                 kept(mapping).c_str(), shell_word(options.model.string()).c_str());
     return exit_code_of_signal(signals.caught());
   }
 

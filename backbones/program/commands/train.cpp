@@ -2,10 +2,13 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <string>
+#include <utility>
 
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
 #include "program/session/run.h"
+#include "trainer/support/text.h"
 
 namespace splatboost::program {
 namespace {
@@ -21,8 +24,12 @@ struct Train {
   /// Later ones override earlier ones: settings of the run of the checkpoint, then --config, then the command line.
   void read_settings() {
     nlohmann::json settings = nlohmann::json::object();
-    std::string place = options.config.string();
+    std::string place;
     if (!options.resume.empty()) {
+      require(!fs::is_directory(options.resume),
+              options.resume.string() +
+                  ": is a folder; name a checkpoint, MODEL/checkpoints/iteration_N.ckpt, or resume a comparison with "
+                  "splatboost compare --resume");
       require(is_file(options.resume), options.resume.string() + ": no such checkpoint");
       const fs::path config = folder_of_checkpoint() / "config.json";
       if (is_file(config)) {
@@ -31,16 +38,13 @@ struct Train {
         if (options.model.empty()) options.model = folder_of_checkpoint();
       }
     }
-    if (!options.config.empty()) {
-      settings.merge_patch(read_settings_file(options.config));
-      place = options.config.string();
-    }
-    apply_settings(settings, place, set, options);
+    apply_settings_and_config(std::move(settings), place, set, options);
   }
 
   int run(const std::string& command_line) {
     read_settings();
-    check_run_options(options);
+    check_run_options(set, options);
+    check_boost_options(set, options);
     require_ours_or_empty(options.model);
     require_no_comparison(options.model);
     require_inputs_elsewhere(options.model, options.scene);
@@ -53,7 +57,9 @@ struct Train {
       lock = take_model_folder(options.model, goes_on_in_place ? config : std::string());
     };
     const RunOutcome outcome = run_once(bench, set, options, options.boost, options.model, command_line, take_folder);
-    if (outcome.interrupted_by != 0) return exit_code_of_signal(outcome.interrupted_by);
+    if (outcome.interrupted_by != 0) {
+      return end_interrupted(outcome, "splatboost train --resume " + shell_word(outcome.checkpoint.string()));
+    }
     std::printf("%s\nreport: %s\n", results_table(outcome.run.results).c_str(),
                 (options.model / "report.html").c_str());
     return 0;

@@ -51,19 +51,29 @@ bool is_ours(const fs::path& folder) { return config_in(folder).contains("splatb
 
 bool is_comparison(const fs::path& folder) { return is_ours(folder) && !config_in(folder).contains("trained"); }
 
-bool is_same_run(Json one, Json other) {
-  for (const char* key : kNotOfTheRun) {
-    one.erase(key);
-    other.erase(key);
-  }
-  // Folders of earlier versions do not name their data.
+/// The checksums of a run's data in its config.json; null: it has none (slam, earlier versions).
+Json data_in(const Json& config) {
   const Json::json_pointer data("/trained/data");
-  if (!one.contains(data) || !other.contains(data)) {
-    for (Json* config : {&one, &other}) {
-      if (config->contains(data)) (*config)["trained"].erase("data");
-    }
+  return config.contains(data) ? config.at(data) : Json();
+}
+
+/// What differs between the configs of two runs, in words; empty: they are of the same run.
+std::string run_difference(Json one, Json other) {
+  const Json data = data_in(one), other_data = data_in(other);
+  for (Json* config : {&one, &other}) {
+    for (const char* key : kNotOfTheRun) config->erase(key);
+    if (config->contains("trained") && config->at("trained").is_object()) config->at("trained").erase("data");
   }
-  return one == other;
+  const Json changes = Json::diff(one, other);
+  if (changes.empty()) return data.is_null() || other_data.is_null() ? "" : data_difference(data, other_data);
+  const std::string path = changes[0].at("path");
+  const Json::json_pointer at(path);
+  const auto shown = [&](const Json& config) { return config.contains(at) ? config.at(at).dump() : "none"; };
+  std::string name = path.substr(1);
+  for (std::size_t slash = name.find('/'); slash != std::string::npos; slash = name.find('/')) {
+    name.replace(slash, 1, ": ");
+  }
+  return name + " = " + shown(one) + " instead of " + shown(other);
 }
 
 Json camera_json(const View& view, std::size_t id, const char* split) {
@@ -124,6 +134,19 @@ void require_no_comparison(const fs::path& folder) {
           folder.string() + ": is a run of a comparison, whose compare.json describes it; choose another --model");
 }
 
+void require_comparison(const fs::path& folder) {
+  require(is_comparison(folder), folder.string() +
+                                     ": is not the folder of a comparison; a run is resumed by splatboost train, from "
+                                     "one of its checkpoints");
+}
+
+void require_same_run(const fs::path& folder, const std::string& config) {
+  if (!is_ours(folder)) return;
+  const std::string difference = run_difference(config_in(folder), Json::parse(config));
+  require(difference.empty(),
+          folder.string() + ": is of a run with " + difference + "; resume with the settings and the data of that run");
+}
+
 FolderLock take_model_folder(const fs::path& folder, const std::string& resumed) {
   std::error_code error;
   fs::create_directories(folder, error);
@@ -132,7 +155,7 @@ FolderLock take_model_folder(const fs::path& folder, const std::string& resumed)
   require_ours_or_empty(folder);
   remove_stale_files(folder);
   remove_stale_files(folder / "checkpoints");
-  if (!resumed.empty() && is_same_run(Json::parse(resumed), config_in(folder))) return lock;
+  if (!resumed.empty() && run_difference(Json::parse(resumed), config_in(folder)).empty()) return lock;
   // When a run ends, all results in the folder must be its own. Checkpoints are kept: they took hours and identify
   // their run.
   for (const std::string_view name : kResults) {
@@ -186,8 +209,8 @@ Json read_config(const fs::path& folder) {
 }
 
 bool is_scene_of_run(const Json& config, const fs::path& source, const Scene& scene) {
-  const Json::json_pointer data("/trained/data");
-  if (config.contains(data)) return config.at(data) == data_identity(scene);
+  const Json data = data_in(config);
+  if (!data.is_null()) return data_difference(data, data_identity(scene)).empty();
   std::error_code error;
   return fs::weakly_canonical(source, error) == fs::weakly_canonical(config.value("source", ""), error);
 }

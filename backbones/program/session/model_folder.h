@@ -31,6 +31,13 @@ void require_inputs_elsewhere(const std::filesystem::path& folder, const SceneOp
 /// if it is one of the two runs of a finished one, which compare.json describes.
 void require_no_comparison(const std::filesystem::path& folder);
 
+/// Throws InputError unless the folder is that of a comparison.
+void require_comparison(const std::filesystem::path& folder);
+
+/// Throws InputError, naming a difference, if config.json in the folder is that of another run than this text. A folder
+/// without one has no run yet.
+void require_same_run(const std::filesystem::path& folder, const std::string& config);
+
 /// Creates the folder, or takes over that of an earlier SplatBoost run: its results are deleted, its checkpoints kept.
 /// This is the first step of a run that changes anything, so all checks that may refuse the run come before it. Throws
 /// InputError if the folder holds anything else, or if another process is using it.

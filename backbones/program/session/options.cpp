@@ -19,6 +19,8 @@ const std::set<std::string>& reserved_keys() {
   return keys;
 }
 
+constexpr char kBoostGroup[] = "Acceleration";
+
 std::string backbone_names() {
   std::string names;
   for (const BackboneEntry& entry : backbones()) names += (names.empty() ? "" : ", ") + std::string(entry.name);
@@ -85,6 +87,13 @@ bool OptionSet::given(const std::string& name) const {
                      [&](const Entry& entry) { return entry.name == name && entry.option->count() > 0; });
 }
 
+std::string OptionSet::given_of(const std::string& group) const {
+  const auto entry = std::ranges::find_if(entries_, [&](const Entry& candidate) {
+    return candidate.option->get_group() == group && candidate.option->count() > 0;
+  });
+  return entry == entries_.end() ? "" : entry->name;
+}
+
 void add_source_option(OptionSet& set, RunOptions& options) {
   set.set_group("Data");
   set.add("-s,--source", options.scene.source, "scene folder: COLMAP, Blender or nerfstudio; or packed scene")
@@ -135,7 +144,7 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
 }
 
 void add_boost_options(OptionSet& set, RunOptions& options) {
-  set.set_group("Acceleration");
+  set.set_group(kBoostGroup);
   set.add("--beta", options.beta,
           "compact box, in (0, 1]; smaller is faster but cuts faint edges [" + default_betas() + "]", false)
       ->type_name("X");
@@ -179,10 +188,11 @@ void add_run_options(OptionSet& set, RunOptions& options, const std::string& mod
   add_model_option(set, options, model_help);
   add_data_options(set, options);
   add_training_options(set, options, one_run);
-  if (one_run) {
-    set.add("--resume", options.resume, "resume from a checkpoint, with the settings of its run", false)
-        ->type_name("CKPT");
-  }
+  set.add("--resume", options.resume,
+          one_run ? "resume from a checkpoint, with the settings of its run"
+                  : "resume an interrupted comparison in its output folder, with its settings",
+          false)
+      ->type_name(one_run ? "CKPT" : "DIR");
   add_boost_options(set, options);
   add_machine_options(set, options);
   add_lpips_option(set, options);
@@ -233,6 +243,14 @@ void apply_settings(const Json& settings, const std::string& place, OptionSet& s
   }
 }
 
+void apply_settings_and_config(Json settings, std::string place, OptionSet& set, RunOptions& options) {
+  if (!options.config.empty()) {
+    settings.merge_patch(read_settings_file(options.config));
+    place = options.config.string();
+  }
+  apply_settings(settings, place, set, options);
+}
+
 Json boost_settings(const RunOptions& options) {
   Json settings = options.boost_settings;
   if (options.beta) settings["beta"] = *options.beta;
@@ -273,6 +291,13 @@ void check_options(RunOptions& options) {
   if (!options.iterations) options.iterations = find_backbone(options.backbone).iterations;
 }
 
+void check_boost_options(const OptionSet& set, const RunOptions& options) {
+  const std::string name = options.boost ? "" : set.given_of(kBoostGroup);
+  if (!name.empty()) {
+    throw UsageError("--" + name + " has no effect without acceleration; leave it out, or train with --boost");
+  }
+}
+
 void require_source(const RunOptions& options) {
   if (options.scene.source.empty()) {
     throw UsageError("no scene given: name its folder with -s/--source; 'splatboost synth DIR' makes one to try");
@@ -283,10 +308,24 @@ void require_model(const RunOptions& options, const std::string& kind) {
   if (options.model.empty()) throw UsageError("no " + kind + " folder given: name it with -m/--model");
 }
 
-void check_run_options(RunOptions& options) {
+void check_run_options(const OptionSet& set, RunOptions& options) {
   require_source(options);
   require_model(options, "output");
   check_options(options);
+  if (set.given("llffhold") && !options.scene.eval) {
+    throw UsageError("--llffhold has no effect without --eval, which holds out test views");
+  }
+  const std::pair<const char*, const std::vector<int>&> lists[] = {
+      {"save-iterations", options.save_iterations}, {"checkpoint-iterations", options.checkpoint_iterations}};
+  for (const auto& [name, iterations] : lists) {
+    // Those of a file may be of a longer run, whose settings are used again.
+    if (!set.given(name)) continue;
+    for (const int iteration : iterations) {
+      if (iteration <= *options.iterations) continue;
+      throw UsageError("--" + std::string(name) + ": " + std::to_string(iteration) + " is after the end of the run, " +
+                       std::to_string(*options.iterations) + " iterations");
+    }
+  }
   boost_settings(options);  // throws on invalid settings
 }
 

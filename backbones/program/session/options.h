@@ -110,6 +110,8 @@ class OptionSet {
   nlohmann::json record() const;
 
   bool given(const std::string& name) const;
+  /// The first option of this group of the help that the command line gives; empty: none.
+  std::string given_of(const std::string& group) const;
 
  private:
   struct Entry {
@@ -189,7 +191,7 @@ void add_lpips_option(OptionSet& set, RunOptions& options);
 void add_config_option(OptionSet& set, RunOptions& options);
 /// All options of the commands that train.
 /// @param one_run true: a single run, boosted or not, which may resume from a checkpoint; false: compare, which runs
-/// both
+/// both and resumes in its folder
 void add_run_options(OptionSet& set, RunOptions& options, const std::string& model_help, bool one_run);
 
 /// Reads a settings file as an object: {"backbone": {"name", constants…}, "boost": {"enabled", settings…}, options…}.
@@ -199,6 +201,9 @@ nlohmann::json read_settings_file(const std::filesystem::path& path);
 /// Sets the options that the command line does not give from a settings object.
 void apply_settings(const nlohmann::json& settings, const std::string& place, OptionSet& set, RunOptions& options);
 
+/// Likewise, with a --config file between the two: it overrides the settings, and the command line overrides it.
+void apply_settings_and_config(nlohmann::json settings, std::string place, OptionSet& set, RunOptions& options);
+
 /// Settings of the acceleration, from the files and overridden by the command line; complete and checked.
 nlohmann::json boost_settings(const RunOptions& options);
 
@@ -206,12 +211,15 @@ nlohmann::json boost_settings(const RunOptions& options);
 /// no number of iterations is given, sets the published one of the backbone.
 void check_options(RunOptions& options);
 
+/// Throws UsageError if the command line gives a setting of the acceleration to a run without it.
+void check_boost_options(const OptionSet& set, const RunOptions& options);
+
 /// Throws UsageError unless a source is given.
 void require_source(const RunOptions& options);
 /// Throws UsageError unless --model is given. @param kind of folder, for the message
 void require_model(const RunOptions& options, const std::string& kind = "model");
 
 /// Checks everything about a run that can be checked before its data are read.
-void check_run_options(RunOptions& options);
+void check_run_options(const OptionSet& set, RunOptions& options);
 
 }  // namespace splatboost::program

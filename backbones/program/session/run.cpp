@@ -135,6 +135,10 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
   return surfaces;
 }
 
+fs::path saved_at(const fs::path& folder, int iteration) {
+  return folder / "point_cloud" / ("iteration_" + std::to_string(iteration));
+}
+
 }  // namespace
 
 void require_lpips_size(const std::string& view, int width, int height) {
@@ -171,10 +175,11 @@ Workbench make_workbench(const RunOptions& options) {
 
 std::string run_label(bool boost) { return boost ? "boosted" : "baseline"; }
 
-void check_backbone(Workbench& bench, const RunOptions& options, bool boost) {
+std::string config_of_run(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost) {
   const Json settings = boost_settings(options);
-  static_cast<void>(make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
-                                  boost ? &settings : nullptr));
+  const PluggedBackbone plugged = make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
+                                                boost ? &settings : nullptr);
+  return config_text(set, options, boost, &plugged, &bench.scene);
 }
 
 RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
@@ -243,9 +248,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   };
   const TrainOutcome trained = train(backbone, bench.scene, train_options);
   if (trained.interrupted_by != 0) {
-    std::fprintf(stderr, "interrupted after iteration %d; resume with: splatboost train --resume %s\n",
-                 trained.iteration, trained.checkpoint.c_str());
-    return {trained.interrupted_by, {}, {}};
+    return {trained.interrupted_by, trained.iteration, trained.checkpoint, {}, {}};
   }
   Results results = results_of(trained);
   if (!noted) write_results(folder / kTrainingFile, results);
@@ -293,6 +296,36 @@ RunOutcome measure_run(Workbench& bench, Backbone& backbone, const fs::path& fol
   return outcome;
 }
 
+std::optional<Results> trained_results(const fs::path& folder) {
+  const bool measured = is_file(folder / "results.json");
+  const fs::path file = folder / (measured ? "results.json" : kTrainingFile);
+  if (!is_file(file)) return std::nullopt;
+  Results results = read_results(file);
+  // kTrainingFile is written before the model.
+  if (!measured) results.storage_bytes = model_bytes(saved_at(folder, results.iterations));
+  return results.storage_bytes > 0 ? std::optional(std::move(results)) : std::nullopt;
+}
+
+RunOutcome measure_saved_run(Workbench& bench, const RunOptions& options, const fs::path& folder, Results trained) {
+  const PluggedBackbone plugged =
+      load_model(bench, options, saved_at(folder, trained.iterations), trained_beta(read_config(folder)));
+  return measure_run(bench, *plugged.backbone, folder, std::move(trained));
+}
+
+bool is_machine_of(const Results& results, ChosenDevice& device) {
+  return results.device == device.name() && results.machine == machine_name() &&
+         results.threads == device.threads().count();
+}
+
+Results read_results(const fs::path& path) {
+  const Json document = read_json_file(path);
+  try {
+    return results_from_json(document);
+  } catch (const InputError& error) {
+    throw InputError(path.string() + ": " + error.what());
+  }
+}
+
 void write_results(const fs::path& path, const Results& results) {
   write_text_atomically(path, to_json(results).dump(2) + "\n");
 }
@@ -326,6 +359,20 @@ PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const fs
   plugged.backbone->rasterizer_hook().set_beta(beta);
   plugged.beta = beta;
   return plugged;
+}
+
+std::uint64_t model_bytes(const fs::path& saved) {
+  std::uint64_t bytes = 0;
+  std::error_code none;
+  for (const auto& file : fs::directory_iterator(saved, none)) {
+    if (!is_working_file(file.path())) bytes += file.file_size();
+  }
+  return bytes;
+}
+
+int end_interrupted(const RunOutcome& outcome, const std::string& command) {
+  std::fprintf(stderr, "interrupted after iteration %d; resume with: %s\n", outcome.iteration, command.c_str());
+  return exit_code_of_signal(outcome.interrupted_by);
 }
 
 int exit_code_of_signal(int signal_number) { return 128 + signal_number; }

@@ -2,6 +2,8 @@
 /// @file One run, from the scene to the complete output folder: train does one, compare two.
 #pragma once
 
+#include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -32,18 +34,21 @@ void require_lpips_size(const std::string& view, int width, int height);
 Workbench make_workbench(const RunOptions& options);
 
 struct RunOutcome {
-  int interrupted_by = 0;  ///< signal number, the rest is then empty; 0: not interrupted
-  ReportRun run;
+  int interrupted_by = 0;            ///< signal number; 0: not interrupted
+  int iteration = 0;                 ///< the last one of an interrupted run
+  std::filesystem::path checkpoint;  ///< written on interruption
+  ReportRun run;                     ///< of a run that was not interrupted, like the views
   std::vector<ReportView> views;
 };
 
 /// "boosted" or "baseline": the name of a run in reports and, in a comparison, of its folder.
 std::string run_label(bool boost);
 
-/// Creates and discards the backbone of a run, so that constants that it refuses throw InputError early.
-void check_backbone(Workbench& bench, const RunOptions& options, bool boost);
+/// The config.json that a run will write. Creates and discards its backbone, so that constants that it refuses throw
+/// InputError early.
+std::string config_of_run(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost);
 
-/// Trains, evaluates and fills `folder`.
+/// Trains, evaluates and fills `folder`. options.resume may also be a folder of checkpoints: see TrainOptions.
 /// @param take_folder called with config.json after all checks that may refuse the run, before anything is written;
 /// prepares the folder for the run
 RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
@@ -55,9 +60,23 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
 Results results_of_run(const RunOptions& options, bool boost, const Scene& scene, ChosenDevice& device,
                        const std::string& command);
 
+/// The results of a run that has trained to its end in this folder, even if it was killed while it measured; none if
+/// there is no such run.
+std::optional<Results> trained_results(const std::filesystem::path& folder);
+
 /// Measures the model at the end of a run and writes the pictures, the report and, last, results.json.
 /// @param trained contents of kTrainingFile
 RunOutcome measure_run(Workbench& bench, Backbone& backbone, const std::filesystem::path& folder, Results trained);
+
+/// The same for the model of such a run, saved in its folder.
+RunOutcome measure_saved_run(Workbench& bench, const RunOptions& options, const std::filesystem::path& folder,
+                             Results trained);
+
+/// Whether times measured on this device can be compared with those of the results.
+bool is_machine_of(const Results& results, ChosenDevice& device);
+
+/// Reads results.json, or kTrainingFile; throws InputError naming the file.
+Results read_results(const std::filesystem::path& path);
 
 /// Writes results.json, or kTrainingFile.
 void write_results(const std::filesystem::path& path, const Results& results);
@@ -68,6 +87,12 @@ std::string results_table(const Results& results);
 /// Creates the backbone and loads a saved model into it, for rendering and measuring.
 PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const std::filesystem::path& saved,
                            std::optional<float> beta);
+
+/// Size of the files of a saved model.
+std::uint64_t model_bytes(const std::filesystem::path& saved);
+
+/// Tells how to resume an interrupted run. @param command that does it @return the exit status
+int end_interrupted(const RunOutcome& outcome, const std::string& command);
 
 /// The exit status that a shell reports for a program ended by this signal.
 int exit_code_of_signal(int signal_number);

@@ -175,7 +175,8 @@ std::vector<ReportTrack> report_tracks(const SlamRun& run, const SlamOutcome& ou
     for (const glm::dvec3& p : path) points.push_back({p[(along + 1) % 3], p[(along + 2) % 3]});
     return points;
   };
-  if (!error) return {{"tracked", flat(found)}};
+  // Without depth the map has a unit of its own, until it is aligned to the truth.
+  if (!error) return {{"tracked", flat(found), sequence.calibration().has_depth() ? "m" : ""}};
   return {{"truth", flat(truth)}, {"tracked", flat(found)}};
 }
 

@@ -26,7 +26,8 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 }  // namespace
 
 std::string nearest_name(std::string_view wrong, const std::vector<std::string>& names) {
-  std::size_t least = wrong.size() / 3 + 1;
+  // The dashes in front of an option are no part of its name.
+  std::size_t least = (wrong.size() - std::min(wrong.find_first_not_of('-'), wrong.size())) / 3 + 1;
   std::string nearest;
   for (const std::string& name : names) {
     // "iter" for "iterations" is an abbreviation rather than a typo.

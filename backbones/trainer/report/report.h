@@ -35,10 +35,11 @@ struct ReportView {
   std::filesystem::path truth;  ///< PNG; the renders of the view have its file name
 };
 
-/// A camera path projected onto a plane: metres to the right and up; NaN where it is unknown.
+/// A camera path projected onto a plane: lengths to the right and up; NaN where it is unknown.
 struct ReportTrack {
   std::string label;
   std::vector<std::array<double, 2>> points;
+  std::string unit = "m";  ///< of the lengths, the same for all paths of a report; empty: unknown
 };
 
 /// Writes the page: the table, curves of PSNR, primitives and time, the camera paths (inline SVG), and for up to

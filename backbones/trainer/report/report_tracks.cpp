@@ -56,7 +56,8 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
   const std::string level = number(height + 0.4 * kBarRoom, 0);
   out += "<path stroke=\"currentColor\" stroke-width=\"2\" d=\"M" + number(kMargin, 0) + " " + level + " L" +
          number(kMargin + bar * scale, 1) + " " + level + "\"/><text x=\"" + number(kMargin + bar * scale + 8, 0) +
-         "\" y=\"" + number(height + 0.4 * kBarRoom + 4, 0) + "\">" + number(bar, digits) + " m</text>\n" +
+         "\" y=\"" + number(height + 0.4 * kBarRoom + 4, 0) + "\">" +
+         escape(number(bar, digits) + " " + tracks[0].unit) + "</text>\n" +
          "</svg></div>\n<p class=\"note\">Seen along the axis in which the camera moved least.</p></section>\n";
   return out;
 }

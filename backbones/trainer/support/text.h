@@ -13,6 +13,9 @@ bool is_utf8(std::string_view text);
 /// The text, with control characters and bytes that are not valid UTF-8 written as \xNN.
 std::string printable(std::string_view text);
 
+/// The text as one word for a POSIX shell: in quotes if a character in it has a meaning there.
+std::string shell_word(std::string_view text);
+
 /// Whether name `a` comes before `b` if runs of digits are compared as numbers: frame2.png before frame10.png.
 bool in_number_order(std::string_view a, std::string_view b);
 

@@ -15,6 +15,7 @@
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
+#include "trainer/support/text.h"
 #include "trainer/training/data_identity.h"
 #include "trainer/training/progress.h"
 #include "trainer/training/stop_signals.h"
@@ -28,6 +29,7 @@ using Json = nlohmann::json;
 constexpr double kLossWeight = 0.05;
 
 constexpr std::string_view kTrainerEntry = "trainer";
+constexpr char kCheckpointEnding[] = ".ckpt";
 constexpr char kDataKey[] = "data";  // key of data_identity() in the identity
 
 /// The order in which the views of one epoch are seen.
@@ -81,21 +83,19 @@ std::vector<CurvePoint> curve_from_json(const Json& json) {
 
 std::string shown(const Json& value) { return value.is_string() ? value.get<std::string>() : value.dump(); }
 
-/// Refuses a checkpoint of another run: resuming it would mix data or settings without a sign of it in the results.
-void require_same_run(const Json& saved, const Json& wanted, const std::filesystem::path& checkpoint) {
+/// How the run of a checkpoint differs from this one, in words; empty: it is the same. A checkpoint of another run is
+/// refused: resuming it would mix data or settings without a sign of it in the results.
+std::string run_difference(const Json& saved, const Json& wanted) {
   for (const auto& [key, value] : wanted.items()) {
     if (key == kDataKey) continue;
     const Json other = saved.contains(key) ? saved.at(key) : Json("none");
     if (other != value) {
-      throw InputError(checkpoint.string() + ": made by a run with " + key + " = " + shown(other) +
-                       ", but this run has " + shown(value) + "; resume with the settings of that run");
+      return key + " = " + shown(other) + ", but this run has " + shown(value) +
+             "; resume with the settings of that run";
     }
   }
   const std::string difference = data_difference(saved.at(kDataKey), wanted.at(kDataKey));
-  if (!difference.empty()) {
-    throw InputError(checkpoint.string() + ": made by a run with " + difference +
-                     "; resume with the data and the options of that run");
-  }
+  return difference.empty() ? "" : difference + "; resume with the data and the options of that run";
 }
 
 /// One run of the training loop and its state.
@@ -112,7 +112,9 @@ class Run {
   }
 
   TrainOutcome train() {
-    if (!options_.resume.empty()) restore();
+    const bool is_folder = std::filesystem::is_directory(options_.resume);
+    const std::filesystem::path checkpoint = is_folder ? latest_checkpoint() : options_.resume;
+    if (!checkpoint.empty()) restore(checkpoint);
     const int first = outcome_.iteration + 1;
     const double seconds_before = outcome_.seconds;
     if (options_.on_start) options_.on_start(backbone_.primitives());
@@ -228,24 +230,49 @@ class Run {
     ArchiveWriter archive;
     archive.put(kTrainerEntry, std::string_view(trainer.dump()));
     backbone_.save(archive);
-    const auto path = folder / (iteration_name(outcome_.iteration) + ".ckpt");
+    const auto path = folder / (iteration_name(outcome_.iteration) + kCheckpointEnding);
     archive.write(path);
     return path;
   }
 
-  void restore() {
-    ArchiveReader archive(options_.resume);
+  /// The latest checkpoint of this run in the folder options_.resume; empty: none. Others may be of earlier runs.
+  std::filesystem::path latest_checkpoint() const {
+    std::vector<std::filesystem::path> found;
+    for (const auto& entry : std::filesystem::directory_iterator(options_.resume)) {
+      if (entry.path().extension() == kCheckpointEnding) found.push_back(entry.path());
+    }
+    std::ranges::sort(found, [](const auto& a, const auto& b) {
+      return in_number_order(b.filename().string(), a.filename().string());
+    });
+    const auto latest = std::ranges::find_if(found, [&](const std::filesystem::path& path) {
+      return read_trainer(ArchiveReader(path), [&](const Json& trainer) {
+        return run_difference(trainer.at("identity"), identity_).empty();
+      });
+    });
+    return latest == found.end() ? std::filesystem::path() : *latest;
+  }
+
+  /// Calls the body on the state of the trainer in a checkpoint.
+  template <class Body>
+  static std::invoke_result_t<const Body&, const Json&> read_trainer(const ArchiveReader& archive, const Body& body) {
     try {
-      const Json trainer = parse_json(archive.text(kTrainerEntry), options_.resume.string());
-      require_same_run(trainer.at("identity"), identity_, options_.resume);
+      return body(parse_json(archive.text(kTrainerEntry), archive.path().string()));
+    } catch (const Json::exception&) {
+      throw InputError(archive.path().string() + ": checkpoint is damaged: its trainer entry cannot be read");
+    }
+  }
+
+  void restore(const std::filesystem::path& checkpoint) {
+    ArchiveReader archive(checkpoint);
+    read_trainer(archive, [&](const Json& trainer) {
+      const std::string difference = run_difference(trainer.at("identity"), identity_);
+      if (!difference.empty()) throw InputError(checkpoint.string() + ": made by a run with " + difference);
       outcome_.iteration = trainer.at("iteration").get<int>();
       outcome_.seconds = trainer.at("seconds").get<double>();
       loss_ = trainer.at("loss").get<double>();
       stages_before_ = trainer.at("stages").get<std::map<std::string, double>>();
       outcome_.curve = curve_from_json(trainer.at("curve"));
-    } catch (const Json::exception&) {
-      throw InputError(options_.resume.string() + ": checkpoint is damaged: its trainer entry cannot be read");
-    }
+    });
     backbone_.load(archive);
   }
 

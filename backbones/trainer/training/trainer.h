@@ -39,7 +39,8 @@ struct TrainOptions {
   int coarse_iterations = 0;
   int curve_points = 20;  ///< samples of the curve, each with a PSNR over up to curve_views views
   int curve_views = 4;
-  std::filesystem::path resume;  ///< checkpoint to continue from
+  /// Checkpoint to continue from; or a folder of checkpoints: the latest of this run in it, if there is one.
+  std::filesystem::path resume;
   /// Settings that define the run, by the names that users know; a flat object. A checkpoint of a run that differs in
   /// one of them is refused. train() adds iterations, seed, the number and size of the views, and the data.
   nlohmann::json identity = nlohmann::json::object();

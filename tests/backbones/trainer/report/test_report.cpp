@@ -275,6 +275,19 @@ TEST_F(Report, ErrorsAreSeen) {
   EXPECT_GT(full, 200);
 }
 
+TEST_F(Report, NamesTheUnitOfCameraPathsOnlyIfItIsKnown) {
+  const auto bar_of = [&](const std::string& unit) {
+    const ReportTrack track{"tracked", {{0, 0}, {40, 2}}, unit};
+    write_report(folder_ / "report.html", "t", {{"boosted", {}, folder_, {}}}, {}, 4, {track});
+    std::ifstream in(folder_ / "report.html");
+    const std::string page{std::istreambuf_iterator<char>(in), {}};
+    EXPECT_EQ(xml_problem(page), "");
+    return count(page, ">10 m</text>");
+  };
+  EXPECT_EQ(bar_of("m"), 1u);
+  EXPECT_EQ(bar_of(""), 0u);
+}
+
 TEST_F(Report, NeedsARun) { EXPECT_THROW(write_report(folder_ / "report.html", "t", {}, {}), std::invalid_argument); }
 
 }  // namespace

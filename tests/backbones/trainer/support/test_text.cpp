@@ -29,6 +29,13 @@ TEST(Text, ShowsWhatNoTerminalShould) {
   EXPECT_TRUE(is_utf8(printable("\xff\xfe\xe2\x82\xc3\xa4")));
 }
 
+TEST(Text, QuotesWordsForAShell) {
+  EXPECT_EQ(shell_word("out/fox_1-2.json"), "out/fox_1-2.json");
+  EXPECT_EQ(shell_word("my photos"), "'my photos'");
+  EXPECT_EQ(shell_word("it's $HOME"), "'it'\\''s $HOME'");
+  EXPECT_EQ(shell_word(""), "''");
+}
+
 TEST(Text, OrdersNumbersByTheirValue) {
   std::vector<std::string> ordered;
   std::istringstream words(

@@ -19,6 +19,7 @@
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/text.h"
+#include "trainer/training/data_identity.h"
 
 namespace splatboost::test {
 namespace {
@@ -189,6 +190,34 @@ TEST_F(Trainer, ResumesToTheSameModelAndCurve) {
   }
 }
 
+TEST_F(Trainer, ResumesFromTheLatestCheckpointOfTheRunInAFolder) {
+  options.checkpoint_iterations = {7, 13};
+  options.resume = folder / "empty";
+  make_folder(options.resume);
+  FakeBackbone whole(scene);
+  train(whole, scene, options);
+  EXPECT_EQ(whole.iterations.front(), 1) << "there is no checkpoint";
+  const std::string expected_model = model(20);
+  options.checkpoint_iterations = {15};
+  options.resume.clear();
+  options.seed = 6;
+  FakeBackbone of_another_run(scene);
+  train(of_another_run, scene, options);
+
+  options.seed = 5;
+  options.checkpoint_iterations.clear();
+  options.resume = options.model / "checkpoints";
+  FakeBackbone resumed(scene);
+  train(resumed, scene, options);
+  EXPECT_EQ(resumed.iterations.front(), 14);
+  EXPECT_EQ(model(20), expected_model);
+  const std::string whole_file = read_file(options.resume / "iteration_13.ckpt");
+  write_text_atomically(options.resume / "iteration_13.ckpt", whole_file.substr(0, whole_file.size() / 2));
+  FakeBackbone refused(scene);
+  expect_contains(input_error_of([&] { train(refused, scene, options); }),
+                  "iteration_13.ckpt: checkpoint is truncated");
+}
+
 TEST_F(Trainer, WritesACheckpointOfTheLastIterationThatEndsAtOnce) {
   options.checkpoint_iterations = {20};
   FakeBackbone whole(scene);
@@ -265,11 +294,23 @@ TEST_F(Trainer, RefusesACheckpointOfOtherData) {
   refused("different cameras", [](Scene& s) { s.train[0].camera.camera_from_world[3][2] += 0.5f; });
   refused("different cameras", [](Scene& s) { s.train[2].camera.cx += 1; });
   refused("different cameras", [](Scene& s) { s.train[2].time = 0.5f; });
+  refused("different test views", [](Scene& s) { s.test[0].color[700] ^= 1; });
+  refused("different test views", [](Scene& s) { s.test[0].camera.fx += 1; });
   refused("training and test views", [](Scene& s) { std::swap(s.train[0], s.test[0]); });
   refused("training and test views", [](Scene& s) { s.test.clear(); });
   refused("training and test views", [](Scene& s) { s.train[0].name = "z.png"; });
   refused("different initial points", [](Scene& s) { s.points.positions[1] += 1; });
   refused("different initial points", [](Scene& s) { s.points.colors[1] += 1; });
+}
+
+TEST_F(Trainer, KnowsTheDataOfEarlierVersions) {
+  nlohmann::json now = data_identity(scene), earlier = now;
+  earlier.erase("test");
+  EXPECT_EQ(data_difference(now, earlier), "");
+  EXPECT_EQ(data_difference(earlier, now), "");
+  earlier.erase("photos");
+  expect_contains(data_difference(now, earlier), "photos");
+  expect_contains(data_difference(now, nlohmann::json("damaged")), "training and test views");
 }
 
 TEST_F(Trainer, SignalEndsTheIterationAndLeavesACheckpointToGoOnFrom) {
