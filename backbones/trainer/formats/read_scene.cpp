@@ -16,19 +16,18 @@
 #include <utility>
 
 #include <glm/geometric.hpp>
-#include <glm/mat3x3.hpp>
-#include <glm/matrix.hpp>
 #include <nlohmann/json.hpp>
 
-#include "splatboost/random.h"
 #include "splatboost/threads.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/formats/colmap.h"
 #include "trainer/formats/frame_times.h"
+#include "trainer/formats/initial_points.h"
 #include "trainer/formats/nerfies.h"
 #include "trainer/formats/neural_video.h"
 #include "trainer/formats/packed_scene.h"
+#include "trainer/formats/scene_split.h"
 #include "trainer/formats/transforms.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
@@ -38,7 +37,6 @@
 namespace splatboost {
 namespace {
 
-constexpr float kBlenderBox = 1.3f;  // half side; as in 3DGS, the objects of NeRF-synthetic fit into it
 // Squared distances must be finite floats, with a margin for training. No survey is larger than this, not even one of
 // the earth in millimetres.
 constexpr float kFarthest = 1e12f;
@@ -46,14 +44,12 @@ constexpr char kImages[] = "images";
 constexpr char kCaptureImages[] = "rgb/1x";  // for Nerfies captures
 constexpr int kFrames = 24;
 constexpr int kResolution = -1;
-constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";  // some editors begin UTF-8 files with it
 
 /// What a dataset lists, before any photo is decoded.
 struct Dataset {
-  std::filesystem::path listing;   ///< the file to name in error messages
-  std::vector<std::string> names;  ///< of all photos; those of the dataset's own test split come last
-  std::size_t own_test = 0;        ///< number of photos in that test split
-  bool has_test_split = false;
+  std::filesystem::path listing;        ///< the file to name in error messages
+  std::vector<std::string> names;       ///< of all photos; those of the dataset's own test split come last
+  std::optional<std::size_t> own_test;  ///< number of photos in that test split; none: the dataset has none
   bool blender = false;
   std::string images = kImages;  ///< image folder, for datasets that support --images
   bool takes_images = false;     ///< whether --images has an effect
@@ -98,7 +94,6 @@ Dataset read_blender(const SceneOptions& options, const std::filesystem::path& t
   if (const auto test = options.source / "transforms_test.json"; is_file(test)) {
     std::vector<Photo> held_out = read_transforms(test).photos;
     dataset.own_test = held_out.size();
-    dataset.has_test_split = true;
     std::ranges::move(held_out, std::back_inserter(dataset.photos));
   }
   if (!transforms.points_file.empty()) {
@@ -127,7 +122,6 @@ Dataset read_capture(const SceneOptions& options) {
   NerfiesCapture capture = read_nerfies(options.source, dataset.images);
   dataset.photos = std::move(capture.photos);
   dataset.own_test = capture.test;
-  dataset.has_test_split = true;
   dataset.points = std::move(capture.points);
   dataset.points_file = options.source / "points.npy";
   return dataset;
@@ -140,7 +134,6 @@ Dataset read_rig(const SceneOptions& options) {
   NeuralVideo rig = read_neural_video(options.source, *dataset.frames);
   dataset.photos = std::move(rig.photos);
   dataset.own_test = rig.test;
-  dataset.has_test_split = true;
   dataset.notes = std::move(rig.notes);
   for (const char* name : {"points3d.ply", "points3D.ply", "points3D_downsample2.ply"}) {
     const auto points = options.source / name;
@@ -219,8 +212,7 @@ Dataset read_packed(const SceneOptions& options) {
   const PackedListing& listing = dataset.packed->listing();
   check_packed_pictures(options, listing);
   for (const PackedPhoto& photo : listing.photos) dataset.names.push_back(photo.view.name);
-  dataset.own_test = listing.own_test;
-  dataset.has_test_split = listing.has_test_split;
+  if (listing.has_test_split) dataset.own_test = listing.own_test;
   dataset.blender = listing.blender;
   dataset.frames = listing.frames;
   // The listing does not tell nerfstudio's scenes from COLMAP's.
@@ -274,7 +266,7 @@ void check_listed_once(Dataset& dataset) {
       const Photo& from = dataset.photos[i];
       photo = {from.file.lexically_normal().string(), from.video_frame, from.time};
     }
-    const bool is_test = i >= dataset.names.size() - dataset.own_test;
+    const bool is_test = i >= dataset.names.size() - dataset.own_test.value_or(0);
     const auto [first, added] = listed.try_emplace(std::move(photo), is_test);
     if (added) continue;
     if (first->second == is_test) {
@@ -328,94 +320,6 @@ Dataset read_dataset(const SceneOptions& options) {
   check_points(dataset.points, dataset.points_file);
   note_unused_options(options, dataset);
   return dataset;
-}
-
-/// Names in a list file, one per line; empty lines and # comments are skipped.
-std::vector<std::string> read_names(const std::filesystem::path& file) {
-  std::ifstream in(file);
-  if (!is_file(file) || !in) throw InputError(file.string() + ": the list of test images cannot be opened");
-  std::vector<std::string> names;
-  bool first = true;
-  for (std::string line; std::getline(in, line); first = false) {
-    if (first && line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
-    const std::size_t begin = line.find_first_not_of(" \t\r");
-    if (begin == std::string::npos || line[begin] == '#') continue;
-    names.push_back(line.substr(begin, line.find_last_not_of(" \t\r") - begin + 1));
-  }
-  if (names.empty()) throw InputError(file.string() + ": the list of test images is empty");
-  return names;
-}
-
-/// A listed name may omit the folder, the extension, or both.
-bool names_match(const std::string& listed, const std::string& name) {
-  const std::filesystem::path path(name);
-  return listed == name || listed == path.filename().string() || listed == path.stem().string() ||
-         listed == (path.parent_path() / path.stem()).generic_string();
-}
-
-/// Indices into Dataset::names.
-struct Split {
-  std::vector<std::size_t> train;
-  std::vector<std::size_t> test;
-};
-
-Split split_photos(const SceneOptions& options, const Dataset& dataset) {
-  Split split;
-  const auto put = [&](std::size_t photo, bool is_test) { (is_test ? split.test : split.train).push_back(photo); };
-  const std::size_t count = dataset.names.size();
-  if (!options.test_list.empty()) {
-    const std::vector<std::string> names = read_names(options.test_list);
-    std::vector<bool> used(names.size(), false);
-    for (std::size_t photo = 0; photo < count; ++photo) {
-      bool is_test = false;
-      for (std::size_t i = 0; i < names.size(); ++i) {
-        if (!names_match(names[i], dataset.names[photo])) continue;
-        used[i] = true;
-        is_test = true;
-      }
-      put(photo, is_test);
-    }
-    if (const auto unused = std::ranges::find(used, false); unused != used.end()) {
-      throw InputError(options.test_list.string() + ": the test image '" +
-                       names[static_cast<std::size_t>(unused - used.begin())] + "' matches no image of " +
-                       dataset.listing.string());
-    }
-  } else if (dataset.has_test_split) {
-    // Without --eval nothing is held out, as in 3DGS.
-    for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo >= count - dataset.own_test);
-  } else {
-    const auto every = static_cast<std::size_t>(options.llffhold);
-    for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo % every == 0);
-  }
-  if (split.train.empty()) {
-    const bool listed = !options.test_list.empty();
-    const std::string held_out = count == 1 ? "its only image is" : "all " + std::to_string(count) + " images are";
-    std::string remedy = listed ? "shorten the list of --test-list" : "raise --llffhold";
-    // The first image is held out whatever --llffhold is.
-    if (count == 1 || (!listed && dataset.has_test_split))
-      remedy = listed ? "leave out --test-list" : "leave out --eval";
-    throw InputError(dataset.listing.string() + ": " + held_out +
-                     " held out for the test, none is left for training; " + remedy);
-  }
-  return split;
-}
-
-/// `count` photos evenly spaced from the first to the last. Indices are rounded half to even, as numpy does in the
-/// published few-view splits.
-std::vector<std::size_t> spread(const std::vector<std::size_t>& photos, std::size_t count) {
-  if (count >= photos.size()) return photos;
-  std::vector<std::size_t> kept;
-  for (std::size_t i = 0; i < count; ++i) {
-    std::size_t index = 0;
-    if (count > 1) {
-      const std::size_t steps = count - 1, way = i * (photos.size() - 1);
-      index = way / steps;
-      const std::size_t twice_the_rest = 2 * (way % steps);
-      if (twice_the_rest > steps || (twice_the_rest == steps && index % 2 == 1)) ++index;
-    }
-    kept.push_back(photos[index]);
-  }
-  return kept;
 }
 
 /// Where few-view datasets keep the points triangulated from these few views alone. The points of the COLMAP model come
@@ -476,65 +380,6 @@ std::vector<LoadedView> load_photos(std::span<const Photo> photos, const ImageOp
     if (photos[i].video_frame < 0) views[i] = load_view(photos[i], options);
   });
   return views;
-}
-
-struct Box {
-  glm::dvec3 centre{0.0};
-  double half = 0;
-};
-
-/// The box that the cameras look at. Its centre is the point nearest to all optical axes or, if the axes are almost
-/// parallel, a point in front of the cameras; its half side is the distance to the farthest camera.
-Box look_at_box(const std::vector<View>& views) {
-  const auto forward = [](const View& view) { return glm::dvec3(glm::transpose(view.camera.rotation())[2]); };
-  glm::dvec3 mean_centre(0.0), mean_forward(0.0);
-  for (const View& view : views) {
-    mean_centre += glm::dvec3(view.camera.centre());
-    mean_forward += forward(view);
-  }
-  const auto n = static_cast<double>(views.size());
-  mean_centre /= n;
-
-  // Least squares: sum (I - d dᵀ)(p - c) = 0.
-  glm::dmat3 normal(0.0);
-  glm::dvec3 right(0.0);
-  for (const View& view : views) {
-    const glm::dvec3 d = forward(view);
-    const glm::dmat3 across = glm::dmat3(1.0) - glm::outerProduct(d, d);
-    normal += across;
-    right += across * glm::dvec3(view.camera.centre());
-  }
-  double spread_of_cameras = 0;
-  for (const View& view : views) {
-    spread_of_cameras = std::max(spread_of_cameras, glm::length(glm::dvec3(view.camera.centre()) - mean_centre));
-  }
-  Box box;
-  const double determinant = glm::determinant(normal / n);
-  if (determinant > 1e-3) {
-    box.centre = glm::inverse(normal) * right;
-  } else {
-    const double length = glm::length(mean_forward);
-    const glm::dvec3 direction = length > 1e-9 ? mean_forward / length : forward(views.front());
-    box.centre = mean_centre + direction * (spread_of_cameras > 0 ? 3 * spread_of_cameras : 1.0);
-  }
-  for (const View& view : views) {
-    box.half = std::max(box.half, glm::length(glm::dvec3(view.camera.centre()) - box.centre));
-  }
-  if (!(box.half > 0)) box.half = 1;
-  return box;
-}
-
-PointCloud random_points(const Box& box, int count, std::uint64_t seed) {
-  const RandomStream random(seed, 0, RandomPurpose::init_points);
-  const auto n = static_cast<std::size_t>(count);
-  PointCloud points;
-  points.positions.resize(3 * n);
-  points.colors.assign(3 * n, 128);
-  for (std::size_t i = 0; i < 3 * n; ++i) {
-    const double middle = box.centre[static_cast<int>(i % 3)];
-    points.positions[i] = static_cast<float>(middle + box.half * (2 * random.uniform(i) - 1));
-  }
-  return points;
 }
 
 void check_options(const SceneOptions& options) {
@@ -632,8 +477,8 @@ std::vector<std::string> pack_scene(const SceneOptions& options, const std::file
     check_camera_position(photo.view, dataset.listing);
     listing.photos.push_back(std::move(photo));
   }
-  listing.own_test = dataset.own_test;
-  listing.has_test_split = dataset.has_test_split;
+  listing.own_test = dataset.own_test.value_or(0);
+  listing.has_test_split = dataset.own_test.has_value();
   listing.blender = dataset.blender;
   listing.images = dataset.images;
   listing.frames = dataset.frames;
@@ -646,7 +491,7 @@ std::vector<std::string> pack_scene(const SceneOptions& options, const std::file
 Scene read_scene(const SceneOptions& options) {
   check_options(options);
   Dataset dataset = read_dataset(options);
-  Split split = split_photos(options, dataset);
+  PhotoSplit split = split_photos(options, dataset.names, dataset.own_test, dataset.listing);
 
   Scene scene;
   scene.white_background = options.white_background;
@@ -657,7 +502,7 @@ Scene read_scene(const SceneOptions& options) {
       scene.notes.push_back("there are only " + std::to_string(split.train.size()) + " training views, not " +
                             std::to_string(wanted));
     }
-    split.train = spread(split.train, wanted);
+    split.train = spread_evenly(split.train, wanted);
   }
 
   const std::size_t train_count = split.train.size();
@@ -681,7 +526,7 @@ Scene read_scene(const SceneOptions& options) {
       throw InputError(dataset.listing.string() + ": the dataset has no points to start from, and random_points is " +
                        std::to_string(options.random_points));
     }
-    const Box box = dataset.blender ? Box{glm::dvec3(0.0), kBlenderBox} : look_at_box(scene.train);
+    const PointBox box = dataset.blender ? synthetic_box() : look_at_box(scene.train);
     scene.points = random_points(box, options.random_points, options.seed);
     scene.notes.push_back("the dataset has no points; training starts from " + std::to_string(options.random_points) +
                           " random ones");

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/formats/initial_points.h"
+
+#include <algorithm>
+
+#include <glm/geometric.hpp>
+#include <glm/mat3x3.hpp>
+#include <glm/matrix.hpp>
+
+#include "splatboost/random.h"
+
+namespace splatboost {
+
+PointBox synthetic_box() { return {glm::dvec3(0.0), 1.3f}; }
+
+PointBox look_at_box(const std::vector<View>& views) {
+  const auto forward = [](const View& view) { return glm::dvec3(glm::transpose(view.camera.rotation())[2]); };
+  glm::dvec3 mean_centre(0.0), mean_forward(0.0);
+  for (const View& view : views) {
+    mean_centre += glm::dvec3(view.camera.centre());
+    mean_forward += forward(view);
+  }
+  const auto n = static_cast<double>(views.size());
+  mean_centre /= n;
+
+  // Least squares: sum (I - d dᵀ)(p - c) = 0.
+  glm::dmat3 normal(0.0);
+  glm::dvec3 right(0.0);
+  for (const View& view : views) {
+    const glm::dvec3 d = forward(view);
+    const glm::dmat3 across = glm::dmat3(1.0) - glm::outerProduct(d, d);
+    normal += across;
+    right += across * glm::dvec3(view.camera.centre());
+  }
+  double spread_of_cameras = 0;
+  for (const View& view : views) {
+    spread_of_cameras = std::max(spread_of_cameras, glm::length(glm::dvec3(view.camera.centre()) - mean_centre));
+  }
+  PointBox box;
+  const double determinant = glm::determinant(normal / n);
+  if (determinant > 1e-3) {
+    box.centre = glm::inverse(normal) * right;
+  } else {
+    const double length = glm::length(mean_forward);
+    const glm::dvec3 direction = length > 1e-9 ? mean_forward / length : forward(views.front());
+    box.centre = mean_centre + direction * (spread_of_cameras > 0 ? 3 * spread_of_cameras : 1.0);
+  }
+  for (const View& view : views) {
+    box.half = std::max(box.half, glm::length(glm::dvec3(view.camera.centre()) - box.centre));
+  }
+  if (!(box.half > 0)) box.half = 1;
+  return box;
+}
+
+PointCloud random_points(const PointBox& box, int count, std::uint64_t seed) {
+  const RandomStream random(seed, 0, RandomPurpose::init_points);
+  const auto n = static_cast<std::size_t>(count);
+  PointCloud points;
+  points.positions.resize(3 * n);
+  points.colors.assign(3 * n, 128);
+  for (std::size_t i = 0; i < 3 * n; ++i) {
+    const double middle = box.centre[static_cast<int>(i % 3)];
+    points.positions[i] = static_cast<float>(middle + box.half * (2 * random.uniform(i) - 1));
+  }
+  return points;
+}
+
+}  // namespace splatboost
