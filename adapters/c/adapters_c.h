@@ -107,9 +107,9 @@ SB_API sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density,
                                  const sb_tensor* clone, const sb_tensor* split, void* stream);
 /** Decides removal; waits for the GPU. @param remove uint8 [M], in: the host's own candidates, out: those to remove
  *  @param origins int32 [M] index that each primitive, or the one it was made from, had in sb_adapter_grow of this
- *  iteration. NULL if not within growth: then late pruning adds candidates, by the scores of the views and the
- *  opacities, at its own iterations (sb_adapter_prunes_at with host_would 0); at all others `remove` stays unchanged,
- *  except for primitives whose clearance is below the setting min_clearance
+ *  iteration, before any late pruning of it. NULL if not within growth: then late pruning adds candidates, by the
+ *  scores of the views and the opacities, at its own iterations (sb_adapter_prunes_at with host_would 0); at all
+ *  others `remove` stays unchanged, except for primitives whose clearance is below the setting min_clearance
  *  @param stream as for sb_adapter_grow */
 SB_API sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const sb_views* views,
                                   const sb_tensor* remove, const sb_tensor* origins, void* stream);

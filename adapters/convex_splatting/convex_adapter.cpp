@@ -87,7 +87,7 @@ bool ConvexAdapter::prunes_late_at(Moment moment) const {
   const int from = scaled_iteration(boost_.late_prune_from, moment.total);
   const int interval = scaled_iteration(boost_.late_prune_interval, moment.total);
   // Not shortly before the end, as in VanillaAdapter.
-  return moment.iteration > from && moment.iteration + interval / 10 < moment.total && moment.iteration % interval == 0;
+  return moment.iteration > from && interval / 10 < moment.total - moment.iteration && moment.iteration % interval == 0;
 }
 
 bool ConvexAdapter::prunes_at(Moment moment, bool backbone_would) const {
@@ -99,6 +99,7 @@ void ConvexAdapter::prune(const DensityStatistics& statistics, RasterizerHook& r
   const std::size_t n = decisions.remove.size();
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
+    SPLATBOOST_CHECK(decisions.origins.size() == n, "pruning within growth needs the origin of each primitive");
     std::vector<float> weights(n);
     for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
     const auto candidates = static_cast<std::size_t>(
@@ -110,6 +111,7 @@ void ConvexAdapter::prune(const DensityStatistics& statistics, RasterizerHook& r
   }
   if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
+  scored_at_ = -1;  // the scores are no longer those of a growth
   score(statistics.moment, rasterizer);
   const double settled = boost_.literal ? 1 : settled_share(statistics.moment, rasterizer.scorable_views());
   const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled);

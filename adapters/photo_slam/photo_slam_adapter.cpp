@@ -70,7 +70,7 @@ PhotoSlamAdapter::LatePruning PhotoSlamAdapter::due_by(Moment moment) const {
   LatePruning due;
   due.growth_ended = last >= at(end, moment);
   due.prunes = due.growth_ended ? 1 : 0;
-  for (std::int64_t next = (end / interval + 1) * std::int64_t{interval};
+  for (std::int64_t next = (std::int64_t{end} / interval + 1) * interval;
        next < boost().published_iterations && at(static_cast<int>(next), moment) <= last; next += interval) {
     ++due.prunes;
   }

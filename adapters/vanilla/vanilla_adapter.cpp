@@ -92,7 +92,11 @@ const ScoreSums& VanillaAdapter::score(RasterizerHook& rasterizer, bool losses, 
 }
 
 void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
-  const std::size_t n = statistics.gradients.size();
+  const std::size_t n = decisions.clone.size();
+  SPLATBOOST_CHECK(decisions.split.size() == n, "clone and split must have the same size");
+  SPLATBOOST_CHECK(!boost_.absgrad || (statistics.gradients.size() == n && statistics.gradients_abs.size() == n &&
+                                       statistics.max_scales.size() == n),
+                   "growth by absolute gradients needs gradients, gradients_abs and max_scales of all primitives");
   const Moment moment = statistics.moment;
   const RandomStream random(boost_.seed, static_cast<std::uint64_t>(moment.iteration), RandomPurpose::scored_views);
   double gradient_scale = 1;
@@ -131,7 +135,7 @@ void VanillaAdapter::grow(const DensityStatistics& statistics, RasterizerHook& r
 
 bool VanillaAdapter::makes_room(const DensityStatistics& statistics, const GrowDecisions& decisions) const {
   const Moment moment = statistics.moment;
-  if (!boost_.vcp || moment.iteration + growth_interval(moment) >= growth_end(moment)) return false;
+  if (!boost_.vcp || growth_interval(moment) >= growth_end(moment) - moment.iteration) return false;
   std::size_t grown = decisions.clone.size();
   for (std::size_t i = 0; i < decisions.clone.size(); ++i) grown += decisions.clone[i] != 0 || decisions.split[i] != 0;
   return reaches_cap(statistics, grown);
@@ -174,7 +178,7 @@ bool VanillaAdapter::prunes_late_at(Moment moment) const {
   const int interval = at(boost_.late_prune_interval, moment);
   // Not shortly before the end: rounded, the tenth multiple of a tenth of a run may be due before its last iteration,
   // where nothing would be left to recover in.
-  return moment.iteration > late_begin(moment) && moment.iteration + interval / 10 < moment.total &&
+  return moment.iteration > late_begin(moment) && interval / 10 < moment.total - moment.iteration &&
          moment.iteration % interval == 0;
 }
 
@@ -198,6 +202,7 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
+    SPLATBOOST_CHECK(decisions.origins.size() == n, "pruning within growth needs the origin of each primitive");
     // Removes half of the backbone's candidates, drawn by the pruning scores of the Gaussians they were made from.
     std::vector<float> weights(n);
     for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
@@ -215,6 +220,7 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
   if (reaches_cap(statistics, n) && n <= statistics.max_primitives) return;  // above it: begun with more than the cap
   SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
+  scored_at_ = -1;  // the scores are no longer those of a growth
   compute_pruning_scores(score(rasterizer, true, random));
   const double settled = boost_.literal ? 1 : settled_share(statistics.moment, rasterizer.scorable_views());
   const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled);

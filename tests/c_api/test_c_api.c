@@ -487,6 +487,13 @@ static void decides_as_the_adapter(void) {
   }
   density.iteration = 18000;
   CHECK(sb_adapter_prune(adapter, &density, &views, &r, NULL, NULL) == SB_OK && remove[0] == 1 && remove[1] == 1);
+  { /* the scores of late pruning do not serve growth, even of the same iteration */
+    int32_t origins[2] = {0, 1};
+    const sb_tensor from = tensor(origins, SB_INT32, 1, 2, 0, 0);
+    CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p, NULL) == SB_OK);
+    CHECK(sb_adapter_prune(adapter, &density, &views, &r, NULL, NULL) == SB_OK);
+    CHECK(sb_adapter_prune(adapter, &density, &views, &r, &from, NULL) == SB_ERROR_ARGUMENT);
+  }
 
   host.fails = 1;
   CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p, NULL) == SB_ERROR_CALLBACK);

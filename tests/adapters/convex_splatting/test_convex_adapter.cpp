@@ -75,6 +75,15 @@ TEST(ConvexAdapter, ThinsWhatGrowthRemovesAndLeavesTrimsAlone) {
   adapter.prune(hand.at(18000), rasterizer, trim);
   EXPECT_EQ(trimmed, (std::vector<std::uint8_t>{1, 0, 1, 1}));
   EXPECT_THROW(adapter.prune(hand.at(1200), rasterizer, within), ArgumentError) << "no growth was scored there";
+
+  const Hand fewer{{1, 1}, {1, 1}, {0.5f, 0.5f}, {1, 1}};
+  FakeRasterizer of_fewer({0, 1});
+  std::vector<std::uint8_t> late(2, 0);
+  PruneDecisions without{remove, PruneRule::growth, {}}, last{late, PruneRule::late, {}};
+  adapter.grow(hand.at(18000), rasterizer, growth);
+  EXPECT_THROW(adapter.prune(hand.at(18000), rasterizer, without), ArgumentError);
+  adapter.prune(fewer.at(18000), of_fewer, last);
+  EXPECT_THROW(adapter.prune(hand.at(18000), rasterizer, within), ArgumentError) << "the scores are late ones";
 }
 
 TEST(ConvexAdapter, PrunesLateByTheReleasesOpacityAndByTheScore) {

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -167,6 +168,15 @@ TEST(PhotoSlamAdapter, a_run_that_is_continued_prunes_only_what_is_due_from_then
   const PhotoSlamAdapter adapter({}, threads);
   EXPECT_FALSE(adapter.prunes_at({650, 1000}, false));
   EXPECT_TRUE(adapter.prunes_at({700, 1000}, false));
+}
+
+TEST(PhotoSlamAdapter, late_pruning_may_begin_at_any_iteration) {
+  Threads threads(1);
+  PhotoSlamBoost boost;
+  boost.late_prune_from = std::numeric_limits<int>::max();
+  boost.late_prune_interval = 1;
+  const PhotoSlamAdapter adapter(boost, threads);
+  EXPECT_FALSE(adapter.prunes_at({650, 1000}, false));
 }
 
 TEST(PhotoSlamAdapter, impossible_settings_are_named) {

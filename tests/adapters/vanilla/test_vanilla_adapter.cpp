@@ -463,6 +463,50 @@ TEST_F(VanillaAdapterTest, grows_as_often_as_3dgs) {
   EXPECT_TRUE(VanillaAdapter(boost, threads_).grows_at({7, 2000}, true)) << "without VCD the backbone decides";
 }
 
+TEST_F(VanillaAdapterTest, needs_the_statistics_and_decisions_of_all_primitives) {
+  const auto grow = [&](const VanillaBoost& boost, const Hand& hand, std::size_t splits) {
+    VanillaAdapter adapter(boost, threads_);
+    std::vector<std::uint8_t> clone(3), split(splits);
+    GrowDecisions decisions{clone, split};
+    FakeRasterizer rasterizer({0, 0, 0});
+    adapter.grow(hand.at(1000), rasterizer, decisions);
+  };
+  VanillaBoost boost = boost_at_paper_size();
+  const std::vector<float> three(3, 1.0f);
+  EXPECT_NO_THROW(grow(boost, {three, three, {}, three}, 3));
+  EXPECT_THROW(grow(boost, {three, three, {}, three}, 0), ArgumentError) << "a backbone that cannot split";
+  EXPECT_THROW(grow(boost, {three, {}, {}, three}, 3), ArgumentError);
+  EXPECT_THROW(grow(boost, {three, three, {}, {}}, 3), ArgumentError);
+  EXPECT_THROW(grow(boost, {{}, three, {}, three}, 3), ArgumentError);
+  boost.absgrad = false;
+  EXPECT_NO_THROW(grow(boost, {{}, {}, {}, {}}, 3));
+}
+
+TEST_F(VanillaAdapterTest, late_scores_do_not_prune_within_growth) {
+  VanillaAdapter adapter(boost_at_paper_size(), threads_);
+  const std::vector<float> six(6, 1.0f);
+  const Hand hand{six, six, six, six}, fewer{{0, 0}, {}, {0.5f, 0.5f}, {1, 1}};
+  std::vector<std::uint8_t> clone(6), split(6), remove(6, 1), late(2);
+  const std::vector<std::uint32_t> origins{0, 1, 2, 3, 4, 5};
+  GrowDecisions grow{clone, split};
+  PruneDecisions within{remove, PruneRule::growth, origins}, without{remove, PruneRule::growth, {}};
+  FakeRasterizer rasterizer({0, 1, 2, 3, 4, 5}), of_fewer({0, 1});
+  adapter.grow(hand.at(18000), rasterizer, grow);
+  EXPECT_THROW(adapter.prune(hand.at(18000), rasterizer, without), ArgumentError);
+  EXPECT_NO_THROW(adapter.prune(hand.at(18000), rasterizer, within));
+  PruneDecisions last{late, PruneRule::late, {}};
+  adapter.prune(fewer.at(18000), of_fewer, last);
+  EXPECT_THROW(adapter.prune(hand.at(18000), rasterizer, within), ArgumentError) << "those are of two primitives";
+}
+
+TEST_F(VanillaAdapterTest, the_longest_run_has_a_plan) {
+  constexpr int kMost = std::numeric_limits<int>::max();
+  const VanillaAdapter adapter(boost_at_paper_size(), threads_);
+  EXPECT_FALSE(adapter.prunes_at({kMost - 7, kMost}, false));
+  EXPECT_FALSE(adapter.prunes_at({kMost, kMost}, false));
+  EXPECT_FALSE(adapter.grows_at({kMost - 7, kMost}, false));
+}
+
 TEST_F(VanillaAdapterTest, schedule_follows_the_paper) {
   VanillaAdapter adapter(boost_at_paper_size(), threads_);
   int rest = 0, others = 0;
