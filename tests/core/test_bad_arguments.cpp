@@ -11,6 +11,7 @@
 #include "splatboost/adam.h"
 #include "splatboost/error_map.h"
 #include "splatboost/errors.h"
+#include "splatboost/exposure.h"
 #include "splatboost/neighbors.h"
 #include "splatboost/photometric.h"
 #include "splatboost/rasterizer.h"
@@ -290,6 +291,18 @@ TEST_F(BadArguments, PhotometricAndErrorMap) {
     expect_named([&] { photometric.evaluate(render, good, lambda, gradient); }, "lambda");
   expect_named([&] { flag_errors(render, good, 0.1f, std::span(error).first(9), flagged, threads); }, "error");
   expect_named([&] { flag_errors(render, good, 0.1f, error, std::span(flagged).first(9), threads); }, "flagged");
+}
+
+TEST_F(BadArguments, Exposure) {
+  std::vector<float> render(3 * 240), gradient(3 * 240), exposure(2), exposure_gradient(2);
+  std::vector<std::uint8_t> truth(3 * 240), valid(240, 1);
+  std::vector<double> workspace(4);
+  const auto call = [&](const TruthImage& image) {
+    add_exposed_l1(render, image, exposure, 1, gradient, exposure_gradient, workspace, threads);
+  };
+  EXPECT_NO_THROW(call({20, 12, truth, valid}));
+  expect_named([&] { call({20, 12, truth, std::span(valid).first(239)}); }, "valid");
+  expect_named([&] { call({20, 11, truth, valid}); }, "truth");
 }
 
 TEST_F(BadArguments, Adam) {

@@ -18,7 +18,8 @@ int scaled_iteration(int published, int total, int published_total = kPublishedI
 
 /// How often a parameter group steps in each of three phases of the run; gradients accumulate in between. Values are
 /// for the published run. The ends of the phases scale with a run's length, the intervals with its cube, because a
-/// short run has made few steps when a phase begins; intervals never exceed the published ones.
+/// short run has made few steps when a phase begins; intervals never exceed the published ones. Those below 1 count as
+/// 1.
 struct StepIntervals {
   int early = 1;   ///< until early_end
   int middle = 1;  ///< until middle_end

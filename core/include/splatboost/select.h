@@ -24,6 +24,7 @@ void keep_weighted_sample(std::span<const float> weights, std::size_t keep, cons
                           std::span<std::uint8_t> candidates);
 
 /// Keeps the `keep` candidates of the largest priority, ties to the lower index.
+/// @param priorities not NaN where there is a candidate; checked on the CPU only
 void keep_largest(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> candidates);
 
 /// Priority of a growth candidate: its gradient relative to the threshold that accepts it. Clones and splits are
@@ -34,7 +35,7 @@ inline float growth_priority(float gradient, float threshold) {
 
 /// Enforces a cap: of all primitives that clone or split, keeps the `keep` of the largest priority, ties to the lower
 /// index.
-/// @param priorities [N] @param clone,split [N]
+/// @param priorities [N] as for keep_largest() @param clone,split [N]
 void hold_cap(std::span<const float> priorities, std::size_t keep, std::span<std::uint8_t> clone,
               std::span<std::uint8_t> split);
 

@@ -23,7 +23,8 @@ class Threads {
 
   int count() const { return count_; }
 
-  /// Calls body(begin, end) for [0, n) divided into pieces of `grain` (the last may be shorter), and waits for all.
+  /// Calls body(begin, end) for [0, n) divided into pieces of `grain` (above 0; the last may be shorter), and waits for
+  /// all.
   /// Pieces run in any order, on any thread. A loop within a body runs only on the thread of that body.
   /// If pieces throw, the exception of the first of them in [0, n) is rethrown after all running pieces have ended;
   /// some of the later pieces may not have run.

@@ -38,7 +38,8 @@ bool steps_at(const StepIntervals& intervals, Moment moment, int published_total
 }
 
 bool steps_literally_at(const StepIntervals& intervals, Moment moment, int published_total) {
-  return moment.iteration >= moment.total || moment.iteration % interval_at(intervals, moment, published_total) == 0;
+  return moment.iteration >= moment.total ||
+         moment.iteration % std::max(1, interval_at(intervals, moment, published_total)) == 0;
 }
 
 double exponential_rate(double initial, double final_value, int iteration, int steps) {

@@ -2,6 +2,7 @@
 #include "splatboost/select.h"
 
 #include <algorithm>
+#include <cmath>
 #include <vector>
 
 #include "density/cuda_ops.h"
@@ -52,7 +53,9 @@ void keep_largest(std::span<const float> priorities, std::size_t keep, std::span
   SPLATBOOST_CHECK(priorities.size() == candidates.size(), "priorities and candidates must have the same size");
   std::vector<Ranked> ranked;
   for (std::size_t i = 0; i < candidates.size(); ++i) {
-    if (candidates[i] != 0) ranked.push_back({-static_cast<double>(priorities[i]), i});
+    if (candidates[i] == 0) continue;
+    SPLATBOOST_CHECK(!std::isnan(priorities[i]), "priorities must not be NaN");
+    ranked.push_back({-static_cast<double>(priorities[i]), i});
   }
   keep_smallest(ranked, keep, candidates);
 }

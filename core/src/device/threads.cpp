@@ -62,7 +62,10 @@ struct Loop {
   const void* context = nullptr;
   void (*piece)(const void* context, std::size_t begin, std::size_t end) = nullptr;
 
-  void run_piece(std::size_t i) const { piece(context, i * grain, std::min(n, (i + 1) * grain)); }
+  void run_piece(std::size_t i) const {
+    const std::size_t begin = i * grain;
+    piece(context, begin, begin + std::min(grain, n - begin));
+  }
 };
 
 /// Whether this thread is running the body of a loop.
@@ -173,7 +176,8 @@ Threads::Threads(int count) : count_(count) {
 }
 
 void Threads::run(std::size_t n, std::size_t grain, const void* context, Piece piece) {
-  const Loop loop{n, grain, (n + grain - 1) / grain, context, piece};
+  SPLATBOOST_CHECK(grain > 0, "grain must be above 0");
+  const Loop loop{n, grain, n / grain + (n % grain != 0 ? 1 : 0), context, piece};
   if (loop.pieces <= 1 || count_ == 1 || in_a_loop) {
     for (std::size_t i = 0; i < loop.pieces; ++i) loop.run_piece(i);
     return;

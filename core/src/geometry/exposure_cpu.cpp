@@ -29,6 +29,7 @@ void add_exposed_l1(std::span<const float> render, const TruthImage& truth, std:
   const std::size_t pixels = static_cast<std::size_t>(truth.width) * static_cast<std::size_t>(truth.height);
   SPLATBOOST_CHECK(render.size() == 3 * pixels && gradient.size() == render.size() && truth.color.size() == 3 * pixels,
                    "render, gradient and truth must be [3,H,W]");
+  SPLATBOOST_CHECK(truth.valid.empty() || truth.valid.size() == pixels, "truth.valid must be empty or [H,W]");
   SPLATBOOST_CHECK(exposure.size() == 2 && exposure_gradient.size() == 2 && workspace.size() == 4,
                    "exposure and its gradient must be two numbers, the workspace four");
   if (device.is_cuda()) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/neighbors.h"
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -39,7 +40,8 @@ void mean_squared_neighbor_distances(std::span<const float> points, int k, std::
   if (n == 0) return;
   const Points adaptor{points};
   const Tree tree(3, adaptor);
-  const std::size_t wanted = static_cast<std::size_t>(k) + 1;  // plus the point itself, which is found first
+  // Plus the point itself, which is found first.
+  const std::size_t wanted = std::min(n, static_cast<std::size_t>(k) + 1);
   device.threads().for_range(n, 256, [&](std::size_t begin, std::size_t end) {
     std::vector<std::uint32_t> indices(wanted);
     std::vector<float> squared(wanted);

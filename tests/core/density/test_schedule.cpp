@@ -93,6 +93,14 @@ TEST(StepsAt, IntervalsNeverExceedThePublishedOnes) {
   EXPECT_NEAR(steps_between(rest, 60000, 40001, 60000), 20000 / 64, 2);
 }
 
+TEST(StepsAt, AnIntervalBelowOneCountsAsOne) {
+  const StepIntervals intervals{0, -3, 1, 15000, 20000};
+  for (const int iteration : {7, 16000, 25001}) {
+    EXPECT_TRUE(steps_at(intervals, {iteration, 30000}));
+    EXPECT_TRUE(steps_literally_at(intervals, {iteration, 30000}));
+  }
+}
+
 TEST(StepsAt, TheLastIterationAlwaysSteps) {
   for (const int total : {1, 5, 17, 1000, 29999}) {
     EXPECT_TRUE(steps_at({1000000, 1000000, 1000000, 15000, 20000}, {total, total})) << total;

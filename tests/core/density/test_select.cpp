@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <numeric>
 #include <utility>
 #include <vector>
 
 #include "reference/training.h"
+#include "splatboost/errors.h"
 #include "splatboost/select.h"
 #include "support/compare.h"
 #include "support/scenes.h"
@@ -141,6 +143,17 @@ TEST(KeepLargest, HoldsACap) {
   EXPECT_EQ(kept(4), (Mask{1, 1, 1, 0, 0, 1, 0}));
   EXPECT_EQ(kept(6), (Mask{1, 1, 1, 1, 1, 1, 0}));
   EXPECT_EQ(kept(99), (Mask{1, 1, 1, 1, 1, 1, 0}));
+}
+
+TEST(KeepLargest, RefusesCandidatesThatCannotBeRanked) {
+  std::vector<float> priorities(100, 1.0f);
+  priorities[70] = std::numeric_limits<float>::quiet_NaN();
+  Mask candidates(100, 1), split(100, 0);
+  EXPECT_THROW(keep_largest(priorities, 3, candidates), ArgumentError);
+  EXPECT_THROW(hold_cap(priorities, 3, candidates, split), ArgumentError);
+  EXPECT_EQ(candidates, Mask(100, 1));
+  candidates[70] = 0;
+  EXPECT_NO_THROW(keep_largest(priorities, 3, candidates));
 }
 
 TEST(KeepLargest, AgreesWithASort) {

@@ -10,12 +10,14 @@
 #include <cstddef>
 #include <cstdio>
 #include <cstdlib>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "device/cpu_quota.h"
+#include "splatboost/errors.h"
 
 namespace splatboost::test {
 namespace {
@@ -69,6 +71,22 @@ TEST(Threads, RunALoopWithinALoopOnTheThreadOfItsBody) {
   });
   EXPECT_EQ(elsewhere, 0);
   for (const auto& visit : visits) EXPECT_EQ(visit, 1);
+}
+
+TEST(Threads, TakeAnyGrainAboveZero) {
+  constexpr std::size_t kMost = std::numeric_limits<std::size_t>::max();
+  for (const int count : {1, 3}) {
+    Threads threads(count);
+    for (const std::size_t grain : {std::size_t{10}, std::size_t{11}, kMost / 2, kMost}) {
+      std::atomic<int> pieces{0};
+      threads.for_range(10, grain, [&](std::size_t begin, std::size_t end) {
+        ++pieces;
+        EXPECT_TRUE(begin == 0 && end == 10) << begin << " to " << end;
+      });
+      EXPECT_EQ(pieces, 1) << grain;
+    }
+    EXPECT_THROW(threads.for_range(10, 0, [](std::size_t, std::size_t) {}), ArgumentError);
+  }
 }
 
 TEST(Threads, ServeSeveralCallersAtATime) {

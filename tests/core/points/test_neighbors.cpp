@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <vector>
 
 #include "reference/training.h"
@@ -47,6 +48,11 @@ TEST(Neighbors, ALoneAPairAndNone) {
   EXPECT_EQ(distances({1, 2, 3}, 3), (std::vector<float>{0}));
   EXPECT_EQ(distances({0, 0, 0, 0, 3, 4}, 3), (std::vector<float>{25, 25}));
   EXPECT_TRUE(distances({}, 3).empty());
+}
+
+TEST(Neighbors, AnyNumberMayBeWanted) {
+  const std::vector<float> points{0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3};
+  EXPECT_EQ(distances(points, std::numeric_limits<int>::max()), distances(points, 3));
 }
 
 TEST(Neighbors, CoincidentPointsAreNeighboursAtDistanceZero) {
