@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "splatboost/clearance.h"
@@ -183,7 +184,11 @@ void GaussianTrainer::append_children(std::span<const std::uint32_t> parents) {
       for (std::size_t k = 0; k < means.size(); ++k) means[k] += offsets[k];
     });
     scaling_.values.edit(3 * first, [&](std::span<float> logarithms) {
-      for (std::size_t k = 0; k < logarithms.size(); ++k) logarithms[k] = std::log(scales[k] / kSplitShrink);
+      for (std::size_t k = 0; k < logarithms.size(); ++k) {
+        // The scale of a very flat Gaussian may have underflowed to 0.
+        const float scale = std::max(scales[k], std::numeric_limits<float>::min());
+        logarithms[k] = std::log(scale / kSplitShrink);
+      }
     });
   }
   stale_ = set_changed_ = true;

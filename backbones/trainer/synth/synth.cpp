@@ -42,9 +42,9 @@ void check(const SynthOptions& options) {
   require(!options.output.empty(), "no output folder is given");
   require(options.scene == "room" || options.scene == "street" || options.scene == "moving" || options.scene == "walk",
           "unknown scene '" + options.scene + "'; known scenes are room, street, moving, walk");
-  require(options.cameras >= 0 && options.cameras <= options.views,
+  require(options.cameras == 0 || (options.cameras > 0 && options.cameras < options.views),
           std::to_string(options.cameras) +
-              " cameras of a rig are not possible; use 1 to --views, or 0 for one moving camera");
+              " cameras of a rig are not possible; use fewer than --views, or 0 for one moving camera");
   require(options.scene == "moving" || options.cameras == 0, "only the scene 'moving' supports a rig of cameras");
   require(std::isfinite(options.baseline) && options.baseline >= 0 && options.baseline <= 1,
           "the baseline of two cameras must be 0 to 1 m; 0: one camera with depth");
@@ -52,6 +52,7 @@ void check(const SynthOptions& options) {
   require(options.scene != "moving" || options.views >= 2, "the scene 'moving' needs 2 or more views");
   require(options.scene != "moving" || options.surface_points == 0,
           "the scene 'moving' has no surface.ply; the motion of its points is in motion/");
+  require(options.scene != "walk" || options.surface_points == 0, "the scene 'walk' has no surface.ply");
   require(options.width >= 16 && options.height >= 16 && options.width <= 8192 && options.height <= 8192,
           "the size " + std::to_string(options.width) + "x" + std::to_string(options.height) +
               " is not possible; both sides must be 16 to 8192");

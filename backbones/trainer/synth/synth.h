@@ -17,7 +17,7 @@ struct SynthOptions {
   int width = 320;
   int height = 240;
   int views = 48;             ///< number of images; for "moving", of training images
-  int cameras = 0;            ///< "moving": number of cameras of a static rig; 0: one camera that walks around
+  int cameras = 0;            ///< "moving": cameras of a static rig, fewer than views; 0: one camera that walks around
   double baseline = 0;        ///< "walk": metres between two cameras, which replace depth; 0: one camera with depth
   int points = 4000;          ///< in the sparse cloud
   float point_noise = 0.01f;  ///< standard deviation of the points, world units (metres)

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <set>
@@ -72,6 +74,34 @@ TEST_F(GaussianMethodRun, a_cap_ranks_by_what_the_hook_says) {
   for (const std::uint32_t i : ranking.grown) EXPECT_GE(i * 37 % n, n - kRoom);
   EXPECT_EQ(backbone->primitives(), capped.max_primitives);
   EXPECT_EQ(ranking.caps, (std::set<std::size_t>{capped.max_primitives}));
+}
+
+/// Splits all Gaussians and removes none.
+class SplitsAll : public DensityHook {
+ public:
+  void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& d) override {
+    std::ranges::fill(d.clone, std::uint8_t{0});
+    std::ranges::fill(d.split, std::uint8_t{1});
+  }
+  void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions& d) override {
+    std::ranges::fill(d.remove, std::uint8_t{0});
+  }
+};
+
+TEST_F(GaussianMethodRun, children_of_the_flattest_have_a_scale) {
+  BackboneContext uncapped = context();
+  uncapped.max_primitives = 0;
+  const auto backbone =
+      make_gaussian_backbone(uncapped, testing::eager_toy_config(), std::make_unique<testing::ToyMethod>());
+  SplatCloud cloud = exported(*backbone);
+  const std::size_t n = cloud.size();
+  for (std::size_t i = 0; i < n; ++i) cloud.log_scales[3 * i + 1] = -200;  // its exponential is 0
+  testing::import_cloud(*backbone, cloud);
+  SplitsAll splits;
+  backbone->set_hooks(&splits, nullptr);
+  for (int i = 1; i <= 60 && backbone->primitives() == n; ++i) backbone->train_step(i, scene_.train[0]);
+  ASSERT_EQ(backbone->primitives(), 2 * n);
+  for (const float scale : exported(*backbone).log_scales) EXPECT_TRUE(std::isfinite(scale) && scale < 0);
 }
 
 TEST_F(GaussianMethodRun, a_scored_view_is_drawn_at_its_own_time) {

@@ -418,8 +418,10 @@ TEST(Synth, ImpossibleOptionsAreInputErrors) {
                   "noise");
   expect_contains(error_with([](SynthOptions& o) { o.cameras = 2; }), "only the scene 'moving'");
   expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.cameras = 7; }), "7 cameras");
+  expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.cameras = o.views; }), "fewer than --views");
   expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.views = 1; }), "2 or more views");
   expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.surface_points = 9; }), "no surface.ply");
+  expect_contains(error_with([](SynthOptions& o) { o.scene = "walk", o.surface_points = 9; }), "no surface.ply");
   expect_contains(error_with([](SynthOptions& o) { o.output.clear(); }), "output");
   write_file(folder / "file", "x");
   expect_contains(error_with([&](SynthOptions& o) { o.output = folder / "file"; }), "not a folder");
