@@ -207,11 +207,11 @@ std::unique_ptr<Backbone> make_deformable(const BackboneContext& context, const 
 BackboneEntry deformable_3dgs_entry() {
   return {kName, DeformableConfig().published_iterations,
           [](const BackboneContext& context, const nlohmann::json& constants) {
-            require_times(context.scene);
             DeformableConfig defaults;
             defaults.is_blender = context.scene.synthetic;
             return make_deformable(context, deformable_config_from_json(constants, defaults));
-          }};
+          },
+          nullptr, require_times};
 }
 
 }  // namespace splatboost

@@ -79,6 +79,13 @@ def test_times_are_rendered(both, tmp_path):
     assert len(files[0].read_bytes()) == len(still)
 
 
+def test_a_moving_model_is_rendered_from_the_cameras_of_a_still_scene(both, scene, tmp_path):
+    for time in ("0", "1"):
+        run_well("render", "-m", both / "boosted", "-s", scene, "-o", tmp_path / time, "--time", time, "--quiet")
+    first, last = (sorted((tmp_path / time / "test/renders").iterdir()) for time in ("0", "1"))
+    assert first and [file.read_bytes() for file in first] != [file.read_bytes() for file in last]
+
+
 @pytest.mark.parametrize("arguments, word", [
     (["--time", "1.5"], "--time must be in [0, 1]"),
     (["--sequence", "0"], "--sequence must be 1 to 100000"),

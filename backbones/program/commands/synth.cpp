@@ -29,21 +29,21 @@ Command add_synth(CLI::App& program) {
                          "number of cameras [48; walk " + std::to_string(kWalkFrames) + "]")
           ->type_name("N");
   add_checked_option(*app, "--cameras", options->cameras,
-                     "moving: number of cameras of a rig; 0: one camera that walks around")
+                     "moving: number of cameras of a rig, fewer than views; 0: one camera that walks around")
       ->type_name("N")
       ->capture_default_str();
   add_checked_option(*app, "--baseline", options->baseline,
                      "walk: metres between the cameras of a stereo pair, in EuRoC's layout; 0: one camera with depth")
       ->type_name("X")
       ->capture_default_str();
-  add_checked_option(*app, "--points", options->points, "number of points of the sparse cloud")
+  add_checked_option(*app, "--points", options->points, "number of points of the sparse cloud; not for walk")
       ->type_name("N")
       ->capture_default_str();
   add_checked_option(*app, "--point-noise", options->point_noise, "standard deviation of the points, world units")
       ->type_name("X")
       ->capture_default_str();
   add_checked_option(*app, "--surface-points", options->surface_points,
-                     "number of exact points on the visible surfaces in surface.ply, for splatboost mesh-eval")
+                     "room, street: number of exact points on the visible surfaces in surface.ply, for mesh-eval")
       ->type_name("N")
       ->capture_default_str();
   add_checked_option(*app, "--samples", options->samples, "samples per pixel and axis, against aliasing")

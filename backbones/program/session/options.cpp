@@ -96,7 +96,8 @@ std::string OptionSet::given_of(const std::string& group) const {
 
 void add_source_option(OptionSet& set, RunOptions& options) {
   set.set_group("Data");
-  set.add("-s,--source", options.scene.source, "scene folder: COLMAP, Blender or nerfstudio; or packed scene")
+  set.add("-s,--source", options.scene.source,
+          "scene folder: COLMAP, Blender, nerfstudio, Nerfies or rig of videos; or packed scene")
       ->type_name("DIR");
 }
 

@@ -135,6 +135,15 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
   return surfaces;
 }
 
+/// Throws InputError if the backbone cannot be trained on the scene.
+PluggedBackbone backbone_to_train(Workbench& bench, const RunOptions& options, bool boost) {
+  const auto require_trainable = find_backbone(options.backbone).require_trainable;
+  if (require_trainable != nullptr) require_trainable(bench.scene);
+  const Json settings = boost_settings(options);
+  return make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
+                       boost ? &settings : nullptr);
+}
+
 fs::path saved_at(const fs::path& folder, int iteration) {
   return folder / "point_cloud" / ("iteration_" + std::to_string(iteration));
 }
@@ -176,9 +185,7 @@ Workbench make_workbench(const RunOptions& options) {
 std::string run_label(bool boost) { return boost ? "boosted" : "baseline"; }
 
 std::string config_of_run(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost) {
-  const Json settings = boost_settings(options);
-  const PluggedBackbone plugged = make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
-                                                boost ? &settings : nullptr);
+  const PluggedBackbone plugged = backbone_to_train(bench, options, boost);
   return config_text(set, options, boost, &plugged, &bench.scene);
 }
 
@@ -190,9 +197,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   reset_peak_memory();
   const std::uint64_t resident = resident_memory_bytes();
 
-  const Json settings = boost_settings(options);
-  const PluggedBackbone plugged = make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
-                                                boost ? &settings : nullptr);
+  const PluggedBackbone plugged = backbone_to_train(bench, options, boost);
   Backbone& backbone = *plugged.backbone;
   const std::string config = config_text(set, options, boost, &plugged, &bench.scene);
   bench.scene.train_halves.clear();

@@ -22,6 +22,9 @@ struct BackboneEntry {
   std::unique_ptr<Backbone> (*make)(const BackboneContext& context, const nlohmann::json& constants);
   /// Writes a model folder of export_model() as triangles, .ply or .glb. Null: the primitives have no triangle form.
   void (*export_mesh)(const std::filesystem::path& model, const std::filesystem::path& file) = nullptr;
+  /// Throws InputError if the backbone cannot be trained on this scene; a trained model may still be rendered from its
+  /// cameras. Null: it can be trained on any.
+  void (*require_trainable)(const Scene& scene) = nullptr;
 };
 
 /// One per backbone folder of backbones/ that CMake found.

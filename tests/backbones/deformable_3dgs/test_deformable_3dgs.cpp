@@ -328,9 +328,7 @@ TEST_F(DeformableRun, learns_motion_that_still_gaussians_cannot_show) {
 
 TEST_F(DeformableRun, a_scene_without_times_is_refused_in_one_line) {
   for (View& view : scene_.train) view.time = 0;
-  const BackboneContext context{scene_, threads_, 3, 100, 0};
-  const std::string message =
-      test::input_error_of([&] { deformable_3dgs_entry().make(context, nlohmann::json::object()); });
+  const std::string message = test::input_error_of([&] { deformable_3dgs_entry().require_trainable(scene_); });
   test::expect_contains(message, "all 21 training views have the same time");
   test::expect_contains(message, "--frame-times");
 }

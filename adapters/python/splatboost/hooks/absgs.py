@@ -25,8 +25,8 @@ class Boost(_boost.Boost):
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, *rest: Any):
         if options.boost == "on" and options.use_prune_weight:
-            sys.stderr.write("--use_prune_weight: needs blending weights, which SplatBoost's rasterizer does not provide; leave "
-                             "it out, or train with --boost off\n")
+            sys.stderr.write("--use_prune_weight: needs the blending weights that the host's rasterizer returns, and SplatBoost's "
+                             "does not; leave it out, or train with --boost off\n")
             sys.exit(2)
         if options.boost == "on" and gaussians.get_xyz.shape[0] == 0:
             sys.stderr.write("AbsGS begins with no Gaussians: it takes only points that three photos or more saw, with an error of at "
