@@ -235,7 +235,9 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {
   if (boost_.literal) return backbone_would;
-  const std::int64_t recovered = std::int64_t{moment.iteration} + boost_.growth_after_reset;
+  const int growth_after =
+      boost_.random_points ? std::min(boost_.growth_after_reset, kGrowthAfterResetRandom) : boost_.growth_after_reset;
+  const std::int64_t recovered = std::int64_t{moment.iteration} + growth_after;
   if (boost_.vcd && recovered > growth_end(moment)) return false;
   if (boost_.vcp && recovered > late_begin(moment)) return false;
   return backbone_would;

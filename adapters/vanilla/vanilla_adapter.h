@@ -43,6 +43,10 @@ struct VanillaBoost {
   /// Opacities are reset only if at least this many iterations of growth follow, as in the published run. Not scaled,
   /// because opacities recover at a rate that does not depend on the run's length.
   int growth_after_reset = 3000;
+  /// The initial points were drawn at random (clearance.h), so that free space around the cameras is not known. Then
+  /// growth_after_reset is at most kGrowthAfterResetRandom: resets remove what the random points leave there. Given by
+  /// the run.
+  bool random_points = false;
   int late_prune_from = 10000;  ///< but not before growth has ended; paper: 15 000
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
@@ -92,6 +96,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("densify_until", boost.densify_until);
   visit("densify_interval", boost.densify_interval);
   visit("growth_after_reset", boost.growth_after_reset);
+  visit("random_points", boost.random_points);
   visit("late_prune_from", boost.late_prune_from);
   visit("late_prune_interval", boost.late_prune_interval);
   visit("late_min_opacity", boost.late_min_opacity);
@@ -117,6 +122,9 @@ inline constexpr int kLiteralGrowthEnd = 15000;
 /// than every kMinGrowthInterval iterations, as 3DGS does, nor in the second half of a run.
 inline constexpr int kMinGrowths = 12;
 inline constexpr int kMinGrowthInterval = 100;
+
+/// Of a run from random points. An opacity needs about 50 steps to rise from a reset to the threshold of late pruning.
+inline constexpr int kGrowthAfterResetRandom = 200;
 
 /// Growth has reached a cap if at least this share of it is used; pruning within growth leaves a few places free.
 inline constexpr double kReachedCap = 0.9;

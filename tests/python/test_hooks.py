@@ -152,6 +152,24 @@ def test_late_pruning_tells_the_cap_and_how_near_the_cameras_gaussians_are():
     assert torch.allclose(boost.adapter.clearances, torch.tensor([1.0, 0.25]))
 
 
+def test_random_points_let_opacities_be_reset(monkeypatch):
+    boost = boost_of()
+    boost._scene.getTrainCameras = lambda: [types.SimpleNamespace(camera_center=torch.tensor([4.0, 0.0, 0.0]))]
+    given = []
+    monkeypatch.setattr(_boost, "adapter_of", lambda backbone, options, device, settings: given.append(settings) or boost.adapter)
+    boost._settings = lambda: {"tau_d": 5.0}
+    boost.adapter.settings = {"min_clearance": 0.8}
+    torch.manual_seed(0)
+    boost._means = lambda: 2 * torch.rand(1000, 3) - 1
+    boost._measure_distances()
+    assert given == [{"tau_d": 5.0, "random_points": True}]
+    surface = torch.rand(1000, 3)
+    surface[:, 0] = 1
+    boost._means = lambda: surface
+    boost._measure_distances()
+    assert len(given) == 1
+
+
 def test_late_pruning_never_removes_all():
     boost = boost_of(adapter=Adapter(remove=range(N)))
     boost.prune_late()

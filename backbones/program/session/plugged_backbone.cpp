@@ -4,6 +4,7 @@
 #include <string>
 #include <variant>
 
+#include "splatboost/clearance.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_fields.h"
 
@@ -71,6 +72,14 @@ Json after_growth(Json settings, const Json& constants) {
   return settings;
 }
 
+/// Where free space around the cameras is not known, it is the resets of opacities that clear it.
+Json with_random_points(Json settings, const Scene& scene) {
+  if (settings.value("min_clearance", 0.0) > 0) {
+    settings["random_points"] = points_are_random(scene.points.positions);
+  }
+  return settings;
+}
+
 }  // namespace
 
 PluggedBackbone make_backbone(std::string_view name, const BackboneContext& context, const Json& constants,
@@ -80,7 +89,8 @@ PluggedBackbone make_backbone(std::string_view name, const BackboneContext& cont
   if (boost != nullptr) {
     const Json own = plugged.backbone->config(), given = to_json(*read_boost_settings(name, *boost));
     check_end_of_growth(name, own, given);
-    const std::unique_ptr<BoostSettings> settings = read_boost_settings(name, after_growth(given, own));
+    const std::unique_ptr<BoostSettings> settings =
+        read_boost_settings(name, with_random_points(after_growth(given, own), context.scene));
     plugged.adapter = settings->make_adapter(context.seed, context.device);
     plugged.beta = plugged.adapter->beta();
     plugged.coarse_until = settings->coarse_share();

@@ -29,15 +29,17 @@ void check_cameras(std::span<const float> centres, std::span<const float> distan
   SPLATBOOST_CHECK(centres.size() == 3 * distances.size(), "centres must be [C,3] and distances [C]");
 }
 
-/// Whether points fill their bounding box evenly, as if drawn at random there: the counts of points in a grid of cells
-/// then have a variance near their mean. Surfaces leave most cells empty. True if there are too few points to tell.
-bool fill_their_box(std::span<const float> points) {
+}  // namespace
+
+bool points_are_random(std::span<const float> points) {
+  SPLATBOOST_CHECK(points.size() % 3 == 0, "points must be [M,3]");
   std::vector<glm::vec3> finite;
   finite.reserve(points.size() / 3);
   for (std::size_t p = 0; p < points.size(); p += 3) {
     const glm::vec3 point(points[p], points[p + 1], points[p + 2]);
     if (std::isfinite(point.x) && std::isfinite(point.y) && std::isfinite(point.z)) finite.push_back(point);
   }
+  // Counts of random points in a grid of cells have a variance near their mean. Surfaces leave most cells empty.
   const auto cells = static_cast<std::size_t>(std::cbrt(static_cast<double>(finite.size() / kPointsPerCell)) + 1e-9);
   if (cells < 2) return true;
 
@@ -65,15 +67,13 @@ bool fill_their_box(std::span<const float> points) {
   return variance < kEvenDispersion * mean;
 }
 
-}  // namespace
-
 void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,
                         Threads& threads) {
   check_cameras(centres, distances);
   SPLATBOOST_CHECK(points.size() % 3 == 0, "points must be [M,3]");
   const std::size_t count = points.size() / 3, share = std::max(kWrongShare, kWrongPerCamera * distances.size());
   const std::size_t wrong = std::max(kWrongPoints, count / share);
-  if (fill_their_box(points)) {
+  if (points_are_random(points)) {
     std::ranges::fill(distances, 0.0f);
     return;
   }

@@ -196,6 +196,11 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
   EXPECT_EQ(resets(boost, 20000), (std::vector<int>{2000}));
   EXPECT_EQ(resets(boost, 13000), (std::vector<int>{1300}));
   EXPECT_EQ(resets(boost, 12000), (std::vector<int>{})) << "1200 + 3000 is above 4000";
+  // Random points leave Gaussians around the cameras, which resets remove; 200 iterations are enough to recover.
+  boost.random_points = true;
+  EXPECT_EQ(resets(boost, 7000), (std::vector<int>{700, 1400, 2100})) << "growth ends at 2333";
+  EXPECT_EQ(resets(boost, 5000), (std::vector<int>{500, 1000})) << "1500 + 200 is above 1666";
+  boost.random_points = false;
   boost.growth_after_reset = 1;
   EXPECT_EQ(resets(boost, 7000), (std::vector<int>{700, 1400, 2100})) << "growth ends at 2333";
   boost.vcd = boost.vcp = false;

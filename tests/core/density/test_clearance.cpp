@@ -96,6 +96,7 @@ TEST(DistancesToScene, AreZeroWithTooFewPoints) {
 // A scene without points starts from random ones, in a box that may be smaller than the scene (NeRF-synthetic's ±1.3).
 TEST(DistancesToScene, AreZeroIfThePointsWereDrawnAtRandom) {
   for (const std::size_t count : {64, 300, 1000, 5000, 100000}) {
+    EXPECT_TRUE(points_are_random(in_a_cube(count, count))) << count;
     EXPECT_EQ(distances_of({4, 0, 0}, in_a_cube(count, count)), std::vector<float>{0}) << count;
   }
   // Boxes that are not cubes, as for cameras that look at a long scene.
@@ -104,6 +105,7 @@ TEST(DistancesToScene, AreZeroIfThePointsWereDrawnAtRandom) {
   EXPECT_EQ(distances_of({4, 0, 0}, points), std::vector<float>{0});
   // Neither a room whose walls are sampled evenly nor a plane is random.
   for (const std::size_t count : {500, 1000, 5000}) {
+    EXPECT_FALSE(points_are_random(on_walls(count, count))) << count;
     EXPECT_GT(distances_of({0, 0, 0}, on_walls(count, count))[0], 1.5f) << count;
     std::vector<float> plane = in_a_cube(count, count);
     for (std::size_t i = 0; i < plane.size(); i += 3) plane[i] = 1;

@@ -102,10 +102,10 @@ class Boost:
         self._checkpoints = frozenset(checkpoints)
         self._device = self._means().device
         self.adapter = adapter_of(self.backbone, options, self._device, self._settings())
-        self._extend_growth()
+        self._measure_distances()
+        self._extend_growth()  # changes the host's options, which _settings() reads
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
-        self._measure_distances()
         _drawing.save(model_path, self.backbone, self.adapter.beta)
         announce(self.adapter, self._schedule())
 
@@ -115,12 +115,15 @@ class Boost:
 
     def _measure_distances(self) -> None:
         """Of the training cameras to the scene: to the Gaussians that the run begins with, which are the checkpoint's if it is
-        resumed."""
+        resumed. Tells the adapter if they are random."""
         if self.adapter.settings.get("min_clearance", 0) > 0:
             cameras = self._scene.getTrainCameras()
             centres = torch.stack([camera.camera_center.detach().float().reshape(3) for camera in cameras])
             self._centres = centres.to(self._device)
             self._distances = distances_to_scene(self._centres, self._means().detach())
+            if not bool((self._distances > 0).any()):  # random points: their free space is cleared by resets of opacities
+                settings = dict(self._settings(), random_points=True)
+                self.adapter = adapter_of(self.backbone, self.options, self._device, settings)
 
     def _clearances(self) -> Optional[torch.Tensor]:
         if self._centres is None or self._distances is None:
