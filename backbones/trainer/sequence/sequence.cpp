@@ -129,9 +129,7 @@ class FileSequence final : public Sequence {
   }
 
   /// [H,W,3]
-  std::vector<std::uint8_t> read_color(const fs::path& file) const {
-    return color_of(read_image(file), file);
-  }
+  std::vector<std::uint8_t> read_color(const fs::path& file) const { return color_of(read_image(file), file); }
 
   std::vector<std::uint8_t> color_of(Pixels pixels, const fs::path& file) const {
     require_size(pixels, file);
