@@ -97,6 +97,16 @@ struct Mapping {
     return slam_run->run();
   }
 
+  /// lines() of a sequence whose frames all lack their colour or depth, because of `problem`.
+  template <class Part>
+  std::string lines_without(Part SequenceFrame::*part, const char* problem) {
+    sequence.changed = [=](SequenceFrame& frame) {
+      (frame.*part).clear();
+      frame.problem = problem;
+    };
+    return lines();
+  }
+
   /// The standard error output of a run, and the message of its InputError.
   std::string lines() {
     slam.lockstep = 1;
@@ -301,11 +311,7 @@ TEST(HardInput, wrong_focal_lengths_are_told) {
 
 TEST(HardInput, no_depth_at_all) {
   Mapping mapping;
-  mapping.sequence.changed = [](SequenceFrame& frame) {
-    frame.depth.clear();
-    frame.problem = "has no depth image";
-  };
-  const std::string lines = mapping.lines();
+  const std::string lines = mapping.lines_without(&SequenceFrame::depth, "has no depth image");
   expect_in(lines, "frame 0 (0.png): has no depth image; tracked by colour alone");
   expect_in(lines, "further messages of this kind are not printed");
   expect_in(lines, "nothing could be tracked: no frame has enough features with depth");
@@ -313,11 +319,7 @@ TEST(HardInput, no_depth_at_all) {
 
 TEST(HardInput, no_image_at_all) {
   Mapping mapping;
-  mapping.sequence.changed = [](SequenceFrame& frame) {
-    frame.color.clear();
-    frame.problem = "cannot be read";
-  };
-  const std::string lines = mapping.lines();
+  const std::string lines = mapping.lines_without(&SequenceFrame::color, "cannot be read");
   expect_in(lines, "frame 0 (0.png): cannot be read; left out");
   expect_in(lines, "nothing could be tracked: not one image can be used");
   EXPECT_EQ(lines.find("depth_scale"), std::string::npos) << lines;

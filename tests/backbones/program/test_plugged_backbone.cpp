@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program/session/plugged_backbone.h"
+
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "support/tiny_scene.h"
+
+namespace splatboost::program {
+namespace {
+
+std::vector<float> points_in_a_cube(std::size_t count) {
+  const RandomStream random(1, 0, RandomPurpose::synth);
+  std::vector<float> points(3 * count);
+  for (std::size_t i = 0; i < points.size(); ++i) points[i] = static_cast<float>(2 * random.uniform(i) - 1);
+  return points;
+}
+
+TEST(PluggedBackbone, random_points_let_opacities_be_reset) {
+  Threads threads(1);
+  Scene scene = testing::tiny_scene(threads, 2);
+  const auto resets = [&](const char* name, const std::vector<float>& points) {
+    scene.points.positions = points;
+    scene.points.colors.assign(points.size(), 128);
+    const nlohmann::json none = nlohmann::json::object();
+    return make_backbone(name, {scene, threads, 0, 7000}, none, &none).adapter->resets_opacities_at({700, 7000}, true);
+  };
+  const std::vector<float> random = points_in_a_cube(1000);
+  std::vector<float> plane = random;
+  for (std::size_t i = 0; i < plane.size(); i += 3) plane[i] = 1;
+  for (const char* name : {"vanilla", "mip-splatting"}) {
+    EXPECT_TRUE(resets(name, random)) << name;
+    EXPECT_FALSE(resets(name, plane)) << name;
+  }
+}
+
+}  // namespace
+}  // namespace splatboost::program
