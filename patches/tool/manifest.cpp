@@ -76,7 +76,7 @@ std::string text_of(const Manifest& manifest) {
     }
     json["files"].push_back(std::move(entry));
   }
-  return json.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n";
+  return json.dump(2) + "\n";  // throws if a text is not UTF-8, rather than change its bytes
 }
 
 }  // namespace splatboost::patch

@@ -36,6 +36,15 @@ std::string without_changes(std::string text, const PatchedFile& file) {
   return text;
 }
 
+/// As without_changes(). Throws PatchError if that does not give back the file as it was before the patch.
+std::string original_of(const std::string& text, const std::string& hash, const PatchedFile& file) {
+  std::string original = without_changes(text, file);
+  const bool matches = hash != file.after || sha256(original) == file.before;
+  require(matches, std::string(kManifestFile) + ": does not match " + file.file + ": restore that file (git checkout " +
+                       file.file + "), then revert");
+  return original;
+}
+
 /// Whether a file has none of its changes: the checkout's own file was restored. One that still names this library may
 /// have an edited change.
 bool restored(const std::string& text, const PatchedFile& file) {
@@ -164,7 +173,7 @@ Outcome revert(const SourceTree& tree, Writing writing) {
       outcome.edited_by_user.push_back(file.file);
       continue;
     }
-    const std::string reverted = without_changes(text, file);
+    const std::string reverted = original_of(text, hash, file);
     tree.require_writable(file.file);
     if (hash != file.after) outcome.edited_by_user.push_back(file.file);
     file.reverted = sha256(reverted);
@@ -198,12 +207,8 @@ Outcome verify(const SourceTree& tree) {
             file.file + ": is the same as before the patch: run splatboost patch revert PATH, then apply again");
     require(file.brought() || !restored(text, file),
             file.file + ": contains nothing of the patch: run splatboost patch revert PATH, then apply again");
-    const std::string without = file.brought() ? "" : without_changes(text, file);
-    if (hash != file.after) {
-      outcome.edited_by_user.push_back(file.file);
-    } else if (!file.brought()) {
-      require(sha256(without) == file.before, std::string(kManifestFile) + ": does not match " + file.file);
-    }
+    const std::string without = file.brought() ? "" : original_of(text, hash, file);
+    if (hash != file.after) outcome.edited_by_user.push_back(file.file);
     add_diff(outcome, without, text, file.file);
   }
   return outcome;

@@ -30,10 +30,23 @@ constexpr mode_t kOwnerWrite = 0200;
 
 fs::path beside(const fs::path& path, const char* ending) { return fs::path(path) += ending; }
 
-mode_t mode_of(const fs::path& path) {
+struct Rights {
+  mode_t mode = 0644;
+  uid_t owner = ::geteuid();
+  gid_t group = ::getegid();
+};
+
+/// Rights of a file. A new file gets the owner of its folder, so that root leaves files that the tree's owner can
+/// revert.
+Rights rights_of(const fs::path& path) {
   struct stat status {};
-  return ::stat(path.c_str(), &status) == 0 ? status.st_mode & 07777 : 0644;
+  if (::stat(path.c_str(), &status) == 0) return {status.st_mode & 07777, status.st_uid, status.st_gid};
+  if (::stat(path.parent_path().c_str(), &status) == 0) return {0644, status.st_uid, status.st_gid};
+  return {};
 }
+
+/// Whether changing the owner succeeded, or failed only because this user or file system does not permit it.
+bool is_given(int changed) { return changed == 0 || errno == EPERM || errno == EINVAL; }
 
 /// New names of files are on disk only after their folder is synced.
 void sync_folder(const fs::path& folder) {
@@ -62,7 +75,7 @@ SourceTree::SourceTree(const fs::path& root, FileHook hook) : hook_(std::move(ho
 
 fs::path SourceTree::resolve(const std::string& file) const {
   std::error_code error;
-  const fs::path path = fs::weakly_canonical(root_ / file, error);
+  fs::path path = fs::weakly_canonical(root_ / file, error);
   require(!error, file + ": cannot be reached: " + error.message());
   const auto [end_of_root, ignored] = std::mismatch(root_.begin(), root_.end(), path.begin(), path.end());
   require(end_of_root == root_.end(),
@@ -108,10 +121,13 @@ int SourceTree::begin(FileOperation operation, const fs::path& path) const {
 
 int SourceTree::make_folder(const fs::path& folder) const {
   if (const int error = begin(FileOperation::make_folder, folder)) return error;
-  return ::mkdir(folder.c_str(), 0777) == 0 ? 0 : errno;
+  const Rights rights = rights_of(folder);
+  if (::mkdir(folder.c_str(), 0777) != 0) return errno;
+  return is_given(::lchown(folder.c_str(), rights.owner, rights.group)) ? 0 : errno;
 }
 
-int SourceTree::write(const fs::path& path, const std::string& content, unsigned mode) const {
+int SourceTree::write(const fs::path& path, const std::string& content, const fs::path& like) const {
+  const Rights rights = rights_of(like);
   if (const int error = begin(FileOperation::create, path)) return error;
   const int descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
   if (descriptor < 0) return errno;
@@ -124,7 +140,9 @@ int SourceTree::write(const fs::path& path, const std::string& content, unsigned
       error = errno;
     }
   }
-  if (error == 0 && ::fchmod(descriptor, mode) != 0) error = errno;
+  // In this order, because a change of the owner clears some bits of the mode.
+  if (error == 0 && !is_given(::fchown(descriptor, rights.owner, rights.group))) error = errno;
+  if (error == 0 && ::fchmod(descriptor, rights.mode) != 0) error = errno;
   if (error == 0 && ::fsync(descriptor) != 0 && errno != EINVAL && errno != ENOTSUP) error = errno;
   if (::close(descriptor) != 0 && error == 0) error = errno;
   return error;
@@ -171,7 +189,7 @@ void SourceTree::commit(const Transaction& transaction) const {
   std::vector<fs::path> folders;  // that were created
   const auto stage = [&](const fs::path& path, const char* ending, const std::string& content) {
     staged.push_back(beside(path, ending));
-    if (const int error = write(staged.back(), content, mode_of(path))) fail(path, error);
+    if (const int error = write(staged.back(), content, path)) fail(path, error);
   };
   const auto put = [&](const fs::path& path, const char* ending) {
     if (const int error = rename(beside(path, ending), path)) fail(path, error);

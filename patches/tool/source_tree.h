@@ -48,8 +48,8 @@ class SourceTree {
 
   /// Writes all contents, or none. The new and old contents and the final record are on disk next to their files before
   /// the first file is renamed, so that neither completing nor rolling back needs disk space after that. Throws
-  /// WriteError if a write fails: the tree is unchanged, or the message says what is left to do. Keeps symbolic links
-  /// and permissions.
+  /// WriteError if a write fails: the tree is unchanged, or the message says what is left to do. Keeps symbolic links,
+  /// permissions and, as far as permitted, owners.
   void commit(const Transaction& transaction) const;
 
   /// Removes a record, and its folder if that becomes empty.
@@ -68,7 +68,8 @@ class SourceTree {
   int begin(FileOperation operation, const std::filesystem::path& path) const;
   /// The following return 0 or an errno. Removing what does not exist succeeds.
   int make_folder(const std::filesystem::path& folder) const;
-  int write(const std::filesystem::path& path, const std::string& content, unsigned mode) const;
+  /// @param like the file whose permissions and owner the new one gets; it may not exist yet
+  int write(const std::filesystem::path& path, const std::string& content, const std::filesystem::path& like) const;
   int rename(const std::filesystem::path& from, const std::filesystem::path& to) const;
   int remove(const std::filesystem::path& path) const;
   int remove_folder_if_empty(const std::filesystem::path& folder) const;

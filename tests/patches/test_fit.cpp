@@ -256,5 +256,17 @@ TEST(Fit, ACommentedLineIsNoAnchor) {
   }
 }
 
+TEST(Fit, ACommentedLineMeetsNoNeed) {
+  Need need;
+  need.kind = Need::Kind::text;
+  need.file = "a.h";
+  need.name = "if (p.z <= 0.2f)";
+  EXPECT_EQ(unmet(need, "if (p.z <= 0.2f)  // near\n"), "");
+  for (const char* text : {"// if (p.z <= 0.2f)\nif (p.z <= 0.01f)\n", "/* if (p.z\n <= 0.2f) */ if (p.z <= 0.01f)\n",
+                           "f(\"if (p.z <= 0.2f)\"); if (p.z <= 0.01f)\n"}) {
+    expect_contains(unmet(need, text), "'if (p.z <= 0.2f)' is missing");
+  }
+}
+
 }  // namespace
 }  // namespace splatboost::patch::test

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <csignal>
 
@@ -212,6 +214,35 @@ TEST(Patch, CarriageReturnsStay) {
   EXPECT_EQ(mini.train(), dos);
 }
 
+/// The record is JSON and holds only UTF-8.
+TEST(Patch, ReplacedCommentsThatAreNotUtf8AreRefused) {
+  const Miniature mini;
+  const std::string latin1 = replaced(kTrain, "model.grow(loss)", "model.grow(  # se\xf1or\n            loss)");
+  write_file(mini.tree() / "train.py", latin1);
+  apply_to(mini);  // the comment is not within the replaced part
+  revert_of(mini);
+  EXPECT_EQ(mini.train(), latin1);
+  mini.write_recipe(replaced(kRecipe, "\"anchor\": \"model.grow(\"", "\"anchor\": \"model.grow(loss\""));
+  expect_contains(error_of([&] { apply_to(mini); }), "train.py: line 8: the comment in 'model.grow(loss' is not UTF-8");
+  EXPECT_EQ(mini.train(), latin1);
+  EXPECT_FALSE(mini.has_manifest());
+}
+
+/// Such a record may be from a program that wrote other bytes for those that are not UTF-8.
+TEST(Patch, RecordsThatDoNotRestoreAFileChangeNothing) {
+  const Miniature mini;
+  apply_to(mini);
+  const auto record = mini.tree() / ".splatboost/patch.json";
+  write_file(record, replaced(read_file(record), "\"removed\": \"model.grow(\"", "\"removed\": \"model.grow( \""));
+  const std::string told = ".splatboost/patch.json: does not match train.py: restore that file (git checkout train.py)";
+  expect_contains(error_of([&] { revert_of(mini); }), told);
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }), told);
+  expect_patched(mini);
+  write_file(mini.tree() / "train.py", kTrain);
+  revert_of(mini);
+  mini.expect_pristine();
+}
+
 TEST(Patch, ReadOnlyFilesAreLeftAlone) {
   const Miniature mini;
   fs::permissions(mini.tree() / "scene/model.py", fs::perms(0444));
@@ -224,6 +255,31 @@ TEST(Patch, PermissionsStay) {
   fs::permissions(mini.tree() / "train.py", fs::perms(0750));
   apply_to(mini);
   EXPECT_EQ(fs::status(mini.tree() / "train.py").permissions(), fs::perms(0750));
+}
+
+TEST(Patch, OwnersStayWhenRootPatches) {
+  if (::geteuid() != 0) GTEST_SKIP() << "only root may give files away";
+  constexpr uid_t kUser = 1234, kGroup = 1235;
+  const Miniature mini;
+  mini.bring_a_file();
+  const auto tree = [&] { return fs::recursive_directory_iterator(mini.tree()); };
+  ASSERT_EQ(::chown(mini.tree().c_str(), kUser, kGroup), 0);
+  for (const auto& entry : tree()) ASSERT_EQ(::chown(entry.path().c_str(), kUser, kGroup), 0);
+  const auto expect_owned = [&](std::size_t entries) {
+    std::size_t count = 0;
+    for (const auto& entry : tree()) {
+      struct stat status {};
+      ASSERT_EQ(::stat(entry.path().c_str(), &status), 0);
+      EXPECT_EQ(status.st_uid, kUser) << entry.path();
+      EXPECT_EQ(status.st_gid, kGroup) << entry.path();
+      ++count;
+    }
+    EXPECT_EQ(count, entries);
+  };
+  apply_to(mini);
+  expect_owned(7);  // train.py, scene/model.py, boost/boost.h, .splatboost/patch.json
+  revert_of(mini);
+  expect_owned(3);
 }
 
 TEST(Patch, LinksWithinTheTreeStayLinks) {

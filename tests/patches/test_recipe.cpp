@@ -84,7 +84,9 @@ TEST(Recipe, LayoutsAreToldApart) {
     return file == "scene/model.py" ? std::optional(model) : std::nullopt;
   };
   EXPECT_EQ(detect_layout(recipe, read).name, "one");
-  model += " radii";
+  model = kModel + "  # no radii";
+  EXPECT_EQ(detect_layout(recipe, read).name, "one") << "a comment is no sign";
+  model = kModel + " + radii";
   EXPECT_EQ(detect_layout(recipe, read).name, "two");
   train = "nothing";
   const std::string line = error_of([&] { (void)detect_layout(recipe, read); });

@@ -13,6 +13,7 @@
 #include "tool/patch.h"
 #include "tool/patch_error.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/text.h"
 
 namespace splatboost::program {
 namespace {
@@ -97,6 +98,16 @@ struct Patch {
 
   patch::Recipe recipe() const { return patch::load_recipe(recipe_folder(), name); }
 
+  /// A command to type, which finds the same recipes.
+  std::string command(const std::string& arguments) const {
+    const std::string option = recipes.empty() ? "" : "--recipes " + shell_word(recipes.string()) + " ";
+    return "splatboost patch " + option + arguments;
+  }
+  std::string apply_command(const std::string& recipe) const {
+    return command("apply " + recipe + " " + shell_word(path.string()));
+  }
+  std::string revert_command() const { return "splatboost patch revert " + shell_word(path.string()); }
+
   int run_list() const {
     const fs::path folder = recipe_folder();
     for (const std::string& one : patch::recipe_names(folder)) {
@@ -155,9 +166,9 @@ struct Patch {
       const bool has_switch = std::any_of(found.options.begin(), found.options.end(),
                                           [](const patch::HostOption& option) { return option.name == "--boost"; });
       const std::string how = has_switch               ? "; --boost off trains as before the patch"
-                              : !found.options.empty() ? "; splatboost patch show " + found.name + " lists its options"
+                              : !found.options.empty() ? "; " + command("show " + found.name) + " lists its options"
                                                        : "";
-      std::printf("Train as before%s. To undo: splatboost patch revert %s\n", how.c_str(), path.c_str());
+      std::printf("Train as before%s. To undo: %s\n", how.c_str(), revert_command().c_str());
     }
     return 0;
   }
@@ -168,8 +179,8 @@ struct Patch {
                 outcome.layout.c_str(), size_of(outcome).c_str());
     print_edited(outcome);
     if (!outcome.leftovers.empty()) {
-      std::printf("an interrupted command left %s: splatboost patch apply %s %s removes it\n",
-                  list_of(outcome.leftovers).c_str(), outcome.recipe.c_str(), path.c_str());
+      std::printf("an interrupted command left %s: %s removes it\n", list_of(outcome.leftovers).c_str(),
+                  apply_command(outcome.recipe).c_str());
     }
     return 0;
   }
@@ -178,14 +189,14 @@ struct Patch {
     const patch::SourceTree tree(path);
     if (const std::optional<patch::Manifest> manifest = patch::read_manifest(tree)) {
       if (manifest->state == patch::State::applied) return run_verify();
-      std::printf("%s: partly patched with %s, which was interrupted: splatboost patch revert %s repairs it\n",
-                  path.c_str(), manifest->recipe.c_str(), path.c_str());
+      std::printf("%s: partly patched with %s, which was interrupted: %s repairs it\n", path.c_str(),
+                  manifest->recipe.c_str(), revert_command().c_str());
       return 0;
     }
     const std::vector<std::string> left = patch::leftovers(tree, std::nullopt);
     if (!left.empty()) {
-      std::printf("%s: not patched, but an interrupted command left %s: splatboost patch revert %s removes it\n",
-                  path.c_str(), list_of(left).c_str(), path.c_str());
+      std::printf("%s: not patched, but an interrupted command left %s: %s removes it\n", path.c_str(),
+                  list_of(left).c_str(), revert_command().c_str());
       return 0;
     }
     const fs::path folder = recipe_folder();
@@ -198,8 +209,8 @@ struct Patch {
       }
       try {
         const patch::Outcome outcome = patch::apply(found, tree, patch::Writing::dry_run);
-        std::printf("%s: not patched; %s fits (layout %s), %s: splatboost patch apply %s %s\n", path.c_str(),
-                    one.c_str(), outcome.layout.c_str(), size_of(outcome).c_str(), one.c_str(), path.c_str());
+        std::printf("%s: not patched; %s fits (layout %s), %s: %s\n", path.c_str(), one.c_str(), outcome.layout.c_str(),
+                    size_of(outcome).c_str(), apply_command(one).c_str());
       } catch (const patch::PatchError& error) {
         std::printf("%s: not patched; %s would fit, but %s\n", path.c_str(), one.c_str(), error.what());
       }
@@ -217,9 +228,8 @@ struct Patch {
       if (wrong.size() > 1) line += "; and " + std::to_string(wrong.size() - 1) + " more mistakes";
       throw InputError(line);
     }
-    std::printf(
-        "%s: well formed, %zu layouts, %zu edits, %zu needs; splatboost patch doctor PATH tries it on a checkout\n",
-        name.c_str(), found.layouts.size(), found.edits.size(), found.needs.size());
+    std::printf("%s: well formed, %zu layouts, %zu edits, %zu needs; %s tries it on a checkout\n", name.c_str(),
+                found.layouts.size(), found.edits.size(), found.needs.size(), command("doctor PATH").c_str());
     return 0;
   }
 
@@ -262,7 +272,7 @@ struct Patch {
                   100 * found[i].likeness());
     }
     if (nearest.likeness() == 1) {
-      std::printf("\nEverything matches: splatboost patch apply %s %s\n", nearest.recipe.c_str(), path.c_str());
+      std::printf("\nEverything matches: %s\n", apply_command(nearest.recipe).c_str());
     } else {
       std::printf(
           "\nTo patch it, copy the recipe %s and change what does not match: docs/patching.md, A recipe for a "

@@ -6,6 +6,8 @@
 #include <string_view>
 #include <utility>
 
+#include <nlohmann/json.hpp>
+
 #include "tool/patch_error.h"
 
 namespace splatboost::patch {
@@ -47,6 +49,16 @@ std::string line_numbers(const std::string& text, const std::vector<Match>& matc
   return line_numbers(text, places);
 }
 
+/// Whether the record of the patch, which is JSON, can hold a text.
+bool can_be_recorded(const std::string& text) {
+  try {
+    (void)nlohmann::json(text).dump();
+    return true;
+  } catch (const nlohmann::json::exception&) {  // not UTF-8
+    return false;
+  }
+}
+
 std::string times(int count) { return count == 1 ? "once" : std::to_string(count) + " times"; }
 
 std::string first_line(const std::string& text) {
@@ -61,22 +73,6 @@ std::string line_end(const std::string& text, std::size_t near) {
   return end != std::string::npos && end > 0 && text[end - 1] == '\r' ? "\r\n" : "\n";
 }
 
-/// As anchor_places(). @param comments false: ignores matches that begin in a comment or inside a string
-std::vector<Match> matches_of(const SourceCode& source, const std::string& anchor, int count, bool comments) {
-  const std::string& text = source.text();
-  const auto sought = [&](std::vector<Match> matches) {
-    if (!comments)
-      std::erase_if(matches, [&](const Match& one) { return source.code()[one.begin] != text[one.begin]; });
-    return matches;
-  };
-  std::vector<Match> exact;
-  for (const std::size_t at : places_of(text, anchor)) exact.push_back({at, at + anchor.size()});
-  exact = sought(std::move(exact));
-  if (static_cast<int>(exact.size()) == count) return exact;
-  std::vector<Match> words = sought(find_words(source, anchor));
-  return exact.empty() || static_cast<int>(words.size()) == count ? words : exact;
-}
-
 }  // namespace
 
 std::string nearest_place(const std::string& text, const std::string& code, Language language) {
@@ -88,13 +84,24 @@ std::string nearest_place(const std::string& text, const std::string& code, Lang
 }
 
 std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count, Language language) {
-  return matches_of(SourceCode(text, language), anchor, count, true);
+  const SourceCode source(text, language);
+  const bool own_comment = SourceCode(anchor, language).code().front() != anchor.front();
+  const auto sought = [&](std::vector<Match> matches) {
+    if (!own_comment) {
+      std::erase_if(matches, [&](const Match& one) { return source.code()[one.begin] != text[one.begin]; });
+    }
+    return matches;
+  };
+  std::vector<Match> exact;
+  for (const std::size_t at : places_of(text, anchor)) exact.push_back({at, at + anchor.size()});
+  exact = sought(std::move(exact));
+  if (static_cast<int>(exact.size()) == count) return exact;
+  std::vector<Match> words = sought(find_words(source, anchor));
+  return exact.empty() || static_cast<int>(words.size()) == count ? words : exact;
 }
 
 std::vector<Match> edit_places(const std::string& text, const Edit& edit) {
-  const Language language = language_of(edit.file);
-  const bool own_comment = SourceCode(edit.anchor, language).code().front() != edit.anchor.front();
-  return matches_of(SourceCode(text, language), edit.anchor, edit.count, own_comment);
+  return anchor_places(text, edit.anchor, edit.count, language_of(edit.file));
 }
 
 std::string anchor_problem(const std::string& text, const Edit& edit) {
@@ -124,6 +131,10 @@ Change apply_edit(std::string& text, const Edit& edit) {
               edit.file + ": '" + edit.anchor + "' is split into lines in different ways on lines " +
                   line_numbers(text, places) + ": write them in the same way, then patch");
     }
+    require(can_be_recorded(change.removed),
+            edit.file + ": line " + line_numbers(text, std::vector{places.front()}) + ": the comment in '" +
+                edit.anchor +
+                "' is not UTF-8, so that a revert could not restore it: save the file as UTF-8, then patch");
   } else {
     const std::size_t start = statement.begin;
     const std::string eol = line_end(text, places.front().begin);

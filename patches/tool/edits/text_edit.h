@@ -46,12 +46,12 @@ inline constexpr const char* kForkAdvice =
 /// The statement of a file most similar to a piece of code, as "; nearest is line 7: '…'"; empty if there is none.
 std::string nearest_place(const std::string& text, const std::string& code, Language language);
 
-/// Occurrences of an anchor in a text. Those that match exactly are preferred; if their number is not `count`, other
-/// line breaks and comments are allowed too. @return `count` places if there are that many; otherwise those found
+/// Occurrences of an anchor in a text, without those that begin in a comment or inside a string, unless the anchor
+/// itself begins with a comment. Those that match exactly are preferred; if their number is not `count`, other line
+/// breaks and comments are allowed too. @return `count` places if there are that many; otherwise those found
 std::vector<Match> anchor_places(const std::string& text, const std::string& anchor, int count, Language language);
 
-/// As anchor_places(), without matches that begin in a comment or inside a string, unless the anchor itself begins with
-/// a comment.
+/// anchor_places() of an edit's anchor.
 std::vector<Match> edit_places(const std::string& text, const Edit& edit);
 
 /// Why an edit cannot be made: its anchor is missing (with the most similar place) or does not occur `count` times;
