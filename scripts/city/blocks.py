@@ -91,6 +91,19 @@ class Scene:
         ahead = z > 1e-6
         return ahead & (np.abs(x) * 2 * fx < width * z) & (np.abs(y) * 2 * fy < height * z)
 
+    def viewer_cameras(self, hold):
+        """The content of a model's cameras.json: test views (every `hold`-th; 0: none), then training views, with the
+        size and focal lengths of the COLMAP model."""
+        listed = []
+        for split in ("test", "train"):
+            for view, name in enumerate(self.names):
+                if (split == "test") == (hold > 0 and view % hold == 0):
+                    width, height, fx, fy = self.cameras[self.view_cameras[view]]
+                    listed.append({"id": len(listed), "img_name": name, "split": split, "width": width, "height": height,
+                                   "position": self.centres[view].tolist(), "rotation": self.rotations[view].T.tolist(),
+                                   "fx": fx, "fy": fy})
+        return listed
+
     def write(self, folder, views, points):
         """Writes a scene of these views (indices) and points (bool [N]), with a link to this scene's images."""
         out = Path(folder) / "sparse/0"
@@ -205,7 +218,7 @@ def read_ply(path):
 
 
 def merge(plan, out):
-    """Writes OUT/merged: the Gaussians that each block owns, and the files that `splatboost eval` needs."""
+    """Writes OUT/merged: the Gaussians that each block owns, and the files that `splatboost eval` and the viewer need."""
     grid = Grid(**plan["grid"])
     kept, names = [], None
     train_seconds, memory = [], []
@@ -234,6 +247,7 @@ def merge(plan, out):
     if plan["hold"]:
         config["llffhold"] = plan["hold"]
     (merged / "config.json").write_text(json.dumps(config, indent=2) + "\n")
+    (merged / "cameras.json").write_text(json.dumps(Scene(plan["source"]).viewer_cameras(plan["hold"])) + "\n")
     # Blocks can train in parallel, so report the time of the slowest and the memory of the largest.
     results.update(primitives=len(rows), train_seconds=max(train_seconds), peak_memory_bytes=max(memory), curve=[],
                    views=[], scales=[], stage_seconds={}, command=plan["command"], source=Path(plan["source"]).name)

@@ -342,7 +342,7 @@ def parts(layout):
     if layout.startswith("3dgs-2024"):
         found["SIGNATURE"] = ", separate_sh=False, use_trained_exp=False" if late else ", use_trained_exp=False"
         found["SETTINGS"] = ", antialiasing=False"
-        found["SPARSE"] = "# exposure_optimizer\nSPARSE_ADAM_AVAILABLE = False" if late else "# exposure_optimizer"
+        found["SPARSE"] = "exposure_optimizer = None" + ("\nSPARSE_ADAM_AVAILABLE = False" if late else "")
     if late:
         found["STEP"] = lines(16, "if False:", *["    " + s for s in ("visible = radii > 0",
                               "gaussians.optimizer.step(visible, radii.shape[0])", STEP[1])], "else:",

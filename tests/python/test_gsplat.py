@@ -34,7 +34,7 @@ def strategy_module(request):
     if request.param == "double":
         gsplat_double.install()
     else:
-        pytest.importorskip("gsplat")
+        pytest.importorskip("gsplat", reason="gsplat is not installed: pip install gsplat==1.5.3")
     yield importlib.import_module("splatboost.gsplat")
     forget_gsplat()
 
@@ -430,6 +430,13 @@ def test_views_of_a_data_set_and_masks(strategy_module):
     config.camera_model = "fisheye"
     with pytest.raises(ValueError, match="config: expected camera_model pinhole, with which views are scored, got fisheye"):
         strategy_module.score_views(config, Dataset())
+    # Nor would the errors of renders without the trainer's corrections be those of its loss.
+    config.camera_model, config.post_processing, config.pose_opt = "pinhole", None, False
+    strategy_module.score_views(config, Dataset())
+    for name, value in (("post_processing", "bilateral_grid"), ("use_bilateral_grid", True), ("pose_opt", True), ("pose_noise", 0.1)):
+        changed = types.SimpleNamespace(**{**config.__dict__, name: value})
+        with pytest.raises(ValueError, match="config: expected %s off, because views are scored without it, got %s" % (name, value)):
+            strategy_module.score_views(changed, Dataset())
 
 
 def test_optimizers_that_wait_and_those_that_cannot(strategy_module):

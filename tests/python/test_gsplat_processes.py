@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SplatBoostStrategy in two processes, with Gaussians split as in gsplat's simple_trainer, gives the results of one."""
+"""SplatBoostStrategy in several processes, with Gaussians split as in gsplat's simple_trainer, gives the results of one."""
 
 import os
 import pathlib
@@ -18,9 +18,10 @@ pytestmark = pytest.mark.skipif(conftest.EMULATED, reason="processes of their ow
 STEPS, LENGTH, CAMERAS, CAP = 135, 220, 2, 28
 
 
-def run(processes, share):
-    """Trains with two cameras per step, like two processes with one camera each. Every process does what gsplat's
-    rasterization() distributes. Returns all Gaussians in the order of their ids, and their numbers on the way."""
+def run(processes, share, count):
+    """Trains `count` Gaussians with two cameras per step, like two processes with one camera each. Every process does
+    what gsplat's rasterization() distributes. Returns all Gaussians in the order of their ids, and their numbers on the
+    way."""
     gsplat_double.install()
     import test_gsplat
 
@@ -30,7 +31,7 @@ def run(processes, share):
                                   percent_dense=0.15, densify_interval=25, replaced_share=share)
     trainer.strategy.max_gaussians = CAP
     for name, p in trainer.params.items():
-        own = torch.nn.Parameter(p.detach()[processes.rank::processes.count].clone())
+        own = torch.nn.Parameter(p.detach()[:count][processes.rank::processes.count].clone())
         trainer.params[name] = own
         trainer.optimizers[name].param_groups[0]["params"] = [own]
     shard = trainer.strategy._rows(trainer.params)
@@ -60,24 +61,27 @@ def run(processes, share):
     return {n: shard.all_rows(p.detach()) for n, p in trainer.params.items()}, sizes
 
 
-def main(rank, count, folder, share):
-    torch.distributed.init_process_group("gloo", init_method="file://%s/meet" % folder, rank=rank, world_size=count)
+def main(rank, processes, folder, share, count):
+    torch.distributed.init_process_group("gloo", init_method="file://%s/meet" % folder, rank=rank, world_size=processes)
     torch.set_num_threads(1)
     splatboost.set_threads(1)
-    torch.save(run(distributed.Processes(), share), os.path.join(folder, "%d.pt" % rank))
+    torch.save(run(distributed.Processes(), share, count), os.path.join(folder, "%d.pt" % rank))
     torch.distributed.destroy_process_group()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3])  # late pruning; under a cap, pruning that makes room within growth
-def test_two_processes_leave_what_one_does(tmp_path, share):
+@pytest.mark.parametrize("share, count, several", [
+    (0.0, 16, [2]),  # late pruning
+    (0.3, 13, [2, 4]),  # under a cap, pruning that makes room within growth; the processes hold different numbers
+])
+def test_several_processes_leave_what_one_does(tmp_path, share, count, several):
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(conftest.PACKAGE), str(pathlib.Path(__file__).parent)]),
                        OMP_NUM_THREADS="1", GLOO_SOCKET_IFNAME="lo")
     started = []
-    for count in (1, 2):
-        folder = tmp_path / str(count)
+    for processes in (1, *several):
+        folder = tmp_path / str(processes)
         folder.mkdir()
-        started += [subprocess.Popen([sys.executable, __file__, str(rank), str(count), str(folder), str(share)],
-                                     env=environment, stderr=subprocess.PIPE, text=True) for rank in range(count)]
+        started += [subprocess.Popen([sys.executable, __file__, str(rank), str(processes), str(folder), str(share), str(count)],
+                                     env=environment, stderr=subprocess.PIPE, text=True) for rank in range(processes)]
     try:
         for process in started:
             _, said = process.communicate(timeout=300)
@@ -86,15 +90,16 @@ def test_two_processes_leave_what_one_does(tmp_path, share):
         for process in started:
             process.kill()
     alone, sizes = torch.load(str(tmp_path / "1/0.pt"))
-    assert max(sizes) == CAP and sizes[0] == 16, "nothing grew"
+    assert max(sizes) == CAP and sizes[0] == count, "nothing grew"
     went = sizes[-1] if share == 0 else min(sizes[30:60])
     assert went < (CAP if share == 0 else sizes[0]), "nothing went"
-    for rank in range(2):
-        rows, several = torch.load(str(tmp_path / ("2/%d.pt" % rank)))
-        assert several == sizes
-        for name, value in alone.items():
-            assert torch.equal(rows[name], value), (rank, name)
+    for processes in several:
+        for rank in range(processes):
+            rows, sizes_here = torch.load(str(tmp_path / ("%d/%d.pt" % (processes, rank))))
+            assert sizes_here == sizes
+            for name, value in alone.items():
+                assert torch.equal(rows[name], value), (processes, rank, name)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3], float(sys.argv[4]))
+    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3], float(sys.argv[4]), int(sys.argv[5]))

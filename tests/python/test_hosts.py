@@ -3,6 +3,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import types
@@ -95,6 +96,59 @@ def test_a_layout_from_patch_to_revert(tmp_path, layout):
 
     patch("revert", tree)
     assert files_of(tree) == before
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
+def test_a_recipe_for_a_fork_lives_in_a_folder_of_the_users(tmp_path):
+    """The steps of docs/patching.md, A recipe for a fork, with the hooks shown there."""
+    fork = miniature_host.write_host(tmp_path / "fork", "3dgs-2023")
+    for file, old, new in (
+            ("train.py", "from arguments import ModelParams, OptimizationParams", "from arguments import OptimizationParams, ModelParams"),
+            ("train.py", "def training(dataset, opt, pipe, checkpoint_iterations):", "def training(dataset, opt, pipe, *rest):"),
+            ("train.py", "densify_and_prune(opt.densify_grad_threshold,", "densify_and_prune(opt.densify_grad_threshold, 0.0004,"),
+            ("scene/gaussian_model.py", "densify_and_prune(self, max_grad,", "densify_and_prune(self, max_grad, max_grad_abs,")):
+        text = (fork / file).read_text()
+        assert text.count(old) == 1
+        (fork / file).write_text(text.replace(old, new))
+    before = files_of(fork)
+    unpatched = train(fork, tmp_path / "unpatched")
+    mine = ["--recipes", tmp_path / "my recipes"]
+    folder = tmp_path / "my recipes/my-fork"
+    shutil.copytree(conftest.ROOT / "patches/3dgs", folder)
+    told = patch(*mine, "doctor", fork)
+    assert "nearest is line 10: 'from arguments import OptimizationParams, ModelParams'" in told
+    assert "expected (self, max_grad, min_opacity" in told and "expected 4 arguments" in told
+
+    recipe = json.loads((folder / "recipe.json").read_text())
+    recipe["layouts"] = recipe["layouts"][:1]
+    for key in ("edits", "needs"):
+        recipe[key] = [part for part in recipe[key] if "2023" in part.pop("layouts", ["2023"])]
+    recipe["files"] = [{"file": "my_hooks.py", "source": "my_hooks.py", "why": "our hooks"}]
+    text = json.dumps(recipe)
+    for old, new in (("from splatboost.hooks import vanilla as", "import my_hooks as"),
+                     ("dataset.model_path, checkpoint_iterations)", "dataset.model_path)"),
+                     ("from arguments import ModelParams", "from arguments import OptimizationParams"),
+                     ('"max_grad", "min_opacity"', '"max_grad", "max_grad_abs", "min_opacity"'), ('"arguments": 4', '"arguments": 5')):
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "recipe.json").write_text(text)
+    page = (conftest.ROOT / "docs/patching.md").read_text().split("## A recipe for a fork")[1]
+    hooks = page.split("```python\n")[1].split("```")[0]
+    (folder / "my_hooks.py").write_text(hooks + "        print('my growth')\n")
+    assert "my-fork: well formed" in patch(*mine, "validate", "my-fork")
+
+    # The commands that are shown find the recipe.
+    apply = "splatboost patch --recipes '%s' apply my-fork %s\n" % (mine[1], fork)
+    assert "my-fork fits" in patch(*mine, "status", fork) and apply in patch(*mine, "status", fork)
+    assert "Everything matches: " + apply in patch(*mine, "doctor", fork)
+    patch(*mine, "apply", "my-fork", fork)
+    patch("verify", fork)
+    off = train(fork, tmp_path / "off", "--boost", "off")
+    assert off["losses"] == unpatched["losses"] and "my growth" not in off["told"]
+    on = train(fork, tmp_path / "on")
+    assert on["told"].count("my growth") > 2 and on["counts"] != off["counts"]
+    patch("revert", fork)
+    assert files_of(fork) == before
 
 
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")

@@ -223,13 +223,16 @@ def test_doctor_looks_at_a_checkout_of_gsplat(tmp_path):
     assert "all Python modules that simple_trainer.py needs are installed" in run(code).stdout
 
 
-def test_usage():
+@pytest.mark.parametrize("given, code", [
+    ([], 2), (["doctor", "--no-such-option"], 2), (["doctor", "a", "b"], 2), (["--help"], 0), (["doctor", "--help"], 0), (["doctor", "-h"], 0)])
+def test_usage(given, code):
     done = subprocess.run(
-        [sys.executable, "-m", "splatboost"],
+        [sys.executable, "-m", "splatboost", *given],
         capture_output=True,
         text=True,
         check=False,
         cwd=conftest.PACKAGE,
         timeout=120,
     )
-    assert done.returncode == 2 and "usage: python -m splatboost doctor [CHECKOUT]" in done.stderr
+    told, silent = (done.stderr, done.stdout) if code else (done.stdout, done.stderr)
+    assert done.returncode == code and "usage: python -m splatboost doctor [CHECKOUT]" in told and silent == ""

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
+import unittest.mock
 
 import conftest
 import pytest
@@ -181,6 +182,35 @@ def test_usage_and_a_missing_viser(tmp_path):
     assert done.returncode == 2 and done.stderr == "splatboost view: %s: no such file or folder\n" % (tmp_path / "nowhere")
 
 
+@pytest.mark.parametrize("live", [False, True])
+@pytest.mark.parametrize("missing", [50, 10**6])  # within the vertices; all of it
+def test_a_model_that_is_still_being_written(tmp_path, monkeypatch, live, missing):
+    """Without a browser or viser, in whose place a mock stands."""
+    for name in ("viser", "viser.transforms"):
+        monkeypatch.setitem(sys.modules, name, unittest.mock.MagicMock())
+    pauses = []
+    monkeypatch.setattr("time.sleep", pauses.append)
+    path = write_model(tmp_path, [ball(0, 0, 4, RED)] * 2) / "point_cloud/iteration_30/point_cloud.ply"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-missing])
+    if not live:
+        with pytest.raises(models.ModelError, match="is it still being written"):
+            Viewer([str(tmp_path)])
+        return
+    viewer = Viewer([str(tmp_path)], live=True)
+    # Two checks at the same moment would always agree.
+    assert len(pauses) == 1 and pauses[0] >= 0.5
+    assert viewer.shown[0].gaussians is None and not viewer.refresh()
+    path.write_bytes(whole)
+    assert not viewer.refresh() and viewer.refresh()
+    assert len(viewer.shown[0].gaussians.means) == 2
+
+    # What is no model of Gaussians will not become one.
+    write_ply(tmp_path / "points.ply", [[0] * 3], ["x", "y", "z"])
+    with pytest.raises(models.ModelError, match="it lacks opacity"):
+        Viewer([str(tmp_path / "points.ply")], live=True)
+
+
 CHROMIUM = next((found for found in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if found), None)
 
 
@@ -189,12 +219,13 @@ def browser(tmp_path):
     """Opens a page in a headless browser with software rendering."""
     pytest.importorskip("viser", reason="viser is not installed: " + VISER)
     if CHROMIUM is None:
-        pytest.skip("chromium is not installed")
+        pytest.skip("Chromium is not installed: apt-get install chromium")
     started = []
 
     def start(url):
         started.append(subprocess.Popen(
             [CHROMIUM, "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+             "--disable-dev-shm-usage",  # containers have a small /dev/shm
              "--window-size=640,360", "--user-data-dir=%s" % (tmp_path / "browser"), "--remote-debugging-port=0", url],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
 

@@ -100,6 +100,19 @@ def test_blocks_train_alone_and_become_one(street, tmp_path):
     run(PROGRAM, "eval", "-m", out / "merged", "--threads", 1)
     results = json.loads((out / "merged/results.json").read_text())
     assert [view["name"] for view in results["views"]] == whole.names[::8] and results["psnr"] > 5
+    # The viewer shows all views of the scene, where the runs of the blocks have them.
+    cameras = json.loads((out / "merged/cameras.json").read_text())
+    held_out = whole.names[::8]
+    names = held_out + [name for name in whole.names if name not in held_out]
+    assert [(c["id"], c["img_name"]) for c in cameras] == list(enumerate(names))
+    assert [c["split"] for c in cameras] == ["test"] * 3 + ["train"] * 21
+    by_name = {camera["img_name"]: camera for camera in cameras}
+    for block in plan["blocks"]:
+        for camera in json.loads((out / "blocks" / block["name"] / "model/cameras.json").read_text()):
+            found = by_name[camera["img_name"]]
+            assert found.keys() == camera.keys() and found["split"] == camera["split"] == "train"
+            for key in ("width", "height", "fx", "fy", "position", "rotation"):
+                assert np.allclose(found[key], camera[key], atol=1e-5), key
     # The merged model has exactly the Gaussians that each block owns, bit by bit.
     grid = blocks.Grid(**plan["grid"])
     _, merged = blocks.read_ply(out / "merged/point_cloud/iteration_8/point_cloud.ply")

@@ -19,13 +19,14 @@ python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (see -
 
 
 def main() -> int:
-    if sys.argv[1:2] == ["doctor"] and len(sys.argv) <= 3 and not sys.argv[-1].startswith("-"):
-        return doctor.main(*sys.argv[2:])
-    if sys.argv[1:2] == ["view"]:
-        return view.main(sys.argv[2:])
-    if sys.argv[1:] in (["-h"], ["--help"]):
+    command, rest = sys.argv[1:2], sys.argv[2:]
+    if command == ["view"]:
+        return view.main(rest)
+    if {"-h", "--help"}.intersection(sys.argv[1:]):
         print(_USAGE, end="")
         return 0
+    if command == ["doctor"] and len(rest) <= 1 and not "".join(rest).startswith("-"):
+        return doctor.main(*rest)
     print(_USAGE, end="", file=sys.stderr)
     return 2
 

@@ -16,6 +16,10 @@ class ModelError(ValueError):
     """A model cannot be shown. The message is one line: file, cause and remedy."""
 
 
+class UnfinishedError(ModelError):
+    """A file ends early: it may still be being written."""
+
+
 @dataclass
 class Gaussians:
     """means [N,3] and covariances [N,3,3] in world units; opacities [N] in [0, 1]; sh [N,(degree+1)²,3]."""
@@ -79,6 +83,8 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
     end = data.find(b"end_header")
     end = data.find(b"\n", end) + 1 if end >= 0 else 0
     lines = [line.split() for line in data[:end].decode("latin-1").splitlines()]
+    if end == 0 and b"ply".startswith(data[:3]):
+        raise UnfinishedError("%s: ends within its header; is it still being written?" % path)
     if end == 0 or lines[0] != ["ply"]:
         raise ModelError("%s: not a .ply file" % path)
     elements = [line for line in lines if line[:1] == ["element"]]
@@ -97,7 +103,7 @@ def _vertices(path: str) -> Dict[str, np.ndarray]:
                 raise ModelError("%s: property %s occurs twice" % (path, line[2]))
             fields.append((line[2], _TYPES[line[1]]))
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
-    short = ModelError("%s: ends before all of its %d vertices; is it still being written?" % (path, count))
+    short = UnfinishedError("%s: ends before all of its %d vertices; is it still being written?" % (path, count))
     if form == "ascii":
         words = data[end:].split()
         if len(words) < count * len(fields):

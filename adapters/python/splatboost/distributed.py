@@ -120,8 +120,7 @@ class Shard:
         count, rank = shard.processes.count, shard.processes.rank
         shard.mine = slice(rank, None, count)
         shard.ids = torch.arange(rows_here, dtype=torch.int64, device=device) * count + rank
-        most = int(shard.processes.rows(torch.tensor([rows_here], dtype=torch.int64, device=device)).max())
-        shard._next = most * count
+        shard._next = int(shard.processes.sum(torch.tensor([rows_here], dtype=torch.int64, device=device)))
         return shard
 
     def all_rows(self, tensor: torch.Tensor) -> torch.Tensor:

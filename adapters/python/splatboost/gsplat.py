@@ -60,6 +60,9 @@ class View:
             check(self.mask, "mask", (torch.bool, torch.uint8), tuple(self.image.shape[:2]))
 
 
+#: Corrections of simple_trainer that its loss sees and scores do not; their names differ between versions of gsplat.
+_CORRECTIONS = ("post_processing", "use_bilateral_grid", "pose_opt", "pose_noise")
+
 #: Optimizers that update the Gaussians of one view only, so they must step at every iteration.
 _OF_ONE_VIEW = ("SelectiveAdam", "SparseAdam")
 
@@ -147,7 +150,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         views   Views; or a data set such as that of gsplat's simple_trainer, whose items have camtoworld, K, image
                 (0 to 255) and optionally mask
         config  simple_trainer's: max_steps, near_plane and antialiased are read from it, and reset_every is divided by
-                its steps_scaler; its camera_model must be pinhole
+                its steps_scaler; its camera_model must be pinhole, and it must not correct images or poses
         """
         if not hasattr(views, "__len__") or not hasattr(views, "__getitem__"):
             raise ValueError("views: expected a list of View or a data set, got %s" % lib.shown(views))
@@ -156,6 +159,10 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         model = getattr(config, "camera_model", "pinhole")
         if model != "pinhole":
             raise ValueError("config: expected camera_model pinhole, with which views are scored, got %s" % model)
+        for name in _CORRECTIONS:
+            if getattr(config, name, None):
+                raise ValueError("config: expected %s off, because views are scored without it, got %s"
+                                 % (name, getattr(config, name)))
         self._views = views
         self._lists_views = isinstance(views[0], View)
         self._truths.clear()

@@ -14,6 +14,9 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
+#: Seconds between two checks of a live page; a file is complete once two checks agree.
+_PAUSE = 1.0
+
 VISER = "pip install viser 'typing_extensions>=4.5'"
 
 _PAGE = """<!DOCTYPE html>
@@ -92,8 +95,8 @@ class _Shown:
             return False
         try:
             gaussians = _models.read_gaussians(path)
-        except _models.ModelError:
-            if waits and self._stamp is not None:
+        except _models.ModelError as e:
+            if waits and (self._stamp is not None or isinstance(e, _models.UnfinishedError)):
                 return False
             raise
         first = self.gaussians is None
@@ -288,7 +291,12 @@ class Viewer:
                 own = port if self._page is None else self._page.server_port + 1 + len(self.shown)
                 one = _Shown(model, label, host, own, small=len(named) > 1)
                 self.shown.append(one)
-                one.reload(waits=False) if not live else self._wait_for_whole(one)
+                if not live:
+                    one.reload(waits=False)
+            if live:
+                self.refresh()
+                time.sleep(_PAUSE)
+                self.refresh()
         except BaseException:
             self.stop()
             raise
@@ -298,11 +306,6 @@ class Viewer:
             self.port = self._page.server_port
             self._serve_page(self._page)
         self.url = "http://%s:%d" % ("localhost" if host in ("127.0.0.1", "0.0.0.0") else host, self.port)
-
-    @staticmethod
-    def _wait_for_whole(one: _Shown) -> None:
-        one.reload(waits=True)
-        one.reload(waits=True)  # a file is complete once two checks agree
 
     def _serve_page(self, page: http.server.ThreadingHTTPServer) -> None:
         frames = "".join('<section><h1>%s</h1><iframe title="%s" data-port="%d"></iframe></section>'
@@ -373,7 +376,7 @@ def main(arguments: Sequence[str]) -> int:
     print("open %s in a browser; Ctrl-C ends" % viewer.url, flush=True)
     try:
         while True:
-            time.sleep(1)
+            time.sleep(_PAUSE)
             if given.live and viewer.refresh():
                 for one in viewer.shown:
                     print("%s: %d Gaussians" % (one.label, len(one.gaussians.means) if one.gaussians else 0), flush=True)
