@@ -165,6 +165,8 @@ def test_broken_requests_are_told_in_one_line(meshed, tmp_path):
             (["mesh", "-m", meshed, "-o", tmp_path / "mesh.obj"], ".glb"),
             (["mesh", "-m", meshed, "--max-angle", "100"], "--max-angle"),
             (["mesh", "-m", meshed, "--least-views", "0"], "--least-views"),
+            (["mesh", "-m", meshed, "--time", "0.5"], "does not change with time"),
+            (["mesh", "-m", meshed, "--time", "2"], "--time must be in [0, 1]"),
             (["mesh", "-m", meshed, "--masks", tmp_path / "none"], "masks"),
             (["mesh", "-m", meshed, "--voxel-size", "0.0005", "--max-memory", "1"], "--voxel-size"),
             (["mesh", "-m", meshed, "--max-memory", str(2**44)], "--max-memory must be at most 17592186044415 MiB"),

@@ -111,6 +111,18 @@ def test_still_scenes_and_still_models_are_refused_in_one_line(scene, trained, t
     assert "does not change with time" in done.stderr
 
 
+def test_a_mesh_is_of_one_time(both, tmp_path):
+    model = both / "boosted"
+    refused = run_program("mesh", "-m", model, "-o", tmp_path / "mesh.ply")
+    if "OpenVDB" in refused.stderr:
+        pytest.skip("this build makes no meshes")
+    assert refused.returncode == 2 and refused.stderr.count("\n") == 1 and "--time T" in refused.stderr
+    for time in ("0", "1"):
+        done = run_well("mesh", "-m", model, "--time", time, "--voxel-size", "0.05", "-o", tmp_path / f"{time}.ply")
+        assert "fused 12 of 12 views" in done.stderr  # not on a terminal: plain lines
+    assert (tmp_path / "0.ply").read_bytes() != (tmp_path / "1.ply").read_bytes()
+
+
 def test_a_backbone_for_still_scenes_says_that_it_ignores_times(moving, config, tmp_path):
     done = run_well("train", "-s", moving, "-m", tmp_path / "still", "--iterations", "2")
     assert done.stderr.count("different times, which backbone vanilla ignores") == 1

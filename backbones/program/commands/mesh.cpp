@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -33,6 +34,7 @@ constexpr double kReach = 1.2;               // ... times this factor
 constexpr std::size_t kDepths = 10'000'000;  // at most so many point depths are compared, for the quantile
 constexpr float kMinAlpha = 0.5f;            // least alpha of a pixel that shows a surface
 constexpr double kTruncation = 4;            // voxels
+constexpr auto kShownEvery = std::chrono::seconds(2);          // progress, where the output is not a terminal
 constexpr std::uint64_t kMaxMemory = ~std::uint64_t{0} >> 20;  // MiB, so that bytes do not overflow
 
 /// Point clouds that a scene may have under these names; a mesh must not replace them.
@@ -84,6 +86,7 @@ struct Mesh {
     set.add("--parts", parts, "number of the largest parts to keep; 0: all", false)
         ->type_name("N")
         ->capture_default_str();
+    set.add("--time", time, "time in [0, 1] of the mesh, for a moving scene", false)->type_name("T");
     set.add("--masks", masks, "folder of PNG masks named like the views; black pixels are left out", false)
         ->type_name("DIR");
     set.add("--max-memory", max_memory, "memory limit of the volume, MiB", false)
@@ -97,6 +100,7 @@ struct Mesh {
     if (set.given("voxel-size") && !(voxel > 0)) throw UsageError("--voxel-size must be above 0");
     if (!(max_depth >= 0)) throw UsageError("--max-depth must be at least 0");
     if (!(max_angle > 0 && max_angle <= 90)) throw UsageError("--max-angle must lie in (0, 90]");
+    if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
     if (least_views < 1) throw UsageError("--least-views must be at least 1");
     if (!output.empty() && output.extension() != ".ply" && output.extension() != ".glb") {
       throw UsageError("--output must end in .ply or .glb");
@@ -116,6 +120,9 @@ struct Mesh {
     OpenModel model(saved, options);
     require(model.backbone().has_surfaces(),
             "backbone " + options.backbone + " renders no depth, which a mesh is made from");
+    const bool moves = model.backbone().uses_time();
+    require(moves || !time, "--time: a model of backbone " + options.backbone + " does not change with time");
+    require(time || !moves, "the model changes with time: set the time of the mesh with --time T, from 0 to 1");
     std::optional<FolderLock> lock;
     if (output.empty()) {
       output = options.model / "mesh.ply";
@@ -163,7 +170,8 @@ struct Mesh {
   }
 
   void fuse(Backbone& backbone, const Scene& scene, TsdfVolume& volume, Threads& threads) const {
-    const bool live = isatty(1) != 0 && !options.quiet;
+    const bool terminal = isatty(STDERR_FILENO) != 0;
+    auto shown = std::chrono::steady_clock::now();
     const float least_cosine = std::cos(static_cast<float>(max_angle) * 3.14159265f / 180);
     std::vector<float> color, depth, alpha, normals;
     for (std::size_t v = 0; v < scene.train.size(); ++v) {
@@ -174,7 +182,7 @@ struct Mesh {
       depth.resize(pixels);
       alpha.resize(pixels);
       normals.resize(3 * pixels);
-      backbone.render_surface(camera, view.time, std::nullopt, {color, depth, alpha});
+      backbone.render_surface(camera, time.value_or(view.time), std::nullopt, {color, depth, alpha});
       depth_normals(camera, depth, normals, threads);
       const std::vector<std::uint8_t> mask = mask_of(view);
       for (std::size_t p = 0; p < pixels; ++p) {
@@ -189,13 +197,13 @@ struct Mesh {
         if (!shows || (max_angle < 90 && -glm::dot(ray, normal) < least_cosine)) depth[p] = 0;
       }
       volume.integrate(camera, depth, color, threads);
-      if (live) {
-        std::printf("\rfused %zu of %zu views, %llu MiB", v + 1, scene.train.size(),
-                    static_cast<unsigned long long>(volume.bytes() >> 20));
-        std::fflush(stdout);
-      }
+      const auto now = std::chrono::steady_clock::now();
+      const bool last = v + 1 == scene.train.size();
+      if (options.quiet || (!terminal && !last && now - shown < kShownEvery)) continue;
+      shown = now;
+      std::fprintf(stderr, "%sfused %zu of %zu views, %llu MiB%s", terminal ? "\r" : "", v + 1, scene.train.size(),
+                   static_cast<unsigned long long>(volume.bytes() >> 20), terminal && !last ? "" : "\n");
     }
-    if (live) std::printf("\n");
   }
 
   /// Mask [H,W] of the view's size; empty: no masks.
@@ -223,6 +231,7 @@ struct Mesh {
   OptionSet set;
   fs::path output, masks;
   double voxel = 0, max_depth = 0, max_angle = 80;
+  std::optional<float> time;
   int least_views = 1;
   std::size_t least_triangles = 50, parts = 0;
   std::uint64_t max_memory = 4096;

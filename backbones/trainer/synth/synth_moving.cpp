@@ -3,6 +3,7 @@
 // around, or by a rig.
 #include "trainer/synth/synth_moving.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -106,11 +107,14 @@ Film plan(const SynthOptions& options) {
                                               : room->camera(i, options.views, random),
                           time});
   }
-  // Times between the training times, from poses other than the training camera's at that time.
+  // Times between training times, and not near one, from poses other than the training camera's at that time.
   const int tests = std::max(2, options.views / 6);
   for (int i = 0; i < tests; ++i) {
     const int place = (i + tests / 2) % tests;
-    film.test.push_back({room->camera(place, tests, test_random), (i + 0.5) / tests});
+    const double gaps = std::max(1, moments - 1);
+    const double at = (i + 0.5) / tests * gaps, before = std::floor(at);
+    film.test.push_back(
+        {room->camera(place, tests, test_random), (before + std::clamp(at - before, 0.25, 0.75)) / gaps});
   }
   return film;
 }

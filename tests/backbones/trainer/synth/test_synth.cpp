@@ -340,6 +340,29 @@ TEST(Synth, ARigSeesTheSameAtOneTimeAndThingsMoveBetweenTimes) {
 }
 
 /// Rows of motion/*.ply are points of points3d.ply: each file holds where they are at its time.
+TEST(Synth, NoTrainingViewShowsATestTime) {
+  const TemporaryFolder folder;
+  for (const auto& [views, cameras] : {std::pair{49, 0}, {75, 3}, {8, 4}}) {
+    SynthOptions options = small_scene(folder / ("scene" + std::to_string(views)));
+    options.scene = "moving";
+    options.views = views;
+    options.cameras = cameras;
+    options.width = 24;
+    options.height = 18;
+    write_synthetic_scene(options);
+    SceneOptions read_options;
+    read_options.source = options.output;
+    read_options.eval = true;
+    const Scene scene = read_scene(read_options);
+    const float gap = 1.0f / static_cast<float>((cameras > 0 ? views / cameras : views) - 1);
+    for (const View& test : scene.test) {
+      for (const View& train : scene.train) {
+        EXPECT_GT(std::abs(test.time - train.time), 0.2f * gap) << views << ' ' << test.name << ' ' << train.name;
+      }
+    }
+  }
+}
+
 TEST(Synth, TheMotionOfSurfacePointsIsKnown) {
   const TemporaryFolder folder;
   SynthOptions options = small_scene(folder / "scene");
