@@ -20,6 +20,7 @@
 #include "splatboost/surface_depth.h"
 #include "splatboost/surface_loss.h"
 #include "trainer/backbone_api/backbone_entry.h"
+#include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/backbone_api/training_truths.h"
 #include "trainer/support/input_error.h"
 
@@ -61,6 +62,12 @@ class Pgsr final : public GaussianMethod {
 
   std::string_view name() const override { return kName; }
   nlohmann::json config() const override { return to_json(config_); }
+  /// The second view of a step is drawn besides, and planes with their gradients in both.
+  std::size_t bytes_per_gaussian() const override { return drawn_memory_bytes() + 2 * kPlaneChannels * sizeof(float); }
+  std::size_t bytes_per_pixel() const override {
+    constexpr std::size_t kPlanes = 2 * 2 * (kPlaneChannels + 1) * sizeof(float);  // with alpha
+    return pixel_memory_bytes() + kPlanes + SurfaceLoss::bytes_per_pixel();
+  }
 
   std::vector<TrainedGroup*> groups() override {
     return config_.exposure ? std::vector<TrainedGroup*>{&exposures_} : std::vector<TrainedGroup*>{};

@@ -203,7 +203,8 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   bench.scene.train_halves.clear();
   if (plugged.coarse_until > 0) bench.scene.train_halves = half_views(bench.scene.train, bench.device->threads());
   bench.scene.train_rescaled = rescaled_views(options, backbone.photo_scale());
-  const MemoryEstimate memory = estimate_memory(bench.scene, resident, backbone.bytes_per_primitive());
+  const MemoryEstimate memory =
+      estimate_memory(bench.scene, resident, backbone.bytes_per_primitive(), backbone.bytes_per_pixel());
   // On a GPU, primitives take no host memory, which is what is estimated.
   const bool on_host = !bench.device->device().is_cuda();
 

@@ -24,7 +24,7 @@ constexpr std::size_t kEntry = 4 + 4 + 8 + 8 + 4 + 64;  // listing, slot, key, l
 // Growth copies one tensor at a time; this is the largest.
 constexpr std::size_t kGrowth = 45 * kFloat;
 
-// Bytes per pixel of the largest view: image and its gradient; blended tiles; error and mask of a scored view.
+// Bytes per pixel: image and its gradient; blended tiles; error and mask of a scored view.
 constexpr std::size_t kPixel = (3 + 3 + 4) * kFloat + kFloat + 1;
 
 double mebibytes(std::uint64_t bytes) { return static_cast<double>(bytes) / (1024.0 * 1024.0); }
@@ -56,7 +56,10 @@ std::size_t gaussian_memory_bytes() {
   return kTrained + kActivated + kStatistics + kScores + drawn_memory_bytes() + kGrowth;
 }
 
-MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes, std::size_t bytes_per_primitive) {
+std::size_t pixel_memory_bytes() { return kPixel; }
+
+MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes, std::size_t bytes_per_primitive,
+                               std::size_t bytes_per_pixel) {
   MemoryEstimate estimate;
   std::size_t largest = 0;
   for (const auto* views : {&scene.train, &scene.train_halves, &scene.test}) {
@@ -67,7 +70,7 @@ MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes,
   }
   std::size_t rescaled = 0;  // read after resident_bytes was measured
   for (const View& view : scene.train_rescaled) rescaled += view.color.size() + view.valid.size();
-  estimate.fixed_bytes = std::max(resident_bytes, estimate.photo_bytes) + rescaled + kPixel * largest;
+  estimate.fixed_bytes = std::max(resident_bytes, estimate.photo_bytes) + rescaled + bytes_per_pixel * largest;
   estimate.photo_bytes += rescaled;
   estimate.bytes_per_primitive = bytes_per_primitive;
   return estimate;

@@ -18,6 +18,9 @@ std::size_t gaussian_memory_bytes();
 /// The rasterizer's share of gaussian_memory_bytes().
 std::size_t drawn_memory_bytes();
 
+/// Approximate bytes per pixel of a view that is trained on: the image, its gradient and the rasterizer's tiles.
+std::size_t pixel_memory_bytes();
+
 struct MemoryEstimate {
   std::uint64_t fixed_bytes = 0;  ///< independent of the number of primitives: the program, photos, images
   std::uint64_t photo_bytes = 0;  ///< of those, the photos
@@ -29,7 +32,9 @@ struct MemoryEstimate {
 /// Peak resident memory of a training run on this scene.
 /// @param resident_bytes resident memory after the scene is read and before the backbone is created
 /// @param bytes_per_primitive Backbone::bytes_per_primitive()
-MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes, std::size_t bytes_per_primitive);
+/// @param bytes_per_pixel Backbone::bytes_per_pixel(), of the largest view
+MemoryEstimate estimate_memory(const Scene& scene, std::uint64_t resident_bytes, std::size_t bytes_per_primitive,
+                               std::size_t bytes_per_pixel);
 
 /// One line for the user: memory at the start, its growth with the primitives, and memory at the cap (0: no cap).
 std::string memory_text(const MemoryEstimate& estimate, std::size_t primitives, std::size_t cap);

@@ -75,6 +75,9 @@ class SurfaceLoss {
   SurfaceLossParts add(const SurfaceView& first, const SurfaceView* second, const SurfaceTerms& terms,
                        const RandomStream& random);
 
+  /// Memory of its workspace per pixel of a view.
+  static std::size_t bytes_per_pixel();
+
  private:
   struct State;
   std::unique_ptr<State> state_;

@@ -238,6 +238,7 @@ struct SurfaceLoss::State {
 
 SurfaceLoss::SurfaceLoss(Device device) : state_(std::make_unique<State>(device)) {}
 SurfaceLoss::~SurfaceLoss() = default;
+std::size_t SurfaceLoss::bytes_per_pixel() { return kSurfaceBytesPerPixel; }
 SurfaceLoss::SurfaceLoss(SurfaceLoss&&) noexcept = default;
 SurfaceLoss& SurfaceLoss::operator=(SurfaceLoss&&) noexcept = default;
 

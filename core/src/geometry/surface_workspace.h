@@ -54,6 +54,9 @@ struct SurfaceWorkspace {
   Array<double> sums;               ///< [kSurfaceSums]
 };
 
+inline constexpr std::size_t kSurfaceBytesPerPixel =
+    (2 + 2 + 1 + 6 + 2) * sizeof(float) + sizeof(PixelMatch) + sizeof(PatchGradient);
+
 /// The terms of the loss, given the sums. @param sums [kSurfaceSums] @param pixels of the first view
 inline SurfaceLossParts surface_loss_parts(const double* sums, const SurfaceTerms& terms, std::size_t pixels) {
   const auto mean = [](double sum, double count) { return count > 0 ? sum / count : 0.0; };

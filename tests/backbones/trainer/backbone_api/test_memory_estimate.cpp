@@ -25,7 +25,7 @@ Scene two_views() {
 }
 
 TEST(MemoryEstimate, CountsPhotosTheLargestViewAndPrimitives) {
-  const MemoryEstimate estimate = estimate_memory(two_views(), 0, 100);
+  const MemoryEstimate estimate = estimate_memory(two_views(), 0, 100, pixel_memory_bytes());
   EXPECT_EQ(estimate.photo_bytes, 1200u + 600u + 200u);
   const std::uint64_t workspace = estimate.fixed_bytes - estimate.photo_bytes;
   EXPECT_EQ(workspace % 400, 0u);
@@ -35,8 +35,8 @@ TEST(MemoryEstimate, CountsPhotosTheLargestViewAndPrimitives) {
 }
 
 TEST(MemoryEstimate, CountsWhatTheProcessHolds) {
-  const MemoryEstimate small = estimate_memory(two_views(), 50 * kMebibyte, 100);
-  const MemoryEstimate large = estimate_memory(two_views(), 80 * kMebibyte, 100);
+  const MemoryEstimate small = estimate_memory(two_views(), 50 * kMebibyte, 100, pixel_memory_bytes());
+  const MemoryEstimate large = estimate_memory(two_views(), 80 * kMebibyte, 100, pixel_memory_bytes());
   EXPECT_EQ(large.fixed_bytes - small.fixed_bytes, 30 * kMebibyte);
 }
 
@@ -44,8 +44,8 @@ TEST(MemoryEstimate, AddsPhotosOfAnotherScale) {
   Scene scene = two_views();
   scene.train_rescaled.resize(2);
   for (View& view : scene.train_rescaled) view.color.resize(5000);
-  const MemoryEstimate without = estimate_memory(two_views(), kMebibyte, 100);
-  const MemoryEstimate with = estimate_memory(scene, kMebibyte, 100);
+  const MemoryEstimate without = estimate_memory(two_views(), kMebibyte, 100, pixel_memory_bytes());
+  const MemoryEstimate with = estimate_memory(scene, kMebibyte, 100, pixel_memory_bytes());
   EXPECT_EQ(with.photo_bytes - without.photo_bytes, 10000u);
   EXPECT_EQ(with.fixed_bytes - without.fixed_bytes, 10000u);
 }
