@@ -82,12 +82,13 @@ class PhotoSlam final : public GaussianMethod {
     if (std::exchange(features_due_, false)) insert(set, iteration, features_);
   }
 
+  /// Not shortly after a loop: the views do not agree yet.
+  bool may_prune(Moment moment) const override {
+    return !loop_closed_at_ || moment.iteration - *loop_closed_at_ >= config_.protected_iterations;
+  }
+
   void spare(Moment moment, PruneRule, std::span<std::uint8_t> remove) override {
     if (!online_) return;
-    if (loop_closed_at_ && moment.iteration - *loop_closed_at_ < config_.protected_iterations) {
-      std::ranges::fill(remove, std::uint8_t{0});
-      return;
-    }
     std::vector<float> copy;
     const std::span<const float> rows = origins_.values.on_host(copy);
     for (std::size_t i = 0; i < remove.size(); ++i) {
@@ -227,6 +228,7 @@ class PhotoSlamBackbone final : public Backbone, public OnlineBackbone {
   void finish() override { gaussians_->finish(); }
   std::size_t primitives() const override { return gaussians_->primitives(); }
   std::size_t bytes_per_primitive() const override { return gaussians_->bytes_per_primitive(); }
+  std::size_t bytes_per_pixel() const override { return gaussians_->bytes_per_pixel(); }
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override {
     gaussians_->render(camera, time, beta, color);
   }

@@ -23,8 +23,9 @@ struct PhotoSlamConfig : GaussianConfig {
   int level_uses = 8;       ///< training iterations per level
   int feature_cache = 10;   ///< features are inserted as Gaussians once per this many keyframes
   /// With a density hook, no Gaussian is pruned for this many iterations after its insertion, and none at all for as
-  /// long after a loop. Not part of the published method.
-  int protected_iterations = 200;
+  /// long after a loop. By default one interval of growth: longer protection keeps many faint Gaussians while views
+  /// arrive, which takes time from the mapper (docs/results/backbones.md). Not part of the published method.
+  int protected_iterations = 100;
 };
 
 nlohmann::json to_json(const PhotoSlamConfig& config);

@@ -28,7 +28,7 @@ namespace {
 constexpr int kSplitChildren = 2;
 constexpr int kPublishedIterations = 30000;  // length of the schedule that the adapter's numbers refer to
 constexpr double kAbsoluteThreshold = 3;     // threshold of absolute gradients / that of signed ones
-constexpr int kProtectedIterations = 200;    // as in the in-tree photo-slam
+constexpr int kProtectedIterations = 100;    // as in the in-tree photo-slam
 constexpr const char* kGroups[] = {"xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation"};  // in the host's order
 constexpr const char* kPrefix = "SplatBoost.";
 
@@ -72,11 +72,12 @@ struct Boost::Parts {
       *sum = torch::cat({*sum, torch::zeros({missing}, sum->options())});
     }
   }
-  /// Removes Gaussians, except recently inserted ones, which have a low opacity only because they are new, and none
-  /// shortly after a loop closure, when the views do not agree yet; keeps at least one.
+  /// Not shortly after a loop closure: the views do not agree yet.
+  bool may_prune(int iteration) const { return iteration - loop_closed_at >= kProtectedIterations; }
+  /// Removes Gaussians, except recently inserted ones, which have a low opacity only because they are new; keeps at
+  /// least one.
   /// @param mask bool [N] @return those removed, bool [N]
   Tensor remove(const Tensor& mask, int iteration) {
-    if (iteration - loop_closed_at < kProtectedIterations) return torch::zeros_like(mask);
     const Tensor inserted = model().exist_since_iter_.to(device).reshape({-1});
     const Tensor old = (inserted == 0) | (inserted <= iteration - kProtectedIterations);
     const Given removals((mask & old).to(torch::kByte)), priorities(opacities());
@@ -238,19 +239,23 @@ std::shared_ptr<Boost> Boost::make(const std::filesystem::path& path, const Host
   parts->no_color = torch::empty(0, torch::TensorOptions().device(parts->device));
   parts->max_gaussians = take(keys, "max_gaussians", std::numeric_limits<std::int32_t>::max(), 0, path);
 
-  // Settings that the host has too are taken from the host, others from the adapter; keys in the file override both.
+  // Settings that the host has too are taken from the host unless the rules are literal, others from the adapter; keys
+  // in the file override both.
   const bool literal = take(keys, "literal", 1, 0, path) != 0;
   Settings settings(literal);
   const auto published = [&](int iteration) {
     return std::round(static_cast<double>(iteration) * kPublishedIterations / std::max(1, optimization.iterations_));
   };
-  settings.set("gradient_threshold", optimization.densify_grad_threshold_);
-  settings.set("gradient_abs_threshold", kAbsoluteThreshold * optimization.densify_grad_threshold_);
-  settings.set("percent_dense", optimization.percent_dense_);
   settings.set("lambda_dssim", optimization.lambda_dssim_);
-  if (optimization.densification_interval_ > 0) settings.set("densify_interval", optimization.densification_interval_);
-  if (optimization.densify_from_iter_ > 0) settings.set("densify_from", published(optimization.densify_from_iter_));
-  settings.set("densify_until", published(optimization.densify_until_iter_));
+  if (!literal) {  // the literal rules are the paper's, with its thresholds and its plan
+    settings.set("gradient_threshold", optimization.densify_grad_threshold_);
+    settings.set("gradient_abs_threshold", kAbsoluteThreshold * optimization.densify_grad_threshold_);
+    settings.set("percent_dense", optimization.percent_dense_);
+    const int interval = optimization.densification_interval_, from = optimization.densify_from_iter_;
+    if (interval > 0) settings.set("densify_interval", interval);
+    if (from > 0) settings.set("densify_from", published(from));
+    settings.set("densify_until", published(optimization.densify_until_iter_));
+  }
   if (!host.online) settings.set("recent_share", 0);  // all views are available from the first iteration on
   for (const auto& [name, value] : keys) {
     if (sb_boost_set(settings.boost(), name.c_str(), value) != SB_OK) {
@@ -339,6 +344,7 @@ void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int 
   kept.slice(0, 0, n).copy_(~splits);
   origins = torch::cat({origins.index({kept}), all.index({splits}).repeat({kSplitChildren})});
   check_count(origins, "split");
+  if (!p.may_prune(iteration)) return p.restart();
 
   Tensor candidates = p.opacities() < min_opacity;
   if (max_screen_size != 0) candidates = candidates | (p.max_scales() > 0.1f * extent);
@@ -356,6 +362,7 @@ void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int 
 
 void Boost::pruneLate(int iteration) {
   Parts& p = *parts_;
+  if (!p.may_prune(iteration)) return;  // the adapter prunes at the next iteration that asks it
   std::int32_t prunes = 0;
   require(sb_adapter_prunes_at(p.adapter, iteration, p.total, 0, &prunes));
   if (prunes == 0) return;

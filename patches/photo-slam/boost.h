@@ -64,7 +64,7 @@ class Boost {
   void step(int iteration);
   /// Applies pending gradients; call it before the parameters that they belong to change.
   void applyGradients();
-  /// Forgets the statistics, which are of the map before the correction, and prunes nothing for 200 iterations.
+  /// Forgets the statistics, which are of the map before the correction, and prunes nothing for 100 iterations.
   void loopClosed(int iteration);
 
  private:

@@ -80,6 +80,44 @@ def test_tracking_and_mapping_run_at_once(walk, mapped, tmp_path):
     assert results["iterations"] >= 30 and not results["boost"] and results["slam"]["tracked"] == FRAMES
 
 
+def test_a_time_limit_ends_mapping(walk, mapped, tmp_path):
+    del mapped
+    run_well("slam", "-s", walk, "-m", tmp_path / "timed", "--seconds", 3, *SMALL)
+    results = json.loads((tmp_path / "timed/results.json").read_text())
+    assert results["train_seconds"] >= 3 and results["slam"]["sequence_seconds"] < results["train_seconds"]
+    assert results["iterations"] > results["slam"]["iterations_in_sequence"]
+    # A config's time limit gives way to what the command line says.
+    run_well("slam", "-m", tmp_path / "again", "--config", tmp_path / "timed/config.json", "--iterations", 20, "--quiet")
+    assert json.loads((tmp_path / "again/config.json").read_text())["slam"].get("seconds") is None
+    run_well("slam", "-m", tmp_path / "lockstep", "--config", tmp_path / "timed/config.json", "--lockstep", 1, "--quiet",
+             "--iterations", 20)
+
+
+def test_a_run_that_ends_with_the_sequence_has_the_last_changes_of_the_map(walk, mapped, tmp_path):
+    del mapped
+    run_well("slam", "-s", walk, "-m", tmp_path / "model", "--seconds", 0, *SMALL)
+    results = json.loads((tmp_path / "model/results.json").read_text())
+    # The iteration after the sequence inserts what waits: the features of up to ten keyframes.
+    in_sequence = results["slam"]["iterations_in_sequence"]
+    assert results["iterations"] > in_sequence
+    before = [point["primitives"] for point in results["curve"] if point["iteration"] <= in_sequence]
+    assert results["primitives"] > before[-1]
+
+
+def test_a_run_killed_while_it_measures_is_measured_by_eval(walk, mapped, tmp_path):
+    del mapped
+    model = tmp_path / "model"
+    running = start("slam", "-s", walk, "-m", model, *SHORT)
+    wait_for(model / "results.json", running)
+    running.kill()
+    running.communicate(timeout=60)
+    before = json.loads((model / "results.json").read_text())
+    assert before["slam"]["tracked"] == FRAMES and before["slam"]["ate_rmse"] < 0.03
+    run_well("eval", "-m", model)
+    after = json.loads((model / "results.json").read_text())
+    assert after["psnr"] > 12 and after["slam"] == before["slam"]
+
+
 def test_keyframes_are_a_scene(mapped, tmp_path):
     run_well("train", "-s", mapped / "keyframes", "-m", tmp_path / "model", "--iterations", 5, "--quiet")
     run_well("render", "-m", mapped, "-o", tmp_path / "pictures")
@@ -167,6 +205,7 @@ def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, e
 @pytest.mark.parametrize("arguments, words", [
     (["--calibration", "nowhere.json"], "nowhere.json"),
     (["--lockstep", 1, "--seconds", 1], "cannot be combined"),
+    (["--seconds", 1], "--iterations and --seconds cannot be combined"),
     (["--features", 5], "--features must be"),
     (["--stride", 0], "--stride must be"),
     (["--backbone", "vanilla"], "vanilla cannot train on views that arrive during training"),

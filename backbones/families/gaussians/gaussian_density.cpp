@@ -200,6 +200,7 @@ void GaussianTrainer::prune(PruneRule rule) {
   } else {
     origins_.clear();
   }
+  if (density_ != nullptr && !method_->may_prune(moment())) return;
   DensityStatistics known = statistics();
   if (density_ != nullptr && density_->needs_clearances()) known.clearances = clearances();
   const std::size_t n = primitives();

@@ -92,6 +92,8 @@ class GaussianMethod {
   virtual MethodStages stages() const { return {}; }
   /// The method's own memory per Gaussian during training, in bytes, without its groups.
   virtual std::size_t bytes_per_gaussian() const { return 0; }
+  /// The same per pixel of a view.
+  virtual std::size_t bytes_per_pixel() const { return 0; }
   /// Low-pass filter, compensation, near plane. The trainer sets box and background.
   virtual RasterOptions raster_options() const { return {}; }
 
@@ -201,6 +203,11 @@ class GaussianMethod {
   virtual void edit(GaussianSet& set, int iteration) {
     (void)set;
     (void)iteration;
+  }
+  /// Whether Gaussians may be pruned now, given a density hook; if not, the hook is not asked and decides later.
+  virtual bool may_prune(Moment moment) const {
+    (void)moment;
+    return true;
   }
   /// Clears the flags of Gaussians that must be kept whatever the density hook decided; not called without a hook.
   /// @param remove [N] non-zero: prune

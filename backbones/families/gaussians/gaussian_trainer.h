@@ -59,6 +59,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   }
   std::size_t primitives() const override { return opacity_.rows(); }
   std::size_t bytes_per_primitive() const override;
+  std::size_t bytes_per_pixel() const override { return pixel_memory_bytes() + method_->bytes_per_pixel(); }
   void render(const Camera& camera, float time, std::optional<float> beta, std::span<float> color) override;
   bool uses_time() const override { return method_->uses_time(); }
   void export_moment(float time, const std::filesystem::path& file) override;

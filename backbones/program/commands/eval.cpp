@@ -144,7 +144,8 @@ Command add_eval(CLI::App& program) {
   CLI::App* app =
       program.add_subcommand("eval", "Measure a saved model again, as trained and with beta = 1, at several scales");
   app->footer(
-      "Updates OUT/results.json. For another scene, an earlier model (--iteration) or a run of slam it only prints.\n"
+      "Updates OUT/results.json. For another scene, an earlier model (--iteration) or a run of slam that measured\n"
+      "frames it only prints.\n"
       "Example: splatboost eval -m OUT");
   const auto eval = std::make_shared<Eval>(*app);
   return {app, [eval](const std::string&) { return eval->run(); }};

@@ -61,7 +61,9 @@ struct Slam {
     set.add("--iterations", options.iterations,
             "total iterations of the mapper; more if the sequence takes more than half of them [30000]")
         ->type_name("N");
-    own.add("--seconds", slam.seconds, "end after the sequence has ended and X seconds have passed")->type_name("X");
+    own.add("--seconds", slam.seconds,
+            "instead of --iterations: end when X seconds have passed and the sequence has ended")
+        ->type_name("X");
     own.add("--lockstep", slam.lockstep,
             "N iterations per keyframe in a fixed order; the same seed gives the same bytes")
         ->type_name("N");
@@ -89,6 +91,9 @@ struct Slam {
       own.overlay(settings["slam"], place + ": slam", {});
     }
     apply_settings(settings, place, set, options);
+    // What the command line says about the end of the run replaces what the file says.
+    if (!own.given("seconds") && (set.given("iterations") || own.given("lockstep"))) slam.seconds.reset();
+    if (!own.given("lockstep") && own.given("seconds")) slam.lockstep.reset();
   }
 
   /// The source in config.json is the keyframes, so that commands that read scenes can open the run.
@@ -111,6 +116,8 @@ struct Slam {
     usage(!slam.seconds || (*slam.seconds >= 0 && std::isfinite(*slam.seconds)), "--seconds must be at least 0");
     usage(!(slam.lockstep && slam.seconds),
           "--lockstep and --seconds cannot be combined: a time limit is not reproducible");
+    usage(!(slam.seconds && set.given("iterations")),
+          "--iterations and --seconds cannot be combined: both set the end of mapping");
     usage(slam.initial_keyframes >= 1, "--initial-keyframes must be at least 1");
     usage(slam.tracker.features >= 100 && slam.tracker.features <= 20000, "--features must be 100 to 20000");
     usage(slam.tracker.farthest_depth > slam.tracker.nearest_depth && std::isfinite(slam.tracker.farthest_depth),
@@ -156,9 +163,13 @@ struct Slam {
     SlamRun mapping(
         *sequence, slam, options,
         [&](const Scene& scene) {
-          const BackboneContext context{
-              scene,          device.threads(), options.seed, options.iterations.value(), options.max_primitives,
-              device.device()};
+          const BackboneContext context{scene,
+                                        device.threads(),
+                                        options.seed,
+                                        options.iterations.value(),
+                                        options.max_primitives,
+                                        device.device(),
+                                        true};
           PluggedBackbone plugged =
               make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
           require(
@@ -235,16 +246,25 @@ struct Slam {
     const fs::path model = folder / "point_cloud" / ("iteration_" + std::to_string(outcome.iterations));
     make_folder(model);
     results.storage_bytes = mapping.backbone().export_model(model);
-    std::vector<ReportView> views;
-    const Json keyframes = measure_frames(mapping, outcome, sequence, options.scene.resolution.value_or(-1), lpips,
-                                          folder, stopped, results, views);
     const std::optional<TrajectoryError> error = trajectory_error(mapping, outcome, sequence);
+    const auto write_results = [&](const Json& keyframes) {
+      Json json = to_json(results);
+      json["slam"] = slam_json(mapping, outcome, sequence, error, keyframes);
+      write_text_atomically(folder / "results.json", json.dump(2) + "\n");
+      return json;
+    };
+    std::vector<ReportView> views;
+    const auto measure = [&](const std::function<bool()>& ends) {
+      return measure_frames(mapping, outcome, sequence, options.scene.resolution.value_or(-1), lpips, folder, ends,
+                            results, views);
+    };
+    // Without any measured frame, so that `eval` can measure the model if this process is killed while it measures.
+    write_results(measure([] { return true; }));
+    const Json keyframes = measure(stopped);
     write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + run_label(options.boost),
                  {{run_label(options.boost), results, folder / "test" / "renders", {}}}, views, 4,
                  report_tracks(mapping, outcome, sequence, error));
-    Json json = to_json(results);
-    json["slam"] = slam_json(mapping, outcome, sequence, error, keyframes);
-    write_text_atomically(folder / "results.json", json.dump(2) + "\n");
+    const Json json = write_results(keyframes);
     if (outcome.complete && !stopped()) print(json, results);
     return results.views.size();
   }

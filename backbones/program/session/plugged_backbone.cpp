@@ -80,6 +80,12 @@ Json with_random_points(Json settings, const Scene& scene) {
   return settings;
 }
 
+/// No view is more recent than others if all are there from the beginning.
+Json with_arrival(Json settings, bool views_arrive) {
+  if (!views_arrive && settings.contains("recent_share")) settings["recent_share"] = 0.0;
+  return settings;
+}
+
 }  // namespace
 
 PluggedBackbone make_backbone(std::string_view name, const BackboneContext& context, const Json& constants,
@@ -89,8 +95,8 @@ PluggedBackbone make_backbone(std::string_view name, const BackboneContext& cont
   if (boost != nullptr) {
     const Json own = plugged.backbone->config(), given = to_json(*read_boost_settings(name, *boost));
     check_end_of_growth(name, own, given);
-    const std::unique_ptr<BoostSettings> settings =
-        read_boost_settings(name, with_random_points(after_growth(given, own), context.scene));
+    const Json of_run = with_arrival(with_random_points(after_growth(given, own), context.scene), context.views_arrive);
+    const std::unique_ptr<BoostSettings> settings = read_boost_settings(name, of_run);
     plugged.adapter = settings->make_adapter(context.seed, context.device);
     plugged.beta = plugged.adapter->beta();
     plugged.coarse_until = settings->coarse_share();

@@ -26,8 +26,7 @@ constexpr std::size_t kMaxProblems = 5;  ///< most messages about single frames
 constexpr float kMinExtent = 0.1f;       ///< metres, for a camera that only turns
 constexpr int kCurvePoints = 40;
 constexpr std::size_t kCheckedKeyframes = 6;  ///< keyframes after which the calibration is checked
-constexpr int kTimedIterations = 20;          ///< iterations before the first prediction of their number
-constexpr int kPlannedIterations = 100;       ///< iterations between predictions
+constexpr int kPlannedIterations = 100;       ///< iterations between predictions of their number
 constexpr auto kIdle = std::chrono::milliseconds(2);
 
 double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
@@ -325,21 +324,24 @@ void SlamRun::finish_mapping() {
     begin_mapping();  // with fewer keyframes than usual
   }
   int total = online_->planned_iterations(iteration_);
+  const int in_sequence = iteration_;
   const double tail_began = seconds();
-  const auto in_time = [&] { return iteration_ == 0 || seconds() < *slam_.seconds; };
-  // The number of iterations is predicted from the rate of the last ones, which falls as Gaussians are added; the clock
-  // decides when to end.
-  int planned_at = iteration_;
-  double planned_since = tail_began;
+  // At least one iteration, in which the last changes of the map become Gaussians.
+  const auto in_time = [&] { return iteration_ == in_sequence || seconds() < *slam_.seconds; };
+  // The number of iterations is predicted, first from the rate in the sequence, then from that of the last ones, which
+  // changes with the number of Gaussians; the clock decides when to end. A few iterations predict nothing: one of them
+  // may add Gaussians, which takes as long as many others, and growth ends for good if a prediction is too small.
+  int planned_at = 0;
+  double planned_since = 0;
   const auto plan = [&] {
     const double now = seconds();
     const double rate = (iteration_ - planned_at) / std::max(now - planned_since, 1e-9);
-    total = iteration_ + static_cast<int>(std::min(1e8, rate * std::max(0.0, *slam_.seconds - now)));
+    total = iteration_ + std::max(1, static_cast<int>(std::min(1e8, rate * std::max(0.0, *slam_.seconds - now))));
     planned_at = iteration_;
     planned_since = now;
   };
   if (slam_.seconds) {
-    for (int i = 0; i < kTimedIterations && in_time() && !stopped_(); ++i) iterate();
+    while (iteration_ < kPlannedIterations && in_time() && !stopped_()) iterate();
     plan();
   }
   online_->views_complete(total);
@@ -375,6 +377,7 @@ void SlamRun::keep_what_there_is() {
     take_waiting();
     take_held();
     if (online_ == nullptr && !scene_.train.empty()) begin_mapping();
+    if (iteration_ > 0 && !outcome_.failure) iterate();  // the changes become Gaussians
   } catch (const InputError&) {
     throw;
   } catch (const std::exception&) {

@@ -29,6 +29,7 @@ struct BackboneContext {
   int iterations = kPublishedIterations;
   std::size_t max_primitives = 0;  ///< hard cap, never exceeded; 0: none
   Device device = threads;         ///< where training and rendering run
+  bool views_arrive = false;       ///< the scene has only the first views yet: an OnlineBackbone is told of others
 };
 
 /// The surface seen from a camera: planar images of the camera's size, in host memory.
@@ -63,6 +64,8 @@ class Backbone {
 
   /// Approximate memory per primitive during training, in bytes, for the estimate before a run.
   virtual std::size_t bytes_per_primitive() const { return gaussian_memory_bytes(); }
+  /// The same per pixel of a view.
+  virtual std::size_t bytes_per_pixel() const { return pixel_memory_bytes(); }
 
   /// Renders with the box of training (RasterizerHook::set_beta()), or with a compact box of `beta` if given.
   /// @param color [3,H,W] of the camera's size, in host memory
