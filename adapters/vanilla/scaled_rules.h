@@ -27,14 +27,15 @@ inline double importance_to_exceed(double wanted, double pixels, int views) {
 /// Iterations per training view after which opacities have settled; the paper's runs have at least twice this number.
 inline constexpr double kSettledVisits = 50;
 
-/// 1, or proportionally less if views are visited fewer than kSettledVisits times. The opacity threshold of late
-/// pruning is multiplied by it: a run with fewer visits leaves more primitives near their initial opacity, and needs
-/// them. So is the share of blending weights removed when growth has ended, because the remaining primitives have fewer
-/// visits to make up for the removed ones.
+/// 1, or less if views are visited fewer than kSettledVisits times: the square of the ratio, because primitives have
+/// proportionally fewer visits to settle in before late pruning, and the others fewer to make up for the removed ones
+/// after it. The opacity threshold of late pruning is multiplied by it, and so is the share of blending weights removed
+/// when growth has ended.
 /// @param views number of the backbone's training views
 inline double settled_share(Moment moment, std::size_t views) {
   const double visits = static_cast<double>(moment.total) / static_cast<double>(std::max<std::size_t>(views, 1));
-  return std::min(1.0, visits / kSettledVisits);
+  const double ratio = std::min(1.0, visits / kSettledVisits);
+  return ratio * ratio;
 }
 
 /// Views rendered to measure the blending weights. Once per run, this many take less than 1% of the time.

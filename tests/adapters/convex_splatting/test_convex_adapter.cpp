@@ -108,7 +108,7 @@ TEST(ConvexAdapter, PrunesLateByTheReleasesOpacityAndByTheScore) {
 
 TEST(ConvexAdapter, OpacitiesOfAShortRunNeedNotHaveSettled) {
   Threads threads(1);
-  const std::vector<float> ones(4, 1.0f), opacities{0.014f, 0.016f, 0.031f, 0.5f};
+  const std::vector<float> ones(4, 1.0f), opacities{0.007f, 0.008f, 0.031f, 0.5f};
   Hand hand{ones, ones, opacities, ones};
   ConvexAdapter adapter({}, threads);
   // Each of the 4 views is trained on 25 times.
