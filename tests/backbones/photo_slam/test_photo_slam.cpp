@@ -281,7 +281,7 @@ TEST_F(OnlineRun, a_hook_cannot_remove_what_has_just_come_nor_anything_after_a_l
 TEST_F(OnlineRun, a_late_pruning_that_is_due_after_a_loop_is_delayed) {
   PhotoSlamBoost settings;
   settings.gradient_threshold = settings.gradient_abs_threshold = 1;  // nothing grows
-  settings.late_max_score = 0;                                         // what has any error goes
+  settings.late_max_score = 0;                                        // what has any error goes
   for (const bool loop : {false, true}) {
     Run run = begin(threads_, eager());
     PhotoSlamAdapter adapter(settings, threads_);
