@@ -12,7 +12,7 @@ import unittest.mock
 import conftest
 import pytest
 
-from splatboost.view import VISER, Viewer
+from splatboost.view import VISER, Viewer, _Linked
 
 np = pytest.importorskip("numpy")
 models = pytest.importorskip("splatboost._models")
@@ -265,7 +265,7 @@ def middle_of(shown, channel):
 def test_the_page_shows_both_models_and_links_their_cameras(tmp_path, browser):
     write_model(tmp_path / "baseline", [ball(-1, 0, 4, RED), ball(1, 0, 4, BLUE), ball(0, -1, 4, GREEN)])
     write_model(tmp_path / "boosted", [ball(-1, 0, 4, RED)])
-    viewer = Viewer([str(tmp_path)], live=True, port=18970)
+    viewer = Viewer([str(tmp_path)], live=True, port=0)  # any free one
     try:
         browser(viewer.url)
         baseline, boosted = viewer.shown
@@ -277,7 +277,8 @@ def test_the_page_shows_both_models_and_links_their_cameras(tmp_path, browser):
         assert red < 14 < 18 < blue and 14 < green < 18 and abs(red_row - 12) < 2 and abs(blue_row - 12) < 2 and green_row < 9
         assert middle_of(boosted, 0)[1] < 14 and middle_of(boosted, 1) is None and middle_of(boosted, 2) is None
 
-        # The camera of one page moves that of the other, without feedback.
+        # The camera of one page moves that of the other, without feedback; not yet that of a page that has just opened.
+        time.sleep(_Linked.OPENING)
         camera = client_of(baseline).camera
         assert np.allclose(camera.position, client_of(boosted).camera.position, atol=1e-3)
         camera.position, camera.look_at = (0.0, 0.0, -2.0), (0.0, 0.0, 4.0)

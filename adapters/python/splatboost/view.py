@@ -200,11 +200,14 @@ class _Linked:
 
     #: seconds after which a page's own camera updates count again, even if it never reported the pose it was sent
     PATIENCE = 10.0
+    #: seconds in which a new page may still report viser's default pose, even after that which it was sent
+    OPENING = 2.0
 
     def __init__(self, shown: Sequence[_Shown]):
         self._shown = shown
         self._pose: Any = None  # position, look_at, up and field of view shared by all pages
-        self._told: Dict[Any, Tuple[float, Any]] = {}  # client → (time, position) sent, until it arrives
+        self._told: Dict[Any, float] = {}  # client → time at which it was sent the pose, until it reports it
+        self._opened: Dict[Any, float] = {}  # client → time of its connection
         self._lock = threading.Lock()
         self._latest = 0
         for one in shown:
@@ -218,12 +221,20 @@ class _Linked:
                 if self._shown[0].gaussians is not None:
                     self._pose = (start.position, start.look_at, self._shown[0].up, start.fov)
             if self._pose is not None:
+                self._opened[client.client_id, id(client)] = time.monotonic()
                 self._tell(client)
         client.camera.on_update(lambda camera: self._moved(client, camera))
 
+    def _has_pose(self, camera: Any) -> bool:
+        reach = abs(camera.look_at - camera.position).max()
+        return all(abs(own - shared).max() < 1e-3 * reach
+                   for own, shared in zip((camera.position, camera.look_at), self._pose))
+
     def _tell(self, client: Any) -> None:
+        # A page that is there already does not move, and so reports nothing.
+        if not self._has_pose(client.camera):
+            self._told[client.client_id, id(client)] = time.monotonic()
         position, look_at, up, fov = self._pose
-        self._told[client.client_id, id(client)] = (time.monotonic(), position)
         with client.atomic():
             client.camera.position = position
             client.camera.up_direction = up
@@ -231,16 +242,17 @@ class _Linked:
             client.camera.fov = fov
 
     def _moved(self, client: Any, camera: Any) -> None:
-        key = (client.client_id, id(client))
+        key, now = (client.client_id, id(client)), time.monotonic()
         with self._lock:
-            if key in self._told:
-                when, where = self._told[key]
-                reach = abs(camera.look_at - camera.position).max()
-                arrived = abs(camera.position - where).max() < 1e-3 * reach
-                if arrived or time.monotonic() - when > self.PATIENCE:
-                    del self._told[key]
-                if arrived or key in self._told:
-                    return
+            if self._pose is not None and self._has_pose(camera):
+                self._told.pop(key, None)
+                return
+            if now - self._told.get(key, -self.PATIENCE) < self.PATIENCE:
+                return
+            if now - self._opened.get(key, -self.OPENING) < self.OPENING:
+                self._tell(client)
+                return
+            self._told.pop(key, None)
             self._pose = (camera.position.copy(), camera.look_at.copy(), camera.up_direction.copy(), camera.fov)
             self._latest += 1
             turn, eye = self._latest, self._pose[0]
