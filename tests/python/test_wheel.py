@@ -3,6 +3,7 @@
 
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import zipfile
@@ -12,6 +13,9 @@ import pytest
 
 WHEELS = [pathlib.Path(os.environ["SPLATBOOST_WHEEL"])] if "SPLATBOOST_WHEEL" in os.environ else sorted(
     (conftest.ROOT / "dist").glob("*.whl"))
+
+#: The glibc of Ubuntu 22.04, the oldest system that wheels are for; Debian 12, where they are built, has 2.36.
+OLDEST_GLIBC = (2, 35)
 
 pytestmark = pytest.mark.skipif(not WHEELS, reason="no wheel: scripts/wheel makes one")
 
@@ -32,12 +36,18 @@ def environment(folder, *options):
 def test_what_is_in_it():
     name = WHEELS[-1].name
     assert "-py3-none-manylinux" in name, "auditwheel has not repaired it"
+    glibc = min(tuple(map(int, found)) for found in re.findall(r"manylinux_(\d+)_(\d+)_", name))
+    assert glibc <= OLDEST_GLIBC, "it needs glibc %d.%d: build it on Debian 12" % glibc
     names = zipfile.ZipFile(WHEELS[-1]).namelist()
     for part in ("libsplatboost.so", "bin/splatboost", "py.typed", "hooks/scaffold_gs.py",
                  "share/splatboost/patches/3dgs/recipe.json"):
         assert "splatboost/" + part in names, part
-    # No files of the build machine.
-    assert not [n for n in names if "__pycache__" in n or "/tests/" in n or n.endswith((".cpp", ".h"))]
+    # No libraries that only some build machines have.
+    bundled = {re.match(r"splatboost(?:_cuda\d+)?\.libs/(\w+)", n).group(1) for n in names if ".libs/lib" in n}
+    assert bundled == {"libhwy", "libhwy_contrib", "libpng16"}
+    # No files of the build machine; the recipe for Photo-SLAM consists of C++ files.
+    assert not [n for n in names if "__pycache__" in n or "/tests/" in n
+                or n.endswith((".cpp", ".h")) and "/patches/photo-slam/" not in n]
 
 
 def test_the_program_trains_in_an_empty_environment(tmp_path):
