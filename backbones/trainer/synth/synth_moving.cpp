@@ -109,9 +109,9 @@ Film plan(const SynthOptions& options) {
   }
   // Times between training times, and not near one, from poses other than the training camera's at that time.
   const int tests = std::max(2, options.views / 6);
+  const double gaps = std::max(1, moments - 1);
   for (int i = 0; i < tests; ++i) {
     const int place = (i + tests / 2) % tests;
-    const double gaps = std::max(1, moments - 1);
     const double at = (i + 0.5) / tests * gaps, before = std::floor(at);
     film.test.push_back(
         {room->camera(place, tests, test_random), (before + std::clamp(at - before, 0.25, 0.75)) / gaps});

@@ -3,6 +3,7 @@
 /// against normals of the depth, depth of one view against that of another, and patches of the two photos.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -75,7 +76,7 @@ class SurfaceLoss {
   SurfaceLossParts add(const SurfaceView& first, const SurfaceView* second, const SurfaceTerms& terms,
                        const RandomStream& random);
 
-  /// Memory of its workspace per pixel of a view.
+  /// Memory of its workspace per pixel of a view, in bytes, on its device.
   static std::size_t bytes_per_pixel();
 
  private:

@@ -54,6 +54,7 @@ struct SurfaceWorkspace {
   Array<double> sums;               ///< [kSurfaceSums]
 };
 
+/// Of all arrays of a SurfaceWorkspace with one element or more per pixel.
 inline constexpr std::size_t kSurfaceBytesPerPixel =
     (2 + 2 + 1 + 6 + 2) * sizeof(float) + sizeof(PixelMatch) + sizeof(PatchGradient);
 

@@ -17,6 +17,7 @@
 #include "support/density_recorder.h"
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
+#include "trainer/backbone_api/memory_estimate.h"
 
 namespace splatboost {
 namespace {
@@ -348,6 +349,12 @@ TEST_P(PgsrScale, gradients_are_those_of_all_terms_in_both_views) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Scales, PgsrScale, ::testing::Values(1.0, 0.5));
+
+TEST_F(PgsrRun, the_memory_estimate_counts_both_views_and_the_surface_terms) {
+  const auto backbone = make(eager(), 40);
+  EXPECT_GE(backbone->bytes_per_pixel(), 2 * pixel_memory_bytes() + SurfaceLoss::bytes_per_pixel());
+  EXPECT_GE(backbone->bytes_per_primitive(), gaussian_memory_bytes() + drawn_memory_bytes());
+}
 
 TEST_F(PgsrRun, surface_terms_begin_when_they_shall) {
   PgsrConfig config = eager();
