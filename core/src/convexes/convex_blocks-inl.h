@@ -215,7 +215,7 @@ HWY_INLINE Float released_radii(const HullBlock& hulls, const EdgeBlock& edges, 
 /// pairs of edges.
 class FootprintBlock {
  public:
-  /// @param farthest,scale as in footprint_of()
+  /// @param farthest,scale as in find_footprint()
   HWY_INLINE FootprintBlock(const ConvexBlock& p, const EdgeBlock& edges, int points, Float scale, Float farthest,
                             int width, int height)
       : points_(points) {

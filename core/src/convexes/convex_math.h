@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// @file Projection of one convex to the edges of its hull on the screen, its gradient, and the tiles that the convex
 /// may reach: for one thread of a GPU. convex_blocks-inl.h has the same for the vector lanes of a CPU.
+///
+/// Structs with arrays are filled through references, not returned: nvcc 13.0 gave the caller's copy of a returned
+/// ProjectedConvex the memory of an array that was written while the copy was still read.
 #pragma once
 
 #include <cmath>
@@ -18,7 +21,6 @@ inline constexpr float kLn2 = 0.6931471805599453f;
 
 /// A convex on the screen.
 struct ProjectedConvex {
-  bool valid;
   float depth;                      ///< of the centre
   float centre_x, centre_y;         ///< px; points are relative to it
   float x[kMaxConvexPoints];        ///< px
@@ -69,14 +71,12 @@ SPLATBOOST_HOST_DEVICE void find_hull(ProjectedConvex& p, int points) {
   for (int k = 0; k < p.edges && k < kMaxConvexPoints; ++k) p.hull[k] = chain[k];
 }
 
-/// The points of a convex in the camera frame and on the screen, and whether the convex may be drawn. The points are
-/// set in either case: the backward pass must not repeat this decision, which might differ from that of the forward
-/// pass.
+/// Sets all of p except the hull: the points of a convex in the camera frame and on the screen.
 /// @param points [K,3] world
-SPLATBOOST_HOST_DEVICE ProjectedConvex place_points(const ProjectionCamera& camera, const float* points, int count,
-                                                    float near_plane) {
-  ProjectedConvex p;
-  p.edges = 0;
+/// @return whether the convex may be drawn. p is set in either case: the backward pass must not repeat this decision,
+/// which might differ from that of the forward pass.
+SPLATBOOST_HOST_DEVICE bool place_points(const ProjectionCamera& camera, const float* points, int count,
+                                         float near_plane, ProjectedConvex& p) {
   const float share = 1.0f / static_cast<float>(count);
   float mean[3] = {0.0f, 0.0f, 0.0f};
   for (int i = 0; i < 3 * count; ++i) mean[i % 3] += share * points[i];
@@ -89,7 +89,7 @@ SPLATBOOST_HOST_DEVICE ProjectedConvex place_points(const ProjectionCamera& came
   const float slope_x = centre[0] / centre[2], slope_y = centre[1] / centre[2];
   p.centre_x = camera.fx * slope_x + camera.cx;
   p.centre_y = camera.fy * slope_y + camera.cy;
-  p.valid = p.depth > near_plane && p.depth < 1e30f && abs_of(p.centre_x) < 1e9f && abs_of(p.centre_y) < 1e9f;
+  bool valid = p.depth > near_plane && p.depth < 1e30f && abs_of(p.centre_x) < 1e9f && abs_of(p.centre_y) < 1e9f;
   for (int i = 0; i < count; ++i) {
     // Computed from differences to the centre, so that small shapes keep their precision.
     const float* const w = points + 3 * i;
@@ -103,19 +103,18 @@ SPLATBOOST_HOST_DEVICE ProjectedConvex place_points(const ProjectionCamera& came
     p.x[i] = camera.fx * (away[0] - slope_x * away[2]) * inverse;
     p.y[i] = camera.fy * (away[1] - slope_y * away[2]) * inverse;
     // Numbers that are not finite fail a comparison.
-    p.valid = p.valid && p.view[i][2] > 0.0f && p.x[i] * p.x[i] + p.y[i] * p.y[i] < kMaxConvexReach * kMaxConvexReach;
+    valid = valid && p.view[i][2] > 0.0f && p.x[i] * p.x[i] + p.y[i] * p.y[i] < kMaxConvexReach * kMaxConvexReach;
   }
-  return p;
+  return valid;
 }
 
-/// place_points(), and the hull; not valid if that has fewer than three vertices.
-SPLATBOOST_HOST_DEVICE ProjectedConvex project_convex(const ProjectionCamera& camera, const float* points, int count,
-                                                      float near_plane) {
-  ProjectedConvex p = place_points(camera, points, count, near_plane);
-  if (!p.valid) return p;
+/// place_points(), and the hull.
+/// @return whether the convex may be drawn; not if its hull has fewer than three vertices
+SPLATBOOST_HOST_DEVICE bool project_convex(const ProjectionCamera& camera, const float* points, int count,
+                                           float near_plane, ProjectedConvex& p) {
+  if (!place_points(camera, points, count, near_plane, p)) return false;
   find_hull(p, count);
-  p.valid = p.edges >= 3 && p.edges <= kMaxConvexPoints;
-  return p;
+  return p.edges >= 3 && p.edges <= kMaxConvexPoints;
 }
 
 /// A hull's edge: L(q) = x·(q_x − centre) + y·(q_y − centre) + offset, px², below 0 inside.
@@ -177,49 +176,54 @@ inline constexpr float kFootprintSlack = 0.05f;
 /// Clips the image by each edge of the hull, moved outwards to z·δ·L = farthest: {q: max_k z·δ·L_k(q) <= farthest}
 /// contains every pixel where α reaches 1/255, because φ >= max_k z·δ·L_k.
 /// @param scale z·δ·pixel_size²
-SPLATBOOST_HOST_DEVICE ConvexFootprint footprint_of(const ProjectedConvex& p, float scale, float farthest, int width,
-                                                    int height) {
-  ConvexFootprint f;
+SPLATBOOST_HOST_DEVICE void find_footprint(const ProjectedConvex& p, float scale, float farthest, int width, int height,
+                                           ConvexFootprint& footprint) {
   const float left = 0.5f - kFootprintSlack - p.centre_x,
               right = left + static_cast<float>(width - 1) + 2 * kFootprintSlack;
   const float top = 0.5f - kFootprintSlack - p.centre_y,
               bottom = top + static_cast<float>(height - 1) + 2 * kFootprintSlack;
-  f.x[0] = left, f.y[0] = top;
-  f.x[1] = right, f.y[1] = top;
-  f.x[2] = right, f.y[2] = bottom;
-  f.x[3] = left, f.y[3] = bottom;
-  f.corners = 4;
+  ConvexFootprint polygons[2];  // each edge cuts one into the other
+  ConvexFootprint& image = polygons[0];
+  image.x[0] = left, image.y[0] = top;
+  image.x[1] = right, image.y[1] = top;
+  image.x[2] = right, image.y[2] = bottom;
+  image.x[3] = left, image.y[3] = bottom;
+  image.corners = 4;
   const float moved = (farthest + 1e-4f * abs_of(farthest)) / scale;
-  for (int k = 0; k < p.edges && f.corners > 0; ++k) {
+  int last = 0;
+  for (int k = 0; k < p.edges && polygons[last].corners > 0; ++k) {
+    const ConvexFootprint& f = polygons[last];
+    ConvexFootprint& cut = polygons[1 - last];
     const HullEdge edge = hull_edge(p, k);
     const float bound = moved + kFootprintSlack * (abs_of(edge.x) + abs_of(edge.y));
-    ConvexFootprint cut;
-    cut.corners = 0;
+    int corners = 0;
     float before_x = f.x[f.corners - 1], before_y = f.y[f.corners - 1];
     float before = edge.x * before_x + edge.y * before_y + edge.offset - bound;
     for (int c = 0; c < f.corners; ++c) {
       const float x = f.x[c], y = f.y[c];
       const float now = edge.x * x + edge.y * y + edge.offset - bound;
-      if ((before > 0.0f) != (now > 0.0f) && cut.corners < ConvexFootprint::kCapacity) {
+      if ((before > 0.0f) != (now > 0.0f) && corners < ConvexFootprint::kCapacity) {
         const float t = before / (before - now);
-        cut.x[cut.corners] = before_x + t * (x - before_x);
-        cut.y[cut.corners++] = before_y + t * (y - before_y);
+        cut.x[corners] = before_x + t * (x - before_x);
+        cut.y[corners++] = before_y + t * (y - before_y);
       }
-      if (!(now > 0.0f) && cut.corners < ConvexFootprint::kCapacity) {
-        cut.x[cut.corners] = x;
-        cut.y[cut.corners++] = y;
+      if (!(now > 0.0f) && corners < ConvexFootprint::kCapacity) {
+        cut.x[corners] = x;
+        cut.y[corners++] = y;
       }
       before = now;
       before_x = x;
       before_y = y;
     }
-    f = cut;
+    cut.corners = corners;
+    last = 1 - last;
   }
-  for (int c = 0; c < f.corners; ++c) {
-    f.x[c] += p.centre_x;
-    f.y[c] += p.centre_y;
+  const ConvexFootprint& found = polygons[last];
+  footprint.corners = found.corners;
+  for (int c = 0; c < found.corners; ++c) {
+    footprint.x[c] = found.x[c] + p.centre_x;
+    footprint.y[c] = found.y[c] + p.centre_y;
   }
-  return f;
 }
 
 /// An interval; empty where low > high.
@@ -274,11 +278,9 @@ struct ConvexGeometryGradient {
 };
 
 /// @param pixel_area pixel_size²
-SPLATBOOST_HOST_DEVICE ConvexGeometryGradient project_convex_backward(const ProjectionCamera& camera,
-                                                                      const ProjectedConvex& p, int count,
-                                                                      float smoothness, float sharpness,
-                                                                      float pixel_area, const ConvexSums& sums) {
-  ConvexGeometryGradient g;
+SPLATBOOST_HOST_DEVICE void project_convex_backward(const ProjectionCamera& camera, const ProjectedConvex& p, int count,
+                                                    float smoothness, float sharpness, float pixel_area,
+                                                    const ConvexSums& sums, ConvexGeometryGradient& g) {
   g.screen[0] = g.screen[1] = g.screen[2] = 0.0f;
   float g_x[kMaxConvexPoints] = {}, g_y[kMaxConvexPoints] = {};
   const float scale = p.depth * smoothness * pixel_area;
@@ -309,7 +311,6 @@ SPLATBOOST_HOST_DEVICE ConvexGeometryGradient project_convex_backward(const Proj
       g.points[i][c] = camera.axis_x[c] * v_x + camera.axis_y[c] * v_y + camera.axis_z[c] * v_z;
     }
   }
-  return g;
 }
 
 }  // namespace splatboost

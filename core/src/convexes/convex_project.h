@@ -86,8 +86,8 @@ SPLATBOOST_HOST_DEVICE void color_of(const ConvexRows& convex, const ConvexViewp
 SPLATBOOST_HOST_DEVICE bool make_record(const ConvexRows& convex, const ConvexViewpoint& view, ConvexRecord& record,
                                         ConvexTiles& tiles) {
   if (!(convex.opacity > kMinAlpha)) return false;
-  const ProjectedConvex p = project_convex(view.camera, convex.points, convex.count, view.near_plane);
-  if (!p.valid) return false;
+  ProjectedConvex p;
+  if (!project_convex(view.camera, convex.points, convex.count, view.near_plane, p)) return false;
   const float scale = p.depth * convex.smoothness * view.pixel_area;
   const float steepness = p.depth * convex.sharpness;
   if (!(scale > 0.0f && scale < 1e30f && steepness > 0.0f && steepness < 1e30f)) return false;
@@ -101,7 +101,7 @@ SPLATBOOST_HOST_DEVICE bool make_record(const ConvexRows& convex, const ConvexVi
   } else {
     // If farthest <= 0, α reaches 1/255 only inside the hull; then β must not scale the bound.
     const float reach = farthest > 0.0f ? view.beta * farthest : farthest;
-    tiles.footprint = footprint_of(p, scale, reach, view.width, view.height);
+    find_footprint(p, scale, reach, view.width, view.height, tiles.footprint);
     if (tiles.footprint.corners == 0) return false;
   }
   record.centre_x = p.centre_x;
@@ -136,10 +136,11 @@ struct ConvexRowGradients {
 };
 
 /// @param total sums of the convex's moments over its tiles
-SPLATBOOST_HOST_DEVICE ConvexRowGradients gradients_of(const ConvexRows& convex, const ConvexViewpoint& view,
-                                                       const ConvexRecord& record, const ConvexMoments& total) {
-  ConvexRowGradients g;
-  ProjectedConvex p = place_points(view.camera, convex.points, convex.count, view.near_plane);
+SPLATBOOST_HOST_DEVICE void find_gradients(const ConvexRows& convex, const ConvexViewpoint& view,
+                                           const ConvexRecord& record, const ConvexMoments& total,
+                                           ConvexRowGradients& g) {
+  ProjectedConvex p;
+  place_points(view.camera, convex.points, convex.count, view.near_plane, p);
   p.edges = static_cast<int>(record.edges);  // the hull of the forward pass: rounding might give another one now
   for (int k = 0; k < p.edges; ++k) p.hull[k] = record.hull[k];
   ConvexSums sums;
@@ -148,21 +149,21 @@ SPLATBOOST_HOST_DEVICE ConvexRowGradients gradients_of(const ConvexRows& convex,
   for (int k = 0; k < p.edges; ++k) {
     for (int m = 0; m < 3; ++m) sums.edge[k][m] = record.steepness * total.edge[k][m];
   }
-  g.geometry =
-      project_convex_backward(view.camera, p, convex.count, convex.smoothness, convex.sharpness, view.pixel_area, sums);
+  project_convex_backward(view.camera, p, convex.count, convex.smoothness, convex.sharpness, view.pixel_area, sums,
+                          g.geometry);
   g.opacity = sums.opacity / record.opacity;  // dα/do = α/o
   g.view_sharpness_abs = p.depth * kLn2 * total.steepness_abs;
   g.color[0] = total.red;
   g.color[1] = total.green;
   g.color[2] = total.blue;
-  if (convex.color != nullptr) return g;
+  if (convex.color != nullptr) return;
   // No gradient where the colour was clamped at zero.
   if (!(record.red > 0.0f)) g.color[0] = 0.0f;
   if (!(record.green > 0.0f)) g.color[1] = 0.0f;
   if (!(record.blue > 0.0f)) g.color[2] = 0.0f;
   const ConvexRay ray = ray_to(convex, view);
   sh_basis(convex.sh_degree, ray.direction, g.sh_basis);
-  if (convex.sh_degree == 0) return g;
+  if (convex.sh_degree == 0) return;
   float weights[kMaxShCoefficients] = {};
   for (int k = 1; k < sh_coefficients(convex.sh_degree); ++k) {
     for (int c = 0; c < 3; ++c) weights[k] += convex.sh_rest[3 * (k - 1) + c] * g.color[c];
@@ -175,7 +176,6 @@ SPLATBOOST_HOST_DEVICE ConvexRowGradients gradients_of(const ConvexRows& convex,
     g.geometry.points[k][1] += share * of_centre.y;
     g.geometry.points[k][2] += share * of_centre.z;
   }
-  return g;
 }
 
 }  // namespace splatboost

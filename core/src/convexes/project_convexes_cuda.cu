@@ -95,7 +95,7 @@ __global__ void __launch_bounds__(kBlockThreads)
     ConvexMoments total;
     auto* const sums = reinterpret_cast<float*>(&total);
     for (int k = 0; k < kConvexMomentColumns; ++k) sums[k] = moments[i * kConvexMomentColumns + k];
-    g = gradients_of(convexes.rows(i), view, records[i], total);
+    find_gradients(convexes.rows(i), view, records[i], total, g);
   }
   using Views = GradientViews;
   for (int k = 0; k < 3 * convexes.points_per_convex; ++k) {
