@@ -18,6 +18,7 @@ from test_rasterize import N, gaussians
 import splatboost
 from splatboost import _library as lib
 from splatboost import _render
+from splatboost.hooks import _boost
 
 ON_GPU = torch.cuda.is_available() and not conftest.EMULATED and bool(lib.cuda_architectures())
 
@@ -329,6 +330,30 @@ _RUN = {
     "sys.argv = sys.argv[1:]; runpy.run_path('train.py', run_name='__main__')",
     False: "import emulated; from splatboost import cpu\nwith emulated.cuda(): sys.exit(cpu.main(sys.argv[1:]))",
 }
+
+
+@on_gpu_only
+def test_a_fused_optimizer_steps_as_before():
+    """Also after a parameter was replaced by a longer one, as hosts do when Gaussians grow."""
+    results = []
+    for fused in (False, True):
+        torch.manual_seed(3)
+        optimizer = torch.optim.Adam([{"params": [torch.nn.Parameter(torch.randn(9, 3, device="cuda"))], "lr": 1e-2}], eps=1e-15)
+        if fused:
+            _boost.fuse(optimizer)
+        assert bool(optimizer.param_groups[0]["fused"]) == fused
+        for _ in range(3):
+            values = optimizer.param_groups[0]["params"][0]
+            values.grad = torch.randn_like(values)
+            optimizer.step()
+            state = optimizer.state.pop(values)
+            grown = torch.nn.Parameter(torch.cat([values.detach(), torch.randn(2, 3, device="cuda")]))
+            for name in ("exp_avg", "exp_avg_sq"):
+                state[name] = torch.cat([state[name], torch.zeros(2, 3, device="cuda")])
+            optimizer.param_groups[0]["params"][0] = grown
+            optimizer.state[grown] = state
+        results.append(grown.detach())
+    torch.testing.assert_close(*results, rtol=1e-6, atol=1e-7)
 
 
 def test_a_patched_host_trains(tmp_path):

@@ -88,8 +88,37 @@ def test_a_step_without_a_scene_is_told(tmp_path):
     done = subprocess.run([tree / "scripts/gpu-check", "--output", tmp_path / "out"], capture_output=True, text=True,
                           check=False, env={**os.environ, "PATH": f"{machine}:/usr/bin:/bin"})
     assert done.returncode == 1
-    lines = done.stdout.splitlines()[-5:]
-    assert [line.split()[1:3] for line in lines[:4]] == [[step, "FAILED"] for step in
-                                                         ("build", "tests", "sanitize", "bench")]
-    assert lines[4] == "gpu-check: compare left out: no --scene given"
-    assert all((tmp_path / f"out/gpu_{step}.json").exists() for step in ("build", "tests", "sanitize", "bench"))
+    lines = done.stdout.splitlines()[-6:]
+    assert [line.split()[1:3] for line in lines[:5]] == [[step, "FAILED"] for step in
+                                                         ("build", "tests", "all-tests", "sanitize", "bench")]
+    assert lines[5] == "gpu-check: compare left out: no --scene given"
+    assert all((tmp_path / f"out/gpu_{step}.json").exists() for step in ("build", "tests", "all_tests", "sanitize", "bench"))
+
+
+def test_programs_that_were_built_elsewhere_are_unpacked(tmp_path):
+    machine, tree = tmp_path / "machine", tmp_path / "tree"
+    for folder in (machine, tree / "scripts", tree / "build/gpu-check", tmp_path / "bin"):
+        folder.mkdir(parents=True)
+    fake(machine, "nvidia-smi", "NVIDIA T4, 15360, 535.1, 7.5")
+    fake(machine, "nvcc", "Cuda compilation tools, release 12.4, V12.4.99")
+    fake(tmp_path / "bin", "splatboost", "asked")
+    subprocess.run(["tar", "-cJf", tree / "build/gpu-check/programs.tar.xz", "-C", tmp_path, "bin"], check=True)
+    (tree / "build/gpu-check/architecture").write_text("75")
+    shutil.copy(SCRIPT, tree / "scripts/gpu-check")
+
+    def run(*steps):
+        return subprocess.run([tree / "scripts/gpu-check", *steps], capture_output=True, text=True, check=False,
+                              env={**os.environ, "PATH": f"{machine}:/usr/bin:/bin"})
+
+    done = run("build", "bench")
+    assert done.returncode == 0, done.stdout
+    assert json.loads((tree / "build/gpu-check/gpu_build.json").read_text())["built"] == "elsewhere"
+    assert run("all-tests").stderr == ("gpu-check: all-tests needs a build made here: --prepare packed only the programs of the "
+                                       "other steps\n")
+    (tree / "build/gpu-check/architecture").write_text("90")
+    done = run("build")
+    assert done.returncode == 2 and "built for 90, this GPU is 75: repeat --prepare 75" in done.stderr
+
+
+def test_prepare_takes_a_compute_capability():
+    assert "a compute capability such as 90" in fails("--prepare", "sm_90")

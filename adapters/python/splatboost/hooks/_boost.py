@@ -52,6 +52,18 @@ def announce(adapter: Adapter, schedule: str) -> None:
         rules, adapter.backbone, box, adapter.settings["tau_d"], schedule), flush=True)
 
 
+def fuse(optimizer: Any) -> None:
+    """Lets torch's Adam step each group on the GPU with one kernel instead of about ten. Without effect on the CPU, on other
+    optimizers, and on one that has already stepped, such as a checkpoint's: its state has another form."""
+    if type(optimizer) is not torch.optim.Adam or optimizer.state:
+        return
+    groups = optimizer.param_groups
+    if all("fused" in group and not group.get("foreach") for group in groups) and all(
+            p.is_cuda and p.dtype == torch.float32 for group in groups for p in group["params"]):
+        for group in groups:
+            group["fused"] = True
+
+
 def valid_pixels(camera: Any, image: torch.Tensor) -> Optional[torch.Tensor]:
     """bool [H,W]: pixels within the host's mask; None if its cameras have no mask. Pixels outside are not trained and
     would remain errors forever."""
@@ -106,6 +118,7 @@ class Boost:
         self._extend_growth()  # changes the host's options, which _settings() reads
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
+        fuse(gaussians.optimizer)
         _drawing.save(model_path, self.backbone, self.adapter.beta)
         announce(self.adapter, self._schedule())
 
