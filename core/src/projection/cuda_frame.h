@@ -134,16 +134,17 @@ struct CudaFrame {
   }
 };
 
-/// Fills records, ellipses, boxes, tile_counts, visible, radii and channels. (project_cuda.cu)
+/// Fills records, ellipses, boxes, tile_counts, visible, radii and channels, and sets places to 1 for each visible
+/// Gaussian. (project_cuda.cu)
 void project(CudaFrame& frame, const Gaussians& gaussians, CudaStream& stream);
 /// Computes the gradients of the Gaussians from moments. (project_cuda.cu)
 void project_backward(const CudaFrame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       CudaStream& stream);
-/// Fills places and sets totals.visible. (tiles_cuda.cu)
+/// Sums places. (tiles_cuda.cu)
 void count_visible(CudaFrame& frame, CudaStream& stream);
-/// Sorts the first visible_room visible Gaussians by depth and sets totals.entries. (tiles_cuda.cu)
+/// Sorts the first visible_room visible Gaussians by depth, fills entry_offsets and sets totals.visible. (tiles_cuda.cu)
 void sort_by_depth(CudaFrame& frame, CudaStream& stream);
-/// Fills entries, at most entry_room of them, and tile_entries. (tiles_cuda.cu)
+/// Fills entries, at most entry_room of them, and tile_entries, and sets totals.entries. (tiles_cuda.cu)
 void build_tile_lists(CudaFrame& frame, CudaStream& stream);
 /// Numbers the buckets of the tiles' lists. (tiles_cuda.cu)
 void number_buckets(CudaFrame& frame, CudaStream& stream);

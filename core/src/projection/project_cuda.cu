@@ -110,6 +110,7 @@ struct ProjectResults {
   DeviceView<TileBox> boxes;
   DeviceView<std::uint32_t> tile_counts;
   DeviceView<std::uint8_t> visible;
+  DeviceView<std::uint32_t> places;  ///< one more than there are Gaussians, for the scan
   DeviceView<std::int32_t> radii;
   DeviceView<float> channels;
   int features;
@@ -121,7 +122,10 @@ __device__ std::uint16_t whole(float tile) { return static_cast<std::uint16_t>(t
 __global__ void __launch_bounds__(kBlockThreads)
     project_kernel(GaussianViews gaussians, ProjectOptions options, ProjectResults out) {
   const std::size_t i = element_index();
-  if (i >= out.visible.size()) return;
+  if (i >= out.visible.size()) {
+    if (i < out.places.size()) out.places[i] = 0;
+    return;
+  }
   const Vec3<float> mean = vec3_at(gaussians.means, i);
   const Shape shape = shape_at(gaussians, i);
   const Projection<float> p = project_gaussian(options.camera, mean, shape.covariance, options.low_pass,
@@ -162,6 +166,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   seen = tiles > 0;
   out.tile_counts[i] = tiles;
   out.visible[i] = seen ? 1 : 0;
+  out.places[i] = seen ? 1 : 0;
   out.radii[i] = seen ? static_cast<std::int32_t>(min_of(radius, 1e9f)) : 0;
   if (!seen) return;
 
@@ -352,12 +357,13 @@ void project(CudaFrame& frame, const Gaussians& gaussians, CudaStream& stream) {
   frame.boxes.ensure(n);
   frame.tile_counts.ensure(n);
   frame.visible.ensure(n);
+  frame.places.ensure(n + 1);
   frame.radii.ensure(n);
   frame.channels.ensure(n * static_cast<std::size_t>(frame.extra_channels()));
-  const ProjectResults out{frame.records.span(),     frame.ellipses.span(), frame.boxes.span(),
-                           frame.tile_counts.span(), frame.visible.span(),  frame.radii.span(),
-                           frame.channels.span(),    frame.features,        frame.inverse_depth};
-  launch_each(stream, "project", project_kernel, n, GaussianViews(gaussians), ProjectOptions(frame), out);
+  const ProjectResults out{
+      frame.records.span(), frame.ellipses.span(), frame.boxes.span(),    frame.tile_counts.span(), frame.visible.span(),
+      frame.places.span(),  frame.radii.span(),    frame.channels.span(), frame.features,           frame.inverse_depth};
+  launch_each(stream, "project", project_kernel, n + 1, GaussianViews(gaussians), ProjectOptions(frame), out);
 }
 
 void project_backward(const CudaFrame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,

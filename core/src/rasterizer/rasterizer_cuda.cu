@@ -159,19 +159,18 @@ class CudaRasterizer : public RasterizerBackend {
     project(frame_, gaussians_, stream_);
     projected_.record();
     count_visible(frame_, stream_);
-    if (exactly) wait_and_learn();
+    if (exactly) wait_for(frame_.places, frame_.gaussians, known_.visible, known_.most_visible);
     make_room(visible_room_, known_.most_visible);
     frame_.visible_room = std::min(visible_room_, frame_.gaussians);
     sort_by_depth(frame_, stream_);
-    if (exactly) {
-      wait_and_learn();
-    } else if (!on_the_way_) {
+    if (exactly) wait_for(frame_.entry_offsets, frame_.visible_room, known_.entries, known_.most_entries);
+    make_room(frame_.entry_room, known_.most_entries);
+    if (exactly) outgrown_ = on_the_way_ = false;
+    build_tile_lists(frame_, stream_);
+    if (!exactly && !on_the_way_) {
       totals_.fetch(frame_.totals);
       on_the_way_ = true;
     }
-    make_room(frame_.entry_room, known_.most_entries);
-    if (exactly) outgrown_ = false;
-    build_tile_lists(frame_, stream_);
     frame_.keeps_states = cuda_backward() == CudaBackward::per_splat;
     if (frame_.keeps_states) number_buckets(frame_, stream_);
     listed_.record();
@@ -182,6 +181,7 @@ class CudaRasterizer : public RasterizerBackend {
   /// Forgets the totals of all frames: one of them may be too large for the device.
   void forget() {
     frame_.totals.fill_zero();
+    known_ = {};
     visible_room_ = frame_.visible_room = frame_.entry_room = 0;
     known_gaussians_ = 0;
     on_the_way_ = false;
@@ -204,6 +204,13 @@ class CudaRasterizer : public RasterizerBackend {
     known_ = totals_.get();
     known_gaussians_ = std::max({known_gaussians_, frame_.gaussians, std::size_t{1}});
     outgrown_ = known_.most_visible > visible_room_ || known_.most_entries > frame_.entry_room;
+  }
+
+  /// Reads one total of the frame, the last of some offsets.
+  void wait_for(const DeviceArray<std::uint32_t>& offsets, std::size_t last, std::uint32_t& known, std::uint32_t& most) {
+    stream_.copy_to_host(&known, offsets.data() + last, sizeof known);
+    most = std::max(most, known);
+    known_gaussians_ = std::max({known_gaussians_, frame_.gaussians, std::size_t{1}});
   }
 
   void wait_and_learn() {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <bit>
 
 #include "device/device_view.h"
@@ -20,19 +21,20 @@ int items(std::size_t n) {
   return static_cast<int>(n);
 }
 
-__global__ void __launch_bounds__(kBlockThreads)
-    flag_kernel(DeviceView<const std::uint8_t> visible, DeviceView<std::uint32_t> places) {
-  const std::size_t i = element_index();
-  if (i < places.size()) places[i] = i < visible.size() ? visible[i] : 0;
-}
+// Each launch takes 4 µs or more, so several small tasks share a kernel.
 
-/// Writes the visible Gaussians to their places, and fills the unused room behind them.
+/// Writes the visible Gaussians to their places, fills the unused room behind them, and sets totals.visible.
 __global__ void __launch_bounds__(kBlockThreads)
     list_kernel(DeviceView<const std::uint8_t> visible, DeviceView<const std::uint32_t> places,
                 DeviceView<const SplatRecord> records, DeviceView<std::uint32_t> listed,
-                DeviceView<std::uint32_t> keys) {
+                DeviceView<std::uint32_t> keys, DeviceView<FrameTotals> totals) {
   const std::size_t i = element_index();
   const std::size_t room = listed.size();
+  if (i == 0) {
+    const std::uint32_t found = places[visible.size()];
+    totals[0].visible = found;
+    totals[0].most_visible = max(totals[0].most_visible, found);
+  }
   if (i < visible.size() && visible[i] != 0) {
     const std::uint32_t place = places[i];
     if (place < room) {
@@ -44,18 +46,6 @@ __global__ void __launch_bounds__(kBlockThreads)
     listed[i] = 0;
     keys[i] = kNothing;
   }
-}
-
-__global__ void note_visible_kernel(DeviceView<const std::uint32_t> places, DeviceView<FrameTotals> totals) {
-  const std::uint32_t visible = places[places.size() - 1];
-  totals[0].visible = visible;
-  totals[0].most_visible = max(totals[0].most_visible, visible);
-}
-
-__global__ void note_entries_kernel(DeviceView<const std::uint32_t> offsets, DeviceView<FrameTotals> totals) {
-  const std::uint32_t entries = offsets[offsets.size() - 1];
-  totals[0].entries = entries;
-  totals[0].most_entries = max(totals[0].most_entries, entries);
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
@@ -70,17 +60,15 @@ struct EmitInputs {
   DeviceView<const std::uint32_t> order, offsets;
   DeviceView<const TileBox> boxes;
   DeviceView<const SplatEllipse> ellipses;
-  DeviceView<const FrameTotals> totals;
   bool square;
   int tiles_x;
 };
 
-/// Writes a Gaussian's entries, exactly as many as projection counted. Rounding may differ from that in projection, and
-/// with it the number of tiles, but only by tiles that the ellipse meets by less than its slack and does not need.
-__global__ void __launch_bounds__(kBlockThreads)
-    emit_kernel(EmitInputs in, DeviceView<std::uint32_t> keys, DeviceView<std::uint32_t> entries) {
-  const std::size_t k = element_index();
-  if (k >= in.order.size() || k >= in.totals[0].visible) return;
+/// Writes the entries of the Gaussian at place k, exactly as many as projection counted. Rounding may differ from that in
+/// projection, and with it the number of tiles, but only by tiles that the ellipse meets by less than its slack and does
+/// not need.
+__device__ void emit(const EmitInputs& in, std::size_t k, const DeviceView<std::uint32_t>& keys,
+                     const DeviceView<std::uint32_t>& entries) {
   const std::uint32_t gaussian = in.order[k];
   std::size_t at = in.offsets[k];
   const std::size_t last = in.offsets[k + 1];
@@ -109,14 +97,22 @@ __global__ void __launch_bounds__(kBlockThreads)
   }
 }
 
-/// Fills the unused room behind the entries.
+/// Writes all entries, fills the unused room behind them, empties the tiles' lists, and sets totals.entries.
 __global__ void __launch_bounds__(kBlockThreads)
-    fill_kernel(DeviceView<const FrameTotals> totals, DeviceView<std::uint32_t> keys,
-                DeviceView<std::uint32_t> entries) {
-  const std::size_t e = element_index();
-  if (e >= keys.size() || e < totals[0].entries) return;
-  keys[e] = kNothing;
-  entries[e] = 0;
+    emit_kernel(EmitInputs in, DeviceView<std::uint32_t> keys, DeviceView<std::uint32_t> entries,
+                DeviceView<TileEntries> tiles, DeviceView<FrameTotals> totals) {
+  const std::size_t i = element_index();
+  const std::uint32_t found = in.offsets[in.offsets.size() - 1];
+  if (i == 0) {
+    totals[0].entries = found;
+    totals[0].most_entries = max(totals[0].most_entries, found);
+  }
+  if (i < tiles.size()) tiles[i] = {0, 0};
+  if (i < keys.size() && i >= found) {
+    keys[i] = kNothing;
+    entries[i] = 0;
+  }
+  if (i < in.order.size() && i < totals[0].visible) emit(in, i, keys, entries);
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
@@ -142,10 +138,7 @@ __global__ void __launch_bounds__(kBlockThreads)
 }  // namespace
 
 void count_visible(CudaFrame& frame, CudaStream& stream) {
-  frame.places.ensure(frame.gaussians + 1);
-  launch_each(stream, "flag_visible", flag_kernel, frame.places.size(), frame.visible.span(), frame.places.span());
   sum_to_offsets(stream, frame.scratch, "cub::ExclusiveScan of visible", frame.places, items(frame.places.size()));
-  launch(stream, "note_visible", note_visible_kernel, dim3(1), dim3(1), frame.places.span(), frame.totals.span());
 }
 
 void sort_by_depth(CudaFrame& frame, CudaStream& stream) {
@@ -154,8 +147,9 @@ void sort_by_depth(CudaFrame& frame, CudaStream& stream) {
   frame.depth_keys.ensure(room);
   frame.depth_keys_swap.ensure(room);
   frame.order.ensure(room);
-  launch_each(stream, "list_visible", list_kernel, std::max(frame.gaussians, room), frame.visible.span(),
-              frame.places.span(), frame.records.span(), frame.listed.span(), frame.depth_keys.span());
+  launch_each(stream, "list_visible", list_kernel, std::max({frame.gaussians, room, std::size_t{1}}),
+              frame.visible.span(), frame.places.span(), frame.records.span(), frame.listed.span(),
+              frame.depth_keys.span(), frame.totals.span());
   if (room > 0) {
     run_cub(stream, frame.scratch, "cub::SortPairs by depth", [&](void* memory, std::size_t& bytes) {
       return cub::DeviceRadixSort::SortPairs(memory, bytes, frame.depth_keys.data(), frame.depth_keys_swap.data(),
@@ -167,8 +161,6 @@ void sort_by_depth(CudaFrame& frame, CudaStream& stream) {
   launch_each(stream, "entry_counts", entry_counts_kernel, room + 1, frame.order.span(), frame.tile_counts.span(),
               frame.totals.span(), frame.entry_offsets.span());
   sum_to_offsets(stream, frame.scratch, "cub::ExclusiveScan of entries", frame.entry_offsets, items(room + 1));
-  launch(stream, "note_entries", note_entries_kernel, dim3(1), dim3(1), frame.entry_offsets.span(),
-         frame.totals.span());
 }
 
 void build_tile_lists(CudaFrame& frame, CudaStream& stream) {
@@ -179,15 +171,15 @@ void build_tile_lists(CudaFrame& frame, CudaStream& stream) {
   frame.entries.ensure(room);
   frame.entries_swap.ensure(room);
   frame.tile_entries.ensure(frame.tiles());
-  frame.tile_entries.fill_zero();
-  if (room == 0) return;
-  const EmitInputs in{frame.order.span(),    frame.entry_offsets.span(), frame.boxes.span(),
-                      frame.ellipses.span(), frame.totals.span(),        frame.options.box == BoxPolicy::square,
+  const EmitInputs in{frame.order.span(),
+                      frame.entry_offsets.span(),
+                      frame.boxes.span(),
+                      frame.ellipses.span(),
+                      frame.options.box == BoxPolicy::square,
                       frame.tiles_x};
-  launch_each(stream, "emit_entries", emit_kernel, frame.visible_room, in, frame.tile_keys.span(),
-              frame.entries_swap.span());
-  launch_each(stream, "fill_entries", fill_kernel, room, frame.totals.span(), frame.tile_keys.span(),
-              frame.entries_swap.span());
+  launch_each(stream, "emit_entries", emit_kernel, std::max({frame.visible_room, room, frame.tiles()}), in,
+              frame.tile_keys.span(), frame.entries_swap.span(), frame.tile_entries.span(), frame.totals.span());
+  if (room == 0) return;
   const int bits = static_cast<int>(std::bit_width(frame.tiles()));  // kNothing's low bits are greater than every tile
   run_cub(stream, frame.scratch, "cub::SortPairs by tile", [&](void* memory, std::size_t& bytes) {
     return cub::DeviceRadixSort::SortPairs(memory, bytes, frame.tile_keys.data(), frame.tile_keys_swap.data(),
