@@ -41,7 +41,8 @@ __device__ inline std::size_t element_index() {
 }
 
 /// Sum over the 32 lanes of a warp. All lanes must call it; all get the result.
-__device__ inline float warp_sum(float value) {
+template <class T>
+__device__ T warp_sum(T value) {
   for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xffffffffu, value, step);
   return value;
 }

@@ -17,7 +17,7 @@ __global__ void __launch_bounds__(kSsimThreads)
                       DeviceView<const std::uint8_t> valid, DeviceView<float> derivatives, DeviceView<double> sums) {
   __shared__ TilePixels renders, truths;
   __shared__ TileRows rows[4];
-  __shared__ WarpSums warps;
+  __shared__ SharedArray<float, kTotals * kSsimThreads / 32> warps;
   const SsimTilePixel pixel;
   const std::size_t pixels = size.pixels(), channel = blockIdx.z;
 
@@ -44,34 +44,27 @@ __global__ void __launch_bounds__(kSsimThreads)
     derivatives[6 * pixels + at] = counts ? s.d_product : 0.0f;
   }
   const int middle = (pixel.row + kSsimRadius) * kSsimSide + pixel.column + kSsimRadius;
-  const double l1 = block_sum(counts ? fabsf(renders.get(middle) - truths.get(middle)) : 0.0f, warps);
-  const double ssim = block_sum(counts ? s.value : 0.0f, warps);
-  const double counted = block_sum(counts && channel == 0 ? 1.0f : 0.0f, warps);
-  if (threadIdx.x == 0) {
-    const std::size_t block = block_number();
-    sums[kTotals * block] = l1;
-    sums[kTotals * block + 1] = ssim;
-    sums[kTotals * block + 2] = counted;
-  }
+  const float parts[kTotals] = {counts ? fabsf(renders.get(middle) - truths.get(middle)) : 0.0f,
+                                counts ? s.value : 0.0f, counts && channel == 0 ? 1.0f : 0.0f};
+  const double sum = block_sum(parts, warps);
+  if (threadIdx.x < kTotals) sums[kTotals * block_number() + threadIdx.x] = sum;
 }
 
 __global__ void __launch_bounds__(kSsimThreads)
     gradient_kernel(ImageSize size, DeviceView<const float> render, DeviceView<const std::uint8_t> truth,
                     DeviceView<const std::uint8_t> valid, DeviceView<const float> derivatives,
                     DeviceView<const double> totals, float lambda_dssim, DeviceView<float> gradient) {
-  __shared__ TilePixels map;
-  __shared__ TileRows rows;
+  __shared__ TileDerivatives tile;
   __shared__ SharedArray<float, 2> weights;  // of L1 and of SSIM
   const SsimTilePixel pixel;
   const std::size_t pixels = size.pixels(), channel = blockIdx.z;
   float sums[3];
-  for (std::size_t q = 0; q < 3; ++q) {
-    for_tile_pixels([&](int k, int x, int y) {
-      map.set(k, size.holds(x, y) ? derivatives[(3 * q + channel) * pixels + size.at(x, y)] : 0.0f);
-    });
-    __syncthreads();
-    sums[q] = blurred(map, rows, pixel);
-  }
+  tile.blur(
+      pixel,
+      [&](std::size_t q, int x, int y) {
+        return size.holds(x, y) ? derivatives[(3 * q + channel) * pixels + size.at(x, y)] : 0.0f;
+      },
+      sums);
   if (threadIdx.x == 0) {  // one thread per block: double precision is slow on most GPUs
     const double samples = 3.0 * totals[2], lambda = static_cast<double>(lambda_dssim);
     weights.set(0, static_cast<float>((1.0 - lambda) / samples));

@@ -19,7 +19,7 @@ __global__ void __launch_bounds__(kSsimThreads)
                 DeviceView<float> derivatives, DeviceView<double> sums) {
   __shared__ TilePixels image_tile, truth_tile;
   __shared__ TileRows rows[4];
-  __shared__ WarpSums warps;
+  __shared__ SharedArray<float, kSsimThreads / 32> warps;
   const SsimTilePixel pixel;
   const std::size_t first = blockIdx.z * image.size.pixels();
   for_tile_pixels([&](int k, int x, int y) {
@@ -36,25 +36,24 @@ __global__ void __launch_bounds__(kSsimThreads)
     derivatives[images.size() + at] = counts ? s.d_square : 0.0f;
     derivatives[2 * images.size() + at] = counts ? s.d_product : 0.0f;
   }
-  const double sum = block_sum(counts ? s.value : 0.0f, warps);
+  const float value[] = {counts ? s.value : 0.0f};
+  const double sum = block_sum(value, warps);
   if (threadIdx.x == 0) sums[block_number()] = sum;
 }
 
 __global__ void __launch_bounds__(kSsimThreads)
     ssim_gradient_kernel(ImageSize size, DeviceView<const float> images, DeviceView<const float> truths,
                          DeviceView<const float> derivatives, float weight, DeviceView<float> gradient) {
-  __shared__ TilePixels map;
-  __shared__ TileRows rows;
+  __shared__ TileDerivatives tile;
   const SsimTilePixel pixel;
   const std::size_t first = blockIdx.z * size.pixels();
   float sums[3];
-  for (std::size_t q = 0; q < 3; ++q) {
-    for_tile_pixels([&](int k, int x, int y) {
-      map.set(k, size.holds(x, y) ? derivatives[q * images.size() + first + size.at(x, y)] : 0.0f);
-    });
-    __syncthreads();
-    sums[q] = blurred(map, rows, pixel);
-  }
+  tile.blur(
+      pixel,
+      [&](std::size_t q, int x, int y) {
+        return size.holds(x, y) ? derivatives[q * images.size() + first + size.at(x, y)] : 0.0f;
+      },
+      sums);
   if (!size.holds(pixel.x, pixel.y)) return;
   const std::size_t at = first + size.at(pixel.x, pixel.y);
   gradient[at] = weight * (sums[0] + 2.0f * images[at] * sums[1] + truths[at] * sums[2]);

@@ -38,7 +38,6 @@ struct SsimTilePixel {
 /// A tile with its halo, and its rows blurred along x.
 using TilePixels = SharedArray<float, kSsimSide * kSsimSide>;
 using TileRows = SharedArray<float, kSsimSide * kSsimTile>;
-using WarpSums = SharedArray<float, kSsimThreads / 32>;
 
 /// Calls body(k, x, y) for each pixel k of the tile with its halo, at (x, y) of the image; divided among the threads.
 template <class Body>
@@ -74,19 +73,31 @@ __device__ inline float blur_down(const TileRows& rows, const SsimTilePixel& pix
   return sum;
 }
 
-/// Blurs a map. When it returns, no thread reads the map any more. The window is its own adjoint.
-__device__ inline float blurred(const TilePixels& map, TileRows& rows, const SsimTilePixel& pixel) {
-  for_tile_rows([&](int k, int from) {
-    float sum = 0;
+/// Derivatives of the SSIM of a tile with its halo.
+struct TileDerivatives {
+  TilePixels maps[3];
+  TileRows rows[3];  ///< workspace
+
+  /// Blurs the maps into sums, those of the thread's pixel. The window is its own adjoint.
+  /// @param value (q, x, y): derivative q of a pixel, 0 outside the image
+  template <class Value>
+  __device__ void blur(const SsimTilePixel& pixel, Value value, float (&sums)[3]) {
+    for_tile_pixels([&](int k, int x, int y) {
+      for (int q = 0; q < 3; ++q) maps[q].set(k, value(static_cast<std::size_t>(q), x, y));
+    });
+    __syncthreads();
+    for_tile_rows([&](int k, int from) {
+      for (int q = 0; q < 3; ++q) {
+        float sum = 0;
 #pragma unroll
-    for (int j = 0; j <= 2 * kSsimRadius; ++j) sum += window_weight(j) * map.get(from + j);
-    rows.set(k, sum);
-  });
-  __syncthreads();
-  const float sum = blur_down(rows, pixel);
-  __syncthreads();
-  return sum;
-}
+        for (int j = 0; j <= 2 * kSsimRadius; ++j) sum += window_weight(j) * maps[q].get(from + j);
+        rows[q].set(k, sum);
+      }
+    });
+    __syncthreads();
+    for (int q = 0; q < 3; ++q) sums[q] = blur_down(rows[q], pixel);
+  }
+};
 
 /// SSIM of the thread's pixel. @param rows workspace
 __device__ inline SsimPixel<float> ssim_of_tile(const TilePixels& renders, const TilePixels& truths,
@@ -111,45 +122,40 @@ __device__ inline SsimPixel<float> ssim_of_tile(const TilePixels& renders, const
                     blur_down(rows[3], pixel));
 }
 
-/// Sum over the block in a fixed order; only the first thread gets it.
-__device__ inline double block_sum(float value, WarpSums& warps) {
-  const float sum = warp_sum(value);
-  const int thread = static_cast<int>(threadIdx.x);
-  if (thread % 32 == 0) warps.set(thread / 32, sum);
-  __syncthreads();
-  double total = 0;
-  if (thread == 0) {
-    for (int w = 0; w < kSsimThreads / 32; ++w) total += static_cast<double>(warps.get(w));
-  }
-  __syncthreads();
-  return total;
-}
-
 /// Index of the block in the grid: where its sums are stored.
 __device__ inline std::size_t block_number() {
   return (static_cast<std::size_t>(blockIdx.z) * gridDim.y + blockIdx.y) * gridDim.x + blockIdx.x;
+}
+
+/// Sums of `Quantities` values over the threads of a block, in a fixed order: thread q gets that of values[q].
+/// @param warps workspace, one element per quantity and warp
+template <int Quantities, class T>
+__device__ double block_sum(const T (&values)[Quantities], SharedArray<T, Quantities * kSsimThreads / 32>& warps) {
+  constexpr int kWarps = kSsimThreads / 32;
+  const int thread = static_cast<int>(threadIdx.x);
+  for (int q = 0; q < Quantities; ++q) {
+    const T sum = warp_sum(values[q]);
+    if (thread % 32 == 0) warps.set(q * kWarps + thread / 32, sum);
+  }
+  __syncthreads();
+  double total = 0;
+  if (thread < Quantities) {
+    for (int w = 0; w < kWarps; ++w) total += static_cast<double>(warps.get(thread * kWarps + w));
+  }
+  return total;
 }
 
 /// Adds up the sums of all blocks, `Quantities` per block, in a fixed order. Launched with one block.
 template <int Quantities>
 __global__ void __launch_bounds__(kSsimThreads)
     sum_blocks_kernel(DeviceView<const double> sums, double factor, DeviceView<double> totals) {
-  __shared__ SharedArray<double, kSsimThreads> parts;
-  const int thread = static_cast<int>(threadIdx.x);
-  for (std::size_t q = 0; q < Quantities; ++q) {
-    double sum = 0;
-    for (std::size_t i = threadIdx.x; Quantities * i < sums.size(); i += kSsimThreads) sum += sums[Quantities * i + q];
-    parts.set(thread, sum);
-    __syncthreads();
-    for (int step = kSsimThreads / 2; step > 0; step /= 2) {
-      const double pair = thread < step ? parts.get(thread) + parts.get(thread + step) : 0.0;
-      __syncthreads();
-      if (thread < step) parts.set(thread, pair);
-      __syncthreads();
-    }
-    if (thread == 0) totals[q] = factor * parts.get(0);
-    __syncthreads();
+  __shared__ SharedArray<double, Quantities * kSsimThreads / 32> warps;
+  double parts[Quantities] = {};
+  for (std::size_t i = threadIdx.x; Quantities * i < sums.size(); i += kSsimThreads) {
+    for (std::size_t q = 0; q < Quantities; ++q) parts[q] += sums[Quantities * i + q];
   }
+  const double total = block_sum(parts, warps);
+  if (threadIdx.x < Quantities) totals[threadIdx.x] = factor * total;
 }
 
 }  // namespace splatboost::cuda

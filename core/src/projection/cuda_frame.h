@@ -142,7 +142,8 @@ void project_backward(const CudaFrame& frame, const Gaussians& gaussians, const 
                       CudaStream& stream);
 /// Sums places. (tiles_cuda.cu)
 void count_visible(CudaFrame& frame, CudaStream& stream);
-/// Sorts the first visible_room visible Gaussians by depth, fills entry_offsets and sets totals.visible. (tiles_cuda.cu)
+/// Sorts the first visible_room visible Gaussians by depth, fills entry_offsets and sets totals.visible.
+/// (tiles_cuda.cu)
 void sort_by_depth(CudaFrame& frame, CudaStream& stream);
 /// Fills entries, at most entry_room of them, and tile_entries, and sets totals.entries. (tiles_cuda.cu)
 void build_tile_lists(CudaFrame& frame, CudaStream& stream);

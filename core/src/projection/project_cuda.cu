@@ -360,9 +360,9 @@ void project(CudaFrame& frame, const Gaussians& gaussians, CudaStream& stream) {
   frame.places.ensure(n + 1);
   frame.radii.ensure(n);
   frame.channels.ensure(n * static_cast<std::size_t>(frame.extra_channels()));
-  const ProjectResults out{
-      frame.records.span(), frame.ellipses.span(), frame.boxes.span(),    frame.tile_counts.span(), frame.visible.span(),
-      frame.places.span(),  frame.radii.span(),    frame.channels.span(), frame.features,           frame.inverse_depth};
+  const ProjectResults out{frame.records.span(), frame.ellipses.span(), frame.boxes.span(), frame.tile_counts.span(),
+                           frame.visible.span(), frame.places.span(),   frame.radii.span(), frame.channels.span(),
+                           frame.features,       frame.inverse_depth};
   launch_each(stream, "project", project_kernel, n + 1, GaussianViews(gaussians), ProjectOptions(frame), out);
 }
 

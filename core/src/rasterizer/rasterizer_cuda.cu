@@ -207,7 +207,8 @@ class CudaRasterizer : public RasterizerBackend {
   }
 
   /// Reads one total of the frame, the last of some offsets.
-  void wait_for(const DeviceArray<std::uint32_t>& offsets, std::size_t last, std::uint32_t& known, std::uint32_t& most) {
+  void wait_for(const DeviceArray<std::uint32_t>& offsets, std::size_t last, std::uint32_t& known,
+                std::uint32_t& most) {
     stream_.copy_to_host(&known, offsets.data() + last, sizeof known);
     most = std::max(most, known);
     known_gaussians_ = std::max({known_gaussians_, frame_.gaussians, std::size_t{1}});

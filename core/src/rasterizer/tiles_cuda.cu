@@ -26,8 +26,8 @@ int items(std::size_t n) {
 /// Writes the visible Gaussians to their places, fills the unused room behind them, and sets totals.visible.
 __global__ void __launch_bounds__(kBlockThreads)
     list_kernel(DeviceView<const std::uint8_t> visible, DeviceView<const std::uint32_t> places,
-                DeviceView<const SplatRecord> records, DeviceView<std::uint32_t> listed,
-                DeviceView<std::uint32_t> keys, DeviceView<FrameTotals> totals) {
+                DeviceView<const SplatRecord> records, DeviceView<std::uint32_t> listed, DeviceView<std::uint32_t> keys,
+                DeviceView<FrameTotals> totals) {
   const std::size_t i = element_index();
   const std::size_t room = listed.size();
   if (i == 0) {
@@ -64,9 +64,9 @@ struct EmitInputs {
   int tiles_x;
 };
 
-/// Writes the entries of the Gaussian at place k, exactly as many as projection counted. Rounding may differ from that in
-/// projection, and with it the number of tiles, but only by tiles that the ellipse meets by less than its slack and does
-/// not need.
+/// Writes the entries of the Gaussian at place k, exactly as many as projection counted. Rounding may differ from that
+/// in projection, and with it the number of tiles, but only by tiles that the ellipse meets by less than its slack and
+/// does not need.
 __device__ void emit(const EmitInputs& in, std::size_t k, const DeviceView<std::uint32_t>& keys,
                      const DeviceView<std::uint32_t>& entries) {
   const std::uint32_t gaussian = in.order[k];
