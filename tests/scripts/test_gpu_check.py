@@ -104,6 +104,7 @@ def test_programs_that_were_built_elsewhere_are_unpacked(tmp_path):
     fake(tmp_path / "bin", "splatboost", "asked")
     subprocess.run(["tar", "-cJf", tree / "build/gpu-check/programs.tar.xz", "-C", tmp_path, "bin"], check=True)
     (tree / "build/gpu-check/architecture").write_text("75")
+    (tree / "build/gpu-check/commit").write_text("abc123")
     shutil.copy(SCRIPT, tree / "scripts/gpu-check")
 
     def run(*steps):
@@ -112,7 +113,8 @@ def test_programs_that_were_built_elsewhere_are_unpacked(tmp_path):
 
     done = run("build", "bench")
     assert done.returncode == 0, done.stdout
-    assert json.loads((tree / "build/gpu-check/gpu_build.json").read_text())["built"] == "elsewhere"
+    build = json.loads((tree / "build/gpu-check/gpu_build.json").read_text())
+    assert (build["built"], build["commit"]) == ("elsewhere", "abc123")
     assert run("all-tests").stderr == ("gpu-check: all-tests needs a build made here: --prepare packed only the programs of the "
                                        "other steps\n")
     (tree / "build/gpu-check/architecture").write_text("90")
