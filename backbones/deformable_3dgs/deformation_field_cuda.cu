@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <utility>
+
 #include "deformable_3dgs/deformation_field.h"
 #include "deformable_3dgs/deformation_math.h"
 #include "device/device_view.h"
@@ -48,15 +50,14 @@ struct Place {
   __device__ GaussianRow<float> row() { return {mean, scale, rotation}; }
 };
 
+// Filled through a reference: nvcc 13.0 has miscompiled returned structs with arrays (convexes/convex_math.h).
 template <class T>
-__device__ Place read_place(const PlacesView<T>& places, std::size_t i) {
-  Place place;
+__device__ void read_place(const PlacesView<T>& places, std::size_t i, Place& place) {
   for (std::size_t c = 0; c < 3; ++c) {
     place.mean[c] = places.means[3 * i + c];
     place.scale[c] = places.scales[3 * i + c];
   }
   for (std::size_t c = 0; c < 4; ++c) place.rotation[c] = places.rotations[4 * i + c];
-  return place;
 }
 
 __device__ void write_place(const PlacesView<float>& places, std::size_t i, const Place& place) {
@@ -76,9 +77,9 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (i >= count) return;
   float delta[kMaxDeltas];
   for (std::size_t c = 0; c < width; ++c) delta[c] = deltas[width * i + c];
-  const Place here = read_place(at, i);
-  Place there;
-  move_gaussian<float>(motion, here.row(), delta, there.row());
+  Place here, there;
+  read_place(at, i, here);
+  move_gaussian<float>(motion, std::as_const(here).row(), delta, there.row());
   write_place(moved, i, there);
 }
 
@@ -90,9 +91,11 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (i >= count) return;
   float delta[kMaxDeltas], of_delta[kMaxDeltas];
   for (std::size_t c = 0; c < width; ++c) delta[c] = deltas[width * i + c];
-  const Place here = read_place(at, i), g = read_place(given, i);
-  Place sums = read_place(of_gaussians, i);
-  move_gaussian_backward<float>(motion, here.row(), delta, g.row(), of_delta, sums.row());
+  Place here, g, sums;
+  read_place(at, i, here);
+  read_place(given, i, g);
+  read_place(of_gaussians, i, sums);
+  move_gaussian_backward<float>(motion, std::as_const(here).row(), delta, std::as_const(g).row(), of_delta, sums.row());
   write_place(of_gaussians, i, sums);
   for (std::size_t c = 0; c < width; ++c) of_deltas[width * i + c] = of_delta[c];
 }

@@ -20,8 +20,7 @@ struct TurnFactors {
 };
 
 template <class Real>
-SPLATBOOST_SHARED_MATH TurnFactors<Real> turn_factors(Real a) {
-  TurnFactors<Real> f;
+SPLATBOOST_SHARED_MATH void find_turn_factors(Real a, TurnFactors<Real>& f) {
   if (a < Real(1)) {
     // Σ (−a)ⁿ / (2n + 1 + i)!; the eighth term is below 1e-14.
     for (int i = 0; i < 3; ++i) {
@@ -37,7 +36,7 @@ SPLATBOOST_SHARED_MATH TurnFactors<Real> turn_factors(Real a) {
       f.value[i] = value;
       f.slope[i] = slope;
     }
-    return f;
+    return;
   }
   const Real theta = std::sqrt(a), sine = std::sin(theta), cosine = std::cos(theta);
   f.value[0] = sine / theta;
@@ -46,7 +45,6 @@ SPLATBOOST_SHARED_MATH TurnFactors<Real> turn_factors(Real a) {
   f.slope[0] = (cosine - f.value[0]) / (Real(2) * a);
   f.slope[1] = (f.value[0] - Real(2) * f.value[1]) / (Real(2) * a);
   f.slope[2] = (f.value[1] - Real(3) * f.value[2]) / (Real(2) * a);
-  return f;
 }
 
 template <class Real>
@@ -66,7 +64,8 @@ SPLATBOOST_SHARED_MATH Real dot3(const Real* a, const Real* b) {
 template <class Real>
 SPLATBOOST_SHARED_MATH void move_rigidly(const Real* x, const Real* motion, Real* moved) {
   const Real *w = motion, *v = motion + 3;
-  const TurnFactors<Real> f = turn_factors(dot3(w, w));
+  TurnFactors<Real> f;
+  find_turn_factors(dot3(w, w), f);
   Real wx[3], wwx[3], wv[3], wwv[3];
   cross(w, x, wx);
   cross(w, wx, wwx);
@@ -82,7 +81,8 @@ template <class Real>
 SPLATBOOST_SHARED_MATH void move_rigidly_backward(const Real* x, const Real* motion, const Real* g, Real* of_x,
                                                   Real* of_motion) {
   const Real *w = motion, *v = motion + 3;
-  const TurnFactors<Real> f = turn_factors(dot3(w, w));
+  TurnFactors<Real> f;
+  find_turn_factors(dot3(w, w), f);
   Real wx[3], wwx[3], wv[3], wwv[3], gw[3], gww[3];
   cross(w, x, wx);
   cross(w, wx, wwx);

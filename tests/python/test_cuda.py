@@ -339,13 +339,14 @@ def test_a_fused_optimizer_steps_as_before():
     for fused in (False, True):
         torch.manual_seed(3)
         optimizer = torch.optim.Adam([{"params": [torch.nn.Parameter(torch.randn(9, 3, device="cuda"))], "lr": 1e-2}], eps=1e-15)
-        if fused:
-            _boost.fuse(optimizer)
-        assert bool(optimizer.param_groups[0]["fused"]) == fused
         for _ in range(3):
             values = optimizer.param_groups[0]["params"][0]
             values.grad = torch.randn_like(values)
-            optimizer.step()
+            if fused:
+                _boost.step_fused(optimizer)
+                assert optimizer.state[values]["step"].is_cuda and not optimizer.param_groups[0]["fused"]
+            else:
+                optimizer.step()
             state = optimizer.state.pop(values)
             grown = torch.nn.Parameter(torch.cat([values.detach(), torch.randn(2, 3, device="cuda")]))
             for name in ("exp_avg", "exp_avg_sq"):

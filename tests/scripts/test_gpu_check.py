@@ -6,13 +6,16 @@ import os
 import pathlib
 import shutil
 import subprocess
+import tempfile
 
 SCRIPT = pathlib.Path(__file__).resolve().parents[2] / "scripts" / "gpu-check"
 
 
 def fails(*arguments, path="/usr/bin:/bin"):
-    done = subprocess.run([SCRIPT, *arguments], capture_output=True, text=True, check=False,
-                          env={**os.environ, "PATH": path})
+    with tempfile.TemporaryDirectory() as tree:  # without what --prepare left in this one
+        (pathlib.Path(tree) / "scripts").mkdir()
+        done = subprocess.run([shutil.copy(SCRIPT, pathlib.Path(tree) / "scripts"), *arguments], capture_output=True, text=True,
+                              check=False, env={**os.environ, "PATH": path})
     assert done.returncode == 2
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1
@@ -103,7 +106,7 @@ def test_programs_that_were_built_elsewhere_are_unpacked(tmp_path):
     fake(machine, "nvcc", "Cuda compilation tools, release 12.4, V12.4.99")
     fake(tmp_path / "bin", "splatboost", "asked")
     subprocess.run(["tar", "-cJf", tree / "build/gpu-check/programs.tar.xz", "-C", tmp_path, "bin"], check=True)
-    (tree / "build/gpu-check/architecture").write_text("75")
+    (tree / "build/gpu-check/built.json").write_text('{"architecture": "75", "cuda": "13.0"}')
     (tree / "build/gpu-check/commit").write_text("abc123")
     shutil.copy(SCRIPT, tree / "scripts/gpu-check")
 
@@ -114,10 +117,10 @@ def test_programs_that_were_built_elsewhere_are_unpacked(tmp_path):
     done = run("build", "bench")
     assert done.returncode == 0, done.stdout
     build = json.loads((tree / "build/gpu-check/gpu_build.json").read_text())
-    assert (build["built"], build["commit"]) == ("elsewhere", "abc123")
+    assert (build["built"], build["commit"], build["cuda"]) == ("elsewhere", "abc123", "13.0")
     assert run("all-tests").stderr == ("gpu-check: all-tests needs a build made here: --prepare packed only the programs of the "
                                        "other steps\n")
-    (tree / "build/gpu-check/architecture").write_text("90")
+    (tree / "build/gpu-check/built.json").write_text('{"architecture": "90", "cuda": "13.0"}')
     done = run("build")
     assert done.returncode == 2 and "built for 90, this GPU is 75: repeat --prepare 75" in done.stderr
 

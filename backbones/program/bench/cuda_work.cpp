@@ -19,7 +19,7 @@ constexpr double kRay = 13;
 constexpr double kBasis = 49;  // sh_basis() of degree 3
 
 // Bytes of the data that stages pass on (cuda_frame.h).
-constexpr double kRecord = 48, kEllipse = 32, kBox = 8, kTileCount = 4, kVisible = 1, kRadius = 4;
+constexpr double kRecord = 48, kEllipse = 32, kBox = 8, kTileCount = 4, kVisible = 1, kPlace = 4, kRadius = 4;
 constexpr double kMomentRow = 64;
 constexpr double kEntry = 4;
 constexpr double kOwnPixel = 16, kImagePixel = 12;  // colour and alpha as the backward pass reads them; colour
@@ -42,7 +42,7 @@ Effort project(double visible) {
   const double color = kRay + kBasis + 99;
   const double box = 13 + 34 + kTileRowEnds;  // radius, ellipse and its box
   return {(kShape + kProject + 3 + box + color + 4) * visible,
-          (4 * kParameters + kRecord + kEllipse + kBox + kTileCount + kVisible + kRadius) * visible};
+          (4 * kParameters + kRecord + kEllipse + kBox + kTileCount + kVisible + kPlace + kRadius) * visible};
 }
 
 Effort tile_lists(double splats, double visible, double entries, std::size_t tiles) {
@@ -52,7 +52,7 @@ Effort tile_lists(double splats, double visible, double entries, std::size_t til
   constexpr double kOffsets = 4 + kTileCount + 4 + 8;  // order, tiles, and their sums
   const int whole_passes = (static_cast<int>(std::bit_width(tiles)) + 7) / 8;
   const double passes = whole_passes;
-  return {kTileRowEnds * visible, (kVisible + 4 + 8) * splats +
+  return {kTileRowEnds * visible, (kVisible + 2 * kPlace) * splats +
                                       (kListed + kDepthSort + kOffsets + 4 + 4 + kBox + kEllipse) * visible +
                                       (kPair + passes * 2 * kPair + 4 + 4) * entries};
 }

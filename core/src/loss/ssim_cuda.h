@@ -128,7 +128,7 @@ __device__ inline std::size_t block_number() {
 }
 
 /// Sums of `Quantities` values over the threads of a block, in a fixed order: thread q gets that of values[q].
-/// @param warps workspace, one element per quantity and warp
+/// @param warps workspace, one element per quantity and warp; a second use needs a barrier before it
 template <int Quantities, class T>
 __device__ double block_sum(const T (&values)[Quantities], SharedArray<T, Quantities * kSsimThreads / 32>& warps) {
   constexpr int kWarps = kSsimThreads / 32;

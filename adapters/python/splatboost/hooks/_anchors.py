@@ -17,7 +17,7 @@ from ..adapter import ScoredView
 from ..compat import last_render
 from ..operations import keep_largest
 from . import _drawing
-from ._boost import adapter_of, announce, is_on, valid_pixels
+from ._boost import adapter_of, announce, is_on, step_fused, valid_pixels
 
 
 class _OfSlots:
@@ -142,7 +142,7 @@ class _WithRates:
         rates = [group["lr"] for group in groups]
         for group in groups:
             group["lr"] *= self._boost.adapter.rate_factor(group["name"], self._boost.iteration)
-        self._inner.step()
+        step_fused(self._inner)
         for group, rate in zip(groups, rates):
             group["lr"] = rate
 

@@ -52,16 +52,28 @@ def announce(adapter: Adapter, schedule: str) -> None:
         rules, adapter.backbone, box, adapter.settings["tau_d"], schedule), flush=True)
 
 
-def fuse(optimizer: Any) -> None:
-    """Lets torch's Adam step each group on the GPU with one kernel instead of about ten. Without effect on the CPU, on other
-    optimizers, and on one that has already stepped, such as a checkpoint's: its state has another form."""
-    if type(optimizer) is not torch.optim.Adam or optimizer.state:
-        return
-    groups = optimizer.param_groups
-    if all("fused" in group and not group.get("foreach") for group in groups) and all(
-            p.is_cuda and p.dtype == torch.float32 for group in groups for p in group["params"]):
-        for group in groups:
-            group["fused"] = True
+def step_fused(optimizer: Any) -> None:
+    """A step of the host's optimizer. Torch's Adam updates each group on a GPU with one kernel instead of about ten, where it
+    can. The groups are as before afterwards, so checkpoints load with boost off, without a GPU, and in older versions."""
+    fused = []
+    if type(optimizer) is torch.optim.Adam and int(torch.__version__.split(".")[0]) >= 2:
+        fused = [group for group in optimizer.param_groups if group.get("fused", False) is None and _can_fuse(group)]
+    for group in fused:
+        group["fused"] = True
+        for p in group["params"]:
+            state = optimizer.state.get(p)
+            if state:
+                state["step"] = state["step"].to(p.device)  # a checkpoint's may be on the CPU
+    try:
+        optimizer.step()
+    finally:
+        for group in fused:
+            group["fused"] = None
+
+
+def _can_fuse(group: Dict[str, Any]) -> bool:
+    return not any(group.get(name) for name in ("foreach", "capturable", "differentiable")) and all(
+        p.is_cuda and p.dtype == torch.float32 and (p.grad is None or p.grad.stride() == p.stride()) for p in group["params"])
 
 
 def valid_pixels(camera: Any, image: torch.Tensor) -> Optional[torch.Tensor]:
@@ -118,7 +130,6 @@ class Boost:
         self._extend_growth()  # changes the host's options, which _settings() reads
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
-        fuse(gaussians.optimizer)
         _drawing.save(model_path, self.backbone, self.adapter.beta)
         announce(self.adapter, self._schedule())
 
@@ -375,7 +386,7 @@ class Boost:
         """Applies accumulated gradients, which would be lost when Gaussians are added or removed."""
         if getattr(self.options, "optimizer_type", "") == "sparse_adam":
             return  # it steps at every iteration, so nothing is accumulated
-        self.gaussians.optimizer.step()
+        step_fused(self.gaussians.optimizer)
         self.gaussians.optimizer.zero_grad(set_to_none=True)
 
 
@@ -394,7 +405,10 @@ class _Scheduled:
                 waiting += [(p, p.grad) for p in group["params"] if p.grad is not None]
         for parameter, _ in waiting:
             parameter.grad = None
-        self._inner.step(*sparse)
+        if sparse:
+            self._inner.step(*sparse)
+        else:
+            step_fused(self._inner)
         self._inner.zero_grad(set_to_none=True)
         for parameter, gradient in waiting:
             parameter.grad = gradient
