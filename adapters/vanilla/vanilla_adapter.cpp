@@ -15,6 +15,8 @@ namespace {
 constexpr StepIntervals kRestIntervals{16, 32, 64};
 constexpr StepIntervals kOtherIntervals{1, 32, 64};
 
+constexpr std::string_view kRest = "f_rest";  ///< the backbone's name of the coefficients of higher SH bands
+
 }  // namespace
 
 void check(const VanillaBoost& boost) {
@@ -23,6 +25,8 @@ void check(const VanillaBoost& boost) {
   };
   check_setting(boost.beta > 0 && boost.beta <= 1, "beta must be in (0, 1]");
   not_negative(boost.tau_d, "tau_d must be at least 0");
+  check_setting(boost.rest_interval >= 1, "rest_interval must be at least 1");
+  not_negative(boost.rest_rate, "rest_rate must be at least 0");
   check_setting(boost.views >= 1, "views must be at least 1");
   check_setting(boost.tau > 0 && boost.tau < 1, "tau must be in (0, 1)");
   check_setting(boost.lambda_dssim >= 0 && boost.lambda_dssim <= 1, "lambda_dssim must be in [0, 1]");
@@ -46,6 +50,8 @@ void check(const VanillaBoost& boost) {
 VanillaBoost literal_boost() {
   VanillaBoost boost;
   boost.literal = true;
+  boost.rest_interval = 1;
+  boost.rest_rate = 1;
   boost.gradient_abs_threshold = 1.2e-3;
   boost.densify_until = kLiteralGrowthEnd;
   boost.densify_interval = 500;
@@ -244,10 +250,17 @@ bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) con
 }
 
 bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
-  if (!boost_.schedule) return true;
-  const StepIntervals& intervals = group == "f_rest" ? kRestIntervals : kOtherIntervals;
-  const auto steps = boost_.literal ? steps_literally_at : splatboost::steps_at;
-  return steps(intervals, moment, boost_.published_iterations);
+  if (!boost_.schedule || moment.iteration >= moment.total) return true;
+  const bool rest = group == kRest;
+  const StepIntervals& intervals = rest ? kRestIntervals : kOtherIntervals;
+  if (boost_.literal) return steps_literally_at(intervals, moment, boost_.published_iterations);
+  const int scaled = step_interval(intervals, moment, boost_.published_iterations);
+  return moment.iteration % std::max(scaled, rest ? boost_.rest_interval : 1) == 0;
+}
+
+float VanillaAdapter::rate_factor(std::string_view group, Moment) const {
+  const bool applies = boost_.schedule && !boost_.literal && group == kRest;
+  return applies ? static_cast<float>(boost_.rest_rate) : 1.0f;
 }
 
 AdapterEntry vanilla_adapter_entry() {

@@ -25,6 +25,11 @@ struct VanillaBoost {
   bool cb = true;        ///< compact box
   bool absgrad = true;   ///< split on absolute gradients
   bool schedule = true;  ///< optimizer schedule
+  /// With the schedule, the coefficients of higher SH bands step at most every so many iterations, on the sum of the
+  /// gradients, also in short runs; 1: as scaled. Not in the paper.
+  int rest_interval = 4;
+  /// Factor on their learning rate, with the schedule. Not in the paper, but in its release.
+  double rest_rate = 2;
   float beta = 0.5f;
   double tau_d = 5;  ///< growth needs τ_d + 1 flagged pixels per view; fewer if views have less than kTauDPixels
   int views = 10;    ///< K
@@ -84,6 +89,8 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("cb", boost.cb);
   visit("absgrad", boost.absgrad);
   visit("schedule", boost.schedule);
+  visit("rest_interval", boost.rest_interval);
+  visit("rest_rate", boost.rest_rate);
   visit("beta", boost.beta);
   visit("tau_d", boost.tau_d);
   visit("views", boost.views);
@@ -147,6 +154,7 @@ class VanillaAdapter : public Adapter {
   /// resets serve the pruning within growth, and late pruning would remove Gaussians whose opacity has not recovered.
   bool resets_opacities_at(Moment moment, bool backbone_would) const override;
   bool steps_at(std::string_view group, Moment moment) const override;
+  float rate_factor(std::string_view group, Moment moment) const override;
 
  protected:
   bool is_literal() const { return boost_.literal; }

@@ -39,6 +39,7 @@ struct Boost::Parts {
   sb_adapter* adapter = nullptr;
   std::int32_t total = 0;
   std::int64_t max_gaussians = 0;  // 0: no cap
+  int iteration = 1;               ///< of the last step()
   int loop_closed_at = -kProtectedIterations;
   torch::Device device = torch::kCPU;
   Tensor no_color;
@@ -390,6 +391,7 @@ bool Boost::resets(int iteration) {
 }
 
 void Boost::step(int iteration) {
+  parts_->iteration = iteration;
   auto& groups = parts_->model().optimizer_->param_groups();
   std::vector<std::pair<Tensor, Tensor>> waiting;
   for (std::size_t i = 0; i < groups.size(); ++i) {
@@ -412,9 +414,18 @@ void Boost::step(int iteration) {
 void Boost::applyGradients() {
   torch::optim::Adam* optimizer = parts_->model().optimizer_.get();
   if (optimizer == nullptr) return;
+  auto& groups = optimizer->param_groups();
+  std::vector<double> rates;
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    float factor = 1;
+    require(sb_adapter_rate_factor(parts_->adapter, kGroups[i], parts_->iteration, parts_->total, &factor));
+    rates.push_back(groups[i].options().get_lr());
+    groups[i].options().set_lr(rates.back() * factor);
+  }
   optimizer->step();
-  for (auto& group : optimizer->param_groups()) {
-    for (Tensor& parameter : group.params()) parameter.mutable_grad() = Tensor();
+  for (std::size_t i = 0; i < groups.size(); ++i) {
+    groups[i].options().set_lr(rates[i]);
+    for (Tensor& parameter : groups[i].params()) parameter.mutable_grad() = Tensor();
   }
 }
 

@@ -36,6 +36,9 @@ class Adapter:
     def steps_at(self, group, iteration):
         return group != "slow" or iteration % 3 == 0
 
+    def rate_factor(self, group, iteration):
+        return 1.0
+
 
 class Model:
     """A host's model with N numbers, and with tmp_radii as in 3DGS since October 2024."""
@@ -391,6 +394,17 @@ def test_gaussians_of_anchors_are_counted_as_their_slots():
     for i, count in enumerate(done.count_flagged(flagged).tolist()):
         wanted[int(slots[i])] += count
     assert counts.tolist() == wanted and max(wanted) > 5
+
+
+def test_rates_of_groups_change_for_one_step_only():
+    boost = boost_of(adapter=Adapter())
+    boost.adapter.rate_factor = lambda group, iteration: {"slow": 0.25}.get(group, 1.0)
+    model, boost.iteration = boost.gaussians, 3
+    before = model.slow.detach().clone()
+    (model.slow.sum() + model.value.sum()).backward()
+    boost.optimizer.step()
+    assert torch.allclose((before - model.slow).abs(), torch.full((2,), 0.025))
+    assert [group["lr"] for group in model.optimizer.param_groups] == [0.1, 0.1]
 
 
 def test_rates_of_anchors_fall_for_one_step_only():

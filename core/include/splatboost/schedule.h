@@ -28,8 +28,11 @@ struct StepIntervals {
   int middle_end = 20000;
 };
 
-/// Whether a group with these intervals steps at this iteration. Every group steps at the last iteration of a run.
+/// The interval of the phase that contains the moment, scaled, at least 1.
 /// @param published_total length of the published run that early_end and middle_end refer to
+int step_interval(const StepIntervals& intervals, Moment moment, int published_total = kPublishedIterations);
+
+/// Whether a group with these intervals steps at this iteration. Every group steps at the last iteration of a run.
 bool steps_at(const StepIntervals& intervals, Moment moment, int published_total = kPublishedIterations);
 
 /// The same without scaling the intervals; only the ends of the phases scale.

@@ -28,13 +28,15 @@ int interval_at(const StepIntervals& intervals, Moment moment, int published_tot
 
 }  // namespace
 
-bool steps_at(const StepIntervals& intervals, Moment moment, int published_total) {
-  if (moment.iteration >= moment.total) return true;
+int step_interval(const StepIntervals& intervals, Moment moment, int published_total) {
   // Proportional to the cube of the length: a short run has made few steps when a phase begins and cannot skip any.
   const double length = std::min(1.0, static_cast<double>(moment.total) / kPublishedIterations);
   const int published = interval_at(intervals, moment, published_total);
-  const long interval = std::lround(published * length * length * length);
-  return moment.iteration % std::max(1L, interval) == 0;
+  return static_cast<int>(std::max(1L, std::lround(published * length * length * length)));
+}
+
+bool steps_at(const StepIntervals& intervals, Moment moment, int published_total) {
+  return moment.iteration >= moment.total || moment.iteration % step_interval(intervals, moment, published_total) == 0;
 }
 
 bool steps_literally_at(const StepIntervals& intervals, Moment moment, int published_total) {

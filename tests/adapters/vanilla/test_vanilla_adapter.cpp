@@ -524,5 +524,28 @@ TEST_F(VanillaAdapterTest, schedule_follows_the_paper) {
   EXPECT_EQ(rest, 937 + 157 + 156 + 1);
 }
 
+TEST_F(VanillaAdapterTest, higher_bands_step_every_fourth_iteration_of_a_short_run) {
+  const auto steps_of = [&](const VanillaBoost& boost, std::string_view group) {
+    const VanillaAdapter adapter(boost, threads_);
+    int steps = 0;
+    for (int i = 1; i <= 3001; ++i) steps += adapter.steps_at(group, {i, 3001});
+    return steps;
+  };
+  EXPECT_EQ(steps_of({}, "f_rest"), 750 + 1) << "the last iteration steps as well";
+  EXPECT_EQ(steps_of({}, "f_dc"), 3001);
+  EXPECT_EQ(steps_of({.rest_interval = 1}, "f_rest"), 3001);
+  EXPECT_EQ(steps_of({.schedule = false}, "f_rest"), 3001);
+}
+
+TEST_F(VanillaAdapterTest, higher_bands_have_the_release_s_rate_where_the_schedule_applies) {
+  const auto factor = [&](const VanillaBoost& boost, std::string_view group) {
+    return VanillaAdapter(boost, threads_).rate_factor(group, {100, 7000});
+  };
+  EXPECT_EQ(factor({}, "f_rest"), 2);
+  EXPECT_EQ(factor({}, "f_dc"), 1);
+  EXPECT_EQ(factor({.schedule = false}, "f_rest"), 1);
+  EXPECT_EQ(factor(literal_boost(), "f_rest"), 1);
+}
+
 }  // namespace
 }  // namespace splatboost

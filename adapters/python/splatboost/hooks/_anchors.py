@@ -17,7 +17,7 @@ from ..adapter import ScoredView
 from ..compat import last_render
 from ..operations import keep_largest
 from . import _drawing
-from ._boost import adapter_of, announce, is_on, step_fused, valid_pixels
+from ._boost import adapter_of, announce, is_on, step_scaled, valid_pixels
 
 
 class _OfSlots:
@@ -138,13 +138,7 @@ class _WithRates:
         self._inner = boost.gaussians.optimizer
 
     def step(self) -> None:
-        groups = self._inner.param_groups
-        rates = [group["lr"] for group in groups]
-        for group in groups:
-            group["lr"] *= self._boost.adapter.rate_factor(group["name"], self._boost.iteration)
-        step_fused(self._inner)
-        for group, rate in zip(groups, rates):
-            group["lr"] = rate
+        step_scaled(self._inner, self._boost.adapter, self._boost.iteration)
 
     def zero_grad(self, set_to_none: bool = True) -> None:
         self._inner.zero_grad(set_to_none=set_to_none)

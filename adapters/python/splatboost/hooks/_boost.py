@@ -71,6 +71,19 @@ def step_fused(optimizer: Any) -> None:
             group["fused"] = None
 
 
+def step_scaled(optimizer: Any, adapter: Adapter, iteration: int) -> None:
+    """step_fused() with the adapter's factors on the learning rates of the groups."""
+    groups = optimizer.param_groups
+    rates = [group["lr"] for group in groups]
+    for group in groups:
+        group["lr"] *= adapter.rate_factor(group["name"], iteration)
+    try:
+        step_fused(optimizer)
+    finally:
+        for group, rate in zip(groups, rates):
+            group["lr"] = rate
+
+
 def _can_fuse(group: Dict[str, Any]) -> bool:
     return not any(group.get(name) for name in ("foreach", "capturable", "differentiable")) and all(
         p.is_cuda and p.dtype == torch.float32 and (p.grad is None or p.grad.stride() == p.stride()) for p in group["params"])
@@ -386,7 +399,7 @@ class Boost:
         """Applies accumulated gradients, which would be lost when Gaussians are added or removed."""
         if getattr(self.options, "optimizer_type", "") == "sparse_adam":
             return  # it steps at every iteration, so nothing is accumulated
-        step_fused(self.gaussians.optimizer)
+        step_scaled(self.gaussians.optimizer, self.adapter, self.iteration)
         self.gaussians.optimizer.zero_grad(set_to_none=True)
 
 
@@ -408,7 +421,7 @@ class _Scheduled:
         if sparse:
             self._inner.step(*sparse)
         else:
-            step_fused(self._inner)
+            step_scaled(self._inner, self._boost.adapter, self._boost.iteration)
         self._inner.zero_grad(set_to_none=True)
         for parameter, gradient in waiting:
             parameter.grad = gradient
