@@ -179,7 +179,8 @@ def training(dataset, opt, pipe):
             if iteration < opt.densify_until_iter:
                 convexes.add_densification_stats(drawn["viewspace_points"], drawn["viewspace_sigma"], drawn["visibility_filter"],
                                                  drawn["scaling"], drawn["density_factor"])
-                if iteration > opt.densify_from_iter and iteration % opt.densification_interval == 0:
+                due = iteration % opt.densification_interval == 0
+                if due and opt.densify_from_iter < iteration:
                     size = 0.3 if iteration > opt.opacity_reset_interval else None
                     convexes.densify_and_prune(0.03, 0.02, scene.cameras_extent, size)
                 if iteration % opt.opacity_reset_interval == 0:
@@ -192,7 +193,7 @@ def training(dataset, opt, pipe):
 
             if iteration < opt.iterations:
                 convexes.optimizer.step()
-                convexes.optimizer.zero_grad(set_to_none = True)
+                convexes.optimizer.zero_grad()
     scene.save(opt.iterations)
     with open(os.path.join(dataset.model_path, "losses.json"), "w") as file:
         json.dump({"losses": losses, "counts": counts}, file)
@@ -201,7 +202,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     model_options, opt_options = ModelParams(parser), OptimizationParams(parser)
     args = parser.parse_args()
-    lpips_fn = lpips.LPIPS(net='vgg').to(device="cuda")
+    lpips_fn = lpips.LPIPS(net="vgg").cuda()
     random.seed(0)
     torch.manual_seed(0)
     training(model_options.extract(args), opt_options.extract(args), types.SimpleNamespace(debug=False))
