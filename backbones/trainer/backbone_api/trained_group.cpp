@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "splatboost/activations.h"
+#include "splatboost/rows.h"
 
 namespace splatboost {
 
@@ -46,7 +47,8 @@ void select_rows(std::span<TrainedGroup* const> groups, const Array<std::uint32_
                  Device device) {
   std::size_t widest = 0;
   for (const TrainedGroup* group : groups) widest = std::max(widest, group->width);
-  if (device.is_cuda()) workspace.ensure(rows.size() * widest);  // the CPU needs no workspace
+  const bool in_place = !device.is_cuda() && rows_ascend(rows);
+  if (!in_place && workspace.size() < rows.size() * widest) workspace.ensure(rows.size() * widest);
   for (TrainedGroup* group : groups) group->select(rows, workspace);
 }
 

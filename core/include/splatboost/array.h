@@ -51,10 +51,11 @@ class Array {
       host_.resize(n);
     }
   }
-  /// Allocates memory for n values, so that resize() up to n cannot fail.
+  /// Allocates memory for n values, so that resize() up to n cannot fail. Where it has to move the values, it allocates
+  /// a quarter more, so that arrays that grow step by step are not moved at each; memory is in use once it is written.
   void reserve(std::size_t n) {
     const std::size_t now = size();
-    if (!cuda_) return host_.reserve(std::max(n, now));
+    if (!cuda_) return n > host_.capacity() ? host_.reserve(n + n / 4) : void();
     cuda_->resize(std::max(n, now));
     cuda_->resize(now);
   }

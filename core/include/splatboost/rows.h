@@ -17,8 +17,12 @@ namespace splatboost {
 /// The rows whose mask byte is zero, in order: with this list select_rows() removes the others.
 std::vector<std::uint32_t> kept_rows(std::span<const std::uint8_t> removed);
 
+/// Whether each row is greater than the one before it, as in a list of kept_rows().
+bool rows_ascend(std::span<const std::uint32_t> rows);
+
 /// Replaces the tensor by the listed rows, in the order of the list: removes or reorders rows.
-/// @param workspace on the same device; its values are arbitrary. Once it is large enough nothing is allocated
+/// @param workspace on the same device; its values are arbitrary. Once it is large enough nothing is allocated. On the
+/// CPU it is not needed if the rows ascend: they are then moved in place
 void select_rows(Array<float>& tensor, std::size_t width, std::span<const std::uint32_t> rows, Array<float>& workspace);
 
 /// Appends copies of rows of another tensor.

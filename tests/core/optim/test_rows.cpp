@@ -77,6 +77,37 @@ TEST(Rows, SelectLeavesTheListInItsOrder) {
   EXPECT_EQ(tensor.to_host(), (Tensor{5, 6, 1, 2, 3, 4}));
   select_rows(tensor, 2, kept_rows(Mask{0, 9, 0}), workspace);
   EXPECT_EQ(tensor.to_host(), (Tensor{5, 6, 3, 4}));
+  select_rows(tensor, 2, List{1, 1, 0}, workspace);
+  EXPECT_EQ(tensor.to_host(), (Tensor{3, 4, 3, 4, 5, 6}));
+}
+
+TEST(Rows, SelectMovesAscendingRowsInPlace) {
+  constexpr std::uint32_t kRows = 1000;
+  constexpr std::size_t kWidth = 45;
+  Tensor values(kRows * kWidth), expected;
+  List kept;
+  for (std::uint32_t row = 0; row < kRows; ++row) {
+    for (std::size_t c = 0; c < kWidth; ++c) values[kWidth * row + c] = static_cast<float>(1000 * c + row);
+    if (row % 3 == 1) continue;
+    kept.push_back(row);
+    expected.insert(expected.end(), &values[kWidth * row], &values[kWidth * row] + kWidth);
+  }
+  Array<float> tensor = on_cpu(values), workspace;
+  const float* const before = tensor.span().data();
+  select_rows(tensor, kWidth, kept, workspace);
+  EXPECT_EQ(tensor.to_host(), expected);
+  EXPECT_EQ(tensor.span().data(), before);
+  EXPECT_TRUE(workspace.empty());
+  tensor.reserve(values.size());
+  EXPECT_EQ(tensor.span().data(), before) << "growth within the memory of removed rows moves nothing";
+}
+
+TEST(Rows, Ascend) {
+  EXPECT_TRUE(rows_ascend(List{}));
+  EXPECT_TRUE(rows_ascend(List{5}));
+  EXPECT_TRUE(rows_ascend(List{0, 2, 3}));
+  EXPECT_FALSE(rows_ascend(List{0, 2, 2}));
+  EXPECT_FALSE(rows_ascend(List{1, 0}));
 }
 
 }  // namespace
