@@ -23,7 +23,7 @@ VanillaBoost deformable_boost() {
   boost.absgrad = false;
   boost.min_clearance = 0;  // not measured for scenes that move
   boost.rest_interval = 1;  // not measured, nor is
-  boost.rest_rate = 1;
+  boost.rest_rate = boost.rest_rate_few = 1;
   return boost;
 }
 

@@ -21,7 +21,7 @@ PhotoSlamBoost::PhotoSlamBoost() {
   late_share = 0;
   replaced_share = 0;  // not measured here: the map still grows when a cap is reached
   rest_interval = 1;   // not measured, nor is
-  rest_rate = 1;
+  rest_rate = rest_rate_few = 1;
   // The scene extent is that of the first keyframes, which lie close together: with vanilla's 0.001 nothing would be
   // small enough to clone.
   percent_dense = 0.01;

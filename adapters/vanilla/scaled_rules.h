@@ -27,14 +27,24 @@ inline double importance_to_exceed(double wanted, double pixels, int views) {
 /// Iterations per training view after which opacities have settled; the paper's runs have at least twice this number.
 inline constexpr double kSettledVisits = 50;
 
+/// How often a run uses each of its training views.
+inline double visits_per_view(Moment moment, std::size_t views) {
+  return static_cast<double>(moment.total) / static_cast<double>(std::max<std::size_t>(views, 1));
+}
+
+/// Factor on a learning rate: `few` up to kSettledVisits visits per view, inversely proportional to the visits beyond,
+/// down to `often`.
+inline double rate_by_visits(double few, double often, double visits) {
+  return few > often ? std::clamp(few * kSettledVisits / std::max(visits, kSettledVisits), often, few) : often;
+}
+
 /// 1, or less if views are visited fewer than kSettledVisits times: the square of the ratio, because primitives have
 /// proportionally fewer visits to settle in before late pruning, and the others fewer to make up for the removed ones
 /// after it. The opacity threshold of late pruning is multiplied by it, and so is the share of blending weights removed
 /// when growth has ended.
 /// @param views number of the backbone's training views
 inline double settled_share(Moment moment, std::size_t views) {
-  const double visits = static_cast<double>(moment.total) / static_cast<double>(std::max<std::size_t>(views, 1));
-  const double ratio = std::min(1.0, visits / kSettledVisits);
+  const double ratio = std::min(1.0, visits_per_view(moment, views) / kSettledVisits);
   return ratio * ratio;
 }
 

@@ -27,6 +27,8 @@ void check(const VanillaBoost& boost) {
   not_negative(boost.tau_d, "tau_d must be at least 0");
   check_setting(boost.rest_interval >= 1, "rest_interval must be at least 1");
   not_negative(boost.rest_rate, "rest_rate must be at least 0");
+  not_negative(boost.rest_rate_few, "rest_rate_few must be at least 0");
+  check_setting(boost.training_views >= 0, "training_views must be at least 0");
   check_setting(boost.views >= 1, "views must be at least 1");
   check_setting(boost.tau > 0 && boost.tau < 1, "tau must be in (0, 1)");
   check_setting(boost.lambda_dssim >= 0 && boost.lambda_dssim <= 1, "lambda_dssim must be in [0, 1]");
@@ -51,7 +53,7 @@ VanillaBoost literal_boost() {
   VanillaBoost boost;
   boost.literal = true;
   boost.rest_interval = 1;
-  boost.rest_rate = 1;
+  boost.rest_rate = boost.rest_rate_few = 1;
   boost.gradient_abs_threshold = 1.2e-3;
   boost.densify_until = kLiteralGrowthEnd;
   boost.densify_interval = 500;
@@ -258,9 +260,11 @@ bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
   return moment.iteration % std::max(scaled, rest ? boost_.rest_interval : 1) == 0;
 }
 
-float VanillaAdapter::rate_factor(std::string_view group, Moment) const {
-  const bool applies = boost_.schedule && !boost_.literal && group == kRest;
-  return applies ? static_cast<float>(boost_.rest_rate) : 1.0f;
+float VanillaAdapter::rate_factor(std::string_view group, Moment moment) const {
+  if (!boost_.schedule || boost_.literal || group != kRest) return 1.0f;
+  if (boost_.training_views == 0) return static_cast<float>(boost_.rest_rate);
+  const double visits = visits_per_view(moment, static_cast<std::size_t>(boost_.training_views));
+  return static_cast<float>(rate_by_visits(boost_.rest_rate_few, boost_.rest_rate, visits));
 }
 
 AdapterEntry vanilla_adapter_entry() {

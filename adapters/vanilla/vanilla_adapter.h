@@ -28,8 +28,11 @@ struct VanillaBoost {
   /// With the schedule, the coefficients of higher SH bands step at most every so many iterations, on the sum of the
   /// gradients, also in short runs; 1: as scaled. Not in the paper.
   int rest_interval = 4;
-  /// Factor on their learning rate, with the schedule. Not in the paper, but in its release.
+  /// Factor on their learning rate, with the schedule, where views are used often; the paper's release has the same.
   double rest_rate = 2;
+  /// The same where views are used seldom (scaled_rules.h): colours then follow the view direction sooner, and have no
+  /// time to fit each training view. Not in the paper.
+  double rest_rate_few = 4;
   float beta = 0.5f;
   double tau_d = 5;  ///< growth needs τ_d + 1 flagged pixels per view; fewer if views have less than kTauDPixels
   int views = 10;    ///< K
@@ -52,6 +55,8 @@ struct VanillaBoost {
   /// growth_after_reset is at most kGrowthAfterResetRandom: resets remove what the random points leave there. Given by
   /// the run.
   bool random_points = false;
+  /// Number of training views, given by the run; 0: not known, and rest_rate applies.
+  int training_views = 0;
   int late_prune_from = 10000;  ///< but not before growth has ended; paper: 15 000
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
@@ -91,6 +96,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("schedule", boost.schedule);
   visit("rest_interval", boost.rest_interval);
   visit("rest_rate", boost.rest_rate);
+  visit("rest_rate_few", boost.rest_rate_few);
   visit("beta", boost.beta);
   visit("tau_d", boost.tau_d);
   visit("views", boost.views);
@@ -104,6 +110,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("densify_interval", boost.densify_interval);
   visit("growth_after_reset", boost.growth_after_reset);
   visit("random_points", boost.random_points);
+  visit("training_views", boost.training_views);
   visit("late_prune_from", boost.late_prune_from);
   visit("late_prune_interval", boost.late_prune_interval);
   visit("late_min_opacity", boost.late_min_opacity);

@@ -143,12 +143,12 @@ def test_late_pruning_tells_the_cap_and_how_near_the_cameras_gaussians_are():
     boost._means = lambda: torch.cat([torch.eye(N)[:, :3].repeat(3, 1), torch.zeros(60, 3)])
     boost._scene.getTrainCameras = lambda: [types.SimpleNamespace(camera_center=torch.tensor([4.0, 0.0, 0.0]))]
     boost.adapter.settings = {"min_clearance": 0.0}
-    boost._measure_distances()
+    boost._describe_scene()
     boost.prune_late()
     assert boost.adapter.clearances is None
     assert boost.adapter.max_primitives == 70
     boost.adapter.settings = {"min_clearance": 0.5}
-    boost._measure_distances()
+    boost._describe_scene()
     boost._means = lambda: torch.tensor([[0.0, 0, 0], [3, 0, 0]])
     boost.prune_late()
     # The run began with points at distance 3 (three), 4 (most) and more; ten may be wrong, so the scene is at 4.
@@ -164,12 +164,26 @@ def test_random_points_let_opacities_be_reset(monkeypatch):
     boost.adapter.settings = {"min_clearance": 0.8}
     torch.manual_seed(0)
     boost._means = lambda: 2 * torch.rand(1000, 3) - 1
-    boost._measure_distances()
+    boost._describe_scene()
     assert given == [{"tau_d": 5.0, "random_points": True}]
     surface = torch.rand(1000, 3)
     surface[:, 0] = 1
     boost._means = lambda: surface
-    boost._measure_distances()
+    boost._describe_scene()
+    assert len(given) == 1
+
+
+def test_the_adapter_learns_how_many_photos_there_are(monkeypatch):
+    boost = boost_of()
+    boost._scene.getTrainCameras = lambda: [object()] * 7
+    given = []
+    monkeypatch.setattr(_boost, "adapter_of", lambda backbone, options, device, settings: given.append(settings) or boost.adapter)
+    boost._settings = lambda: {"tau_d": 5.0}
+    boost.adapter.settings = {"min_clearance": 0.0, "training_views": 0}
+    boost._describe_scene()
+    assert given == [{"tau_d": 5.0, "training_views": 7}]
+    boost.adapter.settings = {}  # an adapter that does not ask
+    boost._describe_scene()
     assert len(given) == 1
 
 

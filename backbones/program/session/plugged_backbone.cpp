@@ -72,11 +72,13 @@ Json after_growth(Json settings, const Json& constants) {
   return settings;
 }
 
-/// Where free space around the cameras is not known, it is the resets of opacities that clear it.
-Json with_random_points(Json settings, const Scene& scene) {
+/// What the adapter needs to know about the scene. Where free space around the cameras is not known, it is the resets of
+/// opacities that clear it.
+Json with_scene(Json settings, const Scene& scene) {
   if (settings.value("min_clearance", 0.0) > 0) {
     settings["random_points"] = points_are_random(scene.points.positions);
   }
+  if (settings.contains("training_views")) settings["training_views"] = scene.train.size();
   return settings;
 }
 
@@ -95,7 +97,7 @@ PluggedBackbone make_backbone(std::string_view name, const BackboneContext& cont
   if (boost != nullptr) {
     const Json own = plugged.backbone->config(), given = to_json(*read_boost_settings(name, *boost));
     check_end_of_growth(name, own, given);
-    const Json of_run = with_arrival(with_random_points(after_growth(given, own), context.scene), context.views_arrive);
+    const Json of_run = with_arrival(with_scene(after_growth(given, own), context.scene), context.views_arrive);
     const std::unique_ptr<BoostSettings> settings = read_boost_settings(name, of_run);
     plugged.adapter = settings->make_adapter(context.seed, context.device);
     plugged.beta = plugged.adapter->beta();

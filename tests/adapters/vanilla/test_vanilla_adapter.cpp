@@ -547,5 +547,21 @@ TEST_F(VanillaAdapterTest, higher_bands_have_the_release_s_rate_where_the_schedu
   EXPECT_EQ(factor(literal_boost(), "f_rest"), 1);
 }
 
+TEST_F(VanillaAdapterTest, higher_bands_have_a_higher_rate_where_views_are_used_seldom) {
+  const auto factor = [&](VanillaBoost boost, int views) {
+    boost.training_views = views;
+    return VanillaAdapter(boost, threads_).rate_factor("f_rest", {100, 7000});
+  };
+  EXPECT_EQ(factor({}, 255), 4) << "27 uses";
+  EXPECT_EQ(factor({}, 140), 4) << "50 uses";
+  EXPECT_FLOAT_EQ(factor({}, 100), 200.0f / 70) << "70 uses";
+  EXPECT_EQ(factor({}, 70), 2) << "100 uses";
+  EXPECT_EQ(factor({}, 1), 2);
+  EXPECT_EQ(factor({.rest_rate = 6}, 255), 6) << "never below rest_rate";
+  EXPECT_EQ(factor({.rest_rate = 1, .rest_rate_few = 1}, 255), 1);
+  EXPECT_EQ(factor({.schedule = false}, 255), 1);
+  EXPECT_EQ(factor(literal_boost(), 255), 1);
+}
+
 }  // namespace
 }  // namespace splatboost

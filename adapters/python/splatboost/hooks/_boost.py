@@ -139,7 +139,7 @@ class Boost:
         self._checkpoints = frozenset(checkpoints)
         self._device = self._means().device
         self.adapter = adapter_of(self.backbone, options, self._device, self._settings())
-        self._measure_distances()
+        self._describe_scene()
         self._extend_growth()  # changes the host's options, which _settings() reads
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
         self._restart_statistics()
@@ -150,17 +150,21 @@ class Boost:
         """[N,3], or another tensor of the host with one row per primitive."""
         return self.gaussians.get_xyz  # type: ignore[no-any-return]
 
-    def _measure_distances(self) -> None:
-        """Of the training cameras to the scene: to the Gaussians that the run begins with, which are the checkpoint's if it is
-        resumed. Tells the adapter if they are random."""
+    def _describe_scene(self) -> None:
+        """Tells the adapter what it needs to know about the scene. The distances of the training cameras are to the Gaussians
+        that the run begins with, which are the checkpoint's if it is resumed."""
+        known: Dict[str, Any] = {}
+        cameras = self._scene.getTrainCameras()
+        if "training_views" in self.adapter.settings:
+            known["training_views"] = len(cameras)
         if self.adapter.settings.get("min_clearance", 0) > 0:
-            cameras = self._scene.getTrainCameras()
             centres = torch.stack([camera.camera_center.detach().float().reshape(3) for camera in cameras])
             self._centres = centres.to(self._device)
             self._distances = distances_to_scene(self._centres, self._means().detach())
             if not bool((self._distances > 0).any()):  # random points: their free space is cleared by resets of opacities
-                settings = dict(self._settings(), random_points=True)
-                self.adapter = adapter_of(self.backbone, self.options, self._device, settings)
+                known["random_points"] = True
+        if known:
+            self.adapter = adapter_of(self.backbone, self.options, self._device, dict(self._settings(), **known))
 
     def _clearances(self) -> Optional[torch.Tensor]:
         if self._centres is None or self._distances is None:
