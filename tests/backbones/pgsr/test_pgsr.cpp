@@ -371,6 +371,72 @@ TEST_F(PgsrRun, surface_terms_begin_when_they_shall) {
   EXPECT_NE(testing::model_bytes(*with_terms), testing::model_bytes(*bare));
 }
 
+/// Loss of the first step that has surface terms.
+double first_surface_loss(Backbone& backbone, const Scene& scene, int iteration) {
+  testing::train(backbone, scene, 1, iteration - 1);
+  return backbone.train_step(iteration, view_at(scene, iteration));
+}
+
+class PgsrTerms : public PgsrRun {
+ protected:
+  /// Surface terms from iteration 21 on; no growth.
+  static PgsrConfig late() {
+    PgsrConfig config = eager();
+    config.surface_from = 15000;
+    config.densify_until = 0;
+    return config;
+  }
+  double loss(const PgsrConfig& config) { return loss(config, scene_); }
+  double loss(const PgsrConfig& config, const Scene& scene) {
+    return first_surface_loss(*make_pgsr({scene, threads_, 3, 40, 300}, config), scene, 21);
+  }
+};
+
+TEST_F(PgsrTerms, edges_of_the_photo_reduce_the_term_of_normals_only) {
+  PgsrConfig aware = late(), blind = late();
+  blind.edge_aware = false;
+  EXPECT_LT(loss(aware), loss(blind));
+  aware.normal_weight = blind.normal_weight = 0;
+  EXPECT_EQ(loss(aware), loss(blind));
+}
+
+TEST_F(PgsrTerms, virtual_cameras_compare_depth_where_a_view_has_no_neighbour) {
+  PgsrConfig alone = late();
+  alone.neighbor_farthest = 0.3;
+  alone.neighbor_angle = 10;
+  PgsrConfig with_virtual = alone;
+  with_virtual.virtual_cameras = true;
+  const double without = loss(alone);
+  EXPECT_GT(loss(with_virtual), without);
+  with_virtual.geometric_weight = 0;  // a virtual camera has no photo
+  EXPECT_EQ(loss(with_virtual), without);
+}
+
+TEST_F(PgsrTerms, distances_are_relative_to_the_scene_unless_they_shall_be_absolute) {
+  Scene large = scene_;
+  for (std::vector<View>* views : {&large.train, &large.test}) {
+    for (View& view : *views) {
+      for (int c = 0; c < 3; ++c) view.camera.camera_from_world[3][c] *= 100;
+    }
+  }
+  for (float& x : large.points.positions) x *= 100;
+  large.extent *= 100;
+  const auto at = [](const Scene& scene, double nearest, double farthest) {
+    return neighbor_views(scene.train, {8, 75, nearest, farthest});
+  };
+  const double unit = typical_depth(scene_) / kPublishedDepth;
+  EXPECT_NEAR(typical_depth(large), 100 * typical_depth(scene_), 1e-3 * typical_depth(large));
+  ASSERT_EQ(at(large, 100 * unit * 0.01, 100 * unit * 4), at(scene_, unit * 0.01, unit * 4));
+
+  PgsrConfig single = late();
+  single.geometric_weight = single.photometric_weight = 0;
+  PgsrConfig absolute = late();
+  absolute.absolute_distances = true;
+  EXPECT_GT(loss(late(), large), loss(single, large)) << "neighbours are farther than 4 units, but not in proportion";
+  EXPECT_EQ(loss(absolute, large), loss(single, large)) << "no neighbour is within 4 units";
+  EXPECT_GT(loss(absolute), loss(single)) << "in the small scene some are";
+}
+
 TEST_F(PgsrRun, makes_gaussians_flat) {
   PgsrConfig config = eager();
   config.scaling_rate = 0.03;
