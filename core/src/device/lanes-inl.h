@@ -77,6 +77,21 @@ HWY_INLINE constexpr std::size_t lanes() { return hn::MaxLanes(Lanes()); }
 HWY_INLINE Float load(const float* HWY_RESTRICT from) { return Float(hn::LoadU(Lanes(), from)); }
 HWY_INLINE void store(Float a, float* HWY_RESTRICT to) { hn::StoreU(a.v, Lanes(), to); }
 
+/// load(from + k), given the vectors at `from` and at `from + lanes()`. Where a vector fills a cache line, most such
+/// loads would read two lines, so the lanes are taken from the two vectors instead.
+template <int k>
+HWY_INLINE Float load_after(const float* HWY_RESTRICT from, [[maybe_unused]] Float first,
+                            [[maybe_unused]] Float second) {
+#if HWY_ARCH_X86 && HWY_TARGET <= HWY_AVX3
+  if constexpr (k == 0) return first;
+  static_cast<void>(from);
+  const __m512i low = _mm512_castps_si512(first.v.raw), high = _mm512_castps_si512(second.v.raw);
+  return Float(Vec{_mm512_castsi512_ps(_mm512_alignr_epi32(high, low, k))});
+#else
+  return load(from + k);
+#endif
+}
+
 /// Loads rows of W numbers, one row per lane, as W vectors. Lanes from `count` on repeat the last row.
 template <std::size_t W>
 HWY_INLINE void load_rows(const float* HWY_RESTRICT rows, std::size_t count, Float (&columns)[W]) {

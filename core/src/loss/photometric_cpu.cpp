@@ -87,14 +87,28 @@ struct BlurredRows {
   }
 };
 
-/// to[x] = Σ_k window[k]·padded[x + k]
+/// window[k]·(row[k] + row[10 − k]) at each lane; the vectors are row[0…] and those that follow.
+template <int k>
+HWY_INLINE Float blurred_pair(const float* HWY_RESTRICT row, Float first, Float second) {
+  constexpr int kLast = 2 * kHalo;
+  return Float(kSsimWindow[k]) * (load_after<k>(row, first, second) + load_after<kLast - k>(row, first, second));
+}
+
+/// to[x] = Σ_k window[k]·padded[x + k]; reads whole vectors, up to one more than that.
 HWY_INLINE void blur_row(const float* HWY_RESTRICT padded, std::size_t columns, float* HWY_RESTRICT to) {
+  static_assert(kHalo == 5);
+  Float first = load(padded);
   for (std::size_t x = 0; x < columns; x += lanes()) {
-    Float sum = Float(kSsimWindow[kHalo]) * load(padded + x + kHalo);
-    for (std::size_t k = 0; k < kHalo; ++k) {
-      sum += Float(kSsimWindow[k]) * (load(padded + x + k) + load(padded + x + kWindow - 1 - k));
-    }
+    const float* const row = padded + x;
+    const Float second = load(row + lanes());
+    Float sum = blurred_pair<0>(row, first, second);
+    sum += Float(kSsimWindow[kHalo]) * load_after<kHalo>(row, first, second);
+    sum += blurred_pair<1>(row, first, second);
+    sum += blurred_pair<2>(row, first, second);
+    sum += blurred_pair<3>(row, first, second);
+    sum += blurred_pair<4>(row, first, second);
     store(sum, to + x);
+    first = second;
   }
 }
 
