@@ -16,7 +16,7 @@ set(SPLATBOOST_LAYER_core_points core_device core_projection)
 set(SPLATBOOST_LAYER_core_geometry core_device)
 set(SPLATBOOST_LAYER_core_loss core_device)
 set(SPLATBOOST_LAYER_core_density core_device core_loss)
-set(SPLATBOOST_LAYER_core_optim core_device)
+set(SPLATBOOST_LAYER_core_optim core_device core_projection)
 set(SPLATBOOST_LAYER_core "")
 set(SPLATBOOST_LAYER_adapter core adapter)  # an adapter may build on another
 set(SPLATBOOST_LAYER_trainer_support core)

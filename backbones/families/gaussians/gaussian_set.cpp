@@ -83,6 +83,7 @@ std::vector<std::uint32_t> GaussianTrainer::insert(const PointCloud& points) {
   NewRows rows = rows_of(points, most);
   const std::size_t n = rows.points.size();
   if (n == 0) return {};
+  f_rest_.expand();
   // Reserve all groups first: if memory runs out, the model stays intact.
   for (TrainedGroup* group : row_groups_) group->reserve_rows(before + n);
   append_rows(xyz_, rows.means);
@@ -136,6 +137,7 @@ void GaussianTrainer::remove(std::span<const std::uint8_t> removed) {
 }
 
 void GaussianTrainer::select(const Array<std::uint32_t>& rows) {
+  f_rest_.expand();
   select_rows(row_groups_, rows, workspace_, device_);
   stale_ = set_changed_ = true;
 }

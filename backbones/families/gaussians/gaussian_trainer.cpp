@@ -132,6 +132,13 @@ double GaussianTrainer::evaluate_loss(std::span<const StepView> views) {
   return loss + method_->add_loss(views);
 }
 
+bool GaussianTrainer::rest_steps_soon() const {
+  for (int ahead = 0; ahead < static_cast<int>(ShRestGroup::kMaxViews); ++ahead) {
+    if (optimizer_ == nullptr || optimizer_->steps_at(f_rest_.name, {iteration_ + ahead, total()})) return true;
+  }
+  return false;
+}
+
 void GaussianTrainer::backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
                                GaussianGradients gradients) {
   gradients.mode = GradientMode::accumulate;
@@ -141,7 +148,7 @@ void GaussianTrainer::backward(Rasterizer& rasterizer, const Gaussians& gaussian
   gradients.opacities = opacity_.gradients;
   if (!image_gradients.color.empty()) {
     gradients.sh_dc = f_dc_.gradients;
-    gradients.sh_rest = f_rest_.gradients;
+    f_rest_.receive(gradients, gaussians.sh_degree, rest_steps_soon());
   }
   const GaussianGradients of_activated = gradients;
   method_->redirect(gradients);

@@ -18,6 +18,7 @@
 
 #include "families/gaussians/gaussian_backbone.h"
 #include "families/gaussians/gaussian_set.h"
+#include "families/gaussians/sh_rest_group.h"
 #include "splatboost/array.h"
 #include "splatboost/density_statistics.h"
 #include "splatboost/random.h"
@@ -26,7 +27,6 @@
 
 namespace splatboost {
 
-inline constexpr int kRestRows = 15;  ///< spherical harmonics above degree 0
 inline constexpr int kMinGrowthsAReset = 5;
 
 inline float logit(double p) { return static_cast<float>(std::log(p / (1 - p))); }
@@ -145,6 +145,8 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   double evaluate_loss(std::span<const StepView> views);
   /// Adds a view's gradients to those of the parameters.
   /// @param gradients destination of the screen gradients for density control
+  /// Whether the coefficients of higher SH bands step in this iteration or within the next few.
+  bool rest_steps_soon() const;
   void backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
                 GaussianGradients gradients);
   void step_all();
@@ -180,7 +182,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   // Group names are those of 3DGS.
   TrainedGroup xyz_{"xyz", 3, device_, [this](int iteration) { return position_rate(iteration); }};
   TrainedGroup f_dc_{"f_dc", 3, device_, [this](int) { return config_.feature_rate; }};
-  TrainedGroup f_rest_{"f_rest", 3 * kRestRows, device_, [this](int) { return config_.feature_rate / 20.0; }};
+  ShRestGroup f_rest_{device_, [this](int) { return config_.feature_rate / 20.0; }};
   TrainedGroup opacity_{"opacity", 1, device_, [this](int) { return config_.opacity_rate; }, Activation::sigmoid};
   TrainedGroup scaling_{"scaling", 3, device_, [this](int) { return config_.scaling_rate; }, Activation::exponential};
   TrainedGroup rotation_{"rotation", 4, device_, [this](int) { return config_.rotation_rate; }};

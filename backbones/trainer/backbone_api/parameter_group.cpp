@@ -47,7 +47,7 @@ void ParameterGroup::append_copies(std::span<const std::uint32_t> source_rows) {
 void ParameterGroup::save(ArchiveWriter& archive) const {
   std::vector<float> copy;
   archive.put(name + ".values", values.on_host(copy));
-  archive.put(name + ".gradients", gradients.on_host(copy));
+  archive.put(name + ".gradients", gradients_on_host(copy));
   archive.put(name + ".first_moments", first_moments.on_host(copy));
   archive.put(name + ".second_moments", second_moments.on_host(copy));
   archive.put(name + ".steps", steps);

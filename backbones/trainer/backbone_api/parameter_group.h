@@ -37,11 +37,13 @@ struct ParameterGroup {
         first_moments(device),
         second_moments(device) {}
 
+  virtual ~ParameterGroup() = default;
+
   std::size_t rows() const { return values.size() / width; }
   /// Replaces the values; gradients and moments restart at zero.
   void assign(std::vector<float> new_values);
   /// One Adam step with the accumulated gradients; does nothing if there are none.
-  void step(const AdamOptions& options, Device device);
+  virtual void step(const AdamOptions& options, Device device);
   /// Sets moments to zero (3DGS does so for opacities it resets).
   void forget_moments();
   /// Keeps the listed rows, in the order of the list (rows.h).
@@ -51,7 +53,11 @@ struct ParameterGroup {
   /// Appends copies of the listed rows; their gradients and moments are zero.
   void append_copies(std::span<const std::uint32_t> source_rows);
   void save(ArchiveWriter& archive) const;
-  void load(const ArchiveReader& archive);
+  virtual void load(const ArchiveReader& archive);
+
+ protected:
+  /// The accumulated gradients [rows, width] in host memory: they themselves, or in `copy`.
+  virtual std::span<const float> gradients_on_host(std::vector<float>& copy) const { return gradients.on_host(copy); }
 };
 
 }  // namespace splatboost

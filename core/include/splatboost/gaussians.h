@@ -45,6 +45,9 @@ struct GaussianGradients {
   std::span<float> sh_rest;
   std::span<float> colors;
   std::span<float> features;
+  /// [N,6], on the CPU, instead of sh_rest: the factors of its gradient in this view (sh_factors.h); always
+  /// overwritten, the gradient of the colour is zero where not drawn.
+  std::span<float> sh_factors;
   /// [N,2] gradient with respect to the mean on screen, in pixels; always overwritten, zero where not drawn.
   std::span<float> screen_means;
   /// [N,2] sum over pixels of that gradient's absolute value, for x and y separately (AbsGS); always overwritten.

@@ -26,6 +26,7 @@
 #include "projection/sh_math.h"
 #include "projection/tile_lists.h"
 #include "projection/tile_math.h"
+#include "splatboost/sh_factors.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace splatboost {
@@ -171,28 +172,38 @@ struct BlockWriter {
   }
 };
 
+/// Gradients of the `used` coefficients of degree 1 and above: products of the basis and the gradient of the colour.
+/// @param columns [3 · used, lanes]
+HWY_INLINE void sh_products(const Float* basis, int used, Vec3<Float> g_color, float* columns) {
+  const Float g[3] = {g_color.x, g_color.y, g_color.z};
+  for (int k = 1; k <= used; ++k) {
+    for (const Float& c : g) {
+      store(basis[k] * c, columns);
+      columns += lanes();
+    }
+  }
+}
+
 /// Gradient through spherical harmonics: writes that of the coefficients, returns that of the mean.
 /// @param primitives Gaussians or Convexes; `out` is the matching gradients struct
 template <class Primitives, class Gradients>
 HWY_INLINE Vec3<Float> sh_backward(const Primitives& primitives, const Gradients& out, const BlockWriter& writer,
                                    const Ray& ray, Vec3<Float> g_color) {
   const int degree = primitives.sh_degree, used = sh_coefficients(degree) - 1;
+  const Float zero(0.0f);
+  const auto seen = [&](const Vec3<Float>& v) HWY_ATTR {  // also zero where a value that is not drawn is not finite
+    return Vec3<Float>{select(writer.visible, v.x, zero), select(writer.visible, v.y, zero),
+                       select(writer.visible, v.z, zero)};
+  };
+  const Vec3<Float> direction = seen(ray.direction), g = seen(g_color);
   Float basis[kMaxShCoefficients];
-  sh_basis(degree, ray.direction, basis);
+  sh_basis(degree, direction, basis);
   writer.write(out.sh_dc, {basis[0] * g_color.x, basis[0] * g_color.y, basis[0] * g_color.z});
 
   alignas(64) float columns[kRestColumns * kMaxLanes];
-  const Float g[3] = {select(writer.visible, g_color.x, Float(0.0f)), select(writer.visible, g_color.y, Float(0.0f)),
-                      select(writer.visible, g_color.z, Float(0.0f))};
   const std::size_t width = 3 * static_cast<std::size_t>(primitives.sh_rest_rows);
   if (!out.sh_rest.empty()) {
-    float* column = columns;
-    for (int k = 1; k <= used; ++k) {
-      for (const Float& c : g) {
-        store(select(writer.visible, basis[k] * c, Float(0.0f)), column);
-        column += lanes();
-      }
-    }
+    sh_products(basis, used, g, columns);
     float* const rows = out.sh_rest.data() + width * writer.i;
     const std::size_t written = 3 * static_cast<std::size_t>(used);
     if (used > 0) columns_to_rows(columns, written, writer.count, writer.adds, rows, width);
@@ -200,14 +211,22 @@ HWY_INLINE Vec3<Float> sh_backward(const Primitives& primitives, const Gradients
       std::memset(rows + width * lane + written, 0, (width - written) * sizeof(float));
     }
   }
-  if (degree == 0) return {Float(0.0f), Float(0.0f), Float(0.0f)};
+  if constexpr (requires { out.sh_factors; }) {
+    if (!out.sh_factors.empty()) {
+      const Float factors[kShFactors] = {direction.x, direction.y, direction.z, g.x, g.y, g.z};
+      for (std::size_t k = 0; k < kShFactors; ++k) store(factors[k], columns + k * lanes());
+      columns_to_rows(columns, kShFactors, writer.count, false, out.sh_factors.data() + kShFactors * writer.i,
+                      kShFactors);
+    }
+  }
+  if (degree == 0) return {zero, zero, zero};
   sh_rest_at(primitives, writer.i, writer.count, columns);
   Float weights[kMaxShCoefficients];
-  weights[0] = Float(0.0f);
+  weights[0] = zero;
   const float* coefficient = columns;
   for (int k = 1; k <= used; ++k) {
-    weights[k] = Float(0.0f);
-    for (const Float& c : g) {
+    weights[k] = zero;
+    for (const Float& c : {g.x, g.y, g.z}) {
       weights[k] += load(coefficient) * c;
       coefficient += lanes();
     }

@@ -162,6 +162,7 @@ void clear_block(const GaussianGradients& g, const Gaussians& gaussians, std::si
     clear_rows(g.colors, 3, i, count);
     clear_rows(g.features, static_cast<std::size_t>(gaussians.features_per_gaussian), i, count);
   }
+  clear_rows(g.sh_factors, kShFactors, i, count);
   clear_rows(g.screen_means, 2, i, count);
   clear_rows(g.screen_means_abs, 2, i, count);
 }

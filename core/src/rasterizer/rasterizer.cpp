@@ -7,6 +7,7 @@
 #include "rasterizer/cuda_ops.h"
 #include "rasterizer/rasterizer_backend.h"
 #include "splatboost/errors.h"
+#include "splatboost/sh_factors.h"
 
 namespace splatboost {
 namespace {
@@ -101,6 +102,7 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
   check_optional(gradients.sh_rest,
                  (gaussians.colors.empty() ? 3 * n : 0) * static_cast<std::size_t>(gaussians.sh_rest_rows),
                  "gradients.sh_rest");
+  check_optional(gradients.sh_factors, gaussians.colors.empty() ? kShFactors * n : 0, "gradients.sh_factors");
   check_optional(gradients.colors, gaussians.colors.empty() ? 0 : 3 * n, "gradients.colors");
   check_optional(gradients.features, n * static_cast<std::size_t>(gaussians.features_per_gaussian),
                  "gradients.features");

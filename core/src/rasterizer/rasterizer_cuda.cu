@@ -84,6 +84,7 @@ class CudaRasterizer : public RasterizerBackend {
   void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
                 const GaussianGradients& gradients) override {
     check_drawn();
+    SPLATBOOST_CHECK(gradients.sh_factors.empty(), "sh_factors are available on the CPU only");
     backward_start_.record();
     blend_backward(frame_, image_gradients, !gradients.screen_means_abs.empty(), stream_);
     blended_backward_.record();
