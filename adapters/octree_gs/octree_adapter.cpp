@@ -7,7 +7,8 @@ namespace splatboost {
 
 ScaffoldBoost octree_boost() {
   ScaffoldBoost boost;
-  boost.beta = 0.5f;              // 0.7 was no better on a street of houses (docs/results/backbones.md)
+  boost.beta = 1;                 // the exact box; smaller ones lose quality on a turn around an object
+                                  // (docs/results/backbones.md)
   boost.rates_fall_from = 0.625;  // growth ends at 25,000 of 40,000 iterations
   return boost;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file FastGS for Octree-GS: Scaffold-GS's rules, with the paper's β and growth that ends later. Error densities
+/// @file FastGS for Octree-GS: Scaffold-GS's rules, with the exact box and growth that ends later. Error densities
 /// need no per-level rule.
 #pragma once
 

@@ -172,7 +172,7 @@ def test_a_layout_of_anchors_from_patch_to_revert(tmp_path, layout):
     on = train(tree, tmp_path / "on", "--boost_tau_d", "4.2", run=RUN_OF_ANCHORS)
     assert 60 < on["counts"][-1] < 0.9 * off["counts"][-1]
     assert sum(on["losses"][-20:]) < 0.9 * sum(on["losses"][:20]), "it does not learn"
-    beta = {"scaffold-gs": 0.7, "octree-gs": 0.5}[recipe]
+    beta = {"scaffold-gs": 0.7, "octree-gs": 1}[recipe]
     assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {"backbone": recipe, "beta": pytest.approx(beta)}
     assert "SplatBoost: default rules of %s, beta %g, tau_d 4.2, anchors grow every 10 from 9 to 61" % (recipe, beta) in on["told"]
 
