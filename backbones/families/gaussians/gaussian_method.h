@@ -132,7 +132,8 @@ class GaussianMethod {
     (void)context;
   }
   /// Called before the backward pass of the training view drawn last: directs the gradients of what draw() replaced to
-  /// memory of the method, which must be zeroed because gradients are accumulated.
+  /// memory of the method, which must be zeroed because gradients are accumulated. Those of higher SH bands are in
+  /// sh_factors or in sh_rest, and must stay there.
   virtual void redirect(GaussianGradients& gradients) { (void)gradients; }
   /// Called after the backward pass: adds the redirected gradients to the gradients of the activated values.
   virtual void add_gradients(const GaussianGradients& activated) { (void)activated; }

@@ -143,10 +143,10 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   StepView draw_second(const View& view, int iteration, const LossInputs& inputs);
   /// @return the loss; writes its gradients to StepView::gradients
   double evaluate_loss(std::span<const StepView> views);
-  /// Adds a view's gradients to those of the parameters.
-  /// @param gradients destination of the screen gradients for density control
   /// Whether the coefficients of higher SH bands step in this iteration or within the next few.
   bool rest_steps_soon() const;
+  /// Adds a view's gradients to those of the parameters.
+  /// @param gradients destination of the screen gradients for density control
   void backward(Rasterizer& rasterizer, const Gaussians& gaussians, const RasterImages& image_gradients,
                 GaussianGradients gradients);
   void step_all();

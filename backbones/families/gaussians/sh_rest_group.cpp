@@ -23,14 +23,12 @@ void ShRestGroup::receive(GaussianGradients& pass, int sh_degree, bool steps_soo
 void ShRestGroup::expand() {
   if (views_ == 0) return;
   gradients.assign(expanded());
-  views_ = 0;
-  holds_factors_ = false;
+  forget_factors();
 }
 
 void ShRestGroup::assign(std::vector<float> new_values) {
+  forget_factors();
   TrainedGroup::assign(std::move(new_values));
-  views_ = 0;
-  holds_factors_ = false;
 }
 
 void ShRestGroup::step(const AdamOptions& options, Device device) {
@@ -42,7 +40,11 @@ void ShRestGroup::step(const AdamOptions& options, Device device) {
 }
 
 void ShRestGroup::load(const ArchiveReader& archive) {
+  forget_factors();
   TrainedGroup::load(archive);
+}
+
+void ShRestGroup::forget_factors() {
   views_ = 0;
   holds_factors_ = false;
 }

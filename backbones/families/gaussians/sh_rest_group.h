@@ -27,12 +27,13 @@ struct ShRestGroup final : TrainedGroup {
       : TrainedGroup("f_rest", 3 * static_cast<std::size_t>(kRestRows), device, std::move(rate_at)), device_(device) {}
 
   /// Sets where a backward pass writes its gradients of these coefficients.
-  /// @param sh_degree of the render @param steps_soon whether a step follows within kMaxViews views
+  /// @param sh_degree of the render
+  /// @param steps_soon whether a step follows within about kMaxViews views; more of them become gradients
   void receive(GaussianGradients& pass, int sh_degree, bool steps_soon);
   /// Replaces factors by gradients: before rows are added, removed or moved.
   void expand();
 
-  void assign(std::vector<float> new_values);
+  void assign(std::vector<float> new_values) override;
   void step(const AdamOptions& options, Device device) override;
   void load(const ArchiveReader& archive) override;
 
@@ -41,6 +42,7 @@ struct ShRestGroup final : TrainedGroup {
 
   std::span<const float> gradients_on_host(std::vector<float>& copy) const override;
   std::vector<float> expanded() const;
+  void forget_factors();
   /// The views whose factors wait for a step. @param memory of the result
   std::span<const ShFactors> views(Views& memory) const;
 

@@ -72,9 +72,9 @@ Json after_growth(Json settings, const Json& constants) {
   return settings;
 }
 
-/// What the adapter needs to know about the scene. Where free space around the cameras is not known, it is the resets
-/// of opacities that clear it.
+/// What the adapter needs to know about the scene.
 Json with_scene(Json settings, const Scene& scene) {
+  // Where free space around the cameras is not known, it is the resets of opacities that clear it.
   if (settings.value("min_clearance", 0.0) > 0) {
     settings["random_points"] = points_are_random(scene.points.positions);
   }

@@ -41,7 +41,7 @@ struct ParameterGroup {
 
   std::size_t rows() const { return values.size() / width; }
   /// Replaces the values; gradients and moments restart at zero.
-  void assign(std::vector<float> new_values);
+  virtual void assign(std::vector<float> new_values);
   /// One Adam step with the accumulated gradients; does nothing if there are none.
   virtual void step(const AdamOptions& options, Device device);
   /// Sets moments to zero (3DGS does so for opacities it resets).

@@ -57,7 +57,7 @@ bool step_due_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook,
 
 /// Keeps the listed rows in each group, in the order of the list.
 /// @param workspace in the groups' device memory; it is grown for the widest tensor before anything changes, so that
-/// the model stays intact if memory runs out
+/// the model stays intact if memory runs out. Not used where rows move in place
 void select_rows(std::span<TrainedGroup* const> groups, const Array<std::uint32_t>& rows, Array<float>& workspace,
                  Device device);
 

@@ -52,7 +52,8 @@ class Array {
     }
   }
   /// Allocates memory for n values, so that resize() up to n cannot fail. Where it has to move the values, it allocates
-  /// a quarter more, so that arrays that grow step by step are not moved at each; memory is in use once it is written.
+  /// a quarter more, so that arrays that grow step by step are not moved at each. The system provides the pages of a
+  /// vector's memory only when they are written.
   void reserve(std::size_t n) {
     const std::size_t now = size();
     if (!cuda_) return n > host_.capacity() ? host_.reserve(n + n / 4) : void();

@@ -124,6 +124,7 @@ class DensityHook {
 class OptimizerHook {
  public:
   virtual ~OptimizerHook() = default;
+  /// Depends on the arguments only: it is also asked in advance, about later iterations.
   /// @param group the backbone's name of the group
   virtual bool steps_at(std::string_view group, Moment moment) const = 0;
   /// Factor on the backbone's own learning rate of the group.

@@ -33,7 +33,8 @@ void add_block(const ShFactors& view, std::size_t i, std::size_t count, float* s
   Float basis[kMaxShCoefficients];
   sh_basis(view.degree, Vec3<Float>{factor(0), factor(1), factor(2)}, basis);
   // Products and sums are separate loops, so that each is rounded, as where a backward pass adds to gradients in
-  // memory.
+  // memory. Exact resume needs equal bits, also of the basis and of Adam, which are compiled here a second time; a
+  // test compares them.
   sh_products(basis, used, {factor(3), factor(4), factor(5)}, products);
   for (std::size_t at = 0; at < 3 * static_cast<std::size_t>(used) * lanes(); at += lanes()) {
     store(load(sums + at) + load(products + at), sums + at);

@@ -102,6 +102,8 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
   check_optional(gradients.sh_rest,
                  (gaussians.colors.empty() ? 3 * n : 0) * static_cast<std::size_t>(gaussians.sh_rest_rows),
                  "gradients.sh_rest");
+  SPLATBOOST_CHECK(gradients.sh_rest.empty() || gradients.sh_factors.empty(),
+                   "gradients.sh_factors is written instead of gradients.sh_rest: one of them must be empty");
   check_optional(gradients.sh_factors, gaussians.colors.empty() ? kShFactors * n : 0, "gradients.sh_factors");
   check_optional(gradients.colors, gaussians.colors.empty() ? 0 : 3 * n, "gradients.colors");
   check_optional(gradients.features, n * static_cast<std::size_t>(gaussians.features_per_gaussian),

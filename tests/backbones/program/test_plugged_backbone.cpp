@@ -17,6 +17,18 @@ std::vector<float> points_in_a_cube(std::size_t count) {
   return points;
 }
 
+TEST(PluggedBackbone, the_adapter_knows_how_often_views_are_used) {
+  Threads threads(1);
+  const Scene scene = testing::tiny_scene(threads, 4);  // three for training
+  const auto factor = [&](int iterations) {
+    const nlohmann::json none = nlohmann::json::object();
+    return make_backbone("vanilla", {scene, threads, 0, iterations}, none, &none)
+        .adapter->rate_factor("f_rest", {100, iterations});
+  };
+  EXPECT_EQ(factor(90), 4) << "30 uses";
+  EXPECT_EQ(factor(900), 2) << "300 uses";
+}
+
 TEST(PluggedBackbone, random_points_let_opacities_be_reset) {
   Threads threads(1);
   Scene scene = testing::tiny_scene(threads, 2);

@@ -162,6 +162,11 @@ TEST(ShFactors, RefuseWhatDoesNotFit) {
   GaussianGradients out;
   out.sh_factors = rows;
   EXPECT_THROW(backward(rasterizer, model.gaussians, 0, out), ArgumentError);
+  std::vector<float> factors(kShFactors * kCount), rest(kStride * kCount);
+  out.sh_factors = factors;
+  EXPECT_NO_THROW(backward(rasterizer, model.gaussians, 0, out));
+  out.sh_rest = rest;
+  EXPECT_THROW(backward(rasterizer, model.gaussians, 0, out), ArgumentError) << "one or the other";
 }
 
 }  // namespace

@@ -126,6 +126,19 @@ TEST_F(GaussianSetRun, inserted_gaussians_come_last_as_a_start_would_make_them) 
   EXPECT_EQ(method_->labels_.values.to_host().back(), 0);
 }
 
+TEST_F(GaussianSetRun, inserting_keeps_the_gradients_that_wait_for_a_step) {
+  testing::StepsEveryThird third;
+  const auto inserting = [&] {
+    auto backbone = make();
+    method_->at_edit = [&](GaussianSet& set, int iteration) {
+      if (iteration == 3 || iteration == 8) set.insert(three_points());
+    };
+    return backbone;
+  };
+  // A resumed run has gradients where the whole run has factors of views (sh_rest_group.h).
+  testing::expect_exact_resume(inserting, scene_, 10, {2, 7}, &third);
+}
+
 TEST_F(GaussianSetRun, pruning_knows_how_near_the_cameras_gaussians_are) {
   scene_ = testing::tiny_scene(threads_, 6, 48, 40, 60, 100);
   for (std::size_t i = 0; i < scene_.points.positions.size(); i += 3) scene_.points.positions[i] = 0;  // a surface
