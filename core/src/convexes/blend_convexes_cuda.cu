@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One block per tile, one thread per pixel; convexes are loaded into shared memory in batches.
+// One block per tile, one warp per 8 × 4 pixels, one thread per pixel. Convexes are loaded into shared memory in
+// batches of one per lane; each lane tests for one of them whether it can reach the warp's pixels at all.
 #include "convexes/cuda_convex_frame.h"
 #include "device/device_view.h"
 #include "device/launch.h"
@@ -11,7 +12,8 @@ namespace {
 
 constexpr std::uint32_t kTileThreads = kTileSize * kTileSize;
 constexpr std::uint32_t kBatch = 32;
-constexpr unsigned kWholeWarp = 0xffffffffu;
+/// Pixels of a warp.
+constexpr std::uint32_t kWarpWidth = 8, kWarpHeight = 32 / kWarpWidth, kWarpsAcross = kTileSize / kWarpWidth;
 
 struct ConvexLists {
   DeviceView<const ConvexTileEntries> tiles;
@@ -32,11 +34,16 @@ struct ConvexLists {
 struct Pixel {
   bool inside;
   float centre_x, centre_y;
+  float middle_x, middle_y;  ///< of the warp's pixels
   std::size_t index, plane;  ///< of the pixel in a plane of the image; size of a plane
 
   __device__ explicit Pixel(const ConvexLists& lists) {
-    const std::uint32_t x = blockIdx.x % lists.tiles_x * kTileSize + threadIdx.x % kTileSize;
-    const std::uint32_t y = blockIdx.x / lists.tiles_x * kTileSize + threadIdx.x / kTileSize;
+    const std::uint32_t warp = threadIdx.x / 32, lane = threadIdx.x % 32;
+    const std::uint32_t left = blockIdx.x % lists.tiles_x * kTileSize + warp % kWarpsAcross * kWarpWidth;
+    const std::uint32_t top = blockIdx.x / lists.tiles_x * kTileSize + warp / kWarpsAcross * kWarpHeight;
+    const std::uint32_t x = left + lane % kWarpWidth, y = top + lane / kWarpWidth;
+    middle_x = static_cast<float>(left + kWarpWidth / 2);
+    middle_y = static_cast<float>(top + kWarpHeight / 2);
     inside = x < lists.width && y < lists.height;
     centre_x = static_cast<float>(x) + 0.5f;
     centre_y = static_cast<float>(y) + 0.5f;
@@ -82,12 +89,31 @@ __device__ inline ConvexPixelStep step_pixel(const ConvexRecord& convex, const P
   return step;
 }
 
-/// Visits a tile's convexes, near to far, until all its pixels are closed. All threads of the block must call it.
+/// Whether a convex may have max_k t_k <= farthest at a pixel of the warp. Where this is false, step_pixel() blends it
+/// nowhere: the slack exceeds the rounding errors of both.
+__device__ inline bool may_reach(const ConvexRecord& convex, const Pixel& pixel) {
+  constexpr float kHalfWidth = 0.5f * (kWarpWidth - 1), kHalfHeight = 0.5f * (kWarpHeight - 1), kSlack = 1e-5f;
+  const float dx = pixel.middle_x - convex.centre_x, dy = pixel.middle_y - convex.centre_y;
+  bool reaches = true;
+#pragma unroll
+  for (int k = 0; k < kMaxConvexPoints; ++k) {
+    const float x = convex.edge_x[k] * dx, y = convex.edge_y[k] * dy, offset = convex.edge_offset[k];
+    const float reach = fabsf(convex.edge_x[k]) * kHalfWidth + fabsf(convex.edge_y[k]) * kHalfHeight;
+    const float slack = kSlack * (fabsf(x) + fabsf(y) + fabsf(offset) + reach);
+    reaches = reaches && !(x + y + offset - reach - slack > convex.farthest);
+  }
+  return reaches;
+}
+
+/// Visits the convexes that may reach a warp's pixels, near to far, until all of these are closed. All threads of the
+/// block must call it.
 /// @param visit (index of the convex, record): called by whole warps; may close pixels
 template <class Visit>
-__device__ void visit_convexes(const ConvexLists& lists, const bool& open, Visit&& visit) {
+__device__ void visit_convexes(const ConvexLists& lists, const Pixel& pixel, const bool& open, Visit&& visit) {
+  static_assert(kBatch == 32, "one convex per lane");
   __shared__ SharedArray<ConvexRecord, static_cast<int>(kBatch)> batch;
   __shared__ SharedArray<std::uint32_t, static_cast<int>(kBatch)> owners;
+  const int lane = static_cast<int>(threadIdx.x % 32);
   const ConvexTileEntries range = lists.tiles[blockIdx.x];
   for (std::uint32_t base = range.begin; base < range.end; base += kBatch) {
     if (!__syncthreads_or(open)) break;  // also a barrier: the previous batch is no longer read
@@ -98,8 +124,10 @@ __device__ void visit_convexes(const ConvexLists& lists, const bool& open, Visit
     }
     __syncthreads();
     const int count = static_cast<int>(min(kBatch, range.end - base));
-    for (int k = 0; k < count; ++k) {
+    const bool reaches = lane < count && may_reach(batch.get(min(lane, count - 1)), pixel);
+    for (unsigned next = __ballot_sync(kWholeWarp, reaches); next != 0; next &= next - 1) {
       if (!__any_sync(kWholeWarp, open)) break;
+      const int k = __ffs(static_cast<int>(next)) - 1;
       visit(owners.get(k), batch.get(k));
     }
   }
@@ -114,7 +142,7 @@ __global__ void __launch_bounds__(kTileThreads) blend_convexes_kernel(ConvexList
   const Pixel pixel(lists);
   bool open = pixel.inside;
   float transmittance = 1.0f, color[3] = {};
-  visit_convexes(lists, open, [&](std::uint32_t, const ConvexRecord& convex) {
+  visit_convexes(lists, pixel, open, [&](std::uint32_t, const ConvexRecord& convex) {
     const ConvexPixelStep step = step_pixel(convex, pixel, transmittance, open);
     if (!step.blended) return;
     const float weight = transmittance * step.alpha;
@@ -147,7 +175,7 @@ __global__ void __launch_bounds__(kTileThreads)
     g[c] = image[(c < 3 ? c : 0) * pixel.plane + pixel.index];
     rest = fmaf(g[c], pixels[c * pixel.plane + pixel.index], rest);
   }
-  visit_convexes(lists, open, [&](std::uint32_t owner, const ConvexRecord& convex) {
+  visit_convexes(lists, pixel, open, [&](std::uint32_t owner, const ConvexRecord& convex) {
     const ConvexPixelStep step = step_pixel(convex, pixel, transmittance, open);
     if (!__any_sync(kWholeWarp, step.blended)) return;
     const float weight = step.blended ? transmittance * step.alpha : 0.0f;
@@ -160,21 +188,19 @@ __global__ void __launch_bounds__(kTileThreads)
     if (step.blended) transmittance = step.after;
     const float u = moves ? s * step.inside - s : 0.0f;
     const float by_phi = moves ? u * step.phi : 0.0f;
-    const std::size_t row = static_cast<std::size_t>(owner) * kConvexMomentColumns;
-    const auto add = [&](int column, float value) {
-      const float sum = warp_sum(value);
-      if (threadIdx.x % 32 == 0 && sum != 0.0f) atomicAdd(&moments[row + column], sum);
-    };
-    for (int c = 0; c < 3; ++c) add(c, weight * g[c]);
-    add(3, s);
-    add(4, by_phi);
-    add(5, fabsf(by_phi));
-    for (int k = 0; k < static_cast<int>(convex.edges); ++k) {
+    float parts[kConvexMomentColumns] = {weight * g[0], weight * g[1], weight * g[2], s, by_phi, fabsf(by_phi)};
+#pragma unroll
+    for (int k = 0; k < kMaxConvexPoints; ++k) {
+      if (k >= static_cast<int>(convex.edges)) continue;  // the same for the whole warp
       const float part = moves ? u * exp2f(fmaxf(step.terms[k] - step.phi, -126.0f)) : 0.0f;
-      add(8 + 3 * k, part);
-      add(9 + 3 * k, part * step.dx);
-      add(10 + 3 * k, part * step.dy);
+      parts[8 + 3 * k] = part;
+      parts[9 + 3 * k] = part * step.dx;
+      parts[10 + 3 * k] = part * step.dy;
     }
+    static_assert(kConvexMomentColumns == 32, "one sum per lane");
+    const float sum = warp_sums(parts);
+    const std::size_t row = static_cast<std::size_t>(owner) * kConvexMomentColumns;
+    if (sum != 0.0f) atomicAdd(&moments[row + threadIdx.x % 32], sum);
   });
 }
 
@@ -184,7 +210,7 @@ __global__ void __launch_bounds__(kTileThreads)
   bool open = pixel.inside && flagged[pixel.index] != 0;  // pixels without a flag need no replay
   float transmittance = 1.0f;
   if (!__syncthreads_or(open)) return;  // the whole block returns: nothing to count
-  visit_convexes(lists, open, [&](std::uint32_t owner, const ConvexRecord& convex) {
+  visit_convexes(lists, pixel, open, [&](std::uint32_t owner, const ConvexRecord& convex) {
     const ConvexPixelStep step = step_pixel(convex, pixel, transmittance, open);
     if (step.blended) transmittance = step.after;
     const int counted = __popc(__ballot_sync(kWholeWarp, step.blended));
@@ -197,7 +223,7 @@ __global__ void __launch_bounds__(kTileThreads)
   const Pixel pixel(lists);
   bool open = pixel.inside;
   float transmittance = 1.0f;
-  visit_convexes(lists, open, [&](std::uint32_t owner, const ConvexRecord& convex) {
+  visit_convexes(lists, pixel, open, [&](std::uint32_t owner, const ConvexRecord& convex) {
     const ConvexPixelStep step = step_pixel(convex, pixel, transmittance, open);
     int weight = 0;
     if (step.blended) {

@@ -5,33 +5,11 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Adds the first 2·kHalf values of pairs of lanes that are 2·kHalf apart. Each lane keeps one half of the sums: the
-/// upper one if bit 2·kHalf of its number is set.
-template <int kHalf>
-__device__ inline void fold(float (&values)[kMomentColumns]) {
-  const bool upper = (threadIdx.x & (2u * kHalf)) != 0;
-#pragma unroll
-  for (int i = 0; i < kHalf; ++i) {
-    const float given = upper ? values[i] : values[i + kHalf];
-    const float kept = upper ? values[i + kHalf] : values[i];
-    values[i] = kept + __shfl_xor_sync(kWholeWarp, given, 2 * kHalf);
-  }
-}
-
-/// Sums of 16 values over a whole warp, in 16 shuffles instead of 80: lane l gets the sum of value l / 2.
-__device__ inline float warp_sums(float (&values)[kMomentColumns]) {
-  static_assert(kMomentColumns == 16);
-  fold<8>(values);
-  fold<4>(values);
-  fold<2>(values);
-  fold<1>(values);
-  return values[0] + __shfl_xor_sync(kWholeWarp, values[0], 1);
-}
-
 /// Adds a warp's sums of the first `columns` values to rows[first], rows[first + 1], ...
 __device__ inline void add_row(DeviceView<float> rows, std::size_t first, int columns,
                                float (&values)[kMomentColumns]) {
   const float sum = warp_sums(values);
+  static_assert(kMomentColumns == 16);
   const int column = static_cast<int>(threadIdx.x % 32) / 2;
   if (threadIdx.x % 2 == 0 && column < columns) atomicAdd(&rows[first + column], sum);
 }

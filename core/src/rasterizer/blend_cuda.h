@@ -10,12 +10,12 @@
 #include <cmath>
 
 #include "device/device_view.h"
+#include "device/launch.h"
 #include "projection/cuda_frame.h"
 #include "splatboost/constants.h"
 
 namespace splatboost::cuda {
 
-inline constexpr unsigned kWholeWarp = 0xffffffffu;
 inline constexpr int kThreadPixels = 2;
 inline constexpr std::uint32_t kTileThreads = kTilePixels / kThreadPixels;
 /// Minimum number of blocks per multiprocessor, for __launch_bounds__. Without it, nvcc spills registers to fit more.
