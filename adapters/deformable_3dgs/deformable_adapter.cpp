@@ -14,8 +14,9 @@ constexpr std::string_view kNet = "deformation";  ///< the backbone's name of th
 VanillaBoost deformable_boost() {
   VanillaBoost boost;
   boost.published_iterations = kDeformableIterations;
-  // Growth ends where vanilla's does, at 10 000: a quarter of this run, not three eighths as published. Until then
-  // there are as many Gaussians as in the published run, and the net is evaluated for each of them.
+  // A quarter of the run, as for vanilla, not three eighths as published: until growth ends there are as many Gaussians
+  // as in the published run, and the net is evaluated for each of them.
+  boost.densify_until = boost.late_prune_from = kDeformableIterations / 4;
 
   // Every tenth of the run, as in vanilla. (The published code stops at 27 000, whatever the length of the run.)
   boost.late_prune_interval = kDeformableIterations / 10;

@@ -44,7 +44,7 @@ struct VanillaBoost {
   int densify_from = 500;
   /// End of growth; later in a short run that would otherwise grow fewer than kMinGrowths times. 0: no growth. Paper:
   /// 15 000.
-  int densify_until = 10000;
+  int densify_until = 7500;
   /// Iterations between growths (VCD), as in 3DGS; paper: 500. Not scaled, because the gradient statistics need this
   /// many views, but reduced, to no less than kMinGrowthInterval, in runs that would grow fewer than kMinGrowths times.
   int densify_interval = 100;
@@ -57,7 +57,7 @@ struct VanillaBoost {
   bool random_points = false;
   /// Number of training views, given by the run; 0: not known, and rest_rate applies.
   int training_views = 0;
-  int late_prune_from = 10000;  ///< but not before growth has ended; paper: 15 000
+  int late_prune_from = 7500;  ///< but not before growth has ended; paper: 15 000
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
   double late_max_score = 0.9;

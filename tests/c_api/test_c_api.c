@@ -461,9 +461,9 @@ static void decides_as_the_adapter(void) {
   CHECK(sb_adapter_resets_opacities_at(adapter, 3000, 30000, 1, &answer) == SB_OK && answer == 1);
   CHECK(sb_adapter_resets_opacities_at(adapter, 18000, 30000, 1, &answer) == SB_OK && answer == 0);
   CHECK(sb_adapter_rate_factor(adapter, "xyz", 30000, 30000, &beta) == SB_OK && beta == 1);
-  CHECK(sb_adapter_resets_opacities_at(adapter, 7000, 30000, 1, &answer) == SB_OK && answer == 1);
-  CHECK(sb_adapter_resets_opacities_at(adapter, 7000, 30000, 0, &answer) == SB_OK && answer == 0);
-  CHECK(sb_adapter_resets_opacities_at(adapter, 7001, 30000, 1, &answer) == SB_OK && answer == 0);
+  CHECK(sb_adapter_resets_opacities_at(adapter, 4500, 30000, 1, &answer) == SB_OK && answer == 1);
+  CHECK(sb_adapter_resets_opacities_at(adapter, 4500, 30000, 0, &answer) == SB_OK && answer == 0);
+  CHECK(sb_adapter_resets_opacities_at(adapter, 4501, 30000, 1, &answer) == SB_OK && answer == 0);
   CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p, NULL) == SB_OK);
   CHECK(host.rendered == 3);
   CHECK(clone[0] == 1 && clone[1] == 0 && split[0] == 0 && split[1] == 0);
