@@ -14,10 +14,9 @@ constexpr std::string_view kNet = "deformation";  ///< the backbone's name of th
 VanillaBoost deformable_boost() {
   VanillaBoost boost;
   boost.published_iterations = kDeformableIterations;
-  // A quarter of the run, as for vanilla, not three eighths as published: until growth ends there are as many Gaussians
-  // as in the published run, and the net is evaluated for each of them.
+  // A quarter of the run, as for vanilla (published: three eighths). Until growth ends there are as many Gaussians as
+  // in the published run, and the net is evaluated for each of them.
   boost.densify_until = boost.late_prune_from = kDeformableIterations / 4;
-
   // Every tenth of the run, as in vanilla. (The published code stops at 27 000, whatever the length of the run.)
   boost.late_prune_interval = kDeformableIterations / 10;
   // The backbone selects its growth candidates by absolute gradients. Vanilla's thresholds would select twice as many.

@@ -284,7 +284,7 @@ TEST_F(VanillaAdapterTest, growth_may_begin_at_any_iteration) {
     boost.densify_from = from;
     const VanillaAdapter adapter(boost, threads_);
     EXPECT_FALSE(adapter.grows_at({5000, 30000}, true)) << from;
-    EXPECT_FALSE(adapter.prunes_at({10000, 30000}, false)) << from;
+    EXPECT_FALSE(adapter.prunes_at({7500, 30000}, false)) << from;
     EXPECT_TRUE(adapter.prunes_at({15000, 30000}, false)) << from;
   }
 }
