@@ -20,14 +20,16 @@ namespace splatboost {
 
 /// The parts and constants of the method. Iteration numbers refer to the published run (30 000) and scale with length.
 struct ConvexBoost {
-  /// Only the paper's rules: importance counts whole pixels, late pruning begins at half of the run and removes
-  /// convexes of an opacity below 0.1.
+  /// Only the paper's rules: importance counts whole pixels, the compact box is cut (β = 0.5), late pruning begins
+  /// at half of the run and removes convexes of an opacity below 0.1.
   bool literal = false;
   bool vcd = true;       ///< multi-view consistent densification
   bool vcp = true;       ///< multi-view consistent pruning
   bool cb = true;        ///< compact box
   bool schedule = true;  ///< optimizer schedule of all seven groups
-  float beta = 0.5f;
+  /// The exact box: faint rims of convexes carry gradients, and without them the image loses more than time is gained.
+  /// The paper cuts them, with 0.5.
+  float beta = 1.0f;
   double tau_d = 5;  ///< a split needs τ_d + 1 flagged pixels per view for each convex it adds; fewer in small images
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold

@@ -212,9 +212,9 @@ def test_convexes_from_patch_to_revert(tmp_path):
     on = train(tree, tmp_path / "on", "--boost_tau_d", "30000", run=RUN_OF_CONVEXES)
     assert on["counts"][0] < on["counts"][-1] < 0.6 * off["counts"][-1]
     assert sum(on["losses"][-20:]) < 0.7 * sum(on["losses"][:20]), "it does not learn"
-    assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {"backbone": "convex-splatting", "beta": 0.5}
+    assert json.loads((tmp_path / "on/splatboost.json").read_text()) == {"backbone": "convex-splatting", "beta": 1.0}
     # Late pruning waits for the end of the host's growth.
-    assert ("SplatBoost: default rules of convex-splatting, beta 0.5, tau_d 30000, growth at 15 to 45 every 15, late pruning at 50 to "
+    assert ("SplatBoost: default rules of convex-splatting, beta 1, tau_d 30000, growth at 15 to 45 every 15, late pruning at 50 to "
             "81, steps by schedule") in on["told"]
     assert max(a - b for a, b in zip(on["counts"][54:], on["counts"][55:])) > 0, "late pruning removed nothing"
 

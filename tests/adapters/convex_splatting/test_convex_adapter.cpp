@@ -159,7 +159,8 @@ TEST(ConvexAdapter, SchedulesAllGroupsAndKeepsTheBackbonesResets) {
   EXPECT_TRUE(adapter.resets_opacities_at({9000, 30000}, true));
   EXPECT_FALSE(adapter.resets_opacities_at({9000, 30000}, false));
   EXPECT_FALSE(adapter.needs_absolute_gradients());
-  EXPECT_EQ(adapter.beta(), 0.5f);
+  EXPECT_EQ(adapter.beta(), 1.0f);
+  EXPECT_EQ(ConvexAdapter(literal_convex_boost(), threads).beta(), 0.5f);
 }
 
 TEST(ConvexAdapter, NamesASettingThatIsImpossible) {
