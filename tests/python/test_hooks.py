@@ -351,7 +351,7 @@ def test_options_of_the_user_hold_and_scale():
 
 
 @pytest.mark.parametrize("kind, until, iterations", [
-    (vanilla, 15000, 80000), (dropgaussian, 10000, 30000), (pgsr, 15000, 45000), (deformable_3dgs, 15000, 90000)])
+    (vanilla, 15000, 80000), (dropgaussian, 10000, 30000), (pgsr, 15000, 80000), (deformable_3dgs, 15000, 90000)])
 def test_the_host_lets_gaussians_grow_as_long_as_announced(tmp_path, capsys, kind, until, iterations):
     scene = types.SimpleNamespace(getTrainCameras=lambda: [types.SimpleNamespace(camera_center=torch.zeros(3))])
 
