@@ -15,8 +15,8 @@ def run(name, argument):
     return subprocess.run([SCRIPTS / name, argument], capture_output=True, text=True, check=False, timeout=60)
 
 
-@pytest.mark.parametrize("name", ["city/run", "format", "install-deps", "motion_error", "quickstart", "result_tables", "suite/run",
-                                  "test", "two_at_once", "wheel"])
+@pytest.mark.parametrize("name", ["city/run", "format", "install-deps", "motion_error", "quickstart", "result_tables",
+                                  "score_in_processes", "suite/run", "test", "two_at_once", "wheel"])
 def test_help_and_unknown_arguments(name):
     told = run(name, "--help")
     assert told.returncode == 0 and "usage: " in told.stdout and not told.stderr
