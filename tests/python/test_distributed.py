@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several processes make the same decisions as one: torch.distributed with gloo, on the CPU."""
 
+import json
 import os
 import pathlib
 import subprocess
@@ -223,6 +224,15 @@ def test_any_number_of_processes_leaves_the_same_gaussians(tmp_path, alone, coun
             assert len({n for *_, n in sizes}) > 1, "nothing grew or went"
             for name, value in alone.items():
                 assert torch.equal(rows[name], value), (rank, name)
+
+
+def test_the_cost_of_decisions_is_measured_in_one_process_and_in_two():
+    script = pathlib.Path(__file__).parents[2] / "scripts/score_in_processes"
+    done = subprocess.run([sys.executable, script, "--gaussians", "200", "--size", "32", "24", "--repeats", "1",
+                           "--processes", "1", "2"], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    seconds = json.loads(done.stdout)["seconds"]
+    assert list(seconds) == ["1", "2"] and min(seconds.values()) > 0
 
 
 def test_draws_hang_on_ids_alone():
