@@ -18,8 +18,8 @@ Command add_synth(CLI::App& program) {
   const auto options = std::make_shared<SynthOptions>();
   add_checked_option(*app, "-o,--output,output", options->output, "folder to create")->type_name("DIR");
   add_checked_option(*app, "--scene", options->scene,
-                     "room; street: large, seen at several scales; moving: with times; walk: a sequence with depth for "
-                     "splatboost slam")
+                     "room; object: in front of black; street: large, seen at several scales; moving: with times; "
+                     "walk: a sequence with depth for splatboost slam")
       ->type_name("NAME")
       ->capture_default_str();
   add_checked_option(*app, "--width", options->width, "px")->type_name("N")->capture_default_str();
@@ -42,8 +42,9 @@ Command add_synth(CLI::App& program) {
   add_checked_option(*app, "--point-noise", options->point_noise, "standard deviation of the points, world units")
       ->type_name("X")
       ->capture_default_str();
-  add_checked_option(*app, "--surface-points", options->surface_points,
-                     "room, street: number of exact points on the visible surfaces in surface.ply, for mesh-eval")
+  add_checked_option(
+      *app, "--surface-points", options->surface_points,
+      "room, object, street: number of exact points on the visible surfaces in surface.ply, for mesh-eval")
       ->type_name("N")
       ->capture_default_str();
   add_checked_option(*app, "--samples", options->samples, "samples per pixel and axis, against aliasing")

@@ -40,8 +40,9 @@ void check(const SynthOptions& options) {
     if (!good) throw InputError("synth: " + cause);
   };
   require(!options.output.empty(), "no output folder is given");
-  require(options.scene == "room" || options.scene == "street" || options.scene == "moving" || options.scene == "walk",
-          "unknown scene '" + options.scene + "'; known scenes are room, street, moving, walk");
+  require(options.scene == "room" || options.scene == "object" || options.scene == "street" ||
+              options.scene == "moving" || options.scene == "walk",
+          "unknown scene '" + options.scene + "'; known scenes are room, object, street, moving, walk");
   require(options.cameras == 0 || (options.cameras > 0 && options.cameras < options.views),
           std::to_string(options.cameras) +
               " cameras of a rig are not possible; use fewer than --views, or 0 for one moving camera");
@@ -143,7 +144,9 @@ void write_synthetic_scene(const SynthOptions& options) {
     make_picture_folder(options.output / folder);
   }
 
-  const std::unique_ptr<const World> world = options.scene == "street" ? make_street() : make_room();
+  const std::unique_ptr<const World> world = options.scene == "street"   ? make_street()
+                                             : options.scene == "object" ? make_object()
+                                                                         : make_room();
   const RandomStream camera_random(options.seed, 0, RandomPurpose::synth);
   const RandomStream point_random(options.seed, 1, RandomPurpose::synth);
   const Intrinsics camera(options.width, options.height);
@@ -178,31 +181,36 @@ void write_synthetic_scene(const SynthOptions& options) {
     model.images.push_back(std::move(image));
   }
 
-  // The sparse cloud: surface points at random pixels of random views, with noise, like triangulated points.
+  // The sparse cloud: surface points at random pixels of random views, with noise, like triangulated points. Each view
+  // of each scene shows surfaces, so both loops end.
   const auto points = static_cast<std::size_t>(options.points);
   model.points.positions.resize(3 * points);
   model.points.colors.resize(3 * points);
-  for (std::size_t i = 0; i < points; ++i) {
+  std::size_t found = 0;
+  for (std::uint64_t i = 0; found < points; ++i) {
     const std::uint64_t key = 16 * i;
     const Pose& pose = poses[point_random.below(key, poses.size())];
     const Ray ray =
         camera.ray(pose, camera.width * point_random.uniform(key + 1), camera.height * point_random.uniform(key + 2));
     const Seen seen = world->look(ray, 1.0 / camera.focal);
-    for (int k = 0; k < 3; ++k) {
-      const std::size_t at = 3 * i + static_cast<std::size_t>(k);
+    if (seen.nothing()) continue;
+    for (std::size_t k = 0; k < 3; ++k) {
       // normal(n) uses the random numbers 2n and 2n + 1: here 16i + 4 … 16i + 9.
-      const double off =
-          static_cast<double>(options.point_noise) * point_random.normal(8 * i + 2 + static_cast<std::uint64_t>(k));
-      model.points.positions[at] = static_cast<float>((ray.origin + seen.distance * ray.direction)[k] + off);
-      model.points.colors[at] = encode_srgb(seen.color[k]);
+      const double off = static_cast<double>(options.point_noise) * point_random.normal(8 * i + 2 + k);
+      const auto axis = static_cast<glm::length_t>(k);
+      model.points.positions[3 * found + k] =
+          static_cast<float>((ray.origin + seen.distance * ray.direction)[axis] + off);
+      model.points.colors[3 * found + k] = encode_srgb(seen.color[axis]);
     }
+    ++found;
   }
   write_colmap_model(options.output / "sparse" / "0", model);
   if (options.surface_points == 0) return;
 
   const RandomStream surface_random(options.seed, 2, RandomPurpose::synth);
   FloatTable surface{{"x", "y", "z"}, {}};
-  for (std::uint64_t key = 0; key < 3 * static_cast<std::uint64_t>(options.surface_points); key += 3) {
+  const auto surface_points = static_cast<std::size_t>(options.surface_points);
+  for (std::uint64_t key = 0; surface.rows() < surface_points; key += 3) {
     const Pose& pose = poses[surface_random.below(key, poses.size())];
     const Ray ray = camera.ray(pose, camera.width * surface_random.uniform(key + 1),
                                camera.height * surface_random.uniform(key + 2));

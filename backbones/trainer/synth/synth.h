@@ -10,9 +10,9 @@ namespace splatboost {
 
 struct SynthOptions {
   std::filesystem::path output;
-  /// "room"; "street": 64 m of houses, seen from the pavement, from close by and from above; "moving": the room with
-  /// objects that fly, swing and bend; "walk": a sequence of the room for SLAM, with depth (synth_walk.h); it ignores
-  /// points and point_noise.
+  /// "room"; "object": its podium and what stands on it, in front of black; "street": 64 m of houses, seen from the
+  /// pavement, from close by and from above; "moving": the room with objects that fly, swing and bend; "walk": a
+  /// sequence of the room for SLAM, with depth (synth_walk.h); it ignores points and point_noise.
   std::string scene = "room";
   int width = 320;
   int height = 240;
@@ -22,7 +22,7 @@ struct SynthOptions {
   int points = 4000;          ///< in the sparse cloud
   float point_noise = 0.01f;  ///< standard deviation of the points, world units (metres)
   int samples = 2;            ///< per pixel and axis, for antialiasing
-  int surface_points = 0;     ///< exact surface points sampled in the views, in surface.ply; 0: no such file
+  int surface_points = 0;     ///< exact points sampled on the surfaces in the views, in surface.ply; 0: no such file
   std::uint64_t seed = 0;
 };
 

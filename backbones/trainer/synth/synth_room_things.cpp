@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The solids of the room, and their construction.
 #include <cmath>
+#include <cstdint>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -45,7 +47,10 @@ Mat3 turned(double degrees, double tilt_degrees) {
 
 using namespace room;
 
-std::unique_ptr<World> make_room() {
+namespace {
+
+/// The podium and what stands on it.
+std::vector<Solid> podium_with_things() {
   std::vector<Solid> solids;
   const auto add = [&](Shape shape, Material material, Vec3 size, Vec3 position, Mat3 local_from_world = Mat3(1.0)) {
     solids.push_back(make_solid(shape, material, size, position, local_from_world));
@@ -66,10 +71,50 @@ std::unique_ptr<World> make_room() {
   add(Shape::sphere, Material::marble, Vec3(0.08), {0.38, -0.66, kPodium + 0.08});
   add(Shape::box, Material::dice, Vec3(0.085), {-0.78, 0.22, kPodium + 0.085}, turned(52));
   add(Shape::box, Material::dice, Vec3(0.085), {0.86, 0.1, kPodium + 0.085}, turned(11));
+  return solids;
+}
+
+/// What stands on the podium, in the light of the room, but in front of black. The cameras are around and above it.
+class PodiumInTheDark final : public World {
+ public:
+  Seen probe(const Ray& ray) const override { return without_room(lit_->probe(ray)); }
+  Seen look(const Ray& ray, double pixel_angle) const override { return without_room(lit_->look(ray, pixel_angle)); }
+
+  Pose camera(int index, int count, const RandomStream& random) const override {
+    const auto key = static_cast<std::uint64_t>(index) * 8;
+    const auto jitter = [&](std::uint64_t k) { return 2 * random.uniform(key + k) - 1; };
+    const double azimuth = 2 * kPi * (index + 0.35 * jitter(0)) / count;
+    const double elevation = mix(0.12, 1.1, fract(index * 0.61803398875)) + 0.03 * jitter(1);  // spread evenly
+    const double distance = 2.45 + 0.1 * jitter(2);
+    const Vec3 target(0.08 * jitter(3), 0.08 * jitter(4), 0.3 + 0.06 * jitter(5));
+    return looking(Vec3(0, 0, 0.3) + distance * Vec3(std::cos(elevation) * std::cos(azimuth),
+                                                     std::cos(elevation) * std::sin(azimuth), std::sin(elevation)),
+                   target);
+  }
+
+ private:
+  static Seen without_room(const Seen& seen) {
+    if (seen.solid >= 0) return seen;
+    Seen nothing;
+    nothing.sky = true;
+    return nothing;
+  }
+
+  std::unique_ptr<const World> lit_ = make_room_of(podium_with_things());
+};
+
+}  // namespace
+
+std::unique_ptr<World> make_room() {
+  std::vector<Solid> solids = podium_with_things();
   for (const double x : {-2.86, 2.86}) {
-    for (const double y : {-2.46, 2.46}) add(Shape::cylinder, Material::column, {0.2, 0, kRoomHeight}, {x, y, 0});
+    for (const double y : {-2.46, 2.46}) {
+      solids.push_back(make_solid(Shape::cylinder, Material::column, {0.2, 0, kRoomHeight}, {x, y, 0}));
+    }
   }
   return make_room_of(std::move(solids));
 }
+
+std::unique_ptr<World> make_object() { return std::make_unique<PodiumInTheDark>(); }
 
 }  // namespace splatboost::synthetic

@@ -214,6 +214,48 @@ TEST(Synth, DepthAndNormalsAgreeAcrossViews) {
   EXPECT_LT(objects, 0.9 * flat);
 }
 
+/// A captured object: its surfaces fill much of each view, the rest is black and has no depth, no point and no mask.
+TEST(Synth, AnObjectIsInFrontOfBlack) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "scene");
+  options.scene = "object";
+  options.views = 12;
+  options.surface_points = 400;
+  write_synthetic_scene(options);
+  const Scene scene = read(options.output);
+  ASSERT_EQ(scene.train.size(), 12u);
+  ASSERT_EQ(scene.points.size(), 600u);
+  for (const View& view : scene.train) {
+    const RawImage depth = read_raw_image(options.output / "depth" / view.name);
+    const RawImage mask = read_raw_image(options.output / "masks" / view.name);
+    const std::size_t pixels = view.color.size() / 3;
+    int seen = 0, bright = 0;
+    for (int y = 0; y < options.height; ++y) {
+      for (int x = 0; x < options.width; ++x) {
+        const auto pixel = static_cast<std::size_t>(y * options.width + x);
+        const int sum = view.color[pixel] + view.color[pixels + pixel] + view.color[2 * pixels + pixel];
+        EXPECT_EQ(depth.at(x, y) != 0, mask.at(x, y) == 255);
+        if (depth.at(x, y) == 0) bright += sum;
+        seen += depth.at(x, y) != 0 ? 1 : 0;
+        EXPECT_LT(depth.at(x, y), 4000) << "a wall";
+      }
+    }
+    EXPECT_EQ(bright, 0) << view.name;
+    EXPECT_GT(seen, options.width * options.height / 4) << view.name;
+    EXPECT_LT(seen, options.width * options.height * 9 / 10) << view.name;
+  }
+  const FloatTable surface = read_float_ply(options.output / "surface.ply", {"x", "y", "z"});
+  ASSERT_EQ(surface.rows(), 400u);
+  const auto on_podium = [](float x, float y, float z) { return std::hypot(x, y) < 1.19f && z > -0.01f && z < 1.4f; };
+  for (std::size_t i = 0; i < 400; ++i) {
+    EXPECT_TRUE(on_podium(surface.values[3 * i], surface.values[3 * i + 1], surface.values[3 * i + 2])) << i;
+  }
+  for (std::size_t i = 0; i < 600; ++i) {
+    const float* p = &scene.points.positions[3 * i];
+    EXPECT_TRUE(on_podium(p[0], p[1], p[2])) << i;
+  }
+}
+
 TEST(Synth, SameSeedSameBytesOtherSeedOtherBytes) {
   const TemporaryFolder folder;
   for (const char* name : {"a", "b", "c"}) {
