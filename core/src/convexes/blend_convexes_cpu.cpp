@@ -133,6 +133,8 @@ HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, 
       ConvexStep<kEdges> steps[kRowsAtATime];
       const float y = pixels.first_y + static_cast<float>(first);
       if (!step_convex(convex, columns, y, pixels.at(first, x), pixels.kStride, steps)) continue;
+      Vec us[kRowsAtATime];
+      Mask any_u;
       for (int r = 0; r < kRowsAtATime; ++r) {
         const ConvexStep<kEdges>& step = steps[r];
         float* const at_row = pixels.at(first + r, x);
@@ -163,13 +165,22 @@ HWY_INLINE void entry_backward(const ConvexRecord& convex, TileRows<6>& pixels, 
         const Vec by_phi = hn::Mul(u, step.phi);
         sums.steepness = hn::Add(sums.steepness, by_phi);
         sums.steepness_abs = hn::Add(sums.steepness_abs, hn::Abs(by_phi));
-        if (hn::AllTrue(d, hn::Eq(u, hn::Zero(d)))) continue;
-        const Vec per_part = hn::Div(u, step.sum);
-        for (int k = 0; k < kEdges; ++k) {
-          const Vec part = hn::Mul(per_part, step.part[k]);
-          column_edge[k] = hn::Add(column_edge[k], part);
-          sums.edge_y[k] = hn::MulAdd(part, step.dy, sums.edge_y[k]);
+        const Mask moves_u = hn::Ne(u, hn::Zero(d));
+        any_u = r == 0 ? moves_u : hn::Or(any_u, moves_u);
+        us[r] = u;
+      }
+      if (hn::AllFalse(d, any_u)) continue;
+      Vec per_part[kRowsAtATime];
+      for (int r = 0; r < kRowsAtATime; ++r) per_part[r] = hn::Div(us[r], steps[r].sum);
+      for (int k = 0; k < kEdges; ++k) {
+        Vec column = column_edge[k], in_y = sums.edge_y[k];
+        for (int r = 0; r < kRowsAtATime; ++r) {
+          const Vec part = hn::Mul(per_part[r], steps[r].part[k]);
+          column = hn::Add(column, part);
+          in_y = hn::MulAdd(part, steps[r].dy, in_y);
         }
+        column_edge[k] = column;
+        sums.edge_y[k] = in_y;
       }
     }
     for (int k = 0; k < kEdges; ++k) {
