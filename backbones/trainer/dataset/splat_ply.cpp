@@ -320,9 +320,11 @@ std::vector<std::string> numbered(const std::string& prefix, int count) {
   return names;
 }
 
-void write_header(std::ostream& out, std::size_t rows, const std::vector<std::string>& names) {
+void write_header(std::ostream& out, std::size_t rows, const std::vector<std::string>& floats,
+                  const std::vector<std::string>& bytes = {}) {
   out << "ply\nformat binary_little_endian 1.0\nelement vertex " << rows << "\n";
-  for (const std::string& name : names) out << "property float " << name << "\n";
+  for (const std::string& name : floats) out << "property float " << name << "\n";
+  for (const std::string& name : bytes) out << "property uchar " << name << "\n";
   out << "end_header\n";
 }
 
@@ -460,6 +462,20 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
     }
   });
   return cloud;
+}
+
+void write_point_ply(const std::filesystem::path& path, const PointCloud& cloud) {
+  SPLATBOOST_CHECK(cloud.colors.size() == cloud.positions.size(), "each point needs a colour");
+  require_finite(path, cloud.positions, cloud.size());
+  write_file_atomically(path, [&](std::ostream& out) {
+    write_header(out, cloud.size(), {"x", "y", "z", "nx", "ny", "nz"}, {"red", "green", "blue"});
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+      std::array<float, 6> numbers{};
+      std::copy_n(cloud.positions.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, numbers.begin());
+      out.write(reinterpret_cast<const char*>(numbers.data()), sizeof numbers);
+      out.write(reinterpret_cast<const char*>(cloud.colors.data() + 3 * i), 3);
+    }
+  });
 }
 
 void write_float_ply(const std::filesystem::path& path, const FloatTable& table) {

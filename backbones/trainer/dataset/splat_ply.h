@@ -34,6 +34,10 @@ SplatCloud read_splat_ply(const std::filesystem::path& path);
 /// Reads x y z and, if present, red green blue (else mid grey) of a .ply. Throws InputError likewise.
 PointCloud read_point_ply(const std::filesystem::path& path);
 
+/// Writes x y z nx ny nz (normals of 0, which readers of 3DGS hosts require) and red green blue as bytes, atomically.
+/// Throws std::runtime_error if a number is not finite.
+void write_point_ply(const std::filesystem::path& path, const PointCloud& cloud);
+
 /// Rows of named 32-bit floats: vertices of layouts other than 3DGS's.
 struct FloatTable {
   std::vector<std::string> names;

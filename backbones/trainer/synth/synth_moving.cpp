@@ -196,7 +196,7 @@ void write_moving_scene(const SynthOptions& options) {
 
   // Surface points at random pixels of random training views, at the time of the view.
   const RandomStream random(options.seed, 1, RandomPurpose::synth);
-  FloatTable points{{"x", "y", "z", "red", "green", "blue"}, {}};
+  PointCloud points;
   Motion motion;
   for (std::uint64_t i = 0; i < static_cast<std::uint64_t>(options.points); ++i) {
     const std::uint64_t key = 16 * i;
@@ -208,11 +208,11 @@ void write_moving_scene(const SynthOptions& options) {
     for (int k = 0; k < 3; ++k) {
       const double off =
           static_cast<double>(options.point_noise) * random.normal(8 * i + 2 + static_cast<std::uint64_t>(k));
-      points.values.push_back(static_cast<float>((ray.origin + seen.distance * ray.direction)[k] + off));
+      points.positions.push_back(static_cast<float>((ray.origin + seen.distance * ray.direction)[k] + off));
     }
-    for (int k = 0; k < 3; ++k) points.values.push_back(static_cast<float>(encode_srgb(seen.color[k])) / 255.0f);
+    for (int k = 0; k < 3; ++k) points.colors.push_back(encode_srgb(seen.color[k]));
   }
-  write_float_ply(options.output / "points3d.ply", points);
+  write_point_ply(options.output / "points3d.ply", points);
   motion.write(options.output / "motion");
 }
 

@@ -202,6 +202,25 @@ TEST(SplatPly, WritesNoNumberThatIsNotFinite) {
   EXPECT_EQ(files_in(folder.path()), 1u);
 }
 
+/// As hosts derived from 3DGS read it: they need normals, and divide colours by 255.
+TEST(PointPly, WritesNormalsAndBytes) {
+  const TemporaryFolder folder;
+  const PointCloud cloud{{1, -2.5f, 3, 4, 5, 6e-3f}, {255, 128, 0, 1, 2, 3}};
+  write_point_ply(folder / "p.ply", cloud);
+  const std::string file = read_file(folder / "p.ply");
+  const std::string header =
+      "ply\nformat binary_little_endian 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+      "property float z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n"
+      "property uchar green\nproperty uchar blue\nend_header\n";
+  EXPECT_EQ(file.substr(0, header.size()), header);
+  EXPECT_EQ(file.size(), header.size() + 2 * (6 * 4 + 3));
+  const PointCloud read = read_point_ply(folder / "p.ply");
+  EXPECT_EQ(read.positions, cloud.positions);
+  EXPECT_EQ(read.colors, cloud.colors);
+  EXPECT_THROW(write_point_ply(folder / "q.ply", {{1, 2, std::nanf("")}, {1, 2, 3}}), std::runtime_error);
+  EXPECT_EQ(files_in(folder.path()), 1u);
+}
+
 TEST(PointPly, ReadsPositionsAndColours) {
   const TemporaryFolder folder;
   write_file(
