@@ -8,6 +8,7 @@
 #include "convex_splatting/convex_shapes.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/support/archive.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -52,7 +53,7 @@ std::uint64_t write_convexes(const std::filesystem::path& folder, const ConvexCl
   write_float_ply(folder / kPly, table);
   ArchiveWriter archive;
   archive.put("focal_lengths", std::span<const float>(cloud.focal_lengths));
-  archive.write(folder / kScreenFile);
+  write_second_file(folder / kPly, [&] { archive.write(folder / kScreenFile); });
   return std::filesystem::file_size(folder / kPly) + std::filesystem::file_size(folder / kScreenFile);
 }
 
@@ -77,6 +78,7 @@ ConvexCloud read_convexes(const std::filesystem::path& folder) {
     take(cloud.log_sharpness, 1);
     take(cloud.points, kConvexWidth);
   }
+  require_second_file(folder / kScreenFile);
   const ArchiveReader archive(folder / kScreenFile);
   cloud.focal_lengths = archive.floats("focal_lengths");
   const auto usable = [](float focal) { return focal > 0 && std::isfinite(focal); };

@@ -4,6 +4,7 @@
 import json
 import os
 import pathlib
+import re
 import resource
 import shutil
 import struct
@@ -253,9 +254,26 @@ def test_truncated_model(trained, tmp_path):
     assert "point_cloud.ply" in fails("render", "-m", tmp_path)
 
 
+def test_a_model_without_primitives(trained, tmp_path):
+    """It would be drawn as black pictures."""
+    saved = tmp_path / "point_cloud/iteration_60"
+    saved.mkdir(parents=True)
+    (tmp_path / "config.json").write_bytes((trained / "config.json").read_bytes())
+    (tmp_path / "results.json").write_bytes((trained / "results.json").read_bytes())
+    whole = (trained / "point_cloud/iteration_60/point_cloud.ply").read_bytes()
+    header = whole[:whole.index(b"end_header\n") + 11]
+    (saved / "point_cloud.ply").write_bytes(re.sub(rb"element vertex \d+", b"element vertex 0", header))
+    assert "no primitives" in fails("render", "-m", tmp_path)
+    before = (tmp_path / "results.json").read_bytes()
+    assert "no primitives" in fails("eval", "-m", tmp_path)
+    assert (tmp_path / "results.json").read_bytes() == before
+
+
 def test_checkpoints_that_are_none(trained, tmp_path):
     assert "no such checkpoint" in fails("train", "--resume", tmp_path / "none.ckpt", "-m", tmp_path / "model")
     assert "is a folder; name a checkpoint" in fails("train", "--resume", trained)
+    model = trained / "point_cloud/iteration_60/point_cloud.ply"
+    assert "is not a checkpoint; name one" in fails("train", "--resume", model)
     whole = (trained / "checkpoints/iteration_25.ckpt").read_bytes()
     bad = tmp_path / "run/checkpoints/iteration_25.ckpt"
     bad.parent.mkdir(parents=True)

@@ -91,6 +91,41 @@ def test_a_mesh_of_a_model_in_use(meshed, tmp_path):
     assert {name: (meshed / name).read_bytes() for name in before} == before
 
 
+@pytest.mark.parametrize("arguments, reason", [
+    (["--max-depth", "1e-3"], "increase --max-depth"), (["--least-views", "100"], "--least-views must be at most 10"),
+    (["--least-triangles", "100000000"], "lower --least-triangles"), (["--voxel-size", "1000"], "--voxel-size"),
+    (["--max-angle", "0.001"], "increase --max-angle"), (["--masks", "black"], "all surfaces are masked"),
+    (["--masks", "square"], "40x40 pixels, which is not the shape of the view, 80x60")])
+def test_why_a_mesh_is_empty(meshed, tmp_path, arguments, reason):
+    def mask(folder, width, height):
+        rows = b"".join(b"\0" + bytes(width) for _ in range(height))
+        (tmp_path / folder).mkdir()
+        for view in range(10):
+            path = tmp_path / folder / f"{view:04d}.png"
+            path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(
+                struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+                for kind, data in ((b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)),
+                                   (b"IDAT", zlib.compress(rows)), (b"IEND", b""))))
+
+    mask("black", 80, 60)
+    mask("square", 40, 40)
+    if arguments[0] == "--masks":
+        arguments = ["--masks", tmp_path / arguments[1]]
+    if "--voxel-size" not in arguments:
+        arguments = ["--voxel-size", "0.05", *arguments]
+    done = run_program("mesh", "-m", meshed, "-o", tmp_path / "mesh.ply", "--quiet", *arguments)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and reason in done.stderr, done.stderr
+    assert not (tmp_path / "mesh.ply").exists()
+
+
+def test_the_report_does_not_show_the_mesh_of_another_scene(meshed, tmp_path):
+    run_well("synth", tmp_path / "other", "--width", 80, "--height", 60, "--views", 10, "--points", 300, "--seed", 7)
+    before = {name: (meshed / name).read_bytes() for name in ("mesh.png", "report.html")}
+    done = run_well("mesh", "-m", meshed, "-s", tmp_path / "other", "--voxel-size", "0.05", "-o", tmp_path / "mesh.ply")
+    assert "another scene" in done.stdout and "picture:" not in done.stdout and (tmp_path / "mesh.ply").exists()
+    assert {name: (meshed / name).read_bytes() for name in before} == before
+
+
 def test_an_unwritable_mesh_is_told_before_the_work(meshed, tmp_path):
     done = run_program("mesh", "-m", meshed, "-o", tmp_path / "none/mesh.ply", "--voxel-size", "0.0005", "--max-memory", "1")
     assert done.returncode == 2 and "mesh.ply: cannot be written: No such file" in done.stderr, done.stderr

@@ -13,6 +13,7 @@
 #include "splatboost/select.h"
 #include "trainer/backbone_api/raster_laps.h"
 #include "trainer/dataset/splat_ply.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -456,7 +457,7 @@ std::uint64_t AnchorBackbone::export_model(const std::filesystem::path& folder) 
     if (group->width == 1 || group == &embedding_) archive.put(group->name, group->values.on_host(copy));
   }
   for (const Constant& constant : constants_) archive.put(constant.name, std::span<const float>(constant.value, 1));
-  archive.write(nets);
+  write_second_file(anchors, [&] { archive.write(nets); });
   return std::filesystem::file_size(anchors) + std::filesystem::file_size(nets);
 }
 
@@ -483,6 +484,7 @@ void AnchorBackbone::import_model(const std::filesystem::path& folder) {
   features_.assign(std::move(features));
   scaling_.assign(std::move(scaling));
 
+  require_second_file(folder / kNetsFile);
   const ArchiveReader archive(folder / kNetsFile);
   for (TrainedGroup* group : groups_) {
     if (group->width != 1 && group != &embedding_) continue;

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "trainer/dataset/splat_ply.h"
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -67,7 +68,7 @@ std::uint64_t GaussianTrainer::export_model(const std::filesystem::path& folder)
   ArchiveWriter archive;
   std::vector<float> copy;
   for (const TrainedGroup* group : kept) archive.put(group->name, group->values.on_host(copy));
-  archive.write(folder / kGroupsFile);
+  write_second_file(path, [&] { archive.write(folder / kGroupsFile); });
   return std::filesystem::file_size(path) + std::filesystem::file_size(folder / kGroupsFile);
 }
 
@@ -75,6 +76,7 @@ void GaussianTrainer::import_model(const std::filesystem::path& folder) {
   SplatCloud cloud = read_splat_ply(folder / "point_cloud.ply");
   const std::size_t n = cloud.size();
   if (const std::vector<TrainedGroup*> kept = model_groups(); !kept.empty()) {
+    require_second_file(folder / kGroupsFile);
     const ArchiveReader archive(folder / kGroupsFile);
     for (TrainedGroup* group : kept) {
       std::vector<float> values = archive.floats(group->name);

@@ -122,7 +122,7 @@ struct Eval {
     const auto line = [](const std::string& label, const std::string& trained, const std::string& one) {
       std::printf("%-26s %12s %12s\n", label.c_str(), trained.c_str(), one.c_str());
     };
-    std::printf("%zu %s views; first column %s, second with beta 1, as other viewers draw it\n\n", results.views.size(),
+    std::printf("%zu %s views; first column %s, second with beta 1, without the compact box\n\n", results.views.size(),
                 results.split.c_str(), box.c_str());
     line("", "as trained", "beta 1");
     line("PSNR, dB", fixed(results.psnr, 2), fixed(exact.psnr, 2));

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "program/commands/commands.h"
+#include "program/session/model_folder.h"
 #include "program/session/saved_model.h"
 #include "splatboost/surface_depth.h"
 #include "trainer/dataset/view_image.h"
@@ -20,6 +21,7 @@
 #include "trainer/mesh/tsdf_volume.h"
 #include "trainer/report/report.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/json_values.h"
 #include "trainer/support/text.h"
 #include "trainer/training/trainer.h"
 
@@ -118,8 +120,14 @@ struct Mesh {
     }
     options.lpips.clear();  // nothing is measured
     OpenModel model(saved, options);
-    require(model.backbone().has_surfaces(),
-            "backbone " + options.backbone + " renders no depth, which a mesh is made from");
+    const std::size_t views = model.scene().train.size();
+    require(static_cast<std::size_t>(least_views) <= views,
+            "--least-views must be at most " + std::to_string(views) + ", the number of training views");
+    require(model.backbone().has_surfaces(), "backbone " + options.backbone +
+                                                 " renders no depth, which a mesh is made from" +
+                                                 (find_backbone(options.backbone).export_mesh != nullptr
+                                                      ? ": splatboost export writes its primitives as triangles"
+                                                      : ""));
     const bool moves = model.backbone().uses_time();
     require(moves || !time, "--time: a model of backbone " + options.backbone + " does not change with time");
     require(time || !moves, "the model changes with time: set the time of the mesh with --time T, from 0 to 1");
@@ -139,15 +147,23 @@ struct Mesh {
     }
     TsdfVolume volume({static_cast<float>(voxel), static_cast<float>(kTruncation * voxel), max_memory << 20});
     Threads& threads = model.bench().device->threads();
-    fuse(model.backbone(), model.scene(), volume, threads);
+    require_surface(fuse(model.backbone(), model.scene(), volume, threads));
     TriangleMesh mesh = volume.mesh(least_views, threads);
+    require(mesh.size() > 0, "no surface is seen by " + std::to_string(least_views) + " views in voxels of " +
+                                 readable(static_cast<float>(voxel)).dump() + ": lower --least-views or --voxel-size");
     const std::size_t all_parts = keep_largest_parts(mesh, least_triangles, parts);
-    require(mesh.size() > 0, "no surface was found: increase --voxel-size or --max-depth");
+    require(mesh.size() > 0, "each of the " + std::to_string(all_parts) + " parts of the mesh has fewer than " +
+                                 std::to_string(least_triangles) + " triangles: lower --least-triangles");
     write_mesh(output, mesh);
     std::printf(
         "mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones were removed; voxel %.4g, depth up to "
         "%.4g)\n",
         output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
+    if (!is_scene_of_run(read_config(options.model), options.scene.source, model.scene())) {
+      std::printf("%s is another scene than that of the run: its report does not show the mesh\n",
+                  options.scene.source.c_str());
+      return 0;
+    }
     try {
       if (!lock) lock.emplace(options.model);
     } catch (const InputError& error) {
@@ -169,7 +185,25 @@ struct Mesh {
     return picture;
   }
 
-  void fuse(Backbone& backbone, const Scene& scene, TsdfVolume& volume, Threads& threads) const {
+  /// Numbers of pixels in all views.
+  struct SurfacePixels {
+    std::size_t drawn = 0;   ///< that show the model
+    std::size_t near = 0;    ///< and are not too far
+    std::size_t wanted = 0;  ///< and not masked
+    std::size_t facing = 0;  ///< and at an angle that is not too steep
+  };
+
+  void require_surface(const SurfacePixels& pixels) const {
+    require(pixels.drawn > 0, "no training view shows a surface of the model");
+    require(pixels.near > 0, "all surfaces are farther away than " + readable(static_cast<float>(max_depth)).dump() +
+                                 ": increase --max-depth, or use 0 for no limit");
+    require(pixels.wanted > 0, "all surfaces are masked: masks are black where pixels are left out");
+    require(pixels.facing > 0, "all surfaces are at a steeper angle than " +
+                                   readable(static_cast<float>(max_angle)).dump() + " degrees: increase --max-angle");
+  }
+
+  SurfacePixels fuse(Backbone& backbone, const Scene& scene, TsdfVolume& volume, Threads& threads) const {
+    SurfacePixels counted;
     const bool terminal = isatty(STDERR_FILENO) != 0;
     auto shown = std::chrono::steady_clock::now();
     const float least_cosine = std::cos(static_cast<float>(max_angle) * 3.14159265f / 180);
@@ -191,10 +225,15 @@ struct Mesh {
         const float x = static_cast<float>(column) + 0.5f, y = static_cast<float>(row) + 0.5f;
         const glm::vec3 ray = glm::normalize(glm::vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1));
         const glm::vec3 normal(normals[p], normals[pixels + p], normals[2 * pixels + p]);
-        const bool shows = alpha[p] >= kMinAlpha && std::isfinite(depth[p]) &&
-                           !(max_depth > 0 && static_cast<double>(depth[p]) > max_depth) &&
-                           (view.valid.empty() || view.valid[p] != 0) && (mask.empty() || mask[p] >= 128);
-        if (!shows || (max_angle < 90 && -glm::dot(ray, normal) < least_cosine)) depth[p] = 0;
+        const bool drawn = alpha[p] >= kMinAlpha && std::isfinite(depth[p]) && depth[p] > 0;
+        const bool near = drawn && !(max_depth > 0 && static_cast<double>(depth[p]) > max_depth);
+        const bool wanted = near && (view.valid.empty() || view.valid[p] != 0) && (mask.empty() || mask[p] >= 128);
+        const bool facing = wanted && !(max_angle < 90 && -glm::dot(ray, normal) < least_cosine);
+        counted.drawn += drawn ? 1 : 0;
+        counted.near += near ? 1 : 0;
+        counted.wanted += wanted ? 1 : 0;
+        counted.facing += facing ? 1 : 0;
+        if (!facing) depth[p] = 0;
       }
       volume.integrate(camera, depth, color, threads);
       const auto now = std::chrono::steady_clock::now();
@@ -204,6 +243,7 @@ struct Mesh {
       std::fprintf(stderr, "%sfused %zu of %zu views, %llu MiB%s", terminal ? "\r" : "", v + 1, scene.train.size(),
                    static_cast<unsigned long long>(volume.bytes() >> 20), terminal && !last ? "" : "\n");
     }
+    return counted;
   }
 
   /// Mask [H,W] of the view's size; empty: no masks.
@@ -215,6 +255,11 @@ struct Mesh {
     const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};
     const Pixels pixels = decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, file);
     require(pixels.bits == 8, file.string() + ": a mask must have 8 bits per channel");
+    const int width = view.camera.width, height = view.camera.height;
+    // Up to one pixel of the view, because sizes are rounded.
+    require(std::abs(pixels.width * height - pixels.height * width) <= std::max(pixels.width, pixels.height),
+            file.string() + ": has " + std::to_string(pixels.width) + "x" + std::to_string(pixels.height) +
+                " pixels, which is not the shape of the view, " + std::to_string(width) + "x" + std::to_string(height));
     std::vector<std::uint8_t> mask;
     for (int y = 0; y < view.camera.height; ++y) {
       for (int x = 0; x < view.camera.width; ++x) {

@@ -31,6 +31,8 @@ struct Train {
                   ": is a folder; name a checkpoint, MODEL/checkpoints/iteration_N.ckpt, or resume a comparison with "
                   "splatboost compare --resume");
       require(is_file(options.resume), options.resume.string() + ": no such checkpoint");
+      require(options.resume.extension() == ".ckpt",
+              options.resume.string() + ": is not a checkpoint; name one, MODEL/checkpoints/iteration_N.ckpt");
       const fs::path config = folder_of_checkpoint() / "config.json";
       if (is_file(config)) {
         settings = read_settings_file(config);

@@ -243,7 +243,7 @@ fs::path saved_model(const fs::path& folder, int iteration) {
       latest = entry.path();
     }
   }
-  require(!latest.empty(), saved.string() + ": no model was saved here; the run may have been interrupted");
+  require(!latest.empty(), saved.string() + ": no model was saved here; the run was interrupted, or has not ended");
   return latest;
 }
 

@@ -16,6 +16,7 @@
 #include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/multi_scale.h"
+#include "trainer/formats/initial_points.h"
 #include "trainer/formats/read_scene.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"
@@ -139,6 +140,7 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
 PluggedBackbone backbone_to_train(Workbench& bench, const RunOptions& options, bool boost) {
   const auto require_trainable = find_backbone(options.backbone).require_trainable;
   if (require_trainable != nullptr) require_trainable(bench.scene);
+  require_visible_points(bench.scene);
   const Json settings = boost_settings(options);
   return make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
                        boost ? &settings : nullptr);
@@ -362,6 +364,7 @@ PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const fs
   PluggedBackbone plugged =
       make_backbone(options.backbone, context_of(bench, options), options.backbone_settings, nullptr);
   plugged.backbone->import_model(saved);
+  require(plugged.backbone->primitives() > 0, saved.string() + ": this model has no primitives; train again");
   plugged.backbone->rasterizer_hook().set_beta(beta);
   plugged.beta = beta;
   return plugged;

@@ -180,8 +180,7 @@ std::vector<ResultRow> result_rows(std::span<const Results> runs) {
   quality(
       "PSNR", [](const Results& r) -> Optional { return r.psnr; }, 2, " dB", More::kGood);
   quality(
-      "PSNR in any viewer (β\u00a0=\u00a01)", [](const Results& r) -> Optional { return r.psnr_beta1; }, 2, " dB",
-      More::kGood);
+      "PSNR at β\u00a0=\u00a01", [](const Results& r) -> Optional { return r.psnr_beta1; }, 2, " dB", More::kGood);
   quality(
       "SSIM", [](const Results& r) -> Optional { return r.ssim; }, 4, "", More::kGood);
   quality(

@@ -2,12 +2,15 @@
 #include "trainer/formats/initial_points.h"
 
 #include <algorithm>
+#include <string>
 
 #include <glm/geometric.hpp>
 #include <glm/mat3x3.hpp>
 #include <glm/matrix.hpp>
+#include <glm/vec4.hpp>
 
 #include "splatboost/random.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
 
@@ -50,6 +53,22 @@ PointBox look_at_box(const std::vector<View>& views) {
   }
   if (!(box.half > 0)) box.half = 1;
   return box;
+}
+
+void require_visible_points(const Scene& scene) {
+  for (const View& view : scene.train) {
+    const Camera& camera = view.camera;
+    for (std::size_t i = 0; i < scene.points.size(); ++i) {
+      const float* const at = &scene.points.positions[3 * i];
+      const glm::vec3 p(camera.camera_from_world * glm::vec4(at[0], at[1], at[2], 1));
+      if (!(p.z > 0)) continue;
+      const float x = camera.fx * p.x / p.z + camera.cx, y = camera.fy * p.y / p.z + camera.cy;
+      if (x >= 0 && y >= 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height)) return;
+    }
+  }
+  throw InputError("none of the " + std::to_string(scene.points.size()) +
+                   " initial points lies in a training view: do the points and the camera poses have the same frame "
+                   "and scale?");
 }
 
 PointCloud random_points(const PointBox& box, int count, std::uint64_t seed) {

@@ -24,6 +24,9 @@ PointBox synthetic_box();
 /// parallel, a point in front of the cameras; its half side is the distance to the farthest camera.
 PointBox look_at_box(const std::vector<View>& views);
 
+/// Throws InputError if no initial point lies in the picture of a training view, so that nothing can be learned.
+void require_visible_points(const Scene& scene);
+
 /// Grey points, drawn evenly from the box.
 PointCloud random_points(const PointBox& box, int count, std::uint64_t seed);
 

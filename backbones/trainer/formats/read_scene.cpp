@@ -92,9 +92,14 @@ Dataset read_blender(const SceneOptions& options, const std::filesystem::path& t
   Transforms transforms = read_transforms(train);
   dataset.photos = std::move(transforms.photos);
   if (const auto test = options.source / "transforms_test.json"; is_file(test)) {
-    std::vector<Photo> held_out = read_transforms(test).photos;
-    dataset.own_test = held_out.size();
-    std::ranges::move(held_out, std::back_inserter(dataset.photos));
+    Transforms held_out = read_transforms(test);
+    if (held_out.timed != transforms.timed && !held_out.photos.empty() && !dataset.photos.empty()) {
+      const auto& [without, with] = transforms.timed ? std::tie(test, train) : std::tie(train, test);
+      throw InputError(without.string() + ": the frames have no 'time', but those of " + with.filename().string() +
+                       " have one; give a time to every frame, or to none");
+    }
+    dataset.own_test = held_out.photos.size();
+    std::ranges::move(held_out.photos, std::back_inserter(dataset.photos));
   }
   if (!transforms.points_file.empty()) {
     read_points(transforms.points_file, dataset);
@@ -169,6 +174,10 @@ Dataset read_folder(const SceneOptions& options) {
   std::error_code error;
   static_cast<void>(std::filesystem::directory_iterator(source, error));
   require(!error, source.string() + ": cannot be read: " + error.message());
+  for (const char* const name : {"traj.txt", "rgb.txt", "mav0"}) {  // of Replica, TUM and EuRoC
+    require(!std::filesystem::exists(source / name, error),
+            source.string() + ": is a sequence, without camera poses of a dataset: use splatboost slam");
+  }
   throw InputError(source.string() +
                    ": holds no dataset (looked for sparse/0/cameras.bin, sparse/0/cameras.txt, "
                    "sparse/cameras.bin, sparse/cameras.txt, transforms_train.json, transforms.json, dataset.json, "

@@ -190,6 +190,7 @@ Transforms read_transforms(const std::filesystem::path& file) {
     top.fail("frame " + std::to_string(*untimed) + " has no 'time', but frame " + std::to_string(*timed) +
              " has one; give a time to every frame, or to none");
   }
+  result.timed = timed.has_value();
   if (const auto points = top.text("ply_file_path")) result.points_file = folder / *points;
   return result;
 }

@@ -12,6 +12,7 @@ namespace splatboost {
 struct Transforms {
   std::vector<Photo> photos;          ///< in the order of the file
   std::filesystem::path points_file;  ///< ply_file_path; empty if there is none
+  bool timed = false;                 ///< whether the frames have times
 };
 
 /// Reads one file. Intrinsics of a frame override those of the file; poses are converted from OpenGL's convention (y

@@ -227,7 +227,7 @@ TriangleMesh read_mesh(const std::filesystem::path& path) {
   require(is_file(path), file + ": there is no such file");
   std::ifstream in(path, std::ios::binary);
   std::string line, word, format;
-  require(std::getline(in, line) && line.substr(0, 3) == "ply", file + ": not a .ply file");
+  require(std::getline(in, line) && line.substr(0, 3) == "ply", file + ": not a .ply file; only .ply meshes are read");
   std::vector<PlyElement> elements;
   while (std::getline(in, line)) {
     if (!line.empty() && line.back() == '\r') line.pop_back();

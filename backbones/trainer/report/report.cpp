@@ -72,9 +72,10 @@ std::string result_table(const std::vector<ReportRun>& runs, const std::vector<R
     out += "</tr>\n";
   }
   out +=
-      "</tbody></table></div>\n<p class=\"note\">Higher is better for PSNR and SSIM, lower for LPIPS. “In any viewer” "
-      "is the same "
-      "model drawn without the compact box. Training time excludes evaluation and saving. The time to the baseline's "
+      "</tbody></table></div>\n<p class=\"note\">Higher is better for PSNR and SSIM, lower for LPIPS. At β = 1 the "
+      "same "
+      "model is drawn without the compact box, as viewers of Gaussians do. Training time excludes evaluation and "
+      "saving. The time to the baseline's "
       "PSNR is when the curve first reaches the final value of the baseline's curve.</p></section>\n";
   return out;
 }

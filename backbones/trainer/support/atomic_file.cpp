@@ -174,6 +174,21 @@ void write_text_atomically(const std::filesystem::path& path, const std::string&
                         [&](std::ostream& out) { out.write(text.data(), static_cast<std::streamsize>(text.size())); });
 }
 
+void write_second_file(const std::filesystem::path& first, const std::function<void()>& write) {
+  try {
+    write();
+  } catch (...) {
+    std::error_code ignored;
+    std::filesystem::remove(first, ignored);
+    throw;
+  }
+}
+
+void require_second_file(const std::filesystem::path& file) {
+  require(is_file(file), file.string() + ": missing, so the model is incomplete; copy the whole folder " +
+                             file.parent_path().filename().string() + " of the run, or train again");
+}
+
 bool is_working_file(const std::filesystem::path& name) {
   const std::string text = name.filename().string();
   const std::filesystem::path stem = name.stem();  // what is before the ending of a TemporaryFile

@@ -48,6 +48,12 @@ void write_file_atomically(const std::filesystem::path& path, const std::functio
 /// Same, with `text` as the content.
 void write_text_atomically(const std::filesystem::path& path, const std::string& text);
 
+/// Calls `write`, which writes the second file of a pair. If it throws, removes `first`, which cannot be used alone.
+void write_second_file(const std::filesystem::path& first, const std::function<void()>& write);
+
+/// Throws InputError, with advice, if the second file of a pair is missing.
+void require_second_file(const std::filesystem::path& file);
+
 /// Whether a file of this name is a TemporaryFile or the lock file of FolderLock.
 bool is_working_file(const std::filesystem::path& name);
 

@@ -15,6 +15,7 @@
 #include "support/temporary_folder.h"
 #include "trainer/formats/colmap.h"
 #include "trainer/formats/frame_times.h"
+#include "trainer/formats/initial_points.h"
 #include "trainer/formats/nerfies.h"
 #include "trainer/formats/neural_video.h"
 #include "trainer/formats/npy.h"
@@ -555,6 +556,48 @@ TEST(DynamicScenes, DNerfReadsWithItsTimes) {
   EXPECT_TRUE(scene.synthetic);
   EXPECT_EQ(scene.points.size(), 1000u);
   for (const float at : scene.points.positions) EXPECT_LE(std::abs(at), 1.3f);
+}
+
+/// Without a time, test views would be compared with the model at time 0.
+TEST(Blender, BothSplitsHaveTimesOrNeither) {
+  for (const bool timed_train : {true, false}) {
+    const TemporaryFolder folder;
+    for (const std::string split : {"train", "test"}) {
+      Json frames = Json::array();
+      for (int i = 0; i < 3; ++i) {
+        const std::string name = split + std::to_string(i);
+        write_grey(folder / (name + ".png"), 90);
+        Json pose = Json::array({{1, 0, 0, i}, {0, 1, 0, 0}, {0, 0, 1, 4}, {0, 0, 0, 1}});
+        frames.push_back({{"file_path", "./" + name}, {"transform_matrix", pose}});
+        if ((split == "train") == timed_train) frames.back()["time"] = 0.5 * i;
+      }
+      write_file(folder / ("transforms_" + split + ".json"), Json{{"camera_angle_x", 0.7}, {"frames", frames}}.dump());
+    }
+    const std::string error = input_error_of([&] { read_scene(options_of(folder)); });
+    expect_contains(error, timed_train
+                               ? "transforms_test.json: the frames have no 'time', but those of transforms_train"
+                               : "transforms_train.json: the frames have no 'time', but those of transforms_test");
+  }
+}
+
+TEST(ReadScene, ASequenceIsNoDataset) {
+  const TemporaryFolder folder;
+  write_file(folder / "traj.txt", "");
+  expect_contains(input_error_of([&] { read_scene(options_of(folder)); }), "use splatboost slam");
+}
+
+TEST(InitialPoints, OneMustLieInATrainingView) {
+  Scene scene;
+  View view;
+  view.camera.width = view.camera.height = 10;
+  view.camera.fx = view.camera.fy = 10;
+  view.camera.cx = view.camera.cy = 5;
+  view.camera.camera_from_world = glm::mat4(1.0f);
+  scene.train.push_back(view);
+  scene.points.positions = {0, 0, -1, 6, 0, 10, 0, -6, 10};  // behind, right of and above the view
+  expect_contains(input_error_of([&] { require_visible_points(scene); }), "none of the 3 initial points");
+  scene.points.positions[3] = 4;
+  require_visible_points(scene);
 }
 
 }  // namespace

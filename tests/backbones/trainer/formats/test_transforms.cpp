@@ -47,6 +47,7 @@ struct BlenderScene {
       write_rgba(folder / ("train/r_" + std::to_string(i) + ".png"), 200, 100, 0, 128);
     }
     test["frames"].push_back(frame("./test/r_0"));
+    test["frames"].back()["time"] = 0.5;
     write_rgba(folder / "test/r_0.png", 10, 20, 30, 255);
     write_file(folder / "transforms_train.json", train.dump());
     write_file(folder / "transforms_test.json", test.dump());

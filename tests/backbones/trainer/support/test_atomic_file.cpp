@@ -260,5 +260,17 @@ TEST(FolderLock, EndsWithTheProcess) {
   const FolderLock lock(folder.path());
 }
 
+TEST(AtomicFile, TheFirstFileOfAPairDoesNotStayAlone) {
+  const TemporaryFolder folder;
+  write_file(folder / "first", "a");
+  write_second_file(folder / "first", [&] { write_file(folder / "second", "b"); });
+  EXPECT_EQ(files_in(folder.path()), 2u);
+  EXPECT_THROW(write_second_file(folder / "first", [] { throw std::runtime_error("disk full"); }), std::runtime_error);
+  EXPECT_FALSE(std::filesystem::exists(folder / "first"));
+  require_second_file(folder / "second");
+  expect_contains(input_error_of([&] { require_second_file(folder / "third"); }),
+                  "third: missing, so the model is incomplete");
+}
+
 }  // namespace
 }  // namespace splatboost::test
