@@ -426,8 +426,8 @@ TEST(Synth, TheMotionOfSurfacePointsIsKnown) {
 
   // The beach ball: its centre and its turn about y at a time.
   const auto centre = [](int k) {
-    const double time = k / 20.0;
-    return glm::vec3(-0.5 + time, -0.72, 0.16 + 0.17 + 0.45 * std::abs(std::sin(3 * 3.141592653589793 * time)));
+    const double phase = 0.25 * k / 20.0;
+    return glm::vec3(-0.5 + phase, -0.72, 0.16 + 0.17 + 0.45 * std::abs(std::sin(3 * 3.141592653589793 * phase)));
   };
   const auto on_ball = [&](std::size_t i, int k) {
     return std::abs(glm::length(at[static_cast<std::size_t>(k)][i] - centre(k)) - 0.17f) < 1e-4f;
@@ -446,7 +446,7 @@ TEST(Synth, TheMotionOfSurfacePointsIsKnown) {
     ++of_ball;
     const glm::vec3 start = at[0][i] - centre(0);
     for (int k = 0; k <= 20; ++k) {
-      const auto angle = static_cast<float>(-4 * k / 20.0);
+      const auto angle = static_cast<float>(-4 * 0.25 * k / 20.0);
       const float c = std::cos(angle), s = std::sin(angle);
       const glm::vec3 turned(c * start.x + s * start.z, start.y, c * start.z - s * start.x);
       EXPECT_LT(glm::length(at[static_cast<std::size_t>(k)][i] - centre(k) - turned), 1e-4f) << k;
