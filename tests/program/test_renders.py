@@ -44,3 +44,43 @@ def test_another_run_is_no_folder_for_pictures(run, trained, tmp_path):
     assert done.returncode == 2 and "is the folder of another run" in done.stderr
     assert pictures(other) == before
     run_well("render", "-m", run, "-o", run)  # its own
+
+
+def refused(*arguments):
+    done = run_program("render", *arguments)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    return done.stderr
+
+
+@pytest.mark.parametrize("rate", ["0.001", "0", "240.5", "1e9"])
+def test_the_frame_rate_of_a_video_has_a_range(run, tmp_path, rate):
+    assert "--fps must be 1 to 240" in refused("-m", run, "--video", tmp_path / "a.mp4", "--orbit", 2, "--fps", rate)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_video_has_no_output_folder(run, tmp_path):
+    line = refused("-m", run, "--video", tmp_path / "a.mp4", "--orbit", 2, "-o", tmp_path / "pictures")
+    assert "--output has no effect with --video" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_model_without_time_is_not_asked_for_a_folder(run):
+    assert "--time: a model of backbone vanilla does not change with time" in refused("-m", run, "--time", 0.5)
+
+
+def test_a_circle_needs_cameras_at_two_places(run, scene, tmp_path):
+    single = tmp_path / "single"
+    run_well("train", "-s", scene, "-m", single, "--eval", "--llffhold", 4, "--n-views", 1, "--iterations", 2, "--quiet")
+    for option, name in ((["--orbit", 6], "--orbit"), (["--video", tmp_path / "a.mp4"], "--video")):
+        line = refused("-m", single, "--quiet", *option)
+        assert f"{name}: the training cameras look at the scene from one place only" in line
+    assert not (single / "orbit").exists() and not (tmp_path / "a.mp4").exists()
+    run_well("render", "-m", run, "--orbit", 6, "-o", tmp_path / "circle")
+    assert len(set(pictures(tmp_path / "circle").values())) == 6
+
+
+def test_one_picture_is_no_plural(run, tmp_path):
+    assert run_well("render", "-m", run, "--orbit", 1, "-o", tmp_path / "one").stdout.startswith("1 render: ")
+    assert run_well("render", "-m", run, "--orbit", 2, "-o", tmp_path / "two").stdout.startswith("2 renders: ")
+    done = run_program("render", "-m", run, "--orbit", 1, "--video", tmp_path / "a.mp4")
+    assert done.stdout.startswith("video of 1 frame: ") or "OpenCV" in done.stderr

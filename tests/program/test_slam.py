@@ -5,8 +5,11 @@ import json
 import re
 import shutil
 import signal
+import struct
 import time
+import zlib
 
+import numpy as np
 import pytest
 
 from conftest import run_program, run_well, start, wait_for
@@ -202,7 +205,82 @@ def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, e
     assert measured["split"] == "train"
 
 
+def write_png(file, pixels):
+    """[H,W] or [H,W,3]; 8 or 16 bits."""
+    height, width = pixels.shape[:2]
+    bits = 8 * pixels.itemsize
+    rows = pixels.astype(pixels.dtype.newbyteorder(">")).reshape(height, -1)
+    data = zlib.compress(b"".join(b"\0" + row.tobytes() for row in rows))
+    header = struct.pack(">IIBBBBB", width, height, bits, 2 if pixels.ndim == 3 else 0, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", data), (b"IEND", b"")]
+    file.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks))
+
+
+def without_a_map(walk, tmp_path, *arguments, depth=None, color=None):
+    """Standard error of a run on the walk, with this image in place of all depth or colour images."""
+    folder = tmp_path / "walk"
+    shutil.copytree(walk, folder)
+    for kind, pixels in (("depth", depth), ("frame", color)):
+        for file in folder.glob(f"results/{kind}*") if pixels is not None else []:
+            write_png(file, pixels)
+    done = run_program("slam", "-s", folder, "-m", tmp_path / "model", *SHORT, *arguments)
+    assert done.returncode == 2 and not (tmp_path / "model").exists(), done.stderr
+    return done.stderr
+
+
+def test_black_photos_are_named_as_the_reason(walk, mapped, tmp_path):
+    del mapped
+    [line] = without_a_map(walk, tmp_path, color=np.zeros((120, 160, 3), "u1")).splitlines()
+    assert f"in {FRAMES} of {FRAMES} frames the colour image has fewer than 50 features (at most 0)" in line
+    assert "depth_scale" not in line
+
+
+@pytest.mark.parametrize("depth, words", [
+    (np.full((120, 160), 9, "u1"), "depth images must have one 16-bit channel"),
+    (np.full((60, 80), 9000, "u2"), "has 80x60 pixels, but the calibration has 160x120"),
+    (np.zeros((120, 160), "u2"), "contains no depth values")])
+def test_depth_that_cannot_be_used_is_named_as_the_reason(walk, mapped, tmp_path, depth, words):
+    del mapped
+    *frames, line = without_a_map(walk, tmp_path, depth=depth).splitlines()
+    assert len(frames) == 5 and all(words in frame and "tracked by colour" not in frame for frame in frames)
+    assert "; left out, because a map begins with depth" in frames[0]
+    assert f"in {FRAMES} of {FRAMES} frames there is no depth that can be used; see the messages about single frames" in line
+
+
+def test_depth_out_of_range_is_named_as_the_reason(walk, mapped, tmp_path):
+    del mapped
+    [line] = without_a_map(walk, tmp_path, "--max-depth", 0.5).splitlines()
+    nearest = re.search(r"most features are beyond --max-depth, 0\.5 m: the nearest is ([0-9.]+) m away", line)
+    assert nearest and 0.5 < float(nearest[1]) < 3
+    shutil.rmtree(tmp_path / "walk")
+    camera = json.loads((walk / "cam_params.json").read_text())["camera"]
+    (tmp_path / "camera.json").write_text(json.dumps(camera | {"scale": 1e12}))
+    [line] = without_a_map(walk, tmp_path, "--calibration", tmp_path / "camera.json").splitlines()
+    assert "most features are nearer than 0.1 m" in line and "check depth_scale" in line
+
+
+def test_more_iterations_than_asked_for_are_told_once(walk, mapped, tmp_path):
+    del mapped
+    run = ["slam", "-s", walk, "--features", 400, "--initial-keyframes", 3, "--lockstep", 20]
+    done = run_well(*run, "-m", tmp_path / "few", "--iterations", 20)
+    [line] = re.findall("note: mapping takes .*", done.stderr)
+    total, asked, before = map(int, re.findall(r"\d+", line))
+    assert asked == 20 and before >= 20 and total == 2 * (before + 1), line
+    assert json.loads((tmp_path / "few/results.json").read_text())["iterations"] == total
+    done = run_well(*run, "-m", tmp_path / "enough", "--iterations", total)
+    assert "note: mapping takes" not in done.stderr
+
+
+def test_one_keyframe_is_no_plural(walk, mapped, tmp_path):
+    del mapped
+    done = run_well("slam", "-s", walk, "-m", tmp_path / "model", "--frames", 1, "--lockstep", 1, "--iterations", 3)
+    assert ", 1 keyframe, " in done.stdout and "  1 keyframe  " in done.stderr
+
+
 @pytest.mark.parametrize("arguments, words", [
+    (["-r", 3], "resolution 3 is not possible"),
+    (["-r", 9], "the divisors 1, 2, 4, 8, or a width of at least 16 px"),
     (["--calibration", "nowhere.json"], "nowhere.json"),
     (["--lockstep", 1, "--seconds", 1], "cannot be combined"),
     (["--seconds", 1], "--iterations and --seconds cannot be combined"),

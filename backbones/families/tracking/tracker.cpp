@@ -17,9 +17,8 @@ namespace {
 
 using namespace tracking;
 
-constexpr std::size_t kFirstFeatures = 50;  ///< minimum number of features with depth, or of matches, to start a map
-constexpr std::size_t kMinMatches = 20;     ///< minimum number of inliers of a tracked frame
-constexpr std::size_t kMinFound = 30;       ///< the same for relocalisation
+constexpr std::size_t kMinMatches = 20;  ///< minimum number of inliers of a tracked frame
+constexpr std::size_t kMinFound = 30;    ///< the same for relocalisation
 /// Minimum share of the expected points that are matched: where only a pattern repeats, fewer are.
 constexpr double kMinShare = 0.1;
 constexpr double kGoodShare = 0.2;                      ///< from this share on, no other search is tried
@@ -60,6 +59,7 @@ struct Tracker::State {
   /// last.
   std::optional<MapKeyframe> first;
   std::vector<Vec2> last_places;
+  LackOfMap lack;
 
   // The last tracked frame, relative to a keyframe.
   std::size_t reference = 0;
@@ -81,13 +81,40 @@ struct Tracker::State {
   };
   std::vector<Place> before_loop;  ///< of the keyframes; empty: no loop was closed
 
-  Features features_of(const SequenceFrame& frame) const {
+  Features features_of(const SequenceFrame& frame) {
     Features features = extractor.extract(frame.width, frame.height, frame.color, frame.depth, frame.valid);
+    if (map.keyframes().empty()) note_lack(frame, features);
     for (double& depth : features.depths) {
       const bool usable = map.metric() && depth >= options.nearest_depth && depth <= options.farthest_depth;
       if (!usable) depth = 0;
     }
     return features;
+  }
+
+  /// @param features with all depths
+  void note_lack(const SequenceFrame& frame, const Features& features) {
+    lack.most_features = std::max(lack.most_features, features.size());
+    std::size_t deep = 0, near = 0, far = 0;
+    for (const double depth : features.depths) {
+      if (!(depth > 0)) continue;
+      ++deep;
+      near += depth < options.nearest_depth ? 1 : 0;
+      far += depth > options.farthest_depth ? 1 : 0;
+      lack.nearest = std::min(lack.nearest, depth);
+      lack.farthest = std::max(lack.farthest, depth);
+    }
+    lack.most_depths = std::max(lack.most_depths, deep);
+    if (features.size() < kFeaturesToBegin) {
+      ++lack.few_features;
+    } else if (!map.metric()) {
+      ++lack.no_parallax;
+    } else if (frame.depth.empty()) {
+      ++lack.no_depth;
+    } else if (deep < kFeaturesToBegin) {
+      ++lack.few_depths;
+    } else if (deep - near - far < kFeaturesToBegin) {
+      ++(near > far ? lack.too_near : lack.too_far);
+    }
   }
 
   /// Searches for candidate map points that are not matched yet. @param count whether to update MapPoint::expected
@@ -397,7 +424,7 @@ struct Tracker::State {
     TrackedFrame result;
     result.frame = frame.number;
     const auto deep = std::ranges::count_if(features.depths, [](double d) { return d > 0; });
-    if (static_cast<std::size_t>(deep) < kFirstFeatures) return result;
+    if (static_cast<std::size_t>(deep) < kFeaturesToBegin) return result;
     const std::vector<int> none(features.size(), -1);
     add_keyframe(keyframe_of(frame, std::move(features), {}), none);
     return begun(frame, result);
@@ -431,7 +458,7 @@ struct Tracker::State {
         last_places[f] = second.features.pixels[in_second.back()];
       }
     }
-    if (in_first.size() < kFirstFeatures) {  // the camera has left the first view
+    if (in_first.size() < kFeaturesToBegin) {  // the camera has left the first view
       last_places = second.features.pixels;
       first = std::move(second);
       return result;
@@ -465,7 +492,7 @@ struct Tracker::State {
     }
     const std::vector<int> matches = match_expected(expected, features, FeatureGrid(features));
     const auto count = std::ranges::count_if(matches, [](int match) { return match >= 0; });
-    return static_cast<std::size_t>(count) >= kFirstFeatures
+    return static_cast<std::size_t>(count) >= kFeaturesToBegin
                ? matches
                : match_descriptors(first->features.descriptors, features.descriptors);
   }
@@ -507,6 +534,8 @@ glm::dmat4 Tracker::camera_from_world(const TrackedFrame& frame) const {
 std::size_t Tracker::frame_of(std::size_t keyframe) const { return state_->map.keyframes()[keyframe].frame; }
 int Tracker::loops() const { return state_->loops; }
 std::optional<double> Tracker::better_focal_factor() const { return tracking::better_focal_factor(state_->map); }
+
+const LackOfMap& Tracker::lack_of_map() const { return state_->lack; }
 
 std::size_t Tracker::map_points() const {
   const std::vector<MapPoint>& points = state_->map.points();

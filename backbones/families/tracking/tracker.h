@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -28,6 +29,22 @@ struct TrackerOptions {
   double keyframe_share = 0.4;   ///< or if matches fall below this share of the last keyframe's points; but not
                                  ///< within that motion of an earlier keyframe that sees the same points
   bool loops = true;             ///< whether to detect and close loops
+};
+
+/// Minimum number of features with depth, or of matches without depth, for a map to begin.
+inline constexpr std::size_t kFeaturesToBegin = 50;
+
+/// What frames lacked to begin a map with, in numbers of frames. Each counts once, by the first reason that applies.
+struct LackOfMap {
+  std::size_t few_features = 0;  ///< the image has fewer than kFeaturesToBegin features
+  std::size_t no_parallax = 0;   ///< without depth: not enough of them were seen from a different place
+  std::size_t no_depth = 0;      ///< SequenceFrame::depth is empty
+  std::size_t few_depths = 0;    ///< fewer than kFeaturesToBegin features have depth
+  std::size_t too_near = 0;      ///< that many have, but most others are below TrackerOptions::nearest_depth
+  std::size_t too_far = 0;       ///< … or beyond TrackerOptions::farthest_depth
+  std::size_t most_features = 0, most_depths = 0;  ///< in one frame
+  /// Range of the depths of features, metres; not limited by TrackerOptions.
+  double nearest = std::numeric_limits<double>::infinity(), farthest = 0;
 };
 
 enum class TrackState {
@@ -75,6 +92,8 @@ class Tracker {
   /// SequenceFrame::number of a keyframe.
   std::size_t frame_of(std::size_t keyframe) const;
   std::size_t map_points() const;
+  /// Of all frames that came while there was no map, without those whose image is unusable.
+  const LackOfMap& lack_of_map() const;
   /// All map points, to initialise a model.
   PointCloud cloud() const;
   int loops() const;

@@ -21,6 +21,10 @@ glm::dmat4 Tracker::camera_from_world(std::size_t) const { return glm::dmat4(1.0
 glm::dmat4 Tracker::camera_from_world(const TrackedFrame&) const { return glm::dmat4(1.0); }
 std::size_t Tracker::frame_of(std::size_t) const { return 0; }
 std::size_t Tracker::map_points() const { return 0; }
+const LackOfMap& Tracker::lack_of_map() const {
+  static const LackOfMap none;
+  return none;
+}
 PointCloud Tracker::cloud() const { return {}; }
 int Tracker::loops() const { return 0; }
 std::optional<double> Tracker::better_focal_factor() const { return {}; }

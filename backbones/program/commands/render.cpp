@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <optional>
@@ -13,6 +14,7 @@
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/text.h"
 
 namespace splatboost::program {
 namespace {
@@ -20,7 +22,23 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kVideoFrames = 120;
-constexpr int kMaxSeries = 100000;  // file names have five digits
+constexpr int kMaxSeries = 100000;              // file names have five digits
+constexpr double kSlowest = 1, kFastest = 240;  // frames per second
+
+/// Whether all cameras of an orbit are the same, because the training cameras look from one place only.
+bool stands_still(const Scene& scene) {
+  const std::vector<Camera> cameras = orbit_cameras(scene, 4);  // two of them are at the ends of an arc
+  const glm::mat4& first = cameras.front().camera_from_world;
+  for (const Camera& camera : cameras) {
+    for (int column = 0; column < 4; ++column) {
+      for (int row = 0; row < 4; ++row) {
+        const float value = first[column][row];
+        if (std::abs(camera.camera_from_world[column][row] - value) > 1e-5f * (1 + std::abs(value))) return false;
+      }
+    }
+  }
+  return true;
+}
 
 struct Render {
   explicit Render(CLI::App& app) : set(app) {
@@ -36,7 +54,9 @@ struct Render {
         ->type_name("NAME");
     set.add("--sequence", sequence, "write N standard .ply files from time 0 to 1 instead of images", false)
         ->type_name("N");
-    set.add("--fps", frames_per_second, "frame rate of the video", false)->type_name("N")->capture_default_str();
+    set.add("--fps", frames_per_second, "frame rate of the video, 1 to 240", false)
+        ->type_name("N")
+        ->capture_default_str();
     add_drawing_options(set, options);
   }
 
@@ -48,8 +68,12 @@ struct Render {
     };
     check_count("orbit", orbit);
     check_count("sequence", sequence);
-    if (!(frames_per_second > 0)) throw UsageError("--fps must be above 0");
+    if (!(frames_per_second >= kSlowest && frames_per_second <= kFastest)) {
+      throw UsageError("--fps must be 1 to 240 frames per second");
+    }
     if (set.given("fps") && video.empty()) throw UsageError("--fps requires --video");
+    if (!video.empty() && !output.empty())
+      throw UsageError("--output has no effect with --video, which names the file to write; leave it out");
     if (!video.empty()) require_video_name(video);
     if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
     if (sequence > 0 && (!video.empty() || orbit > 0 || time || !view.empty()))
@@ -58,21 +82,24 @@ struct Render {
     if (!view.empty() && time)
       throw UsageError("--view and --time cannot be combined: with --view, time advances; leave out --time");
     const SavedModel saved = find_saved_model(set, options);
-    check_output();
+    // Before the scene is read, except if the model may have to be refused first, whatever the output is.
+    const bool of_time = time || !view.empty() || sequence > 0;
+    if (!of_time) check_output();
     options.lpips.clear();  // nothing is measured
     OpenModel model(saved, options);
     Backbone& backbone = model.backbone();
     const Scene& scene = model.scene();
+    const std::pair<const char*, bool> times[] = {
+        {"--time", time.has_value()}, {"--view", !view.empty()}, {"--sequence", sequence > 0}};
+    for (const auto& [name, asked] : times) {
+      require(!asked || backbone.uses_time(),
+              std::string(name) + ": a model of backbone " + options.backbone + " does not change with time");
+    }
+    if (of_time) check_output();
     if (replaces_measured() && !is_scene_of_run(read_config(options.model), options.scene.source, scene)) {
       throw UsageError(options.scene.source.string() +
                        ": another scene than that of the run, whose pictures would be replaced; name a folder for them "
                        "with --output");
-    }
-    const std::pair<const char*, bool> of_time[] = {
-        {"--time", time.has_value()}, {"--view", !view.empty()}, {"--sequence", sequence > 0}};
-    for (const auto& [name, asked] : of_time) {
-      require(!asked || backbone.uses_time(),
-              std::string(name) + ": a model of backbone " + options.backbone + " does not change with time");
     }
     std::optional<FolderLock> lock;
     if (output.empty()) {
@@ -124,11 +151,16 @@ struct Render {
       render(backbone, camera, time.value_or(views[i].time), color);
       write_png(folder / (names[i] + ".png"), color, camera.width, camera.height);
     }
-    std::printf("%zu renders: %s\n", views.size(), folder.c_str());
+    std::printf("%s: %s\n", counted(views.size(), "render").c_str(), folder.c_str());
   }
 
   void render_orbit(Backbone& backbone, const Scene& scene) const {
     const int count = orbit > 0 ? orbit : kVideoFrames;
+    const bool time_advances = backbone.uses_time() && !time;
+    require(!view.empty() || time_advances || !stands_still(scene),
+            std::string(video.empty() ? "--orbit" : "--video") +
+                ": the training cameras look at the scene from one place only, and a circle around it needs cameras at "
+                "two or more places; render the scene's views, without --orbit and --video");
     const std::vector<Camera> cameras = view.empty()
                                             ? orbit_cameras(scene, count)
                                             : std::vector<Camera>(static_cast<std::size_t>(count), camera_of(scene));
@@ -152,10 +184,10 @@ struct Render {
     }
     if (file) {
       file->finish();
-      std::printf("video of %d frames: %s\n", count, video.c_str());
+      std::printf("video of %s: %s\n", counted(cameras.size(), "frame").c_str(), video.c_str());
     } else {
       remove_rest(folder, count, ".png");
-      std::printf("%d renders: %s\n", count, folder.c_str());
+      std::printf("%s: %s\n", counted(cameras.size(), "render").c_str(), folder.c_str());
     }
   }
 
@@ -177,7 +209,7 @@ struct Render {
                              folder / numbered(i, ".ply"));
     }
     remove_rest(folder, sequence, ".ply");
-    std::printf("%d models: %s\n", sequence, folder.c_str());
+    std::printf("%s: %s\n", counted(static_cast<std::size_t>(sequence), "model").c_str(), folder.c_str());
   }
 
   /// The name of a file in a series: 00007.png.

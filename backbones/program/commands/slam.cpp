@@ -111,6 +111,7 @@ struct Slam {
     usage(!options.scene.source.empty(), "no sequence given: name its folder with -s/--source");
     usage(!options.model.empty(), "no output folder given: name it with -m/--model");
     check_options(options);
+    check_resolution(options.scene.resolution.value_or(-1));
     check_boost_options(set, options);
     usage(!slam.lockstep || *slam.lockstep >= 0, "--lockstep must be at least 0");
     usage(!slam.seconds || (*slam.seconds >= 0 && std::isfinite(*slam.seconds)), "--seconds must be at least 0");
@@ -188,8 +189,8 @@ struct Slam {
     }
     const std::size_t measured = write(mapping, outcome, *sequence, device, lpips.get(), command_line, stopped);
     if (!stopped()) return 0;
-    const std::string when = outcome.complete ? "while measuring, after " + std::to_string(measured) + " frames"
-                                              : place_of(outcome, *sequence);
+    const std::string when =
+        outcome.complete ? "while measuring, after " + counted(measured, "frame") : place_of(outcome, *sequence);
     std::fprintf(stderr, "interrupted %s; %s; measure the model with: splatboost eval -m %s\n", when.c_str(),
                  kept(mapping).c_str(), shell_word(options.model.string()).c_str());
     return exit_code_of_signal(signals.caught());
@@ -201,8 +202,8 @@ struct Slam {
   }
 
   std::string kept(const SlamRun& mapping) const {
-    return "trajectory, " + std::to_string(mapping.scene().train.size()) +
-           " keyframes, model and results so far are in " + options.model.string();
+    return "trajectory, " + counted(mapping.scene().train.size(), "keyframe") + ", model and results so far are in " +
+           options.model.string();
   }
 
   /// Writes the output so far and throws the error of the run again, with a note about that output.
@@ -225,8 +226,8 @@ struct Slam {
     } catch (const std::exception& reason) {
       saved = "not all results could be saved: " + std::string(reason.what());
     }
-    what += " " + place_of(outcome, sequence) + ", with " + std::to_string(mapping.backbone().primitives()) +
-            " primitives; " + saved;
+    what += " " + place_of(outcome, sequence) + ", with " + counted(mapping.backbone().primitives(), "primitive") +
+            "; " + saved;
     if (memory) what += "; lower --resolution or set --max-primitives";
     throw std::runtime_error(what);
   }
@@ -300,10 +301,11 @@ struct Slam {
     const Json& s = json.at("slam");
     const auto tracked = s.at("tracked").get<std::size_t>();
     std::printf("%s", results_table(results).c_str());
-    std::printf("frames: %zu of %zu tracked at %.1f per second, %zu keyframes, %zu points, %d loops\n", tracked,
+    const auto number = [](const Json& count, const char* what) { return counted(count.get<std::size_t>(), what); };
+    std::printf("frames: %zu of %zu tracked at %.1f per second, %s, %s, %s\n", tracked,
                 s.at("frames").get<std::size_t>(), s.at("tracking_fps").get<double>(),
-                s.at("keyframes").at("frames").get<std::size_t>(), s.at("map_points").get<std::size_t>(),
-                s.at("loops").get<int>());
+                number(s.at("keyframes").at("frames"), "keyframe").c_str(), number(s.at("map_points"), "point").c_str(),
+                number(s.at("loops"), "loop").c_str());
     if (s.at("ate_rmse").is_number()) {
       std::printf("trajectory: ATE %.4f m (RMSE%s) on a path of %.2f m\n", s.at("ate_rmse").get<double>(),
                   s.at("depth").get<bool>() ? "" : ", after alignment with scale", s.at("path_length").get<double>());

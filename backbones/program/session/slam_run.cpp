@@ -89,8 +89,11 @@ void SlamRun::tell(const TrackedFrame& frame, const SequenceFrame& picture) {
   };
   unusable_ += picture.color.empty() ? 1 : 0;
   if (!picture.problem.empty() && ++problems_ <= kMaxProblems) {
-    say(picture.problem + (picture.color.empty() ? "; left out" : "; tracked by colour alone") +
-        (problems_ == kMaxProblems ? " (further messages of this kind are not printed)" : ""));
+    const char* const so = picture.color.empty()                ? "; left out"
+                           : frame.state == TrackState::tracked ? "; tracked by colour alone"
+                           : frame.state == TrackState::waiting ? "; left out, because a map begins with depth"
+                                                                : "; not tracked";
+    say(picture.problem + so + (problems_ == kMaxProblems ? " (further messages of this kind are not printed)" : ""));
   }
   if (frame.state == TrackState::lost && last_state_ != TrackState::lost) {
     say("tracking lost: too little of the map is visible; trying to relocalize at each of the next frames");
@@ -251,12 +254,14 @@ void SlamRun::show_progress(bool last) {
   const double at = now();
   if (options_.quiet || (!last && at - shown_ < kShownEvery)) return;
   shown_ = at;
-  std::fprintf(stderr, "frame %zu/%zu  %zu tracked  %zu keyframes  %zu points  %d loops  %.1f frames/s",
-               outcome_.frames.size(), sequence_.size(), tracked_, tracker_.keyframes(), tracker_.map_points(),
-               tracker_.loops(), static_cast<double>(outcome_.frames.size()) / std::max(seconds(), 1e-9));
+  std::fprintf(stderr, "frame %zu/%zu  %zu tracked  %s  %s  %s  %.1f frames/s", outcome_.frames.size(),
+               sequence_.size(), tracked_, counted(tracker_.keyframes(), "keyframe").c_str(),
+               counted(tracker_.map_points(), "point").c_str(),
+               counted(static_cast<std::size_t>(tracker_.loops()), "loop").c_str(),
+               static_cast<double>(outcome_.frames.size()) / std::max(seconds(), 1e-9));
   if (const int iteration = shown_mapping_.iteration; iteration > 0) {
-    std::fprintf(stderr, "  iteration %d  loss %.4f  %zu primitives", iteration, shown_mapping_.loss.load(),
-                 shown_mapping_.primitives.load());
+    std::fprintf(stderr, "  iteration %d  loss %.4f  %s", iteration, shown_mapping_.loss.load(),
+                 counted(shown_mapping_.primitives, "primitive").c_str());
   }
   std::fputc('\n', stderr);
 }
@@ -307,6 +312,37 @@ void SlamRun::run_at_once() {
   take_waiting();
 }
 
+std::string SlamRun::why_nothing_was_tracked() const {
+  const LackOfMap& lack = tracker_.lack_of_map();
+  const std::string all = counted(outcome_.frames.size() - unusable_, "frame"),
+                    least = std::to_string(kFeaturesToBegin);
+  const auto of_all = [&](std::size_t count) { return "in " + std::to_string(count) + " of " + all + " "; };
+  const auto metres = [](double depth) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.3g m", depth);
+    return std::string(text);
+  };
+  const std::pair<std::size_t, std::string> reasons[] = {
+      {lack.few_features, of_all(lack.few_features) + "the colour image has fewer than " + least +
+                              " features (at most " + std::to_string(lack.most_features) +
+                              "); the pictures must show texture, sharp and bright enough"},
+      {lack.no_depth,
+       of_all(lack.no_depth) + "there is no depth that can be used; see the messages about single frames"},
+      {lack.few_depths, of_all(lack.few_depths) + "fewer than " + least + " features have depth (at most " +
+                            std::to_string(lack.most_depths) +
+                            "); check that depth is known where the pictures show "
+                            "texture, and that it belongs to them"},
+      {lack.too_far, of_all(lack.too_far) + "most features are beyond --max-depth, " +
+                         metres(slam_.tracker.farthest_depth) + ": the nearest is " + metres(lack.nearest) +
+                         " away; raise --max-depth, or check depth_scale of the calibration"},
+      {lack.too_near, of_all(lack.too_near) + "most features are nearer than " + metres(slam_.tracker.nearest_depth) +
+                          ": the farthest is " + metres(lack.farthest) + " away; check depth_scale of the calibration"},
+      {lack.no_parallax,
+       "no two frames show enough of the same features from different places; without depth the camera must move "
+       "sideways, not only turn"}};
+  return std::ranges::max_element(reasons, {}, &std::pair<std::size_t, std::string>::first)->second;
+}
+
 void SlamRun::finish_mapping() {
   if (stopped_()) return;
   take_held();
@@ -315,16 +351,17 @@ void SlamRun::finish_mapping() {
             options_.scene.source.string() +
                 ": nothing could be tracked: not one image can be used; see the messages about single frames");
     require(!scene_.train.empty(),
-            options_.scene.source.string() +
-                (sequence_.calibration().has_depth()
-                     ? ": nothing could be tracked: no frame has enough features with depth; check depth_scale and the "
-                       "focal lengths of the calibration"
-                     : ": nothing could be tracked: no two frames show enough of the same features from different "
-                       "places; without depth the camera must move sideways, not only turn"));
+            options_.scene.source.string() + ": nothing could be tracked: " + why_nothing_was_tracked());
     begin_mapping();  // with fewer keyframes than usual
   }
   int total = online_->planned_iterations(iteration_);
   const int in_sequence = iteration_;
+  if (!slam_.seconds && !options_.quiet && total > *options_.iterations) {
+    std::fprintf(stderr,
+                 "note: mapping takes %d iterations, more than the %d of --iterations: %d ran while the sequence was "
+                 "tracked, and at least as many must follow\n",
+                 total, *options_.iterations, in_sequence);
+  }
   const double tail_began = seconds();
   // At least one iteration, in which the last changes of the map become Gaussians.
   const auto in_time = [&] { return iteration_ == in_sequence || seconds() < *slam_.seconds; };

@@ -98,6 +98,8 @@ class SlamRun {
   void run_at_once();
   void finish_mapping();
   void check_focal_lengths() const;
+  /// Why there is no keyframe after the last frame, as part of a line.
+  std::string why_nothing_was_tracked() const;
   void tell(const TrackedFrame& frame, const SequenceFrame& picture);
   void show_progress(bool last);
   double seconds() const;

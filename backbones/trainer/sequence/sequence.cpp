@@ -35,13 +35,9 @@ std::vector<float> distorted_places(const Calibration& c) {
   places.reserve(2 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height));
   for (int row = 0; row < c.height; ++row) {
     for (int column = 0; column < c.width; ++column) {
-      const double x = (column - c.cx) / c.fx, y = (row - c.cy) / c.fy;
-      const double r2 = x * x + y * y;
-      const double radial = 1 + r2 * (c.k1 + r2 * (c.k2 + r2 * c.k3));
-      const double u = x * radial + 2 * c.p1 * x * y + c.p2 * (r2 + 2 * x * x);
-      const double v = y * radial + c.p1 * (r2 + 2 * y * y) + 2 * c.p2 * x * y;
-      places.push_back(static_cast<float>(c.fx * u + c.cx));
-      places.push_back(static_cast<float>(c.fy * v + c.cy));
+      const glm::dvec2 place = distorted_place(c, column, row);
+      places.push_back(static_cast<float>(place.x));
+      places.push_back(static_cast<float>(place.y));
     }
   }
   return places;

@@ -67,7 +67,8 @@ struct SequenceOptions {
 std::unique_ptr<Sequence> open_sequence(const SequenceOptions& options);
 
 /// Reads {"width", "height", "fx", "fy", "cx", "cy", "k1", …, "depth_scale"}; Replica's "camera" with "w", "h" and
-/// "scale" likewise. Throws InputError naming the file and the key.
+/// "scale" likewise. Throws InputError naming the file and the key, also for keys that it does not know, and for
+/// synonyms with different values.
 Calibration read_calibration(const std::filesystem::path& file);
 
 /// Throws InputError, beginning with `where`, if the calibration is not plausible.

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <map>
 #include <sstream>
+#include <utility>
 
 #include "trainer/images/video.h"
 #include "trainer/sequence/euroc.h"
@@ -22,8 +23,18 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr double kMaxSecondsApart = 0.02;  ///< between an image and its depth or true pose
-constexpr double kFolderRate = 30;         ///< frames per second if a dataset has no times
+constexpr double kMaxSecondsApart = 0.02;                ///< between an image and its depth or true pose
+constexpr double kFolderRate = 30;                       ///< frames per second if a dataset has no times
+constexpr int kSmallestSide = 32, kLargestSide = 16384;  ///< px, of the images
+constexpr double kLeastVisible = 0.25;  ///< least share of an undistorted image that the distorted one shows
+constexpr int kSampledSide = 64;        ///< samples per side of the image to measure that share
+constexpr char kTrackWithoutDepth[] = "to track without depth, give a --calibration without depth_scale";
+
+/// Keys of a calibration, and their synonyms in Replica's.
+constexpr const char* kCalibrationKeys[] = {"width", "height", "fx", "fy", "cx", "cy",
+                                            "k1",    "k2",     "p1", "p2", "k3", "depth_scale"};
+constexpr std::pair<const char*, const char*> kSynonyms[] = {{"width", "w"}, {"height", "h"}, {"depth_scale", "scale"}};
+constexpr const char* kUnsupportedKeys[] = {"k4", "k5", "k6"};
 
 bool is_picture(const fs::path& file) {
   std::string ending = file.extension().string();
@@ -64,6 +75,17 @@ std::vector<FrameFiles> paired(const std::vector<fs::path>& color, std::size_t c
   return frames;
 }
 
+/// @param depths depth images @param frames those of find_replica() or find_folder()
+/// @return SequenceFiles::depth_mismatch
+std::string mismatch_of_names(const std::vector<fs::path>& depths, const std::vector<FrameFiles>& frames) {
+  const bool paired = std::ranges::any_of(frames, [](const FrameFiles& frame) { return !frame.depth.empty(); });
+  if (paired || depths.empty() || frames.empty()) return "";
+  return depths.front().parent_path().string() + ": has " + counted(depths.size(), "depth image") +
+         (depths.size() == 1 ? ", not" : ", none of them") + " named like a picture: the first depth image is " +
+         depths.front().filename().string() + ", the first picture " + frames.front().color.filename().string() +
+         "; rename the depth images, or, " + kTrackWithoutDepth;
+}
+
 std::optional<std::size_t> number_in(const std::string& text) {
   std::size_t number = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
@@ -94,9 +116,9 @@ void read_replica_truth(const fs::path& file, std::size_t prefix, SequenceFiles&
     if (number && *number < poses.size()) files.frames[i].truth = poses[*number];
   }
   if (!in_order) {
-    files.notes.push_back(file.string() + ": contains " + std::to_string(poses.size()) + " poses for " +
-                          std::to_string(files.frames.size()) +
-                          " frames; a frame gets the pose of the number in its name, counted from 0");
+    files.notes.push_back(file.string() + ": contains " + counted(poses.size(), "pose") + " for " +
+                          counted(files.frames.size(), "frame") +
+                          "; a frame gets the pose of the number in its name, counted from 0");
   }
 }
 
@@ -104,7 +126,9 @@ SequenceFiles find_replica(const SequenceOptions& options) {
   SequenceFiles files;
   files.form = "Replica";
   const fs::path results = options.source / "results";
-  files.frames = paired(pictures_in(results, "frame"), 5, pictures_in(results, "depth"), 5);
+  const std::vector<fs::path> depths = pictures_in(results, "depth");
+  files.frames = paired(pictures_in(results, "frame"), 5, depths, 5);
+  files.depth_mismatch = mismatch_of_names(depths, files.frames);
   if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", 5, files);
   if (options.calibration.empty()) {
     fs::path file = options.source / "cam_params.json";
@@ -173,6 +197,11 @@ SequenceFiles find_tum(const SequenceOptions& options) {
   };
   const std::vector<double> times = times_of(color);
   const auto depth_of = nearest_in_time(times, times_of(depth), kMaxSecondsApart);
+  if (!depth.empty() && std::ranges::none_of(depth_of, [](const auto found) { return found >= 0; })) {
+    files.depth_mismatch = (options.source / "depth.txt").string() +
+                           ": no depth image belongs to a picture of rgb.txt: their times are more than 20 ms apart; " +
+                           kTrackWithoutDepth;
+  }
   std::vector<TimedPose> truth;
   if (is_file(options.source / "groundtruth.txt")) truth = read_tum_trajectory(options.source / "groundtruth.txt");
   std::ranges::stable_sort(truth, {}, &TimedPose::time);
@@ -208,7 +237,9 @@ SequenceFiles find_folder(const SequenceOptions& options) {
   require(!color.empty(), options.source.string() +
                               ": is not a sequence: no results/frame*.jpg (Replica), no rgb.txt (TUM), no images "
                               "in images/, rgb/, color/ or the folder itself");
-  files.frames = paired(color, 0, pictures_in(options.source / "depth", ""), 0);
+  const std::vector<fs::path> depths = pictures_in(options.source / "depth", "");
+  files.frames = paired(color, 0, depths, 0);
+  files.depth_mismatch = mismatch_of_names(depths, files.frames);
   if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", 0, files);
   if (options.calibration.empty()) {
     const fs::path file = options.source / "calibration.json";
@@ -245,18 +276,67 @@ SequenceFiles find_video(const SequenceOptions& options) {
     files.frames.push_back(std::move(frame_files));
   }
   if (last_frame_of(options) == 0 && video.readable < video.claimed) {
-    files.notes.push_back(place + ": claims " + std::to_string(video.claimed) + " frames, of which " +
+    files.notes.push_back(place + ": claims " + counted(video.claimed, "frame") + ", of which " +
                           std::to_string(video.readable) + " can be read");
   }
   return files;
 }
 
+/// Throws InputError, beginning with `where`, if the object has another key.
+void require_known_keys(const Json& json, const std::vector<std::string>& known, const std::string& where) {
+  for (const auto& [key, value] : json.items()) {
+    if (std::ranges::find(known, key) != known.end()) continue;
+    std::string names;
+    for (const std::string& name : known) names += (names.empty() ? "" : ", ") + name;
+    throw InputError(where + ": unknown key '" + key + "'; known: " + names);
+  }
+}
+
+void require_calibration_keys(const Json& json, const std::string& where) {
+  std::vector<std::string> known(std::begin(kCalibrationKeys), std::end(kCalibrationKeys));
+  for (const auto& [name, synonym] : kSynonyms) known.emplace_back(synonym);
+  Json supported = json;
+  for (const char* key : kUnsupportedKeys) supported.erase(key);  // with a message of their own
+  require_known_keys(supported, known, where);
+  for (const auto& [name, synonym] : kSynonyms) {
+    const bool contradicts = json.contains(name) && json.contains(synonym) && json.at(name) != json.at(synonym);
+    require(!contradicts, where + ": '" + name + "' and '" + synonym +
+                              "' mean the same, but have different values; remove one of them");
+  }
+}
+
+/// Share of the undistorted image that is inside the distorted one.
+double visible_share(const Calibration& c) {
+  int visible = 0;
+  for (int row = 0; row < kSampledSide; ++row) {
+    for (int column = 0; column < kSampledSide; ++column) {
+      const glm::dvec2 place =
+          distorted_place(c, (column + 0.5) / kSampledSide * c.width, (row + 0.5) / kSampledSide * c.height);
+      visible += place.x >= 0 && place.y >= 0 && place.x <= c.width && place.y <= c.height ? 1 : 0;
+    }
+  }
+  return static_cast<double>(visible) / (kSampledSide * kSampledSide);
+}
+
 }  // namespace
+
+glm::dvec2 distorted_place(const Calibration& c, double column, double row) {
+  const double x = (column - c.cx) / c.fx, y = (row - c.cy) / c.fy;
+  const double r2 = x * x + y * y;
+  const double radial = 1 + r2 * (c.k1 + r2 * (c.k2 + r2 * c.k3));
+  const double u = x * radial + 2 * c.p1 * x * y + c.p2 * (r2 + 2 * x * x);
+  const double v = y * radial + c.p1 * (r2 + 2 * y * y) + 2 * c.p2 * x * y;
+  return {c.fx * u + c.cx, c.fy * v + c.cy};
+}
 
 Calibration read_calibration(const fs::path& file) {
   Json json = read_json_file(file);
-  if (json.contains("camera")) json = Json(json.at("camera"));
+  if (json.contains("camera")) {
+    require_known_keys(json, {"camera"}, file.string() + ": beside 'camera'");
+    json = Json(json.at("camera"));
+  }
   require(json.is_object(), file.string() + ": camera must be an object");
+  require_calibration_keys(json, file.string());
   Calibration c;
   const auto read = [&](const char* name, const char* other, auto& value, bool needed) {
     const char* const key = json.contains(name) ? name : other;
@@ -274,7 +354,7 @@ Calibration read_calibration(const fs::path& file) {
   read("p1", "p1", c.p1, false);
   read("p2", "p2", c.p2, false);
   read("k3", "k3", c.k3, false);
-  for (const char* unsupported : {"k4", "k5", "k6"}) {
+  for (const char* unsupported : kUnsupportedKeys) {
     double value = 0;
     read(unsupported, unsupported, value, false);
     require(value == 0, file.string() + ": " + unsupported +
@@ -286,8 +366,11 @@ Calibration read_calibration(const fs::path& file) {
 }
 
 void check_calibration(const Calibration& c, const std::string& where) {
-  require(c.width >= 32 && c.height >= 32 && c.width <= 16384 && c.height <= 16384,
-          where + ": the image size " + std::to_string(c.width) + "x" + std::to_string(c.height) + " is out of range");
+  const auto [smallest, largest] = std::minmax(c.width, c.height);
+  require(smallest >= kSmallestSide && largest <= kLargestSide,
+          where + ": the image size " + std::to_string(c.width) + "x" + std::to_string(c.height) +
+              " is out of range: width and height must be " + std::to_string(kSmallestSide) + " to " +
+              std::to_string(kLargestSide) + " px; use pictures of such a size, with their calibration");
   require(std::isfinite(c.fx) && std::isfinite(c.fy) && c.fx > 0 && c.fy > 0,
           where + ": focal lengths must be above 0");
   require(c.fx > 0.05 * c.width && c.fx < 50 * c.width && c.fy > 0.05 * c.height && c.fy < 50 * c.height,
@@ -295,6 +378,10 @@ void check_calibration(const Calibration& c, const std::string& where) {
   require(c.cx >= 0 && c.cx <= c.width && c.cy >= 0 && c.cy <= c.height,
           where + ": the principal point is outside the image");
   require(std::isfinite(c.k1 + c.k2 + c.p1 + c.p2 + c.k3), where + ": distortion must be finite");
+  const double visible = visible_share(c);
+  require(visible >= kLeastVisible, where + ": the distortion k1, k2, p1, p2, k3 moves " +
+                                        std::to_string(std::lround(100 * (1 - visible))) +
+                                        " % of a picture out of sight; check the signs and sizes of its coefficients");
   require(std::isfinite(c.depth_scale) && c.depth_scale >= 0, where + ": depth_scale must be 0 or more");
 }
 
@@ -321,7 +408,7 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
     if (options.count > 0 && chosen.size() == static_cast<std::size_t>(options.count)) break;
     chosen.push_back(std::move(files.frames[i]));
   }
-  require(!chosen.empty(), source.string() + ": has " + std::to_string(total) + " frames, none of them from frame " +
+  require(!chosen.empty(), source.string() + ": has " + counted(total, "frame") + ", none of them from frame " +
                                std::to_string(options.first) + " onwards");
   files.frames = std::move(chosen);
   const auto without = std::ranges::count_if(files.frames, [](const FrameFiles& f) { return f.depth.empty(); });
@@ -329,11 +416,12 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
     require(!pairs, source.string() +
                         ": no image of mav0/cam1 belongs to one of mav0/cam0: their times in data.csv are more than "
                         "5 ms apart");
+    require(files.depth_mismatch.empty() || !files.calibration.has_depth(), files.depth_mismatch);
     files.calibration.depth_scale = 0;  // colour alone, whatever the calibration says
   } else if (without > 0) {
     files.notes.push_back(std::to_string(without) + " of " + std::to_string(files.frames.size()) +
-                          (pairs ? " frames have no second image" : " frames have no depth") +
-                          "; they are tracked by colour alone");
+                          (without == 1 ? " frames has " : " frames have ") + (pairs ? "no second image" : "no depth") +
+                          "; without it a frame can only be tracked by colour");
   }
   return files;
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <glm/mat4x4.hpp>
+#include <glm/vec2.hpp>
 
 #include "trainer/sequence/sequence.h"
 #include "trainer/sequence/stereo.h"
@@ -27,10 +28,15 @@ struct SequenceFiles {
   std::vector<FrameFiles> frames;
   Calibration calibration;
   std::optional<StereoRig> stereo;  ///< set if frames are stereo pairs; `calibration` is then of the left camera
+  /// Why no depth image belongs to a picture, one line; empty: some do, or there are none.
+  std::string depth_mismatch;
   std::vector<std::string> notes;
 };
 
 /// Throws InputError in one line.
 SequenceFiles find_sequence_files(const SequenceOptions& options);
+
+/// Where the distorted image shows what pixel (column, row) of the undistorted image shows.
+glm::dvec2 distorted_place(const Calibration& calibration, double column, double row);
 
 }  // namespace splatboost

@@ -93,4 +93,8 @@ bool in_number_order(std::string_view a, std::string_view b) {
   return rest_a.empty();
 }
 
+std::string counted(std::size_t count, const std::string& noun) {
+  return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
+}
+
 }  // namespace splatboost

@@ -312,9 +312,10 @@ TEST(HardInput, wrong_focal_lengths_are_told) {
 TEST(HardInput, no_depth_at_all) {
   Mapping mapping;
   const std::string lines = mapping.lines_without(&SequenceFrame::depth, "has no depth image");
-  expect_in(lines, "frame 0 (0.png): has no depth image; tracked by colour alone");
+  expect_in(lines, "frame 0 (0.png): has no depth image; left out, because a map begins with depth");
   expect_in(lines, "further messages of this kind are not printed");
-  expect_in(lines, "nothing could be tracked: no frame has enough features with depth");
+  expect_in(lines, "nothing could be tracked: in 12 of 12 frames there is no depth that can be used");
+  expect_in(lines, "see the messages about single frames");
 }
 
 TEST(HardInput, no_image_at_all) {

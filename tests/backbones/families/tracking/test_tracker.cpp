@@ -174,6 +174,48 @@ TEST(Tracker, frames_without_depth_are_tracked_but_no_keyframes) {
   EXPECT_EQ(tracker.keyframes(), keyframes);
 }
 
+SequenceFrame grey(SequenceFrame frame) {
+  std::ranges::fill(frame.color, std::uint8_t{128});
+  return frame;
+}
+
+TEST(Tracker, says_what_frames_lack_to_begin_a_map) {
+  TrackerOptions range = options();
+  range.nearest_depth = 0.001;
+  range.farthest_depth = 0.01;
+  Tracker near(calibration(), range);
+  near.track(grey(walk()[0]));
+  SequenceFrame frame = walk()[0];
+  frame.depth.clear();
+  near.track(frame);
+  frame.depth.assign(walk()[0].depth.size(), 0.0f);
+  near.track(frame);
+  for (std::size_t i = 0; i < 3; ++i) near.track(walk()[i]);
+  const LackOfMap& lack = near.lack_of_map();
+  EXPECT_EQ(lack.few_features, 1u);
+  EXPECT_EQ(lack.no_depth, 1u);
+  EXPECT_EQ(lack.few_depths, 1u);
+  EXPECT_EQ(lack.too_far, 3u);
+  EXPECT_EQ(lack.too_near + lack.no_parallax, 0u);
+  EXPECT_GT(lack.most_features, 200u);
+  EXPECT_GT(lack.most_depths, 100u);
+  const auto [least, most] = std::ranges::minmax(walk()[0].depth);
+  EXPECT_GE(lack.nearest, 0.8 * least);
+  EXPECT_LE(lack.farthest, 1.2 * most);
+  EXPECT_LT(lack.nearest, lack.farthest);
+
+  range.nearest_depth = 1000;
+  range.farthest_depth = 2000;
+  Tracker far(calibration(), range);
+  far.track(walk()[0]);
+  EXPECT_EQ(far.lack_of_map().too_near, 1u);
+
+  Tracker good(calibration(), options());
+  for (const SequenceFrame& each : walk()) good.track(each);
+  const LackOfMap& none = good.lack_of_map();
+  EXPECT_EQ(none.few_features + none.no_depth + none.few_depths + none.too_near + none.too_far, 0u);
+}
+
 /// Without depth, small images are tracked less accurately.
 class TrackerWithoutDepth : public ::testing::Test {
  protected:
@@ -232,11 +274,9 @@ TEST_F(TrackerWithoutDepth, a_camera_that_only_turns_gives_no_map) {
     EXPECT_EQ(tracker.track(frame).state, TrackState::waiting) << frame.number;
   }
   EXPECT_EQ(tracker.keyframes(), 0u);
-}
-
-SequenceFrame grey(SequenceFrame frame) {
-  std::ranges::fill(frame.color, std::uint8_t{128});
-  return frame;
+  EXPECT_EQ(tracker.lack_of_map().no_parallax, static_cast<std::size_t>(kCount));
+  tracker.track(grey(frames()[0]));
+  EXPECT_EQ(tracker.lack_of_map().few_features, 1u);
 }
 
 TEST_F(TrackerWithoutDepth, a_map_that_is_lost_early_is_dropped) {

@@ -118,16 +118,72 @@ TEST(Sequence, frames_keep_their_poses_if_others_were_removed) {
   expect_in(error_of([&] { open_sequence(of(folder.path())); }), "traj.txt:3: expected the 16 numbers");
 }
 
-TEST(Sequence, depth_that_belongs_to_no_image_is_none) {
+TEST(Sequence, depth_that_belongs_to_no_image_is_refused) {
   const TemporaryFolder folder;
   make_replica(folder.path());
   for (int i = 0; i < 3; ++i) {
     const std::string number = std::to_string(i) + ".png";
     fs::rename(folder / "results" / ("depth00000" + number), folder / "results" / ("depth_" + number));
   }
-  const auto sequence = open_sequence(of(folder.path()));
-  EXPECT_EQ(sequence->calibration().depth_scale, 0);
-  EXPECT_EQ(sequence->read(0).problem, "");
+  SequenceOptions options = of(folder.path());
+  expect_in(error_of([&] { open_sequence(options); }),
+            "results: has 3 depth images, none of them named like a picture: the first depth image is depth_0.png, the "
+            "first picture frame000000.png");
+  // A calibration without depth_scale says that depth is not wanted.
+  options.calibration = folder / "camera.json";
+  std::ofstream(options.calibration) << R"({"w": 48, "h": 40, "fx": 50, "fy": 50, "cx": 23.5, "cy": 19.5})";
+  EXPECT_EQ(open_sequence(options)->read(0).problem, "");
+
+  const fs::path plain = folder / "plain";
+  fs::create_directories(plain / "images");
+  fs::create_directories(plain / "depth");
+  for (int i = 0; i < 10; ++i) {
+    write_color(plain / "images" / (std::to_string(i) + ".png"), 10);
+    write_depth(plain / "depth" / ("x" + std::to_string(i) + ".png"), 2000);
+  }
+  std::ofstream(plain / "calibration.json") << calibration();
+  expect_in(error_of([&] { open_sequence(of(plain)); }),
+            "depth: has 10 depth images, none of them named like a picture");
+  // One that fits is enough: the others may have been removed.
+  fs::rename(plain / "depth/x3.png", plain / "depth/3.png");
+  EXPECT_FALSE(open_sequence(of(plain))->read(3).depth.empty());
+
+  const fs::path tum = folder / "freiburg3";
+  fs::create_directories(tum);
+  std::ofstream(tum / "rgb.txt") << "1.0 rgb/a.png\n2.0 rgb/b.png\n";
+  std::ofstream(tum / "depth.txt") << "1.5 depth/a.png\n";
+  expect_in(error_of([&] { open_sequence(of(tum)); }), "no depth image belongs to a picture of rgb.txt");
+}
+
+TEST(Sequence, an_unknown_key_of_a_calibration_is_refused) {
+  const TemporaryFolder folder;
+  const fs::path file = folder / "camera.json";
+  const auto with = [&](const std::string& text) {
+    std::ofstream(file) << text;
+    return error_of([&] { read_calibration(file); });
+  };
+  EXPECT_EQ(with(calibration(R"(, "k1": 0.1, "k2": 0, "p1": 0, "p2": 0, "k3": 0, "k4": 0)")), "");
+  expect_in(
+      with(calibration(", \"foo\": 3")),
+      "camera.json: unknown key 'foo'; known: width, height, fx, fy, cx, cy, k1, k2, p1, p2, k3, depth_scale, w, h, "
+      "scale");
+  const std::string all = calibration();
+  expect_in(with(all.substr(0, all.size() - 1) + ", \"depth_scale\": 1000}"),
+            "beside 'camera': unknown key 'depth_scale'");
+  expect_in(with(calibration(", \"depth_scale\": 5000")),
+            "'depth_scale' and 'scale' mean the same, but have different");
+  expect_in(with(calibration(", \"width\": 64")), "'width' and 'w' mean the same, but have different values");
+  EXPECT_EQ(with(calibration(", \"depth_scale\": 1000")), "");
+}
+
+/// The file of the Replica sequences that came with NICE-SLAM.
+TEST(Sequence, the_published_calibration_of_replica_is_accepted) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "cam_params.json") << R"({"camera": {"w": 1200, "h": 680, "fx": 600.0, "fy": 600.0,
+    "cx": 599.5, "cy": 339.5, "scale": 6553.5}})";
+  const Calibration c = read_calibration(folder / "cam_params.json");
+  EXPECT_EQ(c.width, 1200);
+  EXPECT_EQ(c.depth_scale, 6553.5);
 }
 
 TEST(Sequence, hidden_files_are_no_images) {
@@ -154,6 +210,8 @@ TEST(Sequence, some_frames_are_chosen) {
   EXPECT_EQ(sequence->read(0).color[0], 10);
   options.first = 3;
   expect_in(error_of([&] { open_sequence(options); }), "has 3 frames");
+  for (const char* name : {"frame000001.png", "frame000002.png"}) fs::remove(folder / "results" / name);
+  expect_in(error_of([&] { open_sequence(options); }), "has 1 frame, none");
 }
 
 TEST(Sequence, a_frame_that_cannot_be_read_says_why_and_the_others_stay) {
@@ -172,7 +230,7 @@ TEST(Sequence, a_frame_that_cannot_be_read_says_why_and_the_others_stay) {
   EXPECT_TRUE(flat.depth.empty());
   EXPECT_FALSE(flat.color.empty());
   ASSERT_EQ(sequence->notes().size(), 1u);
-  expect_in(sequence->notes()[0], "1 of 3 frames have no depth");
+  expect_in(sequence->notes()[0], "1 of 3 frames has no depth");
 }
 
 TEST(Sequence, tum_pairs_by_time) {
@@ -289,7 +347,7 @@ TEST(Sequence, what_is_wrong_with_a_video_is_one_line) {
   const TemporaryFolder folder;
   make_video(folder / "walk.mp4");
   std::ofstream(folder / "notes.mp4") << "no video";
-  std::ofstream(folder / "camera.json") << calibration(", \"width\": 64");
+  std::ofstream(folder / "camera.json") << R"({"w": 64, "h": 40, "fx": 50, "fy": 50, "cx": 24, "cy": 20})";
   expect_in(error_of([&] { open_sequence(of(folder / "notes.mp4")); }), "notes.mp4: OpenCV cannot read the video");
   SequenceOptions options = of(folder / "walk.mp4");
   expect_in(error_of([&] { open_sequence(options); }), "give a file with --calibration");
@@ -311,6 +369,10 @@ TEST(Sequence, what_is_wrong_is_one_line) {
   expect_in(with(R"({"w": 48, "h": 40, "fx": -1, "fy": 50, "cx": 24, "cy": 20})"), "focal lengths must be above 0");
   expect_in(with(R"({"w": 48, "h": 40, "fx": 0.5, "fy": 50, "cx": 24, "cy": 20})"), "do not match the image size");
   expect_in(with(R"({"w": 48, "h": 40, "fx": 50, "fy": 50, "cx": 240, "cy": 20})"), "principal point");
+  expect_in(with(R"({"w": 32, "h": 24, "fx": 50, "fy": 50, "cx": 16, "cy": 12})"),
+            "the image size 32x24 is out of range: width and height must be 32 to 16384 px");
+  expect_in(with(calibration(", \"k1\": 1e6")),
+            "the distortion k1, k2, p1, p2, k3 moves 100 % of a picture out of sight");
   expect_in(with(calibration(", \"k4\": 0.1")), "k4 is not supported");
   EXPECT_EQ(with(calibration(", \"k4\": 0")), "");
   EXPECT_EQ(with(R"({"w": 96, "h": 40, "fx": 50, "fy": 50, "cx": 24, "cy": 20})"), "");

@@ -117,7 +117,7 @@ TEST_F(Stereo, a_missing_second_picture_leaves_a_frame_without_depth) {
   change(walk() / "mav0/cam1/data.csv", [](std::string& text) { text.resize(text.rfind('\n', text.size() - 2) + 1); });
   const auto sequence = open_sequence(of(walk()));
   ASSERT_EQ(sequence->notes().size(), 1u);
-  expect_in(sequence->notes()[0], "1 of 2 frames have no second image");
+  expect_in(sequence->notes()[0], "1 of 2 frames has no second image");
   EXPECT_FALSE(sequence->read(0).depth.empty());
   const SequenceFrame frame = sequence->read(1);
   EXPECT_TRUE(frame.depth.empty());
