@@ -74,8 +74,9 @@ void ConvexAdapter::grow(const DensityStatistics& statistics, RasterizerHook& ra
     keep_important(importance_, boost_.tau_d, decisions.split);
     return;
   }
-  const double wanted = (boost_.tau_d + 1) * kAddedByASplit;
-  keep_important(sums.counts, importance_to_exceed(wanted, scorer_.mean_pixels(), sums.views), decisions.split);
+  // The least count, one pixel per view, is for each added convex too: as if K were that many times larger.
+  const double least = importance_to_exceed(boost_.tau_d + 1, scorer_.mean_pixels(), kAddedByASplit * sums.views);
+  keep_important(sums.counts, least, decisions.split);
 }
 
 bool ConvexAdapter::growth_ended_at(Moment moment) const {

@@ -29,7 +29,8 @@ struct ConvexBoost {
   bool schedule = true;  ///< optimizer schedule of all seven groups
   /// 1 is the exact box. The paper's 0.5 cuts the faint rims of convexes, which cost 0.8 dB on one scene of four.
   float beta = 1.0f;
-  double tau_d = 5;  ///< a split needs τ_d + 1 flagged pixels per view for each convex it adds; fewer in small images
+  double tau_d =
+      5;  ///< a split needs τ_d + 1 flagged pixels per view for each convex it adds; in small images fewer, at least 1
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   float lambda_dssim = 0.2f;
@@ -79,7 +80,7 @@ void check(const ConvexBoost& boost);
 ConvexBoost literal_convex_boost();
 
 /// Convexes that a split adds: six children replace the parent. (A Gaussian's split adds one.) Ours, not the paper's.
-inline constexpr double kAddedByASplit = 5;
+inline constexpr int kAddedByASplit = 5;
 
 class ConvexAdapter final : public Adapter {
  public:
@@ -88,7 +89,8 @@ class ConvexAdapter final : public Adapter {
 
   std::optional<float> beta() const override;
 
-  /// Keeps the backbone's splits of convexes with at least (τ_d + 1) · kAddedByASplit flagged pixels per view.
+  /// Keeps the backbone's splits of convexes with at least τ_d + 1 flagged pixels per view for each added convex, fewer
+  /// in images below a megapixel, but at least one.
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
   /// Within growth, removes half of the backbone's candidates, drawn by the pruning scores of the convexes they were

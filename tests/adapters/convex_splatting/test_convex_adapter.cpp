@@ -32,9 +32,10 @@ TEST(ConvexAdapter, AsksForFiveTimesTheImportanceBecauseASplitAddsFive) {
   // At a megapixel and more: (τ_d + 1) · 5 = 30.
   EXPECT_EQ(gated({}, {28, 29, 30, 30}, 1000, 1000, {1, 1, 1, 0}), (std::vector<std::uint8_t>{0, 0, 1, 0}));
   EXPECT_EQ(gated({}, {29, 30}, 2000, 1000, {1, 1}), (std::vector<std::uint8_t>{0, 1}));
-  // A tenth of that area asks for 3; the threshold is never below 1.
-  EXPECT_EQ(gated({}, {2, 3, 3}, 400, 250, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
-  EXPECT_EQ(gated({}, {0, 1, 1}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
+  // Half of that area asks for 15; the threshold is never below 1 for each added convex.
+  EXPECT_EQ(gated({}, {14, 15, 15}, 1000, 500, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
+  EXPECT_EQ(gated({}, {4, 5, 5}, 400, 250, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
+  EXPECT_EQ(gated({}, {4, 5, 5}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
   EXPECT_EQ(gated(literal_convex_boost(), {5, 6, 6}, 100, 100, {1, 1, 0}), (std::vector<std::uint8_t>{0, 1, 0}));
   ConvexBoost without;
   without.vcd = false;
@@ -44,8 +45,8 @@ TEST(ConvexAdapter, AsksForFiveTimesTheImportanceBecauseASplitAddsFive) {
 TEST(ConvexAdapter, ComparesTheMeanOverViewsAsItIs) {
   Threads threads(1);
   ConvexAdapter adapter({}, threads);
-  // 0.05 megapixels ask for 1.5 pixels per view: 3 over two views are enough.
-  testing::GivenCounts rasterizer({{1, 1}, {1, 2}}, 2, 250, 200);
+  // 0.25 megapixels ask for 7.5 pixels per view: 15 over two views are enough.
+  testing::GivenCounts rasterizer({{7, 7}, {7, 8}}, 2, 500, 500);
   const std::vector<float> ones(2, 1.0f);
   const Hand hand{ones, ones, ones, ones};
   std::vector<std::uint8_t> clone(2, 0), split(2, 1);
