@@ -100,6 +100,9 @@ Dataset read_blender(const SceneOptions& options, const std::filesystem::path& t
     }
     dataset.own_test = held_out.photos.size();
     std::ranges::move(held_out.photos, std::back_inserter(dataset.photos));
+  } else if (options.eval && options.test_list.empty()) {
+    dataset.notes.push_back(test.string() + ": missing, so every " + std::to_string(options.llffhold) +
+                            "th training view is a test view");
   }
   if (!transforms.points_file.empty()) {
     read_points(transforms.points_file, dataset);

@@ -307,6 +307,18 @@ TEST(Transforms, AFrameListedTwiceIsRefused) {
                   "transforms.json: lists the image 'train/r_3.png' twice; remove one");
 }
 
+TEST(Transforms, WithoutATestFileViewsAreHeldOutAndNamed) {
+  const BlenderScene disk;
+  std::filesystem::remove(disk.folder / "transforms_test.json");
+  SceneOptions options = disk.options();
+  options.eval = true;
+  options.llffhold = 4;
+  const Scene scene = read_scene(options);
+  EXPECT_EQ(scene.test.size(), 2u);
+  ASSERT_FALSE(scene.notes.empty());
+  expect_contains(scene.notes.front(), "transforms_test.json: missing, so every 4th training view is a test view");
+}
+
 TEST(Transforms, PointsFarAwayAreNamedWithTheirFile) {
   const BlenderScene disk;
   const auto error = [&] { return input_error_of([&] { read_scene(disk.options()); }); };
