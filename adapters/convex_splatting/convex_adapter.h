@@ -29,8 +29,8 @@ struct ConvexBoost {
   bool schedule = true;  ///< optimizer schedule of all seven groups
   /// 1 is the exact box. The paper's 0.5 cuts the faint rims of convexes, which cost 0.8 dB on one scene of four.
   float beta = 1.0f;
-  double tau_d =
-      5;  ///< a split needs τ_d + 1 flagged pixels per view for each convex it adds; in small images fewer, at least 1
+  /// A split needs τ_d + 1 flagged pixels per view for each convex it adds; in small images fewer, but at least 1.
+  double tau_d = 5;
   int views = 10;    ///< K
   float tau = 0.1f;  ///< error threshold
   float lambda_dssim = 0.2f;
