@@ -16,6 +16,8 @@ namespace {
 constexpr StepIntervals kRestIntervals{16, 32, 64};
 constexpr StepIntervals kOtherIntervals{1, 32, 64};
 
+constexpr std::string_view kHigherBands = "f_rest";  ///< the backbone's name of their coefficients
+
 }  // namespace
 
 void check(const ConvexBoost& boost) {
@@ -30,6 +32,9 @@ void check(const ConvexBoost& boost) {
   check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
   check_setting(boost.late_share >= 0 && boost.late_share < 1, "late_share must be in [0, 1)");
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
+  check_setting(boost.rest_rate >= 0 && std::isfinite(boost.rest_rate), "rest_rate must be at least 0");
+  check_setting(boost.rest_rate_few >= 0 && std::isfinite(boost.rest_rate_few), "rest_rate_few must be at least 0");
+  check_setting(boost.training_views >= 0, "training_views must be at least 0");
 }
 
 ConvexBoost literal_convex_boost() {
@@ -129,7 +134,12 @@ void ConvexAdapter::prune(const DensityStatistics& statistics, RasterizerHook& r
 }
 
 bool ConvexAdapter::steps_at(std::string_view group, Moment moment) const {
-  return !boost_.schedule || splatboost::steps_at(group == "f_rest" ? kRestIntervals : kOtherIntervals, moment);
+  return !boost_.schedule || splatboost::steps_at(group == kHigherBands ? kRestIntervals : kOtherIntervals, moment);
+}
+
+float ConvexAdapter::rate_factor(std::string_view group, Moment moment) const {
+  if (!boost_.schedule || boost_.literal || group != kHigherBands) return 1.0f;
+  return static_cast<float>(higher_bands_rate(boost_.rest_rate_few, boost_.rest_rate, moment, boost_.training_views));
 }
 
 AdapterEntry convex_splatting_adapter_entry() {

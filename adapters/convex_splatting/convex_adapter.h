@@ -27,6 +27,9 @@ struct ConvexBoost {
   bool vcp = true;       ///< multi-view consistent pruning
   bool cb = true;        ///< compact box
   bool schedule = true;  ///< optimizer schedule of all seven groups
+  /// Factors on the learning rate of higher SH bands, as in VanillaBoost. Not in the paper.
+  double rest_rate = 2;
+  double rest_rate_few = 4;
   /// 1 is the exact box. The paper's 0.5 cuts the faint rims of convexes, which cost 0.8 dB on one scene of four.
   float beta = 1.0f;
   /// A split needs τ_d + 1 flagged pixels per view for each convex it adds; in small images fewer, but at least 1.
@@ -46,6 +49,8 @@ struct ConvexBoost {
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = false;
   double coarse_until = 0.3;  ///< until this share of the run
+  /// Number of training views, given by the run; 0: not known, and rest_rate applies.
+  int training_views = 0;
 
   std::uint64_t seed = 0;  ///< of the run; not a user setting
 };
@@ -59,6 +64,8 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("vcp", boost.vcp);
   visit("cb", boost.cb);
   visit("schedule", boost.schedule);
+  visit("rest_rate", boost.rest_rate);
+  visit("rest_rate_few", boost.rest_rate_few);
   visit("beta", boost.beta);
   visit("tau_d", boost.tau_d);
   visit("views", boost.views);
@@ -71,6 +78,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("late_share", boost.late_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
+  visit("training_views", boost.training_views);
 }
 
 /// Throws ArgumentError, naming the setting, if a value is out of range.
@@ -97,6 +105,7 @@ class ConvexAdapter final : public Adapter {
   /// made from. The backbone's trims after growth are left unchanged.
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
   bool steps_at(std::string_view group, Moment moment) const override;
+  float rate_factor(std::string_view group, Moment moment) const override;
 
  private:
   /// Whether growth has just ended and late pruning begins. Always false with the literal rules.

@@ -38,6 +38,14 @@ inline double rate_by_visits(double few, double often, double visits) {
   return few > often ? std::clamp(few * kSettledVisits / std::max(visits, kSettledVisits), often, few) : often;
 }
 
+/// Factor on the learning rate of the coefficients of higher SH bands: rate_by_visits(), or `often` where the number of
+/// training views is not known (0).
+inline double higher_bands_rate(double few, double often, Moment moment, int training_views) {
+  return training_views == 0
+             ? often
+             : rate_by_visits(few, often, visits_per_view(moment, static_cast<std::size_t>(training_views)));
+}
+
 /// 1, or less if views are visited fewer than kSettledVisits times: the square of the ratio, because primitives have
 /// proportionally fewer visits to settle in before late pruning, and the others fewer to make up for the removed ones
 /// after it. The opacity threshold of late pruning is multiplied by it, and so is the share of blending weights removed

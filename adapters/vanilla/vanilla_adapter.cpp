@@ -15,8 +15,6 @@ namespace {
 constexpr StepIntervals kRestIntervals{16, 32, 64};
 constexpr StepIntervals kOtherIntervals{1, 32, 64};
 
-constexpr std::string_view kRest = "f_rest";  ///< the backbone's name of the coefficients of higher SH bands
-
 }  // namespace
 
 void check(const VanillaBoost& boost) {
@@ -253,7 +251,7 @@ bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) con
 
 bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
   if (!boost_.schedule || moment.iteration >= moment.total) return true;
-  const bool rest = group == kRest;
+  const bool rest = group == kHigherBands;
   const StepIntervals& intervals = rest ? kRestIntervals : kOtherIntervals;
   if (boost_.literal) return steps_literally_at(intervals, moment, boost_.published_iterations);
   const int scaled = step_interval(intervals, moment, boost_.published_iterations);
@@ -261,10 +259,8 @@ bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
 }
 
 float VanillaAdapter::rate_factor(std::string_view group, Moment moment) const {
-  if (!boost_.schedule || boost_.literal || group != kRest) return 1.0f;
-  if (boost_.training_views == 0) return static_cast<float>(boost_.rest_rate);
-  const double visits = visits_per_view(moment, static_cast<std::size_t>(boost_.training_views));
-  return static_cast<float>(rate_by_visits(boost_.rest_rate_few, boost_.rest_rate, visits));
+  if (!boost_.schedule || boost_.literal || group != kHigherBands) return 1.0f;
+  return static_cast<float>(higher_bands_rate(boost_.rest_rate_few, boost_.rest_rate, moment, boost_.training_views));
 }
 
 AdapterEntry vanilla_adapter_entry() {

@@ -1,11 +1,77 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "splatboost/gaussian_planes.h"
 
+#include <algorithm>
+
 #include "geometry/cuda_ops.h"
 #include "geometry/surface_math.h"
 #include "splatboost/errors.h"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "geometry/gaussian_planes_cpu.cpp"
+#include <hwy/foreach_target.h>  // compiles this file once per instruction set
+#include <hwy/highway.h>
+
+#include "device/lanes-inl.h"
+#include "geometry/plane_math.h"
+
+HWY_BEFORE_NAMESPACE();
 namespace splatboost {
+namespace HWY_NAMESPACE {
+
+/// The planes of the Gaussians from `i` on, one per lane. Lanes from `count` on repeat the last.
+PlaneOf<Float> planes_at(const Gaussians& gaussians, const surface::Motion<float>& camera_from_world, std::size_t i,
+                         std::size_t count) {
+  Float mean[3], scales[3], rotation[4];
+  load_rows(&gaussians.means[3 * i], count, mean);
+  load_rows(&gaussians.scales[3 * i], count, scales);
+  load_rows(&gaussians.rotations[4 * i], count, rotation);
+  return plane_of(Vec3<Float>{mean[0], mean[1], mean[2]}, scales,
+                  Quaternion<Float>{rotation[0], rotation[1], rotation[2], rotation[3]}, camera_from_world);
+}
+
+void planes_of_range(const Gaussians& gaussians, const surface::Motion<float>& camera_from_world, std::size_t begin,
+                     std::size_t end, std::span<float> planes) {
+  for (std::size_t i = begin; i < end; i += lanes()) {
+    const std::size_t count = std::min(lanes(), end - i);
+    const GaussianPlane<Float> plane = in_camera(planes_at(gaussians, camera_from_world, i, count), camera_from_world);
+    const Float columns[4] = {plane.normal.x, plane.normal.y, plane.normal.z, plane.distance};
+    store_rows(columns, count, false, &planes[4 * i]);
+  }
+}
+
+void planes_backward_of_range(const Gaussians& gaussians, const surface::Motion<float>& camera_from_world,
+                              std::size_t begin, std::size_t end, std::span<const float> plane_gradients_of,
+                              std::span<float> means, std::span<float> rotations) {
+  const Float zero(0.0f);
+  for (std::size_t i = begin; i < end; i += lanes()) {
+    const std::size_t count = std::min(lanes(), end - i);
+    Float g[4];
+    load_rows(&plane_gradients_of[4 * i], count, g);
+    const Bool unseen = zero >= abs_of(g[0]) + abs_of(g[1]) + abs_of(g[2]) + abs_of(g[3]);
+    if (hn::AllTrue(Lanes(), unseen.m)) continue;
+    Vec3<Float> mean;
+    Quaternion<Float> rotation;
+    plane_gradients(planes_at(gaussians, camera_from_world, i, count), camera_from_world,
+                    GaussianPlane<Float>{{g[0], g[1], g[2]}, g[3]}, mean, rotation);
+    // A Gaussian that cannot be drawn has no plane, but NaN.
+    const Float of_mean[3] = {select(unseen, zero, mean.x), select(unseen, zero, mean.y), select(unseen, zero, mean.z)};
+    const Float of_rotation[4] = {select(unseen, zero, rotation.w), select(unseen, zero, rotation.x),
+                                  select(unseen, zero, rotation.y), select(unseen, zero, rotation.z)};
+    store_rows(of_mean, count, true, &means[3 * i]);
+    store_rows(of_rotation, count, true, &rotations[4 * i]);
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace splatboost
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace splatboost {
+HWY_EXPORT(planes_of_range);
+HWY_EXPORT(planes_backward_of_range);
+
 namespace {
 
 constexpr std::size_t kGrain = 1024;
@@ -23,15 +89,7 @@ void gaussian_planes(const Gaussians& gaussians, const Camera& camera, std::span
   if (device.is_cuda()) return cuda::gaussian_planes(gaussians, camera, planes, device.stream());
   const auto motion = surface::camera_from_world_of<float>(camera);
   device.threads().for_range(gaussians.count, kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const surface::PlaneOf<float> of(&gaussians.means[3 * i], &gaussians.scales[3 * i], &gaussians.rotations[4 * i],
-                                       motion);
-      const surface::Plane<float> plane = of.plane(motion);
-      planes[4 * i] = plane.normal.x;
-      planes[4 * i + 1] = plane.normal.y;
-      planes[4 * i + 2] = plane.normal.z;
-      planes[4 * i + 3] = plane.distance;
-    }
+    HWY_DYNAMIC_DISPATCH(planes_of_range)(gaussians, motion, begin, end, planes);
   });
 }
 
@@ -46,13 +104,8 @@ void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, 
   }
   const auto motion = surface::camera_from_world_of<float>(camera);
   device.threads().for_range(gaussians.count, kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const float* g = &plane_gradients[4 * i];
-      if (g[0] == 0 && g[1] == 0 && g[2] == 0 && g[3] == 0) continue;  // most are not visible
-      const surface::PlaneOf<float> of(&gaussians.means[3 * i], &gaussians.scales[3 * i], &gaussians.rotations[4 * i],
-                                       motion);
-      of.backward(motion, {{g[0], g[1], g[2]}, g[3]}, &means[3 * i], &rotations[4 * i]);
-    }
+    HWY_DYNAMIC_DISPATCH(planes_backward_of_range)
+    (gaussians, motion, begin, end, plane_gradients, means, rotations);
   });
 }
 
@@ -86,3 +139,4 @@ void flatness_loss_backward(std::span<const float> scales, std::span<const std::
 }
 
 }  // namespace splatboost
+#endif  // HWY_ONCE

@@ -2,36 +2,31 @@
 #include "device/device_view.h"
 #include "device/launch.h"
 #include "geometry/cuda_ops.h"
+#include "geometry/plane_math.h"
 #include "geometry/surface_math.h"
 
 namespace splatboost::cuda {
 namespace {
 
 using surface::Motion;
-using surface::Plane;
-using surface::PlaneOf;
 
-/// Parameters of Gaussian i, in local arrays for the formulas.
-struct GaussianRow {
-  float mean[3], scales[3], rotation[4];
-  __device__ GaussianRow(DeviceView<const float> means, DeviceView<const float> all_scales,
-                         DeviceView<const float> rotations, std::size_t i) {
-    for (std::size_t c = 0; c < 3; ++c) {
-      mean[c] = means[3 * i + c];
-      scales[c] = all_scales[3 * i + c];
-    }
-    for (std::size_t c = 0; c < 4; ++c) rotation[c] = rotations[4 * i + c];
-  }
-};
+/// The plane of Gaussian i.
+__device__ PlaneOf<float> plane_at(DeviceView<const float> means, DeviceView<const float> scales,
+                                   DeviceView<const float> rotations, const Motion<float>& camera_from_world,
+                                   std::size_t i) {
+  const float own[3] = {scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]};
+  return plane_of(Vec3<float>{means[3 * i], means[3 * i + 1], means[3 * i + 2]}, own,
+                  Quaternion<float>{rotations[4 * i], rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3]},
+                  camera_from_world);
+}
 
 __global__ void __launch_bounds__(kBlockThreads)
     planes_kernel(DeviceView<const float> means, DeviceView<const float> scales, DeviceView<const float> rotations,
                   Motion<float> camera_from_world, DeviceView<float> planes) {
   const std::size_t i = element_index();
   if (4 * i >= planes.size()) return;
-  const GaussianRow row(means, scales, rotations, i);
-  const Plane<float> plane =
-      PlaneOf<float>(row.mean, row.scales, row.rotation, camera_from_world).plane(camera_from_world);
+  const GaussianPlane<float> plane =
+      in_camera(plane_at(means, scales, rotations, camera_from_world, i), camera_from_world);
   planes[4 * i] = plane.normal.x;
   planes[4 * i + 1] = plane.normal.y;
   planes[4 * i + 2] = plane.normal.z;
@@ -41,19 +36,22 @@ __global__ void __launch_bounds__(kBlockThreads)
 __global__ void __launch_bounds__(kBlockThreads)
     planes_backward_kernel(DeviceView<const float> means, DeviceView<const float> scales,
                            DeviceView<const float> rotations, Motion<float> camera_from_world,
-                           DeviceView<const float> plane_gradients, DeviceView<float> g_means,
+                           DeviceView<const float> gradients, DeviceView<float> g_means,
                            DeviceView<float> g_rotations) {
   const std::size_t i = element_index();
-  if (4 * i >= plane_gradients.size()) return;
-  const Plane<float> g{{plane_gradients[4 * i], plane_gradients[4 * i + 1], plane_gradients[4 * i + 2]},
-                       plane_gradients[4 * i + 3]};
+  if (4 * i >= gradients.size()) return;
+  const GaussianPlane<float> g{{gradients[4 * i], gradients[4 * i + 1], gradients[4 * i + 2]}, gradients[4 * i + 3]};
   if (g.normal.x == 0 && g.normal.y == 0 && g.normal.z == 0 && g.distance == 0) return;  // most are not visible
-  const GaussianRow row(means, scales, rotations, i);
-  float g_mean[3] = {0, 0, 0}, g_rotation[4] = {0, 0, 0, 0};
-  PlaneOf<float>(row.mean, row.scales, row.rotation, camera_from_world)
-      .backward(camera_from_world, g, g_mean, g_rotation);
-  for (std::size_t c = 0; c < 3; ++c) g_means[3 * i + c] += g_mean[c];
-  for (std::size_t c = 0; c < 4; ++c) g_rotations[4 * i + c] += g_rotation[c];
+  Vec3<float> mean;
+  Quaternion<float> rotation;
+  plane_gradients(plane_at(means, scales, rotations, camera_from_world, i), camera_from_world, g, mean, rotation);
+  g_means[3 * i] += mean.x;
+  g_means[3 * i + 1] += mean.y;
+  g_means[3 * i + 2] += mean.z;
+  g_rotations[4 * i] += rotation.w;
+  g_rotations[4 * i + 1] += rotation.x;
+  g_rotations[4 * i + 2] += rotation.y;
+  g_rotations[4 * i + 3] += rotation.z;
 }
 
 __device__ inline std::size_t shortest_of(DeviceView<const float> scales, std::size_t i) {

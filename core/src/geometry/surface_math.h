@@ -101,83 +101,13 @@ SPLATBOOST_HOST_DEVICE int shortest_axis(const Real* scales) {
   return scales[2] < scales[of_two] ? 2 : of_two;
 }
 
-/// A column of the rotation of a unit quaternion (w, x, y, z).
-template <class Real>
-SPLATBOOST_HOST_DEVICE Vector<Real> rotation_column(const Real* q, int column) {
-  const Real w = q[0], x = q[1], y = q[2], z = q[3];
-  if (column == 0) return {1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)};
-  if (column == 1) return {2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)};
-  return {2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)};
-}
-/// Gradient of the quaternion, given that of the column.
-template <class Real>
-SPLATBOOST_HOST_DEVICE void rotation_column_backward(const Real* q, int column, Vector<Real> g, Real* g_q) {
-  const Real w = q[0], x = q[1], y = q[2], z = q[3];
-  if (column == 0) {
-    g_q[0] = 2 * (z * g.y - y * g.z);
-    g_q[1] = 2 * (y * g.y + z * g.z);
-    g_q[2] = 2 * (x * g.y - w * g.z) - 4 * y * g.x;
-    g_q[3] = 2 * (w * g.y + x * g.z) - 4 * z * g.x;
-  } else if (column == 1) {
-    g_q[0] = 2 * (x * g.z - z * g.x);
-    g_q[1] = 2 * (y * g.x + w * g.z) - 4 * x * g.y;
-    g_q[2] = 2 * (x * g.x + z * g.z);
-    g_q[3] = 2 * (y * g.z - w * g.x) - 4 * z * g.y;
-  } else {
-    g_q[0] = 2 * (y * g.x - x * g.y);
-    g_q[1] = 2 * (z * g.x - w * g.y) - 4 * x * g.z;
-    g_q[2] = 2 * (w * g.x + z * g.y) - 4 * y * g.z;
-    g_q[3] = 2 * (x * g.x + y * g.y);
-  }
-}
+// Depth of a blended plane.
 
 template <class Real>
 struct Plane {
   Vector<Real> normal;  ///< in the camera frame, towards the camera
   Real distance;
 };
-
-/// Values shared by the forward and the backward pass of a Gaussian's plane.
-template <class Real>
-struct PlaneOf {
-  int axis;
-  Real unit[4];  ///< the quaternion, normalised
-  Real length;
-  Real side;            ///< −1 where the axis points away from the camera
-  Vector<Real> normal;  ///< in the world
-  Vector<Real> toward;  ///< from the mean to the camera
-
-  SPLATBOOST_HOST_DEVICE PlaneOf(const Real* mean, const Real* scales, const Real* rotation,
-                                 const Motion<Real>& camera_from_world) {
-    axis = shortest_axis(scales);
-    length = std::sqrt(rotation[0] * rotation[0] + rotation[1] * rotation[1] + rotation[2] * rotation[2] +
-                       rotation[3] * rotation[3]);
-    for (int k = 0; k < 4; ++k) unit[k] = rotation[k] / length;
-    const Vector<Real> column = rotation_column(unit, axis);
-    // Computed in the camera frame: far from the origin of the world, camera centre − mean would lose digits.
-    const Vector<Real> at = camera_from_world(Vector<Real>{mean[0], mean[1], mean[2]});
-    toward = Real(-1) * camera_from_world.turned_back(at);
-    side = dot(column, toward) < 0 ? Real(-1) : Real(1);
-    normal = side * column;
-  }
-  SPLATBOOST_HOST_DEVICE Plane<Real> plane(const Motion<Real>& camera_from_world) const {
-    return {camera_from_world.turned(normal), dot(normal, toward)};
-  }
-  /// Adds to the gradients of the mean and of the quaternion as stored, i.e. before normalisation.
-  SPLATBOOST_HOST_DEVICE void backward(const Motion<Real>& camera_from_world, const Plane<Real>& g, Real* g_mean,
-                                       Real* g_rotation) const {
-    g_mean[0] -= g.distance * normal.x;
-    g_mean[1] -= g.distance * normal.y;
-    g_mean[2] -= g.distance * normal.z;
-    const Vector<Real> g_normal = camera_from_world.turned_back(g.normal) + g.distance * toward;
-    Real g_unit[4];
-    rotation_column_backward(unit, axis, side * g_normal, g_unit);
-    const Real along = g_unit[0] * unit[0] + g_unit[1] * unit[1] + g_unit[2] * unit[2] + g_unit[3] * unit[3];
-    for (int k = 0; k < 4; ++k) g_rotation[k] += (g_unit[k] - unit[k] * along) / length;
-  }
-};
-
-// Depth of a blended plane.
 
 /// The blended normal must face the camera by at least this.
 template <class Real>

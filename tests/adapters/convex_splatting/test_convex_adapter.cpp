@@ -164,6 +164,25 @@ TEST(ConvexAdapter, SchedulesAllGroupsAndKeepsTheBackbonesResets) {
   EXPECT_EQ(ConvexAdapter(literal_convex_boost(), threads).beta(), 0.5f);
 }
 
+TEST(ConvexAdapter, HigherBandsHaveTheRateOfVanilla) {
+  Threads threads(1);
+  const auto factor = [&](ConvexBoost boost, int views, const char* group = "f_rest") {
+    boost.training_views = views;
+    return ConvexAdapter(boost, threads).rate_factor(group, {100, 7000});
+  };
+  EXPECT_EQ(factor({}, 0), 2) << "the number of views is not known";
+  EXPECT_EQ(factor({}, 70), 2) << "100 uses";
+  EXPECT_FLOAT_EQ(factor({}, 100), 200.0f / 70) << "70 uses";
+  EXPECT_EQ(factor({}, 255), 4) << "27 uses";
+  for (const char* group : {"f_dc", "convex_points", "sigma"}) EXPECT_EQ(factor({}, 255, group), 1) << group;
+  ConvexBoost boost;
+  boost.schedule = false;
+  EXPECT_EQ(factor(boost, 255), 1);
+  boost = literal_convex_boost();
+  boost.schedule = true;
+  EXPECT_EQ(factor(boost, 255), 1);
+}
+
 TEST(ConvexAdapter, NamesASettingThatIsImpossible) {
   const auto message = [](auto change) {
     ConvexBoost boost;
@@ -181,6 +200,9 @@ TEST(ConvexAdapter, NamesASettingThatIsImpossible) {
   EXPECT_NE(message([](ConvexBoost& b) { b.late_min_opacity = 2; }).find("late_min_opacity"), std::string::npos);
   EXPECT_NE(message([](ConvexBoost& b) { b.late_share = 1; }).find("late_share"), std::string::npos);
   EXPECT_NE(message([](ConvexBoost& b) { b.coarse_until = 2; }).find("coarse_until"), std::string::npos);
+  EXPECT_NE(message([](ConvexBoost& b) { b.rest_rate = -1; }).find("rest_rate"), std::string::npos);
+  EXPECT_NE(message([](ConvexBoost& b) { b.rest_rate_few = -1; }).find("rest_rate_few"), std::string::npos);
+  EXPECT_NE(message([](ConvexBoost& b) { b.training_views = -1; }).find("training_views"), std::string::npos);
 }
 
 }  // namespace

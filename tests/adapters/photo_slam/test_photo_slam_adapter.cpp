@@ -179,6 +179,16 @@ TEST(PhotoSlamAdapter, late_pruning_may_begin_at_any_iteration) {
   EXPECT_FALSE(adapter.prunes_at({650, 1000}, false));
 }
 
+TEST(PhotoSlamAdapter, higher_bands_have_one_rate_for_any_number_of_keyframes) {
+  Threads threads(1);
+  for (const int views : {0, 7, 500}) {
+    PhotoSlamBoost boost;
+    boost.training_views = views;
+    EXPECT_EQ(PhotoSlamAdapter(boost, threads).rate_factor("f_rest", {100, 5000}), 4) << views;
+  }
+  EXPECT_EQ(PhotoSlamAdapter(literal_photo_slam_boost(), threads).rate_factor("f_rest", {100, 5000}), 1);
+}
+
 TEST(PhotoSlamAdapter, impossible_settings_are_named) {
   Threads threads(1);
   PhotoSlamBoost boost;

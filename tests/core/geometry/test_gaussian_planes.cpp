@@ -4,11 +4,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
 
-#include "geometry/surface_math.h"
+#include <glm/gtc/quaternion.hpp>
+
 #include "splatboost/random.h"
 #include "support/looking_camera.h"
 
@@ -33,38 +35,107 @@ TEST(GaussianPlanes, are_normal_to_the_shortest_axis_and_face_the_camera) {
   EXPECT_EQ(planes, (std::vector<float>{0, 0, -1, 6, -1, 0, 0, 2}));
 }
 
-TEST(GaussianPlanes, gradient_is_that_of_finite_differences) {
-  const RandomStream random(3, 0, RandomPurpose::synth);
-  std::uint64_t next = 0;
+/// The plane of a Gaussian (normal in the camera frame, distance), in double.
+/// @param in [7] mean, quaternion
+std::array<double, 4> plane_of(const std::array<double, 7>& in, const std::array<double, 3>& scales,
+                               const Camera& camera) {
+  const double length = std::hypot(std::hypot(in[3], in[4]), std::hypot(in[5], in[6]));
+  const double w = in[3] / length, x = in[4] / length, y = in[5] / length, z = in[6] / length;
+  const glm::dmat3 axes = glm::mat3_cast(glm::dquat(w, x, y, z));
+  const auto shortest = std::ranges::min_element(scales) - scales.begin();
+  const glm::dmat4 camera_from_world(camera.camera_from_world);
+  glm::dvec3 normal = glm::dmat3(camera_from_world) * axes[static_cast<int>(shortest)];
+  const glm::dvec3 mean(camera_from_world * glm::dvec4(in[0], in[1], in[2], 1));
+  if (glm::dot(normal, mean) > 0) normal = -normal;
+  return {normal.x, normal.y, normal.z, -glm::dot(normal, mean)};
+}
+
+/// Gaussians of which every axis is the shortest of some; all numbers exact as floats.
+struct RandomGaussians {
+  static constexpr std::size_t kCount = 101;  // several vectors, and a part of one
+  std::vector<float> means, scales, rotations;
+  RandomGaussians() {
+    const RandomStream random(3, 0, RandomPurpose::synth);
+    std::uint64_t next = 0;
+    for (std::size_t i = 0; i < 3 * kCount; ++i) means.push_back(static_cast<float>(random.normal(next++)));
+    for (std::size_t i = 0; i < 4 * kCount; ++i) rotations.push_back(static_cast<float>(random.normal(next++)));
+    for (std::size_t i = 0; i < 3 * kCount; ++i) scales.push_back(static_cast<float>(0.1 + random.uniform(next++)));
+  }
+  Gaussians all() const {
+    Gaussians gaussians;
+    gaussians.count = kCount;
+    gaussians.means = means;
+    gaussians.scales = scales;
+    gaussians.rotations = rotations;
+    return gaussians;
+  }
+  std::array<double, 7> row(std::size_t i) const {
+    return {means[3 * i],         means[3 * i + 1],     means[3 * i + 2],    rotations[4 * i],
+            rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3]};
+  }
+  std::array<double, 3> scales_of(std::size_t i) const { return {scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]}; }
+};
+
+TEST(GaussianPlanes, are_those_in_double) {
+  const RandomGaussians random;
   const Camera camera = testing::camera_looking_at_origin({3, -1, 2}, 40, 30);
-  const auto motion = surface::camera_from_world_of<double>(camera);
-  std::array<bool, 3> axes{};
-  for (int trial = 0; trial < 100; ++trial) {
-    std::array<double, 7> in{};  // mean, rotation
-    for (double& value : in) value = random.normal(next++);
-    std::array<double, 3> scales{};
-    for (double& scale : scales) scale = 0.1 + random.uniform(next++);
-    std::array<double, 4> weights{};
-    for (double& weight : weights) weight = random.normal(next++);
+  std::array<int, 3> shortest{};
+  for (const int threads_used : {1, 2}) {
+    Threads threads(threads_used);
+    std::vector<float> planes(4 * RandomGaussians::kCount);
+    gaussian_planes(random.all(), camera, planes, threads);
+    for (std::size_t i = 0; i < RandomGaussians::kCount; ++i) {
+      const std::array<double, 3> scales = random.scales_of(i);
+      ++shortest[static_cast<std::size_t>(std::ranges::min_element(scales) - scales.begin())];
+      const std::array<double, 4> expected = plane_of(random.row(i), scales, camera);
+      for (std::size_t c = 0; c < 4; ++c) EXPECT_NEAR(planes[4 * i + c], expected[c], 3e-6) << i << " " << c;
+    }
+  }
+  for (const int count : shortest) EXPECT_GT(count, 0) << "each axis must be the shortest once";
+}
+
+TEST(GaussianPlanes, gradients_are_those_of_finite_differences_in_double_and_accumulate) {
+  const RandomGaussians random;
+  const Camera camera = testing::camera_looking_at_origin({3, -1, 2}, 40, 30);
+  const RandomStream numbers(4, 0, RandomPurpose::synth);
+  std::vector<float> weights(4 * RandomGaussians::kCount);
+  for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<float>(numbers.normal(i));
+  std::vector<float> means(3 * RandomGaussians::kCount, 1), rotations(4 * RandomGaussians::kCount, 2);
+  Threads threads(2);
+  gaussian_planes_backward(random.all(), camera, weights, means, rotations, threads);
+  for (std::size_t i = 0; i < RandomGaussians::kCount; ++i) {
     const auto objective = [&](const std::array<double, 7>& at) {
-      const auto plane = surface::PlaneOf<double>(at.data(), scales.data(), at.data() + 3, motion).plane(motion);
-      return weights[0] * plane.normal.x + weights[1] * plane.normal.y + weights[2] * plane.normal.z +
-             weights[3] * plane.distance;
+      const std::array<double, 4> plane = plane_of(at, random.scales_of(i), camera);
+      double sum = 0;
+      for (std::size_t c = 0; c < 4; ++c) sum += static_cast<double>(weights[4 * i + c]) * plane[c];
+      return sum;
     };
-    const surface::PlaneOf<double> of(in.data(), scales.data(), in.data() + 3, motion);
-    axes[static_cast<std::size_t>(of.axis)] = true;
-    std::array<double, 7> gradient{1, 2, 3, 4, 5, 6, 7};  // gradients accumulate
-    of.backward(motion, {{weights[0], weights[1], weights[2]}, weights[3]}, gradient.data(), gradient.data() + 3);
     for (std::size_t k = 0; k < 7; ++k) {
-      std::array<double, 7> up = in, down = in;
+      std::array<double, 7> up = random.row(i), down = up;
       up[k] += 1e-6;
       down[k] -= 1e-6;
       const double expected = (objective(up) - objective(down)) / 2e-6;
-      EXPECT_NEAR(gradient[k] - static_cast<double>(k + 1), expected, 1e-6 * (1 + std::abs(expected)))
-          << "trial " << trial << " input " << k;
+      const double gradient = k < 3 ? means[3 * i + k] - 1 : rotations[4 * i + k - 3] - 2;
+      EXPECT_NEAR(gradient, expected, 3e-6 * (1 + std::abs(expected))) << "Gaussian " << i << " input " << k;
     }
   }
-  EXPECT_TRUE(axes[0] && axes[1] && axes[2]) << "each axis must be the shortest once";
+}
+
+TEST(GaussianPlanes, without_a_gradient_nothing_is_added_even_if_the_quaternion_is_zero) {
+  RandomGaussians random;
+  std::fill_n(random.rotations.begin() + 4 * 7, 4, 0.0f);
+  std::vector<float> weights(4 * RandomGaussians::kCount, 0.0f);
+  weights[4 * 5] = 1;
+  std::vector<float> means(3 * RandomGaussians::kCount, 1), rotations(4 * RandomGaussians::kCount, 2);
+  Threads threads(1);
+  gaussian_planes_backward(random.all(), testing::camera_looking_at_origin({3, -1, 2}, 40, 30), weights, means,
+                           rotations, threads);
+  for (std::size_t i = 0; i < RandomGaussians::kCount; ++i) {
+    if (i == 5) continue;
+    for (std::size_t c = 0; c < 3; ++c) EXPECT_EQ(means[3 * i + c], 1) << i;
+    for (std::size_t c = 0; c < 4; ++c) EXPECT_EQ(rotations[4 * i + c], 2) << i;
+  }
+  EXPECT_NE(rotations[4 * 5], 2);
 }
 
 TEST(Flatness, is_the_mean_smallest_scale_of_those_seen) {
