@@ -457,6 +457,14 @@ std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset
   return views;
 }
 
+/// @param positions [N,3], N at least 1
+bool all_at_one_place(std::span<const float> positions) {
+  for (std::size_t k = 3; k < positions.size(); ++k) {
+    if (positions[k] != positions[k % 3]) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 std::vector<std::string> pack_scene(const SceneOptions& options, const std::filesystem::path& file) {
@@ -533,15 +541,18 @@ Scene read_scene(const SceneOptions& options) {
     scene.notes.push_back("training starts from the points of " +
                           few_view_file(options.source, options.n_views).string());
   }
-  if (scene.points.size() == 0) {
+  // Sizes of the first primitives are distances between points.
+  const std::size_t points = scene.points.size();
+  if (points == 0 || all_at_one_place(scene.points.positions)) {
+    const std::string reason =
+        points == 0 ? "the dataset has no points" : "all points of the dataset are at the same place";
     if (options.random_points < 1) {
-      throw InputError(dataset.listing.string() + ": the dataset has no points to start from, and random_points is " +
+      throw InputError(dataset.listing.string() + ": " + reason + ", and random_points is " +
                        std::to_string(options.random_points));
     }
     const PointBox box = dataset.blender ? synthetic_box() : look_at_box(scene.train);
     scene.points = random_points(box, options.random_points, options.seed);
-    scene.notes.push_back("the dataset has no points; training starts from " + std::to_string(options.random_points) +
-                          " random ones");
+    scene.notes.push_back(reason + "; training starts from " + std::to_string(options.random_points) + " random ones");
   }
   if (!(scene.extent > 0)) {
     // One camera, or all at one place: the extent of 3DGS, which scales the means' learning rate, would be 0. The

@@ -126,7 +126,7 @@ struct Capture {
     write_file(folder / "dataset.json", dataset.dump());
     write_file(folder / "metadata.json", metadata.dump());
     write_file(folder / "scene.json", R"({"scale": 2, "center": [1, 0, 0], "near": 0.1, "far": 9})");
-    write_file(folder / "points.npy", npy_bytes<double>("<f8", "(1, 3)", {1.5, 2, 3}));
+    write_file(folder / "points.npy", npy_bytes<double>("<f8", "(2, 3)", {1.5, 2, 3, 1, 2, 3}));
   }
   SceneOptions options() const {
     SceneOptions result = options_of(folder);
@@ -150,7 +150,7 @@ TEST(Nerfies, CapturesReadAsWritten) {
   EXPECT_NEAR(glm::length(camera.centre() - glm::vec3(8, 0, -8)), 0, 1e-5);
   const glm::vec4 ahead = camera.camera_from_world * glm::vec4(8, 1, 0, 1);
   EXPECT_NEAR(glm::length(glm::vec3(ahead) - glm::vec3(0, 1, 8)), 0, 1e-5) << "y points down";
-  EXPECT_EQ(scene.points.positions, (std::vector<float>{1, 4, 6}));
+  EXPECT_EQ(scene.points.positions, (std::vector<float>{1, 4, 6, 0, 4, 6}));
   EXPECT_FALSE(scene.synthetic);
 }
 

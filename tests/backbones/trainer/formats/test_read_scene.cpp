@@ -38,8 +38,8 @@ struct Row {
       write(image.name, pixels);
     }
     if (with_points) {
-      model.points.positions = {1, 2, 3};
-      model.points.colors = {1, 2, 3};
+      model.points.positions = {1, 2, 3, 2, 2, 3};
+      model.points.colors = {1, 2, 3, 4, 5, 6};
     }
     std::filesystem::create_directories(folder / "sparse/0");
     write_colmap_model(folder / "sparse/0", model);
@@ -169,7 +169,7 @@ TEST(ReadScene, FewViewsStartFromPointsOfTheirOwn) {
   const Row row;
   SceneOptions options = row.options();
   options.n_views = 3;
-  EXPECT_EQ(read_scene(options).points.positions, (std::vector<float>{1, 2, 3}));
+  EXPECT_EQ(read_scene(options).points.positions, (std::vector<float>{1, 2, 3, 2, 2, 3}));
   write_file(row.folder / "3_views/dense/fused.ply",
              "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
              "end_header\n4 5 6\n7 8 9\n");
@@ -178,7 +178,7 @@ TEST(ReadScene, FewViewsStartFromPointsOfTheirOwn) {
   ASSERT_EQ(scene.notes.size(), 1u);
   expect_contains(scene.notes[0], "3_views/dense/fused.ply");
   options.n_views = 4;
-  EXPECT_EQ(read_scene(options).points.size(), 1u) << "other views have other points";
+  EXPECT_EQ(read_scene(options).points.size(), 2u) << "other views have other points";
 }
 
 TEST(ReadScene, ATestListGoesBeforeTheRule) {
@@ -274,8 +274,8 @@ TEST(ReadScene, WidePhotosAreLimitedWithANote) {
   image.camera_id = 1;
   image.name = "wide.png";
   model.images.push_back(image);
-  model.points.positions = {0, 0, 3};
-  model.points.colors = {1, 2, 3};
+  model.points.positions = {0, 0, 3, 0, 1, 3};
+  model.points.colors = {1, 2, 3, 1, 2, 3};
   std::filesystem::create_directories(folder / "sparse/0");
   std::filesystem::create_directories(folder / "images");
   write_colmap_model(folder / "sparse/0", model);
@@ -307,6 +307,26 @@ TEST(ReadScene, RandomPointsLieWhereTheCamerasLook) {
   EXPECT_NE(read_scene(options).points.positions, scene.points.positions);
   options.random_points = 0;
   expect_contains(input_error_of([&] { read_scene(options); }), "no points");
+}
+
+TEST(ReadScene, PointsAtOnePlaceAreReplacedBecauseTheyHaveNoSize) {
+  for (const int count : {1, 3}) {
+    const Row row(false);
+    ColmapModel model = read_colmap_model(row.folder / "sparse/0");
+    for (int i = 0; i < count; ++i) {
+      for (const float coordinate : {1.0f, 2.0f, 3.0f}) model.points.positions.push_back(coordinate);
+      model.points.colors.insert(model.points.colors.end(), 3, 100);
+    }
+    write_colmap_model(row.folder / "sparse/0", model);
+    SceneOptions options = row.options();
+    options.random_points = 50;
+    const Scene scene = read_scene(options);
+    EXPECT_EQ(scene.points.size(), 50u) << count;
+    ASSERT_FALSE(scene.notes.empty());
+    expect_contains(scene.notes.back(), "at the same place; training starts from 50 random ones");
+    options.random_points = 0;
+    expect_contains(input_error_of([&] { read_scene(options); }), "at the same place, and random_points is 0");
+  }
 }
 
 TEST(ReadScene, TellsWhatItLookedFor) {

@@ -190,8 +190,8 @@ TEST(Transforms, NerfstudioIntrinsicsAreGlobalOrPerFrame) {
   json["frames"][0]["cx"] = 40;
   write_file(folder / "transforms.json", json.dump());
   write_file(folder / "points.ply",
-             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float "
-             "z\nend_header\n1 2 3\n");
+             "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float "
+             "z\nend_header\n1 2 3\n4 5 6\n");
   write_rgba(folder / "images/a.png", 1, 2, 3, 255);  // half the size stated in the file
   write_rgba(folder / "images/b.png", 4, 5, 6, 255);
   SceneOptions options;
@@ -205,7 +205,7 @@ TEST(Transforms, NerfstudioIntrinsicsAreGlobalOrPerFrame) {
   EXPECT_FLOAT_EQ(scene.train[0].camera.cy, 11.5);
   EXPECT_FLOAT_EQ(scene.train[1].camera.fx, 35);
   EXPECT_FLOAT_EQ(scene.train[1].camera.cx, 20);
-  EXPECT_EQ(scene.points.positions, (std::vector<float>{1, 2, 3}));
+  EXPECT_EQ(scene.points.positions, (std::vector<float>{1, 2, 3, 4, 5, 6}));
 }
 
 TEST(Transforms, InstantNgpHasDistortionAndAnglesInsteadOfFocalLengths) {
