@@ -4,7 +4,6 @@
 
 #include <concepts>
 #include <cstdint>
-#include <string_view>
 #include <type_traits>
 
 #include "registry/adapter.h"
@@ -165,9 +164,6 @@ class VanillaAdapter : public Adapter {
   float rate_factor(std::string_view group, Moment moment) const override;
 
  protected:
-  /// The backbone's name of the coefficients of higher SH bands.
-  static constexpr std::string_view kHigherBands = "f_rest";
-
   bool is_literal() const { return boost_.literal; }
   int views() const { return boost_.views; }
   /// Scores the primitives over K views; valid until the next call. @param losses whether to compute E_j too
