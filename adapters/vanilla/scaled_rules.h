@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <string_view>
 
 #include "splatboost/schedule.h"
 
@@ -38,7 +39,10 @@ inline double rate_by_visits(double few, double often, double visits) {
   return few > often ? std::clamp(few * kSettledVisits / std::max(visits, kSettledVisits), often, few) : often;
 }
 
-/// Factor on the learning rate of the coefficients of higher SH bands: rate_by_visits(), or `often` where the number of
+/// The backbones' name of the coefficients of higher SH bands.
+inline constexpr std::string_view kHigherBands = "f_rest";
+
+/// Factor on their learning rate: rate_by_visits(), or `often` where the number of
 /// training views is not known (0).
 inline double higher_bands_rate(double few, double often, Moment moment, int training_views) {
   return training_views == 0

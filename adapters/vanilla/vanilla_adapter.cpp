@@ -15,8 +15,6 @@ namespace {
 constexpr StepIntervals kRestIntervals{16, 32, 64};
 constexpr StepIntervals kOtherIntervals{1, 32, 64};
 
-constexpr std::string_view kHigherBands = "f_rest";  ///< the backbone's name of their coefficients
-
 }  // namespace
 
 void check(const VanillaBoost& boost) {

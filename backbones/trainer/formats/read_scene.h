@@ -30,7 +30,7 @@ struct SceneOptions {
   /// of N_views/dense/fused.ply if that file exists
   int n_views = 0;
   bool white_background = false;
-  int random_points = 100000;  ///< points to sample in the scene's box if the dataset has none
+  int random_points = 100000;  ///< to sample in the scene's box if the dataset has no points, or all at one place
   std::uint64_t seed = 0;
 };
 

@@ -20,29 +20,28 @@ namespace splatboost {
 namespace HWY_NAMESPACE {
 
 /// The planes of the Gaussians from `i` on, one per lane. Lanes from `count` on repeat the last.
-PlaneOf<Float> planes_at(const Gaussians& gaussians, const surface::Motion<float>& camera_from_world, std::size_t i,
-                         std::size_t count) {
+PlaneOf<Float> planes_at(const Gaussians& gaussians, const ProjectionCamera& camera, std::size_t i, std::size_t count) {
   Float mean[3], scales[3], rotation[4];
   load_rows(&gaussians.means[3 * i], count, mean);
   load_rows(&gaussians.scales[3 * i], count, scales);
   load_rows(&gaussians.rotations[4 * i], count, rotation);
   return plane_of(Vec3<Float>{mean[0], mean[1], mean[2]}, scales,
-                  Quaternion<Float>{rotation[0], rotation[1], rotation[2], rotation[3]}, camera_from_world);
+                  Quaternion<Float>{rotation[0], rotation[1], rotation[2], rotation[3]}, camera);
 }
 
-void planes_of_range(const Gaussians& gaussians, const surface::Motion<float>& camera_from_world, std::size_t begin,
-                     std::size_t end, std::span<float> planes) {
+void planes_of_range(const Gaussians& gaussians, const ProjectionCamera& camera, std::size_t begin, std::size_t end,
+                     std::span<float> planes) {
   for (std::size_t i = begin; i < end; i += lanes()) {
     const std::size_t count = std::min(lanes(), end - i);
-    const GaussianPlane<Float> plane = in_camera(planes_at(gaussians, camera_from_world, i, count), camera_from_world);
+    const GaussianPlane<Float> plane = in_camera(planes_at(gaussians, camera, i, count), camera);
     const Float columns[4] = {plane.normal.x, plane.normal.y, plane.normal.z, plane.distance};
     store_rows(columns, count, false, &planes[4 * i]);
   }
 }
 
-void planes_backward_of_range(const Gaussians& gaussians, const surface::Motion<float>& camera_from_world,
-                              std::size_t begin, std::size_t end, std::span<const float> plane_gradients_of,
-                              std::span<float> means, std::span<float> rotations) {
+void planes_backward_of_range(const Gaussians& gaussians, const ProjectionCamera& camera, std::size_t begin,
+                              std::size_t end, std::span<const float> plane_gradients_of, std::span<float> means,
+                              std::span<float> rotations) {
   const Float zero(0.0f);
   for (std::size_t i = begin; i < end; i += lanes()) {
     const std::size_t count = std::min(lanes(), end - i);
@@ -52,8 +51,8 @@ void planes_backward_of_range(const Gaussians& gaussians, const surface::Motion<
     if (hn::AllTrue(Lanes(), unseen.m)) continue;
     Vec3<Float> mean;
     Quaternion<Float> rotation;
-    plane_gradients(planes_at(gaussians, camera_from_world, i, count), camera_from_world,
-                    GaussianPlane<Float>{{g[0], g[1], g[2]}, g[3]}, mean, rotation);
+    plane_gradients(planes_at(gaussians, camera, i, count), camera, GaussianPlane<Float>{{g[0], g[1], g[2]}, g[3]},
+                    mean, rotation);
     // A Gaussian that cannot be drawn has no plane, but NaN.
     const Float of_mean[3] = {select(unseen, zero, mean.x), select(unseen, zero, mean.y), select(unseen, zero, mean.z)};
     const Float of_rotation[4] = {select(unseen, zero, rotation.w), select(unseen, zero, rotation.x),
@@ -87,9 +86,9 @@ void gaussian_planes(const Gaussians& gaussians, const Camera& camera, std::span
   check_plane_gaussians(gaussians);
   SPLATBOOST_CHECK(planes.size() == kPlaneChannels * gaussians.count, "planes must be [N,4]");
   if (device.is_cuda()) return cuda::gaussian_planes(gaussians, camera, planes, device.stream());
-  const auto motion = surface::camera_from_world_of<float>(camera);
+  const ProjectionCamera projection = make_projection_camera(camera);
   device.threads().for_range(gaussians.count, kGrain, [&](std::size_t begin, std::size_t end) {
-    HWY_DYNAMIC_DISPATCH(planes_of_range)(gaussians, motion, begin, end, planes);
+    HWY_DYNAMIC_DISPATCH(planes_of_range)(gaussians, projection, begin, end, planes);
   });
 }
 
@@ -102,10 +101,10 @@ void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, 
   if (device.is_cuda()) {
     return cuda::gaussian_planes_backward(gaussians, camera, plane_gradients, means, rotations, device.stream());
   }
-  const auto motion = surface::camera_from_world_of<float>(camera);
+  const ProjectionCamera projection = make_projection_camera(camera);
   device.threads().for_range(gaussians.count, kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(planes_backward_of_range)
-    (gaussians, motion, begin, end, plane_gradients, means, rotations);
+    (gaussians, projection, begin, end, plane_gradients, means, rotations);
   });
 }
 

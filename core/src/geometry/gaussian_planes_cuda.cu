@@ -8,25 +8,21 @@
 namespace splatboost::cuda {
 namespace {
 
-using surface::Motion;
-
 /// The plane of Gaussian i.
 __device__ PlaneOf<float> plane_at(DeviceView<const float> means, DeviceView<const float> scales,
-                                   DeviceView<const float> rotations, const Motion<float>& camera_from_world,
-                                   std::size_t i) {
+                                   DeviceView<const float> rotations, const ProjectionCamera& camera, std::size_t i) {
   const float own[3] = {scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]};
   return plane_of(Vec3<float>{means[3 * i], means[3 * i + 1], means[3 * i + 2]}, own,
                   Quaternion<float>{rotations[4 * i], rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3]},
-                  camera_from_world);
+                  camera);
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
     planes_kernel(DeviceView<const float> means, DeviceView<const float> scales, DeviceView<const float> rotations,
-                  Motion<float> camera_from_world, DeviceView<float> planes) {
+                  ProjectionCamera camera, DeviceView<float> planes) {
   const std::size_t i = element_index();
   if (4 * i >= planes.size()) return;
-  const GaussianPlane<float> plane =
-      in_camera(plane_at(means, scales, rotations, camera_from_world, i), camera_from_world);
+  const GaussianPlane<float> plane = in_camera(plane_at(means, scales, rotations, camera, i), camera);
   planes[4 * i] = plane.normal.x;
   planes[4 * i + 1] = plane.normal.y;
   planes[4 * i + 2] = plane.normal.z;
@@ -35,7 +31,7 @@ __global__ void __launch_bounds__(kBlockThreads)
 
 __global__ void __launch_bounds__(kBlockThreads)
     planes_backward_kernel(DeviceView<const float> means, DeviceView<const float> scales,
-                           DeviceView<const float> rotations, Motion<float> camera_from_world,
+                           DeviceView<const float> rotations, ProjectionCamera camera,
                            DeviceView<const float> gradients, DeviceView<float> g_means,
                            DeviceView<float> g_rotations) {
   const std::size_t i = element_index();
@@ -44,7 +40,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (g.normal.x == 0 && g.normal.y == 0 && g.normal.z == 0 && g.distance == 0) return;  // most are not visible
   Vec3<float> mean;
   Quaternion<float> rotation;
-  plane_gradients(plane_at(means, scales, rotations, camera_from_world, i), camera_from_world, g, mean, rotation);
+  plane_gradients(plane_at(means, scales, rotations, camera, i), camera, g, mean, rotation);
   g_means[3 * i] += mean.x;
   g_means[3 * i + 1] += mean.y;
   g_means[3 * i + 2] += mean.z;
@@ -86,14 +82,13 @@ __global__ void __launch_bounds__(kBlockThreads)
 
 void gaussian_planes(const Gaussians& gaussians, const Camera& camera, std::span<float> planes, CudaStream& stream) {
   launch_each(stream, "gaussian_planes", planes_kernel, gaussians.count, gaussians.means, gaussians.scales,
-              gaussians.rotations, surface::camera_from_world_of<float>(camera), planes);
+              gaussians.rotations, make_projection_camera(camera), planes);
 }
 
 void gaussian_planes_backward(const Gaussians& gaussians, const Camera& camera, std::span<const float> plane_gradients,
                               std::span<float> means, std::span<float> rotations, CudaStream& stream) {
   launch_each(stream, "gaussian_planes_backward", planes_backward_kernel, gaussians.count, gaussians.means,
-              gaussians.scales, gaussians.rotations, surface::camera_from_world_of<float>(camera), plane_gradients,
-              means, rotations);
+              gaussians.scales, gaussians.rotations, make_projection_camera(camera), plane_gradients, means, rotations);
 }
 
 void flatness_loss(std::span<const float> scales, std::span<const std::uint8_t> visible, float weight,

@@ -10,7 +10,6 @@
 #endif
 
 #include "device/host_device.h"
-#include "geometry/surface_math.h"
 #include "projection/project_math.h"
 
 SPLATBOOST_MATH_BEGIN
@@ -31,19 +30,14 @@ struct PlaneOf {
   Vec3<T> toward;    ///< from the mean to the camera
 };
 
+/// A direction of the world in the camera frame, and back.
 template <class T>
-SPLATBOOST_HOST_DEVICE Vec3<T> widen(const surface::Vector<float>& v) {
-  return {T(v.x), T(v.y), T(v.z)};
+SPLATBOOST_HOST_DEVICE Vec3<T> turned(const ProjectionCamera& camera, Vec3<T> v) {
+  return {dot(widen<T>(camera.axis_x), v), dot(widen<T>(camera.axis_y), v), dot(widen<T>(camera.axis_z), v)};
 }
-
 template <class T>
-SPLATBOOST_HOST_DEVICE Vec3<T> turned(const surface::Motion<float>& motion, Vec3<T> v) {
-  return {dot(widen<T>(motion.rows[0]), v), dot(widen<T>(motion.rows[1]), v), dot(widen<T>(motion.rows[2]), v)};
-}
-
-template <class T>
-SPLATBOOST_HOST_DEVICE Vec3<T> turned_back(const surface::Motion<float>& motion, Vec3<T> v) {
-  return v.x * widen<T>(motion.rows[0]) + v.y * widen<T>(motion.rows[1]) + v.z * widen<T>(motion.rows[2]);
+SPLATBOOST_HOST_DEVICE Vec3<T> turned_back(const ProjectionCamera& camera, Vec3<T> v) {
+  return v.x * widen<T>(camera.axis_x) + v.y * widen<T>(camera.axis_y) + v.z * widen<T>(camera.axis_z);
 }
 
 template <class Condition, class T>
@@ -54,7 +48,7 @@ SPLATBOOST_HOST_DEVICE Vec3<T> select(Condition condition, Vec3<T> a, Vec3<T> b)
 /// @param scales of equal ones the first counts as the shortest
 template <class T>
 SPLATBOOST_HOST_DEVICE PlaneOf<T> plane_of(Vec3<T> mean, const T (&scales)[3], Quaternion<T> rotation,
-                                           const surface::Motion<float>& camera_from_world) {
+                                           const ProjectionCamera& camera) {
   const T zero(0.0f), one(1.0f);
   PlaneOf<T> of;
   of.inverse_length = one / sqrt_of(dot(rotation, rotation));
@@ -64,8 +58,8 @@ SPLATBOOST_HOST_DEVICE PlaneOf<T> plane_of(Vec3<T> mean, const T (&scales)[3], Q
   const Matrix3<T> axes = rotation_of(of.unit);
   const Vec3<T> column = select(third, axes.z, select(second, axes.y, axes.x));
   // Computed in the camera frame: far from the origin of the world, camera centre − mean would lose digits.
-  const Vec3<T> at = turned(camera_from_world, mean) + widen<T>(camera_from_world.shift);
-  of.toward = -one * turned_back(camera_from_world, at);
+  const Vec3<T> at = turned(camera, mean) + widen<T>(camera.translation);
+  of.toward = -one * turned_back(camera, at);
   const T side = select(dot(column, of.toward) < zero, -one, one);
   of.normal = side * column;
   of.axis[0] = select(third, zero, select(second, zero, side));
@@ -75,18 +69,17 @@ SPLATBOOST_HOST_DEVICE PlaneOf<T> plane_of(Vec3<T> mean, const T (&scales)[3], Q
 }
 
 template <class T>
-SPLATBOOST_HOST_DEVICE GaussianPlane<T> in_camera(const PlaneOf<T>& of,
-                                                  const surface::Motion<float>& camera_from_world) {
-  return {turned(camera_from_world, of.normal), dot(of.normal, of.toward)};
+SPLATBOOST_HOST_DEVICE GaussianPlane<T> in_camera(const PlaneOf<T>& of, const ProjectionCamera& camera) {
+  return {turned(camera, of.normal), dot(of.normal, of.toward)};
 }
 
 /// Gradients of the mean and of the quaternion as stored.
 /// @param g with respect to in_camera()
 template <class T>
-SPLATBOOST_HOST_DEVICE void plane_gradients(const PlaneOf<T>& of, const surface::Motion<float>& camera_from_world,
+SPLATBOOST_HOST_DEVICE void plane_gradients(const PlaneOf<T>& of, const ProjectionCamera& camera,
                                             const GaussianPlane<T>& g, Vec3<T>& g_mean, Quaternion<T>& g_rotation) {
   g_mean = -g.distance * of.normal;
-  const Vec3<T> g_normal = turned_back(camera_from_world, g.normal) + g.distance * of.toward;
+  const Vec3<T> g_normal = turned_back(camera, g.normal) + g.distance * of.toward;
   const Quaternion<T> g_unit =
       rotation_gradient(of.unit, Matrix3<T>{of.axis[0] * g_normal, of.axis[1] * g_normal, of.axis[2] * g_normal});
   const T along = dot(g_unit, of.unit);

@@ -13,6 +13,7 @@
 
 #include "splatboost/random.h"
 #include "support/looking_camera.h"
+#include "support/scenes.h"
 
 namespace splatboost {
 namespace {
@@ -50,44 +51,42 @@ std::array<double, 4> plane_of(const std::array<double, 7>& in, const std::array
   return {normal.x, normal.y, normal.z, -glm::dot(normal, mean)};
 }
 
+constexpr std::size_t kCount = 101;  // several vectors, and a part of one
+
 /// Gaussians of which every axis is the shortest of some; all numbers exact as floats.
-struct RandomGaussians {
-  static constexpr std::size_t kCount = 101;  // several vectors, and a part of one
-  std::vector<float> means, scales, rotations;
-  RandomGaussians() {
-    const RandomStream random(3, 0, RandomPurpose::synth);
-    std::uint64_t next = 0;
-    for (std::size_t i = 0; i < 3 * kCount; ++i) means.push_back(static_cast<float>(random.normal(next++)));
-    for (std::size_t i = 0; i < 4 * kCount; ++i) rotations.push_back(static_cast<float>(random.normal(next++)));
-    for (std::size_t i = 0; i < 3 * kCount; ++i) scales.push_back(static_cast<float>(0.1 + random.uniform(next++)));
-  }
-  Gaussians all() const {
-    Gaussians gaussians;
-    gaussians.count = kCount;
-    gaussians.means = means;
-    gaussians.scales = scales;
-    gaussians.rotations = rotations;
-    return gaussians;
-  }
-  std::array<double, 7> row(std::size_t i) const {
-    return {means[3 * i],         means[3 * i + 1],     means[3 * i + 2],    rotations[4 * i],
-            rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3]};
-  }
-  std::array<double, 3> scales_of(std::size_t i) const { return {scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]}; }
-};
+test::SceneData random_gaussians() {
+  test::SceneData scene;
+  scene.count = kCount;
+  const RandomStream random(3, 0, RandomPurpose::synth);
+  std::uint64_t next = 0;
+  for (std::size_t i = 0; i < 3 * kCount; ++i) scene.means.push_back(static_cast<float>(random.normal(next++)));
+  for (std::size_t i = 0; i < 4 * kCount; ++i) scene.rotations.push_back(static_cast<float>(random.normal(next++)));
+  for (std::size_t i = 0; i < 3 * kCount; ++i) scene.scales.push_back(static_cast<float>(0.1 + random.uniform(next++)));
+  return scene;
+}
+
+/// Mean and quaternion of Gaussian i.
+std::array<double, 7> row(const test::SceneData& scene, std::size_t i) {
+  const float *mean = &scene.means[3 * i], *rotation = &scene.rotations[4 * i];
+  return {mean[0], mean[1], mean[2], rotation[0], rotation[1], rotation[2], rotation[3]};
+}
+
+std::array<double, 3> scales_of(const test::SceneData& scene, std::size_t i) {
+  return {scene.scales[3 * i], scene.scales[3 * i + 1], scene.scales[3 * i + 2]};
+}
 
 TEST(GaussianPlanes, are_those_in_double) {
-  const RandomGaussians random;
+  const test::SceneData random = random_gaussians();
   const Camera camera = testing::camera_looking_at_origin({3, -1, 2}, 40, 30);
   std::array<int, 3> shortest{};
   for (const int threads_used : {1, 2}) {
     Threads threads(threads_used);
-    std::vector<float> planes(4 * RandomGaussians::kCount);
-    gaussian_planes(random.all(), camera, planes, threads);
-    for (std::size_t i = 0; i < RandomGaussians::kCount; ++i) {
-      const std::array<double, 3> scales = random.scales_of(i);
+    std::vector<float> planes(4 * kCount);
+    gaussian_planes(random.view(), camera, planes, threads);
+    for (std::size_t i = 0; i < kCount; ++i) {
+      const std::array<double, 3> scales = scales_of(random, i);
       ++shortest[static_cast<std::size_t>(std::ranges::min_element(scales) - scales.begin())];
-      const std::array<double, 4> expected = plane_of(random.row(i), scales, camera);
+      const std::array<double, 4> expected = plane_of(row(random, i), scales, camera);
       for (std::size_t c = 0; c < 4; ++c) EXPECT_NEAR(planes[4 * i + c], expected[c], 3e-6) << i << " " << c;
     }
   }
@@ -95,23 +94,23 @@ TEST(GaussianPlanes, are_those_in_double) {
 }
 
 TEST(GaussianPlanes, gradients_are_those_of_finite_differences_in_double_and_accumulate) {
-  const RandomGaussians random;
+  const test::SceneData random = random_gaussians();
   const Camera camera = testing::camera_looking_at_origin({3, -1, 2}, 40, 30);
   const RandomStream numbers(4, 0, RandomPurpose::synth);
-  std::vector<float> weights(4 * RandomGaussians::kCount);
+  std::vector<float> weights(4 * kCount);
   for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<float>(numbers.normal(i));
-  std::vector<float> means(3 * RandomGaussians::kCount, 1), rotations(4 * RandomGaussians::kCount, 2);
+  std::vector<float> means(3 * kCount, 1), rotations(4 * kCount, 2);
   Threads threads(2);
-  gaussian_planes_backward(random.all(), camera, weights, means, rotations, threads);
-  for (std::size_t i = 0; i < RandomGaussians::kCount; ++i) {
+  gaussian_planes_backward(random.view(), camera, weights, means, rotations, threads);
+  for (std::size_t i = 0; i < kCount; ++i) {
     const auto objective = [&](const std::array<double, 7>& at) {
-      const std::array<double, 4> plane = plane_of(at, random.scales_of(i), camera);
+      const std::array<double, 4> plane = plane_of(at, scales_of(random, i), camera);
       double sum = 0;
       for (std::size_t c = 0; c < 4; ++c) sum += static_cast<double>(weights[4 * i + c]) * plane[c];
       return sum;
     };
     for (std::size_t k = 0; k < 7; ++k) {
-      std::array<double, 7> up = random.row(i), down = up;
+      std::array<double, 7> up = row(random, i), down = up;
       up[k] += 1e-6;
       down[k] -= 1e-6;
       const double expected = (objective(up) - objective(down)) / 2e-6;
@@ -122,15 +121,15 @@ TEST(GaussianPlanes, gradients_are_those_of_finite_differences_in_double_and_acc
 }
 
 TEST(GaussianPlanes, without_a_gradient_nothing_is_added_even_if_the_quaternion_is_zero) {
-  RandomGaussians random;
+  test::SceneData random = random_gaussians();
   std::fill_n(random.rotations.begin() + 4 * 7, 4, 0.0f);
-  std::vector<float> weights(4 * RandomGaussians::kCount, 0.0f);
+  std::vector<float> weights(4 * kCount, 0.0f);
   weights[4 * 5] = 1;
-  std::vector<float> means(3 * RandomGaussians::kCount, 1), rotations(4 * RandomGaussians::kCount, 2);
+  std::vector<float> means(3 * kCount, 1), rotations(4 * kCount, 2);
   Threads threads(1);
-  gaussian_planes_backward(random.all(), testing::camera_looking_at_origin({3, -1, 2}, 40, 30), weights, means,
+  gaussian_planes_backward(random.view(), testing::camera_looking_at_origin({3, -1, 2}, 40, 30), weights, means,
                            rotations, threads);
-  for (std::size_t i = 0; i < RandomGaussians::kCount; ++i) {
+  for (std::size_t i = 0; i < kCount; ++i) {
     if (i == 5) continue;
     for (std::size_t c = 0; c < 3; ++c) EXPECT_EQ(means[3 * i + c], 1) << i;
     for (std::size_t c = 0; c < 4; ++c) EXPECT_EQ(rotations[4 * i + c], 2) << i;
