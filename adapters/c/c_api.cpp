@@ -110,7 +110,7 @@ sb_status sb_rasterizer_forward(sb_rasterizer* rasterizer, const sb_camera* came
     const splatboost::RasterOptions how = edge::options_of(options);
     const std::int64_t w = view.width, h = view.height, n = static_cast<std::int64_t>(in.count);
     splatboost::RasterImages images;
-    images.color = place.view<float>(to.color, "color", {3, h, w});
+    images.color = place.optional_view<float>(to.color, "color", {3, h, w});
     images.features = place.optional_view<float>(to.features, "features", {in.features_per_gaussian, h, w});
     images.inverse_depth = place.optional_view<float>(to.inverse_depth, "inverse_depth", {{1, h, w}, {h, w}});
     images.alpha = place.optional_view<float>(to.alpha, "alpha", {{1, h, w}, {h, w}});

@@ -169,9 +169,6 @@ TEST_F(BadArguments, Images) {
   broken(&RasterImages::features, "features");
   broken(&RasterImages::inverse_depth, "inverse_depth");
   broken(&RasterImages::alpha, "alpha");
-  RasterImages bad = images.view();
-  bad.color = {};
-  expect_named([&] { rasterizer.forward(camera, scene.view(), options, bad); }, "color");
 }
 
 TEST_F(BadArguments, ImageGradients) {
@@ -195,6 +192,12 @@ TEST_F(BadArguments, GradientsOfImagesThatWereNotDrawn) {
   bad = {};
   bad.inverse_depth = weights.inverse_depth;
   expect_named([&] { rasterizer.backward(scene.view(), bad, gradients.view()); }, "inverse_depth");
+  RasterImages images_without = images.view();
+  images_without.color = {};
+  rasterizer.forward(camera, scene.view(), options, images_without);
+  bad = {};
+  bad.color = weights.color;
+  expect_named([&] { rasterizer.backward(scene.view(), bad, gradients.view()); }, "color");
 }
 
 TEST_F(BadArguments, GaussianGradients) {

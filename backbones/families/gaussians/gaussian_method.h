@@ -35,7 +35,7 @@ struct LossInputs {
   bool alpha = false;
   bool features = false;         ///< those that draw() assigns to the Gaussians
   const View* second = nullptr;  ///< a second view to render in this step, with an empty truth if it has no photo
-  bool second_color = true;      ///< whether the loss reads the colour of the second view
+  bool second_color = true;      ///< whether the second view is rendered in colour
 };
 
 /// Stage names (string literals) for timing draw() and add_gradients(); null: counted in the enclosing stage.
@@ -53,12 +53,12 @@ struct StepView {
   std::span<const std::uint8_t> visible;  ///< [N] see Rasterizer::visible()
 };
 
-/// Renders training views outside of training steps, as for scoring.
+/// Passes training views through the rasterizer outside of training steps.
 class ViewDrawer {
  public:
   virtual ~ViewDrawer() = default;
   virtual std::size_t views() const = 0;
-  /// @return the rasterizer that rendered it, for counts and radii; valid until the next view
+  /// Renders no image, for counts and radii. @return the rasterizer that did; valid until the next view
   virtual Rasterizer& draw(std::size_t view) = 0;
 };
 

@@ -55,12 +55,6 @@ Gaussians GaussianTrainer::drawn(const DrawContext& context) {
   return gaussians;
 }
 
-Gaussians GaussianTrainer::drawn_second(const DrawContext& context, const LossInputs& inputs) {
-  Gaussians gaussians = drawn(context);
-  if (!inputs.second_color) gaussians.sh_degree = 0;  // its colour is not used
-  return gaussians;
-}
-
 RasterOptions GaussianTrainer::raster_options(std::optional<float> beta) const {
   RasterOptions options = method_->raster_options();
   if (beta) {
@@ -71,9 +65,10 @@ RasterOptions GaussianTrainer::raster_options(std::optional<float> beta) const {
   return options;
 }
 
-RasterImages GaussianTrainer::ImageSet::of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs) {
+RasterImages GaussianTrainer::ImageSet::of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs,
+                                           bool with_color) {
   const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
-  color.ensure(3 * pixels);
+  color.ensure(with_color ? 3 * pixels : 0);
   features.ensure(inputs.features ? static_cast<std::size_t>(gaussians.features_per_gaussian) * pixels : 0);
   inverse_depth.ensure(inputs.inverse_depth ? pixels : 0);
   alpha.ensure(inputs.alpha ? pixels : 0);
@@ -104,9 +99,9 @@ StepView GaussianTrainer::draw_second(const View& view, int iteration, const Los
     step.truth.color = {at, color};
     step.truth.valid = {at + color, valid};
   }
-  const Gaussians gaussians = drawn_second(step.context, inputs);
-  step.images = second.images.of(view.camera, gaussians, inputs);
-  step.gradients = second.gradients.of(view.camera, gaussians, inputs);
+  const Gaussians gaussians = drawn(step.context);
+  step.images = second.images.of(view.camera, gaussians, inputs, inputs.second_color);
+  step.gradients = second.gradients.of(view.camera, gaussians, inputs, inputs.second_color);
   second.gradients.clear(true);
   second.rasterizer.forward(view.camera, gaussians, raster_options(beta_), step.images);
   step.visible = second.rasterizer.visible();
@@ -212,8 +207,7 @@ double GaussianTrainer::train_step(int iteration, const View& view) {
   }
   clock_.lap("statistics");
   if (two_views) {
-    if (!inputs.second_color) views[1].gradients.color = {};
-    backward(second_->rasterizer, drawn_second(views[1].context, inputs), views[1].gradients, {});
+    backward(second_->rasterizer, drawn(views[1].context), views[1].gradients, {});
     clock_.lap("second_view");
   }
   if (step_due_groups(groups_, optimizer_, moment(), device_)) stale_ = true;
@@ -246,11 +240,8 @@ ScoredView GaussianTrainer::render_for_score(std::size_t view) {
 
 Rasterizer& GaussianTrainer::draw(std::size_t view) {
   const View& truth = context_.scene.train[view];
-  images_.color.ensure(truth.color.size());
-  RasterImages images;
-  images.color = images_.color;
   rasterizer_.forward(truth.camera, drawn({truth.camera, truth.time, iteration_, DrawPurpose::score, &truth}),
-                      raster_options(beta_), images);
+                      raster_options(beta_), {});
   rasterizer_.settle();
   return rasterizer_;
 }

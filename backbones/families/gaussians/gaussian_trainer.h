@@ -107,7 +107,6 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   Gaussians activated() const;
   /// The Gaussians passed to the rasterizer.
   Gaussians drawn(const DrawContext& context);
-  Gaussians drawn_second(const DrawContext& context, const LossInputs& inputs);
   RasterOptions raster_options(std::optional<float> beta) const;
   int at(int published) const { return scaled_iteration(published, total(), config_.published_iterations); }
   /// Length of the run as currently known.
@@ -197,7 +196,7 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   struct ImageSet {
     explicit ImageSet(Device device) : color(device), features(device), inverse_depth(device), alpha(device) {}
     /// Allocates the images that the loss reads.
-    RasterImages of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs);
+    RasterImages of(const Camera& camera, const Gaussians& gaussians, const LossInputs& inputs, bool with_color = true);
     void clear(bool color_too);
     Array<float> color, features, inverse_depth, alpha;
   };

@@ -135,7 +135,7 @@ typedef struct sb_raster_options {
 /** Fills in the options of 3DGS as published. */
 SB_API sb_status sb_raster_options_default(sb_raster_options* options);
 
-/** Outputs of a forward pass; all but color are optional. */
+/** Outputs of a forward pass; NULL is not computed. */
 typedef struct sb_raster_outputs {
   const sb_tensor* color;         /**< float32 [3,H,W], background added, not clamped */
   const sb_tensor* features;      /**< float32 [F,H,W] */
@@ -232,7 +232,7 @@ typedef struct sb_convex_options {
   int32_t released_view_direction; /**< 1: view direction of the SH as the release mistakenly computes it */
 } sb_convex_options;
 
-/** Outputs of a forward pass, as in sb_raster_outputs. */
+/** Outputs of a forward pass; color is required. */
 typedef struct sb_convex_outputs {
   const sb_tensor* color;   /**< float32 [3,H,W], background added, not clamped */
   const sb_tensor* alpha;   /**< float32 [1,H,W] 1 − final transmittance; optional */

@@ -33,7 +33,7 @@ struct RasterOptions {
 
 /// Outputs of a forward pass: planar images of the camera's size. An empty span is not computed.
 struct RasterImages {
-  std::span<float> color;          ///< [3,H,W], required; background added, not clamped
+  std::span<float> color;          ///< [3,H,W] background added, not clamped
   std::span<float> features;       ///< [F,H,W], F = features_per_gaussian; the background is zero
   std::span<float> inverse_depth;  ///< [1,H,W] Σ wᵢ / zᵢ
   std::span<float> alpha;          ///< [1,H,W] 1 − final transmittance

@@ -84,7 +84,8 @@ struct CudaFrame {
   RasterOptions options;
   ProjectionCamera projection{};
   std::size_t gaussians = 0;
-  int features = 0;            ///< extra channels per Gaussian that are rendered in this view
+  bool color = true;           ///< whether colour is rendered in this view
+  int features = 0;            ///< extra channels per Gaussian that are rendered
   bool inverse_depth = false;  ///< whether inverse depth is rendered
   int tiles_x = 0, tiles_y = 0;
 
@@ -114,8 +115,8 @@ struct CudaFrame {
   DeviceArray<FrameTotals> totals{stream};          ///< [1]
   DeviceArray<std::uint8_t> scratch{stream};        ///< scratch memory of CUB
 
-  DeviceArray<float> pixels{stream};             ///< [4 + extra_channels(), H, W] blended colour, alpha, extra channels
-  DeviceArray<float> moments{stream};            ///< [N, kMomentColumns]
+  DeviceArray<float> pixels{stream};   ///< [4 + extra_channels(), H, W] blended colour (0 if not rendered), alpha, ...
+  DeviceArray<float> moments{stream};  ///< [N, kMomentColumns]
   DeviceArray<float> feature_gradients{stream};  ///< [N, features]
 
   // For CudaBackward::per_splat: the state of every pixel of a tile before each bucket of the tile's list.

@@ -18,8 +18,8 @@ struct alignas(64) BlendRecord {
   float mean_x, mean_y;
   float quadratic_xx, quadratic_xy, quadratic_yy;
   float log2_opacity;
-  float ridge;  ///< dx / dy of the line through the maximum of α in each pixel row
-  float red, green, blue;
+  float ridge;             ///< dx / dy of the line through the maximum of α in each pixel row
+  float red, green, blue;  ///< zero if colour is not rendered
   float depth;
   float unused[5];
 };
@@ -40,7 +40,8 @@ struct alignas(64) EntryMoments {
 struct Frame : TileLists {
   RasterOptions options;
   ProjectionCamera projection;
-  int features = 0;            ///< extra channels per Gaussian that are rendered in this view
+  bool color = true;           ///< whether colour is rendered in this view
+  int features = 0;            ///< extra channels per Gaussian that are rendered
   bool inverse_depth = false;  ///< whether inverse depth is rendered
 
   Buffer<BlendRecord> records;   ///< [N]
@@ -50,7 +51,8 @@ struct Frame : TileLists {
 
   Buffer<std::uint16_t> entry_rows;  ///< [E, blocks of columns] bit mask of the tile's rows that an entry reaches
   Buffer<std::uint32_t> tile_stop;   ///< [T] entries of the tile processed until all pixels were saturated
-  Buffer<float> tile_images;         ///< [T, 4 + extra_channels(), 256] blended colour, alpha, extra channels
+  /// [T, 4 + extra_channels(), 256] blended colour (if rendered), alpha, extra channels
+  Buffer<float> tile_images;
 
   Buffer<EntryMoments> entry_moments;     ///< [E] by slot
   Buffer<float> entry_channel_gradients;  ///< [E, features] by slot

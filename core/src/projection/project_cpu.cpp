@@ -95,7 +95,8 @@ void project_block(Frame& frame, const Gaussians& gaussians, std::size_t i, std:
   }
   if (!any) return;
 
-  const Vec3<Float> color = color_at(gaussians, i, count, ray_to(mean, frame.projection).direction);
+  const Vec3<Float> color = frame.color ? color_at(gaussians, i, count, ray_to(mean, frame.projection).direction)
+                                        : Vec3<Float>{zero, zero, zero};
   const Float per_half(-1.0f / kTwoLn2);  // from Mahalanobis² to the base-2 logarithm of exp(-½·Mahalanobis²)
   const Float fields[] = {p.mean.x,
                           p.mean.y,
@@ -150,6 +151,16 @@ void gather(const Frame& frame, std::size_t i, std::size_t count, float* columns
   rows_to_columns(rows, kWidth, count, 12, columns);
 }
 
+/// Writes or adds zero gradients of colours.
+void clear_colors(const GaussianGradients& g, const Gaussians& gaussians, std::size_t i, std::size_t count) {
+  if (g.mode == GradientMode::overwrite) {
+    clear_rows(g.sh_dc, 3, i, count);
+    clear_rows(g.sh_rest, 3 * static_cast<std::size_t>(gaussians.sh_rest_rows), i, count);
+    clear_rows(g.colors, 3, i, count);
+  }
+  clear_rows(g.sh_factors, kShFactors, i, count);
+}
+
 void clear_block(const GaussianGradients& g, const Gaussians& gaussians, std::size_t i, std::size_t count) {
   if (g.mode == GradientMode::overwrite) {
     clear_rows(g.means, 3, i, count);
@@ -157,12 +168,9 @@ void clear_block(const GaussianGradients& g, const Gaussians& gaussians, std::si
     clear_rows(g.rotations, 4, i, count);
     clear_rows(g.covariances, 6, i, count);
     clear_rows(g.opacities, 1, i, count);
-    clear_rows(g.sh_dc, 3, i, count);
-    clear_rows(g.sh_rest, 3 * static_cast<std::size_t>(gaussians.sh_rest_rows), i, count);
-    clear_rows(g.colors, 3, i, count);
     clear_rows(g.features, static_cast<std::size_t>(gaussians.features_per_gaussian), i, count);
   }
-  clear_rows(g.sh_factors, kShFactors, i, count);
+  clear_colors(g, gaussians, i, count);
   clear_rows(g.screen_means, 2, i, count);
   clear_rows(g.screen_means_abs, 2, i, count);
 }
@@ -223,7 +231,9 @@ void backward_block(const Frame& frame, const Gaussians& gaussians, const Gaussi
   GaussianGeometryGradient<Float> geometry =
       project_gaussian_backward(camera, p, shape.covariance, options.low_pass, options.compensate_opacity, up);
 
-  if (!gaussians.colors.empty()) {
+  if (!frame.color) {
+    clear_colors(out, gaussians, i, count);
+  } else if (!gaussians.colors.empty()) {
     writer.write(out.colors, {g_color.x, g_color.y, g_color.z});
   } else {
     // No gradient where the colour was clamped at zero.

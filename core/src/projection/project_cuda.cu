@@ -113,6 +113,7 @@ struct ProjectResults {
   DeviceView<std::uint32_t> places;  ///< one more than there are Gaussians, for the scan
   DeviceView<std::int32_t> radii;
   DeviceView<float> channels;
+  bool color;
   int features;
   bool inverse_depth;
 };
@@ -170,7 +171,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   out.radii[i] = seen ? static_cast<std::int32_t>(min_of(radius, 1e9f)) : 0;
   if (!seen) return;
 
-  const Vec3<float> color = color_at(gaussians, i, ray_to(mean, options.camera).direction);
+  const Vec3<float> color = out.color ? color_at(gaussians, i, ray_to(mean, options.camera).direction) : Vec3<float>{};
   const float per_half = -1.0f / kTwoLn2;  // from Mahalanobis² to the base-2 logarithm of exp(-½·Mahalanobis²)
   SplatRecord record;
   record.mean_x = p.mean.x;
@@ -237,10 +238,15 @@ struct GradientViews {
     clear(rotations, i, 4);
     clear(covariances, i, 6);
     clear(opacities, i, 1);
+    clear(features, i, static_cast<std::size_t>(gaussians.features_per_gaussian));
+    clear_color(i, gaussians);
+  }
+  /// Writes or adds zero gradients of a Gaussian's colour.
+  __device__ void clear_color(std::size_t i, const GaussianViews& gaussians) const {
+    if (adds) return;
     clear(sh_dc, i, 3);
     clear(sh_rest, i, 3 * static_cast<std::size_t>(gaussians.sh_rest_rows));
     clear(colors, i, 3);
-    clear(features, i, static_cast<std::size_t>(gaussians.features_per_gaussian));
   }
 };
 
@@ -276,6 +282,7 @@ struct BackwardInputs {
   DeviceView<const SplatRecord> records;
   DeviceView<const float> moments;
   DeviceView<const float> feature_gradients;
+  bool color;    ///< whether the view was rendered with colour
   int features;  ///< number that the view was rendered with
 };
 
@@ -307,7 +314,9 @@ __global__ void __launch_bounds__(kBlockThreads)
   GaussianGeometryGradient<float> geometry =
       project_gaussian_backward(options.camera, p, shape.covariance, options.low_pass, options.compensate, up);
 
-  if (!gaussians.colors.empty()) {
+  if (!in.color) {
+    out.clear_color(i, gaussians);
+  } else if (!gaussians.colors.empty()) {
     out.put(out.colors, i, g_color);
   } else {
     // No gradient where the colour was clamped at zero.
@@ -362,14 +371,14 @@ void project(CudaFrame& frame, const Gaussians& gaussians, CudaStream& stream) {
   frame.channels.ensure(n * static_cast<std::size_t>(frame.extra_channels()));
   const ProjectResults out{frame.records.span(), frame.ellipses.span(), frame.boxes.span(), frame.tile_counts.span(),
                            frame.visible.span(), frame.places.span(),   frame.radii.span(), frame.channels.span(),
-                           frame.features,       frame.inverse_depth};
+                           frame.color,          frame.features,        frame.inverse_depth};
   launch_each(stream, "project", project_kernel, n + 1, GaussianViews(gaussians), ProjectOptions(frame), out);
 }
 
 void project_backward(const CudaFrame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
                       CudaStream& stream) {
-  const BackwardInputs in{frame.visible.span(), frame.records.span(), frame.moments.span(),
-                          frame.feature_gradients.span(), frame.features};
+  const BackwardInputs in{frame.visible.span(),           frame.records.span(), frame.moments.span(),
+                          frame.feature_gradients.span(), frame.color,          frame.features};
   launch_each(stream, "project_backward", project_backward_kernel, frame.gaussians, GaussianViews(gaussians),
               ProjectOptions(frame), in, GradientViews(gradients));
 }

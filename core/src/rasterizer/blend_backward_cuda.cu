@@ -278,6 +278,8 @@ void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, boo
     run(std::integral_constant<int, 0>{});
   } else if (frame.extra_channels() == 1) {
     run(std::integral_constant<int, 1>{});
+  } else if (frame.extra_channels() <= kPlaneChannels) {
+    run(std::integral_constant<int, kPlaneChannels>{});
   } else {
     run(std::integral_constant<int, kMaxFeatures + 1>{});
   }

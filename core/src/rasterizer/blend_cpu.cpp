@@ -6,6 +6,7 @@
 
 #include "projection/frame.h"
 #include "rasterizer/tile_images.h"
+#include "splatboost/gaussian_planes.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "rasterizer/blend_cpu.cpp"
@@ -20,19 +21,19 @@ namespace HWY_NAMESPACE {
 
 std::size_t column_blocks() { return blocks_of_columns(); }
 
-/// Number of extra channels for which loops are unrolled: that of the Gaussians' planes (gaussian_planes.h).
-inline constexpr int kPlaneExtra = 4;
 inline constexpr int kAnyExtra = kMaxFeatures + 1;
 
 /// Blends one tile. @param image [4 + X, 256] colour over the background, alpha, extra channels
-/// @tparam kExtra 0, kPlaneExtra, or kAnyExtra: the number is that of the frame
-template <int kExtra>
+/// @tparam kColor whether colour is blended; otherwise its planes are not written
+/// @tparam kExtra 0, kPlaneChannels (loops are unrolled for planes), or kAnyExtra: the number is that of the frame
+template <bool kColor, int kExtra>
 void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
   const int extra = kExtra == kAnyExtra ? frame.extra_channels() : kExtra;
-  TileRows<4 + kExtra> pixels(frame, tile);  // transmittance, colour, extra channels
+  constexpr int kFirstExtra = kColor ? 4 : 1;  // planes of a row: transmittance, colour, extra channels
+  TileRows<kFirstExtra + kExtra> pixels(frame, tile);
 
   const std::uint32_t begin = frame.tile_begin[tile], end = frame.tile_begin[tile + 1];
   std::uint32_t at = begin;
@@ -70,16 +71,14 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
             float* const at_row = at_pair + k * pixels.kStride;
             const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
             const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
-            float* plane = at_row + kTileSize;
-            hn::Store(hn::MulAdd(weight, red, hn::Load(d, plane)), d, plane);
-            plane += kTileSize;
-            hn::Store(hn::MulAdd(weight, green, hn::Load(d, plane)), d, plane);
-            plane += kTileSize;
-            hn::Store(hn::MulAdd(weight, blue, hn::Load(d, plane)), d, plane);
-            for (int c = 0; c < extra; ++c) {
-              plane += kTileSize;
-              hn::Store(hn::MulAdd(weight, hn::Set(d, channels[c]), hn::Load(d, plane)), d, plane);
+            const auto add = [&](float* plane, Vec value)
+                                 HWY_ATTR { hn::Store(hn::MulAdd(weight, value, hn::Load(d, plane)), d, plane); };
+            if (kColor) {
+              add(at_row + kTileSize, red);
+              add(at_row + 2 * kTileSize, green);
+              add(at_row + 3 * kTileSize, blue);
             }
+            for (int c = 0; c < extra; ++c) add(at_row + (kFirstExtra + c) * kTileSize, hn::Set(d, channels[c]));
           }
         }
       }
@@ -92,21 +91,27 @@ void blend_tile(Frame& frame, std::size_t tile, float* HWY_RESTRICT image) {
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
     const float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
     const Vec rest = hn::Abs(hn::Load(d, state));
-    for (int c = 0; c < 3; ++c) {
+    for (int c = 0; kColor && c < 3; ++c) {
       const Vec blended = hn::Load(d, state + (1 + c) * kTileSize);
       hn::Store(hn::MulAdd(rest, hn::Set(d, background[c]), blended), d, image + c * kPixels + pixel);
     }
     hn::Store(hn::Sub(hn::Set(d, 1.0f), rest), d, image + 3 * kPixels + pixel);
-    for (int c = 4; c < 4 + extra; ++c) {
-      hn::Store(hn::Load(d, state + c * kTileSize), d, image + c * kPixels + pixel);
+    for (int c = 0; c < extra; ++c) {
+      hn::Store(hn::Load(d, state + (kFirstExtra + c) * kTileSize), d, image + (4 + c) * kPixels + pixel);
     }
   }
 }
 
-void blend_tile_any(Frame& frame, std::size_t tile, float* image) {
+template <bool kColor>
+void blend_tile_of(Frame& frame, std::size_t tile, float* image) {
   const int extra = frame.extra_channels();
-  if (extra == 0) return blend_tile<0>(frame, tile, image);
-  extra == kPlaneExtra ? blend_tile<kPlaneExtra>(frame, tile, image) : blend_tile<kAnyExtra>(frame, tile, image);
+  if (extra == 0) return blend_tile<kColor, 0>(frame, tile, image);
+  extra == kPlaneChannels ? blend_tile<kColor, kPlaneChannels>(frame, tile, image)
+                          : blend_tile<kColor, kAnyExtra>(frame, tile, image);
+}
+
+void blend_tile_any(Frame& frame, std::size_t tile, float* image) {
+  frame.color ? blend_tile_of<true>(frame, tile, image) : blend_tile_of<false>(frame, tile, image);
 }
 
 /// Slots are not contiguous: prefetch their cache lines before they are written.
@@ -118,8 +123,8 @@ HWY_INLINE void prefetch_moments(Frame& frame, std::uint32_t at, std::uint32_t e
 /// Moments of a tile's entries, front to back with the transmittance recomputed.
 /// @param image [4 + X, 256] result of blend_tile
 /// @param upstream [4 + X, 256] gradients of image; not used where nothing was blended
-/// @tparam kExtra as for blend_tile; 0 if the extra channels have no gradient
-template <bool kAbsolute, int kExtra>
+/// @tparam kColor,kExtra as for blend_tile; false and 0 if colour or the extra channels have no gradient
+template <bool kAbsolute, bool kColor, int kExtra>
 void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRICT image,
                          const float* HWY_RESTRICT upstream) {
   const Lanes d;
@@ -129,13 +134,14 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   const int features = frame.features;
   // Planes of a row: transmittance; gradient · (contribution to the image of the splats behind the current one and of
   // the background); upstream gradients of colour, and of alpha and the extra channels.
-  constexpr int kBehind = kTileSize, kUpstream = 2 * kTileSize;
-  TileRows<kExtra == 0 ? 5 : 6 + kExtra> pixels(frame, tile);
+  constexpr int kFirst = kColor ? 0 : 3;  // first plane of the image that has a gradient
+  constexpr int kBehind = kTileSize, kUpstream = (2 - kFirst) * kTileSize;
+  TileRows<(kExtra == 0 ? 5 : 6 + kExtra) - kFirst> pixels(frame, tile);
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
     float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
     const Mask covered = hn::Gt(hn::Load(d, image + 3 * kPixels + pixel), hn::Zero(d));
     Vec sum = hn::Zero(d);
-    for (int c = 0; c < (kExtra == 0 ? 3 : 4 + extra); ++c) {
+    for (int c = kFirst; c < (kExtra == 0 ? 3 : 4 + extra); ++c) {
       const Vec g = hn::IfThenElseZero(covered, hn::Load(d, upstream + c * kPixels + pixel));
       sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), g, sum);
       hn::Store(g, d, state + kUpstream + c * kTileSize);
@@ -174,16 +180,19 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
           float* const at_row = at_pair + k * pixels.kStride;
           const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
           const float* const g_row = at_row + kUpstream;
-          const Vec g_red = hn::Load(d, g_row);
-          const Vec g_green = hn::Load(d, g_row + kTileSize);
-          const Vec g_blue = hn::Load(d, g_row + 2 * kTileSize);
-          Vec along = hn::Mul(g_red, own_red);  // gradient · the splat's own colour
-          along = hn::MulAdd(g_green, own_green, along);
-          along = hn::MulAdd(g_blue, own_blue, along);
           const Vec weight = hn::IfThenElseZero(step.open, hn::Mul(step.before, step.alpha));
-          red = hn::MulAdd(weight, g_red, red);
-          green = hn::MulAdd(weight, g_green, green);
-          blue = hn::MulAdd(weight, g_blue, blue);
+          Vec along = hn::Zero(d);  // gradient · the splat's own channels
+          if (kColor) {
+            const Vec g_red = hn::Load(d, g_row);
+            const Vec g_green = hn::Load(d, g_row + kTileSize);
+            const Vec g_blue = hn::Load(d, g_row + 2 * kTileSize);
+            along = hn::Mul(g_red, own_red);
+            along = hn::MulAdd(g_green, own_green, along);
+            along = hn::MulAdd(g_blue, own_blue, along);
+            red = hn::MulAdd(weight, g_red, red);
+            green = hn::MulAdd(weight, g_green, green);
+            blue = hn::MulAdd(weight, g_blue, blue);
+          }
           if (kExtra > 0) {
             along = hn::Add(along, hn::Load(d, g_row + 3 * kTileSize));  // alpha: a channel with value 1
             for (int c = 0; c < extra; ++c) {
@@ -243,17 +252,26 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   }
 }
 
-template <bool kAbsolute>
-void blend_tile_backward_of(Frame& frame, std::size_t tile, const float* image, const float* upstream, bool extra) {
-  if (!extra) return blend_tile_backward<kAbsolute, 0>(frame, tile, image, upstream);
-  frame.extra_channels() == kPlaneExtra ? blend_tile_backward<kAbsolute, kPlaneExtra>(frame, tile, image, upstream)
-                                        : blend_tile_backward<kAbsolute, kAnyExtra>(frame, tile, image, upstream);
+template <bool kAbsolute, bool kColor>
+void blend_tile_backward_with_extra(Frame& frame, std::size_t tile, const float* image, const float* upstream) {
+  frame.extra_channels() == kPlaneChannels
+      ? blend_tile_backward<kAbsolute, kColor, kPlaneChannels>(frame, tile, image, upstream)
+      : blend_tile_backward<kAbsolute, kColor, kAnyExtra>(frame, tile, image, upstream);
 }
 
+template <bool kAbsolute>
+void blend_tile_backward_of(Frame& frame, std::size_t tile, const float* image, const float* upstream, bool color,
+                            bool extra) {
+  if (!extra) return blend_tile_backward<kAbsolute, true, 0>(frame, tile, image, upstream);
+  color ? blend_tile_backward_with_extra<kAbsolute, true>(frame, tile, image, upstream)
+        : blend_tile_backward_with_extra<kAbsolute, false>(frame, tile, image, upstream);
+}
+
+/// @param color,extra whether colour, and alpha or an extra channel, have gradients: at least one of the two
 void blend_tile_backward_any(Frame& frame, std::size_t tile, const float* image, const float* upstream, bool absolute,
-                             bool extra) {
-  absolute ? blend_tile_backward_of<true>(frame, tile, image, upstream, extra)
-           : blend_tile_backward_of<false>(frame, tile, image, upstream, extra);
+                             bool color, bool extra) {
+  absolute ? blend_tile_backward_of<true>(frame, tile, image, upstream, color, extra)
+           : blend_tile_backward_of<false>(frame, tile, image, upstream, color, extra);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -294,13 +312,15 @@ void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool ab
   const auto features = static_cast<std::size_t>(frame.features);
   frame.entry_moments.ensure(frame.entries.size());
   frame.entry_channel_gradients.ensure(frame.entries.size() * features);
-  const bool extra = !gradients.alpha.empty() || (!gradients.features.empty() && features > 0) ||
+  const bool color = !gradients.color.empty();
+  // Without any gradient that of alpha is zero.
+  const bool extra = !color || !gradients.alpha.empty() || (!gradients.features.empty() && features > 0) ||
                      (!gradients.inverse_depth.empty() && frame.inverse_depth);
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
     alignas(64) float upstream[(4 + kMaxFeatures + 1) * kTilePixels];
     for (std::size_t tile = begin; tile < end; ++tile) {
       const TileArea area(frame, tile);
-      load_planes(area, gradients.color, 3, upstream);
+      if (color) load_planes(area, gradients.color, 3, upstream);
       if (extra) {
         load_planes(area, gradients.alpha, 1, upstream + 3 * kTilePixels);
         load_planes(area, gradients.features, features, upstream + 4 * kTilePixels);
@@ -309,7 +329,7 @@ void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool ab
         }
       }
       HWY_DYNAMIC_DISPATCH(blend_tile_backward_any)
-      (frame, tile, frame.tile_images.data() + tile * planes * kTilePixels, upstream, absolute, extra);
+      (frame, tile, frame.tile_images.data() + tile * planes * kTilePixels, upstream, absolute, color, extra);
     }
   });
 }

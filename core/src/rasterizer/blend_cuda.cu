@@ -35,7 +35,7 @@ struct Blended {
                             fmaf(transmittance, images.background[1], green),
                             fmaf(transmittance, images.background[2], blue)};
     for (int c = 0; c < 3; ++c) {
-      images.color[c * plane + at] = color[c];
+      if (!images.color.empty()) images.color[c * plane + at] = color[c];
       images.pixels[c * plane + at] = color[c];
     }
     const float alpha = 1.0f - transmittance;
@@ -153,6 +153,8 @@ void blend(CudaFrame& frame, const RasterImages& images, CudaStream& stream) {
     run(keeps ? blend_kernel<0, true> : blend_kernel<0, false>);
   } else if (extra == 1) {
     run(keeps ? blend_kernel<1, true> : blend_kernel<1, false>);
+  } else if (extra <= kPlaneChannels) {
+    run(keeps ? blend_kernel<kPlaneChannels, true> : blend_kernel<kPlaneChannels, false>);
   } else {
     run(keeps ? blend_kernel<kMaxFeatures + 1, true> : blend_kernel<kMaxFeatures + 1, false>);
   }

@@ -13,6 +13,7 @@
 #include "device/launch.h"
 #include "projection/cuda_frame.h"
 #include "splatboost/constants.h"
+#include "splatboost/gaussian_planes.h"
 
 namespace splatboost::cuda {
 

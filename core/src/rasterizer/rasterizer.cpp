@@ -50,6 +50,7 @@ struct Rasterizer::State {
   bool drawn = false;
   std::size_t pixels = 0;
   std::size_t gaussians = 0;
+  bool color = true;
   int features = 0;
   bool inverse_depth = false;
 };
@@ -65,7 +66,7 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
   check_gaussians(gaussians);
   check_options(options);
   const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
-  check_rows(images.color, pixels, 3, "color");
+  check_optional(images.color, 3 * pixels, "color");
   check_optional(images.features, pixels * static_cast<std::size_t>(gaussians.features_per_gaussian), "image features");
   check_optional(images.inverse_depth, pixels, "inverse_depth");
   check_optional(images.alpha, pixels, "alpha");
@@ -75,6 +76,7 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
   State& state = *state_;
   state.pixels = pixels;
   state.gaussians = gaussians.count;
+  state.color = !images.color.empty();
   state.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
   state.inverse_depth = !images.inverse_depth.empty();
   state.drawn = false;  // if forward() throws
@@ -89,7 +91,7 @@ void Rasterizer::backward(const Gaussians& gaussians, const RasterImageGradients
                    "backward() needs a forward() of the same Gaussians before it");
   const std::size_t pixels = state.pixels;
   const std::size_t n = gaussians.count;
-  check_optional(image_gradients.color, 3 * pixels, "gradient of color");
+  check_optional(image_gradients.color, state.color ? 3 * pixels : 0, "gradient of color");
   check_optional(image_gradients.features, pixels * static_cast<std::size_t>(state.features), "gradient of features");
   check_optional(image_gradients.inverse_depth, state.inverse_depth ? pixels : 0, "gradient of inverse_depth");
   check_optional(image_gradients.alpha, pixels, "gradient of alpha");

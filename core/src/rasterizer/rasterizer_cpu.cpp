@@ -25,6 +25,7 @@ class CpuRasterizer : public RasterizerBackend {
     frame_.options = options;
     frame_.projection = make_projection_camera(camera);
     frame_.primitives = gaussians.count;
+    frame_.color = !images.color.empty();
     frame_.features = images.features.empty() ? 0 : gaussians.features_per_gaussian;
     frame_.inverse_depth = !images.inverse_depth.empty();
     frame_.tiles_x = camera.tiles_x();
