@@ -58,6 +58,16 @@ Diagnosis diagnose(const Recipe& recipe, const Layout& layout, const FileReader&
   return found;
 }
 
+/// Whether a text contains all lines of a snippet. One that does not name this library's hooks is too common to tell.
+bool contains(const std::string& text, const std::vector<std::string>& snippet) {
+  const bool names_hooks = std::any_of(snippet.begin(), snippet.end(),
+                                       [](const std::string& line) { return line.find("boost") != std::string::npos; });
+  return names_hooks && std::all_of(snippet.begin(), snippet.end(), [&](const std::string& line) {
+           const std::size_t first = line.find_first_not_of(' ');
+           return first == std::string::npos || text.find(line.substr(first)) != std::string::npos;
+         });
+}
+
 }  // namespace
 
 int Diagnosis::all(Sought sought) const {
@@ -74,6 +84,15 @@ double Diagnosis::likeness() const {
   const auto held_of_all =
       std::count_if(findings.begin(), findings.end(), [](const Finding& one) { return one.wrong.empty(); });
   return static_cast<double>(held_of_all) / static_cast<double>(findings.size());
+}
+
+std::set<std::string> edited_files(const Recipe& recipe, const FileReader& read) {
+  std::set<std::string> files;
+  for (const Edit& edit : recipe.edits) {
+    const std::optional<std::string> text = read(edit.file);
+    if (text && contains(*text, edit.snippet)) files.insert(edit.file);
+  }
+  return files;
 }
 
 std::vector<Diagnosis> diagnose(const Recipe& recipe, const FileReader& read) {

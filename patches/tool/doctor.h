@@ -3,6 +3,7 @@
 /// tree has instead.
 #pragma once
 
+#include <set>
 #include <string>
 #include <vector>
 
@@ -34,5 +35,9 @@ struct Diagnosis {
 
 /// Returns one diagnosis per layout of the recipe. Writes nothing.
 std::vector<Diagnosis> diagnose(const Recipe& recipe, const FileReader& read);
+
+/// The host's files that contain lines of a recipe's edits, whatever their indentation: those of a patched tree. For
+/// trees without a record of the patch.
+std::set<std::string> edited_files(const Recipe& recipe, const FileReader& read);
 
 }  // namespace splatboost::patch

@@ -50,8 +50,8 @@ std::optional<Manifest> read_manifest(const SourceTree& tree) {
   } catch (const std::exception&) {
     throw PatchError(
         std::string(kManifestFile) +
-        ": is damaged or from another version of SplatBoost: restore the checkout's own files (git checkout "
-        ".) and remove the folder .splatboost");
+        ": is damaged or from another version of SplatBoost: restore the files that the patch changed (git checkout "
+        "FILE, which loses your changes in FILE) and remove the folder .splatboost");
   }
 }
 

@@ -13,6 +13,8 @@
 namespace splatboost::patch {
 
 inline constexpr const char* kManifestFile = ".splatboost/patch.json";
+/// Makes git ignore the folder, so that git clean and git stash leave the record in place.
+inline constexpr const char* kIgnoreFile = ".splatboost/.gitignore";
 
 enum class State {
   applying,  ///< some files may be patched

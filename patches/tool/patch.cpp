@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <map>
+#include <memory>
 #include <utility>
 
 #include "tool/fit.h"
@@ -11,6 +12,8 @@
 
 namespace splatboost::patch {
 namespace {
+
+const std::string kIgnoreAll = "*\n";  // content of kIgnoreFile
 
 const char* const kInterrupted =
     "patching was interrupted here: repair the tree with splatboost patch revert PATH, then continue";
@@ -53,6 +56,9 @@ bool restored(const std::string& text, const PatchedFile& file) {
                      [&](const Change& change) { return lacks(text, change); });
 }
 
+/// Whether a file belongs to the record rather than to the patch: it is not reported.
+bool is_of_the_record(const PatchedFile& file) { return file.file == kIgnoreFile; }
+
 std::vector<std::string> names_of(const Manifest& manifest) {
   std::vector<std::string> names;
   for (const PatchedFile& file : manifest.files) names.push_back(file.file);
@@ -66,6 +72,7 @@ std::vector<std::string> leftovers(const SourceTree& tree, const std::optional<M
 }
 
 Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
+  const std::unique_ptr<TreeLock> lock = writing == Writing::write ? tree.lock() : nullptr;
   if (const std::optional<Manifest> manifest = read_manifest(tree)) {
     require(manifest->state == State::applied, kInterrupted);
     require(manifest->recipe == recipe.name && manifest->recipe_sha256 == recipe.sha256,
@@ -122,6 +129,8 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
     add_diff(outcome, "", own.content, own.file);
     writes.push_back({own.file, own.content});
   }
+  manifest.files.push_back({kIgnoreFile, "", sha256(kIgnoreAll), "", {}});
+  writes.push_back({kIgnoreFile, kIgnoreAll});
   for (const std::string& file : files) {
     const auto& [before, after] = texts[file];
     PatchedFile patched{file, sha256(before), sha256(after), sha256(before), changes[file]};
@@ -144,6 +153,7 @@ Outcome apply(const Recipe& recipe, const SourceTree& tree, Writing writing) {
 }
 
 Outcome revert(const SourceTree& tree, Writing writing) {
+  const std::unique_ptr<TreeLock> lock = writing == Writing::write ? tree.lock() : nullptr;
   std::optional<Manifest> manifest = read_manifest(tree);
   Outcome outcome;
   outcome.leftovers = leftovers(tree, manifest);
@@ -162,7 +172,7 @@ Outcome revert(const SourceTree& tree, Writing writing) {
       require(sha256(*text) == file.after,
               file.file + ": belongs to the patch and was changed: move it away, then revert");
       tree.require_writable(file.file);
-      add_diff(outcome, *text, "", file.file);
+      if (!is_of_the_record(file)) add_diff(outcome, *text, "", file.file);
       writes.push_back({file.file, std::nullopt});
       continue;
     }
@@ -201,6 +211,7 @@ Outcome verify(const SourceTree& tree) {
   outcome.layout = manifest->layout;
   outcome.leftovers = leftovers(tree, manifest);
   for (const PatchedFile& file : manifest->files) {
+    if (is_of_the_record(file)) continue;
     const std::string text = content_of(tree, file.file);
     const std::string hash = sha256(text);
     require(hash != file.before,

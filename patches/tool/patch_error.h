@@ -13,6 +13,12 @@ class PatchError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// A file of the tree cannot be read.
+class ReadError : public PatchError {
+ public:
+  using PatchError::PatchError;
+};
+
 /// Writing to the disk failed. The message says so if anything was written; otherwise nothing was.
 class WriteError : public PatchError {
  public:

@@ -2,6 +2,7 @@
 #include "tool/source_tree.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -60,11 +61,15 @@ std::string content_of(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
   std::ostringstream text;
   text << in.rdbuf();
-  require(in.good(), path.string() + ": cannot be read");
+  if (!in.good()) throw ReadError(path.string() + ": cannot be read");
   return text.str();
 }
 
 }  // namespace
+
+TreeLock::~TreeLock() {
+  if (descriptor_ >= 0) ::close(descriptor_);
+}
 
 SourceTree::SourceTree(const fs::path& root, FileHook hook) : hook_(std::move(hook)) {
   std::error_code error;
@@ -113,6 +118,13 @@ void SourceTree::require_free(const std::string& file) const {
   require(fs::is_directory(above, error), file + ": there is no folder " + above.string());
   require(::access(above.c_str(), W_OK) == 0,
           file + ": its folder is read-only: allow writing with chmod u+w " + above.string());
+}
+
+std::unique_ptr<TreeLock> SourceTree::lock() const {
+  const int descriptor = ::open(root_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  while (descriptor >= 0 && ::flock(descriptor, LOCK_EX) != 0 && errno == EINTR) {
+  }
+  return std::make_unique<TreeLock>(descriptor);
 }
 
 int SourceTree::begin(FileOperation operation, const fs::path& path) const {

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -30,6 +31,18 @@ enum class FileOperation { make_folder, create, write, rename, remove, remove_fo
 /// proceed. Tests use it to make operations fail or to end the process at that point.
 using FileHook = std::function<int(FileOperation operation, const std::filesystem::path& path)>;
 
+/// Keeps other commands from changing the same tree until it is destroyed.
+class TreeLock {
+ public:
+  explicit TreeLock(int descriptor) : descriptor_(descriptor) {}
+  ~TreeLock();
+  TreeLock(const TreeLock&) = delete;
+  TreeLock& operator=(const TreeLock&) = delete;
+
+ private:
+  int descriptor_;  ///< of the tree's folder, locked; below 0: the file system has no locks
+};
+
 class SourceTree {
  public:
   /// @param root a folder; symbolic links in its path are resolved once, here
@@ -45,6 +58,10 @@ class SourceTree {
 
   /// Throws PatchError if the file exists or cannot be created in its folder.
   void require_free(const std::string& file) const;
+
+  /// Waits until no other command changes the tree. To be held from the first read on which a change depends. Where the
+  /// file system has no locks, it holds nothing.
+  [[nodiscard]] std::unique_ptr<TreeLock> lock() const;
 
   /// Writes all contents, or none. The new and old contents and the final record are on disk next to their files before
   /// the first file is renamed, so that neither completing nor rolling back needs disk space after that. Throws

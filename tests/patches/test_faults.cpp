@@ -108,7 +108,7 @@ bool is_pristine(const Miniature& mini) {
 bool is_patched(const Miniature& mini) {
   const std::optional<Manifest> manifest = read_manifest(SourceTree(mini.tree()));
   return manifest && manifest->state == State::applied && mini.train() == kPatchedTrain &&
-         mini.model() == kPatchedModel && read_file(mini.brought()) == kBrought && files_in(mini.tree()) == 4;
+         mini.model() == kPatchedModel && read_file(mini.brought()) == kBrought && files_in(mini.tree()) == 5;
 }
 
 /// Each file is as before or as after, and an incomplete operation or left-over files are detected.
@@ -206,7 +206,8 @@ TEST_F(Faults, InterruptedCommandsAreNotGoneOnWith) {
   const pid_t child = fork();
   if (child == 0) {
     apply_to(mini, [&](FileOperation operation, const std::filesystem::path&) {
-      if (operation == FileOperation::rename && renames++ == 3) _exit(kCut);  // after the record, boost.h and train.py
+      if (operation == FileOperation::rename && renames++ == 4)
+        _exit(kCut);  // after the record, its .gitignore, boost.h and train.py
       return 0;
     });
     _exit(0);

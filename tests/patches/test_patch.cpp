@@ -277,7 +277,7 @@ TEST(Patch, OwnersStayWhenRootPatches) {
     EXPECT_EQ(count, entries);
   };
   apply_to(mini);
-  expect_owned(7);  // train.py, scene/model.py, boost/boost.h, .splatboost/patch.json
+  expect_owned(8);  // train.py, scene/model.py, boost/boost.h, .splatboost/patch.json and its .gitignore
   revert_of(mini);
   expect_owned(3);
 }
@@ -327,7 +327,7 @@ TEST(Patch, LinksOutOfTheTreeAreNotFollowed) {
 TEST(Patch, AFileInPlaceOfTheManifestsFolderIsTold) {
   const Miniature mini;
   write_file(mini.tree() / ".splatboost", "");
-  expect_contains(error_of([&] { apply_to(mini); }), ".splatboost/patch.json: its folder is a file: move it away");
+  expect_contains(error_of([&] { apply_to(mini); }), ".splatboost/.gitignore: its folder is a file: move it away");
   EXPECT_TRUE(fs::remove(mini.tree() / ".splatboost"));
   mini.expect_pristine();
 }

@@ -154,12 +154,26 @@ TEST(TextEdit, TellsLackingChangesFromEditedOnes) {
   EXPECT_FALSE(lacks("import boost\nmodel.step(1)\nboost .step(2)\n", replaced));
 }
 
+TEST(TextEdit, TheLineThatDiffersIsNamed) {
+  std::string text = "step()\n";
+  const Change change = apply_edit(text, edit_of("step(", Place::after, {"hook()", "limit = 0", "more()"}));
+  const auto told = [&](std::string edited) { return error_of([&] { revert_change(edited, change, "a.py"); }); };
+  expect_contains(told("step()\nhook()\nlimit = 5\nmore()\n"), "the patch's 'limit = 0' was removed or changed");
+  expect_contains(told("step()\nhook()\nlimit = 5\nmore()\n"), "git checkout a.py, which loses your changes in it");
+  expect_contains(told("step()\nhook()\r\nlimit = 0\r\nmore()\r\n"), "line end of the patch's 'hook()'");
+  expect_contains(told("step()\nhook()\nmine()\nlimit = 0\nmore()\n"),
+                  "the patch's lines from 'hook()' on are not together any more");
+}
+
 TEST(TextEdit, ChangedSnippetsAreNotTakenBack) {
   std::string text = "step()\n";
   const Change change = apply_edit(text, edit_of("step(", Place::after, {"hook()"}));
   std::string edited = "step()\nhook(3)\n";
   expect_contains(error_of([&] { revert_change(edited, change, "a.py"); }),
                   "a.py: the patch's 'hook()' was removed or changed");
+  edited = "step()\n  hook()\n";
+  expect_contains(error_of([&] { revert_change(edited, change, "a.py"); }),
+                  "a.py: the indentation or line end of the patch's 'hook()' was changed");
   edited = "step()\nhook()\nhook()\n";
   expect_contains(error_of([&] { revert_change(edited, change, "a.py"); }), "lines 2, 3");
   // A match at the end of another line is not the inserted line.

@@ -231,6 +231,61 @@ def test_what_an_interrupted_command_left_is_told_and_removed(tmp_path):
     assert not (tree / "train.py.splatboost-old").exists()
 
 
+def test_commands_at_the_same_time_wait_for_each_other(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "host", "3dgs-2023")
+    before = files_of(tree)
+
+    def twice(*command):
+        running = [subprocess.Popen([PROGRAM, "patch", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+                   for _ in range(2)]
+        ends = [(one.communicate(), one.returncode) for one in running]
+        assert all(code == 0 for _, code in ends), ends
+        return sorted(said[0].split(": ")[1].split(" ")[1] for said, _ in ends)
+
+    for _ in range(5):
+        assert twice("apply", "3dgs", str(tree)) == ["already", "with"]
+        run_well("patch", "verify", tree)
+        twice("revert", str(tree))
+        assert files_of(tree) == before
+
+
+def test_a_lost_record_is_told(any_host):
+    tree, recipe = any_host
+    run_well("patch", "apply", recipe, tree)
+    patched = files_of(tree)
+    shutil.rmtree(tree / ".splatboost")
+    told = "contains a patch, but not its record"
+    for command in (["apply", recipe], ["verify"], ["revert"]):
+        line = fails(*command, tree)
+        assert told in line and "git checkout" in line and "train.py" in line
+    for command in ("status", "doctor"):
+        assert told in run_well("patch", command, tree).stdout
+    assert files_of(tree) == {path: text for path, text in patched.items() if path.parts[0] != ".splatboost"}
+
+
+@pytest.mark.skipif(not shutil.which("git"), reason="needs git")
+def test_git_clean_and_stash_leave_the_record(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "host", "3dgs-2023")
+    git = ["git", "-C", str(tree), "-c", "user.name=a", "-c", "user.email=a@b"]
+    for command in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "upstream"]):
+        subprocess.run(git + command, check=True)
+    run_well("patch", "apply", "3dgs", tree)
+    subprocess.run(git + ["clean", "-fdq"], check=True)
+    run_well("patch", "verify", tree)
+    subprocess.run(git + ["stash", "-qu"], check=True)
+    subprocess.run(git + ["stash", "pop", "-q"], check=True)
+    run_well("patch", "verify", tree)
+    run_well("patch", "revert", tree)
+    assert not subprocess.run(git + ["status", "--porcelain", "--ignored"], check=True, capture_output=True).stdout
+
+
+def test_the_recipe_that_fits_is_named(tmp_path):
+    tree = miniature_host.write_host(tmp_path / "host", "3dgs-2023")
+    assert f"mip-splatting does not fit, but 3dgs does: splatboost patch apply 3dgs {tree}" in fails("apply", "mip-splatting", tree)
+    (tmp_path / "none").mkdir()
+    assert "contains no folder NAME with a recipe.json" in fails("--recipes", tmp_path / "none", "list")
+
+
 def test_mistakes(tmp_path):
     assert "available: list, show" in fails()
     assert "did you mean apply?" in fails("aply")

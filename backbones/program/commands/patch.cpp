@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -108,9 +109,50 @@ struct Patch {
   }
   std::string revert_command() const { return "splatboost patch revert " + shell_word(path.string()); }
 
+  std::vector<std::string> recipe_names(const fs::path& folder) const {
+    std::vector<std::string> names = patch::recipe_names(folder);
+    if (names.empty()) throw InputError(folder.string() + ": contains no folder NAME with a recipe.json");
+    return names;
+  }
+
+  /// A recipe one of whose layouts fits a tree. Throws ReadError.
+  std::optional<patch::Recipe> fitting_recipe(const patch::SourceTree& tree) const {
+    const fs::path folder = recipe_folder();
+    for (const std::string& one : recipe_names(folder)) {
+      patch::Recipe found = patch::load_recipe(folder, one);
+      try {
+        (void)patch::detect_layout(found, [&](const std::string& file) { return tree.read(file); });
+        return found;
+      } catch (const patch::ReadError&) {
+        throw;
+      } catch (const patch::PatchError&) {  // another recipe may fit
+      }
+    }
+    return std::nullopt;
+  }
+
+  /// For a tree that is patched although it has no record: what to do. Empty for other trees.
+  std::string lost_record(const patch::SourceTree& tree) const {
+    if (patch::read_manifest(tree)) return "";
+    const fs::path folder = recipe_folder();
+    std::set<std::string> files;
+    for (const std::string& one : recipe_names(folder)) {
+      files.merge(patch::edited_files(patch::load_recipe(folder, one),
+                                      [&](const std::string& file) { return tree.read(file); }));
+    }
+    if (files.empty()) return "";
+    std::string checkout = "git checkout";
+    for (const std::string& file : files) checkout += " " + shell_word(file);
+    return path.string() + ": contains a patch, but not its record, " + patch::kManifestFile +
+           ": restore the files as they were before the patch (" + checkout + ", which loses your changes in them)";
+  }
+  void require_record(const patch::SourceTree& tree) const {
+    if (const std::string lost = lost_record(tree); !lost.empty()) throw InputError(lost);
+  }
+
   int run_list() const {
     const fs::path folder = recipe_folder();
-    for (const std::string& one : patch::recipe_names(folder)) {
+    for (const std::string& one : recipe_names(folder)) {
       const patch::Recipe found = patch::load_recipe(folder, one);
       std::printf("%-16s %s, %s\n", one.c_str(), found.title.c_str(), found.upstream.c_str());
       for (const patch::Layout& layout : found.layouts) {
@@ -127,7 +169,7 @@ struct Patch {
       std::printf("  %-10s %s (%.7s to %.7s)\n", layout.name.c_str(), layout.about.c_str(), layout.first_commit.c_str(),
                   layout.last_commit.c_str());
     }
-    std::printf("\noptions added to the host's train.py\n");
+    if (!found.options.empty()) std::printf("\noptions added to the host\n");
     for (const patch::HostOption& option : found.options) {
       std::printf("  %-24s %s [%s]\n", option.name.c_str(), option.about.c_str(), option.value.c_str());
     }
@@ -150,10 +192,27 @@ struct Patch {
     return 0;
   }
 
+  /// Throws PatchError that names the recipe to use if another one fits.
+  void require_fit(const patch::Recipe& recipe, const patch::SourceTree& tree) const {
+    if (patch::read_manifest(tree)) return;
+    try {
+      (void)patch::detect_layout(recipe, [&](const std::string& file) { return tree.read(file); });
+    } catch (const patch::ReadError&) {
+      throw;
+    } catch (const patch::PatchError&) {
+      const std::optional<patch::Recipe> other = fitting_recipe(tree);
+      if (!other) throw;
+      throw patch::PatchError(path.string() + ": " + recipe.name + " does not fit, but " + other->name +
+                              " does: " + apply_command(other->name));
+    }
+  }
+
   int run_apply() const {
     const patch::Recipe found = recipe();
-    const patch::Outcome outcome =
-        patch::apply(found, patch::SourceTree(path), dry_run ? patch::Writing::dry_run : patch::Writing::write);
+    const patch::SourceTree tree(path);
+    require_record(tree);
+    require_fit(found, tree);
+    const patch::Outcome outcome = patch::apply(found, tree, dry_run ? patch::Writing::dry_run : patch::Writing::write);
     if (dry_run) {
       std::fputs(outcome.diff.c_str(), stdout);
     } else if (outcome.nothing_to_do) {
@@ -174,7 +233,9 @@ struct Patch {
   }
 
   int run_verify() const {
-    const patch::Outcome outcome = patch::verify(patch::SourceTree(path));
+    const patch::SourceTree tree(path);
+    require_record(tree);
+    const patch::Outcome outcome = patch::verify(tree);
     std::printf("%s: the patch of %s (layout %s) is in place, %s\n", path.c_str(), outcome.recipe.c_str(),
                 outcome.layout.c_str(), size_of(outcome).c_str());
     print_edited(outcome);
@@ -199,24 +260,22 @@ struct Patch {
                   list_of(left).c_str(), revert_command().c_str());
       return 0;
     }
-    const fs::path folder = recipe_folder();
-    for (const std::string& one : patch::recipe_names(folder)) {
-      const patch::Recipe found = patch::load_recipe(folder, one);
-      try {
-        (void)patch::detect_layout(found, [&](const std::string& file) { return tree.read(file); });
-      } catch (const patch::PatchError&) {  // another recipe may fit
-        continue;
-      }
-      try {
-        const patch::Outcome outcome = patch::apply(found, tree, patch::Writing::dry_run);
-        std::printf("%s: not patched; %s fits (layout %s), %s: %s\n", path.c_str(), one.c_str(), outcome.layout.c_str(),
-                    size_of(outcome).c_str(), apply_command(one).c_str());
-      } catch (const patch::PatchError& error) {
-        std::printf("%s: not patched; %s would fit, but %s\n", path.c_str(), one.c_str(), error.what());
-      }
+    if (const std::string lost = lost_record(tree); !lost.empty()) {
+      std::printf("%s\n", lost.c_str());
       return 0;
     }
-    std::printf("%s: not patched, and no recipe fits it\n", path.c_str());
+    const std::optional<patch::Recipe> found = fitting_recipe(tree);
+    if (!found) {
+      std::printf("%s: not patched, and no recipe fits it\n", path.c_str());
+      return 0;
+    }
+    try {
+      const patch::Outcome outcome = patch::apply(*found, tree, patch::Writing::dry_run);
+      std::printf("%s: not patched; %s fits (layout %s), %s: %s\n", path.c_str(), found->name.c_str(),
+                  outcome.layout.c_str(), size_of(outcome).c_str(), apply_command(found->name).c_str());
+    } catch (const patch::PatchError& error) {
+      std::printf("%s: not patched; %s would fit, but %s\n", path.c_str(), found->name.c_str(), error.what());
+    }
     return 0;
   }
 
@@ -235,10 +294,11 @@ struct Patch {
 
   int run_doctor() const {
     const patch::SourceTree tree(path);
-    if (patch::read_manifest(tree)) return run_status();  // a patched checkout tells nothing about the original host
+    // A patched checkout tells nothing about the original host.
+    if (patch::read_manifest(tree) || !lost_record(tree).empty()) return run_status();
     const fs::path folder = recipe_folder();
     std::vector<patch::Diagnosis> found;
-    for (const std::string& one : patch::recipe_names(folder)) {
+    for (const std::string& one : recipe_names(folder)) {
       const patch::Recipe looked_at = patch::load_recipe(folder, one);
       for (patch::Diagnosis& diagnosis :
            patch::diagnose(looked_at, [&](const std::string& file) { return tree.read(file); })) {
@@ -248,8 +308,7 @@ struct Patch {
     std::stable_sort(found.begin(), found.end(),
                      [](const patch::Diagnosis& a, const patch::Diagnosis& b) { return a.likeness() > b.likeness(); });
     if (found.empty() || found.front().held(patch::Sought::anchor) == 0) {
-      std::printf("%s: no part of any recipe matches; give the folder of a checkout, which contains train.py\n",
-                  path.c_str());
+      std::printf("%s: no part of any recipe matches; give the folder of a backbone's checkout\n", path.c_str());
       return 0;
     }
     const patch::Diagnosis& nearest = found.front();
@@ -283,8 +342,9 @@ struct Patch {
   }
 
   int run_revert() const {
-    const patch::Outcome outcome =
-        patch::revert(patch::SourceTree(path), dry_run ? patch::Writing::dry_run : patch::Writing::write);
+    const patch::SourceTree tree(path);
+    require_record(tree);
+    const patch::Outcome outcome = patch::revert(tree, dry_run ? patch::Writing::dry_run : patch::Writing::write);
     if (outcome.nothing_to_do) {
       if (!dry_run && outcome.leftovers.empty()) std::printf("%s: not patched\n", path.c_str());
       if (!dry_run && !outcome.leftovers.empty()) {

@@ -66,6 +66,37 @@ std::string first_line(const std::string& text) {
   return text.substr(start, std::min(text.find_first_of("\r\n", start), text.size()) - start);
 }
 
+std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t end = std::min(text.find('\n', at), text.size());
+    lines.push_back(text.substr(at, end - at));
+    at = end + 1;
+  }
+  return lines;
+}
+
+std::string without_space(const std::string& line) {
+  const std::size_t first = line.find_first_not_of(" \t\r");
+  return first == std::string::npos ? "" : line.substr(first, line.find_last_not_of(" \t\r") + 1 - first);
+}
+
+/// How a text differs from the lines that a change added, if it does not contain them as they were added.
+std::string alteration(const std::string& text, const std::string& added) {
+  const std::vector<std::string> has = lines_of(text);
+  std::string respaced;
+  for (const std::string& line : lines_of(added)) {
+    const std::string words = without_space(line);
+    if (words.empty() || std::find(has.begin(), has.end(), line) != has.end()) continue;
+    const bool same_words =
+        std::any_of(has.begin(), has.end(), [&](const std::string& one) { return without_space(one) == words; });
+    if (!same_words) return "the patch's '" + words + "' was removed or changed";
+    if (respaced.empty()) respaced = words;
+  }
+  if (!respaced.empty()) return "the indentation or line end of the patch's '" + respaced + "' was changed";
+  return "the patch's lines from '" + first_line(added) + "' on are not together any more";
+}
+
 /// The line end that a text uses at or after an offset.
 std::string line_end(const std::string& text, std::size_t near) {
   const std::size_t here = text.find('\n', near);
@@ -175,8 +206,11 @@ bool lacks(const std::string& text, const Change& change) {
 void revert_change(std::string& text, const Change& change, const std::string& file) {
   const std::vector<std::size_t> places = places_of(text, change);
   const std::string what = "'" + first_line(change.added) + "'";
-  require(!places.empty(),
-          file + ": the patch's " + what + " was removed or changed: restore it as splatboost patch show prints it");
+  require(!places.empty(), file + ": " +
+                               (change.removed.empty() ? alteration(text, change.added)
+                                                       : "the patch's " + what + " was removed or changed") +
+                               ": undo that, or restore the file as it was before the patch (git checkout " + file +
+                               ", which loses your changes in it)");
   require(static_cast<int>(places.size()) == change.count, file + ": the patch's " + what + " is on lines " +
                                                                line_numbers(text, places) + ", expected " +
                                                                times(change.count) + ": restore that number");
