@@ -190,6 +190,8 @@ def test_backbones_and_settings():
         (dict(views=2.5), "views: expected a whole number"),
         (dict(tau_d=None), "tau_d: expected a number, got None"),
         (dict(tau_d="five"), "tau_d: expected a number, got 'five'"),
+        (dict(tau_d=float("nan")), "tau_d: expected a finite number, got nan"),
+        (dict(views=2**31), "views: expected a whole number from -2147483648 to 2147483647, got 2147483648"),
         (dict(tau_d=10**400), "tau_d: expected a number, got 1000"),
         (dict(views=0), "views must be at least 1"),
         (dict(total_iterations=0), "total_iterations: expected a whole number from 1 to 2147483647, got 0"),
@@ -205,6 +207,12 @@ def test_backbones_and_settings():
     numpy = pytest.importorskip("numpy")
     found = Adapter("vanilla", total_iterations=100, views=numpy.int64(5), tau_d=numpy.float32(2.5)).settings
     assert (found["views"], found["tau_d"]) == (5, 2.5)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="torch can use a GPU")
+def test_a_device_that_torch_cannot_use_is_told():
+    with pytest.raises(ValueError, match="^device: torch cannot use cuda: [^\n]+$"):
+        Adapter("vanilla", total_iterations=100, device="cuda")
 
 
 def test_what_a_view_raises_comes_through():

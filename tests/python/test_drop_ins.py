@@ -97,6 +97,8 @@ def test_matrices_that_do_not_fit_are_refused():
         Camera.from_3dgs(h, w, 2 * tanfovx, tanfovy, view, full, position)
     with pytest.raises(ValueError, match="viewmatrix: expected a rigid motion"):
         Camera.from_3dgs(h, w, tanfovx, tanfovy, 2 * view, full, position)
+    with pytest.raises(ValueError, match="viewmatrix: expected a rigid motion, got one that mirrors"):
+        Camera.from_3dgs(h, w, tanfovx, tanfovy, view @ torch.diag(torch.tensor([-1.0, 1, 1, 1])), full, position)
     with pytest.raises(ValueError, match="campos: expected the centre of viewmatrix"):
         Camera.from_3dgs(h, w, tanfovx, tanfovy, view, full, position + 1)
     with pytest.raises(ValueError, match=r"viewmatrix: expected shape \[4,4\]"):

@@ -332,14 +332,74 @@ def test_off_passes_whatever_the_host_passes():
 
 def test_beta_stays_with_the_model_folder(tmp_path):
     model = types.SimpleNamespace()
-    _drawing.load(model, str(tmp_path))
+    vanilla.load(model, str(tmp_path))
     assert not hasattr(model, "splatboost")
     _drawing.save(str(tmp_path), "vanilla", 0.7)
-    _drawing.load(model, str(tmp_path))
+    vanilla.load(model, str(tmp_path))
     assert model.splatboost.beta == 0.7
     _drawing.forget(str(tmp_path))
     _drawing.forget(str(tmp_path))
     assert list(tmp_path.iterdir()) == []
+
+
+def told_by_load(capsys, hooks, folder):
+    with pytest.raises(SystemExit) as ended:
+        hooks.load(types.SimpleNamespace(), str(folder))
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert told.startswith(str(folder / "splatboost.json") + ": ") and told.count("\n") == 1
+    assert told.endswith("; delete it to render with the host's own box\n")
+    return told
+
+
+@pytest.mark.parametrize("text, reason", [
+    ("", "not JSON (Expecting value: line 1"), ("{", "not JSON"), ("\udcff", "not JSON"), ("[]", "got []"), ("null", "got None"),
+    ('{"backbone": "vanilla"}', "expected an object with backbone and beta"),
+    ('{"beta": 0.5}', "expected an object with backbone and beta"),
+    ('{"backbone": "vanilla", "beta": 2}', "beta: expected a number in (0, 1] or null, got 2"),
+    ('{"backbone": "vanilla", "beta": NaN}', "got nan"), ('{"backbone": "vanilla", "beta": true}', "got True"),
+    ('{"backbone": "vanilla", "beta": "0.5"}', "got '0.5'")])
+def test_a_damaged_file_of_the_beta_is_told_in_one_line(tmp_path, capsys, text, reason):
+    (tmp_path / "splatboost.json").write_bytes(text.encode("utf-8", "surrogateescape"))
+    assert reason in told_by_load(capsys, vanilla, tmp_path)
+
+
+def test_a_file_of_the_beta_that_cannot_be_read_is_told_in_one_line(tmp_path, capsys):
+    (tmp_path / "splatboost.json").mkdir()
+    assert "Is a directory" in told_by_load(capsys, vanilla, tmp_path)
+
+
+def test_a_beta_of_another_backbone_is_not_used(tmp_path, capsys):
+    _drawing.save(str(tmp_path), "mip-splatting", 0.5)
+    told = told_by_load(capsys, vanilla, tmp_path)
+    assert "the model was trained as 'mip-splatting', and this host renders 'vanilla'" in told
+    model = types.SimpleNamespace()
+    mip_splatting.load(model, str(tmp_path))
+    assert model.splatboost.beta == 0.5
+
+
+@pytest.mark.parametrize("option, value, told", [
+    ("boost_beta", 2.0, "must be in (0, 1], got 2.0"), ("boost_beta", float("nan"), "expected a finite number, got nan"),
+    ("boost_tau_d", float("inf"), "expected a finite number, got inf"), ("boost_tau_d", -1.0, "must be at least 0, got -1.0"),
+    ("iterations", 0, "expected at least 1, got 0"), ("densification_interval", 0, "must be at least 1, got 0"),
+    ("densify_from_iter", -4, "must be at least 0, got -4"), ("densify_grad_threshold", -1.0, "must be at least 0, got -1.0"),
+    ("densify_until_iter", 10**10, "expected a whole number from -2147483648 to 2147483647, got 10000000000")])
+def test_a_bad_option_is_told_with_its_name_and_value(tmp_path, capsys, option, value, told):
+    options = types.SimpleNamespace(
+        boost="on", boost_beta=0.5, boost_tau_d=5.0, boost_max_gaussians=0, iterations=100, densify_from_iter=400,
+        densify_until_iter=15000, densification_interval=100, densify_grad_threshold=0.0002)
+    setattr(options, option, value)
+    with pytest.raises(SystemExit) as ended:
+        vanilla.Boost(types.SimpleNamespace(get_xyz=torch.zeros(N, 3)), None, options, None, str(tmp_path))
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "--%s: %s\n" % (option, told)
+
+
+def test_a_setting_that_no_option_gives_is_told_by_its_own_name(capsys):
+    with pytest.raises(SystemExit) as ended:
+        _boost.adapter_of("vanilla", types.SimpleNamespace(iterations=100), torch.device("cpu"), {"views": 0})
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "SplatBoost: --boost options: views must be at least 1\n"
 
 
 def test_options_of_the_user_hold_and_scale():

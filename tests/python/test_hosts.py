@@ -276,16 +276,17 @@ def test_options_of_the_patch(tmp_path):
 @pytest.mark.skipif(not PROGRAM.exists(), reason="the program is not built")
 @pytest.mark.parametrize("hosts, layout, options", [
     (miniature_host, "3dgs-2023", {
-        "--boost_beta 0": "SplatBoost: --boost options: beta", "--boost_beta 2": "SplatBoost: --boost options: beta",
-        "--boost_tau_d -1": "SplatBoost: --boost options: tau_d",
-        "--densification_interval 0": "SplatBoost: --boost options: densify_interval",
+        "--boost_beta 0": "--boost_beta: must be in (0, 1], got 0.0", "--boost_beta 2": "--boost_beta: must be in (0, 1], got 2.0",
+        "--boost_tau_d -1": "--boost_tau_d: must be at least 0, got -1.0",
+        "--densification_interval 0": "--densification_interval: must be at least 1, got 0",
+        "--iterations 0": "--iterations: expected at least 1, got 0",
         "--boost_max_gaussians -5": "--boost_max_gaussians: expected at least 0, got -5"}),
     (miniature_anchors, "scaffold", {
-        "--boost_beta 2": "SplatBoost: --boost options: beta",
+        "--boost_beta 2": "--boost_beta: must be in (0, 1], got 2.0",
         "--boost_max_anchors -5": "--boost_max_anchors: expected at least 0, got -5"}),
     (miniature_convexes, None, {
         "--densification_interval 0": "--densification_interval: expected at least 1, got 0",
-        "--boost_tau_d nan": "SplatBoost: --boost options: tau_d",
+        "--boost_tau_d nan": "--boost_tau_d: expected a finite number, got nan",
         "--boost_max_convexes -5": "--boost_max_convexes: expected at least 0, got -5"})])
 def test_bad_options_are_told_in_one_line(tmp_path, hosts, layout, options):
     tree = hosts.write_host(tmp_path / "tree", *([layout] if layout else []))

@@ -48,6 +48,14 @@ def test_fused_ssim_refuses():
         value.backward()
 
 
+def test_fused_ssim_has_no_gradient_of_the_second_image():
+    a, b = torch.rand(1, 3, 20, 20), torch.rand(1, 3, 20, 20).requires_grad_()
+    splatboost.fused_ssim(a, b).backward()
+    assert b.grad is None
+    splatboost.fused_ssim(a.requires_grad_(), b).backward()
+    assert b.grad is None and a.grad.abs().sum() > 0
+
+
 def test_flag_errors_is_the_paper_s():
     g = torch.Generator().manual_seed(2)
     truth = torch.randint(0, 256, (3, 9, 13), generator=g, dtype=torch.uint8)

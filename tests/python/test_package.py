@@ -149,6 +149,38 @@ def test_a_library_of_another_abi_is_refused(tmp_path):
     assert done.returncode == 1 and "has ABI version 99, this package needs 1" in done.stderr
 
 
+def test_a_library_that_is_older_than_the_package_is_refused(tmp_path):
+    source = tmp_path / "other.c"
+    source.write_text("int sb_abi_version(void) { return 1; }\nconst char* sb_version(void) { return \"0\"; }\n")
+    library = tmp_path / "libother.so"
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source], check=True)
+    from splatboost import _library as lib
+
+    told = "the library at %s lacks sb_last_error and %d more: install it and this package from one version" % (
+        library, len(lib._ENTRIES) - 3)
+    done = run("import splatboost; splatboost.scaled_iteration(1, 2)", SPLATBOOST_LIBRARY=str(library))
+    assert done.returncode == 1 and done.stderr.endswith("LibraryError: %s\n" % told)
+    done = run("from splatboost import doctor; print(doctor._library())", SPLATBOOST_LIBRARY=str(library))
+    assert done.returncode == 0 and "('missing', '%s'" % told in done.stdout
+
+
+def test_a_library_that_cannot_be_loaded_is_told_with_the_reason(tmp_path):
+    text = tmp_path / "libtext.so"
+    text.write_text("no library\n" * 100)
+    needy = tmp_path / "libneedy.so"
+    for name, needs in (("libneeded_by_needy.so", []), (needy.name, ["-Wl,--no-as-needed", "-L%s" % tmp_path, "-lneeded_by_needy"])):
+        command = ["cc", "-shared", "-fPIC", "-x", "c", "/dev/null", "-o", tmp_path / name, *needs]
+        subprocess.run(command, check=True)
+    (tmp_path / "libneeded_by_needy.so").unlink()
+    code = "import splatboost; splatboost.scaled_iteration(1, 2)"
+    for path, reason in ((text, "invalid ELF header"), (needy, "libneeded_by_needy.so: cannot open shared object file")):
+        done = run(code, SPLATBOOST_LIBRARY=str(path))
+        assert done.returncode == 1 and "libsplatboost at %s cannot be loaded: %s" % (path, reason) in done.stderr
+        assert "was not found" not in done.stderr
+    done = run(code, SPLATBOOST_LIBRARY="libof_no_one.so")  # on the system's search path
+    assert done.returncode == 1 and "was not found" in done.stderr and "libof_no_one.so: not found" in done.stderr
+
+
 def test_doctor():
     done = subprocess.run(
         [sys.executable, "-m", "splatboost", "doctor"],
@@ -206,8 +238,34 @@ def test_doctor_looks_at_a_checkout(tmp_path):
     (tmp_path / "train.py").write_text("import json\n")
     done = run("import sys; from splatboost import doctor; sys.exit(doctor.main(%r))" % str(tmp_path))
     assert "all Python modules that its scripts need are installed" in done.stdout
-    done = run("import sys; from splatboost import doctor; sys.exit(doctor.main(%r))" % str(tmp_path / "nowhere"))
+    (tmp_path / "train.py").unlink()
+    done = run("import sys; from splatboost import doctor; sys.exit(doctor.main(%r))" % str(tmp_path))
     assert done.returncode == 1 and "there is no train.py" in done.stdout
+    for path in (tmp_path / "nowhere", tmp_path / "helpers.py"):
+        done = run("import sys; from splatboost import doctor; sys.exit(doctor.main(%r))" % str(path))
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == "splatboost doctor: there is no folder %s; give that of a backbone's checkout\n" % path
+
+
+def test_doctor_tells_what_needs_open3d(tmp_path):
+    for script in ("train.py", "render.py"):
+        (tmp_path / script).write_text("import wandb\n" if script == "train.py" else "import open3d\n")
+    code = """
+import importlib.util
+from splatboost import doctor
+there = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *given: None if name in ("open3d", "wandb") else there(name, *given)
+print(doctor._host(%r))""" % str(tmp_path)
+    told = run(code).stdout
+    assert "not installed: open3d; render.py needs it for meshes" in told and "--skip_train" in told
+    assert "'not installed: wandb', 'python -m splatboost.cpu works without them" in told
+
+
+def test_doctor_knows_a_checkout_of_photo_slam(tmp_path):
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src/gaussian_mapper.cpp").write_text("\n")
+    told = run("from splatboost import doctor; print(doctor._host(%r))" % str(tmp_path)).stdout
+    assert told.startswith("[('ok', '%s: Photo-SLAM, in C++, needs no Python modules" % tmp_path)
 
 
 def test_doctor_looks_at_a_checkout_of_gsplat(tmp_path):
@@ -223,10 +281,8 @@ def test_doctor_looks_at_a_checkout_of_gsplat(tmp_path):
     assert "all Python modules that simple_trainer.py needs are installed" in run(code).stdout
 
 
-@pytest.mark.parametrize("given, code", [
-    ([], 2), (["doctor", "--no-such-option"], 2), (["doctor", "a", "b"], 2), (["--help"], 0), (["doctor", "--help"], 0), (["doctor", "-h"], 0)])
-def test_usage(given, code):
-    done = subprocess.run(
+def command(*given):
+    return subprocess.run(
         [sys.executable, "-m", "splatboost", *given],
         capture_output=True,
         text=True,
@@ -234,5 +290,22 @@ def test_usage(given, code):
         cwd=conftest.PACKAGE,
         timeout=120,
     )
+
+
+@pytest.mark.parametrize("given, told", [
+    (["dcotor"], "splatboost dcotor: no such command; did you mean doctor?"),
+    (["xyzzy"], "splatboost xyzzy: no such command; available: doctor, view"),
+    (["--foo"], "splatboost --foo: no such command; available: doctor, view"),
+    (["doctor", "--foo"], "splatboost doctor: unknown option --foo; available: --help"),
+    (["doctor", "--hlep", "a"], "splatboost doctor: unknown option --hlep; did you mean --help?"),
+    (["doctor", "a", "b"], "splatboost doctor: expected one folder, got 2: a b")])
+def test_wrong_arguments_are_told_in_one_line(given, told):
+    done = command(*given)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", told + "\n")
+
+
+@pytest.mark.parametrize("given, code", [([], 2), (["--help"], 0), (["doctor", "--help"], 0), (["doctor", "-h"], 0)])
+def test_usage(given, code):
+    done = command(*given)
     told, silent = (done.stderr, done.stdout) if code else (done.stdout, done.stderr)
     assert done.returncode == code and "usage: python -m splatboost doctor [CHECKOUT]" in told and silent == ""

@@ -353,6 +353,11 @@ def test_bad_arguments_are_named(change, message):
         splatboost.rasterize(reference.turned_camera(), **{**small(), **change})
 
 
+def pose_of(*rows):
+    """A pose with these rows [3,3] in place of a rotation, as numbers of a Camera."""
+    return tuple(float(v) for row in rows for v in [*row, 1]) + (0.0, 0.0, 0.0, 1.0)
+
+
 @pytest.mark.parametrize(
     "change, message",
     [
@@ -361,6 +366,11 @@ def test_bad_arguments_are_named(change, message):
         ({"fx": None}, "fx: expected a number, got None"),
         ({"camera_from_world": (1.0, 2.0)}, "camera_from_world: expected 16 numbers, got 2 numbers"),
         ({"camera_from_world": None}, "camera_from_world: expected a vector or a matrix of numbers, got NoneType"),
+        ({"camera_from_world": 15 * (0.0,) + (1.0,)}, "camera_from_world: expected a rigid motion, got one that scales or shears"),
+        ({"camera_from_world": pose_of([2, 0, 0], [0, 2, 0], [0, 0, 2])}, "expected a rigid motion, got one that scales or shears"),
+        ({"camera_from_world": pose_of([1, 0.5, 0], [0, 1, 0], [0, 0, 1])}, "expected a rigid motion, got one that scales or shears"),
+        ({"camera_from_world": pose_of([-1, 0, 0], [0, 1, 0], [0, 0, 1])}, "expected a rigid motion, got one that mirrors"),
+        ({"camera_from_world": (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1)}, "camera_from_world: .*is it transposed"),
     ],
 )
 def test_bad_cameras_are_named(change, message):
@@ -389,6 +399,7 @@ MOVED[:3, 3] = torch.tensor([0.5, 0.0, 2.0])
     [
         ([[30, 0, 16], [0, 30, 12], [0, 0, 1]], MOVED.T, "camera_from_world: .*is it transposed"),
         ([[30, 0, 16], [0, 30, 12], [0, 0, 1]], MOVED @ torch.diag(torch.tensor([2.0, 2, 2, 1])), "expected a rigid motion"),
+        ([[30, 0, 16], [0, 30, 12], [0, 0, 1]], MOVED @ torch.diag(torch.tensor([1.0, 1, -1, 1])), "got one that mirrors"),
         ([[30, 0, 0], [0, 30, 0], [16, 12, 1]], MOVED, "intrinsics: .*is it transposed"),
         (torch.eye(2), MOVED, r"intrinsics: expected shape \[3,3\], got \[2,2\]"),
         (torch.eye(3), MOVED[0], r"camera_from_world: expected shape \[4,4\], got 4 numbers"),

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
+from typing import List, Sequence
 
 from . import doctor, view
 
@@ -18,15 +20,40 @@ python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (see -
 """
 
 
+_COMMANDS = ("doctor", "view")
+
+
+def _near(wrong: str, names: Sequence[str]) -> str:
+    """The nearest of the names, as the end of an error; all of them if none is near."""
+    found = difflib.get_close_matches(wrong, names, 1)
+    return "did you mean %s?" % found[0] if found else "available: " + ", ".join(names)
+
+
+def _fail(message: str) -> int:
+    print("splatboost %s" % message, file=sys.stderr)
+    return 2
+
+
+def _doctor(arguments: List[str]) -> int:
+    for argument in arguments:
+        if argument.startswith("-"):
+            return _fail("doctor: unknown option %s; %s" % (argument, _near(argument, ("--help",))))
+    if len(arguments) > 1:
+        return _fail("doctor: expected one folder, got %d: %s" % (len(arguments), " ".join(arguments)))
+    return doctor.main(*arguments)
+
+
 def main() -> int:
-    command, rest = sys.argv[1:2], sys.argv[2:]
-    if command == ["view"]:
+    command, rest = "".join(sys.argv[1:2]), sys.argv[2:]
+    if command == "view":
         return view.main(rest)
     if {"-h", "--help"}.intersection(sys.argv[1:]):
         print(_USAGE, end="")
         return 0
-    if command == ["doctor"] and len(rest) <= 1 and not "".join(rest).startswith("-"):
-        return doctor.main(*rest)
+    if command == "doctor":
+        return _doctor(rest)
+    if command:
+        return _fail("%s: no such command; %s" % (command, _near(command, _COMMANDS)))
     print(_USAGE, end="", file=sys.stderr)
     return 2
 

@@ -22,7 +22,7 @@ CONVEX_BOX_SQUARE, CONVEX_BOX_COMPACT = 0, 1
 
 
 class LibraryError(RuntimeError):
-    """libsplatboost was not found, has another ABI version than this package, or failed."""
+    """libsplatboost was not found, cannot be loaded, is of another version than this package, or failed."""
 
 
 class NoCudaError(RuntimeError):
@@ -271,20 +271,44 @@ def candidates() -> List[str]:
     return found + [_FILE + "." + str(ABI_VERSION)]  # the system's search path
 
 
+def _open(path: str) -> Optional[ctypes.CDLL]:
+    """The library at a path, or of this name on the system's search path; None if there is none. Raises LibraryError, with the
+    loader's reason, if there is one that cannot be loaded."""
+    if os.path.dirname(path) and not os.path.exists(path):
+        return None
+    try:
+        return ctypes.CDLL(path)
+    except OSError as e:
+        reason = str(e)
+        # The loader begins with the file that it could not open, which may be another one that the library needs.
+        if reason.startswith(path + ": cannot open shared object file: No such file"):
+            return None
+        reason = reason[len(path) + 2:] if reason.startswith(path + ": ") else reason
+        raise LibraryError("libsplatboost at %s cannot be loaded: %s" % (path, reason)) from None
+
+
+def _declare_entries(library: ctypes.CDLL, path: str) -> None:
+    """Sets the types of the entries. Raises LibraryError if the library is older than this package and lacks some."""
+    lacking = [name for name in _ENTRIES if not hasattr(library, name)]
+    if lacking:
+        more = " and %d more" % (len(lacking) - 1) if len(lacking) > 1 else ""
+        raise LibraryError("the library at %s lacks %s%s: install it and this package from one version" % (path, lacking[0], more))
+    for name, (result, arguments) in _ENTRIES.items():
+        entry = getattr(library, name)
+        entry.restype = result
+        entry.argtypes = arguments
+
+
 def load() -> ctypes.CDLL:
-    """The library, loaded once. Raises LibraryError if it is not found or has another ABI version."""
+    """The library, loaded once. Raises LibraryError if it is not found, cannot be loaded or is of another version."""
     global _loaded
     if _loaded is not None:
         return _loaded
     tried = []
     for path in candidates():
-        if os.path.dirname(path) and not os.path.exists(path):
+        library = _open(path)
+        if library is None:
             tried.append(path + ": not found")
-            continue
-        try:
-            library = ctypes.CDLL(path)
-        except OSError as e:
-            tried.append(path + ": " + str(e))
             continue
         version = getattr(library, "sb_abi_version", None)
         if version is None or version() != ABI_VERSION:
@@ -293,10 +317,7 @@ def load() -> ctypes.CDLL:
                 "%s has ABI version %s, this package needs %d: reinstall both from one version"
                 % (path, have, ABI_VERSION)
             )
-        for name, (result, arguments) in _ENTRIES.items():
-            entry = getattr(library, name)
-            entry.restype = result
-            entry.argtypes = arguments
+        _declare_entries(library, path)
         library.path = path  # type: ignore[attr-defined]
         _loaded = library
         return library

@@ -17,8 +17,10 @@ import types
 import warnings
 from typing import Any, List, Optional, Tuple
 
-#: Packages that hosts import but do not use in training, rendering and metrics.
+#: Packages that hosts import but do not use in training, rendering and metrics, except for meshes (FOR_MESHES).
 _OPTIONAL = ("open3d", "joblib", "wandb", "matplotlib")
+#: Stand-ins cannot make meshes.
+FOR_MESHES = "open3d"
 #: Packages that a host can run without, because this module or the drop-ins provide them.
 PROVIDED = _OPTIONAL + ("torchvision", "torch_scatter", "lpips", "lpipsPyTorch", "diff_gaussian_rasterization",
                         "diff_gaussian_rasterization_abs", "diff_surfel_rasterization", "diff_convex_rasterization",

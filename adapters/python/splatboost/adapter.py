@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import numbers
 import weakref
 from dataclasses import dataclass
@@ -46,6 +47,15 @@ def _device_of(device: Any) -> torch.device:
         raise ValueError("device: expected a device such as cpu or cuda:0, got %s" % lib.shown(device)) from None
 
 
+def _place_on(device: torch.device) -> Place:
+    try:
+        nothing = torch.empty(0, device=device)
+    except (AssertionError, RuntimeError) as error:  # which of them depends on torch's build
+        reason = str(error).strip().split("\n")[0]
+        raise ValueError("device: torch cannot use %s: %s" % (device, reason)) from None
+    return Place(nothing, "device")
+
+
 def _setting_kinds(boost: Any) -> Dict[str, Any]:
     """Each setting's name and its type: bool, int or float."""
     kinds: Dict[str, Any] = {}
@@ -81,7 +91,7 @@ class Adapter:
                 self._set(boost, name, value)
             #: All settings by name, with their current values.
             self.settings = {name: self._get(boost, name) for name in self._kinds}
-            place = Place(torch.empty(0, device=self.device), "device")
+            place = _place_on(self.device)
             handle = ctypes.c_void_p()
             place.call("sb_adapter_create", boost, self.seed, place.c_device(), ctypes.byref(handle))
         finally:
@@ -100,9 +110,15 @@ class Adapter:
     def _set(self, boost: Any, name: str, value: Any) -> None:
         if name not in self._kinds:
             raise ValueError("%s: no such setting; available: %s" % (name, ", ".join(sorted(self._kinds))))
-        if self._kinds[name] is not float and not isinstance(value, numbers.Integral):
+        if self._kinds[name] is float:
+            number = lib.number(value, name)
+            if not math.isfinite(number):
+                raise ValueError("%s: expected a finite number, got %s" % (name, lib.shown(value)))
+        elif isinstance(value, numbers.Integral):
+            number = lib.whole(value, name)
+        else:
             raise ValueError("%s: expected a whole number, got %s" % (name, lib.shown(value)))
-        lib.call("sb_boost_set", boost, name.encode(), lib.number(value, name))
+        lib.call("sb_boost_set", boost, name.encode(), number)
 
     def _get(self, boost: Any, name: str) -> Any:
         value = ctypes.c_double()

@@ -37,11 +37,8 @@ class Camera:
         if len(pose) not in (3, 4) or any(len(r) != 4 for r in pose):
             raise ValueError("camera_from_world: expected shape [4,4], got %s" % _shape_of(pose))
         for name, row in [("intrinsics", k[2])] + [("camera_from_world", r) for r in pose[3:]]:
-            unit = [0.0] * (len(row) - 1) + [1.0]
-            if any(not abs(v - u) < 1e-3 for v, u in zip(row, unit)):
-                raise ValueError("%s: expected %s as the last row, got %s; is it transposed?" % (name, unit, row))
-        if not _orthonormal([r[:3] for r in pose[:3]]):
-            raise ValueError("camera_from_world: expected a rigid motion, got one that scales or shears")
+            _check_last_row(row, name)
+        _check_rotation([r[:3] for r in pose[:3]], "camera_from_world")
         flat = [v for r in pose[:3] for v in r] + [0.0, 0.0, 0.0, 1.0]
         width, height = lib.whole(width, "width", 1), lib.whole(height, "height", 1)
         return Camera(width, height, k[0][0], k[1][1], k[0][2], k[1][2], tuple(flat))
@@ -61,8 +58,7 @@ class Camera:
                 raise ValueError("%s: expected shape [4,4], got %s" % (name, _shape_of(m)))
         rotation = [[view[j][i] for j in range(3)] for i in range(3)]
         translation = [view[3][i] for i in range(3)]
-        if not _orthonormal(rotation):
-            raise ValueError("viewmatrix: expected a rigid motion, got one that scales or shears")
+        _check_rotation(rotation, "viewmatrix")
         # Rows x, y and w of clip_from_camera = clip_from_world · world_from_camera, without translation.
         clip = [[sum(full[k][i] * rotation[c][k] for k in range(3)) for c in range(3)] for i in (0, 1, 3)]
         width, height = lib.whole(width, "width", 1), lib.whole(height, "height", 1)
@@ -108,7 +104,10 @@ class Camera:
         rows = host_rows(self.camera_from_world, "camera_from_world")
         if len(rows) != 1 or len(rows[0]) != 16:
             raise ValueError("camera_from_world: expected 16 numbers, got %s" % _shape_of(rows))
-        camera.camera_from_world[:] = rows[0]
+        pose = rows[0]
+        _check_last_row(pose[12:], "camera_from_world")
+        _check_rotation([pose[0:3], pose[4:7], pose[8:11]], "camera_from_world")
+        camera.camera_from_world[:] = pose
         return camera
 
 
@@ -127,10 +126,24 @@ def _shape_of(rows: Rows) -> str:
     return "[%d,%d]" % (len(rows), widths.pop()) if len(widths) == 1 else "rows of different lengths"
 
 
-def _orthonormal(rows: Rows) -> bool:
-    return all(
-        abs(sum(rows[a][k] * rows[b][k] for k in range(3)) - (a == b)) < 1e-3 for a in range(3) for b in range(3)
-    )
+def _check_last_row(row: List[float], name: str) -> None:
+    unit = [0.0] * (len(row) - 1) + [1.0]
+    if any(not abs(v - u) < 1e-3 for v, u in zip(row, unit)):
+        raise ValueError("%s: expected %s as the last row, got %s; is it transposed?" % (name, unit, row))
+
+
+def _check_rotation(rows: Rows, name: str) -> None:
+    """Raises ValueError unless these rows [3,3] are those of a rotation, up to rounding. name: of their matrix"""
+    x, y, z = rows
+    lengths, angles = (_dot(x, x), _dot(y, y), _dot(z, z)), (_dot(x, y), _dot(y, z), _dot(z, x))
+    if any(not abs(v - 1.0) < 1e-3 for v in lengths) or any(not abs(v) < 1e-3 for v in angles):
+        raise ValueError("%s: expected a rigid motion, got one that scales or shears" % name)
+    if _dot(x, [y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]]) < 0:
+        raise ValueError("%s: expected a rigid motion, got one that mirrors" % name)
+
+
+def _dot(a: List[float], b: List[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 # Host copies of small GPU tensors, so that a camera that is used again needs no synchronization:

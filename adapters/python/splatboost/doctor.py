@@ -112,6 +112,10 @@ def _upstream() -> List[Line]:
 #: Scripts of a host that its users run.
 _SCRIPTS = ("train.py", "render.py", "metrics.py")
 
+#: Files of the checkouts without these, by which their recipes recognise them too.
+_GSPLAT = os.path.join("examples", "simple_trainer.py")
+_PHOTO_SLAM = os.path.join("src", "gaussian_mapper.cpp")
+
 
 def _gsplat(folder: str, trainer: str) -> List[Line]:
     """Checks the Python modules of gsplat's example trainer. It has no stand-ins, since it does not run without a GPU."""
@@ -124,13 +128,21 @@ def _gsplat(folder: str, trainer: str) -> List[Line]:
 
 
 def _host(folder: str) -> List[Line]:
-    """Checks the Python modules that the scripts of a host's checkout need."""
+    """Checks the Python modules that a host's checkout needs."""
     scripts = [os.path.join(folder, name) for name in _SCRIPTS if os.path.isfile(os.path.join(folder, name))]
-    trainer = os.path.join(folder, "examples", "simple_trainer.py")
-    if not scripts and os.path.isfile(trainer):
+    if scripts:
+        return _scripts(folder, scripts)
+    trainer = os.path.join(folder, _GSPLAT)
+    if os.path.isfile(trainer):
         return _gsplat(folder, trainer)
-    if not scripts:
-        return [("missing", "%s: there is no train.py" % folder, "give the folder of a backbone's checkout")]
+    if os.path.isfile(os.path.join(folder, _PHOTO_SLAM)):
+        what = "%s: Photo-SLAM, in C++, needs no Python modules; its build needs an installed SplatBoost (docs/patching.md)"
+        return [("ok", what % folder, "")]
+    what = "%s: there is no train.py, no %s (gsplat) and no %s (Photo-SLAM)" % (folder, _GSPLAT, _PHOTO_SLAM)
+    return [("missing", what, "give the folder of a backbone's checkout")]
+
+
+def _scripts(folder: str, scripts: List[str]) -> List[Line]:
     needed = {name for script in scripts for name in _needs.needed_modules(script)}
     missing = {name for script in scripts for name in _needs.missing_modules(script, _stand_ins.PROVIDED)}
     lines: List[Line] = []
@@ -141,6 +153,12 @@ def _host(folder: str) -> List[Line]:
         lines.append(("ok", "%s: all Python modules that its scripts need are installed" % folder, ""))
     absent = [name for name in sorted(needed & set(_stand_ins.PROVIDED))
               if importlib.util.find_spec(name) is None]
+    meshes = _stand_ins.FOR_MESHES
+    if meshes in absent:
+        absent.remove(meshes)
+        remedy = "%s; without it leave the meshes out, with --skip_train (PGSR) or --skip_mesh (2D Gaussian Splatting)"
+        what = "not installed: %s; render.py needs it for meshes" % meshes
+        lines.append(("note", what, remedy % _needs.install_command([meshes])))
     if absent:
         what = "not installed: %s" % ", ".join(absent)
         lines.append(("note", what, "python -m splatboost.cpu works without them; the scripts themselves need them"))
@@ -199,7 +217,10 @@ def examine(folder: Optional[str] = None) -> List[Line]:
 
 
 def main(folder: Optional[str] = None) -> int:
-    """Prints the findings; 0 if nothing is missing, else 1."""
+    """Prints the findings; 0 if nothing is missing, else 1; 2 if there is no such folder."""
+    if folder is not None and not os.path.isdir(folder):
+        print("splatboost doctor: there is no folder %s; give that of a backbone's checkout" % folder, file=sys.stderr)
+        return 2
     lines = examine(folder)
     for state, what, remedy in lines:
         print("%-8s %s" % (state, what))

@@ -116,13 +116,15 @@ class _Ssim(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, g_mean: torch.Tensor) -> Any:
+        if not ctx.needs_input_grad[0]:
+            return None, None, None, None  # only img2 needs one, which gets none
         if not ctx.saved_tensors:
             raise RuntimeError("fused_ssim: called with train=False, so there is no gradient")
         return ctx.saved_tensors[0] * g_mean, None, None, None
 
 
 def fused_ssim(img1: torch.Tensor, img2: torch.Tensor, padding: str = "same", train: bool = True) -> torch.Tensor:
-    """Mean SSIM (11×11 Gaussian window, σ 1.5) of float32 [B,C,H,W]; the gradient goes to img1.
+    """Mean SSIM (11×11 Gaussian window, σ 1.5) of float32 [B,C,H,W]; the gradient goes to img1 only.
 
     padding: "same" (zeros around the image) or "valid" (only windows within it). train=False: value only.
     """

@@ -18,18 +18,44 @@ from . import _drawing
 SPLIT_CHILDREN = 2
 
 
+#: Options that must not be less than this; a host has one of the caps.
+_LEAST = {"iterations": 1, "boost_max_gaussians": 0, "boost_max_anchors": 0, "boost_max_convexes": 0}
+
+#: Setting of the adapter → the host's option that it comes from, if their names differ.
+_OPTIONS = {
+    "beta": "boost_beta",
+    "tau_d": "boost_tau_d",
+    "densify_from": "densify_from_iter",
+    "densify_until": "densify_until_iter",
+    "densify_interval": "densification_interval",
+    "gradient_threshold": "densify_grad_threshold",
+    "gradient_abs_threshold": "densify_grad_abs_threshold",
+}
+
+
 def is_on(options: Any) -> bool:
-    """Whether --boost is on; exits the host if it is neither on nor off, or if the cap is below 0."""
+    """Whether --boost is on; exits the host if it is neither on nor off, or if the iterations or the cap are too few."""
     if options.boost not in ("on", "off"):
         sys.stderr.write("--boost: expected on or off, got %s\n" % options.boost)
         sys.exit(2)
     if options.boost == "off":
         return False
-    for name in ("boost_max_gaussians", "boost_max_anchors", "boost_max_convexes"):
-        if getattr(options, name, 0) < 0:
-            sys.stderr.write("--%s: expected at least 0, got %s\n" % (name, getattr(options, name)))
+    for name, least in _LEAST.items():
+        value = getattr(options, name, least)
+        if value < least:
+            sys.stderr.write("--%s: expected at least %d, got %s\n" % (name, least, value))
             sys.exit(2)
     return True
+
+
+def _in_options(message: str, options: Any) -> str:
+    """An error about a setting of the adapter as one about the host's option, with the value that the user gave."""
+    setting, _, wanted = message.partition(" ")
+    setting = setting.rstrip(":")
+    option = _OPTIONS.get(setting, setting)
+    if not hasattr(options, option):
+        return "SplatBoost: --boost options: " + message
+    return "--%s: %s, got %s" % (option, wanted.partition(", got ")[0], getattr(options, option))
 
 
 def adapter_of(backbone: str, options: Any, device: torch.device, settings: Dict[str, Any]) -> Adapter:
@@ -38,7 +64,7 @@ def adapter_of(backbone: str, options: Any, device: torch.device, settings: Dict
     try:
         return Adapter(backbone, total_iterations=options.iterations, device=device, **settings)
     except ValueError as error:
-        sys.stderr.write("SplatBoost: --boost options: %s\n" % error)
+        sys.stderr.write(_in_options(str(error), options) + "\n")
     except (LibraryError, NoCudaError) as error:
         sys.stderr.write("SplatBoost: %s; --boost off trains without it\n" % error)
     sys.exit(2)

@@ -7,10 +7,12 @@ import contextlib
 import json
 import math
 import os
+import sys
 from typing import Any, Callable, Iterator, Optional
 
 import torch
 
+from .._library import shown
 from ..camera import Camera
 from ..compat import (
     diff_gaussian_rasterization_2023,
@@ -109,14 +111,36 @@ def pinhole(camera: Any, image: torch.Tensor) -> Camera:
                             camera.full_proj_transform, camera.camera_center)
 
 
-def load(model: Any, model_path: str) -> None:
-    """Sets up a saved model to be rendered as it was trained; by the host if its folder has no MODEL_FILE."""
+def load(backbone: str, model: Any, model_path: str) -> None:
+    """Sets up a saved model of a backbone to be rendered as it was trained; by the host if its folder has no MODEL_FILE.
+    Exits the host if the file is damaged, or if the model is another backbone's, which this host does not render as trained."""
     path = os.path.join(model_path, MODEL_FILE)
     if not os.path.exists(path):
         return
-    with open(path, encoding="utf-8") as file:
-        beta = json.load(file)["beta"]
+    try:
+        beta = _stored_beta(path, backbone)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        sys.stderr.write("%s: %s; delete it to render with the host's own box\n" % (path, reason))
+        sys.exit(2)
     model.splatboost = Drawing(beta)
+
+
+def _stored_beta(path: str, backbone: str) -> Optional[float]:
+    """The beta in a MODEL_FILE. Raises ValueError if the file is damaged or of another backbone."""
+    with open(path, encoding="utf-8") as file:
+        try:
+            stored = json.load(file)
+        except ValueError as error:
+            raise ValueError("not JSON (%s)" % error) from None
+    if not isinstance(stored, dict) or not {"backbone", "beta"} <= stored.keys():
+        raise ValueError("expected an object with backbone and beta, got %s" % shown(stored))
+    if stored["backbone"] != backbone:
+        raise ValueError("the model was trained as %s, and this host renders %s" % (shown(stored["backbone"]), shown(backbone)))
+    beta = stored["beta"]
+    if beta is not None and (type(beta) not in (int, float) or not 0 < beta <= 1):
+        raise ValueError("beta: expected a number in (0, 1] or null, got %s" % shown(beta))
+    return beta
 
 
 def save(model_path: str, backbone: str, beta: Optional[float]) -> None:

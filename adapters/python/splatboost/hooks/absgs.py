@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any, Callable, Dict
 
 import torch
 
 from . import _boost, _drawing
-from ._drawing import load
 
 __all__ = ["Boost", "load", "rasterizer"]
 
@@ -51,3 +51,6 @@ class Boost(_boost.Boost):
         if self.on:
             self._apply_gradients()
         self.gaussians.reduce_opacity()
+
+
+load = functools.partial(_drawing.load, Boost.backbone)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any, Callable, Dict
 
@@ -10,8 +11,8 @@ import torch
 
 from ..compat import diff_convex_rasterization
 from ..operations import keep_largest
-from . import _boost
-from ._drawing import box_of, load
+from . import _boost, _drawing
+from ._drawing import box_of
 
 __all__ = ["Boost", "load", "rasterizer"]
 
@@ -107,3 +108,6 @@ class Boost(_boost.Boost):
         if self.on:
             self._apply_gradients()
         return self.gaussians.only_prune(*given, **named)
+
+
+load = functools.partial(_drawing.load, Boost.backbone)

@@ -10,7 +10,6 @@ from typing import Any, Callable, Dict
 import torch
 
 from . import _boost, _drawing
-from ._drawing import load
 
 __all__ = ["Boost", "BoostOfPaper", "at_its_time", "load", "rasterizer"]
 
@@ -65,3 +64,6 @@ class Boost(_boost.Boost):
         growing = gradients.reshape(-1) >= self.options.densify_grad_threshold
         small = max_scales <= self.gaussians.percent_dense * extent
         return {"clone": growing & small, "split": growing & ~small}
+
+
+load = functools.partial(_drawing.load, Boost.backbone)

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from . import _boost
-from ._drawing import load, rasterizer
+import functools
+
+from . import _boost, _drawing
+from ._drawing import rasterizer
 
 __all__ = ["Boost", "load", "rasterizer"]
 
@@ -24,3 +26,6 @@ class Boost(_boost.Boost):
         if self.adapter.beta is None:
             return 1.0
         return 1.0 / (1.0 - _RATE * self.iteration / _RATE_AT)
+
+
+load = functools.partial(_drawing.load, Boost.backbone)

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import functools
+
 import torch
 
-from . import _boost
-from ._drawing import load, rasterizer
+from . import _boost, _drawing
+from ._drawing import rasterizer
 
 __all__ = ["Boost", "load", "rasterizer"]
 
@@ -42,3 +44,6 @@ class Boost(_boost.Boost):
     def _pruned(self) -> None:
         # prune_points does not shrink filter_3D, so the next render would fail.
         self.gaussians.compute_3D_filter(cameras=self._scene.getTrainCameras())
+
+
+load = functools.partial(_drawing.load, Boost.backbone)

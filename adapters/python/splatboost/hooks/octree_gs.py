@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import torch
 
 from ..adapter import ScoredView
-from . import _anchors
+from . import _anchors, _drawing
 from ._anchors import gated
-from ._drawing import load, rasterizer, see
+from ._drawing import rasterizer, see
 
 __all__ = ["Boost", "gated", "load", "rasterizer", "see"]
 
@@ -28,3 +29,6 @@ class Boost(_anchors.Boost):
         # The levels that a view uses are state of the host's model.
         self.gaussians.set_anchor_mask(camera.camera_center, self.iteration, camera.resolution_scale)
         return super()._score(camera)
+
+
+load = functools.partial(_drawing.load, Boost.backbone)

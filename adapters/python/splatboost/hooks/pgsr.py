@@ -4,14 +4,15 @@ candidates by absolute gradients, which it accumulates itself; the candidates ar
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any, Callable, Dict
 
 import torch
 
 from ..adapter import ScoredView
-from . import _boost
-from ._drawing import load, rasterizer
+from . import _boost, _drawing
+from ._drawing import rasterizer
 
 __all__ = ["Boost", "as_the_loss_sees", "load", "rasterizer"]
 
@@ -77,3 +78,6 @@ class Boost(_boost.Boost):
 
     def _keep(self, kept: torch.Tensor) -> None:
         """No effect: the host prunes its statistics itself."""
+
+
+load = functools.partial(_drawing.load, Boost.backbone)

@@ -3,7 +3,12 @@
 
 from __future__ import annotations
 
+import functools
+
+from . import _drawing
 from ._boost import Boost
-from ._drawing import load, rasterizer
+from ._drawing import rasterizer
 
 __all__ = ["Boost", "load", "rasterizer"]
+
+load = functools.partial(_drawing.load, Boost.backbone)
