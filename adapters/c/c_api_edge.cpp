@@ -181,8 +181,8 @@ std::size_t Place::check(const sb_tensor& tensor, const char* name, std::int32_t
 std::int64_t size_of(const sb_tensor* tensor, const char* name, int dimension) {
   const sb_tensor& t = need(tensor, name);
   if (t.dimensions <= dimension || t.dimensions > SB_MAX_DIMENSIONS) {
-    throw ArgumentError(std::string(name) + ": expected at least " + std::to_string(dimension + 1) +
-                        " dimensions, got " + std::to_string(t.dimensions));
+    throw ArgumentError(std::string(name) + ": expected " + std::to_string(dimension + 1) + " to " +
+                        std::to_string(SB_MAX_DIMENSIONS) + " dimensions, got " + std::to_string(t.dimensions));
   }
   if (t.shape[dimension] < 0) throw ArgumentError(std::string(name) + ": negative size");
   return t.shape[dimension];

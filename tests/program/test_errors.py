@@ -135,6 +135,23 @@ def test_views_too_small_for_lpips(lpips_network, tmp_path):
     assert "40×30" in fails("eval", "-m", model, "--lpips", lpips_network)
 
 
+def test_a_run_whose_lpips_network_was_moved_can_be_measured(trained, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(trained, model)
+    config = json.loads((model / "config.json").read_text())
+    (model / "config.json").write_text(json.dumps(config | {"lpips": str(tmp_path / "gone.onnx")}))
+    assert "LPIPS is not measured" in run_well("eval", "-m", model).stderr
+    assert "give --lpips its path" in fails("eval", "-m", model, "--lpips", tmp_path / "gone.onnx")
+
+
+def test_a_zero_byte_in_a_name_does_not_end_the_message(tmp_path):
+    scene = tmp_path / "room"
+    run_well("synth", scene, "--width", 40, "--height", 30, "--views", 4, "--points", 50)
+    (tmp_path / "list.txt").write_bytes(b"a\0b\n")
+    line = fails("train", "-s", scene, "-m", tmp_path / "model", "--eval", "--test-list", tmp_path / "list.txt")
+    assert "'a\\x00b'" in line
+
+
 @pytest.mark.parametrize("device", ["cuda", "cuda:999"])
 def test_a_gpu_that_is_not_there(scene, tmp_path, device):
     if device == "cuda" and shutil.which("nvidia-smi"):

@@ -193,6 +193,8 @@ def test_dtu_counts_what_was_observed_and_stands_on_the_table(tmp_path, packed):
 
 def test_broken_requests_are_told_in_one_line(meshed, tmp_path):
     write_points(tmp_path / "box.ply", BOX)
+    write_points(tmp_path / "large.ply", [(1000 * x, 1000 * y, 1000 * z) for x, y, z in BOX])
+    (tmp_path / "17.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n5\n")
     (tmp_path / "bad.ply").write_text("no mesh\n")
     for arguments, words in [
             (["mesh"], "no model folder"),
@@ -205,7 +207,12 @@ def test_broken_requests_are_told_in_one_line(meshed, tmp_path):
             (["mesh", "-m", meshed, "--masks", tmp_path / "none"], "masks"),
             (["mesh", "-m", meshed, "--voxel-size", "0.0005", "--max-memory", "1"], "--voxel-size"),
             (["mesh", "-m", meshed, "--max-memory", str(2**44)], "--max-memory must be at most 17592186044415 MiB"),
+            (["mesh", "-m", meshed, "--voxel-size", "1e-9"], "--voxel-size 1e-09 is too small for a depth of"),
             (["mesh-eval", tmp_path / "box.ply"], "two files"),
+            (["mesh-eval", tmp_path / "large.ply", tmp_path / "box.ply"], f"large.ply: is 1000 times as large as {tmp_path}/box.ply"),
+            (["mesh-eval", tmp_path / "box.ply", tmp_path / "large.ply"], f"large.ply: is 1000 times as large as {tmp_path}/box.ply"),
+            (["mesh-eval", tmp_path / "box.ply", tmp_path / "box.ply", "--align", tmp_path / "none.txt"], "none.txt: cannot be read"),
+            (["mesh-eval", tmp_path / "box.ply", tmp_path / "box.ply", "--align", tmp_path / "17.txt"], "17.txt: must hold the 16"),
             (["mesh-eval", tmp_path / "bad.ply", tmp_path / "box.ply"], "bad.ply"),
             (["mesh-eval", tmp_path / "box.ply", tmp_path / "none.ply"], "none.ply"),
             (["mesh-eval", tmp_path / "box.ply", tmp_path / "box.ply", "--threshold", "-1"], "--threshold"),

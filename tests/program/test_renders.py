@@ -52,6 +52,14 @@ def refused(*arguments):
     return done.stderr
 
 
+def test_places_that_cannot_be_written_are_refused_first(run, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "file: is not a folder" in refused("-m", run, "-o", tmp_path / "file/renders")
+    assert "none" in refused("-m", run, "--video", tmp_path / "none/a.mp4")
+    assert "is in the folder of saved models" in refused("-m", run, "--video", run / "point_cloud/a.mp4")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
 @pytest.mark.parametrize("rate", ["0.001", "0", "240.5", "1e9"])
 def test_the_frame_rate_of_a_video_has_a_range(run, tmp_path, rate):
     assert "--fps must be 1 to 240" in refused("-m", run, "--video", tmp_path / "a.mp4", "--orbit", 2, "--fps", rate)

@@ -30,12 +30,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kVoxelsAcross = 400;        // default: voxels along the largest depth of the mesh
-constexpr double kFarPoints = 0.95;          // default of the largest depth: this quantile of the point depths, ...
-constexpr double kReach = 1.2;               // ... times this factor
-constexpr std::size_t kDepths = 10'000'000;  // at most so many point depths are compared, for the quantile
-constexpr float kMinAlpha = 0.5f;            // least alpha of a pixel that shows a surface
-constexpr double kTruncation = 4;            // voxels
+constexpr double kVoxelsAcross = 400;          // default: voxels along the largest depth of the mesh
+constexpr double kFarPoints = 0.95;            // default of the largest depth: this quantile of the point depths, ...
+constexpr double kReach = 1.2;                 // ... times this factor
+constexpr std::size_t kDepths = 10'000'000;    // at most so many point depths are compared, for the quantile
+constexpr float kMinAlpha = 0.5f;              // least alpha of a pixel that shows a surface
+constexpr double kMostVoxelsAcross = 1 << 22;  // voxels along the largest depth; single precision resolves no more
+constexpr double kTruncation = 4;              // voxels
 constexpr auto kShownEvery = std::chrono::seconds(2);          // progress, where the output is not a terminal
 constexpr std::uint64_t kMaxMemory = ~std::uint64_t{0} >> 20;  // MiB, so that bytes do not overflow
 
@@ -140,11 +141,14 @@ struct Mesh {
 
     const double far = far_depth(model.scene());
     if (!set.given("max-depth")) max_depth = far;
+    const double reach = max_depth > 0 ? max_depth : far;
     if (!set.given("voxel-size")) {
-      const double reach = max_depth > 0 ? max_depth : far;
       require(reach > 0, "the scene has no points to determine its size: set --voxel-size and --max-depth");
       voxel = reach / kVoxelsAcross;
     }
+    require(reach / voxel < kMostVoxelsAcross, "--voxel-size " + readable(static_cast<float>(voxel)).dump() +
+                                                   " is too small for a depth of " +
+                                                   readable(static_cast<float>(reach)).dump() + ": give a larger one");
     TsdfVolume volume({static_cast<float>(voxel), static_cast<float>(kTruncation * voxel), max_memory << 20});
     Threads& threads = model.bench().device->threads();
     require_surface(fuse(model.backbone(), model.scene(), volume, threads));

@@ -25,6 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kThreshold = 0.005;    // default, relative to the truth's diagonal, where no scene has its own
+constexpr double kMostSizeRatio = 300;  // of two surfaces in the same unit; of metres and millimetres it is 1000
 constexpr double kVertexSpacing = 0.5;  // relative to the threshold, as in Tanks and Temples
 
 struct MeshEval {
@@ -103,6 +104,7 @@ struct MeshEval {
     require(threshold > 0, truth.string() + ": all points coincide; set --threshold");
     if (!(spacing > 0)) spacing = kVertexSpacing * threshold;
     if (vertices) found.triangles.clear();
+    if (crop.empty()) require_like_size(found, known);
     // DTU's scan is used as it is: no points are added or removed.
     std::vector<float> points = sample_surface(found, spacing);
     std::vector<float> others = dtu ? known.positions : sample_surface(known, spacing);
@@ -171,6 +173,18 @@ struct MeshEval {
     require(!standing.empty(), truth.string() + ": none of its points lies above the plane of --dtu-plane");
     return summarize_distances(nearest_distances(seen, scan, workers), nearest_distances(standing, near, workers),
                                threshold, cut);
+  }
+
+  /// Refuses surfaces of which one is so much larger that they cannot be in the same unit.
+  void require_like_size(const TriangleMesh& found, const TriangleMesh& known) const {
+    if (!(diagonal_of(found) > 0 && diagonal_of(known) > 0)) return;
+    const double ratio = diagonal_of(found) / diagonal_of(known);
+    require(!(ratio > kMostSizeRatio), mesh.string() + ": is " + std::to_string(std::lround(ratio)) +
+                                           " times as large as " + truth.string() +
+                                           ": are they in the same unit and frame? (--align)");
+    require(!(ratio < 1 / kMostSizeRatio), truth.string() + ": is " + std::to_string(std::lround(1 / ratio)) +
+                                               " times as large as " + mesh.string() +
+                                               ": are they in the same unit and frame? (--align)");
   }
 
   static double diagonal_of(const TriangleMesh& mesh) {

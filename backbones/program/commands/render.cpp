@@ -74,7 +74,11 @@ struct Render {
     if (set.given("fps") && video.empty()) throw UsageError("--fps requires --video");
     if (!video.empty() && !output.empty())
       throw UsageError("--output has no effect with --video, which names the file to write; leave it out");
-    if (!video.empty()) require_video_name(video);
+    if (!video.empty()) {
+      require_video_name(video);
+      require_replaceable(video, {});
+      require_writable(video);
+    }
     if (time && !(*time >= 0 && *time <= 1)) throw UsageError("--time must be in [0, 1]");
     if (sequence > 0 && (!video.empty() || orbit > 0 || time || !view.empty()))
       throw UsageError("--sequence writes models: leave out --video, --orbit, --view and --time");
@@ -139,6 +143,7 @@ struct Render {
     if (!own && (fs::exists(output / "point_cloud") || is_file(output / "compare.json"))) {
       throw UsageError("--output: " + output.string() + " is the folder of another run; name another one");
     }
+    require_writable_folder(output);
   }
 
   void render_views(Backbone& backbone, const std::vector<View>& views, const fs::path& folder) const {

@@ -167,7 +167,7 @@ struct RunOptions {
   bool no_schedule = false;
   bool no_coarse = false;
   std::filesystem::path lpips;
-  bool lpips_if_possible = false;  ///< leave LPIPS out if a view is too small for it, instead of refusing
+  bool lpips_if_possible = false;  ///< leave LPIPS out if its network or a view is not fit for it, instead of refusing
   std::filesystem::path config;
   std::vector<int> save_iterations;
   std::vector<int> checkpoint_iterations;

@@ -166,21 +166,27 @@ Workbench make_workbench(const RunOptions& options) {
   scene.seed = options.seed;
   // Before the data, which take time to read: a missing device or file should be reported first.
   bench.device = std::make_unique<ChosenDevice>(options.device, options.threads);
-  if (!options.lpips.empty()) bench.lpips = std::make_unique<Lpips>(options.lpips);
+  /// Leaves LPIPS out, with a note, if `body` throws InputError and the options permit that.
+  const auto measuring_lpips = [&](auto&& body) {
+    try {
+      body();
+    } catch (const InputError& error) {
+      if (!options.lpips_if_possible) throw;
+      bench.lpips.reset();
+      if (!options.quiet) std::fprintf(stderr, "note: LPIPS is not measured: %s\n", printable(error.what()).c_str());
+    }
+  };
+  if (!options.lpips.empty()) measuring_lpips([&] { bench.lpips = std::make_unique<Lpips>(options.lpips); });
   bench.scene = read_scene(scene);
   if (!options.quiet) {
     for (const std::string& note : bench.scene.notes) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
   }
   if (!bench.lpips) return bench;
-  try {
+  measuring_lpips([&] {
     for (const View& view : measured_views(bench.scene)) {
       require_lpips_size("view '" + view.name + "'", view.camera.width, view.camera.height);
     }
-  } catch (const InputError& error) {
-    if (!options.lpips_if_possible) throw;
-    bench.lpips.reset();
-    if (!options.quiet) std::fprintf(stderr, "note: LPIPS is not measured: %s\n", printable(error.what()).c_str());
-  }
+  });
   return bench;
 }
 

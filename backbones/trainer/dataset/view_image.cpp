@@ -19,6 +19,8 @@ namespace {
 
 constexpr int kWidthLimit = 1600;  // as in 3DGS, if no resolution is given
 constexpr int kLargestDivisor = 8;
+/// Fraction of a photo that undistortion must leave. Lenses leave most of it; wrong parameters can leave nothing.
+constexpr double kLeastUndistorted = 0.1;
 constexpr int kSmallestWidth = 16;  // a smaller "width" is more likely an unsupported divisor
 
 [[noreturn]] void fail(const Photo& photo, const std::string& cause) {
@@ -285,7 +287,14 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
 
   Pixels valid;
   loaded.undistorted = lens.distorted();
-  if (loaded.undistorted) valid = undistort(lens, rgb, where);
+  if (loaded.undistorted) {
+    valid = undistort(lens, rgb, where);
+    const auto left = static_cast<std::size_t>(std::ranges::count(valid.bytes, std::uint8_t{255}));
+    if (static_cast<double>(left) < kLeastUndistorted * static_cast<double>(valid.bytes.size())) {
+      fail(photo, "undistorting it leaves " + std::to_string(left) + " of " + std::to_string(valid.bytes.size()) +
+                      " pixels: check the distortion of its camera in " + photo.listed_in.string());
+    }
+  }
 
   ImageSize size = target_size(rgb.width, rgb.height, options.resolution);
   if (options.photo_scale != 1) size = rescaled(size, options.photo_scale, {rgb.width, rgb.height}, where);

@@ -102,7 +102,8 @@ struct Lpips::Network {
 
 Lpips::Lpips(const std::filesystem::path& onnx) : network_(std::make_unique<Network>()) {
   if (!std::filesystem::is_regular_file(onnx) || !std::ifstream(onnx)) {
-    throw InputError("LPIPS weights: cannot read " + onnx.string() + "; create this file with scripts/lpips_to_onnx.");
+    throw InputError("LPIPS weights: cannot read " + onnx.string() +
+                     "; give --lpips its path, or create it with scripts/lpips_to_onnx");
   }
   const QuietLog quiet;
   try {

@@ -71,11 +71,6 @@ VideoFile::VideoFile(const fs::path& path, int width, int height, double frames_
   state_->height = height;
   state_->frame = cv::Mat(height / 2 * 2, width / 2 * 2, CV_8UC3);
   if (state_->frame.empty()) throw InputError(path.string() + ": images are too small for a video");
-  if (!path.parent_path().empty()) {
-    std::error_code error;
-    fs::create_directories(path.parent_path(), error);
-    if (error) throw InputError(path.string() + ": cannot create its folder: " + error.message());
-  }
   state_->path = target;
   remove_stale_files(fs::absolute(target).parent_path());
   // OpenCV chooses the container by the ending. It opens this file and keeps it, and with it the lock.

@@ -13,11 +13,11 @@
 
 #include "splatboost/random.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/json_values.h"
 
 namespace splatboost {
 namespace {
 
-constexpr const char* kNothingCounts = "one of the surfaces has no points to compare";
 constexpr std::size_t kGrain = 1024;
 constexpr double kMaxSamples = 1 << 28;  ///< 3 GiB; a finer spacing is a mistake rather than a wish
 
@@ -67,7 +67,8 @@ std::vector<float> sample_surface(const TriangleMesh& mesh, double spacing) {
     const double along = std::ceil(longest / spacing);
     samples += along > 1 ? along * (along + 1) / 2 : 0;
     if (!(samples < kMaxSamples)) {
-      throw InputError("the spacing is too small: the mesh would have more than " +
+      throw InputError("a spacing of " + readable(static_cast<float>(spacing)).dump() +
+                       " is too small: the surface would have more than " +
                        std::to_string(static_cast<long>(kMaxSamples)) +
                        " points; give a larger --spacing or --threshold");
     }
@@ -175,14 +176,16 @@ std::vector<float> cropped(std::span<const float> points, const CropBox& box) {
 
 SurfaceDistance compare_surfaces(std::span<const float> found, std::span<const float> truth, double threshold,
                                  std::optional<double> cut, Threads& threads) {
-  require(!found.empty() && !truth.empty(), kNothingCounts);
+  require(!found.empty(), "no point of the mesh is to be compared: does it lie in the volume of --crop? (--align)");
+  require(!truth.empty(), "no point of the true surface is to be compared: does it lie in the volume of --crop?");
   return summarize_distances(nearest_distances(found, truth, threads), nearest_distances(truth, found, threads),
                              threshold, cut);
 }
 
 SurfaceDistance summarize_distances(std::vector<double> to_truth, const std::vector<double>& to_found, double threshold,
                                     std::optional<double> cut) {
-  require(!to_truth.empty() && !to_found.empty(), kNothingCounts);
+  require(!to_truth.empty(), "no point of the mesh is to be compared");
+  require(!to_found.empty(), "no point of the true surface is to be compared");
   SurfaceDistance out;
   out.found_points = to_truth.size();
   out.true_points = to_found.size();

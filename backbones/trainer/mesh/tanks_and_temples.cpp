@@ -79,11 +79,11 @@ std::vector<float> cropped(std::span<const float> points, const CropVolume& volu
 
 std::array<double, 16> read_transform(const std::filesystem::path& path) {
   std::ifstream in(path);
+  require(in.is_open(), path.string() + ": cannot be read");
+  const std::string wrong = path.string() + ": must hold the 16 numbers of a 4x4 matrix, row by row, and nothing else";
   std::array<double, 16> transform{};
-  for (double& value : transform) {
-    require(static_cast<bool>(in >> value) && std::isfinite(value),
-            path.string() + ": must hold the 16 numbers of a 4x4 matrix, row by row");
-  }
+  for (double& value : transform) require(static_cast<bool>(in >> value) && std::isfinite(value), wrong);
+  require((in >> std::ws).eof(), wrong);
   // A matrix stored by columns would otherwise lose its translation.
   require(transform[12] == 0 && transform[13] == 0 && transform[14] == 0 && transform[15] == 1,
           path.string() + ": the last row of the matrix must be 0 0 0 1");

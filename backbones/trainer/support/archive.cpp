@@ -89,7 +89,7 @@ class BoundedInput {
     if (bytes > left_) fail("is truncated");
   }
 
-  [[noreturn]] void fail(const std::string& what) const { throw InputError(path_.string() + ": checkpoint " + what); }
+  [[noreturn]] void fail(const std::string& what) const { throw InputError(path_.string() + ": " + what); }
 
  private:
   const std::filesystem::path& path_;
@@ -101,7 +101,7 @@ class BoundedInput {
 template <class T>
 std::vector<T> numbers(std::span<const std::byte> bytes, const std::filesystem::path& path, std::string_view name) {
   if (bytes.size() % sizeof(T) != 0) {
-    throw InputError(path.string() + ": checkpoint entry '" + std::string(name) + "' is incomplete");
+    throw InputError(path.string() + ": entry '" + std::string(name) + "' is incomplete");
   }
   std::vector<T> values(bytes.size() / sizeof(T));
   if (!values.empty()) std::memcpy(values.data(), bytes.data(), bytes.size());
@@ -111,7 +111,7 @@ std::vector<T> numbers(std::span<const std::byte> bytes, const std::filesystem::
 void require_type(std::span<const std::byte> content, char type, const std::filesystem::path& path,
                   std::string_view name) {
   if (static_cast<char>(content[0]) != type) {
-    throw InputError(path.string() + ": checkpoint entry '" + std::string(name) + "' has the wrong type");
+    throw InputError(path.string() + ": entry '" + std::string(name) + "' has the wrong type");
   }
 }
 
@@ -161,7 +161,7 @@ ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)
   if (size < sizeof magic) input.fail("is truncated or was not written by SplatBoost");
   input.read(magic, sizeof magic);
   if (std::memcmp(magic, kMagic, sizeof magic - kVersionDigits) != 0) {
-    throw InputError(path_.string() + ": not a checkpoint of SplatBoost");
+    throw InputError(path_.string() + ": not a checkpoint or model file of SplatBoost");
   }
   if (std::memcmp(magic, kMagic, sizeof magic) != 0) {
     input.fail("has format version " + std::string(magic + sizeof magic - kVersionDigits, kVersionDigits) +
@@ -188,7 +188,8 @@ ArchiveReader::ArchiveReader(std::filesystem::path path) : path_(std::move(path)
 std::span<const std::byte> ArchiveReader::entry(std::string_view name) const {
   const auto found = entries_.find(name);
   if (found == entries_.end()) {
-    throw InputError(path_.string() + ": checkpoint has no entry '" + std::string(name) + "'");
+    throw InputError(path_.string() + ": has no entry '" + std::string(name) +
+                     "': it is of another backbone or version");
   }
   return found->second;
 }
@@ -209,8 +210,7 @@ std::int64_t ArchiveReader::integer(std::string_view name) const {
   const auto content = entry(name);
   require_type(content, kTypeInteger, path_, name);
   const auto values = numbers<std::int64_t>(content.subspan(1), path_, name);
-  if (values.size() != 1)
-    throw InputError(path_.string() + ": checkpoint entry '" + std::string(name) + "' is incomplete");
+  if (values.size() != 1) throw InputError(path_.string() + ": entry '" + std::string(name) + "' is incomplete");
   return values[0];
 }
 

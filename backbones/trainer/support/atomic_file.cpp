@@ -125,6 +125,15 @@ std::filesystem::path file_to_replace(const std::filesystem::path& path) {
 
 void require_writable(const std::filesystem::path& path) { const TemporaryFile removed(file_to_replace(path)); }
 
+void require_writable_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::path existing = std::filesystem::absolute(folder, error);
+  while (!std::filesystem::exists(existing, error) && existing.has_relative_path()) existing = existing.parent_path();
+  require(std::filesystem::is_directory(existing, error), existing.string() + ": is not a folder; name another one");
+  require(::access(existing.c_str(), W_OK | X_OK) == 0,
+          existing.string() + ": cannot be written to: " + std::strerror(errno));
+}
+
 void require_replaceable(const std::filesystem::path& output, const std::vector<std::filesystem::path>& inputs) {
   std::error_code ignored;
   for (const std::filesystem::path& input : inputs) {

@@ -19,6 +19,9 @@ std::filesystem::path file_to_replace(const std::filesystem::path& path);
 /// nothing.
 void require_writable(const std::filesystem::path& path);
 
+/// Throws InputError if `folder` cannot be made, with those above it, or not be written to. Changes nothing.
+void require_writable_folder(const std::filesystem::path& folder);
+
 /// Throws InputError if writing to `output` would replace one of the command's `inputs` (under this or another name;
 /// those that do not exist are skipped), or would write into the saved models of a run: the folder `point_cloud` beside
 /// a config.json. For outputs that the user names, before anything is written.

@@ -11,7 +11,8 @@ namespace splatboost {
 /// 2. Every other exception is a failure and exits with 1.
 class InputError : public std::runtime_error {
  public:
-  using std::runtime_error::runtime_error;
+  /// A zero byte in the message, as from a damaged name, is written as \x00: it would end what().
+  explicit InputError(const std::string& message);
 };
 
 inline void require(bool holds, const std::string& what) {

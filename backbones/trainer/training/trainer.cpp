@@ -212,7 +212,13 @@ class Run {
   std::uint64_t export_model() {
     const auto folder = model_folder();
     make_folder(folder);
-    return backbone_.export_model(folder);
+    try {
+      return backbone_.export_model(folder);
+    } catch (...) {
+      std::error_code error;
+      std::filesystem::remove(folder, error);  // if it is empty: it would hide earlier models
+      throw;
+    }
   }
 
   std::map<std::string, double> stage_seconds() const {

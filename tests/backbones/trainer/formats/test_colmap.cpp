@@ -220,6 +220,16 @@ TEST(Colmap, AFoldedLensLeavesNoGhosts) {
   EXPECT_FALSE(valid_at(0, 0));
 }
 
+TEST(Colmap, ADistortionThatLeavesNothingIsRefused) {
+  if (!have_opencv()) GTEST_SKIP() << "undistortion needs OpenCV";
+  ColmapModel model = make_model();
+  model.cameras[0] = {7, 2, kWidth, kHeight, {48, 48, 32, 1e9}};
+  const SceneOnDisk disk(model);
+  const std::string line = input_error_of([&] { disk.read(); });
+  expect_contains(line, "undistorting it leaves");
+  expect_contains(line, "check the distortion of its camera in");
+}
+
 TEST(Colmap, EveryTruncationIsAnInputErrorThatNamesTheFile) {
   for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
     const SceneOnDisk disk;

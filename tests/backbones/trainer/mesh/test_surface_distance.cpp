@@ -36,7 +36,8 @@ TEST(SurfaceSamples, are_on_the_surface_and_leave_no_gap) {
 }
 
 TEST(SurfaceSamples, refuse_a_spacing_that_would_fill_the_memory) {
-  test::expect_contains(test::input_error_of([] { sample_surface(square_at(0), 2e-5); }), "spacing is too small");
+  test::expect_contains(test::input_error_of([] { sample_surface(square_at(0), 2e-5); }),
+                        "is too small: the surface would have");
 }
 
 TEST(VoxelMeans, are_one_point_per_voxel) {

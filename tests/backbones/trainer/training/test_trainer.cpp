@@ -48,6 +48,7 @@ class FakeBackbone final : public Backbone {
     std::fill(color.begin(), color.end(), beta ? 0.0f : 0.5f);
   }
   std::uint64_t export_model(const std::filesystem::path& path) const override {
+    if (full_disk) throw std::runtime_error("No space left on device");
     const std::string text = std::to_string(sum_);
     write_text_atomically(path / "model.txt", text);
     return text.size();
@@ -65,6 +66,7 @@ class FakeBackbone final : public Backbone {
   int halves_seen = 0;
   bool finished = false;
   int broken_at = 0;
+  bool full_disk = false;
   std::function<void(int)> on_step;
 
  private:
@@ -214,8 +216,7 @@ TEST_F(Trainer, ResumesFromTheLatestCheckpointOfTheRunInAFolder) {
   const std::string whole_file = read_file(options.resume / "iteration_13.ckpt");
   write_text_atomically(options.resume / "iteration_13.ckpt", whole_file.substr(0, whole_file.size() / 2));
   FakeBackbone refused(scene);
-  expect_contains(input_error_of([&] { train(refused, scene, options); }),
-                  "iteration_13.ckpt: checkpoint is truncated");
+  expect_contains(input_error_of([&] { train(refused, scene, options); }), "iteration_13.ckpt: is truncated");
 }
 
 TEST_F(Trainer, WritesACheckpointOfTheLastIterationThatEndsAtOnce) {
@@ -368,6 +369,15 @@ TEST_F(Trainer, NamesTheIterationWhoseLossIsNotFinite) {
   } catch (const std::runtime_error& error) {
     EXPECT_NE(std::string(error.what()).find("iteration 11"), std::string::npos) << error.what();
   }
+}
+
+TEST_F(Trainer, ASaveThatFailsLeavesNoFolder) {
+  FakeBackbone backbone(scene);
+  options.save_iterations = {10};
+  backbone.on_step = [&](int iteration) { backbone.full_disk = iteration == 20; };
+  EXPECT_THROW(train(backbone, scene, options), std::runtime_error);
+  EXPECT_NE(model(10), "");
+  EXPECT_FALSE(std::filesystem::exists(options.model / "point_cloud" / "iteration_20"));
 }
 
 TEST_F(Trainer, EvaluateMeasuresAndWritesPictures) {
