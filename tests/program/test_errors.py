@@ -228,9 +228,42 @@ def test_foreign_folder_is_not_touched(scene, tmp_path, command):
     assert sorted(path.name for path in model.iterdir()) == ["chapter1.tex", "config.json"]
 
 
+@pytest.mark.parametrize("place", ["train", "orbit/deeper", "keyframes/notes.txt", "report.html"])
+def test_what_no_run_wrote_is_not_deleted(scene, trained, tmp_path, place):
+    model = tmp_path / "model"
+    shutil.copytree(trained, model)
+    if place.endswith(".txt"):
+        (model / place).parent.mkdir()
+        (model / place).write_text("precious")
+    else:
+        (model / "report.html").unlink()
+        shutil.rmtree(model / "train", ignore_errors=True)
+        shutil.copytree(trained, model / place)  # another run
+    before = {path: path.stat().st_mtime for path in model.rglob("*")}
+    line = fails("train", "-s", scene, "-m", model, "--iterations", "2")
+    assert str(model / place.split("/")[0]) in line and "was not written by a run" in line
+    assert {path: path.stat().st_mtime for path in model.rglob("*")} == before
+
+
+def test_input_files_among_the_results_are_not_deleted(scene, trained, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(trained, model)
+    folder = next((model / "point_cloud").glob("iteration_*"))
+    (folder / "mine.json").write_text("{}")
+    line = fails("train", "-s", scene, "-m", model, "--iterations", "2", "--config", folder / "mine.json")
+    assert "mine.json" in line and "which this run would replace" in line and (folder / "mine.json").exists()
+
+
 def test_model_that_is_a_file(scene, tmp_path):
     (tmp_path / "file").write_text("x")
     assert "not a folder" in fails("train", "-s", scene, "-m", tmp_path / "file")
+
+
+def test_a_folder_that_a_killed_save_left_is_passed_over(trained, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(trained, model)
+    (model / "point_cloud/iteration_999999").mkdir()
+    run_well("eval", "-m", model)
 
 
 @pytest.mark.parametrize("command", ["render", "eval"])

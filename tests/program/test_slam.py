@@ -2,6 +2,7 @@
 """splatboost slam: a short synthetic walk, tracked and mapped."""
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -119,6 +120,58 @@ def test_a_run_killed_while_it_measures_is_measured_by_eval(walk, mapped, tmp_pa
     run_well("eval", "-m", model)
     after = json.loads((model / "results.json").read_text())
     assert after["psnr"] > 12 and after["slam"] == before["slam"]
+    assert not (model / "test").exists()
+    pictures = {kind: {file.name for file in (model / "train" / kind).iterdir()} for kind in ("renders", "truth")}
+    assert len(pictures["renders"]) == before["slam"]["keyframes"]["frames"] and pictures["renders"] == pictures["truth"]
+    report = (model / "report.html").read_text()
+    assert "trajectory: ATE" in report and "Where the camera was" in report and report.count("data:image/jpeg") >= 6
+
+
+def test_eval_of_a_run_without_results_says_to_run_slam_again(mapped, tmp_path):
+    shutil.copytree(mapped, tmp_path / "model")
+    (tmp_path / "model/results.json").unlink()
+    done = run_program("eval", "-m", tmp_path / "model")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "the run did not finish; run splatboost slam again" in done.stderr and "--resume" not in done.stderr
+
+
+def contents(folder):
+    return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
+def test_a_run_that_is_stopped_before_mapping_leaves_an_earlier_one(walk, mapped, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(mapped, model)
+    before = contents(model)
+    slow = tmp_path / "walk"
+    shutil.copytree(walk, slow)
+    (slow / "results/frame000007.png").unlink()
+    os.mkfifo(slow / "results/frame000007.png")
+    running = start("slam", "-s", slow, "-m", model, "--features", 400, "--initial-keyframes", 100, "--quiet")
+    with open(slow / "results/frame000007.png", "wb"):  # waits for the run to read this frame
+        running.send_signal(signal.SIGINT)
+        time.sleep(0.2)
+    output, errors = running.communicate(timeout=60)
+    assert running.returncode == 128 + signal.SIGINT and output == ""
+    line = errors.splitlines()[-1]
+    assert line.startswith("interrupted after frame ") and "before mapping began; nothing was written" in line
+    assert f"{model} still holds the earlier run" in line
+    assert contents(model) == before
+
+
+@pytest.mark.parametrize("option, place", [
+    ("--calibration", "keyframes/images/mine.json"), ("--config", "test/renders/mine.json"),
+    ("--lpips", "train/renders/mine.onnx")])
+def test_inputs_among_the_results_that_a_run_replaces_are_refused(walk, mapped, tmp_path, option, place):
+    model = tmp_path / "model"
+    shutil.copytree(mapped, model)
+    (model / place).parent.mkdir(parents=True, exist_ok=True)
+    (model / place).write_text("{}")
+    before = contents(model)
+    done = run_program("slam", "-s", walk, "-m", model, *SHORT, option, model / place)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert f"{model / place} is in the run in {model}, which this run would replace" in done.stderr
+    assert contents(model) == before
 
 
 def test_keyframes_are_a_scene(mapped, tmp_path):
@@ -203,6 +256,9 @@ def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, e
     measured = json.loads((model / "results.json").read_text())
     assert measured["psnr"] > (12 if results["iterations"] else 8) and measured["slam"] == slam
     assert measured["split"] == "train"
+    report = (model / "report.html").read_text()
+    assert f"interrupted after frame {slam['tracked'] + slam['lost']} of {FRAMES}" in report
+    assert f"{measured['psnr']:.2f} dB" in report and "Where the camera was" in report
 
 
 def write_png(file, pixels):
@@ -270,6 +326,8 @@ def test_more_iterations_than_asked_for_are_told_once(walk, mapped, tmp_path):
     assert json.loads((tmp_path / "few/results.json").read_text())["iterations"] == total
     done = run_well(*run, "-m", tmp_path / "enough", "--iterations", total)
     assert "note: mapping takes" not in done.stderr
+    done = run_well(*run[:-1], 0, "-m", tmp_path / "none", "--iterations", 1)
+    assert "note: mapping takes" not in done.stderr
 
 
 def test_one_keyframe_is_no_plural(walk, mapped, tmp_path):
@@ -293,6 +351,19 @@ def test_mistakes_are_one_line(walk, mapped, tmp_path, arguments, words):
     done = run_program("slam", "-s", walk, "-m", tmp_path / "model", "--quiet", "--iterations", 5, *arguments)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and words in done.stderr, done.stderr
     assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize("name, settings, words", [
+    ("config.json", {"backbone": {"name": "photo-slam", "foo": 1}}, "unknown key 'foo'"),
+    ("config.json", {"backbone": {"name": "photo-slam", "pyramid_levels": 99}}, "pyramid_levels must be 0 to 8"),
+    ("config.json", {"backbone": "vanilla"}, "vanilla cannot train on views that arrive"),
+    ("model", {}, "model: is not a folder")])
+def test_settings_are_checked_before_tracking(walk, mapped, tmp_path, name, settings, words):
+    del mapped
+    (tmp_path / name).write_text(json.dumps(settings))
+    given = ["--config", tmp_path / name] if settings else []
+    done = run_program("slam", "-s", walk, "-m", tmp_path / "model/of/run", *given)  # not quiet: tracking would print lines
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and words in done.stderr, done.stderr
 
 
 def test_images_too_small_for_lpips_are_refused_before_tracking(walk, mapped, lpips_network, tmp_path):

@@ -71,7 +71,7 @@ struct Compare {
     }
     for (const fs::path& folder : {options.model, folder_of(false), folder_of(true)}) {
       require_ours_or_empty(folder);
-      require_inputs_elsewhere(folder, options.scene);
+      require_inputs_elsewhere(folder, options);
     }
     Workbench bench = make_workbench(options);
     const std::string config = config_text(set, options, true, nullptr);

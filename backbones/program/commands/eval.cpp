@@ -8,6 +8,7 @@
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
 #include "program/session/saved_model.h"
+#include "program/session/slam_results.h"
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/evaluation/result_tables.h"
 #include "trainer/support/atomic_file.h"
@@ -18,8 +19,6 @@ namespace splatboost::program {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr char kDidNotEnd[] = ": missing: the run did not finish; finish it with splatboost train --resume";
 
 std::string fixed(double value, int digits) {
   char text[40];
@@ -38,12 +37,16 @@ struct Eval {
     const fs::path results_path = options.model / "results.json";
     const fs::path training_path = options.model / kTrainingFile;
     const bool measured = fs::exists(results_path);
-    require(measured || fs::exists(training_path), results_path.string() + kDidNotEnd);
+    const nlohmann::json config = read_config(options.model);
+    const std::string did_not_end = results_path.string() + ": missing: the run did not finish; " +
+                                    (config.contains("slam") ? "run splatboost slam again, which has no checkpoints"
+                                                             : "finish it with splatboost train --resume");
+    require(measured || fs::exists(training_path), did_not_end);
     const nlohmann::json before = read_json_file(measured ? results_path : training_path);
     Results results = read_results(measured ? results_path : training_path);
     // A model saved before the end is measured and printed, but results.json describes the end of the run.
     const bool of_the_end = saved_iteration(saved.folder) == results.iterations;
-    require(measured || of_the_end || options.iteration == 0, results_path.string() + kDidNotEnd);
+    require(measured || of_the_end || options.iteration == 0, did_not_end);
     require(measured || of_the_end, results_path.string() +
                                         ": missing: the run was interrupted during the evaluation; evaluate "
                                         "the final model first, without --iteration");
@@ -54,13 +57,14 @@ struct Eval {
     Lpips* const lpips = model.bench().lpips.get();
     // The scene of the run may have moved, or its folder hold other data now. Another scene is measured and printed,
     // but results.json is that of the run.
-    const bool of_the_run = is_scene_of_run(read_config(options.model), options.scene.source, model.scene());
+    const bool of_the_run = is_scene_of_run(config, options.scene.source, model.scene());
     require(measured || of_the_run,
             results_path.string() + ": missing: the run was interrupted during the evaluation, and " +
                 options.scene.source.string() + " is not its scene; evaluate its own scene first, " +
                 (set.given("source") ? "without --source" : "named by --source"));
     // Only slam measures all tracked frames. A run of slam that was stopped before it measured has nothing to keep.
-    const bool of_tracked = before.contains("slam") && results.split != "train" && !results.views.empty();
+    const bool of_slam = before.contains("slam");
+    const bool of_tracked = of_slam && results.split != "train" && !results.views.empty();
     const bool writes = of_the_end && of_the_run && !of_tracked;
     std::optional<FolderLock> lock;
     if (writes) {
@@ -68,7 +72,10 @@ struct Eval {
       remove_stale_files(options.model);
     }
     const Results earlier = results;
-    if (measured) {
+    std::vector<ReportView> keyframes;
+    if (of_slam && writes) {
+      keyframes = measure_keyframes(backbone, model.scene(), lpips, options.model, results);
+    } else if (measured) {
       evaluate(backbone, model.scene(), lpips, {}, results);
     } else {
       // The run was killed after its last iteration: complete its output now.
@@ -86,7 +93,10 @@ struct Eval {
       if (keeps_fps) kept.fps = measured ? earlier.fps : std::numeric_limits<double>::quiet_NaN();
       if (!lpips) keep_lpips(earlier, kept);
       nlohmann::json json = to_json(kept);
-      if (before.contains("slam")) json["slam"] = before.at("slam");  // the tracking is not measured again
+      if (of_slam) {
+        json["slam"] = before.at("slam");  // the tracking is not measured again
+        write_slam_report(options.model, run_label(kept.boost), kept, json, keyframes);
+      }
       write_text_atomically(results_path, json.dump(2) + "\n");
     }
     print(results, exact, saved.beta);

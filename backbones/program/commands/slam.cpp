@@ -130,14 +130,47 @@ struct Slam {
     slam.sequence.source = options.scene.source;
   }
 
+  PluggedBackbone make_mapper(const Scene& scene, ChosenDevice& device) const {
+    const BackboneContext context{
+        scene, device.threads(), options.seed, options.iterations.value(), options.max_primitives, device.device(),
+        true};
+    const Json boost = boost_settings(options);
+    PluggedBackbone plugged =
+        make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
+    require(dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
+            "--backbone: " + options.backbone + " cannot train on views that arrive during training; use photo-slam");
+    return plugged;
+  }
+
+  /// Makes a mapper for a cube and discards it, so that settings that it refuses throw InputError before tracking.
+  void check_mapper(ChosenDevice& device) const {
+    Scene cube;
+    cube.extent = 1;
+    cube.white_background = options.scene.white_background;
+    cube.train.resize(1);
+    View& view = cube.train.front();
+    view.camera.width = view.camera.height = 16;
+    view.camera.fx = view.camera.fy = 16;
+    view.camera.cx = view.camera.cy = 8;
+    view.camera.camera_from_world[3].z = 4;
+    view.color.resize(3 * 16 * 16);
+    for (int corner = 0; corner < 8; ++corner) {
+      for (int axis = 0; axis < 3; ++axis) cube.points.positions.push_back((corner >> axis & 1) == 0 ? -1.0f : 1.0f);
+    }
+    cube.points.colors.resize(cube.points.positions.size());
+    make_mapper(cube, device);
+  }
+
   int run(const std::string& command_line) {
     read_settings();
     check();
-    const Json boost = boost_settings(options);
     require_ours_or_empty(options.model);
     require_no_comparison(options.model);
-    require_inputs_elsewhere(options.model, options.scene);
+    require_inputs_elsewhere(options.model, options, slam.sequence.calibration);
+    require_writable_folder(options.model);
+    slam.keep_untrained = !holds_run(options.model);  // which an untrained model must not replace
     ChosenDevice device(options.device, options.threads);
+    check_mapper(device);
     std::unique_ptr<Lpips> lpips;
     if (!options.lpips.empty()) lpips = std::make_unique<Lpips>(options.lpips);
     const std::unique_ptr<Sequence> sequence = open_sequence(slam.sequence);
@@ -164,18 +197,7 @@ struct Slam {
     SlamRun mapping(
         *sequence, slam, options,
         [&](const Scene& scene) {
-          const BackboneContext context{scene,
-                                        device.threads(),
-                                        options.seed,
-                                        options.iterations.value(),
-                                        options.max_primitives,
-                                        device.device(),
-                                        true};
-          PluggedBackbone plugged =
-              make_backbone(options.backbone, context, options.backbone_settings, options.boost ? &boost : nullptr);
-          require(
-              dynamic_cast<const OnlineBackbone*>(plugged.backbone.get()) != nullptr,
-              "--backbone: " + options.backbone + " cannot train on views that arrive during training; use photo-slam");
+          PluggedBackbone plugged = make_mapper(scene, device);
           lock = take_model_folder(options.model);
           write_config(options.model, config_of(plugged));
           return plugged;
@@ -183,8 +205,9 @@ struct Slam {
         stopped);
     const SlamOutcome outcome = mapping.run();
     if (outcome.failure) keep_after_failure(mapping, outcome, *sequence, device, command_line);
-    if (mapping.scene().train.empty()) {
-      std::fprintf(stderr, "interrupted before the first keyframe; nothing was written\n");
+    if (!mapping.has_model()) {
+      std::fprintf(stderr, "interrupted %s, before mapping began; %s\n", place_of(outcome, *sequence).c_str(),
+                   nothing_written().c_str());
       return exit_code_of_signal(signals.caught());
     }
     const std::size_t measured = write(mapping, outcome, *sequence, device, lpips.get(), command_line, stopped);
@@ -206,6 +229,11 @@ struct Slam {
            options.model.string();
   }
 
+  std::string nothing_written() const {
+    if (slam.keep_untrained) return "nothing was written";
+    return "nothing was written, and " + options.model.string() + " still holds the earlier run";
+  }
+
   /// Writes the output so far and throws the error of the run again, with a note about that output.
   [[noreturn]] void keep_after_failure(SlamRun& mapping, const SlamOutcome& outcome, Sequence& sequence,
                                        ChosenDevice& device, const std::string& command_line) const {
@@ -220,14 +248,15 @@ struct Slam {
       what = error.what();
       memory = false;
     }
-    std::string saved = kept(mapping);
+    const bool trained = mapping.has_model();
+    std::string saved = trained ? kept(mapping) : nothing_written();
     try {
-      write(mapping, outcome, sequence, device, nullptr, command_line, [] { return true; });
+      if (trained) write(mapping, outcome, sequence, device, nullptr, command_line, [] { return true; });
     } catch (const std::exception& reason) {
       saved = "not all results could be saved: " + std::string(reason.what());
     }
-    what += " " + place_of(outcome, sequence) + ", with " + counted(mapping.backbone().primitives(), "primitive") +
-            "; " + saved;
+    what += " " + place_of(outcome, sequence) + ", with " +
+            counted(trained ? mapping.backbone().primitives() : 0, "primitive") + "; " + saved;
     if (memory) what += "; lower --resolution or set --max-primitives";
     throw std::runtime_error(what);
   }
@@ -248,24 +277,20 @@ struct Slam {
     make_folder(model);
     results.storage_bytes = mapping.backbone().export_model(model);
     const std::optional<TrajectoryError> error = trajectory_error(mapping, outcome, sequence);
-    const auto write_results = [&](const Json& keyframes) {
+    std::vector<ReportView> views;
+    const auto measure_and_write = [&](const std::function<bool()>& ends) {
+      const Json keyframes = measure_frames(mapping, outcome, sequence, options.scene.resolution.value_or(-1), lpips,
+                                            folder, ends, results, views);
       Json json = to_json(results);
       json["slam"] = slam_json(mapping, outcome, sequence, error, keyframes);
+      write_slam_report(folder, run_label(options.boost), results, json, views,
+                        report_tracks(mapping, outcome, sequence, error));
       write_text_atomically(folder / "results.json", json.dump(2) + "\n");
       return json;
     };
-    std::vector<ReportView> views;
-    const auto measure = [&](const std::function<bool()>& ends) {
-      return measure_frames(mapping, outcome, sequence, options.scene.resolution.value_or(-1), lpips, folder, ends,
-                            results, views);
-    };
     // Without any measured frame, so that `eval` can measure the model if this process is killed while it measures.
-    write_results(measure([] { return true; }));
-    const Json keyframes = measure(stopped);
-    write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + run_label(options.boost),
-                 {{run_label(options.boost), results, folder / "test" / "renders", {}}}, views, 4,
-                 report_tracks(mapping, outcome, sequence, error));
-    const Json json = write_results(keyframes);
+    measure_and_write([] { return true; });
+    const Json json = measure_and_write(stopped);
     if (outcome.complete && !stopped()) print(json, results);
     return results.views.size();
   }
@@ -298,22 +323,10 @@ struct Slam {
   }
 
   void print(const Json& json, const Results& results) const {
+    std::printf("%s", results_table(results).c_str());
+    for (const std::string& line : tracking_lines(json)) std::printf("%s\n", line.c_str());
     const Json& s = json.at("slam");
     const auto tracked = s.at("tracked").get<std::size_t>();
-    std::printf("%s", results_table(results).c_str());
-    const auto number = [](const Json& count, const char* what) { return counted(count.get<std::size_t>(), what); };
-    std::printf("frames: %zu of %zu tracked at %.1f per second, %s, %s, %s\n", tracked,
-                s.at("frames").get<std::size_t>(), s.at("tracking_fps").get<double>(),
-                number(s.at("keyframes").at("frames"), "keyframe").c_str(), number(s.at("map_points"), "point").c_str(),
-                number(s.at("loops"), "loop").c_str());
-    if (s.at("ate_rmse").is_number()) {
-      std::printf("trajectory: ATE %.4f m (RMSE%s) on a path of %.2f m\n", s.at("ate_rmse").get<double>(),
-                  s.at("depth").get<bool>() ? "" : ", after alignment with scale", s.at("path_length").get<double>());
-    }
-    if (s.at("keyframes").at("psnr").is_number()) {
-      std::printf("PSNR: %.2f dB over all tracked frames, %.2f dB over keyframes\n", results.psnr,
-                  s.at("keyframes").at("psnr").get<double>());
-    }
     if (2 * tracked < s.at("frames").get<std::size_t>()) {
       std::fprintf(stderr,
                    "warning: less than half of the frames were tracked; check the calibration (focal lengths, "

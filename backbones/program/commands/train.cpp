@@ -49,7 +49,7 @@ struct Train {
     check_boost_options(set, options);
     require_ours_or_empty(options.model);
     require_no_comparison(options.model);
-    require_inputs_elsewhere(options.model, options.scene);
+    require_inputs_elsewhere(options.model, options);
     Workbench bench = make_workbench(options);
     std::error_code ignored;
     const bool goes_on_in_place =

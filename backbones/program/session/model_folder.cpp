@@ -2,6 +2,7 @@
 #include "program/session/model_folder.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <iterator>
 #include <string_view>
@@ -18,11 +19,26 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kSavedPrefix = "iteration_";
 
-/// What a new run deletes in its folder.
-constexpr std::string_view kResults[] = {"point_cloud",    "test",         "train",       kTrainingFile,
-                                         "results.json",   "compare.json", "report.html", "cameras.json",
-                                         "mesh.ply",       "mesh.png",     "keyframes",   "keyframes.txt",
-                                         "trajectory.txt", "orbit",        "sequence"};
+/// A file or folder that a run writes in its folder, and that a new run there deletes.
+struct RunResult {
+  std::string_view name;
+  std::array<std::string_view, 4> holds;  ///< of a folder: what its entries are called; "*" stands for anything
+};
+constexpr RunResult kResults[] = {{"point_cloud", {"iteration_*"}},
+                                  {"test", {"renders", "truth", "surfaces", "times"}},
+                                  {"train", {"renders", "truth", "surfaces", "times"}},
+                                  {"orbit", {"*.png"}},
+                                  {"sequence", {"*.ply"}},
+                                  {"keyframes", {"images", "sparse"}},
+                                  {kTrainingFile, {}},
+                                  {"results.json", {}},
+                                  {"compare.json", {}},
+                                  {"report.html", {}},
+                                  {"cameras.json", {}},
+                                  {"mesh.ply", {}},
+                                  {"mesh.png", {}},
+                                  {"keyframes.txt", {}},
+                                  {"trajectory.txt", {}}};
 
 /// Keys of config.json in which two configs of the same run may differ.
 constexpr const char* kNotOfTheRun[] = {"device", "threads",   "lpips", "save-iterations", "checkpoint-iterations",
@@ -36,6 +52,36 @@ int iteration_of(const std::string& name) {
   const char* const end = text.data() + text.size();
   const auto parsed = std::from_chars(text.data() + kSavedPrefix.size(), end, iteration);
   return parsed.ec == std::errc{} && parsed.ptr == end ? iteration : -1;
+}
+
+/// Whether a name is `pattern`, in which one "*" stands for anything.
+bool is_called(std::string_view name, std::string_view pattern) {
+  const std::size_t star = pattern.find('*');
+  if (star == std::string_view::npos) return name == pattern;
+  return name.starts_with(pattern.substr(0, star)) && name.ends_with(pattern.substr(star + 1));
+}
+
+/// Throws InputError if a result in the folder holds what no run writes there: a new run would delete that too.
+void require_only_results(const fs::path& folder) {
+  const auto refuse = [&](const fs::path& path) {
+    throw InputError(path.string() + ": was not written by a run, and a new run in " + folder.string() +
+                     " would delete it; move it away, or give another --model");
+  };
+  std::error_code error;
+  for (const RunResult& result : kResults) {
+    const fs::path path = folder / result.name;
+    if (!fs::exists(path, error)) continue;
+    const bool is_folder = fs::is_directory(path, error);
+    if (is_folder == result.holds[0].empty()) refuse(path);
+    if (!is_folder) continue;
+    for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error)) {
+      const std::string name = entry->path().filename().string();
+      const bool hidden = name.starts_with('.');  // working files, and what file managers leave
+      const bool known = std::ranges::any_of(
+          result.holds, [&](std::string_view pattern) { return !pattern.empty() && is_called(name, pattern); });
+      if (!hidden && !known) refuse(entry->path());
+    }
+  }
 }
 
 /// config.json of the folder; an empty object if there is none or it cannot be read.
@@ -76,6 +122,17 @@ std::string run_difference(Json one, Json other) {
   return name + " = " + shown(one) + " instead of " + shown(other);
 }
 
+/// Throws InputError if the file or folder is in a part of the folder that a new run deletes.
+void require_elsewhere(const fs::path& folder, const fs::path& input) {
+  if (input.empty()) return;
+  std::error_code error;
+  const fs::path inside = fs::weakly_canonical(input, error).lexically_relative(fs::weakly_canonical(folder, error));
+  require(
+      inside.empty() || std::ranges::find(kResults, inside.begin()->native(), &RunResult::name) == std::end(kResults),
+      input.string() + " is in the run in " + folder.string() +
+          ", which this run would replace; move it elsewhere, or choose another --model");
+}
+
 Json camera_json(const View& view, std::size_t id, const char* split) {
   const Camera& camera = view.camera;
   const glm::mat3 world_from_camera = glm::transpose(camera.rotation());
@@ -110,16 +167,14 @@ void require_ours_or_empty(const fs::path& folder) {
           folder.string() +
               ": contains files that do not belong to a SplatBoost run and would be mixed with it; "
               "give another --model");
+  if (!empty) require_only_results(folder);
 }
 
-void require_inputs_elsewhere(const fs::path& folder, const SceneOptions& scene) {
-  std::error_code error;
-  const fs::path whole = fs::weakly_canonical(folder, error);
-  for (const fs::path& input : {scene.source, scene.test_list}) {
-    const fs::path inside = fs::weakly_canonical(input, error).lexically_relative(whole);
-    require(inside.empty() || std::ranges::find(kResults, inside.begin()->native()) == std::end(kResults),
-            input.string() + " is part of the run in " + folder.string() +
-                ", which this run would replace; choose another --model");
+bool holds_run(const fs::path& folder) { return is_ours(folder); }
+
+void require_inputs_elsewhere(const fs::path& folder, const RunOptions& options, const fs::path& more) {
+  for (const fs::path& input : {options.scene.source, options.scene.test_list, options.config, options.lpips, more}) {
+    require_elsewhere(folder, input);
   }
 }
 
@@ -158,9 +213,9 @@ FolderLock take_model_folder(const fs::path& folder, const std::string& resumed)
   if (!resumed.empty() && run_difference(Json::parse(resumed), config_in(folder)).empty()) return lock;
   // When a run ends, all results in the folder must be its own. Checkpoints are kept: they took hours and identify
   // their run.
-  for (const std::string_view name : kResults) {
-    fs::remove_all(folder / name, error);
-    require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
+  for (const RunResult& result : kResults) {
+    fs::remove_all(folder / result.name, error);
+    require(!error, (folder / result.name).string() + ": cannot be replaced: " + error.message());
   }
   return lock;
 }
@@ -215,10 +270,10 @@ bool is_scene_of_run(const Json& config, const fs::path& source, const Scene& sc
   return fs::weakly_canonical(source, error) == fs::weakly_canonical(config.value("source", ""), error);
 }
 
-std::optional<float> trained_beta(const Json& config) {
-  const std::string place = "config.json: trained: beta";
+std::optional<float> trained_beta(const fs::path& folder, const Json& config) {
+  const std::string file = (folder / "config.json").string(), place = file + ": trained: beta";
   require(config.contains("trained") && config["trained"].is_object() && config["trained"].contains("beta"),
-          "config.json has no trained.beta: it is not that of a run; give the --model folder of one");
+          file + ": has no trained.beta: it is damaged, or not that of a run; give the --model folder of one");
   std::optional<float> beta;
   read_value(config["trained"]["beta"], place, beta);
   require(!beta || (*beta > 0 && *beta <= 1), place + " must be in (0, 1]");
@@ -226,8 +281,10 @@ std::optional<float> trained_beta(const Json& config) {
 }
 
 fs::path saved_model(const fs::path& folder, int iteration) {
-  require(!is_comparison(folder), folder.string() + ": is the folder of a comparison; give one of its runs, such as " +
-                                      (folder / run_label(true)).string());
+  std::error_code error;
+  const fs::path run = folder / run_label(true);
+  require(!is_comparison(folder) || !fs::exists(run, error),
+          folder.string() + ": is the folder of a comparison; give one of its runs, such as " + run.string());
   const fs::path saved = folder / "point_cloud";
   if (iteration > 0) {
     fs::path wanted = saved / (std::string(kSavedPrefix) + std::to_string(iteration));
@@ -236,9 +293,10 @@ fs::path saved_model(const fs::path& folder, int iteration) {
   }
   fs::path latest;
   iteration = -1;
-  std::error_code error;
   for (const auto& entry : fs::directory_iterator(saved, error)) {
-    if (entry.is_directory() && iteration_of(entry.path().filename().string()) > iteration) {
+    // An empty folder is left by a save that was killed.
+    const bool saved_there = entry.is_directory() && !fs::is_empty(entry.path(), error);
+    if (saved_there && iteration_of(entry.path().filename().string()) > iteration) {
       iteration = iteration_of(entry.path().filename().string());
       latest = entry.path();
     }

@@ -23,9 +23,13 @@ inline constexpr char kTrainingFile[] = "training.json";
 /// left behind do not count.
 void require_ours_or_empty(const std::filesystem::path& folder);
 
-/// Throws InputError if the scene's source or its list of test images is among the results in the folder, which
+/// Whether the folder is that of a SplatBoost run or comparison.
+bool holds_run(const std::filesystem::path& folder);
+
+/// Throws InputError if an input file of the run, or `more`, is among the results in the folder, which
 /// take_model_folder() deletes.
-void require_inputs_elsewhere(const std::filesystem::path& folder, const SceneOptions& scene);
+void require_inputs_elsewhere(const std::filesystem::path& folder, const RunOptions& options,
+                              const std::filesystem::path& more = {});
 
 /// Throws InputError if the folder holds a comparison: a run in it would leave the two runs of the comparison there. Or
 /// if it is one of the two runs of a finished one, which compare.json describes.
@@ -67,8 +71,8 @@ nlohmann::json read_config(const std::filesystem::path& folder);
 /// its path if the config has none (slam, earlier versions).
 bool is_scene_of_run(const nlohmann::json& config, const std::filesystem::path& source, const Scene& scene);
 
-/// β the model was trained with; none: the backbone's own box.
-std::optional<float> trained_beta(const nlohmann::json& config);
+/// β the model in the folder was trained with, by its config; none: the backbone's own box.
+std::optional<float> trained_beta(const std::filesystem::path& folder, const nlohmann::json& config);
 
 /// Folder of the model saved at `iteration`, or of the last one if it is 0. Throws InputError if there is none, as in
 /// the folder of a comparison.

@@ -322,7 +322,7 @@ std::optional<Results> trained_results(const fs::path& folder) {
 
 RunOutcome measure_saved_run(Workbench& bench, const RunOptions& options, const fs::path& folder, Results trained) {
   const PluggedBackbone plugged =
-      load_model(bench, options, saved_at(folder, trained.iterations), trained_beta(read_config(folder)));
+      load_model(bench, options, saved_at(folder, trained.iterations), trained_beta(folder, read_config(folder)));
   return measure_run(bench, *plugged.backbone, folder, std::move(trained));
 }
 

@@ -44,7 +44,7 @@ SavedModel find_saved_model(OptionSet& set, RunOptions& options) {
   const nlohmann::json config = read_config(options.model);
   apply_settings(config, (options.model / "config.json").string(), set, options);
   check_options(options);
-  SavedModel model{saved_model(options.model, options.iteration), trained_beta(config)};
+  SavedModel model{saved_model(options.model, options.iteration), trained_beta(options.model, config)};
   if (options.beta) model.beta = static_cast<float>(*options.beta);
   return model;
 }

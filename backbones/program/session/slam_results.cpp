@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <set>
+#include <string_view>
 
 #include <glm/gtc/quaternion.hpp>
 
@@ -14,6 +16,7 @@
 #include "trainer/formats/colmap.h"
 #include "trainer/sequence/trajectory.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/text.h"
 
 namespace splatboost::program {
 namespace {
@@ -43,6 +46,60 @@ std::vector<TrackedFrame> tracked_frames(const SlamOutcome& outcome) {
     if (frame.state == TrackState::tracked) tracked.push_back(frame);
   }
   return tracked;
+}
+
+/// File names of the views' PNGs: picture_names(), some of which are whole names and so have their ending already.
+std::vector<std::string> png_names(const std::vector<View>& views) {
+  std::vector<std::string> names = picture_names(views);
+  const std::set<std::string> taken(names.begin(), names.end());
+  constexpr std::string_view kEnding = ".png";
+  for (std::string& name : names) {
+    if (name.ends_with(kEnding) && !taken.contains(name.substr(0, name.size() - kEnding.size()))) continue;
+    name += kEnding;
+  }
+  return names;
+}
+
+std::vector<std::string> png_names(const std::vector<TrackedFrame>& frames, const Sequence& sequence) {
+  std::vector<View> views(frames.size());
+  for (std::size_t i = 0; i < frames.size(); ++i) views[i].name = sequence.name_of(frames[i].frame);
+  return png_names(views);
+}
+
+std::string frames_line(const Json& slam) {
+  const auto number = [](const Json& count, const char* what) { return counted(count.get<std::size_t>(), what); };
+  std::string others;
+  for (const char* state : {"lost", "dropped", "waiting"}) {
+    if (slam.at(state) > 0) others += ", " + slam.at(state).dump() + " " + state;
+  }
+  char rate[48];
+  std::snprintf(rate, sizeof rate, " tracked at %.1f per second", slam.at("tracking_fps").get<double>());
+  return "frames: " + slam.at("tracked").dump() + " of " + slam.at("frames").dump() + rate + others + ", " +
+         number(slam.at("keyframes").at("frames"), "keyframe") + ", " + number(slam.at("map_points"), "point") + ", " +
+         number(slam.at("loops"), "loop");
+}
+
+std::string trajectory_line(const Json& slam) {
+  char line[120];
+  std::snprintf(line, sizeof line, "trajectory: ATE %.4f m (RMSE%s) on a path of %.2f m",
+                slam.at("ate_rmse").get<double>(), slam.at("depth").get<bool>() ? "" : ", after alignment with scale",
+                slam.at("path_length").get<double>());
+  return line;
+}
+
+/// @param measured number of frames
+std::string quality_line(const Json& slam, double psnr, std::size_t measured) {
+  const auto tracked = slam.at("tracked").get<std::size_t>();
+  const std::string which = measured == tracked ? "all" : std::to_string(measured) + " of " + std::to_string(tracked);
+  const Json& of_keyframes = slam.at("keyframes").at("psnr");
+  char line[160];
+  std::snprintf(line, sizeof line, "PSNR: %.2f dB over %s tracked frames", psnr, which.c_str());
+  std::string text = line;
+  if (of_keyframes.is_number()) {
+    std::snprintf(line, sizeof line, ", %.2f dB over keyframes", of_keyframes.get<double>());
+    text += line;
+  }
+  return text;
 }
 
 }  // namespace
@@ -85,13 +142,13 @@ void write_tracking(const SlamRun& run, const SlamOutcome& outcome, Sequence& se
                            static_cast<std::uint64_t>(first.width),
                            static_cast<std::uint64_t>(first.height),
                            {first.fx, first.fy, first.cx, first.cy}});
-  const std::vector<std::string> names = picture_names(scene.train);
+  const std::vector<std::string> names = png_names(scene.train);
   for (std::size_t i = 0; i < scene.train.size(); ++i) {
     const View& view = scene.train[i];
     ColmapImage image;
     image.id = static_cast<std::uint32_t>(i + 1);
     image.camera_id = 1;
-    image.name = names[i] + ".png";
+    image.name = names[i];
     const glm::dmat4 camera_from_world = run.tracker().camera_from_world(i);
     const glm::dquat q = glm::quat_cast(glm::dmat3(camera_from_world));
     const std::array<double, 4> wxyz{q.w, q.x, q.y, q.z};
@@ -115,24 +172,32 @@ Json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence
   }
   make_folder(folder / "test" / "renders");
   make_folder(folder / "test" / "truth");
+  const std::vector<std::string> names = png_names(tracked, sequence);
+  std::size_t unreadable = 0;
   Means all, of_keyframes;
   std::vector<float> color;
   double render_seconds = 0;
   for (std::size_t i = 0; i < tracked.size() && !stopped(); ++i) {
     const SequenceFrame frame = sequence.read(tracked[i].frame);
-    if (frame.color.empty()) continue;
+    if (frame.color.empty()) {
+      ++unreadable;
+      continue;
+    }
     const View view = view_of(frame, sequence.calibration(), resolution, pose_of(run, tracked[i]));
     MeasuredView measured = measure_view(run.backbone(), view, lpips, color);
     render_seconds += measured.render_seconds;
     all.add(measured);
     if (keyframes.contains(tracked[i].frame)) of_keyframes.add(measured);
     if (pictured.contains(i)) {
-      const std::string name = fs::path(frame.name).stem().string() + ".png";
-      write_png(folder / "test" / "renders" / name, color, view.camera.width, view.camera.height);
-      write_png(folder / "test" / "truth" / name, view.color, view.camera.width, view.camera.height);
-      views.push_back({frame.name, folder / "test" / "truth" / name});
+      write_png(folder / "test" / "renders" / names[i], color, view.camera.width, view.camera.height);
+      write_png(folder / "test" / "truth" / names[i], view.color, view.camera.width, view.camera.height);
+      views.push_back({frame.name, folder / "test" / "truth" / names[i]});
     }
     results.views.push_back(std::move(measured.result));
+  }
+  if (unreadable > 0) {
+    std::fprintf(stderr, "warning: %zu of %zu tracked frames could not be read again; measured on %zu\n", unreadable,
+                 tracked.size(), all.count);
   }
   if (stopped()) all = of_keyframes = {};  // means of the first frames could be mistaken for those of all
   results.split = "tracked";
@@ -178,6 +243,47 @@ std::vector<ReportTrack> report_tracks(const SlamRun& run, const SlamOutcome& ou
   // Without depth the map has a unit of its own, until it is aligned to the truth.
   if (!error) return {{"tracked", flat(found), sequence.calibration().has_depth() ? "m" : ""}};
   return {{"truth", flat(truth)}, {"tracked", flat(found)}};
+}
+
+std::vector<ReportView> measure_keyframes(Backbone& backbone, const Scene& keyframes, Lpips* lpips,
+                                          const fs::path& folder, Results& results) {
+  const fs::path pictures = folder / "train";
+  std::error_code ignored;
+  fs::remove_all(folder / "test", ignored);
+  evaluate(backbone, keyframes, lpips, pictures / "renders", results);
+  make_folder(pictures / "truth");
+  const std::vector<std::string> names = picture_names(keyframes.train);
+  std::vector<ReportView> views;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const View& view = keyframes.train[i];
+    views.push_back({view.name, pictures / "truth" / (names[i] + ".png")});
+    write_png(views.back().truth, view.color, view.camera.width, view.camera.height);
+  }
+  return views;
+}
+
+std::vector<std::string> tracking_lines(const Json& results) {
+  const Json& slam = results.at("slam");
+  std::vector<std::string> lines;
+  if (!slam.at("complete").get<bool>()) {
+    std::size_t frames = 0;
+    for (const char* state : {"tracked", "lost", "dropped", "waiting"}) frames += slam.at(state).get<std::size_t>();
+    lines.push_back("interrupted after frame " + std::to_string(frames) + " of " + slam.at("frames").dump() +
+                    ", iteration " + results.at("iterations").dump());
+  }
+  lines.push_back(frames_line(slam));
+  if (slam.at("ate_rmse").is_number()) lines.push_back(trajectory_line(slam));
+  if (results.at("split") == "tracked" && results.at("psnr").is_number()) {
+    lines.push_back(quality_line(slam, results.at("psnr").get<double>(), results.at("views").size()));
+  }
+  return lines;
+}
+
+void write_slam_report(const fs::path& folder, const std::string& label, const Results& results, const Json& json,
+                       const std::vector<ReportView>& views, const std::vector<ReportTrack>& tracks) {
+  const fs::path pictures = folder / (results.split == "train" ? "train" : "test");
+  write_report(folder / "report.html", results.source + " — " + results.backbone + ", " + label,
+               {{label, results, pictures / "renders", {}, {}, tracking_lines(json)}}, views, 4, tracks);
 }
 
 }  // namespace splatboost::program

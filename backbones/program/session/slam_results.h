@@ -38,8 +38,9 @@ glm::dmat4 pose_of(const SlamRun& run, const TrackedFrame& frame);
 void write_tracking(const SlamRun& run, const SlamOutcome& outcome, Sequence& sequence,
                     const std::filesystem::path& folder);
 
-/// Renders and measures every tracked frame; fills the quality part of `results` with the means over all of them.
-/// Writes pictures of some frames to folder/test. Stops when `stopped` returns true; the means are then NaN.
+/// Renders and measures every tracked frame; fills the quality part of `results` with the means over all of them, or,
+/// with a warning, over those that can still be read. Writes pictures of some frames to folder/test. Stops when
+/// `stopped` returns true; the means are then NaN.
 /// @return the means over the keyframes alone, for results.json
 nlohmann::json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence& sequence, int resolution,
                               Lpips* lpips, const std::filesystem::path& folder, const std::function<bool()>& stopped,
@@ -48,5 +49,19 @@ nlohmann::json measure_frames(SlamRun& run, const SlamOutcome& outcome, Sequence
 /// The camera paths for the report, projected along the axis of least motion.
 std::vector<ReportTrack> report_tracks(const SlamRun& run, const SlamOutcome& outcome, const Sequence& sequence,
                                        const std::optional<TrajectoryError>& error);
+
+/// Measures the model on the keyframes alone, and writes their pictures, for a run that has not measured its tracked
+/// frames. Pictures of those that were left in folder/test are removed.
+std::vector<ReportView> measure_keyframes(Backbone& backbone, const Scene& keyframes, Lpips* lpips,
+                                          const std::filesystem::path& folder, Results& results);
+
+/// What was tracked, in lines for the terminal and the report. @param results contents of results.json
+std::vector<std::string> tracking_lines(const nlohmann::json& results);
+
+/// Writes report.html. @param label of the run @param json contents of results.json
+/// @param tracks without any, those of the page that is replaced are kept
+void write_slam_report(const std::filesystem::path& folder, const std::string& label, const Results& results,
+                       const nlohmann::json& json, const std::vector<ReportView>& views,
+                       const std::vector<ReportTrack>& tracks = {});
 
 }  // namespace splatboost::program

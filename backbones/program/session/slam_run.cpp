@@ -105,6 +105,7 @@ void SlamRun::tell(const TrackedFrame& frame, const SequenceFrame& picture) {
 }
 
 void SlamRun::check_focal_lengths() const {
+  if (sequence_.computes_depth()) return;
   const std::optional<double> factor = tracker_.better_focal_factor();
   if (!factor) return;
   const Calibration& c = sequence_.calibration();
@@ -169,6 +170,8 @@ void SlamRun::forget_map() {
   held_.clear();
 }
 
+bool SlamRun::may_begin_mapping() const { return slam_.keep_untrained || (outcome_.failure == nullptr && !stopped_()); }
+
 void SlamRun::begin_mapping() {
   scene_.points = first_points_.points;  // a copy, because making the backbone may run out of memory
   scene_.extent = std::max(camera_extent(scene_.train), kMinExtent);
@@ -214,7 +217,7 @@ void SlamRun::add_to_map(Update update) {
   first_points_.points.colors.insert(first_points_.points.colors.end(), more.points.colors.begin(),
                                      more.points.colors.end());
   first_points_.views.insert(first_points_.views.end(), more.views.begin(), more.views.end());
-  if (scene_.train.size() >= static_cast<std::size_t>(slam_.initial_keyframes)) begin_mapping();
+  if (scene_.train.size() >= static_cast<std::size_t>(slam_.initial_keyframes) && may_begin_mapping()) begin_mapping();
 }
 
 void SlamRun::take_waiting() {
@@ -356,7 +359,7 @@ void SlamRun::finish_mapping() {
   }
   int total = online_->planned_iterations(iteration_);
   const int in_sequence = iteration_;
-  if (!slam_.seconds && !options_.quiet && total > *options_.iterations) {
+  if (!slam_.seconds && !options_.quiet && in_sequence > 0 && total > *options_.iterations) {
     std::fprintf(stderr,
                  "note: mapping takes %d iterations, more than the %d of --iterations: %d ran while the sequence was "
                  "tracked, and at least as many must follow\n",
@@ -413,7 +416,7 @@ void SlamRun::keep_what_there_is() {
   try {
     take_waiting();
     take_held();
-    if (online_ == nullptr && !scene_.train.empty()) begin_mapping();
+    if (online_ == nullptr && !scene_.train.empty() && may_begin_mapping()) begin_mapping();
     if (iteration_ > 0 && !outcome_.failure) iterate();  // the changes become Gaussians
   } catch (const InputError&) {
     throw;

@@ -29,6 +29,7 @@ struct SlamOptions {
   int initial_keyframes = 10;     ///< mapping begins with this many, or with fewer if the sequence ends before
   std::optional<int> lockstep;    ///< iterations per keyframe, in a fixed order; none: tracking and mapping in parallel
   std::optional<double> seconds;  ///< mapping ends when the sequence has ended and this time has passed
+  bool keep_untrained = true;     ///< a run that ends before its mapping begins still makes a model of its keyframes
 };
 
 /// The frame as a view to map: resized, and with a pose.
@@ -60,10 +61,12 @@ class SlamRun {
 
   /// Throws InputError if nothing could be tracked or a setting is wrong. If the run is stopped or fails after the
   /// first keyframe, returns the trajectory, the keyframes and the model so far; if it is stopped before that, without
-  /// them.
+  /// them. See also SlamOptions::keep_untrained.
   SlamOutcome run();
 
   const Scene& scene() const { return scene_; }
+  /// Whether there is a model. Only then backbone() and plugged() may be called.
+  bool has_model() const { return online_ != nullptr; }
   Backbone& backbone() { return *plugged_.backbone; }
   const PluggedBackbone& plugged() const { return plugged_; }
   const Tracker& tracker() const { return tracker_; }
@@ -88,6 +91,8 @@ class SlamRun {
   void take(Update update);
   void add_to_map(Update update);
   void take_waiting();
+  /// Whether the run goes on, or makes a model even if it ends now.
+  bool may_begin_mapping() const;
   void begin_mapping();
   void iterate();
   /// Adds a point to the curves, unless nothing was trained since the last one.

@@ -75,9 +75,19 @@ std::string result_table(const std::vector<ReportRun>& runs, const std::vector<R
       "</tbody></table></div>\n<p class=\"note\">Higher is better for PSNR and SSIM, lower for LPIPS. At β = 1 the "
       "same "
       "model is drawn without the compact box, as viewers of Gaussians do. Training time excludes evaluation and "
-      "saving. The time to the baseline's "
-      "PSNR is when the curve first reaches the final value of the baseline's curve.</p></section>\n";
-  return out;
+      "saving.";
+  if (compared) {
+    out += " The time to the baseline's PSNR is when the curve first reaches the final value of the baseline's curve.";
+  }
+  return out + "</p></section>\n";
+}
+
+std::string tracking(const std::vector<ReportRun>& runs) {
+  std::string lines;
+  for (const ReportRun& run : runs) {
+    for (const std::string& line : run.tracking) lines += "<p>" + escape(line) + "</p>";
+  }
+  return lines.empty() ? "" : "<section><h2>Tracking</h2>\n<div class=\"card\">" + lines + "</div></section>\n";
 }
 
 std::string stages(const std::vector<ReportRun>& runs) {
@@ -195,9 +205,10 @@ void write_report(const std::filesystem::path& path, const std::string& title, c
     separator = " · ";
   }
   page += "</p></header>\n";
-  page += headline(rows, runs.size() == 2) + result_table(runs, rows) + curves(runs) + report::tracks(tracks) +
-          pictures(runs, views, max_views) + surfaces(runs) + (runs.size() == 1 ? mesh_place() : "") + moments(runs) +
-          stages(runs) + how_it_was_run(runs) + all_views(runs);
+  page += headline(rows, runs.size() == 2) + result_table(runs, rows) + tracking(runs) + curves(runs) +
+          (tracks.empty() ? tracks_of_page(path) : report::tracks(tracks)) + pictures(runs, views, max_views) +
+          surfaces(runs) + (runs.size() == 1 ? mesh_place() : "") + moments(runs) + stages(runs) +
+          how_it_was_run(runs) + all_views(runs);
   page +=
       "<footer><p>Look around in a browser: in the folder of this page, <code>python -m splatboost view .</code></p>"
       "<p>Made by SplatBoost " +

@@ -27,6 +27,7 @@ struct ReportRun {
   /// PNGs of one camera at times from 0 to 1, evenly spread; empty: the model does not change with time.
   std::vector<std::filesystem::path> moments;
   std::vector<ReportSurface> surfaces = {};  ///< of some views; empty: it was not trained for surfaces
+  std::vector<std::string> tracking = {};    ///< lines on how a camera was tracked; empty: none was
 };
 
 /// One measured view: its truth as a PNG on disk.
@@ -44,7 +45,7 @@ struct ReportTrack {
 
 /// Writes the page: the table, curves of PSNR, primitives and time, the camera paths (inline SVG), and for up to
 /// `max_views` views the pictures truth | each run's render | each run's error (embedded as data URIs). Written to a
-/// temporary file, then renamed.
+/// temporary file, then renamed. Without `tracks`, the camera paths of the page that is replaced are kept.
 void write_report(const std::filesystem::path& path, const std::string& title, const std::vector<ReportRun>& runs,
                   const std::vector<ReportView>& views, int max_views = 4, const std::vector<ReportTrack>& tracks = {});
 

@@ -3,11 +3,19 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
+#include <iterator>
 #include <limits>
+#include <string_view>
 
 #include "trainer/report/report_markup.h"
 
 namespace splatboost::report {
+namespace {
+
+constexpr char kBegin[] = "<section><h2>Where the camera was</h2>\n", kEnd[] = "</section>\n";
+
+}  // namespace
 
 std::string tracks(const std::vector<ReportTrack>& tracks) {
   constexpr double kWidth = 720, kMargin = 12, kTallest = 540, kBarRoom = 28;
@@ -25,7 +33,7 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
   const double across = std::max(high[0] - low[0], 1e-6), up = std::max(high[1] - low[1], 1e-6);
   const double scale = std::min((kWidth - 2 * kMargin) / across, (kTallest - 2 * kMargin) / up);
   const double height = up * scale + 2 * kMargin;
-  std::string out = "<section><h2>Where the camera was</h2>\n<p class=\"legend\">";
+  std::string out = std::string(kBegin) + "<p class=\"legend\">";
   for (std::size_t t = 0; t < tracks.size(); ++t) {
     out +=
         "<span><i style=\"background:" + color_of(t, tracks.size()) + "\"></i>" + escape(tracks[t].label) + "</span>";
@@ -58,8 +66,16 @@ std::string tracks(const std::vector<ReportTrack>& tracks) {
          number(kMargin + bar * scale, 1) + " " + level + "\"/><text x=\"" + number(kMargin + bar * scale + 8, 0) +
          "\" y=\"" + number(height + 0.4 * kBarRoom + 4, 0) + "\">" +
          escape(number(bar, digits) + " " + tracks[0].unit) + "</text>\n" +
-         "</svg></div>\n<p class=\"note\">Seen along the axis in which the camera moved least.</p></section>\n";
+         "</svg></div>\n<p class=\"note\">Seen along the axis in which the camera moved least.</p>" + kEnd;
   return out;
+}
+
+std::string tracks_of_page(const std::filesystem::path& page) {
+  std::ifstream in(page, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  const std::size_t begin = text.find(kBegin), end = text.find(kEnd, begin);
+  if (begin == std::string::npos || end == std::string::npos) return "";
+  return text.substr(begin, end + std::string_view(kEnd).size() - begin);
 }
 
 }  // namespace splatboost::report

@@ -22,7 +22,6 @@ namespace fs = std::filesystem;
 
 constexpr double kMaxSecondsApart = 0.005;   ///< between the images of a pair
 constexpr double kMaxSecondsToTruth = 0.02;  ///< between an image and its true pose
-constexpr double kMaxRigidError = 1e-3;      ///< of R Rᵀ − I
 
 /// Comma-separated fields of a line, without blanks.
 std::vector<std::string> fields_of(const std::string& line) {
@@ -126,9 +125,7 @@ EurocCamera read_camera(const fs::path& file) {
       camera.body_from_camera[column][row] = pose[static_cast<std::size_t>(4 * row + column)];
     }
   }
-  const glm::dmat3 r(camera.body_from_camera), off = r * glm::transpose(r) - glm::dmat3(1.0);
-  require(glm::length(off[0]) + glm::length(off[1]) + glm::length(off[2]) < kMaxRigidError,
-          file.string() + ": T_BS is not a rigid transform");
+  require(is_rigid(camera.body_from_camera), file.string() + ": T_BS is not a rigid transform");
   return camera;
 }
 
@@ -179,7 +176,8 @@ SequenceFiles find_euroc(const fs::path& source) {
     require(left.calibration.width == right.calibration.width && left.calibration.height == right.calibration.height,
             (mav / "cam1" / "sensor.yaml").string() + ": the two cameras have different image sizes");
     files.stereo =
-        StereoRig{left.calibration, right.calibration, glm::inverse(right.body_from_camera) * left.body_from_camera};
+        StereoRig{left.calibration, right.calibration, glm::inverse(right.body_from_camera) * left.body_from_camera,
+                  (mav / "cam1" / "sensor.yaml").string()};
     others = read_pictures(mav / "cam1");
   } else {
     files.notes.push_back(source.string() + ": has no mav0/cam1; mav0/cam0 is tracked alone");
@@ -191,9 +189,11 @@ SequenceFiles find_euroc(const fs::path& source) {
   const fs::path truth_file = mav / "state_groundtruth_estimate0" / "data.csv";
   if (is_file(truth_file)) truth = read_truth(truth_file);
   const auto truth_of = nearest_in_time(times, times_of(truth, &TimedPose::time), kMaxSecondsToTruth);
+  if (is_file(truth_file)) note_unused_truth(truth_file, truth_of, files.notes);
   for (std::size_t i = 0; i < pictures.size(); ++i) {
     FrameFiles frame;
     frame.time = pictures[i].first;
+    frame.name = pictures[i].second.filename().string();
     frame.color = pictures[i].second;
     if (other_of[i] >= 0) frame.depth = others[static_cast<std::size_t>(other_of[i])].second;
     if (truth_of[i] >= 0) {

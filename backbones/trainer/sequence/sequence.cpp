@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <iterator>
@@ -61,7 +60,9 @@ class FileSequence final : public Sequence {
   std::size_t size() const override { return files_.frames.size(); }
   const Calibration& calibration() const override { return calibration_; }
   std::vector<std::string> notes() const override { return files_.notes; }
+  bool computes_depth() const override { return stereo_.has_value(); }
   double time_of(std::size_t number) const override { return files_.frames[number].time; }
+  std::string name_of(std::size_t number) const override { return files_.frames[number].name; }
   std::optional<glm::dmat4> truth(std::size_t number) const override { return files_.frames[number].truth; }
 
   SequenceFrame read(std::size_t number) override {
@@ -69,7 +70,7 @@ class FileSequence final : public Sequence {
     SequenceFrame frame;
     frame.number = number;
     frame.time = files.time;
-    frame.name = name_of(files);
+    frame.name = files.name;
     frame.width = files_.calibration.width;
     frame.height = files_.calibration.height;
     try {
@@ -104,13 +105,6 @@ class FileSequence final : public Sequence {
     require(pixels.width == c.width && pixels.height == c.height,
             file.string() + ": has " + std::to_string(pixels.width) + "x" + std::to_string(pixels.height) +
                 " pixels, but the calibration has " + std::to_string(c.width) + "x" + std::to_string(c.height));
-  }
-
-  static std::string name_of(const FrameFiles& files) {
-    if (files.video_frame < 0) return files.color.filename().string();
-    char number[20];
-    std::snprintf(number, sizeof(number), "_%06d.png", files.video_frame);
-    return files.color.stem().string() + number;  // as of a picture, because the stem may contain dots
   }
 
   /// Decodes a video onwards, or again from its beginning for an earlier frame.

@@ -29,7 +29,7 @@ struct Calibration {
 struct SequenceFrame {
   std::size_t number = 0;  ///< in the sequence, from 0
   double time = 0;         ///< s
-  std::string name;
+  std::string name;        ///< of its picture as the dataset lists it, which may include a folder
   int width = 0, height = 0;
   std::vector<std::uint8_t> color;  ///< [H,W,3]; empty: the image cannot be used
   std::vector<std::uint8_t> valid;  ///< [H,W] non-zero where there is colour; empty: everywhere
@@ -42,10 +42,14 @@ class Sequence {
   virtual ~Sequence() = default;
   virtual std::size_t size() const = 0;
   virtual const Calibration& calibration() const = 0;
+  /// Whether depth is computed from the calibration, as that of stereo pairs is. It then cannot be used to check it.
+  virtual bool computes_depth() const { return false; }
   /// Does not throw if an image is missing or broken: SequenceFrame::problem says what is wrong.
   virtual SequenceFrame read(std::size_t number) = 0;
   /// Time of a frame, seconds.
   virtual double time_of(std::size_t number) const = 0;
+  /// SequenceFrame::name of a frame, without reading it.
+  virtual std::string name_of(std::size_t number) const = 0;
   /// True world_from_camera, if the dataset has it.
   virtual std::optional<glm::dmat4> truth(std::size_t number) const = 0;
   /// Notes for the user on how the data was read, one line each.

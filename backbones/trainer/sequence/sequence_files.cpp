@@ -2,11 +2,14 @@
 #include "trainer/sequence/sequence_files.h"
 
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <map>
 #include <sstream>
+#include <string_view>
 #include <utility>
 
 #include "trainer/images/video.h"
@@ -29,6 +32,8 @@ constexpr int kSmallestSide = 32, kLargestSide = 16384;  ///< px, of the images
 constexpr double kLeastVisible = 0.25;  ///< least share of an undistorted image that the distorted one shows
 constexpr int kSampledSide = 64;        ///< samples per side of the image to measure that share
 constexpr char kTrackWithoutDepth[] = "to track without depth, give a --calibration without depth_scale";
+
+constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  ///< with which some editors begin a file
 
 /// Keys of a calibration, and their synonyms in Replica's.
 constexpr const char* kCalibrationKeys[] = {"width", "height", "fx", "fy", "cx", "cy",
@@ -68,6 +73,7 @@ std::vector<FrameFiles> paired(const std::vector<fs::path>& color, std::size_t c
   for (const fs::path& file : color) {
     FrameFiles frame;
     frame.time = static_cast<double>(frames.size()) / kFolderRate;
+    frame.name = file.filename().string();
     frame.color = file;
     if (const auto found = depths.find(key_of(file, color_prefix)); found != depths.end()) frame.depth = found->second;
     frames.push_back(std::move(frame));
@@ -86,40 +92,57 @@ std::string mismatch_of_names(const std::vector<fs::path>& depths, const std::ve
          "; rename the depth images, or, " + kTrackWithoutDepth;
 }
 
-std::optional<std::size_t> number_in(const std::string& text) {
+/// The last number in a text.
+std::optional<std::size_t> last_number_in(const std::string& text) {
+  constexpr char kDigits[] = "0123456789";
+  const std::size_t last = text.find_last_of(kDigits);
+  if (last == std::string::npos) return std::nullopt;
+  const std::size_t before = text.find_last_not_of(kDigits, last);
   std::size_t number = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  return error == std::errc() && end == text.data() + text.size() ? std::optional(number) : std::nullopt;
+  const char* const begin = text.data() + (before == std::string::npos ? 0 : before + 1);
+  const auto parsed = std::from_chars(begin, text.data() + last + 1, number);
+  return parsed.ec == std::errc() ? std::optional(number) : std::nullopt;
 }
 
-/// Frames and poses correspond in order. If their numbers differ (frames were removed, say), a frame gets the pose of
-/// the number in its name, counted from 0, or none.
-/// @param prefix length of the name before the number
-void read_replica_truth(const fs::path& file, std::size_t prefix, SequenceFiles& files) {
+/// Lines of a row-major matrix world from camera.
+std::vector<glm::dmat4> read_matrices(const fs::path& file) {
   std::ifstream in(file);
-  std::string line;
+  require(in.good(), file.string() + ": cannot be read");
+  std::string line, surplus;
   std::vector<glm::dmat4> poses;
   for (int number = 1; std::getline(in, line); ++number) {
     if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    const std::string where = file.string() + ":" + std::to_string(number);
     std::istringstream words(line);
     glm::dmat4 pose(1.0);
     for (int row = 0; row < 4; ++row) {
       for (int column = 0; column < 4; ++column) words >> pose[column][row];
     }
-    require(!words.fail(),
-            file.string() + ":" + std::to_string(number) + ": expected the 16 numbers of a pose, row by row");
+    require(!words.fail() && !(words >> surplus),
+            where + ": expected 16 numbers, the matrix camera to world of a picture row by row");
+    require(is_rigid(pose), where + ": the matrix is not a rigid transform, a rotation and a translation");
     poses.push_back(pose);
   }
+  return poses;
+}
+
+/// Frames and poses correspond in order. If their numbers differ (frames were removed, say), a frame gets the pose of
+/// the number in its name, counted from 0, or none.
+void read_replica_truth(const fs::path& file, SequenceFiles& files) {
+  const std::vector<glm::dmat4> poses = read_matrices(file);
   const bool in_order = poses.size() == files.frames.size();
+  bool any = false;
   for (std::size_t i = 0; i < files.frames.size(); ++i) {
-    const auto number = in_order ? std::optional(i) : number_in(key_of(files.frames[i].color, prefix));
-    if (number && *number < poses.size()) files.frames[i].truth = poses[*number];
+    const auto number = in_order ? std::optional(i) : last_number_in(files.frames[i].color.stem().string());
+    if (!number || *number >= poses.size()) continue;
+    files.frames[i].truth = poses[*number];
+    any = true;
   }
-  if (!in_order) {
-    files.notes.push_back(file.string() + ": contains " + counted(poses.size(), "pose") + " for " +
-                          counted(files.frames.size(), "frame") +
-                          "; a frame gets the pose of the number in its name, counted from 0");
-  }
+  if (in_order) return;
+  files.notes.push_back(file.string() + ": contains " + counted(poses.size(), "pose") + " for " +
+                        counted(files.frames.size(), "frame") +
+                        "; a frame gets the pose of the number in its name, counted from 0" +
+                        (any ? "" : ", but no name has the number of a pose: the trajectory is not compared with it"));
 }
 
 SequenceFiles find_replica(const SequenceOptions& options) {
@@ -129,7 +152,7 @@ SequenceFiles find_replica(const SequenceOptions& options) {
   const std::vector<fs::path> depths = pictures_in(results, "depth");
   files.frames = paired(pictures_in(results, "frame"), 5, depths, 5);
   files.depth_mismatch = mismatch_of_names(depths, files.frames);
-  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", 5, files);
+  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
   if (options.calibration.empty()) {
     fs::path file = options.source / "cam_params.json";
     if (!is_file(file)) file = fs::absolute(options.source).parent_path() / "cam_params.json";
@@ -146,48 +169,90 @@ std::vector<std::pair<double, std::string>> read_tum_list(const fs::path& file) 
   std::vector<std::pair<double, std::string>> list;
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
+    if (number == 1 && line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
     const std::size_t begin = line.find_first_not_of(" \t\r");
     if (begin == std::string::npos || line[begin] == '#') continue;
     std::istringstream words(line);
     double time = 0;
     std::string path;
     words >> time >> path;
-    require(!words.fail() && std::isfinite(time),
-            file.string() + ":" + std::to_string(number) + ": expected 'time path'");
+    require(!words.fail() && std::isfinite(time) && !path.starts_with(','),
+            file.string() + ":" + std::to_string(number) + ": expected 'time path', separated by a space");
     list.emplace_back(time, path);
   }
   std::ranges::sort(list);
   return list;
 }
 
-/// Published calibrations of the TUM RGB-D benchmark, selected by the number in the folder's name, or in that of the
-/// nearest folder above it that has one.
-std::optional<Calibration> tum_calibration(const fs::path& folder) {
-  const std::string name = folder.filename().string();
+/// Throws InputError if two pictures have the same time: depth, poses and trajectories are found by it.
+void require_own_times(const std::vector<std::pair<double, std::string>>& pictures, const fs::path& file) {
+  for (std::size_t i = 1; i < pictures.size(); ++i) {
+    const auto& [time, name] = pictures[i];
+    const auto& [time_before, name_before] = pictures[i - 1];
+    require(time != time_before || name == name_before,
+            file.string() + ": " + name_before + " and " + name + " have the same time; each picture needs its own");
+  }
+}
+
+/// The words of a folder's name in lower case: rgbd_dataset_freiburg1_desk → rgbd, dataset, freiburg1, desk.
+std::vector<std::string> words_of(const std::string& name) {
+  std::vector<std::string> words(1);
+  for (const unsigned char c : name) {
+    if (std::isalnum(c)) {
+      words.back() += static_cast<char>(std::tolower(c));
+    } else {
+      words.emplace_back();
+    }
+  }
+  return words;
+}
+
+/// The number in a word freiburgN or frN of the folder's name; 0: none.
+int freiburg_in(const std::string& name) {
+  for (const std::string& word : words_of(name)) {
+    for (const int number : {1, 2, 3}) {
+      if (word == "freiburg" + std::to_string(number) || word == "fr" + std::to_string(number)) return number;
+    }
+  }
+  return 0;
+}
+
+/// Published calibration of a camera of the TUM RGB-D benchmark.
+Calibration freiburg_calibration(int number) {
   Calibration c;
   c.width = 640, c.height = 480, c.depth_scale = 5000;
-  const auto is = [&](const char* number) {
-    return name.find(std::string("freiburg") + number) != std::string::npos ||
-           name.find(std::string("fr") + number) != std::string::npos;
-  };
-  if (is("1")) {
+  if (number == 1) {
     c.fx = 517.306408, c.fy = 516.469215, c.cx = 318.643040, c.cy = 255.313989;
     c.k1 = 0.262383, c.k2 = -0.953104, c.p1 = -0.005358, c.p2 = 0.002628, c.k3 = 1.163314;
-  } else if (is("2")) {
+  } else if (number == 2) {
     c.fx = 520.908620, c.fy = 521.007327, c.cx = 325.141442, c.cy = 249.701764;
     c.k1 = 0.231222, c.k2 = -0.784899, c.p1 = -0.003257, c.p2 = -0.000105, c.k3 = 0.917205;
-  } else if (is("3")) {
-    c.fx = 535.4, c.fy = 539.2, c.cx = 320.1, c.cy = 247.6;
   } else {
-    return folder.has_relative_path() ? tum_calibration(folder.parent_path()) : std::nullopt;
+    c.fx = 535.4, c.fy = 539.2, c.cx = 320.1, c.cy = 247.6;
   }
   return c;
+}
+
+/// The camera is named by the folder (rgbd_dataset_freiburg1_desk, fr1_desk) or by the one that contains it (fr1/desk).
+void choose_freiburg_calibration(const fs::path& source, SequenceFiles& files) {
+  fs::path folder = fs::absolute(source).lexically_normal();
+  if (!folder.has_filename()) folder = folder.parent_path();  // was written with a slash at its end
+  int number = freiburg_in(folder.filename().string());
+  if (number == 0) number = freiburg_in(folder.parent_path().filename().string());
+  require(number != 0,
+          source.string() +
+              ": the camera is unknown: neither this folder's name nor that of the folder that contains it "
+              "has a word freiburg1, 2 or 3; give a file with --calibration");
+  files.calibration = freiburg_calibration(number);
+  files.notes.push_back(source.string() + ": the calibration is that of the TUM benchmark's camera freiburg" +
+                        std::to_string(number) + ", by the folder's name; for another give --calibration");
 }
 
 SequenceFiles find_tum(const SequenceOptions& options) {
   SequenceFiles files;
   files.form = "TUM RGB-D";
   const auto color = read_tum_list(options.source / "rgb.txt");
+  require_own_times(color, options.source / "rgb.txt");
   std::vector<std::pair<double, std::string>> depth;
   if (is_file(options.source / "depth.txt")) depth = read_tum_list(options.source / "depth.txt");
   const auto times_of = [](const auto& list) {
@@ -203,27 +268,24 @@ SequenceFiles find_tum(const SequenceOptions& options) {
                            kTrackWithoutDepth;
   }
   std::vector<TimedPose> truth;
-  if (is_file(options.source / "groundtruth.txt")) truth = read_tum_trajectory(options.source / "groundtruth.txt");
+  const fs::path truth_file = options.source / "groundtruth.txt";
+  if (is_file(truth_file)) truth = read_tum_trajectory(truth_file);
   std::ranges::stable_sort(truth, {}, &TimedPose::time);
   std::vector<double> truth_times;
   for (const TimedPose& pose : truth) truth_times.push_back(pose.time);
   const auto truth_of = nearest_in_time(times, truth_times, kMaxSecondsApart);
+  if (is_file(truth_file)) note_unused_truth(truth_file, truth_of, files.notes);
   for (std::size_t i = 0; i < color.size(); ++i) {
     FrameFiles frame;
     frame.time = color[i].first;
+    frame.name = color[i].second;
     frame.color = options.source / color[i].second;
     if (depth_of[i] >= 0) frame.depth = options.source / depth[static_cast<std::size_t>(depth_of[i])].second;
     if (truth_of[i] >= 0) frame.truth = truth[static_cast<std::size_t>(truth_of[i])].world_from_camera;
     files.frames.push_back(std::move(frame));
   }
   require(!files.frames.empty(), (options.source / "rgb.txt").string() + ": lists no images");
-  if (options.calibration.empty()) {
-    const auto known = tum_calibration(fs::absolute(options.source).lexically_normal());
-    require(known.has_value(), options.source.string() +
-                                   ": the camera is unknown (no freiburg1, 2 or 3 in its name); give a "
-                                   "file with --calibration");
-    files.calibration = *known;
-  }
+  if (options.calibration.empty()) choose_freiburg_calibration(options.source, files);
   return files;
 }
 
@@ -234,15 +296,22 @@ SequenceFiles find_folder(const SequenceOptions& options) {
   for (const char* name : {"images", "rgb", "color", "."}) {
     if (color = pictures_in(options.source / name, ""); !color.empty()) break;
   }
+  require(!color.empty() || !is_file(options.source / "cam0" / "data.csv"),
+          options.source.string() + ": is a part of an EuRoC sequence; name the folder that contains mav0");
   require(!color.empty(), options.source.string() +
                               ": is not a sequence: no results/frame*.jpg (Replica), no rgb.txt (TUM), no images "
                               "in images/, rgb/, color/ or the folder itself");
   const std::vector<fs::path> depths = pictures_in(options.source / "depth", "");
   files.frames = paired(color, 0, depths, 0);
   files.depth_mismatch = mismatch_of_names(depths, files.frames);
-  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", 0, files);
+  if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
   if (options.calibration.empty()) {
     const fs::path file = options.source / "calibration.json";
+    require(
+        is_file(file) || !fs::is_directory(options.source / "sparse"),
+        options.source.string() +
+            ": is a COLMAP scene, whose cameras are known: use splatboost train; to track its pictures anyway, give a "
+            "file with --calibration");
     require(is_file(file), options.source.string() + ": has no calibration.json; give a file with --calibration");
     files.calibration = read_calibration(file);
   }
@@ -253,6 +322,13 @@ SequenceFiles find_folder(const SequenceOptions& options) {
 std::size_t last_frame_of(const SequenceOptions& options) {
   const auto first = static_cast<std::size_t>(options.first), count = static_cast<std::size_t>(options.count);
   return count == 0 ? 0 : first + count * static_cast<std::size_t>(options.stride);
+}
+
+/// As of a picture, because the stem may contain dots.
+std::string name_in_video(const fs::path& video, std::size_t frame) {
+  char number[32];
+  std::snprintf(number, sizeof(number), "_%06zu.png", frame);
+  return video.stem().string() + number;
 }
 
 /// A video, which has no depth. Its calibration comes from a file.
@@ -271,6 +347,7 @@ SequenceFiles find_video(const SequenceOptions& options) {
   for (std::size_t i = 0; i < video.readable; ++i) {
     FrameFiles frame_files;
     frame_files.time = video.times[i];
+    frame_files.name = name_in_video(options.source, i);
     frame_files.color = options.source;
     frame_files.video_frame = static_cast<int>(i);
     files.frames.push_back(std::move(frame_files));
@@ -319,6 +396,12 @@ double visible_share(const Calibration& c) {
 }
 
 }  // namespace
+
+void note_unused_truth(const fs::path& file, std::span<const std::ptrdiff_t> of_pictures,
+                       std::vector<std::string>& notes) {
+  if (std::ranges::any_of(of_pictures, [](std::ptrdiff_t pose) { return pose >= 0; })) return;
+  notes.push_back(file.string() + ": no pose within 20 ms of a picture; the trajectory is not compared with it");
+}
 
 glm::dvec2 distorted_place(const Calibration& c, double column, double row) {
   const double x = (column - c.cx) / c.fx, y = (row - c.cy) / c.fy;

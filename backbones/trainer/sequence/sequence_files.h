@@ -2,8 +2,10 @@
 /// @file Finds the files of a sequence in the layouts of several datasets.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -17,6 +19,7 @@ namespace splatboost {
 
 struct FrameFiles {
   double time = 0;
+  std::string name;  ///< SequenceFrame::name
   std::filesystem::path color;
   int video_frame = -1;         ///< index of the frame if `color` is a video, else -1
   std::filesystem::path depth;  ///< depth image, or the right image of a stereo pair; empty: none
@@ -35,6 +38,10 @@ struct SequenceFiles {
 
 /// Throws InputError in one line.
 SequenceFiles find_sequence_files(const SequenceOptions& options);
+
+/// Notes that a file of true poses has none for any picture. @param of_pictures nearest_in_time() of the pictures
+void note_unused_truth(const std::filesystem::path& file, std::span<const std::ptrdiff_t> of_pictures,
+                       std::vector<std::string>& notes);
 
 /// Where the distorted image shows what pixel (column, row) of the undistorted image shows.
 glm::dvec2 distorted_place(const Calibration& calibration, double column, double row);

@@ -46,7 +46,8 @@ StereoDepth::StereoDepth(const StereoRig& rig) : rectified_(std::make_unique<Rec
     shift[row] = rig.right_from_left[3][row];
   }
   require(std::abs(shift[0]) > 1e-3 && std::abs(shift[0]) > std::abs(shift[1]) && shift[0] < 0,
-          "the cameras of a stereo pair must be side by side, cam1 to the right of cam0; check T_BS of both");
+          (rig.source.empty() ? "" : rig.source + ": ") +
+              "the cameras of a stereo pair must be side by side, cam1 to the right of cam0; check T_BS of both");
   cv::Matx34d left_camera, right_camera;
   cv::Matx44d ignored;
   cv::stereoRectify(camera_matrix(rig.left), distortion(rig.left), camera_matrix(rig.right), distortion(rig.right),

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include <glm/mat4x4.hpp>
 
@@ -15,6 +16,7 @@ namespace splatboost {
 struct StereoRig {
   Calibration left, right;
   glm::dmat4 right_from_left{1.0};
+  std::string source = {};  ///< file that it was read from, for messages
 };
 
 /// A rig after rectification: corresponding points lie on the same row of both images.

@@ -17,11 +17,19 @@
 namespace splatboost {
 namespace {
 
-constexpr double kRounding = 1e-6;  ///< of the extent: residuals below it are no outliers
-constexpr double kOutlier = 3;      ///< medians of the residuals from which a pair is left out
-constexpr int kOutlierRounds = 50;  ///< at most; the pairs left out settle before that
+constexpr double kMaxRigidError = 1e-2;  ///< of R Rᵀ − I
+constexpr double kRounding = 1e-6;       ///< of the extent: residuals below it are no outliers
+constexpr double kOutlier = 3;           ///< medians of the residuals from which a pair is left out
+constexpr int kOutlierRounds = 50;       ///< at most; the pairs left out settle before that
 
 }  // namespace
+
+bool is_rigid(const glm::dmat4& matrix) {
+  const glm::dmat3 r(matrix), off = r * glm::transpose(r) - glm::dmat3(1.0);
+  const double error = glm::length(off[0]) + glm::length(off[1]) + glm::length(off[2]);
+  const double of_last_row = glm::length(glm::transpose(matrix)[3] - glm::dvec4(0, 0, 0, 1));
+  return error + of_last_row < kMaxRigidError && glm::determinant(r) > 0;
+}
 
 void write_tum_trajectory(const std::filesystem::path& path, std::span<const TimedPose> poses) {
   std::string text;

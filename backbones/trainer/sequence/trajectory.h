@@ -17,6 +17,9 @@ struct TimedPose {
   glm::dmat4 world_from_camera{1.0};  ///< rigid
 };
 
+/// Whether the matrix is a rotation, up to rounding to three decimals, and a translation.
+bool is_rigid(const glm::dmat4& matrix);
+
 /// Lines of "time tx ty tz qx qy qz qw". Atomic.
 void write_tum_trajectory(const std::filesystem::path& path, std::span<const TimedPose> poses);
 

@@ -7,9 +7,11 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <new>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -17,6 +19,7 @@
 #include <vector>
 
 #include "photo_slam/photo_slam.h"
+#include "program/session/slam_results.h"
 #include "splatboost/threads.h"
 #include "support/temporary_folder.h"
 #include "support/walk_frames.h"
@@ -50,7 +53,11 @@ class Walk final : public Sequence {
   }
   std::size_t size() const override { return size_; }
   const Calibration& calibration() const override { return calibration_; }
+  bool computes_depth() const override { return stereo; }
   double time_of(std::size_t number) const override { return static_cast<double>(number) / 30; }
+  std::string name_of(std::size_t number) const override {
+    return name ? name(number) : std::to_string(number) + ".png";
+  }
   std::optional<glm::dmat4> truth(std::size_t) const override { return std::nullopt; }
   SequenceFrame read(std::size_t number) override {
     if (before_frame) before_frame(number);
@@ -58,6 +65,7 @@ class Walk final : public Sequence {
     SequenceFrame frame = walk()[way % 2 == 0 ? step : kFrames - 1 - step];
     frame.number = number;
     frame.time = time_of(number);
+    frame.name = name_of(number);
     if (changed) changed(frame);
     return frame;
   }
@@ -70,6 +78,8 @@ class Walk final : public Sequence {
 
   std::function<void(std::size_t)> before_frame;
   std::function<void(SequenceFrame&)> changed;  ///< modifies a frame
+  std::function<std::string(std::size_t)> name;
+  bool stereo = false;
 
  private:
   std::size_t size_;
@@ -212,6 +222,41 @@ TEST(SlamRun, a_stop_before_mapping_keeps_the_keyframes) {
   EXPECT_GT(mapping.slam_run->backbone().primitives(), 0u);
 }
 
+TEST(SlamRun, a_stop_before_mapping_makes_no_model_if_none_is_wanted) {
+  // The keyframe that would begin mapping may be on its way to the mapper.
+  for (const int initial_keyframes : {2, 100}) {
+    Mapping mapping;
+    std::atomic<bool> stop = false;
+    mapping.slam.keep_untrained = false;
+    mapping.slam.initial_keyframes = initial_keyframes;
+    mapping.sequence.before_frame = [&](std::size_t number) { stop = initial_keyframes == 2 || number == 8; };
+    mapping.sequence.changed = [&](SequenceFrame&) { stop = stop || initial_keyframes == 2; };
+    mapping.stopped = [&] { return stop.load(); };
+    EXPECT_FALSE(mapping.run().complete);
+    EXPECT_FALSE(mapping.slam_run->has_model());
+  }
+}
+
+TEST(SlamRun, a_failure_before_mapping_makes_no_model_if_none_is_wanted) {
+  Mapping mapping;
+  mapping.slam.keep_untrained = false;
+  mapping.slam.initial_keyframes = 100;
+  mapping.sequence.before_frame = [](std::size_t number) {
+    if (number == 9) throw std::bad_alloc();
+  };
+  const SlamOutcome outcome = mapping.run();
+  EXPECT_THROW(std::rethrow_exception(outcome.failure), std::bad_alloc);
+  EXPECT_FALSE(mapping.slam_run->has_model());
+}
+
+TEST(SlamRun, a_run_with_few_keyframes_is_mapped_at_its_end) {
+  Mapping mapping;
+  mapping.slam.keep_untrained = false;
+  mapping.slam.initial_keyframes = 100;
+  EXPECT_TRUE(mapping.run().complete);
+  EXPECT_TRUE(mapping.slam_run->has_model());
+}
+
 TEST(SlamRun, a_stop_before_the_first_keyframe_leaves_nothing) {
   Mapping mapping;
   mapping.stopped = [] { return true; };
@@ -307,6 +352,104 @@ TEST(HardInput, wrong_focal_lengths_are_told) {
     const double told = std::stod(lines.substr(lines.find("of about ") + 9));
     EXPECT_NEAR(told, camera.focal, 0.15 * camera.focal);
   }
+}
+
+TEST(HardInput, focal_lengths_that_depth_was_computed_with_are_not_checked) {
+  Mapping mapping(2 * kFrames, 0.5);
+  mapping.sequence.stereo = true;
+  EXPECT_EQ(mapping.lines(), "");
+}
+
+/// The pictures and the warnings of measuring the run's frames.
+struct Measured {
+  explicit Measured(Mapping& mapping) {
+    mapping.lines();
+    ::testing::internal::CaptureStderr();
+    std::vector<ReportView> views;
+    measure_frames(
+        *mapping.slam_run, mapping.outcome, mapping.sequence, -1, nullptr, folder.path(), [] { return false; }, results,
+        views);
+    lines = ::testing::internal::GetCapturedStderr();
+    for (const auto& entry : std::filesystem::directory_iterator(folder / "test/truth")) {
+      pictures.insert(entry.path().filename().string());
+    }
+  }
+  const test::TemporaryFolder folder;
+  Results results;
+  std::string lines;
+  std::set<std::string> pictures;
+};
+
+TEST(Measuring, frames_that_can_no_longer_be_read_are_told) {
+  Mapping mapping;
+  EXPECT_EQ(Measured(mapping).lines, "");
+  bool gone = false;
+  Mapping other;
+  other.sequence.changed = [&](SequenceFrame& frame) {
+    gone = gone || frame.number + 1 == kFrames;
+    if (gone && frame.number < 8) frame.color.clear();
+  };
+  const Measured some(other);
+  EXPECT_EQ(some.lines, "warning: 8 of 12 tracked frames could not be read again; measured on 4\n");
+  EXPECT_EQ(some.results.views.size(), 4u);
+}
+
+TEST(Measuring, pictures_of_one_stem_have_the_names_of_their_folders) {
+  Mapping mapping;
+  EXPECT_TRUE(Measured(mapping).pictures.contains("11.png"));
+  Mapping other;
+  other.sequence.name = [](std::size_t number) { return std::to_string(number) + "/0.png"; };
+  const Measured measured(other);
+  EXPECT_EQ(measured.pictures.size(), 8u);
+  EXPECT_TRUE(measured.pictures.contains("11_0.png"));
+  const test::TemporaryFolder folder;
+  write_tracking(*other.slam_run, other.outcome, other.sequence, folder.path());
+  EXPECT_TRUE(std::filesystem::exists(folder / "keyframes/images/0_0.png"));
+}
+
+nlohmann::json some_results() {
+  return {{"iterations", 253},
+          {"psnr", 21.5},
+          {"split", "tracked"},
+          {"views", nlohmann::json::array({1, 2, 3})},
+          {"slam",
+           {{"complete", true},
+            {"frames", 300},
+            {"tracked", 3},
+            {"lost", 0},
+            {"dropped", 0},
+            {"waiting", 0},
+            {"keyframes", {{"frames", 1}, {"psnr", 25.25}}},
+            {"map_points", 9},
+            {"loops", 1},
+            {"depth", true},
+            {"ate_rmse", nullptr},
+            {"path_length", nullptr},
+            {"tracking_fps", 9.96}}}};
+}
+
+TEST(Results, lines_on_tracking) {
+  nlohmann::json results = some_results();
+  EXPECT_EQ(tracking_lines(results),
+            (std::vector<std::string>{"frames: 3 of 300 tracked at 10.0 per second, 1 keyframe, 9 points, 1 loop",
+                                      "PSNR: 21.50 dB over all tracked frames, 25.25 dB over keyframes"}));
+  nlohmann::json& slam = results["slam"];
+  slam["complete"] = false;
+  slam["lost"] = 2;
+  slam["dropped"] = 1;
+  slam["tracked"] = 45;
+  slam["ate_rmse"] = 0.01234;
+  slam["path_length"] = 1.5;
+  slam["depth"] = false;
+  slam["keyframes"]["psnr"] = nullptr;
+  EXPECT_EQ(tracking_lines(results),
+            (std::vector<std::string>{
+                "interrupted after frame 48 of 300, iteration 253",
+                "frames: 45 of 300 tracked at 10.0 per second, 2 lost, 1 dropped, 1 keyframe, 9 points, 1 loop",
+                "trajectory: ATE 0.0123 m (RMSE, after alignment with scale) on a path of 1.50 m",
+                "PSNR: 21.50 dB over 3 of 45 tracked frames"}));
+  results["split"] = "train";
+  EXPECT_EQ(tracking_lines(results).size(), 3u);
 }
 
 TEST(HardInput, no_depth_at_all) {

@@ -148,6 +148,7 @@ class Report : public testing::Test {
 TEST_F(Report, ComparesTwoRuns) {
   const std::string page = write({run("baseline"), run("boosted")}, views());
   EXPECT_NE(page.find("4.0× faster"), std::string::npos);
+  EXPECT_NE(page.find("The time to the baseline's PSNR is when"), std::string::npos);
   EXPECT_EQ(count(page, "data:image/"), have_opencv() ? 2u * 5 : 0u);
   EXPECT_EQ(count(page, "without OpenCV"), have_opencv() ? 0u : 1u);
   EXPECT_EQ(count(page, "<svg"), 4u);
@@ -162,6 +163,7 @@ TEST_F(Report, ShowsOneRun) {
   const std::string page = write({run("boosted")}, views(), 1);
   EXPECT_EQ(count(page, "data:image/"), have_opencv() ? 3u : 0u);
   EXPECT_EQ(page.find("faster"), std::string::npos);
+  EXPECT_EQ(page.find("baseline"), std::string::npos) << "an explanation of what is not there";
 }
 
 TEST_F(Report, ShowsModelsThatChangeWithTimeOverIt) {
@@ -286,6 +288,21 @@ TEST_F(Report, NamesTheUnitOfCameraPathsOnlyIfItIsKnown) {
   };
   EXPECT_EQ(bar_of("m"), 1u);
   EXPECT_EQ(bar_of(""), 0u);
+}
+
+TEST_F(Report, TellsHowACameraWasTrackedAndKeepsItsPath) {
+  const auto page_of = [&](const ReportRun& run, const std::vector<ReportTrack>& tracks) {
+    write_report(folder_ / "report.html", "t", {run}, {}, 4, tracks);
+    std::ifstream in(folder_ / "report.html");
+    return std::string{std::istreambuf_iterator<char>(in), {}};
+  };
+  ReportRun tracked = run("boosted");
+  EXPECT_EQ(count(page_of(tracked, {}), "<h2>Tracking"), 0u);
+  tracked.tracking = {"interrupted after <frame> 48 of 300", "trajectory: ATE 0.01 m"};
+  const std::string page = page_of(tracked, {{"tracked", {{0, 0}, {1, 2}}}});
+  EXPECT_EQ(xml_problem(page), "");
+  EXPECT_EQ(count(page, "<p>interrupted after &lt;frame&gt; 48 of 300</p><p>trajectory: ATE 0.01 m</p>"), 1u);
+  EXPECT_EQ(page_of(tracked, {}), page) << "the path is kept";
 }
 
 TEST_F(Report, NeedsARun) { EXPECT_THROW(write_report(folder_ / "report.html", "t", {}, {}), std::invalid_argument); }

@@ -114,8 +114,43 @@ TEST(Sequence, frames_keep_their_poses_if_others_were_removed) {
   // Names without a number have no pose.
   fs::rename(folder / "results/frame000002.png", folder / "results/frame_last.png");
   EXPECT_FALSE(open_sequence(of(folder.path()))->truth(1).has_value());
-  std::ofstream(folder / "traj.txt") << "\n1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n1 0 0\n";
-  expect_in(error_of([&] { open_sequence(of(folder.path())); }), "traj.txt:3: expected the 16 numbers");
+}
+
+TEST(Sequence, the_pose_of_a_frame_is_that_of_the_last_number_in_its_name) {
+  const TemporaryFolder folder;
+  fs::create_directories(folder / "images");
+  for (const char* name : {"cam1_frame000002.png", "im-0.png"}) write_color(folder / "images" / name, 10);
+  std::ofstream(folder / "calibration.json") << calibration();
+  std::ofstream truth(folder / "traj.txt");
+  for (int i = 0; i < 3; ++i) truth << "1 0 0 " << i << " 0 1 0 0 0 0 1 0 0 0 0 1\n";
+  truth.close();
+  auto sequence = open_sequence(of(folder.path()));
+  ASSERT_TRUE(sequence->truth(0).has_value() && sequence->truth(1).has_value());
+  EXPECT_EQ((*sequence->truth(0))[3].x, 2);
+  EXPECT_EQ((*sequence->truth(1))[3].x, 0);
+  EXPECT_EQ(sequence->notes()[0].find("but no name"), std::string::npos);
+
+  fs::rename(folder / "images/cam1_frame000002.png", folder / "images/cam1_frame000700.png");
+  fs::rename(folder / "images/im-0.png", folder / "images/im-99999999999999999999999.png");
+  sequence = open_sequence(of(folder.path()));
+  EXPECT_FALSE(sequence->truth(0).has_value() || sequence->truth(1).has_value());
+  ASSERT_EQ(sequence->notes().size(), 1u);
+  expect_in(sequence->notes()[0], "contains 3 poses for 2 frames");
+  expect_in(sequence->notes()[0], "but no name has the number of a pose");
+}
+
+TEST(Sequence, lines_that_are_no_poses_are_refused) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  const auto with = [&](const std::string& text) {
+    std::ofstream(folder / "traj.txt") << text;
+    return error_of([&] { open_sequence(of(folder.path())); });
+  };
+  const std::string pose = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+  expect_in(with("\n" + pose + "\n1 0 0\n"), "traj.txt:3: expected 16 numbers");
+  expect_in(with("0.033 " + pose + "\n"), "traj.txt:1: expected 16 numbers");
+  expect_in(with(pose + "\n0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0\n"), "traj.txt:2: the matrix is not a rigid transform");
+  EXPECT_EQ(with(pose + " \r\n"), "");
 }
 
 TEST(Sequence, depth_that_belongs_to_no_image_is_refused) {
@@ -247,6 +282,26 @@ TEST(Sequence, tum_pairs_by_time) {
   ASSERT_TRUE(sequence->truth(0).has_value());
   EXPECT_EQ((*sequence->truth(0))[3].z, 3);
   EXPECT_FALSE(sequence->truth(1).has_value());
+  std::ofstream(folder / "groundtruth.txt") << "501.0 1 2 3 0 0 0 1\n";
+  expect_in(open_sequence(of(folder))->notes()[0], "groundtruth.txt: no pose within 20 ms of a picture");
+}
+
+TEST(Sequence, tum_pictures_are_known_by_time_and_folder) {
+  const TemporaryFolder parent;
+  const fs::path folder = parent / "fr1";
+  fs::create_directories(folder);
+  std::ofstream(folder / "rgb.txt") << "1.0 a/0.png\n2.0 b/0.png\n1.0 a/0.png\n";
+  const auto sequence = open_sequence(of(folder));
+  EXPECT_EQ(sequence->name_of(0), "a/0.png");
+  EXPECT_EQ(sequence->name_of(2), "b/0.png");
+  EXPECT_EQ(sequence->read(2).name, "b/0.png");
+  std::ofstream(folder / "rgb.txt") << "\xEF\xBB\xBF"
+                                    << "1.0 rgb/a.png\n";
+  EXPECT_EQ(open_sequence(of(folder))->name_of(0), "rgb/a.png");
+  std::ofstream(folder / "rgb.txt") << "# pictures\n1.0,rgb/a.png\n2.0, rgb/b.png\n";
+  expect_in(error_of([&] { open_sequence(of(folder)); }), "rgb.txt:2: expected 'time path', separated by a space");
+  std::ofstream(folder / "rgb.txt") << "1.0 rgb/a.png\n1.0 rgb/b.png\n";
+  expect_in(error_of([&] { open_sequence(of(folder)); }), "rgb.txt: rgb/a.png and rgb/b.png have the same time");
 }
 
 TEST(Sequence, tum_poses_may_be_in_any_order) {
@@ -261,15 +316,23 @@ TEST(Sequence, tum_poses_may_be_in_any_order) {
   EXPECT_EQ((*sequence->truth(1))[3].z, 6);
 }
 
-TEST(Sequence, tum_cameras_are_those_of_the_innermost_folder_that_names_one) {
+TEST(Sequence, tum_cameras_are_named_by_the_folder_or_the_one_that_contains_it) {
   const TemporaryFolder parent;
-  const auto focal_length = [&](const fs::path& folder) {
+  const auto camera = [&](const fs::path& folder) {
     fs::create_directories(folder);
     std::ofstream(folder / "rgb.txt") << "1.000 rgb/a.png\n";
-    return open_sequence(of(folder))->calibration().fx;
+    const std::string note = open_sequence(of(folder))->notes().at(0);
+    return note.substr(note.find("camera "), 16);
   };
-  EXPECT_EQ(focal_length(parent / "fr1/rgbd_dataset_freiburg3_toy"), 535.4);
-  EXPECT_EQ(focal_length(parent / "fr2/desk/."), 520.908620) << "the name of a folder above it";
+  EXPECT_EQ(camera(parent / "fr1/rgbd_dataset_freiburg3_toy"), "camera freiburg3");
+  EXPECT_EQ(open_sequence(of(parent / "fr1/rgbd_dataset_freiburg3_toy"))->calibration().fx, 535.4);
+  EXPECT_EQ(camera(parent / "fr2/desk/."), "camera freiburg2") << "the folder that contains it";
+  EXPECT_EQ(camera(parent / "fr2/desk/"), "camera freiburg2");
+  EXPECT_EQ(camera(parent / "FR1_desk2"), "camera freiburg1");
+  EXPECT_EQ(camera(parent / "rgbd_dataset_freiburg1_xyz-2hz"), "camera freiburg1");
+  for (const char* other : {"fr3d", "home_fr1tz", "freiburg12", "fr1/my/room"}) {
+    expect_in(error_of([&] { camera(parent / other); }), "the camera is unknown");
+  }
 }
 
 /// The decoder would fill the missing part with grey.
@@ -382,6 +445,14 @@ TEST(Sequence, what_is_wrong_is_one_line) {
   expect_in(error_of([&] { open_sequence(of(folder / "nothing")); }), "no such file");
   fs::create_directories(folder / "empty");
   expect_in(error_of([&] { open_sequence(of(folder / "empty")); }), "is not a sequence");
+  fs::create_directories(folder / "mav0/cam0");
+  std::ofstream(folder / "mav0/cam0/data.csv") << "";
+  expect_in(error_of([&] { open_sequence(of(folder / "mav0")); }),
+            "mav0: is a part of an EuRoC sequence; name the folder that contains mav0");
+  fs::create_directories(folder / "colmap/images");
+  fs::create_directories(folder / "colmap/sparse/0");
+  write_color(folder / "colmap/images/a.png", 1);
+  expect_in(error_of([&] { open_sequence(of(folder / "colmap")); }), "is a COLMAP scene, whose cameras are known");
 }
 
 }  // namespace

@@ -143,7 +143,7 @@ TEST_F(Stereo, mistakes_are_told) {
   expect_in(with("[200, 150]", "[200, 152]"), "the two cameras have different image sizes");
   expect_in(with("data: [-0.", "data: [-7."), "T_BS is not a rigid transform");
   fs::copy_file(walk() / "mav0/cam0/sensor.yaml", sensor, fs::copy_options::overwrite_existing);
-  expect_in(error_of(walk()), "must be side by side");
+  expect_in(error_of(walk()), "cam1/sensor.yaml: the cameras of a stereo pair must be side by side");
 }
 
 TEST_F(Stereo, one_camera_alone_has_no_depth) {
@@ -170,6 +170,21 @@ TEST_F(Stereo, one_camera_alone_has_no_depth) {
   const auto calibrated = open_sequence(options);
   EXPECT_EQ(calibrated->calibration().fy, 171);
   EXPECT_FALSE(calibrated->calibration().has_depth());
+}
+
+TEST_F(Stereo, poses_of_another_time_are_told) {
+  const fs::path file = walk() / "mav0/state_groundtruth_estimate0/data.csv";
+  EXPECT_TRUE(open_sequence(of(walk()))->notes().empty());
+  std::ofstream(file) << "# poses\n1000000000,0,0,0,1,0,0,0\n";
+  const auto sequence = open_sequence(of(walk()));
+  ASSERT_EQ(sequence->notes().size(), 1u);
+  expect_in(sequence->notes()[0], "data.csv: no pose within 20 ms of a picture");
+}
+
+TEST_F(Stereo, depth_depends_on_the_calibration) {
+  EXPECT_TRUE(open_sequence(of(walk()))->computes_depth());
+  fs::remove_all(walk() / "mav0/cam1");
+  EXPECT_FALSE(open_sequence(of(walk()))->computes_depth());
 }
 
 TEST_F(Stereo, a_calibration_beside_its_own_is_refused) {

@@ -28,6 +28,22 @@ std::vector<glm::dvec3> moved(const std::vector<glm::dvec3>& points, double scal
   return result;
 }
 
+TEST(Trajectory, a_rigid_matrix_is_told_from_others) {
+  glm::dmat4 pose = glm::mat4_cast(glm::angleAxis(2.1, glm::normalize(glm::dvec3(1, -2, 0.5))));
+  pose[3] = {5, 6, 7, 1};
+  EXPECT_TRUE(is_rigid(pose));
+  glm::dmat4 rounded = pose;
+  for (int column = 0; column < 3; ++column) rounded[column] = glm::round(1000.0 * pose[column]) / 1000.0;
+  EXPECT_TRUE(is_rigid(rounded));
+  EXPECT_FALSE(is_rigid(glm::dmat4(0.0)));
+  EXPECT_FALSE(is_rigid(glm::transpose(pose))) << "column by column";
+  glm::dmat4 larger = pose, mirrored = pose;
+  larger[0] *= 1.1;
+  mirrored[0] *= -1.0;
+  EXPECT_FALSE(is_rigid(larger));
+  EXPECT_FALSE(is_rigid(mirrored));
+}
+
 TEST(Alignment, finds_a_rigid_motion) {
   const Alignment found = align(helix(20), moved(helix(20), 1), false);
   EXPECT_NEAR(found.rmse, 0, 1e-12);
