@@ -399,7 +399,7 @@ static int make_entries(Entry* e) {
   repoint(&scene);
   ++n;
   e[n] = entry("sb_rasterizer_forward, outputs", call_forward_outputs);
-  add(&e[n], SB_FLOAT32, 3, 3, H, W, 0, 0);
+  add(&e[n], SB_FLOAT32, 3, 3, H, W, 1, 0);
   add(&e[n], SB_FLOAT32, 3, 2, H, W, 1, 0);
   add(&e[n], SB_FLOAT32, 3, 1, H, W, 1, 0);
   add(&e[n], SB_FLOAT32, 3, 1, H, W, 1, 0);
