@@ -307,7 +307,7 @@ def test_the_wrong_recipe_changes_nothing(any_host):
     before = files_of(tree)
     for other in ALL_RECIPES:
         if other != recipe:
-            assert f"unknown layout of {other}" in fails("apply", other, tree)
+            assert f"{other} does not fit, but {recipe} does" in fails("apply", other, tree)
     assert files_of(tree) == before
 
 

@@ -195,7 +195,8 @@ def test_a_run_replaces_an_older_one(trained, tmp_path):
     model = tmp_path / "model"
     shutil.copytree(trained, model)
     run_well("render", "-m", model, "--orbit", "2")
-    shutil.copytree(model / "orbit", model / "sequence")
+    (model / "sequence").mkdir()
+    (model / "sequence/00000.ply").write_text("ply")
     run_well("train", "--config", model / "config.json", "-m", model, "--iterations", "5", "--quiet")
     assert not (model / "orbit").exists() and not (model / "sequence").exists()
     assert [path.name for path in (model / "point_cloud").iterdir()] == ["iteration_5"]

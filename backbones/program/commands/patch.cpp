@@ -133,6 +133,7 @@ struct Patch {
 
   /// For a tree that is patched although it has no record: what to do. Empty for other trees.
   std::string lost_record(const patch::SourceTree& tree) const {
+    const std::unique_ptr<patch::TreeLock> lock = tree.lock();  // not while another command patches it
     if (patch::read_manifest(tree)) return "";
     const fs::path folder = recipe_folder();
     std::set<std::string> files;

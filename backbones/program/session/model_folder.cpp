@@ -65,7 +65,7 @@ bool is_called(std::string_view name, std::string_view pattern) {
 void require_only_results(const fs::path& folder) {
   const auto refuse = [&](const fs::path& path) {
     throw InputError(path.string() + ": was not written by a run, and a new run in " + folder.string() +
-                     " would delete it; move it away, or give another --model");
+                     " would delete it; move it away, or choose another --model");
   };
   std::error_code error;
   for (const RunResult& result : kResults) {
