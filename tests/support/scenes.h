@@ -2,6 +2,7 @@
 /// @file Cameras and random Gaussians for tests, and their conversion for the double-precision reference.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -244,6 +245,11 @@ struct GradientData {
         features(scene.features.size(), value),
         screen_means(2 * scene.count, value),
         screen_means_abs(2 * scene.count, value) {}
+
+  std::array<const std::vector<float>*, 11> all() const {
+    return {&means,   &scales, &rotations, &covariances,  &opacities,       &sh_dc,
+            &sh_rest, &colors, &features,  &screen_means, &screen_means_abs};
+  }
 
   GaussianGradients view(GradientMode mode = GradientMode::overwrite) {
     GaussianGradients g;

@@ -135,7 +135,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
   // Planes of a row: transmittance; gradient · (contribution to the image of the splats behind the current one and of
   // the background); upstream gradients of colour, and of alpha and the extra channels.
   constexpr int kFirst = kColor ? 0 : 3;  // first plane of the image that has a gradient
-  constexpr int kBehind = kTileSize, kUpstream = (2 - kFirst) * kTileSize;
+  constexpr int kBehind = kTileSize, kUpstream = 2 * kTileSize;
   TileRows<(kExtra == 0 ? 5 : 6 + kExtra) - kFirst> pixels(frame, tile);
   for (int pixel = 0; pixel < kPixels; pixel += lanes) {
     float* const state = pixels.at(pixel / kTileSize, pixel % kTileSize);
@@ -144,7 +144,7 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
     for (int c = kFirst; c < (kExtra == 0 ? 3 : 4 + extra); ++c) {
       const Vec g = hn::IfThenElseZero(covered, hn::Load(d, upstream + c * kPixels + pixel));
       sum = hn::MulAdd(hn::Load(d, image + c * kPixels + pixel), g, sum);
-      hn::Store(g, d, state + kUpstream + c * kTileSize);
+      hn::Store(g, d, state + kUpstream + (c - kFirst) * kTileSize);
     }
     hn::Store(sum, d, state + kBehind);
   }
@@ -194,9 +194,9 @@ void blend_tile_backward(Frame& frame, std::size_t tile, const float* HWY_RESTRI
             blue = hn::MulAdd(weight, g_blue, blue);
           }
           if (kExtra > 0) {
-            along = hn::Add(along, hn::Load(d, g_row + 3 * kTileSize));  // alpha: a channel with value 1
+            along = hn::Add(along, hn::Load(d, g_row + (3 - kFirst) * kTileSize));  // alpha: a channel with value 1
             for (int c = 0; c < extra; ++c) {
-              const Vec g = hn::Load(d, g_row + (4 + c) * kTileSize);
+              const Vec g = hn::Load(d, g_row + (4 - kFirst + c) * kTileSize);
               along = hn::MulAdd(g, hn::Set(d, channels[c]), along);
               channel_sums[c] = hn::MulAdd(weight, g, channel_sums[c]);
             }

@@ -67,13 +67,7 @@ TEST_P(WithoutColor, ImagesAndGradientsAreTheSame) {
   GradientData of_drawn(scene), of_bare(scene);
   with.backward(scene.view(), upstream, of_drawn.view());
   without.backward(scene.view(), upstream, of_bare.view());
-  expect_same_gradients(of_bare.means, of_drawn.means);
-  expect_same_gradients(of_bare.scales, of_drawn.scales);
-  expect_same_gradients(of_bare.rotations, of_drawn.rotations);
-  expect_same_gradients(of_bare.opacities, of_drawn.opacities);
-  expect_same_gradients(of_bare.features, of_drawn.features);
-  expect_same_gradients(of_bare.screen_means, of_drawn.screen_means);
-  expect_same_gradients(of_bare.screen_means_abs, of_drawn.screen_means_abs);
+  for (std::size_t k = 0; k < of_bare.all().size(); ++k) expect_same_gradients(*of_bare.all()[k], *of_drawn.all()[k]);
   for (const std::vector<float>& rows : {of_bare.sh_dc, of_bare.sh_rest, of_bare.colors}) {
     EXPECT_EQ(rows, std::vector<float>(rows.size(), 0.0f));
   }
