@@ -7,17 +7,10 @@
 #include "registry/boost_settings.h"
 #include "splatboost/errors.h"
 #include "splatboost/select.h"
+#include "vanilla/pruning_rules.h"
 #include "vanilla/scaled_rules.h"
 
 namespace splatboost {
-namespace {
-
-/// Optimizer schedule of the paper's supplement, Sec. 9.1.
-constexpr StepIntervals kRestIntervals{16, 32, 64};
-constexpr StepIntervals kOtherIntervals{1, 32, 64};
-
-}  // namespace
-
 void check(const ConvexBoost& boost) {
   check_setting(boost.beta > 0 && boost.beta <= 1, "beta must be in (0, 1]");
   check_setting(boost.tau_d >= 0 && std::isfinite(boost.tau_d), "tau_d must be at least 0");
@@ -89,10 +82,8 @@ bool ConvexAdapter::growth_ended_at(Moment moment) const {
 bool ConvexAdapter::prunes_late_at(Moment moment) const {
   if (!boost_.vcp) return false;
   if (growth_ended_at(moment)) return moment.iteration < moment.total;
-  const int from = scaled_iteration(boost_.late_prune_from, moment.total);
-  const int interval = scaled_iteration(boost_.late_prune_interval, moment.total);
-  // Not shortly before the end, as in VanillaAdapter.
-  return moment.iteration > from && interval / 10 < moment.total - moment.iteration && moment.iteration % interval == 0;
+  return late_pruning_recurs_at(moment, scaled_iteration(boost_.late_prune_from, moment.total),
+                                scaled_iteration(boost_.late_prune_interval, moment.total));
 }
 
 bool ConvexAdapter::prunes_at(Moment moment, bool backbone_would) const {
@@ -101,33 +92,20 @@ bool ConvexAdapter::prunes_at(Moment moment, bool backbone_would) const {
 
 void ConvexAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) {
   if (!boost_.vcp) return;
-  const std::size_t n = decisions.remove.size();
+  const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
-    SPLATBOOST_CHECK(decisions.origins.size() == n, "pruning within growth needs the origin of each primitive");
-    std::vector<float> weights(n);
-    for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
-    const auto candidates = static_cast<std::size_t>(
-        std::count_if(decisions.remove.begin(), decisions.remove.end(), [](std::uint8_t r) { return r != 0; }));
-    const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
-                              RandomPurpose::prune);
-    keep_weighted_sample(weights, candidates / 2, random, decisions.remove);
+    remove_half_of_candidates(pruning_, RandomStream(boost_.seed, iteration, RandomPurpose::prune), decisions);
     return;
   }
   if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
-  SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   scored_at_ = -1;  // the scores are no longer those of a growth
   score(statistics.moment, rasterizer);
   const double settled = boost_.literal ? 1 : settled_share(statistics.moment, rasterizer.scorable_views());
-  const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled);
-  for (std::size_t i = 0; i < n; ++i) {
-    if (statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score)) {
-      decisions.remove[i] = 1;
-    }
-  }
+  remove_late(statistics, pruning_, static_cast<float>(boost_.late_min_opacity * settled),
+              static_cast<float>(boost_.late_max_score), decisions);
   if (boost_.late_share <= 0 || !growth_ended_at(statistics.moment)) return;
-  const RandomStream random(boost_.seed, static_cast<std::uint64_t>(statistics.moment.iteration),
-                            RandomPurpose::scored_views);
+  const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   select_least(weights_.mean(rasterizer, kWeighedViews, random), boost_.late_share * settled, decisions.remove);
 }
 

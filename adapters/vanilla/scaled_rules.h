@@ -42,6 +42,10 @@ inline double rate_by_visits(double few, double often, double visits) {
 /// The backbones' name of the coefficients of higher SH bands.
 inline constexpr std::string_view kHigherBands = "f_rest";
 
+/// Optimizer schedule of the paper's supplement, Sec. 9.1, not scaled: of kHigherBands, and of all other groups.
+inline constexpr StepIntervals kRestIntervals{16, 32, 64};
+inline constexpr StepIntervals kOtherIntervals{1, 32, 64};
+
 /// Factor on their learning rate: rate_by_visits(), or `often` where the number of
 /// training views is not known (0).
 inline double higher_bands_rate(double few, double often, Moment moment, int training_views) {

@@ -7,16 +7,9 @@
 #include "registry/boost_settings.h"
 #include "splatboost/errors.h"
 #include "splatboost/select.h"
+#include "vanilla/pruning_rules.h"
 
 namespace splatboost {
-namespace {
-
-/// Optimizer schedule of the paper's supplement, Sec. 9.1.
-constexpr StepIntervals kRestIntervals{16, 32, 64};
-constexpr StepIntervals kOtherIntervals{1, 32, 64};
-
-}  // namespace
-
 void check(const VanillaBoost& boost) {
   const auto not_negative = [](double value, const char* reason) {
     check_setting(value >= 0 && std::isfinite(value), reason);
@@ -181,11 +174,7 @@ int VanillaAdapter::late_begin(Moment moment) const {
 bool VanillaAdapter::prunes_late_at(Moment moment) const {
   if (!boost_.vcp) return false;
   if (growth_ended_at(moment)) return moment.iteration < moment.total;
-  const int interval = at(boost_.late_prune_interval, moment);
-  // Not shortly before the end: rounded, the tenth multiple of a tenth of a run may be due before its last iteration,
-  // where nothing would be left to recover in.
-  return moment.iteration > late_begin(moment) && interval / 10 < moment.total - moment.iteration &&
-         moment.iteration % interval == 0;
+  return late_pruning_recurs_at(moment, late_begin(moment), at(boost_.late_prune_interval, moment));
 }
 
 bool VanillaAdapter::prunes_at(Moment moment, bool backbone_would) const {
@@ -208,14 +197,7 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
   const auto iteration = static_cast<std::uint64_t>(statistics.moment.iteration);
   if (decisions.rule == PruneRule::growth) {
     SPLATBOOST_CHECK(scored_at_ == statistics.moment.iteration, "pruning within growth needs a grow() before it");
-    SPLATBOOST_CHECK(decisions.origins.size() == n, "pruning within growth needs the origin of each primitive");
-    // Removes half of the backbone's candidates, drawn by the pruning scores of the Gaussians they were made from.
-    std::vector<float> weights(n);
-    for (std::size_t i = 0; i < n; ++i) weights[i] = pruning_[decisions.origins[i]];
-    const auto candidates = static_cast<std::size_t>(
-        std::count_if(decisions.remove.begin(), decisions.remove.end(), [](std::uint8_t r) { return r != 0; }));
-    keep_weighted_sample(weights, candidates / 2, RandomStream(boost_.seed, iteration, RandomPurpose::prune),
-                         decisions.remove);
+    remove_half_of_candidates(pruning_, RandomStream(boost_.seed, iteration, RandomPurpose::prune), decisions);
     if (weights_before_growth_.empty()) return;
     std::vector<double> blended(n);
     for (std::size_t i = 0; i < n; ++i) blended[i] = weights_before_growth_[decisions.origins[i]];
@@ -224,17 +206,12 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
   }
   if (decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
   if (reaches_cap(statistics, n) && n <= statistics.max_primitives) return;  // above it: begun with more than the cap
-  SPLATBOOST_CHECK(statistics.opacities.size() == n, "late pruning needs the opacities");
   const RandomStream random(boost_.seed, iteration, RandomPurpose::scored_views);
   scored_at_ = -1;  // the scores are no longer those of a growth
   compute_pruning_scores(score(rasterizer, true, random));
   const double settled = boost_.literal ? 1 : settled_share(statistics.moment, rasterizer.scorable_views());
-  const auto min_opacity = static_cast<float>(boost_.late_min_opacity * settled);
-  for (std::size_t i = 0; i < n; ++i) {
-    if (statistics.opacities[i] < min_opacity || pruning_[i] > static_cast<float>(boost_.late_max_score)) {
-      decisions.remove[i] = 1;
-    }
-  }
+  remove_late(statistics, pruning_, static_cast<float>(boost_.late_min_opacity * settled),
+              static_cast<float>(boost_.late_max_score), decisions);
   if (boost_.late_share <= 0 || !growth_ended_at(statistics.moment)) return;
   select_least(weights_.mean(rasterizer, kWeighedViews, random), boost_.late_share * settled, decisions.remove);
 }
