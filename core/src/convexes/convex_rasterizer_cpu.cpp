@@ -1,19 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <chrono>
-
 #include "convexes/convex_backend.h"
 #include "convexes/convex_frame.h"
+#include "rasterizer/raster_clock.h"
 
 namespace splatboost {
 namespace {
-
-/// Runs a stage and measures its duration.
-template <class Stage>
-void timed(double& seconds, Stage&& stage) {
-  const auto start = std::chrono::steady_clock::now();
-  stage();
-  seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
 
 class CpuConvexRasterizer : public ConvexBackend {
  public:

@@ -3,25 +3,14 @@
 
 #include "convexes/cuda_convex_frame.h"
 #include "convexes/cuda_ops.h"
-#include "device/cuda_event.h"
+#include "rasterizer/cuda_raster_clock.h"
 
 namespace splatboost::cuda {
 namespace {
 
 class CudaConvexRasterizer : public ConvexBackend {
  public:
-  explicit CudaConvexRasterizer(CudaStream& stream)
-      : stream_(stream),
-        frame_(stream),
-        start_(stream, cudaEventDefault),
-        projected_(stream, cudaEventDefault),
-        listed_(stream, cudaEventDefault),
-        blended_(stream, cudaEventDefault),
-        backward_start_(stream, cudaEventDefault),
-        blended_backward_(stream, cudaEventDefault),
-        projected_backward_(stream, cudaEventDefault),
-        count_start_(stream, cudaEventDefault),
-        counted_(stream, cudaEventDefault) {}
+  explicit CudaConvexRasterizer(CudaStream& stream) : stream_(stream), frame_(stream), clock_(stream) {}
 
   void forward(const Camera& camera, const Convexes& convexes, const ConvexOptions& options, std::span<float> color,
                std::span<float> alpha) override {
@@ -29,28 +18,28 @@ class CudaConvexRasterizer : public ConvexBackend {
     frame_.options = options;
     frame_.view = make_viewpoint(camera, options);
     frame_.convexes = convexes.count;
-    start_.record();
+    clock_.start.record();
     project_convexes(frame_, convexes, stream_);
-    projected_.record();
+    clock_.projected.record();
     entries_ = build_convex_lists(frame_, stream_);
-    listed_.record();
+    clock_.listed.record();
     blend_convexes(frame_, color, alpha, stream_);
-    blended_.record();
+    clock_.blended.record();
   }
 
   void backward(const Convexes& convexes, std::span<const float> color, std::span<const float> alpha,
                 const ConvexGradients& gradients) override {
-    backward_start_.record();
+    clock_.backward_start.record();
     blend_convexes_backward(frame_, color, alpha, stream_);
-    blended_backward_.record();
+    clock_.blended_backward.record();
     project_convexes_backward(frame_, convexes, gradients, stream_);
-    projected_backward_.record();
+    clock_.projected_backward.record();
   }
 
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
-    count_start_.record();
+    clock_.count_start.record();
     count_flagged_convexes(frame_, flagged, counts, stream_);
-    counted_.record();
+    clock_.counted.record();
   }
 
   void add_weights(std::span<std::int32_t> weights) override { add_convex_weights(frame_, weights, stream_); }
@@ -66,24 +55,14 @@ class CudaConvexRasterizer : public ConvexBackend {
     return counts;
   }
 
-  const RasterSeconds& seconds() override {
-    stream_.synchronize();
-    seconds_.project = seconds_between(start_, projected_);
-    seconds_.tile_lists = seconds_between(projected_, listed_);
-    seconds_.blend = seconds_between(listed_, blended_);
-    seconds_.blend_backward = seconds_between(backward_start_, blended_backward_);
-    seconds_.project_backward = seconds_between(blended_backward_, projected_backward_);
-    seconds_.count = seconds_between(count_start_, counted_);
-    return seconds_;
-  }
+  const RasterSeconds& seconds() override { return seconds_ = clock_.seconds(); }
 
  private:
   CudaStream& stream_;
   CudaConvexFrame frame_;
   std::size_t entries_ = 0;
   RasterSeconds seconds_;
-  Event start_, projected_, listed_, blended_, backward_start_, blended_backward_, projected_backward_, count_start_,
-      counted_;
+  RasterClock clock_;
 };
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include "device/cuda_event.h"
 #include "projection/cuda_frame.h"
 #include "rasterizer/cuda_ops.h"
+#include "rasterizer/cuda_raster_clock.h"
 #include "splatboost/cuda_backward.h"
 #include "splatboost/errors.h"
 
@@ -44,19 +45,7 @@ class TotalsOnHost {
 
 class CudaRasterizer : public RasterizerBackend {
  public:
-  explicit CudaRasterizer(CudaStream& stream)
-      : stream_(stream),
-        frame_(stream),
-        totals_(stream),
-        start_(stream, cudaEventDefault),
-        projected_(stream, cudaEventDefault),
-        listed_(stream, cudaEventDefault),
-        blended_(stream, cudaEventDefault),
-        backward_start_(stream, cudaEventDefault),
-        blended_backward_(stream, cudaEventDefault),
-        projected_backward_(stream, cudaEventDefault),
-        count_start_(stream, cudaEventDefault),
-        counted_(stream, cudaEventDefault) {
+  explicit CudaRasterizer(CudaStream& stream) : stream_(stream), frame_(stream), totals_(stream), clock_(stream) {
     frame_.totals.ensure(1);
     frame_.totals.fill_zero();
   }
@@ -86,32 +75,32 @@ class CudaRasterizer : public RasterizerBackend {
                 const GaussianGradients& gradients) override {
     check_drawn();
     SPLATBOOST_CHECK(gradients.sh_factors.empty(), "sh_factors are available on the CPU only");
-    backward_start_.record();
+    clock_.backward_start.record();
     blend_backward(frame_, image_gradients, !gradients.screen_means_abs.empty(), stream_);
-    blended_backward_.record();
+    clock_.blended_backward.record();
     project_backward(frame_, gaussians, gradients, stream_);
-    projected_backward_.record();
+    clock_.projected_backward.record();
   }
 
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     check_drawn();
-    count_start_.record();
+    clock_.count_start.record();
     count_flagged_pixels(frame_, flagged, counts, stream_);
-    counted_.record();
+    clock_.counted.record();
   }
 
   void add_weights(std::span<std::int32_t> weights) override {
     check_drawn();
-    count_start_.record();
+    clock_.count_start.record();
     add_blending_weights(frame_, weights, stream_);
-    counted_.record();
+    clock_.counted.record();
   }
 
   void count_observed(float min_transmittance, std::span<std::int32_t> counts) override {
     check_drawn();
-    count_start_.record();
+    clock_.count_start.record();
     count_observed_pixels(frame_, min_transmittance, counts, stream_);
-    counted_.record();
+    clock_.counted.record();
   }
 
   bool settle() override {
@@ -133,16 +122,7 @@ class CudaRasterizer : public RasterizerBackend {
     return {known_.visible, known_.entries};
   }
 
-  const RasterSeconds& seconds() override {
-    stream_.synchronize();
-    seconds_.project = seconds_between(start_, projected_);
-    seconds_.tile_lists = seconds_between(projected_, listed_);
-    seconds_.blend = seconds_between(listed_, blended_);
-    seconds_.blend_backward = seconds_between(backward_start_, blended_backward_);
-    seconds_.project_backward = seconds_between(blended_backward_, projected_backward_);
-    seconds_.count = seconds_between(count_start_, counted_);
-    return seconds_;
-  }
+  const RasterSeconds& seconds() override { return seconds_ = clock_.seconds(); }
 
  private:
   /// Draws the frame. @param exactly waits for the frame's totals and makes room for them; otherwise makes room based
@@ -157,9 +137,9 @@ class CudaRasterizer : public RasterizerBackend {
   }
 
   void run_stages(bool exactly) {
-    start_.record();
+    clock_.start.record();
     project(frame_, gaussians_, stream_);
-    projected_.record();
+    clock_.projected.record();
     count_visible(frame_, stream_);
     if (exactly) wait_for(frame_.places, frame_.gaussians, known_.visible, known_.most_visible);
     make_room(visible_room_, known_.most_visible);
@@ -175,9 +155,9 @@ class CudaRasterizer : public RasterizerBackend {
     }
     frame_.keeps_states = cuda_backward() == CudaBackward::per_splat;
     if (frame_.keeps_states) number_buckets(frame_, stream_);
-    listed_.record();
+    clock_.listed.record();
     blend(frame_, images_, stream_);
-    blended_.record();
+    clock_.blended.record();
   }
 
   /// Forgets the totals of all frames: one of them may be too large for the device.
@@ -236,8 +216,7 @@ class CudaRasterizer : public RasterizerBackend {
   FrameTotals known_{};
   std::size_t known_gaussians_ = 0;  ///< largest N at which totals were read; 0: none were yet
   RasterSeconds seconds_;
-  Event start_, projected_, listed_, blended_, backward_start_, blended_backward_, projected_backward_, count_start_,
-      counted_;
+  RasterClock clock_;
 };
 
 }  // namespace
