@@ -19,6 +19,7 @@
 #include "splatboost/select.h"
 #include "splatboost/surface_depth.h"
 #include "splatboost/surface_loss.h"
+#include "splatboost/truth_store.h"
 #include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/backbone_api/training_truths.h"
@@ -52,7 +53,7 @@ class Pgsr final : public GaussianMethod {
         flatness_sums_(device_, {0.0, 0.0}),
         radii_(device_),
         observed_(device_),
-        patch_photos_{Array<std::uint8_t>(device_), Array<std::uint8_t>(device_)},
+        patch_photos_{{{}, 0, device_}, {{}, 0, device_}},
         photometric_(device_),
         no_exposure_(device_, {0.0f, 0.0f}),
         exposure_gradients_(device_, {0.0f, 0.0f}),
@@ -133,7 +134,7 @@ class Pgsr final : public GaussianMethod {
   }
   const View* second_view(const DrawContext& first);
   /// The photo of a view in which patches are compared, if that is not the one it is trained on.
-  std::optional<PatchPhoto> patch_photo(const StepView& view, Array<std::uint8_t>& memory) const;
+  std::optional<PatchPhoto> patch_photo(const StepView& view, TruthStore& memory) const;
   /// Exposure parameters [2] of a training view or its half-size view; empty for other views.
   std::span<float> exposure_of(const View& view, Array<float>& rows) const;
   double add_exposed_loss(const StepView& first);
@@ -164,7 +165,7 @@ class Pgsr final : public GaussianMethod {
   std::span<const std::uint8_t> visible_;          ///< [N] in the first view
   Array<std::int32_t> radii_;                      ///< [N] largest screen radius since the last growth, px
   Array<std::int32_t> observed_;                   ///< [N] number of pixels of a view that observe a Gaussian
-  Array<std::uint8_t> patch_photos_[2];            ///< only on a GPU: of the views of a step
+  TruthStore patch_photos_[2];                     ///< memory for those of the views of a step
   Photometric photometric_;                        ///< for views with exposure
   Array<float> no_exposure_, exposure_gradients_;  ///< for views without compensation
   Array<double> exposure_sums_;
@@ -230,18 +231,13 @@ double Pgsr::add_loss(std::span<const StepView> views) {
                     .total();
 }
 
-std::optional<PatchPhoto> Pgsr::patch_photo(const StepView& view, Array<std::uint8_t>& memory) const {
+std::optional<PatchPhoto> Pgsr::patch_photo(const StepView& view, TruthStore& memory) const {
   if (photo_scale() == 1) return std::nullopt;
   const std::optional<std::size_t> index = training_index(scene_, *view.context.view);
   if (!index) return std::nullopt;  // a virtual camera
   SPLATBOOST_CHECK(*index < scene_.train_rescaled.size(), "ncc_scale needs Scene::train_rescaled");
   const View& photo = scene_.train_rescaled[*index];
-  TruthImage truth = photo.truth();
-  if (device_.is_cuda()) {
-    memory.assign(photo.color);
-    truth.color = memory;
-  }
-  return PatchPhoto{photo.camera, truth};
+  return PatchPhoto{photo.camera, memory.upload(photo.truth())};
 }
 
 std::span<float> Pgsr::exposure_of(const View& view, Array<float>& rows) const {

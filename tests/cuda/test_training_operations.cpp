@@ -285,6 +285,24 @@ TEST_F(CudaTrainingOperations, TruthImagesAreKeptWithinABudgetAndUploadedBeyondI
   EXPECT_EQ(on_host.get(3).color.data(), truths.colors[3].data());
 }
 
+TEST_F(CudaTrainingOperations, TruthImagesOutsideTheStoreAreUploadedWithoutAWait) {
+  const Truths truths(4);
+  TruthStore store({}, 0, stream());
+  for (const std::size_t i : {0u, 3u, 1u, 2u, 3u}) {  // grows its memory at the first two
+    const TruthImage there = store.upload(truths.images[i]);
+    EXPECT_EQ(there.height, truths.images[i].height);
+    EXPECT_EQ(copy_to_host(there.color, stream()), truths.colors[i]);
+    EXPECT_EQ(copy_to_host(there.valid, stream()), truths.valid[i]);
+  }
+  const CudaActivity before = stream().activity();
+  store.upload(truths.images[1]);
+  store.upload(truths.images[2]);
+  EXPECT_EQ(stream().activity().allocations, before.allocations);
+  EXPECT_EQ(stream().activity().synchronizations, before.synchronizations);
+  TruthStore on_host({}, 0, threads_);
+  EXPECT_EQ(on_host.upload(truths.images[3]).valid.data(), truths.valid[3].data());
+}
+
 TEST_F(CudaTrainingOperations, LossesComeBackWithoutAWait) {
   const Truths truths(1);
   const TruthImage& truth = truths.images[0];

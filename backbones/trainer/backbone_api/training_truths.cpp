@@ -39,9 +39,7 @@ TruthImage TrainingTruths::of(const View& view) {
   const std::optional<std::size_t> index = place_in(scene_.train, view);
   if (index && *index < stored_) return store_->get(*index);
   if (const std::optional<std::size_t> half = place_in(scene_.train_halves, view)) return store_->get(stored_ + *half);
-  color_.assign(view.color);
-  valid_.assign(view.valid);
-  return {view.camera.width, view.camera.height, color_, valid_};
+  return store_->upload(view.truth());
 }
 
 }  // namespace splatboost

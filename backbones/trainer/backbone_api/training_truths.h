@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <optional>
 
-#include "splatboost/array.h"
 #include "splatboost/device.h"
 #include "splatboost/truth_store.h"
 #include "trainer/dataset/scene.h"
@@ -31,9 +30,8 @@ class TrainingTruths {
  private:
   const Scene& scene_;
   Device device_;
-  std::optional<TruthStore> store_;                      ///< on a GPU, from the first call on
-  std::size_t stored_ = 0;                               ///< training views in store_; their half-size views follow
-  Array<std::uint8_t> color_{device_}, valid_{device_};  ///< of a view that is not in store_
+  std::optional<TruthStore> store_;  ///< on a GPU, from the first call on
+  std::size_t stored_ = 0;           ///< training views in store_; their half-size views follow
 };
 
 }  // namespace splatboost

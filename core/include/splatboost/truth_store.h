@@ -22,8 +22,10 @@ class TruthStore {
   TruthStore(TruthStore&&) noexcept;
   TruthStore& operator=(TruthStore&&) noexcept;
 
-  /// @return the image in device memory, for work that is queued before the next call
+  /// @return the image in device memory, for work that is queued before the next call of get() or upload()
   TruthImage get(std::size_t image);
+  /// The same for an image in host memory that is not in the store. It may change as soon as this returns.
+  TruthImage upload(const TruthImage& image);
   /// Number of images that are kept on the device; on the CPU all.
   std::size_t kept() const;
 

@@ -64,9 +64,16 @@ TruthImage TruthStore::get(std::size_t image) {
   const TruthImage& truth = s.images[image];
   if (!s.cuda) return truth;
   if (image < s.cuda->places.size()) return image_at(truth, s.cuda->kept.data() + s.cuda->places[image]);
+  return upload(truth);
+}
+
+TruthImage TruthStore::upload(const TruthImage& image) {
+  if (!state_->cuda) return image;
+  OnCuda& cuda = *state_->cuda;
   // The previous image may be overwritten: its readers come earlier in the stream.
-  s.cuda->uploads.upload(truth.color, truth.valid, s.cuda->uploaded.data());
-  return image_at(truth, s.cuda->uploaded.data());
+  cuda.uploaded.ensure(bytes_of(image));
+  cuda.uploads.upload(image.color, image.valid, cuda.uploaded.data());
+  return image_at(image, cuda.uploaded.data());
 }
 
 std::size_t TruthStore::kept() const { return state_->cuda ? state_->cuda->places.size() : state_->images.size(); }
