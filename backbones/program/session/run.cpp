@@ -201,6 +201,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
                     const fs::path& folder, const std::string& command,
                     const std::function<void(const std::string&)>& take_folder) {
   // Measure each run's own peak memory: return what an earlier run freed to the system first.
+  if (bench.lpips) bench.lpips->release_memory();
   malloc_trim(0);
   reset_peak_memory();
   const std::uint64_t resident = resident_memory_bytes();

@@ -98,6 +98,11 @@ struct Lpips::Network {
     for (cv::Mat& map : result) map = map.clone();
     return result;
   }
+
+  std::vector<cv::Mat> run_smallest() {
+    image = std::vector<float>(std::size_t{3} * kSmallest * kSmallest, 0.5f);
+    return run(kSmallest, kSmallest);
+  }
 };
 
 Lpips::Lpips(const std::filesystem::path& onnx) : network_(std::make_unique<Network>()) {
@@ -110,14 +115,16 @@ Lpips::Lpips(const std::filesystem::path& onnx) : network_(std::make_unique<Netw
     network_->net = cv::dnn::readNetFromONNX(onnx.string());
     network_->net.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
     network_->outputs = find_outputs(network_->net);
-    network_->image.assign(3 * kSmallest * kSmallest, 0.5f);
-    if (is_tap_list(network_->run(kSmallest, kSmallest))) return;
+    if (is_tap_list(network_->run_smallest())) return;
   } catch (const cv::Exception&) {
   }
   throw InputError("LPIPS weights: " + onnx.string() + " is damaged or was not made by scripts/lpips_to_onnx.");
 }
 
 Lpips::~Lpips() = default;
+
+// For an image of another size OpenCV allocates all maps again.
+void Lpips::release_memory() { network_->run_smallest(); }
 
 double Lpips::distance(std::span<const float> render, const TruthImage& truth) {
   const std::size_t pixels = static_cast<std::size_t>(truth.width) * static_cast<std::size_t>(truth.height);

@@ -27,6 +27,8 @@ class Lpips {
   ~Lpips();
   /// Throws InputError if the images are smaller than kSmallest.
   double distance(std::span<const float> render, const TruthImage& truth);
+  /// Frees the feature maps of the last images, which the network keeps.
+  void release_memory();
 
  private:
   struct Network;
