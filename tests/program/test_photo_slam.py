@@ -74,7 +74,7 @@ def test_a_changed_signature_is_refused(tmp_path):
     before = files_of(tree)
     done = run_program("patch", "apply", "photo-slam", tree)
     assert done.returncode == 2
-    assert "densifyAndSplit" in done.stderr and "the patch lets it do the surgery" in done.stderr
+    assert "densifyAndSplit" in done.stderr and "the patch calls it to change the Gaussians" in done.stderr
     assert files_of(tree) == before
 
 

@@ -14,9 +14,9 @@ _USAGE = """usage: python -m splatboost doctor [CHECKOUT]
 
   doctor   shows which parts of SplatBoost, torch and CUDA are installed and how to install what is missing; with the
            folder of a backbone's checkout, also checks the Python modules that its scripts need
-  view     shows a trained model in a browser, or the two of a comparison side by side (see --help)
+  view     shows a trained model in a browser, or the two of a comparison side by side (options: python -m splatboost view --help)
 
-python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (see --help)
+python -m splatboost.cpu SCRIPT …   runs a checkout's script on the CPU (options: python -m splatboost.cpu --help)
 """
 
 

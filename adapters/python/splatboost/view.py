@@ -356,7 +356,8 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m splatboost view", description="Shows a trained model in a browser.",
         epilog="Drag to orbit, wheel to zoom, right button to move; click on a camera's frustum to look through it. "
-               "example: python -m splatboost view OUT   (of splatboost compare: both models side by side)")
+               "Example: python -m splatboost view OUT. For a folder of splatboost compare both models are shown side by "
+               "side.")
     parser.add_argument("models", metavar="MODEL", nargs="+",
                         help="model folder, .ply file, or a folder of splatboost compare; two are shown side by side")
     parser.add_argument("--live", action="store_true", help="reload the model whenever it is saved during training")

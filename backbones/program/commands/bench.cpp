@@ -178,7 +178,7 @@ struct Bench {
     add_checked_option(app, "-o,--output", output, "write the figures as JSON")->type_name("FILE");
     add_checked_option(app, "--compare", compare, "JSON file of an earlier run; also prints the ratios of the times")
         ->type_name("FILE");
-    add_checked_option(app, "--scenes", scenes, "scenes to time: 20k, 60k, 200k [these three], convexes")
+    add_checked_option(app, "--scenes", scenes, "scenes to time, of 20k, 60k, 200k and convexes [20k,60k,200k]")
         ->delimiter(',')
         ->type_name("NAME,NAME");
     add_checked_option(app, "--repeats", repeats, "number of iterations; the median is reported")

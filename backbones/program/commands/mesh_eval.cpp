@@ -62,7 +62,7 @@ struct MeshEval {
         ->type_name("FILE");
     app.add_flag("--vertices", vertices, "use the vertices of the mesh as its points, as in Tanks and Temples");
     add_checked_option(app, "-o,--output", output, "also write the results as JSON")->type_name("FILE");
-    add_checked_option(app, "--threads", threads, "number of threads; 0: all CPUs")
+    add_checked_option(app, "--threads", threads, "number of threads; 0: all CPUs available to the process")
         ->type_name("N")
         ->capture_default_str();
   }

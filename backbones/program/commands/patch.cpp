@@ -37,8 +37,7 @@ std::string size_of(const patch::Outcome& outcome) {
 struct Patch {
   explicit Patch(CLI::App& command_app) : app(command_app) {
     app.require_subcommand(0, 1);
-    add_checked_option(app, "--recipes", recipes, "folder of recipes; default: those of this program")
-        ->type_name("DIR");
+    add_checked_option(app, "--recipes", recipes, "folder of recipes [those of this program]")->type_name("DIR");
     list = subcommand("list", "List the recipes and their layouts");
     show = subcommand("show", "Show what a recipe changes, and why");
     apply = subcommand("apply", "Patch a checkout; patching it again changes nothing");

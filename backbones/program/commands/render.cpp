@@ -47,7 +47,10 @@ struct Render {
     set.add("-o,--output", output, "folder of the PNG files [the model folder]", false)->type_name("DIR");
     set.add("--orbit", orbit, "render N views on a circle around the scene instead of the scene's views", false)
         ->type_name("N");
-    set.add("--video", video, "write the circle as a video instead of PNG files; time advances too", false)
+    set.add("--video", video,
+            "write the circle as a video instead of PNG files, of as many frames as --orbit has views [120]; time "
+            "advances too",
+            false)
         ->type_name("FILE.mp4");
     set.add("--time", time, "time in [0, 1] for a moving scene, instead of each view's own", false)->type_name("T");
     set.add("--view", view, "with --orbit or --video: keep this view's camera while time advances", false)

@@ -165,7 +165,9 @@ void add_boost_options(OptionSet& set, RunOptions& options) {
 
 void add_machine_options(OptionSet& set, RunOptions& options) {
   set.set_group("Machine");
-  set.add("--device", options.device, "cpu, cuda, or cuda:N of several GPUs")->type_name("NAME")->capture_default_str();
+  set.add("--device", options.device, "cpu, cuda, or cuda:N, the N-th GPU from 0")
+      ->type_name("NAME")
+      ->capture_default_str();
   set.add("--threads", options.threads, "number of threads; 0: all CPUs available to the process")
       ->type_name("N")
       ->capture_default_str();

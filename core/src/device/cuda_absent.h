@@ -7,7 +7,7 @@
 namespace splatboost {
 
 [[noreturn]] inline void absent() {
-  throw NoDeviceError("this build of SplatBoost has no CUDA: build it where nvcc is installed, or use the CPU");
+  throw NoDeviceError("this build of SplatBoost has no CUDA: build it where nvcc is installed");
 }
 
 }  // namespace splatboost

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a patched host calls: one module a backbone. `splatboost patch show NAME` tells where the calls stand."""
+"""What a patched host calls: one module per backbone. `splatboost patch show NAME` shows where the calls are."""
