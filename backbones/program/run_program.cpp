@@ -10,6 +10,7 @@
 #include <new>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -92,6 +93,16 @@ std::string unknown_argument(const std::string& argument, const CLI::App& app) {
   return "'" + argument + "' is not expected here; options start with --";
 }
 
+/// How to use less memory, if the command has an option for it.
+std::string memory_advice(const std::vector<CLI::App*>& chosen) {
+  std::string advice;
+  for (const auto& [option, change] : {std::pair("--resolution", "lower"), std::pair("--max-primitives", "set")}) {
+    if (chosen.empty() || chosen.front()->get_option_no_throw(option) == nullptr) continue;
+    advice += std::string(advice.empty() ? ": " : " or ") + change + " " + option;
+  }
+  return advice;
+}
+
 int run_commands(int argc, char** argv) {
   CLI::App program("SplatBoost trains 3D Gaussian Splatting faster, with fewer Gaussians.", "splatboost");
   program.formatter(std::make_shared<HelpFormatter>());
@@ -172,7 +183,7 @@ int run_commands(int argc, char** argv) {
   } catch (const NoDeviceError& error) {
     return fail(kUsage, where, error.what());
   } catch (const std::bad_alloc&) {
-    return fail(kFailure, where, "out of memory: lower --resolution or set --max-primitives");
+    return fail(kFailure, where, "out of memory" + memory_advice(program.get_subcommands()));
   } catch (const DeviceMemoryError& error) {
     return fail(kFailure, where, std::string(error.what()) + "; use --device cpu to run without a GPU");
   } catch (const std::filesystem::filesystem_error& error) {

@@ -16,7 +16,7 @@ struct View {
   std::string name;  ///< path relative to the image folder, as written in the dataset
   Camera camera;
   std::vector<std::uint8_t> color;  ///< [3,H,W]
-  std::vector<std::uint8_t> valid;  ///< [H,W] non-zero where the photo has data; empty: everywhere
+  std::vector<std::uint8_t> valid;  ///< [H,W] non-zero where the photo has data that its mask allows; empty: everywhere
   float time = 0;                   ///< [0,1] for dynamic scenes
   TruthImage truth() const { return {camera.width, camera.height, color, valid}; }
 };

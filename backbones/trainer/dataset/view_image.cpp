@@ -5,10 +5,12 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <new>
 #include <utility>
 #include <vector>
 
 #include "splatboost/errors.h"
+#include "trainer/dataset/picture_size.h"
 #include "trainer/images/image_codec.h"
 #include "trainer/images/image_damage.h"
 #include "trainer/support/atomic_file.h"
@@ -58,10 +60,17 @@ bool is_transparent(const Pixels& pixels) {
   return false;
 }
 
-Pixels decode(const Photo& photo) {
+std::string size_text(int width, int height) { return std::to_string(width) + "x" + std::to_string(height); }
+
+/// @param check_size function of width and height that throws InputError unless the image may have them; it is called
+/// before decoding if the file has a header
+template <class CheckSize>
+Pixels decode(const Photo& photo, const CheckSize& check_size) {
   const std::vector<std::uint8_t> bytes = read_bytes(photo);
   require_whole_image(bytes, photo.file.string());
+  if (const auto size = size_in_header(bytes)) check_size(size->width, size->height);
   Pixels pixels = decode_image(bytes, photo.file.string());
+  check_size(pixels.width, pixels.height);
   // OpenCV returns their colours multiplied by alpha; rounding makes this irreversible.
   const bool tiff = has_magic(bytes, {"II*\0", 4}) || has_magic(bytes, {"MM\0*", 4});
   if (tiff && pixels.bits == 8 && is_transparent(pixels)) {
@@ -102,13 +111,25 @@ Pixels to_rgb(Pixels pixels, bool white_background) {
   return rgb;
 }
 
+/// Throws InputError if the photo on disk has another size than its camera. Reduced copies (images_2, images_4, …) have
+/// one scale for both axes, up to the rounding of the size.
+void require_size_of_camera(const Photo& photo, int width, int height) {
+  const Lens& lens = photo.lens;
+  const int wide = lens.width == 0 ? width : lens.width, high = lens.height == 0 ? height : lens.height;
+  const double scale_x = static_cast<double>(width) / wide, scale_y = static_cast<double>(height) / high;
+  if (std::abs(height - high * scale_x) > 1.0 && std::abs(width - wide * scale_y) > 1.0) {
+    fail(photo, "is " + size_text(width, height) + ", but its camera in " + photo.listed_in.string() + " is " +
+                    size_text(wide, high) + "; only a uniformly scaled image may differ in size");
+  }
+}
+
 /// The lens in pixels of the photo on disk, with all defaults filled in.
 Lens lens_of_photo(const Photo& photo, int width, int height) {
   Lens lens = photo.lens;
   if (lens.width == 0) lens.width = width;
   if (lens.height == 0) lens.height = height;
-  if (lens.fx == 0 && lens.angle_x > 0) {
-    lens.fx = 0.5 * lens.width / std::tan(0.5 * lens.angle_x);
+  if (lens.fx == 0) {
+    if (lens.angle_x > 0) lens.fx = 0.5 * lens.width / std::tan(0.5 * lens.angle_x);
     if (lens.fy == 0 && lens.angle_y > 0) lens.fy = 0.5 * lens.height / std::tan(0.5 * lens.angle_y);
   }
   if (lens.fx == 0) lens.fx = lens.fy;
@@ -117,14 +138,8 @@ Lens lens_of_photo(const Photo& photo, int width, int height) {
   lens.cy = lens.cy.value_or(0.5 * lens.height);
   if (lens.width == width && lens.height == height) return lens;
 
-  // Reduced copies (images_2, images_4, …) have one scale for both axes, up to the rounding of the size.
   const double scale_x = static_cast<double>(width) / lens.width;
   const double scale_y = static_cast<double>(height) / lens.height;
-  if (std::abs(height - lens.height * scale_x) > 1.0 && std::abs(width - lens.width * scale_y) > 1.0) {
-    fail(photo, "is " + std::to_string(width) + "x" + std::to_string(height) + ", but its camera in " +
-                    photo.listed_in.string() + " is " + std::to_string(lens.width) + "x" + std::to_string(lens.height) +
-                    "; only a uniformly scaled image may differ in size");
-  }
   lens.width = width;
   lens.height = height;
   lens.fx *= scale_x;
@@ -146,8 +161,32 @@ double fold_radius(const Lens& lens, double largest) {
   return largest;
 }
 
-/// Resamples to the pinhole of the same focal lengths and principal point. @return [H,W] 255: valid, 0: no data
-Pixels undistort(const Lens& lens, Pixels& rgb, const std::string& where) {
+/// The mask of a photo of width × height. @return [H,W] 255: valid, 0: black
+Pixels read_mask(const Photo& photo, int width, int height) {
+  Photo mask;
+  mask.file = photo.mask_file;
+  mask.listed_in = photo.listed_in;
+  const Pixels stored = decode(mask, [&](int mask_width, int mask_height) {
+    if (mask_width == width && mask_height == height) return;
+    fail(mask, "is " + size_text(mask_width, mask_height) + ", but its photo " + photo.file.string() + " is " +
+                   size_text(width, height) + "; a mask must have the size of its photo");
+  });
+  // Alpha, the last of four channels, is no part of the mask.
+  const auto value = static_cast<std::size_t>(stored.bits / 8),
+             pixel = value * static_cast<std::size_t>(stored.channels);
+  const std::size_t colors = stored.channels == 4 ? 3 * value : pixel;
+  Pixels valid{width, height, 1, 8, std::vector<std::uint8_t>(count_pixels(stored))};
+  for (std::size_t p = 0; p < valid.bytes.size(); ++p) {
+    const std::uint8_t* from = stored.bytes.data() + p * pixel;
+    valid.bytes[p] = std::any_of(from, from + colors, [](std::uint8_t byte) { return byte != 0; }) ? 255 : 0;
+  }
+  return valid;
+}
+
+/// Resamples to the pinhole of the same focal lengths and principal point.
+/// @param mask its values are those of the nearest pixels; may be empty
+/// @return [H,W] 255: valid, 0: no data
+Pixels undistort(const Lens& lens, Pixels& rgb, Pixels& mask, const std::string& where) {
   const double far_x = std::max(*lens.cx, lens.width - *lens.cx) / lens.fx;
   const double far_y = std::max(*lens.cy, lens.height - *lens.cy) / lens.fy;
   const double fold = fold_radius(lens, std::hypot(far_x, far_y));
@@ -156,6 +195,10 @@ Pixels undistort(const Lens& lens, Pixels& rgb, const std::string& where) {
   positions.reserve(2 * count_pixels(rgb));
   Pixels valid{rgb.width, rgb.height, 1, 8, {}};
   valid.bytes.reserve(count_pixels(rgb));
+  const std::vector<std::uint8_t> distorted_mask = mask.bytes;
+  const auto nearest = [](double source, int side) {
+    return static_cast<std::size_t>(std::clamp(static_cast<int>(std::lround(source)), 0, side - 1));
+  };
   for (int row = 0; row < rgb.height; ++row) {
     for (int column = 0; column < rgb.width; ++column) {
       const double x = (column + 0.5 - *lens.cx) / lens.fx;
@@ -169,6 +212,11 @@ Pixels undistort(const Lens& lens, Pixels& rgb, const std::string& where) {
       const double source_y = lens.fy * v + *lens.cy - 0.5;
       const bool inside = source_x >= -0.5 && source_y >= -0.5 && source_x <= rgb.width - 0.5 &&
                           source_y <= rgb.height - 0.5 && r2 <= fold * fold;
+      if (inside && !distorted_mask.empty()) {
+        mask.bytes[valid.bytes.size()] =
+            distorted_mask[nearest(source_y, rgb.height) * static_cast<std::size_t>(rgb.width) +
+                           nearest(source_x, rgb.width)];
+      }
       valid.bytes.push_back(inside ? 255 : 0);
       positions.push_back(inside ? static_cast<float>(source_x) : -1e4f);
       positions.push_back(inside ? static_cast<float>(source_y) : -1e4f);
@@ -217,7 +265,7 @@ void write_png_of(const std::filesystem::path& path, int width, int height, int 
 
 /// The size divided by `scale`, if the photo is that large. Throws InputError, beginning with `where`.
 ImageSize rescaled(ImageSize size, double scale, ImageSize photo, const std::string& where) {
-  const auto text = [](ImageSize s) { return std::to_string(s.width) + "x" + std::to_string(s.height); };
+  const auto text = [](ImageSize s) { return size_text(s.width, s.height); };
   const ImageSize wanted{std::max(1, static_cast<int>(size.width / scale)),
                          std::max(1, static_cast<int>(size.height / scale))};
   // `size` may have been rounded up.
@@ -242,7 +290,8 @@ void check_lens(const Lens& lens, const std::string& where) {
           "the focal length must be a finite number above zero");
   const auto angle = [&](double value) { return value == 0 || (positive(value) && value < 3.14); };
   require(angle(lens.angle_x) && angle(lens.angle_y), "the field of view must lie between 0 and pi radians");
-  require(lens.fx > 0 || lens.fy > 0 || lens.angle_x > 0, "neither a focal length nor a field of view is given");
+  require(lens.fx > 0 || lens.fy > 0 || lens.angle_x > 0 || lens.angle_y > 0,
+          "neither a focal length nor a field of view is given");
   require(std::isfinite(lens.cx.value_or(0)) && std::isfinite(lens.cy.value_or(0)),
           "the principal point must be finite");
   require(std::isfinite(lens.k1) && std::isfinite(lens.k2) && std::isfinite(lens.k3) && std::isfinite(lens.p1) &&
@@ -274,7 +323,12 @@ void check_resolution(int resolution) {
 }
 
 LoadedView load_view(const Photo& photo, const ImageOptions& options) {
-  return load_view(photo, options, decode(photo));
+  try {
+    return load_view(photo, options,
+                     decode(photo, [&](int width, int height) { require_size_of_camera(photo, width, height); }));
+  } catch (const std::bad_alloc&) {
+    fail(photo, "there is not enough memory to read it; use smaller photos, or a larger --resolution divisor");
+  }
 }
 
 LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels stored) {
@@ -283,12 +337,14 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
   loaded.photo_size = {stored.width, stored.height};
   loaded.transparent = is_transparent(stored);
   Pixels rgb = to_rgb(std::move(stored), options.white_background);
+  require_size_of_camera(photo, rgb.width, rgb.height);
   Lens lens = lens_of_photo(photo, rgb.width, rgb.height);
 
-  Pixels valid;
+  Pixels valid, mask;
+  if (!photo.mask_file.empty()) mask = read_mask(photo, rgb.width, rgb.height);
   loaded.undistorted = lens.distorted();
   if (loaded.undistorted) {
-    valid = undistort(lens, rgb, where);
+    valid = undistort(lens, rgb, mask, where);
     const auto left = static_cast<std::size_t>(std::ranges::count(valid.bytes, std::uint8_t{255}));
     if (static_cast<double>(left) < kLeastUndistorted * static_cast<double>(valid.bytes.size())) {
       fail(photo, "undistorting it leaves " + std::to_string(left) + " of " + std::to_string(valid.bytes.size()) +
@@ -296,12 +352,17 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
     }
   }
 
+  for (std::size_t p = 0; p < mask.bytes.size() && loaded.undistorted; ++p) {
+    mask.bytes[p] = std::min(mask.bytes[p], valid.bytes[p]);
+  }
+  if (!mask.bytes.empty()) valid = std::move(mask);
+
   ImageSize size = target_size(rgb.width, rgb.height, options.resolution);
   if (options.photo_scale != 1) size = rescaled(size, options.photo_scale, {rgb.width, rgb.height}, where);
   if (size != loaded.photo_size) {
     loaded.limited = options.resolution == -1;
     rgb = shrink_image(rgb, size.width, size.height, where);
-    if (loaded.undistorted) {
+    if (!valid.bytes.empty()) {
       valid = shrink_image(valid, size.width, size.height, where);
       for (std::uint8_t& value : valid.bytes) value = value == 255 ? 255 : 0;  // all source pixels valid
     }
@@ -315,6 +376,10 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
   // A mask that is valid everywhere is dropped: no mask is cheaper.
   if (std::ranges::any_of(valid.bytes, [](std::uint8_t value) { return value == 0; })) {
     view.valid = std::move(valid.bytes);
+    if (!photo.mask_file.empty() && std::ranges::count(view.valid, std::uint8_t{0}) == std::ssize(view.valid)) {
+      fail(photo, "its mask " + photo.mask_file.string() + " leaves no pixel of it; remove the image from " +
+                      photo.listed_in.string() + ", or correct the mask");
+    }
   }
   view.camera.width = lens.width;
   view.camera.height = lens.height;
@@ -334,7 +399,7 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
 RawImage read_raw_image(const std::filesystem::path& file) {
   Photo photo;
   photo.file = file;
-  const Pixels pixels = decode(photo);
+  const Pixels pixels = decode(photo, [](int, int) {});
   RawImage raw{pixels.width, pixels.height, pixels.channels, pixels.bits, {}};
   if (pixels.bits == 8) {
     raw.values.assign(pixels.bytes.begin(), pixels.bytes.end());

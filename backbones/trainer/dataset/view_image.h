@@ -22,8 +22,8 @@ struct Pixels;
 struct Lens {
   int width = 0;  ///< 0: the photo's own
   int height = 0;
-  double fx = 0;       ///< 0: from angle_x, or else from fy
-  double fy = 0;       ///< 0: from angle_y if fx comes from angle_x and there is one, else equal to fx
+  double fx = 0;       ///< 0: from angle_x, or else equal to fy
+  double fy = 0;       ///< 0: from angle_y if fx is not given and there is one, else equal to fx
   double angle_x = 0;  ///< full field of view in radians; 0: not known
   double angle_y = 0;
   std::optional<double> cx;  ///< unset: the image centre
@@ -38,6 +38,7 @@ struct Lens {
 struct Photo {
   std::string name;  ///< View::name
   std::filesystem::path file;
+  std::filesystem::path mask_file;  ///< of the photo's size, black where it is not to be used; empty: none
   std::filesystem::path listed_in;  ///< the file that lists it, for error messages
   Lens lens;
   glm::dmat4 camera_from_world{1.0};
@@ -76,7 +77,7 @@ struct LoadedView {
 
 /// Reads one photo. Alpha is straight and composited over white or black; 16 bit becomes 8 bit, grey becomes RGB;
 /// a distorted photo is resampled to the pinhole of the same focal lengths and principal point, and pixels without
-/// data are not valid; downsampling averages areas. Throws InputError in one line.
+/// data or with a black mask are not valid; downsampling averages areas. Throws InputError in one line.
 LoadedView load_view(const Photo& photo, const ImageOptions& options);
 /// Same, for pixels that are already decoded.
 LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels stored);

@@ -119,6 +119,11 @@ class BinaryReader {
     remaining_ -= bytes;
   }
 
+  /// Throws if bytes remain: a damaged count would silently drop records.
+  void require_end() const {
+    if (remaining_ > 0) fail(file_, "is damaged: bytes follow its end; copy it again");
+  }
+
  private:
   void need(std::uint64_t bytes) const {
     if (bytes > remaining_) fail(file_, "is cut short; copy it again");
@@ -218,6 +223,7 @@ std::vector<ColmapCamera> read_cameras_binary(const std::filesystem::path& file)
     camera.params.resize(model_of(file, camera.id, camera.model).parameters);
     for (double& value : camera.params) value = in.read<double>();
   }
+  in.require_end();
   return cameras;
 }
 
@@ -252,6 +258,7 @@ std::vector<ColmapImage> read_images_binary(const std::filesystem::path& file) {
     constexpr std::uint64_t kObservationBytes = 8 + 8 + 8;
     in.skip(kObservationBytes * in.read_count(kObservationBytes, "2D points of image '" + image.name + "'"));
   }
+  in.require_end();
   return images;
 }
 
@@ -320,6 +327,7 @@ PointCloud read_points_binary(const std::filesystem::path& file) {
     in.skip(kTrackBytes * in.read_count(kTrackBytes, "observations of point " + std::to_string(i)));
     append_point(file, points, position, color);
   }
+  in.require_end();
   return points;
 }
 

@@ -3,7 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <iterator>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <set>
 #include <utility>
 
 #include <glm/geometric.hpp>
@@ -11,6 +16,7 @@
 #include <glm/matrix.hpp>
 
 #include "splatboost/threads.h"
+#include "trainer/formats/frame_times.h"
 #include "trainer/formats/npy.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
@@ -93,6 +99,93 @@ void read_pose(const double* row, const std::string& where, Photo& photo) {
   check_lens(photo.lens, where);
 }
 
+/// A camera of the rig.
+struct RigCamera {
+  fs::path source;
+  std::vector<fs::path> files;        ///< its pictures; none if the source is a video
+  std::vector<std::int64_t> numbers;  ///< of its frames, counted from the first of the rig
+};
+
+/// Whether each picture has a number of its own in its name.
+bool have_frame_numbers(const std::vector<fs::path>& files) {
+  std::set<std::int64_t> numbers;
+  for (const fs::path& file : files) {
+    const std::int64_t number = frame_number(file.filename().string());
+    if (number < 0 || !numbers.insert(number).second) return false;
+  }
+  return true;
+}
+
+/// Numbers the frames of folders by the names of their pictures, so that a missing picture does not shift the times of
+/// those after it. If names have no such numbers, pictures are numbered in order, and each camera must have as many.
+void number_pictures(std::vector<RigCamera>& cameras) {
+  std::vector<RigCamera*> folders;
+  for (RigCamera& camera : cameras) {
+    if (!camera.files.empty()) folders.push_back(&camera);
+  }
+  const bool named = std::ranges::all_of(folders, [](const auto* folder) { return have_frame_numbers(folder->files); });
+  std::int64_t first = std::numeric_limits<std::int64_t>::max();
+  for (RigCamera* folder : folders) {
+    const std::vector<fs::path>& reference = folders.front()->files;
+    require(named || folder->files.size() == reference.size(),
+            folder->source.string() + ": holds " + counted(folder->files.size(), "picture") + ", but " +
+                folders.front()->source.filename().string() + " holds " + std::to_string(reference.size()) +
+                "; add the missing ones, or give each picture the number of its frame as its name");
+    for (std::size_t i = 0; i < folder->files.size(); ++i) {
+      const std::string name = folder->files[i].filename().string();
+      folder->numbers.push_back(named ? frame_number(name) : static_cast<std::int64_t>(i));
+      first = std::min(first, folder->numbers.back());
+    }
+  }
+  for (RigCamera* folder : folders) {
+    for (std::int64_t& number : folder->numbers) number -= first;
+  }
+}
+
+/// @param lengths those of measure_videos()
+std::vector<RigCamera> number_frames(const std::vector<fs::path>& sources, const std::vector<VideoLength>& lengths) {
+  std::vector<RigCamera> cameras;
+  for (std::size_t c = 0; c < sources.size(); ++c) {
+    RigCamera& camera = cameras.emplace_back();
+    camera.source = sources[c];
+    if (!is_video(camera.source)) camera.files = pictures_of(camera.source);
+    camera.numbers.resize(lengths[c].readable);
+    std::iota(camera.numbers.begin(), camera.numbers.end(), 0);
+  }
+  number_pictures(cameras);
+  for (const RigCamera& camera : cameras) {
+    require(!camera.numbers.empty(), camera.source.string() + ": holds no frames");
+  }
+  return cameras;
+}
+
+/// One line if a folder lacks pictures of frames that another one has, among those up to `last`; else empty.
+std::string note_on_missing_pictures(const std::vector<RigCamera>& cameras, std::int64_t last) {
+  std::map<std::int64_t, fs::path> examples;
+  for (const RigCamera& camera : cameras) {
+    for (std::size_t i = 0; i < camera.files.size(); ++i) {
+      if (camera.numbers[i] <= last) examples.try_emplace(camera.numbers[i], camera.files[i]);
+    }
+  }
+  std::size_t count = 0;
+  std::string first;
+  for (const RigCamera& camera : cameras) {
+    if (camera.files.empty()) continue;
+    const std::set<std::int64_t> own(camera.numbers.begin(), camera.numbers.end());
+    for (const auto& [number, example] : examples) {
+      if (own.contains(number)) continue;
+      if (++count > 1) continue;
+      first = camera.source.string() + ": has no picture of the frame that " +
+              example.lexically_relative(camera.source.parent_path()).string() + " shows";
+    }
+  }
+  if (count == 0) return {};
+  const std::string others = count == 1   ? ""
+                             : count == 2 ? " (and 1 more picture is missing)"
+                                          : " (and " + std::to_string(count - 1) + " more pictures are missing)";
+  return first + others + "; training uses the pictures that exist";
+}
+
 /// Length of each camera's video, counted up to `frames` (0: all); zero for folders.
 std::vector<VideoLength> measure_videos(const std::vector<fs::path>& cameras, int frames) {
   std::vector<VideoLength> lengths(cameras.size());
@@ -136,41 +229,45 @@ NeuralVideo read_neural_video(const fs::path& folder, int frames) {
                                                 " videos or folders cam* beside it");
 
   const std::vector<VideoLength> lengths = measure_videos(cameras, frames);
+  const std::vector<RigCamera> rig_cameras = number_frames(cameras, lengths);
+  std::set<std::int64_t> numbers;
+  for (const RigCamera& camera : rig_cameras) numbers.insert(camera.numbers.begin(), camera.numbers.end());
+  std::size_t most = numbers.size();
+  for (const VideoLength& length : lengths) {
+    // Frames beyond those requested are not decoded: only the claimed number is known.
+    if (frames > 0 && length.readable >= static_cast<std::size_t>(frames)) most = std::max(most, length.claimed);
+  }
+  const std::size_t used = frames == 0 ? numbers.size() : std::min(numbers.size(), static_cast<std::size_t>(frames));
+  const std::int64_t last = *std::next(numbers.begin(), static_cast<std::ptrdiff_t>(used - 1));
+
   NeuralVideo rig;
   std::vector<std::vector<Photo>> of_cameras;
-  std::size_t most = 0;
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const bool video = is_video(cameras[c]);
-    const std::vector<fs::path> files = video ? std::vector<fs::path>{} : pictures_of(cameras[c]);
-    const std::size_t readable = video ? lengths[c].readable : files.size();
-    const std::size_t count = frames == 0 ? readable : std::min(readable, static_cast<std::size_t>(frames));
-    // Frames beyond those requested are not decoded: only the claimed number is known.
-    const bool all_known = !video || frames == 0 || count < static_cast<std::size_t>(frames);
-    const std::size_t there = all_known ? readable : std::max(readable, lengths[c].claimed);
-    require(count > 0, cameras[c].string() + ": holds no frames");
-    most = std::max(most, there);
+    const RigCamera& camera = rig_cameras[c];
     Photo photo;
     photo.listed_in = poses_file;
     read_pose(poses.values.data() + kRow * c, poses_file.string() + ": camera " + std::to_string(c), photo);
     std::vector<Photo>& photos = of_cameras.emplace_back();
-    for (std::size_t f = 0; f < count; ++f) {
+    for (std::size_t f = 0; f < camera.numbers.size(); ++f) {
+      if (camera.numbers[f] > last) continue;
       std::string number = std::to_string(f);
       number.insert(0, 4 - std::min<std::size_t>(number.size(), 4), '0');
-      photo.name = cameras[c].stem().string() + "/" + (video ? number + ".png" : files[f].filename().string());
-      photo.file = video ? cameras[c] : files[f];
+      photo.name = cameras[c].stem().string() + "/" + (video ? number + ".png" : camera.files[f].filename().string());
+      photo.file = video ? cameras[c] : camera.files[f];
       photo.video_frame = video ? static_cast<int>(f) : -1;
-      photo.time = static_cast<double>(f);
+      photo.time = last > 0 ? static_cast<double>(camera.numbers[f]) / static_cast<double>(last) : 0;
       photos.push_back(photo);
     }
+    require(!photos.empty(), cameras[c].string() + ": holds none of the first " + counted(used, "frame") +
+                                 " of the other cameras; use --frames for more");
   }
-  std::size_t longest = 0;
-  for (const auto& photos : of_cameras) longest = std::max(longest, photos.size());
-  for (auto& photos : of_cameras) {
-    for (Photo& photo : photos) photo.time = longest > 1 ? photo.time / static_cast<double>(longest - 1) : 0;
-  }
-  if (longest < most) {
-    rig.notes.push_back("using the first " + std::to_string(longest) + " of " + std::to_string(most) +
+  if (used < most) {
+    rig.notes.push_back("using the first " + std::to_string(used) + " of " + std::to_string(most) +
                         " frames of each camera; use --frames for more");
+  }
+  if (std::string note = note_on_missing_pictures(rig_cameras, last); !note.empty()) {
+    rig.notes.push_back(std::move(note));
   }
   if (std::string note = note_on_lengths(cameras, lengths, frames); !note.empty()) rig.notes.push_back(std::move(note));
   rig.test = of_cameras.front().size();

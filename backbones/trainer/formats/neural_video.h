@@ -21,9 +21,9 @@ struct NeuralVideo {
 /// (A static LLFF scene has poses_bounds.npy too.)
 bool is_neural_video(const std::filesystem::path& folder);
 
-/// Lists the first frames of each camera; of a video, only those that can be decoded. The first camera is the test
-/// split.
-/// @param frames per camera; 0: all
+/// Lists the first frames of each camera; of a video, only those that can be decoded. Times are linear in the number of
+/// the frame: in a folder that in the picture's name, in a video the frame's index. The first camera is the test split.
+/// @param frames number of different frames, from the first of the rig; 0: all
 /// Throws InputError in one line.
 NeuralVideo read_neural_video(const std::filesystem::path& folder, int frames);
 

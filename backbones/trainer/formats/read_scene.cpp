@@ -116,8 +116,25 @@ Dataset read_frames(const std::filesystem::path& file) {
   Dataset dataset;
   dataset.listing = file;
   Transforms transforms = read_transforms(file);
-  dataset.photos = std::move(transforms.photos);
+  std::vector<Photo> test;
+  std::size_t left_out = 0;
+  for (std::size_t i = 0; i < transforms.photos.size(); ++i) {
+    const bool is_test = !transforms.test.empty() && transforms.test[i];
+    const bool is_train = transforms.train.empty() ? !is_test : transforms.train[i];
+    if (is_train) dataset.photos.push_back(transforms.photos[i]);
+    if (is_test) test.push_back(transforms.photos[i]);
+    if (!is_train && !is_test) ++left_out;
+  }
+  if (left_out > 0) {
+    dataset.notes.push_back(
+        file.string() + ": " + counted(left_out, "frame") + (left_out == 1 ? " is" : " are") +
+        " left out: not in the " +
+        (transforms.test.empty() ? "list of training frames" : "lists of training and test frames"));
+  }
+  if (!transforms.test.empty()) dataset.own_test = test.size();
   std::ranges::stable_sort(dataset.photos, {}, &Photo::name);
+  std::ranges::stable_sort(test, {}, &Photo::name);
+  std::ranges::move(test, std::back_inserter(dataset.photos));
   if (!transforms.points_file.empty()) read_points(transforms.points_file, dataset);
   return dataset;
 }
@@ -512,6 +529,7 @@ Scene read_scene(const SceneOptions& options) {
   check_options(options);
   Dataset dataset = read_dataset(options);
   PhotoSplit split = split_photos(options, dataset.names, dataset.own_test, dataset.listing);
+  std::ranges::move(split.notes, std::back_inserter(dataset.notes));
 
   Scene scene;
   scene.white_background = options.white_background;

@@ -21,11 +21,13 @@ struct SceneOptions {
   std::optional<int> resolution;
   /// Divides the size that `resolution` gives, rounded down. Below 1 it throws InputError if a photo is too small.
   double photo_scale = 1;
-  bool eval = false;  ///< hold out test views: every llffhold-th by name, or a Blender test split
+  bool eval = false;  ///< hold out test views: the dataset's own test split, or every llffhold-th by name
   int llffhold = 8;
   bool frame_times = false;   ///< COLMAP scenes: times from the last number in each image name
   std::optional<int> frames;  ///< rigs of videos: first frames of each camera to read; 0: all; unset: 24, or as packed
-  std::filesystem::path test_list;  ///< file with one image name per line; replaces other test splits
+  /// File with one image name per line; replaces other test splits. Images of the dataset's own test split that it does
+  /// not list are neither trained on nor tested.
+  std::filesystem::path test_list;
   /// > 0: number of training views to keep, evenly spread (sparse-view protocol); training then starts from the points
   /// of N_views/dense/fused.ply if that file exists
   int n_views = 0;

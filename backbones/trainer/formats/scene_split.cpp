@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <fstream>
 #include <string_view>
+#include <utility>
 
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/text.h"
 
 namespace splatboost {
 namespace {
@@ -36,6 +38,55 @@ bool names_match(const std::string& listed, const std::string& name) {
          listed == (path.parent_path() / path.stem()).generic_string();
 }
 
+/// One line if a listed name matches several images, such as r_0 those of several folders; else empty.
+/// @param matches number of images that each listed name matches
+std::string note_on_several(const std::filesystem::path& list, const std::vector<std::string>& listed,
+                            const std::vector<std::size_t>& matches) {
+  const auto several = [](std::size_t found) { return found > 1; };
+  const auto first = std::ranges::find_if(matches, several);
+  if (first == matches.end()) return {};
+  const auto others = std::ranges::count_if(matches, several) - 1;
+  return list.string() + ": '" + listed[static_cast<std::size_t>(first - matches.begin())] + "' matches " +
+         std::to_string(*first) + " images, which are all held out" +
+         (others > 0 ? " (as with " + std::to_string(others) + " more of its names)" : "") +
+         "; name an image with its folder to hold out that one alone";
+}
+
+/// @param first_own_test index of the first photo of the dataset's own test split
+PhotoSplit split_by_list(const std::filesystem::path& list, const std::vector<std::string>& names,
+                         std::size_t first_own_test, const std::filesystem::path& listing) {
+  const std::vector<std::string> listed = read_names(list);
+  std::vector<std::size_t> matches(listed.size(), 0);
+  PhotoSplit split;
+  std::size_t unused = 0;
+  for (std::size_t photo = 0; photo < names.size(); ++photo) {
+    bool is_test = false;
+    for (std::size_t i = 0; i < listed.size(); ++i) {
+      if (!names_match(listed[i], names[photo])) continue;
+      ++matches[i];
+      is_test = true;
+    }
+    if (is_test) {
+      split.test.push_back(photo);
+    } else if (photo < first_own_test) {
+      split.train.push_back(photo);
+    } else {
+      ++unused;  // test images of the dataset are not trained on
+    }
+  }
+  if (const auto none = std::ranges::find(matches, std::size_t{0}); none != matches.end()) {
+    throw InputError(list.string() + ": the test image '" + listed[static_cast<std::size_t>(none - matches.begin())] +
+                     "' matches no image of " + listing.string());
+  }
+  if (unused > 0) {
+    split.notes.push_back(counted(unused, "image") + " of the dataset's own test split " +
+                          (unused == 1 ? "is" : "are") + " not in " + list.string() +
+                          ": neither trained on nor tested");
+  }
+  if (std::string note = note_on_several(list, listed, matches); !note.empty()) split.notes.push_back(std::move(note));
+  return split;
+}
+
 }  // namespace
 
 PhotoSplit split_photos(const SceneOptions& options, const std::vector<std::string>& names,
@@ -44,22 +95,7 @@ PhotoSplit split_photos(const SceneOptions& options, const std::vector<std::stri
   const auto put = [&](std::size_t photo, bool is_test) { (is_test ? split.test : split.train).push_back(photo); };
   const std::size_t count = names.size();
   if (!options.test_list.empty()) {
-    const std::vector<std::string> listed = read_names(options.test_list);
-    std::vector<bool> used(listed.size(), false);
-    for (std::size_t photo = 0; photo < count; ++photo) {
-      bool is_test = false;
-      for (std::size_t i = 0; i < listed.size(); ++i) {
-        if (!names_match(listed[i], names[photo])) continue;
-        used[i] = true;
-        is_test = true;
-      }
-      put(photo, is_test);
-    }
-    if (const auto unused = std::ranges::find(used, false); unused != used.end()) {
-      throw InputError(options.test_list.string() + ": the test image '" +
-                       listed[static_cast<std::size_t>(unused - used.begin())] + "' matches no image of " +
-                       listing.string());
-    }
+    split = split_by_list(options.test_list, names, count - own_test.value_or(0), listing);
   } else if (own_test) {
     // Without --eval nothing is held out, as in 3DGS.
     for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo >= count - *own_test);

@@ -16,10 +16,12 @@ namespace splatboost {
 struct PhotoSplit {
   std::vector<std::size_t> train;
   std::vector<std::size_t> test;
+  std::vector<std::string> notes;  ///< for the user
 };
 
 /// The photos named in options.test_list, else the dataset's own test split, else every llffhold-th photo are held out;
-/// the latter two only with options.eval. Throws InputError if a name matches no photo, or none is left for training.
+/// the latter two only with options.eval. Photos of the dataset's own test split that options.test_list does not name
+/// are in neither part. Throws InputError if a name matches no photo, or none is left for training.
 /// @param names of all photos; those of the dataset's own test split come last
 /// @param own_test number of photos in that split; none: the dataset has none
 /// @param listing the dataset's file, for error messages

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <string>
 
@@ -44,8 +45,14 @@ struct Place {
   }
 };
 
+constexpr std::array kFocalKeys{"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"};
+
 /// Overwrites the intrinsics in `lens` that `place` has.
 void read_lens(const Place& place, Lens& lens) {
+  // They describe one lens: a shared fl_y does not belong to a frame's own fl_x.
+  if (std::ranges::any_of(kFocalKeys, [&](const char* key) { return place.json.contains(key); })) {
+    lens.fx = lens.fy = lens.angle_x = lens.angle_y = 0;
+  }
   const auto set = [&](const char* key, double& value) {
     if (const auto given = place.number(key)) value = *given;
   };
@@ -96,7 +103,7 @@ glm::dmat4 read_pose(const Place& frame) {
   const auto fail_shape = [&] { frame.fail("'transform_matrix' is not a 4x4 matrix of numbers"); };
   if (!rows.is_array() || rows.size() < 3 || rows.size() > 4) fail_shape();
   glm::dmat4 world_from_camera(1.0);
-  for (int row = 0; row < 3; ++row) {
+  for (int row = 0; row < static_cast<int>(rows.size()); ++row) {
     const Json& values = rows[static_cast<std::size_t>(row)];
     if (!values.is_array() || values.size() != 4) fail_shape();
     for (int column = 0; column < 4; ++column) {
@@ -105,6 +112,13 @@ glm::dmat4 read_pose(const Place& frame) {
       world_from_camera[column][row] = value.get<double>();
       if (!std::isfinite(world_from_camera[column][row])) frame.fail("'transform_matrix' is not finite");
     }
+  }
+
+  for (int column = 0; column < 4; ++column) {
+    if (std::abs(world_from_camera[column][3] - (column == 3 ? 1.0 : 0.0)) < 1e-2) continue;
+    frame.fail(
+        "'transform_matrix' does not end with the row 0 0 0 1; it must be camera to world, row by row (is it "
+        "transposed?)");
   }
 
   // Rounding errors and a scale, which some tools leave in the rotation, are removed; anything else is an error.
@@ -135,7 +149,7 @@ glm::dmat4 read_pose(const Place& frame) {
 
 /// The image file of a frame; Blender's files omit the extension.
 std::filesystem::path image_file(const std::filesystem::path& folder, const std::filesystem::path& listed) {
-  const std::filesystem::path whole = folder / listed;
+  std::filesystem::path whole = folder / listed;
   std::error_code ignored;
   if (std::filesystem::is_regular_file(whole, ignored)) return whole;
   for (const char* extension : {".png", ".jpg", ".jpeg", ".PNG", ".JPG"}) {
@@ -147,6 +161,27 @@ std::filesystem::path image_file(const std::filesystem::path& folder, const std:
   std::filesystem::path likely = whole;
   if (!likely.has_extension()) likely += ".png";
   return likely;
+}
+
+/// A list of frames, such as nerfstudio's train_filenames.
+/// @return for each photo, whether it is listed; empty if there is no such list
+std::vector<bool> read_split(const Place& top, const char* key, const std::filesystem::path& folder,
+                             const std::vector<Photo>& photos) {
+  const auto found = top.json.find(key);
+  if (found == top.json.end() || found->empty()) return {};
+  std::map<std::filesystem::path, std::vector<std::size_t>> photos_of;  // a picture may have several times
+  for (std::size_t i = 0; i < photos.size(); ++i) photos_of[photos[i].file].push_back(i);
+  std::vector<bool> listed(photos.size(), false);
+  for (const Json& name : *found) {
+    if (!found->is_array() || !name.is_string()) top.fail(std::string("'") + key + "' is not a list of strings");
+    const auto of_file = photos_of.find(image_file(folder, name.get<std::string>()).lexically_normal());
+    if (of_file == photos_of.end()) {
+      top.fail(std::string("'") + key + "' lists '" + name.get<std::string>() +
+               "', which is the file_path of no frame; correct it or remove it from the list");
+    }
+    for (const std::size_t i : of_file->second) listed[i] = true;
+  }
+  return listed;
 }
 
 }  // namespace
@@ -176,6 +211,7 @@ Transforms read_transforms(const std::filesystem::path& file) {
     if (const std::string extension = photo.file.extension().string(); !photo.name.ends_with(extension))
       photo.name += extension;
     photo.listed_in = file;
+    if (const auto mask = frame.text("mask_path")) photo.mask_file = (folder / *mask).lexically_normal();
     photo.lens = shared;
     read_lens(frame, photo.lens);
     check_lens(photo.lens, frame.where);
@@ -191,6 +227,9 @@ Transforms read_transforms(const std::filesystem::path& file) {
              " has one; give a time to every frame, or to none");
   }
   result.timed = timed.has_value();
+  result.train = read_split(top, "train_filenames", folder, result.photos);
+  result.test = read_split(top, "test_filenames", folder, result.photos);
+  if (result.test.empty()) result.test = read_split(top, "val_filenames", folder, result.photos);
   if (const auto points = top.text("ply_file_path")) result.points_file = folder / *points;
   return result;
 }

@@ -145,6 +145,13 @@ void read_replica_truth(const fs::path& file, SequenceFiles& files) {
                         (any ? "" : ", but no name has the number of a pose: the trajectory is not compared with it"));
 }
 
+/// The absolute path without a slash or a dot at its end, so that its last part is the folder's name and its parent the
+/// folder that contains it.
+fs::path named_folder(const fs::path& source) {
+  const fs::path folder = fs::absolute(source).lexically_normal();
+  return folder.has_filename() ? folder : folder.parent_path();
+}
+
 SequenceFiles find_replica(const SequenceOptions& options) {
   SequenceFiles files;
   files.form = "Replica";
@@ -155,7 +162,7 @@ SequenceFiles find_replica(const SequenceOptions& options) {
   if (is_file(options.source / "traj.txt")) read_replica_truth(options.source / "traj.txt", files);
   if (options.calibration.empty()) {
     fs::path file = options.source / "cam_params.json";
-    if (!is_file(file)) file = fs::absolute(options.source).parent_path() / "cam_params.json";
+    if (!is_file(file)) file = named_folder(options.source).parent_path() / "cam_params.json";
     require(is_file(file), options.source.string() + ": has no cam_params.json; give a file with --calibration");
     files.calibration = read_calibration(file);
   }
@@ -235,8 +242,7 @@ Calibration freiburg_calibration(int number) {
 
 /// The camera is named by the folder (rgbd_dataset_freiburg1_desk, fr1_desk) or by the one that contains it (fr1/desk).
 void choose_freiburg_calibration(const fs::path& source, SequenceFiles& files) {
-  fs::path folder = fs::absolute(source).lexically_normal();
-  if (!folder.has_filename()) folder = folder.parent_path();  // was written with a slash at its end
+  const fs::path folder = named_folder(source);
   int number = freiburg_in(folder.filename().string());
   if (number == 0) number = freiburg_in(folder.parent_path().filename().string());
   require(number != 0,

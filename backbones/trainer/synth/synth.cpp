@@ -34,6 +34,8 @@ namespace fs = std::filesystem;
 
 /// Identifies a folder as that of a scene made here, which may be replaced.
 constexpr char kMarker[] = "synth.json";
+constexpr int kMostPoints = 100'000'000;
+constexpr float kMostNoise = 1000;  // metres: far more than any of the scenes measures
 
 void check(const SynthOptions& options) {
   const auto require = [](bool good, const std::string& cause) {
@@ -59,13 +61,14 @@ void check(const SynthOptions& options) {
               " is not possible; both sides must be 16 to 8192");
   require(options.views >= 1 && options.views <= 9999,
           std::to_string(options.views) + " views are not possible; use 1 to 9999");
-  require(options.surface_points >= 0,
-          std::to_string(options.surface_points) + " surface points are not possible; use 0 or more");
-  require(options.points >= 0, std::to_string(options.points) + " points are not possible; use 0 or more");
+  const std::string up_to = "are not possible; use 0 to " + std::to_string(kMostPoints);
+  require(options.surface_points >= 0 && options.surface_points <= kMostPoints,
+          std::to_string(options.surface_points) + " surface points " + up_to);
+  require(options.points >= 0 && options.points <= kMostPoints, std::to_string(options.points) + " points " + up_to);
   require(options.samples >= 1 && options.samples <= 16,
           std::to_string(options.samples) + " samples are not possible; use 1 to 16");
-  require(std::isfinite(options.point_noise) && options.point_noise >= 0,
-          "the point noise must be a finite number, 0 or more");
+  require(options.point_noise >= 0 && options.point_noise <= kMostNoise,
+          "the point noise must be 0 to " + std::to_string(static_cast<int>(kMostNoise)) + " m");
   std::error_code error;
   require(!std::filesystem::exists(options.output, error) || std::filesystem::is_directory(options.output, error),
           options.output.string() + " is not a folder");

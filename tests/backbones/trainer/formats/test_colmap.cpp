@@ -242,6 +242,19 @@ TEST(Colmap, EveryTruncationIsAnInputErrorThatNamesTheFile) {
   }
 }
 
+/// A damaged count would drop records without a word.
+TEST(Colmap, BytesAfterTheLastRecordAreDamage) {
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
+    const SceneOnDisk disk;
+    const std::string whole = read_file(disk.model_folder / name);
+    for (const std::string& damaged : {whole + '\0', std::string(8, '\0') + whole.substr(8)}) {
+      write_file(disk.model_folder / name, damaged);
+      expect_contains(input_error_of([&] { read_colmap_model(disk.model_folder); }),
+                      std::string(name) + ": is damaged: bytes follow its end");
+    }
+  }
+}
+
 TEST(Colmap, ImpossibleCountsAreNoticedBeforeAllocation) {
   for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
     const SceneOnDisk disk;

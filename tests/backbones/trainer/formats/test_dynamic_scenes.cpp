@@ -257,6 +257,82 @@ TEST(NeuralVideo, FoldersOfFramesReadAsWritten) {
   expect_contains(scene.notes[0], "the first 2 of 5 frames");
 }
 
+/// A missing picture used to shift the times of those after it.
+TEST(NeuralVideo, TimesAreThoseOfTheNumbersInNames) {
+  const Rig disk;
+  std::filesystem::remove(disk.folder / "cam01/images/0002.png");
+  const auto times_of = [](const Scene& scene, const std::string& camera) {
+    std::vector<float> times;
+    for (const View& view : scene.train) {
+      if (view.name.starts_with(camera)) times.push_back(view.time);
+    }
+    return times;
+  };
+  const std::string lacks = (disk.folder / "cam01").string() + ": has no picture of the frame that ";
+  Scene scene = read_scene(options_of(disk.folder));
+  EXPECT_EQ(times_of(scene, "cam01/"), (std::vector<float>{0, 0.25f, 0.75f, 1}));
+  EXPECT_EQ(times_of(scene, "cam02/"), (std::vector<float>{0, 0.25f, 0.5f, 0.75f, 1}));
+  EXPECT_EQ(scene.notes.at(0), lacks + "cam00/images/0002.png shows; training uses the pictures that exist");
+
+  std::filesystem::remove(disk.folder / "cam02/images/0003.png");
+  SceneOptions options = options_of(disk.folder);
+  options.frames = 4;
+  scene = read_scene(options);
+  EXPECT_EQ(times_of(scene, "cam01/"), (std::vector<float>{0, 1.0f / 3, 1}));
+  EXPECT_EQ(times_of(scene, "cam02/"), (std::vector<float>{0, 1.0f / 3, 2.0f / 3}));
+  expect_contains(scene.notes.at(0), "the first 4 of 5 frames");
+  expect_contains(scene.notes.at(1), lacks + "cam00/images/0002.png shows (and 1 more picture is missing); ");
+  options.frames = 2;
+  EXPECT_EQ(read_scene(options).notes.size(), 2u) << "what was not asked for is not missed";
+
+  // Numbers may begin anywhere and leave out frames, as of every tenth.
+  const Rig tenths;
+  for (int camera = 0; camera < 3; ++camera) {
+    for (int frame = 4; frame >= 0; --frame) {
+      const std::string images = "cam0" + std::to_string(camera) + "/images/";
+      std::filesystem::rename(tenths.folder / (images + "000" + std::to_string(frame) + ".png"),
+                              tenths.folder / (images + "shot" + std::to_string(10 * frame + 7) + ".png"));
+    }
+  }
+  expect_rig(read_scene(options_of(tenths.folder)), 0);
+}
+
+TEST(NeuralVideo, AFolderOfFramesAgreesWithVideos) {
+  if (!have_opencv()) GTEST_SKIP() << "no OpenCV";
+  const Rig disk(true);
+  std::filesystem::remove(disk.folder / "cam01.mp4");
+  for (int frame = 0; frame < 5; ++frame) {  // tools that extract frames count from 1
+    write_grey(disk.folder / ("cam01/" + std::to_string(frame + 1) + ".png"), Rig::level(1, frame));
+  }
+  expect_rig(read_scene(options_of(disk.folder)), 6);
+}
+
+TEST(NeuralVideo, WithoutNumbersEachCameraHasAsManyPictures) {
+  const Rig disk;
+  for (const char* camera : {"cam00", "cam01", "cam02"}) {  // the last number is not that of the frame
+    for (int frame = 0; frame < 5; ++frame) {
+      const std::filesystem::path images = disk.folder / camera / "images";
+      std::filesystem::rename(images / ("000" + std::to_string(frame) + ".png"),
+                              images / ("000" + std::to_string(frame) + "_" + camera + ".png"));
+    }
+  }
+  expect_rig(read_scene(options_of(disk.folder)), 0);
+  std::filesystem::remove(disk.folder / "cam01/images/0002_cam01.png");
+  const std::string message = input_error_of([&] { read_scene(options_of(disk.folder)); });
+  expect_contains(message, "cam01: holds 4 pictures, but cam00 holds 5; add the missing ones");
+}
+
+TEST(NeuralVideo, AFolderWithoutTheFirstFramesIsRefused) {
+  const Rig disk;
+  for (int frame = 0; frame < 3; ++frame) {
+    std::filesystem::remove(disk.folder / ("cam02/images/000" + std::to_string(frame) + ".png"));
+  }
+  SceneOptions options = options_of(disk.folder);
+  options.frames = 3;
+  expect_contains(input_error_of([&] { read_scene(options); }),
+                  "cam02: holds none of the first 3 frames of the other cameras; use --frames for more");
+}
+
 /// Rows of poses_bounds.npy are in the order of the names as text, as the tools that write the file list the cameras.
 TEST(NeuralVideo, CamerasAreInTheOrderOfTheirNamesAsText) {
   const Rig disk;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include <glm/vec4.hpp>
 #include <nlohmann/json.hpp>
@@ -227,6 +228,237 @@ TEST(Transforms, InstantNgpHasDistortionAndAnglesInsteadOfFocalLengths) {
   EXPECT_EQ(ngp.train[0].valid[0], 0);
 }
 
+/// A shared fl_y does not belong to a frame's own fl_x, nor a shared fl_x to a frame's own field of view.
+TEST(Transforms, AFrameReplacesTheSharedFocalLengthsTogether) {
+  const TemporaryFolder folder;
+  write_rgba(folder / "a.png", 1, 2, 3, 255);
+  const auto focal_lengths = [&](const Json& shared, const Json& own) {
+    Json one = frame("a.png"), json = shared;
+    one.update(own);
+    json["frames"] = {one};
+    write_file(folder / "transforms.json", json.dump());
+    SceneOptions options;
+    options.source = folder.path();
+    options.random_points = 10;
+    const Camera camera = read_scene(options).train.at(0).camera;
+    return std::pair(camera.fx, camera.fy);
+  };
+  const Json shared{{"fl_x", 73.9}, {"fl_y", 70.1}};
+  const auto wide = static_cast<float>(20 / std::tan(0.5)), high = static_cast<float>(12 / std::tan(0.35));
+  EXPECT_EQ(focal_lengths(shared, {{"cx", 20}}), std::pair(73.9f, 70.1f));
+  EXPECT_EQ(focal_lengths(shared, {{"fl_x", 200}}), std::pair(200.0f, 200.0f));
+  EXPECT_EQ(focal_lengths(shared, {{"fl_y", 200}}), std::pair(200.0f, 200.0f));
+  EXPECT_EQ(focal_lengths(shared, {{"fl_x", 200}, {"fl_y", 210}}), std::pair(200.0f, 210.0f));
+  EXPECT_EQ(focal_lengths(shared, {{"camera_angle_x", 1.0}}), std::pair(wide, wide));
+  EXPECT_EQ(focal_lengths({{"camera_angle_x", 0.9}}, {{"camera_angle_x", 1.0}, {"camera_angle_y", 0.7}}),
+            std::pair(wide, high));
+  EXPECT_EQ(focal_lengths({{"camera_angle_y", 0.7}}, Json::object()), std::pair(high, high));
+}
+
+/// Five frames, the left half of each with a black mask.
+struct MaskedScene {
+  TemporaryFolder folder;
+  Json json{{"fl_x", 30}, {"frames", Json::array()}};
+  MaskedScene() {
+    std::vector<std::uint8_t> mask(kWidth * kHeight);
+    for (std::size_t p = 0; p < mask.size(); ++p) mask[p] = p % kWidth < kWidth / 2 ? 0 : 255;
+    for (int i = 0; i < 5; ++i) {
+      const std::string name = std::to_string(i) + ".png";
+      json["frames"].push_back(frame("images/" + name, 0.1 * i));
+      json["frames"].back()["mask_path"] = "masks/" + name;
+      write_rgba(folder / ("images/" + name), 200, 100, 0, 255);
+      write_mask(name, mask);
+    }
+  }
+  void write_mask(const std::string& name, const std::vector<std::uint8_t>& pixels) const {
+    std::filesystem::create_directories(folder / "masks");
+    write_png(folder / ("masks/" + name), kWidth, kHeight, 1, std::span<const std::uint8_t>(pixels));
+  }
+  SceneOptions options(int resolution = 1) const {
+    write_file(folder / "transforms.json", json.dump());
+    SceneOptions result;
+    result.source = folder.path();
+    result.resolution = resolution;
+    result.random_points = 10;
+    return result;
+  }
+  std::string error() const {
+    return input_error_of([&] { read_scene(options()); });
+  }
+};
+
+TEST(Transforms, BlackPixelsOfAMaskAreNotValid) {
+  MaskedScene disk;
+  disk.write_mask("3.png", std::vector<std::uint8_t>(kWidth * kHeight, 1));
+  disk.json["frames"][4].erase("mask_path");
+  const Scene scene = read_scene(disk.options());
+  for (const std::size_t i : {0u, 1u, 2u}) {
+    ASSERT_EQ(scene.train[i].valid.size(), static_cast<std::size_t>(kWidth * kHeight));
+    for (std::size_t p = 0; p < scene.train[i].valid.size(); ++p) {
+      ASSERT_EQ(scene.train[i].valid[p] != 0, p % kWidth >= kWidth / 2) << p;
+    }
+    EXPECT_EQ(scene.train[i].color[0], 200) << "pictures show what was there";
+  }
+  EXPECT_TRUE(scene.train[3].valid.empty());
+  EXPECT_TRUE(scene.train[4].valid.empty());
+  pack_scene(disk.options(), disk.folder / "packed.sbscene");
+  SceneOptions packed = disk.options();
+  packed.source = disk.folder / "packed.sbscene";
+  EXPECT_EQ(read_scene(packed).train[1].valid, scene.train[1].valid);
+
+  // Masks in colour or with 16 bits; their alpha does not count.
+  write_rgba(disk.folder / "masks/3.png", 0, 0, 3, 0);
+  const std::vector<std::uint16_t> deep(kWidth * kHeight, 1);
+  write_png(disk.folder / "masks/2.png", kWidth, kHeight, 1, std::span<const std::uint16_t>(deep));
+  EXPECT_TRUE(read_scene(disk.options()).train[2].valid.empty());
+  EXPECT_TRUE(read_scene(disk.options()).train[3].valid.empty());
+
+  if (!have_opencv()) GTEST_SKIP() << "no OpenCV";
+  std::vector<std::uint8_t> dot(kWidth * kHeight, 255);
+  dot[5 * kWidth + 7] = 0;
+  disk.write_mask("2.png", dot);
+  const View reduced = read_scene(disk.options(2)).train[2];
+  ASSERT_EQ(reduced.valid.size(), static_cast<std::size_t>(kWidth * kHeight / 4));
+  for (std::size_t p = 0; p < reduced.valid.size(); ++p) EXPECT_EQ(reduced.valid[p] == 0, p == 2 * kWidth / 2 + 3) << p;
+}
+
+TEST(Transforms, MasksAreUndistortedWithTheirPhotos) {
+  if (!have_opencv()) GTEST_SKIP() << "undistortion needs OpenCV";
+  MaskedScene disk;
+  disk.json["k1"] = 0.3;
+  disk.json["frames"][4].erase("mask_path");
+  // A photo of the mask is undistorted like the mask; its values between black and white are at the mask's edge.
+  std::filesystem::copy_file(disk.folder / "masks/0.png", disk.folder / "images/4.png",
+                             std::filesystem::copy_options::overwrite_existing);
+  const Scene scene = read_scene(disk.options());
+  const View &masked = scene.train[0], &mask = scene.train[4];
+  ASSERT_FALSE(masked.valid.empty());
+  ASSERT_FALSE(mask.valid.empty()) << "the border";
+  std::size_t black = 0;
+  for (std::size_t p = 0; p < masked.valid.size(); ++p) {
+    EXPECT_EQ(masked.valid[p] != 0, mask.valid[p] != 0 && mask.color[p] >= 128) << p;
+    if (mask.valid[p] != 0 && masked.valid[p] == 0) ++black;
+  }
+  EXPECT_GT(black, static_cast<std::size_t>(kWidth * kHeight / 4));
+}
+
+TEST(Transforms, MasksThatCannotBeUsedAreNamed) {
+  MaskedScene disk;
+  disk.write_mask("1.png", std::vector<std::uint8_t>(kWidth * kHeight, 0));
+  const std::string mask = (disk.folder / "masks/1.png").string(), listing = (disk.folder / "transforms.json").string();
+  expect_contains(disk.error(), "images/1.png: its mask " + mask + " leaves no pixel of it; remove the image from");
+  write_png(mask, 20, 12, 1, std::span<const std::uint8_t>(std::vector<std::uint8_t>(240, 255)));
+  expect_contains(disk.error(), mask + ": is 20x12, but its photo " + (disk.folder / "images/1.png").string() +
+                                    " is 40x24; a mask must have the size of its photo");
+  std::filesystem::remove(mask);
+  expect_contains(disk.error(), mask + ": the image does not exist; " + listing + " lists it");
+  disk.json["frames"][1]["mask_path"] = 3;
+  expect_contains(disk.error(), "frame 1: 'mask_path' is not a string");
+}
+
+/// Frames 0 to 5 of nerfstudio, with lists of those to train on and to test.
+struct NerfstudioScene {
+  TemporaryFolder folder;
+  Json json{{"fl_x", 30}, {"frames", Json::array()}};
+  NerfstudioScene() {
+    for (const int i : {5, 4, 3, 2, 1, 0}) {
+      const std::string name = "images/" + std::to_string(i) + ".png";
+      json["frames"].push_back(frame(name, 0.1 * i));
+      write_rgba(folder / name, 200, 100, 0, 255);
+    }
+  }
+  Scene read(bool eval = true) const {
+    write_file(folder / "transforms.json", json.dump());
+    SceneOptions options;
+    options.source = folder.path();
+    options.eval = eval;
+    options.random_points = 10;
+    return read_scene(options);
+  }
+};
+
+std::string numbers_of(const std::vector<View>& views) {
+  std::string numbers;
+  for (const View& view : views) numbers += std::filesystem::path(view.name).stem().string();
+  return numbers;
+}
+
+TEST(Transforms, NerfstudiosOwnSplitIsHeldOut) {
+  NerfstudioScene disk;
+  disk.json["val_filenames"] = {"images/4.png"};
+  EXPECT_EQ(numbers_of(disk.read().test), "4") << "without test_filenames";
+  disk.json["test_filenames"] = {"images/3.png", "./images/1.png"};
+  Scene scene = disk.read();
+  EXPECT_EQ(numbers_of(scene.train), "0245");
+  EXPECT_EQ(numbers_of(scene.test), "13");
+  EXPECT_EQ(scene.notes.size(), 1u) << "on points";
+  EXPECT_EQ(disk.read(false).train.size(), 6u) << "as for Blender's scenes";
+
+  disk.json["train_filenames"] = {"images/0.png", "images/5.png"};
+  scene = disk.read();
+  EXPECT_EQ(numbers_of(scene.train), "05");
+  EXPECT_EQ(numbers_of(scene.test), "13");
+  EXPECT_EQ(scene.notes.at(0), (disk.folder / "transforms.json").string() +
+                                   ": 2 frames are left out: not in the lists of training and test frames");
+
+  disk.json["test_filenames"] = disk.json["val_filenames"] = Json::array();  // as some tools write it
+  scene = disk.read(false);
+  EXPECT_EQ(numbers_of(scene.train), "05");
+  expect_contains(scene.notes.at(0), "4 frames are left out: not in the list of training frames");
+  disk.json.erase("train_filenames");
+  EXPECT_EQ(numbers_of(disk.read().test), "0") << "every eighth";
+
+  disk.json["train_filenames"] = disk.json["test_filenames"] = {"images/0.png", "images/1.png"};
+  scene = disk.read();
+  EXPECT_EQ(numbers_of(scene.train), "01");
+  EXPECT_EQ(numbers_of(scene.test), "01");
+  expect_contains(scene.notes.at(1), "2 images are both training and test views of the dataset");
+}
+
+TEST(Transforms, ListsOfASplitThatNameNoFrameAreRefused) {
+  NerfstudioScene disk;
+  disk.json["test_filenames"] = {"images/1.png", "1.png"};
+  expect_contains(input_error_of([&] { disk.read(); }),
+                  "transforms.json: 'test_filenames' lists '1.png', which is the file_path of no frame");
+  disk.json["test_filenames"] = "images/1.png";
+  expect_contains(input_error_of([&] { disk.read(); }), "'test_filenames' is not a list of strings");
+  disk.json["test_filenames"] = {1};
+  expect_contains(input_error_of([&] { disk.read(); }), "'test_filenames' is not a list of strings");
+}
+
+/// The rest of the dataset's own test split used to be trained on.
+TEST(Transforms, TestViewsThatAListLeavesOutAreNotTrainedOn) {
+  const BlenderScene disk;
+  Json test = Json::parse(read_file(disk.folder / "transforms_test.json"));
+  test["frames"].push_back(test["frames"][0]);
+  test["frames"].back()["file_path"] = "./test/r_8";
+  write_file(disk.folder / "transforms_test.json", test.dump());
+  write_rgba(disk.folder / "test/r_8.png", 10, 20, 30, 255);
+  SceneOptions options = disk.options();
+  options.test_list = disk.folder / "list.txt";
+  for (const bool eval : {true, false}) {
+    options.eval = eval;
+    write_file(options.test_list, "r_8\n");
+    Scene scene = read_scene(options);
+    EXPECT_EQ(numbers_of(scene.train), "r_0r_1r_2r_3r_4");
+    EXPECT_EQ(numbers_of(scene.test), "r_8");
+    EXPECT_EQ(scene.notes.at(0), "1 image of the dataset's own test split is not in " + options.test_list.string() +
+                                     ": neither trained on nor tested");
+    write_file(options.test_list, "train/r_1\n");
+    scene = read_scene(options);
+    EXPECT_EQ(numbers_of(scene.train), "r_0r_2r_3r_4");
+    EXPECT_EQ(scene.test.at(0).name, "train/r_1.png");
+    expect_contains(scene.notes.at(0), "2 images of the dataset's own test split are not in");
+    write_file(options.test_list, "r_8\nr_0\n");
+    scene = read_scene(options);
+    EXPECT_EQ(numbers_of(scene.train), "r_1r_2r_3r_4");
+    EXPECT_EQ(numbers_of(scene.test), "r_0r_0r_8") << "of train/ and test/";
+    EXPECT_EQ(scene.notes.at(0), options.test_list.string() +
+                                     ": 'r_0' matches 2 images, which are all held out; name " +
+                                     "an image with its folder to hold out that one alone");
+  }
+}
+
 TEST(Transforms, AScaleInTheRotationIsTakenOut) {
   const TemporaryFolder folder;
   Json one = frame("a");
@@ -238,6 +470,14 @@ TEST(Transforms, AScaleInTheRotationIsTakenOut) {
   EXPECT_NEAR(p.x, 1, 1e-12);
   EXPECT_NEAR(p.y, 0, 1e-12);
   EXPECT_NEAR(p.z, 5, 1e-12);
+}
+
+TEST(Transforms, TheLastRowOfAPoseMayBeLeftOut) {
+  const TemporaryFolder folder;
+  Json one = frame("a");
+  one["transform_matrix"].erase(3);
+  write_file(folder / "transforms.json", Json{{"camera_angle_x", 1.0}, {"frames", {one}}}.dump());
+  EXPECT_EQ(read_transforms(folder / "transforms.json").photos.size(), 1u);
 }
 
 TEST(Transforms, BrokenInputIsNamed) {
@@ -276,6 +516,14 @@ TEST(Transforms, BrokenInputIsNamed) {
   expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][1].erase(3); }), "4x4");
   expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][0] = -1; }), "determinant");
   expect_contains(broken([](Json& j) { j["frames"][1]["transform_matrix"][0][1] = 0.5; }), "orthogonal");
+  const auto with_pose = [&](const char* rows) {
+    return broken([&](Json& j) { j["frames"][1]["transform_matrix"] = Json::parse(rows); });
+  };
+  expect_contains(with_pose("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,4,1]]"),
+                  "frame 1: 'transform_matrix' does not end with the row 0 0 0 1; it must be camera to world, row by "
+                  "row (is it transposed?)");
+  expect_contains(with_pose("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]"), "does not end with the row 0 0 0 1");
+  expect_contains(with_pose("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,1]]"), "4x4");
   expect_contains(broken([](Json& j) { j["frames"][1]["time"] = 3; }), "'time'");
   expect_contains(broken([](Json& j) { j["frames"][1]["time"] = 0.5; }), "frame 0 has no 'time', but frame 1 has one");
   expect_contains(broken([](Json& j) { j["frames"][0]["time"] = 0; }), "frame 1 has no 'time', but frame 0 has one");

@@ -78,6 +78,19 @@ TEST(Sequence, replica_is_read) {
   EXPECT_EQ((*sequence->truth(2))[3].x, 2);
 }
 
+TEST(Sequence, the_calibration_of_replica_may_be_above_the_folder) {
+  const TemporaryFolder folder;
+  make_replica(folder / "room0");
+  fs::rename(folder / "room0/cam_params.json", folder / "cam_params.json");
+  const fs::path before = fs::current_path();
+  fs::current_path(folder / "room0");
+  for (const fs::path& source :
+       {folder / "room0", folder / "room0/", folder / "room0/.", fs::path("."), fs::path("./")}) {
+    EXPECT_EQ(error_of([&] { EXPECT_EQ(open_sequence(of(source))->calibration().width, kWidth); }), "") << source;
+  }
+  fs::current_path(before);
+}
+
 TEST(Sequence, frames_are_in_the_order_of_their_numbers) {
   const TemporaryFolder folder;
   fs::create_directories(folder / "images");

@@ -479,6 +479,10 @@ TEST(Synth, ImpossibleOptionsAreInputErrors) {
   expect_contains(error_with([](SynthOptions& o) { o.width = 3; }), "3x72");
   expect_contains(error_with([](SynthOptions& o) { o.samples = 0; }), "samples");
   expect_contains(error_with([](SynthOptions& o) { o.points = -1; }), "points");
+  expect_contains(error_with([](SynthOptions& o) { o.points = 100'000'001; }), "100000001 points are not possible");
+  expect_contains(error_with([](SynthOptions& o) { o.surface_points = 2'000'000'000; }),
+                  "2000000000 surface points are not possible; use 0 to 100000000");
+  expect_contains(error_with([](SynthOptions& o) { o.point_noise = 1001; }), "the point noise must be 0 to 1000 m");
   expect_contains(error_with([](SynthOptions& o) { o.point_noise = std::numeric_limits<float>::quiet_NaN(); }),
                   "noise");
   expect_contains(error_with([](SynthOptions& o) { o.cameras = 2; }), "only the scene 'moving'");
