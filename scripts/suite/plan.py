@@ -2,6 +2,7 @@
 """Turns scenes, seeds, rule sets and backbones into a list of runs, each identified by a hash of what determines it."""
 import hashlib
 import json
+import math
 import os
 import re
 import shutil
@@ -17,11 +18,14 @@ class BadInput(Exception):
 
 def read_json(path):
     try:
-        return json.loads(Path(path).read_text())
+        document = json.loads(Path(path).read_text())
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror or 'cannot be read'}")
     except ValueError as error:
         raise BadInput(f"{path}: not JSON: {error}")
+    if not isinstance(document, dict):
+        raise BadInput(f"{path}: must hold a JSON object")
+    return document
 
 
 def write_atomically(path, text):
@@ -67,8 +71,10 @@ def identity(value):
 
 def own_scenes(listing, folder, size):
     """Scenes of a listing such as scenes.json, as {name, group, options, path or synth}; those with a path need `folder`."""
-    scenes = []
-    for entry in read_json(listing).get("scenes", []):
+    scenes, entries = [], read_json(listing).get("scenes", [])
+    if not isinstance(entries, list):
+        raise BadInput(f"{listing}: scenes must be a list; see scripts/suite/scenes.json for the form")
+    for entry in entries:
         try:
             scene = {"name": entry["name"], "group": entry["group"], "options": list(entry.get("options", []))}
             if "synth" in entry:
@@ -166,7 +172,7 @@ def parse_cap(text, rules):
         share = float(text)
     except ValueError:
         share = 0
-    if not share > 0:
+    if not (share > 0 and math.isfinite(share)):
         raise BadInput(f"--caps: '{text}' is neither a share of the published number, such as 0.3, nor a rule set of this suite")
     return share
 

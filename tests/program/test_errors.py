@@ -90,7 +90,7 @@ def test_impossible_values(scene, tmp_path, arguments, name):
                                        ["--no-vcd"], ["--no-vcp"], ["--no-cb"], ["--no-absgrad"], ["--no-schedule"],
                                        ["--no-coarse"]])
 def test_options_without_a_meaning_for_a_published_run(scene, tmp_path, arguments):
-    for command in ("train", "slam"):
+    for command in ("train", "slam") if arguments != ["--no-coarse"] else ("train",):
         line = fails(command, "-s", scene, "-m", tmp_path / "model", "--no-boost", *arguments)
         assert f"{arguments[0]} has no effect without acceleration" in line
 
@@ -188,11 +188,45 @@ def test_config_that_is_not_json(scene, tmp_path):
     ({"boost": {"coarse_until": 1.2}}, ["coarse_until", "[0, 1]"]),
     ({"backbone": "scaffold-gs", "boost": {"coarse_until": -1}}, ["coarse_until", "[0, 1]"]),
     ({"boost": "yes"}, ["boost"]),
+    ({"bogus": None}, ["unknown key 'bogus'"]),
+    ({"boost": {"taud": None}}, ["unknown key 'taud'"]),
+    ({"boost": {"tau_d": None}}, ["tau_d", "a number"]),
+    ({"boost": None}, ["boost must be"]),
+    ({"backbone": {"sh_degree": None}}, ["sh_degree"]),
+    ({"backbone": None}, ["backbone must be"]),
+    ({"seed": None}, ["seed", "whole number"]),
+    ({"config": "other.json"}, ["a settings file cannot name another one"]),
     ([1, 2], ["object"])])
 def test_config_with_wrong_keys_or_values(scene, tmp_path, content, names):
     config = tmp_path / "config.json"
     config.write_text(json.dumps(content))
     line = fails("train", "-s", scene, "-m", tmp_path / "model", "--config", config)
+    for name in names:
+        assert name in line
+
+
+def test_config_with_nulls_that_mean_the_default(scene, tmp_path):
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps({"resolution": None, "beta": None, "trained": {"beta": None}}))
+    run_well("train", "-s", scene, "-m", tmp_path / "model", "--iterations", "2", "--config", config, "--quiet")
+    run_well("train", "-s", scene, "-m", tmp_path / "again", "--config", tmp_path / "model/config.json", "--quiet")
+
+
+def test_config_with_a_key_twice(scene, tmp_path):
+    config = tmp_path / "config.json"
+    config.write_text('{"iterations": 5, "boost": {"beta": 0.5}, "iterations": 6}')
+    line = fails("train", "-s", scene, "-m", tmp_path / "model", "--config", config)
+    assert f"{config}: the key 'iterations' occurs twice" in line
+
+
+@pytest.mark.parametrize("content, names", [({"iterations": "five"}, ["iterations", "whole number"]),
+                                            ({"seed": None}, ["seed", "whole number"]),
+                                            ({"backbone": {"name": 3}}, ["name", "string"])])
+def test_config_is_checked_also_where_the_command_line_overrides_it(scene, tmp_path, content, names):
+    config = tmp_path / "config.json"
+    config.write_text(json.dumps(content))
+    line = fails("train", "-s", scene, "-m", tmp_path / "model", "--config", config, "--iterations", "2", "--seed", "1",
+                 "--backbone", "vanilla")
     for name in names:
         assert name in line
 
@@ -344,6 +378,12 @@ def test_checkpoint_of_another_run(trained, tmp_path, arguments, name):
     line = fails("train", "--resume", trained / "checkpoints/iteration_25.ckpt", "-m", tmp_path / "model", *arguments)
     assert name in line
     assert "resume with the settings of that run" in line
+
+
+def test_help_of_slam_is_about_its_own_backbone():
+    told = run_well("slam", "--help").stdout
+    assert "faint edges [0.5]" in told and "scaffold-gs" not in told and "--no-coarse" not in told
+    assert "scaffold-gs 0.7]" in re.sub(r"\s+", " ", run_well("train", "--help").stdout)
 
 
 def test_help_is_help():

@@ -3,6 +3,7 @@
 
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -10,7 +11,7 @@ import time
 
 import pytest
 
-from conftest import SHORT_RUN, run_program, run_well, start, wait_for
+from conftest import PROGRAM, SHORT_RUN, run_program, run_well, start, wait_for
 
 
 def content(folder):
@@ -278,6 +279,25 @@ def test_nobody_reading_the_progress_leaves_a_checkpoint(scene, tmp_path):
     running.stderr.close()  # a line is written every five seconds
     assert running.wait(timeout=60) == 128 + signal.SIGPIPE
     assert len(list((model / "checkpoints").glob("*.ckpt"))) == 1
+
+
+@pytest.mark.parametrize("iteration", [25, 60])  # on the way, and at the end
+def test_a_checkpoint_that_cannot_be_written_loses_no_training(scene, trained, tmp_path, iteration):
+    model, ply = tmp_path / "model", "point_cloud/iteration_60/point_cloud.ply"
+    limit = ((trained / ply).stat().st_size + (trained / "checkpoints/iteration_25.ckpt").stat().st_size) // 2
+    done = subprocess.run([str(PROGRAM), "train", "-s", str(scene), "-m", str(model), *SHORT_RUN, "--quiet",
+                           "--checkpoint-iterations", str(iteration)], capture_output=True, text=True, check=False,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
+    reason = f"{model}/checkpoints/iteration_{iteration}.ckpt: cannot be written: File too large"
+    warning = [f"warning: {reason}; training goes on"] if iteration == 25 else []
+    hint = f"the model is trained to its end; measure it with: splatboost eval -m {model}"
+    assert done.stderr.splitlines() == [*warning, f"splatboost train: {reason}; {hint}"]
+    assert done.returncode == 1
+    assert (model / ply).read_bytes() == (trained / ply).read_bytes()
+    assert not list((model / "checkpoints").iterdir())
+    run_well("eval", "-m", model)
+    found, whole = (json.loads((folder / "results.json").read_text()) for folder in (model, trained))
+    assert found["psnr"] == whole["psnr"]
 
 
 def test_the_same_command_after_a_kill_while_it_wrote_its_first_file(scene, tmp_path):

@@ -63,7 +63,7 @@ def broken_rule(done, may_be_killed=False):
     if any(unicodedata.category(c) == "Cc" for c in text.replace("\n", "")):
         return "control characters in the message"
     lines = text.removesuffix("\n").split("\n") if text else []
-    lines = [line for line in lines if not line.startswith("note: ")]
+    lines = [line for line in lines if not line.startswith(("note: ", "warning: "))]
     if done.returncode == 0:
         return "" if len(lines) <= 1 else f"{len(lines)} lines on success"
     if len(lines) != 1 or not lines[0].startswith("splatboost"):

@@ -395,19 +395,36 @@ def test_a_run_that_fails_leaves_the_others_and_a_page(tmp_path):
     assert [run["rules"] for run in suite["runs"]] == ["published"] and suite["missing"] == ["room, vanilla, broken, seed 0"]
 
 
+def idle_program(folder):
+    """Stands for `splatboost` where nothing is trained."""
+    program = folder / "splatboost"
+    program.write_text("#!/bin/sh\necho --no-boost\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    return program
+
+
 @pytest.mark.parametrize("words,message", [
     (["--scenes", "nowhere"], "unknown scene or group 'nowhere'"), (["--rules", "wat"], "unknown rule set 'wat'"),
     (["--rules", "none.json"], "none.json: No such file"), (["--caps", "-1"], "neither a share"),
+    (["--caps", "inf"], "neither a share"), (["--caps", "nan"], "neither a share"),
     (["--rules", "default", "--caps", "0.5"], "add published"), (["--table", "17"], "needs --data"),
     (["--own", "/nonexistent"], "no such folder"), (["--program", "/nonexistent"], "is not a program")])
 def test_bad_input_is_one_line(words, message, tmp_path):
-    program = tmp_path / "splatboost"
-    program.write_text("#!/bin/sh\necho --no-boost\n")
-    program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    done = run_suite("--out", tmp_path / "out", "--program", program, "--dry-run", *words)
+    done = run_suite("--out", tmp_path / "out", "--program", idle_program(tmp_path), "--dry-run", *words)
     assert done.returncode == 2 and message in done.stderr, done.stderr
     assert len([line for line in done.stderr.splitlines() if "left out" not in line]) == 1
     assert not (tmp_path / "out/runs").exists()
+
+
+@pytest.mark.parametrize("option,content,message", [
+    ("--scene-list", "[1]", "must hold a JSON object"), ("--scene-list", '{"scenes": 3}', "scenes must be a list"),
+    ("--scene-list", '{"scenes": [{"name": "a"}]}', "a scene without 'group'"), ("--rules", "[1]", "must hold a JSON object")])
+def test_a_file_of_another_form_is_one_line(option, content, message, tmp_path):
+    file = tmp_path / "file.json"
+    file.write_text(content)
+    done = run_suite("--out", tmp_path / "out", "--program", idle_program(tmp_path), "--dry-run", option, file)
+    assert done.returncode == 2 and f"{file}: {message}" in done.stderr, done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr
 
 
 def test_an_out_that_is_a_file_is_one_line(tmp_path):

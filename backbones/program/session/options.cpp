@@ -37,15 +37,51 @@ std::string published_lengths() {
   return lengths;
 }
 
+std::string default_beta(std::string_view backbone) {
+  return to_json(*find_adapter(backbone).make_settings(false))["beta"].dump();
+}
+
 /// "0.5; scaffold-gs 0.7": the paper's β, then the backbones that differ.
 std::string default_betas() {
-  const std::string paper = to_json(*find_adapter("vanilla").make_settings(false))["beta"].dump();
+  const std::string paper = default_beta("vanilla");
   std::string betas = paper;
   for (const AdapterEntry& entry : adapters()) {
-    const std::string beta = to_json(*entry.make_settings(false))["beta"].dump();
+    const std::string beta = default_beta(entry.backbone);
     if (beta != paper) betas += "; " + std::string(entry.backbone) + " " + beta;
   }
   return betas;
+}
+
+/// @param betas the defaults of --beta, for its help
+void add_rule_options(OptionSet& set, RunOptions& options, const std::string& betas) {
+  set.set_group(kBoostGroup);
+  set.add("--beta", options.beta, "compact box, in (0, 1]; smaller is faster but cuts faint edges [" + betas + "]",
+          false)
+      ->type_name("X");
+  set.add("--tau-d", options.tau_d,
+          "importance threshold for growth (docs/method.md); larger gives fewer primitives [5]", false)
+      ->type_name("X");
+  set.add("--views", options.views, "K: number of views that score the primitives [10]", false)->type_name("N");
+  set.add("--literal", options.literal,
+          "exactly the paper's rules and constants, without our additions (docs/method.md)", false);
+  set.add("--no-vcd", options.no_vcd, "without multi-view consistent densification", false);
+  set.add("--no-vcp", options.no_vcp, "without multi-view consistent pruning", false);
+  set.add("--no-cb", options.no_cb, "without the compact box", false);
+  set.add("--no-absgrad", options.no_absgrad, "without absolute gradients", false);
+  set.add("--no-schedule", options.no_schedule, "without the optimizer schedule", false);
+}
+
+/// Assigns the values of `changes`, recursively where both are objects. Unlike Json::merge_patch(), keeps null as a
+/// value, so that a null under an unknown key, or of an option that takes none, is reported like any other value.
+void merge(Json& settings, const Json& changes) {
+  for (const auto& [key, value] : changes.items()) {
+    Json& place = settings[key];
+    if (place.is_object() && value.is_object()) {
+      merge(place, value);
+    } else {
+      place = value;
+    }
+  }
 }
 
 }  // namespace
@@ -68,7 +104,7 @@ void OptionSet::overlay(const Json& object, const std::string& place, const std:
       names.insert(names.end(), reserved.begin(), reserved.end());
       throw InputError(place + ": unknown key '" + item.key() + "'" + did_you_mean(item.key(), names));
     }
-    if (entry->option->count() == 0) entry->read(item.value(), place + ": " + item.key());
+    entry->read(item.value(), place + ": " + item.key(), entry->option->count() == 0);
   }
 }
 
@@ -145,22 +181,7 @@ void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost
 }
 
 void add_boost_options(OptionSet& set, RunOptions& options) {
-  set.set_group(kBoostGroup);
-  set.add("--beta", options.beta,
-          "compact box, in (0, 1]; smaller is faster but cuts faint edges [" + default_betas() + "]", false)
-      ->type_name("X");
-  set.add("--tau-d", options.tau_d,
-          "importance threshold for growth (docs/method.md); larger gives fewer primitives [5]", false)
-      ->type_name("X");
-  set.add("--views", options.views, "K: number of views that score the primitives [10]", false)->type_name("N");
-  set.add("--literal", options.literal,
-          "exactly the paper's rules and constants, without our additions (docs/method.md)", false);
-  set.add("--no-vcd", options.no_vcd, "without multi-view consistent densification", false);
-  set.add("--no-vcp", options.no_vcp, "without multi-view consistent pruning", false);
-  set.add("--no-cb", options.no_cb, "without the compact box", false);
-  set.add("--no-absgrad", options.no_absgrad, "without absolute gradients", false);
-  set.add("--no-schedule", options.no_schedule, "without the optimizer schedule", false);
-  set.add("--no-coarse", options.no_coarse, "without the first phase on half-size views", false);
+  add_rule_options(set, options, default_beta(options.backbone));
 }
 
 void add_machine_options(OptionSet& set, RunOptions& options) {
@@ -196,7 +217,8 @@ void add_run_options(OptionSet& set, RunOptions& options, const std::string& mod
                   : "resume an interrupted comparison in its output folder, with its settings",
           false)
       ->type_name(one_run ? "CKPT" : "DIR");
-  add_boost_options(set, options);
+  add_rule_options(set, options, default_betas());
+  set.add("--no-coarse", options.no_coarse, "without the first phase on half-size views", false);
   add_machine_options(set, options);
   add_lpips_option(set, options);
   add_config_option(set, options);
@@ -214,6 +236,8 @@ Json read_settings_file(const std::filesystem::path& path) {
 }
 
 void apply_settings(const Json& settings, const std::string& place, OptionSet& set, RunOptions& options) {
+  require(!settings.contains("config"),
+          place + ": config: a settings file cannot name another one; leave out this key");
   set.overlay(settings, place, reserved_keys());
   if (settings.contains("backbone")) {
     Json constants = settings["backbone"];
@@ -239,7 +263,7 @@ void apply_settings(const Json& settings, const std::string& place, OptionSet& s
     }
     // A whole set of constants, such as in the config.json of a run, would replace the paper's.
     require(
-        !options.literal || boost.value("literal", true),
+        !options.literal || boost.value("literal", Json(true)) != Json(false),
         place +
             ": boost has the constants of the default rules, which --literal would not change; leave out one of them");
     options.boost_settings = std::move(boost);
@@ -248,7 +272,7 @@ void apply_settings(const Json& settings, const std::string& place, OptionSet& s
 
 void apply_settings_and_config(Json settings, std::string place, OptionSet& set, RunOptions& options) {
   if (!options.config.empty()) {
-    settings.merge_patch(read_settings_file(options.config));
+    merge(settings, read_settings_file(options.config));
     place = options.config.string();
   }
   apply_settings(settings, place, set, options);

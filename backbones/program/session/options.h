@@ -95,14 +95,18 @@ class OptionSet {
     entry.option = option;
     entry.name = option->get_lnames().front();
     entry.recorded = recorded;
-    entry.read = [&value](const nlohmann::json& json, const std::string& place) { read_value(json, place, value); };
+    entry.read = [&value](const nlohmann::json& json, const std::string& place, bool sets) {
+      T read{};
+      read_value(json, place, read);
+      if (sets) value = std::move(read);
+    };
     entry.write = [&value] { return to_record(value); };
     entries_.push_back(std::move(entry));
     return option;
   }
 
   /// Sets the options that the command line does not give from a file's JSON object. Keys in `reserved` are skipped;
-  /// any other unknown key throws InputError.
+  /// any other unknown key throws InputError, as does a value of the wrong type, also of an option that is given.
   void overlay(const nlohmann::json& object, const std::string& place, const std::set<std::string>& reserved);
 
   /// Values of the recorded options, without empty ones and with absolute paths. Throws InputError on a path that is
@@ -118,7 +122,7 @@ class OptionSet {
     CLI::Option* option = nullptr;
     std::string name;
     bool recorded = true;
-    std::function<void(const nlohmann::json&, const std::string&)> read;
+    std::function<void(const nlohmann::json&, const std::string& place, bool sets)> read;
     std::function<nlohmann::json()> write;
   };
 
@@ -185,6 +189,7 @@ void add_model_option(OptionSet& set, RunOptions& options, const std::string& he
 void add_data_options(OptionSet& set, RunOptions& options);
 /// @param choose_boost whether there is --boost
 void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost);
+/// Those of a command that trains options.backbone only, and on full-size views; add_run_options() adds those of all.
 void add_boost_options(OptionSet& set, RunOptions& options);
 void add_machine_options(OptionSet& set, RunOptions& options);
 void add_lpips_option(OptionSet& set, RunOptions& options);

@@ -267,6 +267,12 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
   }
   Results results = results_of(trained);
   if (!noted) write_results(folder / kTrainingFile, results);
+  // Where one file could not be written, the many of the measurement might fail too, and hide the reason.
+  if (!trained.unsaved.empty()) {
+    throw std::runtime_error(trained.unsaved +
+                             "; the model is trained to its end; measure it with: splatboost eval -m " +
+                             shell_word(folder.string()));
+  }
   return measure_run(bench, backbone, folder, std::move(results));
 }
 

@@ -5,7 +5,9 @@
 #include <charconv>
 #include <fstream>
 #include <iterator>
+#include <set>
 #include <utility>
+#include <vector>
 
 namespace splatboost {
 
@@ -15,14 +17,22 @@ Json parse_json(std::string_view text, const std::string& place) {
   // Copying and writing JSON recurse once per level, so that a deeper document could overflow the stack. None of our
   // documents has more than five levels.
   constexpr int kDeepest = 64;
-  const auto check_depth = [&](int depth, Json::parse_event_t, Json&) {
+  std::vector<std::set<std::string>> keys;  // of the objects around the current place
+  const auto check = [&](int depth, Json::parse_event_t event, Json& parsed) {
     if (depth > kDeepest) {
       throw InputError(place + ": is nested deeper than " + std::to_string(kDeepest) + " levels");
+    }
+    if (event == Json::parse_event_t::object_start) keys.emplace_back();
+    if (event == Json::parse_event_t::object_end) keys.pop_back();
+    // The parser would keep the last of the two values, without a sign.
+    if (event == Json::parse_event_t::key) {
+      const auto& key = parsed.get_ref<const std::string&>();
+      require(keys.back().insert(key).second, place + ": the key '" + key + "' occurs twice");
     }
     return true;
   };
   try {
-    return Json::parse(text, check_depth, true, true);
+    return Json::parse(text, check, true, true);
   } catch (const Json::exception& error) {
     // Drops the prefix of "[json.exception.parse_error.101] parse error at line 1, column 2: …".
     std::string what = error.what();

@@ -74,7 +74,7 @@ void read_value(const nlohmann::json& json, const std::string& place, std::optio
 }
 
 /// Parses a document; // comments are allowed. Throws InputError, beginning with `place`, if the text is not JSON, is
-/// nested too deep, or has a number beyond the range of double.
+/// nested too deep, has a key twice in an object, or has a number beyond the range of double.
 nlohmann::json parse_json(std::string_view text, const std::string& place);
 
 /// Parses a file that must hold a JSON object. Throws InputError likewise, beginning with the path.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <new>
 #include <numeric>
 #include <stdexcept>
 #include <type_traits>
@@ -155,11 +156,11 @@ class Run {
       progress.update(iteration, loss_, backbone_.primitives(), outcome_.seconds - seconds_before);
       if (samples) saving_the_model(iteration, [&] { sample_curve(); });
       if (last) break;
-      if (saves) export_model();
-      if (checkpoints) save();
+      if (saves) save_on_the_way(progress, [&] { export_model(); });
+      if (checkpoints) save_on_the_way(progress, [&] { save(); });
       if (signals.caught() != 0) {
         outcome_.interrupted_by = signals.caught();
-        outcome_.checkpoint = save();
+        outcome_.checkpoint = save_or_export();
         break;
       }
     }
@@ -168,7 +169,7 @@ class Run {
       if (options_.on_end) options_.on_end(outcome_);
       outcome_.storage_bytes = export_model();
       // After the model, which is more important if the disk is full.
-      if (contains(options_.checkpoint_iterations, outcome_.iteration)) save();
+      if (contains(options_.checkpoint_iterations, outcome_.iteration)) attempt([&] { save(); });
     }
     return std::move(outcome_);
   }
@@ -181,15 +182,53 @@ class Run {
       return body();
     } catch (const DeviceMemoryError& error) {
       outcome_.iteration = iteration;
-      std::string saved = "the model so far is in " + model_folder().string();
-      try {
-        export_model();
-      } catch (const std::exception& reason) {
-        saved = "the model could not be saved: " + std::string(reason.what());
-      }
+      const std::string saved = export_so_far();
       throw DeviceMemoryError("iteration " + std::to_string(iteration) + ": " + error.what() + ", with " +
                               std::to_string(backbone_.primitives()) + " primitives; " + saved +
                               "; lower --resolution or set --max-primitives");
+    }
+  }
+
+  /// Exports the model of a run that ends early. @return where it is, or why it could not be saved, for a message
+  std::string export_so_far() {
+    try {
+      export_model();
+    } catch (const std::exception& reason) {
+      return "the model could not be saved: " + std::string(reason.what());
+    }
+    return "the model so far is in " + model_folder().string();
+  }
+
+  /// Calls the body, which saves what the run can do without. If it fails, the outcome keeps the reason, unless it has
+  /// an earlier one. @return the reason; empty: the body succeeded
+  template <class Body>
+  std::string attempt(const Body& body) {
+    std::string reason;
+    try {
+      body();
+    } catch (const std::bad_alloc&) {
+      reason = iteration_name(outcome_.iteration) + ": cannot be saved: out of memory";
+    } catch (const std::exception& error) {
+      reason = error.what();
+    }
+    if (outcome_.unsaved.empty()) outcome_.unsaved = reason;
+    return reason;
+  }
+
+  /// The same before the end of the run, with a warning: hours of training are worth more than a file on the way.
+  template <class Body>
+  void save_on_the_way(Progress& progress, const Body& body) {
+    const std::string reason = attempt(body);
+    if (!reason.empty()) progress.note("warning: " + printable(reason) + "; training goes on");
+  }
+
+  /// Writes the checkpoint of an interrupted run. If that fails, exports the model, which is smaller, and throws.
+  std::filesystem::path save_or_export() {
+    try {
+      return save();
+    } catch (const std::exception& error) {
+      throw std::runtime_error("interrupted after iteration " + std::to_string(outcome_.iteration) + "; " +
+                               error.what() + "; " + export_so_far());
     }
   }
 

@@ -27,6 +27,7 @@ struct TrainOutcome {
   std::vector<CurvePoint> curve;
   std::map<std::string, double> stage_seconds;
   std::uint64_t storage_bytes = 0;  ///< of the final model; 0 if interrupted
+  std::string unsaved;  ///< why the first early model or checkpoint could not be written; empty: none failed
 };
 
 struct TrainOptions {
@@ -63,9 +64,11 @@ std::size_t view_of_iteration(int iteration, std::size_t views, std::uint64_t se
 /// runs.
 ///
 /// Exports to point_cloud/iteration_N. Backbone::finish() is called after the last iteration only, so that intermediate
-/// exports do not change the run. Throws std::runtime_error naming the iteration if the loss is not finite, and
-/// InputError if options.resume is not a checkpoint of this run. If GPU memory runs out, exports the model so far and
-/// throws DeviceMemoryError with its path.
+/// exports do not change the run. An early model or a checkpoint that cannot be written is told in a warning, and
+/// training goes on; at a signal, the model so far is exported instead, and std::runtime_error gives its path.
+///
+/// Throws std::runtime_error naming the iteration if the loss is not finite, and InputError if options.resume is not a
+/// checkpoint of this run. If GPU memory runs out, exports the model so far and throws DeviceMemoryError with its path.
 TrainOutcome train(Backbone& backbone, const Scene& scene, const TrainOptions& options);
 
 }  // namespace splatboost

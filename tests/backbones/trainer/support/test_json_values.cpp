@@ -34,6 +34,14 @@ TEST(ParseJson, RefusesWhatIsNestedTooDeep) {
   expect_contains(input_error_of([] { parse_json(std::string(1'000'000, '['), "x.json"); }), "nested deeper");
 }
 
+TEST(ParseJson, RefusesAKeyThatOccursTwiceInAnObject) {
+  const auto refused = [](const std::string& text) { return input_error_of([&] { parse_json(text, "x.json"); }); };
+  EXPECT_EQ(refused(R"({"a": 1, "b": 2, "a": 1})"), "x.json: the key 'a' occurs twice");
+  EXPECT_EQ(refused(R"({"a": {"b": {}, "c": [{"d": 1}, {"e": 1, "e": null}]}})"), "x.json: the key 'e' occurs twice");
+  EXPECT_EQ(refused(R"({"a": {"b": {}}, "c": 1, "a": {}})"), "x.json: the key 'a' occurs twice");
+  EXPECT_TRUE(parse_json(R"({"a": {"a": [{"a": 1}, {"a": 2}]}, "b": {"a": {}}})", "x").is_object());
+}
+
 TEST(ReadValue, RefusesNumbersThatNoFloatHolds) {
   float value = 1;
   expect_contains(input_error_of([&] { read_value(nlohmann::json(1e300), "rate", value); }),

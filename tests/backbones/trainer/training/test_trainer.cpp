@@ -54,7 +54,10 @@ class FakeBackbone final : public Backbone {
     return text.size();
   }
   void import_model(const std::filesystem::path&) override {}
-  void save(ArchiveWriter& archive) const override { archive.put("sum", std::int64_t{sum_}); }
+  void save(ArchiveWriter& archive) const override {
+    if (no_checkpoint) throw std::runtime_error("File too large");
+    archive.put("sum", std::int64_t{sum_});
+  }
   void load(ArchiveReader& archive) override { sum_ = static_cast<std::uint32_t>(archive.integer("sum")); }
   nlohmann::json config() const override { return {}; }
   RasterizerHook& rasterizer_hook() override { std::abort(); }
@@ -67,6 +70,7 @@ class FakeBackbone final : public Backbone {
   bool finished = false;
   int broken_at = 0;
   bool full_disk = false;
+  bool no_checkpoint = false;
   std::function<void(int)> on_step;
 
  private:
@@ -378,6 +382,61 @@ TEST_F(Trainer, ASaveThatFailsLeavesNoFolder) {
   EXPECT_THROW(train(backbone, scene, options), std::runtime_error);
   EXPECT_NE(model(10), "");
   EXPECT_FALSE(std::filesystem::exists(options.model / "point_cloud" / "iteration_20"));
+}
+
+TEST_F(Trainer, GoesOnAfterASaveThatFails) {
+  FakeBackbone undisturbed(scene);
+  EXPECT_EQ(train(undisturbed, scene, options).unsaved, "");
+  const std::string expected = model(20);
+  options.model = folder / "disturbed";
+  options.save_iterations = {5, 10};
+  options.checkpoint_iterations = {7, 8, 20};
+  FakeBackbone backbone(scene);
+  backbone.on_step = [&](int iteration) {
+    backbone.full_disk = iteration == 5;
+    backbone.no_checkpoint = iteration == 7 || iteration == 20;
+  };
+  ::testing::internal::CaptureStderr();
+  const TrainOutcome outcome = train(backbone, scene, options);
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(),
+            "warning: No space left on device; training goes on\nwarning: File too large; training goes on\n")
+      << "at the end nothing goes on";
+  EXPECT_EQ(outcome.unsaved, "No space left on device") << "the first reason";
+  EXPECT_EQ(model(20), expected);
+  EXPECT_NE(model(10), "");
+  EXPECT_FALSE(std::filesystem::exists(options.model / "point_cloud" / "iteration_5"));
+  EXPECT_EQ(files_in(options.model / "checkpoints"), 1u) << "that of iteration 8";
+}
+
+TEST_F(Trainer, TellsOfACheckpointAtTheEndThatFails) {
+  FakeBackbone backbone(scene);
+  backbone.no_checkpoint = true;
+  options.checkpoint_iterations = {20};
+  EXPECT_EQ(train(backbone, scene, options).unsaved, "File too large");
+  EXPECT_NE(model(20), "");
+}
+
+TEST_F(Trainer, SignalLeavesTheModelIfTheCheckpointFails) {
+  FakeBackbone backbone(scene);
+  backbone.no_checkpoint = true;
+  backbone.on_step = [&](int iteration) {
+    if (iteration == 6) std::raise(SIGINT);
+  };
+  const auto message_of = [&] {
+    try {
+      train(backbone, scene, options);
+    } catch (const std::runtime_error& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  const std::string message = message_of();
+  expect_contains(message, "interrupted after iteration 6; File too large; the model so far is in");
+  expect_contains(message, (options.model / "point_cloud/iteration_6").string());
+  EXPECT_NE(model(6), "");
+  EXPECT_FALSE(backbone.finished);
+  backbone.full_disk = true;
+  expect_contains(message_of(), "File too large; the model could not be saved: No space left");
 }
 
 TEST_F(Trainer, EvaluateMeasuresAndWritesPictures) {
