@@ -4,18 +4,14 @@ include_guard(GLOBAL)
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
-# nanoflann is header-only and compiled into the core: users of the core do not need it.
-get_target_property(links splatboost_core INTERFACE_LINK_LIBRARIES)
-list(FILTER links EXCLUDE REGEX "nanoflann")
-set_target_properties(splatboost_core PROPERTIES INTERFACE_LINK_LIBRARIES "${links}")
-
 get_property(adapters GLOBAL PROPERTY SPLATBOOST_ADAPTERS)
 list(TRANSFORM adapters PREPEND splatboost_adapter_)
-install(TARGETS splatboost_core ${adapters} splatboost_adapters splatboost_shared
-  EXPORT SplatBoostTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(TARGETS splatboost_core ${adapters} splatboost_adapters
+  EXPORT SplatBoostCoreTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(TARGETS splatboost_shared EXPORT SplatBoostSharedTargets LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/core/include/splatboost DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/adapters/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/splatboost/adapters
-  FILES_MATCHING PATTERN "*.h")
+  FILES_MATCHING PATTERN "*.h" PATTERN c_api_edge.h EXCLUDE PATTERN python EXCLUDE)
 if(TARGET splatboost_program)
   install(TARGETS splatboost_program RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/patches/ DESTINATION ${CMAKE_INSTALL_DATADIR}/splatboost/patches
@@ -23,7 +19,9 @@ if(TARGET splatboost_program)
 endif()
 
 set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/SplatBoost)
-install(EXPORT SplatBoostTargets NAMESPACE splatboost:: DESTINATION ${package_folder})
+foreach(component Core Shared)
+  install(EXPORT SplatBoost${component}Targets NAMESPACE splatboost:: DESTINATION ${package_folder})
+endforeach()
 configure_package_config_file(${PROJECT_SOURCE_DIR}/cmake/SplatBoostConfig.cmake.in
   ${PROJECT_BINARY_DIR}/SplatBoostConfig.cmake INSTALL_DESTINATION ${package_folder})
 # Before 1.0 a minor version may change an interface.

@@ -118,7 +118,7 @@ class ConvexAdapter final : public Adapter {
   BlendingWeights weights_;
   std::vector<std::int64_t> importance_;
   std::vector<float> pruning_;  ///< [N] pruning scores of the primitives at the last scoring
-  int scored_at_ = 0;           ///< iteration of the last growth
+  int scored_at_ = -1;          ///< iteration of the last growth
 };
 
 }  // namespace splatboost

@@ -81,7 +81,10 @@ PhotoSlamAdapter::LatePruning PhotoSlamAdapter::due_by(Moment moment) const {
 }
 
 const PhotoSlamAdapter::LatePruning& PhotoSlamAdapter::done(Moment moment) const {
-  if (!done_) done_ = due_by({moment.iteration - 1, moment.total});
+  if (!pruned_ && moment.iteration < begun_) {
+    begun_ = moment.iteration;
+    done_ = due_by({begun_ - 1, moment.total});
+  }
   return *done_;
 }
 
@@ -106,6 +109,7 @@ void PhotoSlamAdapter::prune(const DensityStatistics& statistics, RasterizerHook
   if (is_literal() || decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
   const LatePruning due = due_by(statistics.moment);
   done_ = {done_->growth_ended || due.growth_ended, std::max(done_->prunes, due.prunes)};
+  pruned_ = true;
 }
 
 AdapterEntry photo_slam_adapter_entry() {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <concepts>
+#include <limits>
 #include <optional>
 #include <type_traits>
 
@@ -58,10 +59,13 @@ class PhotoSlamAdapter final : public VanillaAdapter {
     int prunes = 0;  ///< number of late prunings, including the one at the end of growth
   };
   LatePruning due_by(Moment moment) const;
-  /// The late pruning done so far. At the first call, everything due before `moment` counts as done (a resumed run).
+  /// The late pruning done so far. Before the first of this object, everything due before the earliest moment asked
+  /// about counts as done (a resumed run).
   const LatePruning& done(Moment moment) const;
 
-  mutable std::optional<LatePruning> done_;  ///< nullopt before the first call of done()
+  mutable std::optional<LatePruning> done_;              ///< nullopt before the first call of done()
+  mutable int begun_ = std::numeric_limits<int>::max();  ///< earliest iteration asked about
+  bool pruned_ = false;                                  ///< done_ was set by prune()
   double recent_share_;
   Device device_;
   ScoreSums sums_;

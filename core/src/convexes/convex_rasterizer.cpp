@@ -58,7 +58,7 @@ void ConvexRasterizer::forward(const Camera& camera, const Convexes& convexes, c
   const std::size_t pixels = static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   check_rows(color, pixels, 3, "color");
   check_optional(alpha, pixels, "alpha");
-  SPLATBOOST_CHECK(camera.tiles_x() < 65536 && camera.tiles_y() < 65536, "images are limited to 2^20 pixels per side");
+  check_image_size(camera);
   State& state = *state_;
   state.pixels = pixels;
   state.convexes = convexes.count;

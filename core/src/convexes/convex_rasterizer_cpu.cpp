@@ -32,7 +32,9 @@ class CpuConvexRasterizer : public ConvexBackend {
     timed(seconds_.count, [&] { count_flagged_convexes(frame_, flagged, counts, threads_); });
   }
 
-  void add_weights(std::span<std::int32_t> weights) override { add_convex_weights(frame_, weights, threads_); }
+  void add_weights(std::span<std::int32_t> weights) override {
+    timed(seconds_.count, [&] { add_convex_weights(frame_, weights, threads_); });
+  }
 
   bool settle() override { return false; }
   std::span<const std::uint8_t> visible() const override { return frame_.visible.span(); }

@@ -42,7 +42,11 @@ class CudaConvexRasterizer : public ConvexBackend {
     clock_.counted.record();
   }
 
-  void add_weights(std::span<std::int32_t> weights) override { add_convex_weights(frame_, weights, stream_); }
+  void add_weights(std::span<std::int32_t> weights) override {
+    clock_.count_start.record();
+    add_convex_weights(frame_, weights, stream_);
+    clock_.counted.record();
+  }
 
   /// forward() waits for the size of the lists, so that nothing has to be drawn again.
   bool settle() override { return false; }

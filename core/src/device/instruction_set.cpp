@@ -36,17 +36,18 @@ void find_best_target() {
 }  // namespace
 
 void use_instruction_set(InstructionSet set) {
-  hwy::SetSupportedTargetsForTest(0);  // 0: no restriction
-  find_best_target();
-  if (set == InstructionSet::best) return;
+  static std::int64_t restriction = 0;  // 0: none
+  hwy::SetSupportedTargetsForTest(0);
   const std::int64_t wanted = set == InstructionSet::avx512 ? kAvx512
                               : set == InstructionSet::avx2 ? HWY_AVX2
                               : (usable() & k128) != 0      ? k128
                                                             : HWY_STATIC_TARGET;
   const std::int64_t held = usable() & wanted;
-  SPLATBOOST_CHECK(held != 0, "this machine or build does not support these instructions");
-  hwy::SetSupportedTargetsForTest(held);
+  const bool supported = set == InstructionSet::best || held != 0;
+  if (supported) restriction = set == InstructionSet::best ? 0 : held;
+  hwy::SetSupportedTargetsForTest(restriction);
   find_best_target();
+  SPLATBOOST_CHECK(supported, "this machine or build does not support these instructions");
 }
 
 std::string instruction_set_name() {

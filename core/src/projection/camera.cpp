@@ -3,6 +3,8 @@
 
 #include <cmath>
 
+#include <glm/matrix.hpp>
+
 #include "splatboost/constants.h"
 #include "splatboost/errors.h"
 
@@ -17,6 +19,21 @@ namespace {
 
 /// Without overflow for any length.
 int tiles_along(int length) { return length / kTileSize + (length % kTileSize != 0 ? 1 : 0); }
+
+/// Poses read from text, or rounded by the caller, may have errors of this size.
+constexpr float kRigidTolerance = 1e-2f;
+
+bool is_rigid(const glm::mat4& pose) {
+  const glm::mat3 rotation(pose);
+  const glm::mat3 product = glm::transpose(rotation) * rotation;
+  for (int column = 0; column < 3; ++column) {
+    for (int row = 0; row < 3; ++row) {
+      if (!(std::abs(product[column][row] - (row == column ? 1.0f : 0.0f)) < kRigidTolerance)) return false;
+    }
+    if (!(std::abs(pose[column][3]) < kRigidTolerance)) return false;
+  }
+  return std::abs(pose[3][3] - 1.0f) < kRigidTolerance && glm::determinant(rotation) > 0;
+}
 
 }  // namespace
 
@@ -33,6 +50,8 @@ void check_camera(const Camera& camera) {
       SPLATBOOST_CHECK(std::isfinite(camera.camera_from_world[column][row]), "a camera's pose must be finite");
     }
   }
+  SPLATBOOST_CHECK(is_rigid(camera.camera_from_world),
+                   "a camera's pose must be rigid, a rotation and a translation (is the matrix transposed?)");
 }
 
 }  // namespace splatboost

@@ -1,15 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Checks of the arrays that callers pass to a rasterizer. All throw ArgumentError that names the array.
+/// @file Checks of the arrays and image sizes that callers pass to a rasterizer. All throw ArgumentError that names
+/// them.
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string>
 
+#include "splatboost/camera.h"
 #include "splatboost/constants.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
+
+/// Numbers of tiles are computed as floats and as products of ints, which are exact up to 2^24.
+inline void check_image_size(const Camera& camera) {
+  SPLATBOOST_CHECK(camera.tiles_x() < 65536 && camera.tiles_y() < 65536, "images are limited to 2^20 pixels per side");
+  SPLATBOOST_CHECK(std::int64_t{camera.tiles_x()} * camera.tiles_y() <= std::int64_t{1} << 24,
+                   "images are limited to 2^24 tiles of 16 x 16 pixels");
+}
 
 inline void check_rows(std::span<const float> rows, std::size_t n, std::size_t width, const char* name) {
   SPLATBOOST_CHECK(rows.size() == n * width, std::string(name) + " must hold " + std::to_string(n) + " × " +

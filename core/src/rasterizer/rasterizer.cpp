@@ -70,8 +70,7 @@ void Rasterizer::forward(const Camera& camera, const Gaussians& gaussians, const
   check_optional(images.features, pixels * static_cast<std::size_t>(gaussians.features_per_gaussian), "image features");
   check_optional(images.inverse_depth, pixels, "inverse_depth");
   check_optional(images.alpha, pixels, "alpha");
-
-  SPLATBOOST_CHECK(camera.tiles_x() < 65536 && camera.tiles_y() < 65536, "images are limited to 2^20 pixels per side");
+  check_image_size(camera);
 
   State& state = *state_;
   state.pixels = pixels;

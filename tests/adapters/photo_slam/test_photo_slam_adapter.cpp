@@ -170,6 +170,15 @@ TEST(PhotoSlamAdapter, a_run_that_is_continued_prunes_only_what_is_due_from_then
   EXPECT_TRUE(adapter.prunes_at({700, 1000}, false));
 }
 
+TEST(PhotoSlamAdapter, may_be_asked_about_later_iterations) {
+  Threads threads(1);
+  const PhotoSlamAdapter adapter({}, threads);
+  EXPECT_TRUE(adapter.prunes_at({900, 1000}, false));
+  EXPECT_FALSE(adapter.prunes_at({499, 1000}, false));
+  EXPECT_TRUE(adapter.grows_at({400, 1000}, true));
+  EXPECT_TRUE(adapter.prunes_at({500, 1000}, false));
+}
+
 TEST(PhotoSlamAdapter, late_pruning_may_begin_at_any_iteration) {
   Threads threads(1);
   PhotoSlamBoost boost;

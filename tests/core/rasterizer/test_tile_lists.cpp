@@ -5,6 +5,7 @@
 
 #include "projection/tile_lists.h"
 #include "splatboost/errors.h"
+#include "splatboost/rasterizer.h"
 
 namespace splatboost::test {
 namespace {
@@ -45,6 +46,19 @@ TEST(TileLists, RefuseMoreEntriesThanThat) {
     } catch (const ArgumentError& error) {
       EXPECT_NE(std::string(error.what()).find("smaller images"), std::string::npos) << error.what();
     }
+  }
+}
+
+// The lists of more tiles would be shorter than what is written to them.
+TEST(TileLists, ImagesOfMoreTilesThanAFloatCountsExactlyAreRefused) {
+  Threads threads(1);
+  Rasterizer rasterizer(threads);
+  const Camera camera{65536 + 1, 65536, 1000, 1000, 0, 0, glm::mat4(1.0f)};
+  try {
+    rasterizer.forward(camera, Gaussians{}, RasterOptions{}, RasterImages{});
+    ADD_FAILURE() << "nothing was thrown";
+  } catch (const ArgumentError& error) {
+    EXPECT_NE(std::string(error.what()).find("2^24 tiles"), std::string::npos) << error.what();
   }
 }
 
