@@ -82,10 +82,11 @@ typedef struct sb_views {
 
 /** @param beta receives β of the compact box; 0 if the host is to keep its own box */
 SB_API sb_status sb_adapter_beta(const sb_adapter* adapter, float* beta);
-/** Whether to grow now. @param host_would whether the host's own rule would @param grows receives 1 or 0 */
+/** Whether to grow at this iteration. May be asked in advance, like the questions on pruning, steps and resets.
+ *  @param host_would whether the host's own rule would @param grows receives 1 or 0 */
 SB_API sb_status sb_adapter_grows_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
                                      int32_t* grows);
-/** Whether to prune now. @param prunes receives 1 or 0 */
+/** Whether to prune at this iteration. @param prunes receives 1 or 0 */
 SB_API sb_status sb_adapter_prunes_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
                                       int32_t* prunes);
 /** Whether a parameter group steps now. @param group the host's name: "xyz", "f_dc", "f_rest", "opacity", "scaling",
@@ -96,13 +97,14 @@ SB_API sb_status sb_adapter_steps_at(const sb_adapter* adapter, const char* grou
 /** Factor on the host's own learning rate of a group at this iteration. @param factor receives it; 1 for most groups */
 SB_API sb_status sb_adapter_rate_factor(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
                                         float* factor);
-/** Whether to reset opacities now. @param host_would whether the host's own rule would @param resets receives 1 or 0 */
+/** Whether to reset opacities at this iteration. @param host_would whether the host's own rule would
+ *  @param resets receives 1 or 0 */
 SB_API sb_status sb_adapter_resets_opacities_at(const sb_adapter* adapter, int32_t iteration, int32_t total,
                                                 int32_t host_would, int32_t* resets);
 
-/** Scores the views and decides growth; waits for the GPU. @param clone,split uint8 [N], in: the host's own decisions,
- *  out: those to apply @param stream CUDA stream of this call, which the functions of `views` must use too; NULL on the
- *  CPU */
+/** Scores the views and decides growth; waits for the GPU. Gradients must not be NaN if there is a cap.
+ *  @param clone,split uint8 [N], in: the host's own decisions, out: those to apply @param stream CUDA stream of this
+ *  call, which the functions of `views` must use too; NULL on the CPU */
 SB_API sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const sb_views* views,
                                  const sb_tensor* clone, const sb_tensor* split, void* stream);
 /** Decides removal; waits for the GPU. @param remove uint8 [M], in: the host's own candidates, out: those to remove

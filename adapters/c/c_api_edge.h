@@ -93,7 +93,7 @@ class Place {
   Device device() { return stream_ ? Device(*stream_) : Device(threads_); }
   bool is_cuda() const { return kind_ == SB_CUDA; }
   /// For what runs on the host; as many as there are CPUs if the device is a GPU.
-  Threads& host_threads() { return threads_; }
+  const Threads& host_threads() { return threads_; }
   /// device_kind and device_index of tensors on this place.
   std::int32_t kind() const { return kind_; }
   std::int32_t index() const { return index_; }

@@ -12,7 +12,7 @@ constexpr std::size_t kTimeWidth = 256, kTimeOutputs = 30;  // of the time net, 
 
 class WorkOnCpu final : public DeformationField::Work {
  public:
-  WorkOnCpu(const DeformationShape& shape, Threads& threads) : field_(shape, threads) {}
+  WorkOnCpu(const DeformationShape& shape, const Threads& threads) : field_(shape, threads) {}
   void forward(std::span<const float> parameters, const GaussianPlaces<const float>& at, float time,
                const GaussianPlaces<float>& moved, bool keep) override {
     field_.forward(parameters, at, time, moved, keep);

@@ -23,7 +23,7 @@ GaussianRow<Real> row_of(const GaussianPlaces<Real>& places, std::size_t i) {
 }  // namespace
 
 template <class Real>
-DeformationOnCpu<Real>::DeformationOnCpu(const DeformationShape& shape, Threads& threads)
+DeformationOnCpu<Real>::DeformationOnCpu(const DeformationShape& shape, const Threads& threads)
     : shape_(shape),
       net_shape_(shape.net()),
       time_shape_(shape.time_shape()),

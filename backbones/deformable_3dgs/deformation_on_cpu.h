@@ -15,7 +15,7 @@ namespace splatboost {
 template <class Real>
 class DeformationOnCpu {
  public:
-  DeformationOnCpu(const DeformationShape& shape, Threads& threads);
+  DeformationOnCpu(const DeformationShape& shape, const Threads& threads);
 
   void forward(std::span<const Real> parameters, const GaussianPlaces<const Real>& at, Real time,
                const GaussianPlaces<Real>& moved, bool keep);
@@ -30,7 +30,7 @@ class DeformationOnCpu {
   DeformationShape shape_;
   DeepNetShape net_shape_;
   NetShape time_shape_;
-  Threads& threads_;
+  Threads threads_;
   DeepNet<Real> net_;
   std::vector<Real> time_inputs_, time_hidden_, time_outputs_;  ///< of the time net, kTimeRows rows
   std::vector<Real> shared_, of_shared_;                        ///< shared inputs of the net, and their gradients

@@ -19,7 +19,7 @@ namespace splatboost::test {
 /// of those before it: call all of them once, in the order of this class, before timing any.
 class Workload {
  public:
-  Workload(const BenchSize& size, Threads& threads)
+  Workload(const BenchSize& size, const Threads& threads)
       : bench_(make_bench_scene(size)),
         gaussians_(bench_.gaussians()),
         threads_(threads),
@@ -98,7 +98,7 @@ class Workload {
 
   BenchScene bench_;
   Gaussians gaussians_;
-  Threads& threads_;
+  Threads threads_;
   Rasterizer rasterizer_;
   Photometric photometric_;
   RasterOptions options_;

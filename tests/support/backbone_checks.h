@@ -87,7 +87,7 @@ inline void expect_exact_resume(const MakeBackbone& make, const Scene& scene, in
   }
 }
 
-inline void expect_same_bytes_for_any_threads(const std::function<std::unique_ptr<Backbone>(Threads&)>& make,
+inline void expect_same_bytes_for_any_threads(const std::function<std::unique_ptr<Backbone>(const Threads&)>& make,
                                               const Scene& scene, int iterations) {
   std::string bytes[2];
   for (const int count : {1, 3}) {

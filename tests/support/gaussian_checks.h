@@ -67,7 +67,7 @@ inline CloudGradients gathered_gradients(Backbone& backbone, const SplatCloud& c
 inline CloudGradients gradients_of_view(const SplatCloud& cloud, std::span<const float> scales,
                                         std::span<const float> opacities, const View& view,
                                         const RasterOptions& options, float l1_weight, float ssim_weight,
-                                        Threads& threads) {
+                                        const Threads& threads) {
   Gaussians gaussians;
   gaussians.count = cloud.size();
   gaussians.means = cloud.means;

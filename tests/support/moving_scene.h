@@ -11,7 +11,8 @@ namespace splatboost::testing {
 inline constexpr float kSlide = 0.7f;  ///< distance from time 0 to time 1
 
 /// Ground-truth image of the scene at a time.
-inline std::vector<std::uint8_t> moving_truth(const Camera& camera, float time, Threads& threads, int blobs = 40) {
+inline std::vector<std::uint8_t> moving_truth(const Camera& camera, float time, const Threads& threads,
+                                              int blobs = 40) {
   const RandomStream random(11, 0, RandomPurpose::synth);
   std::uint64_t next = 0;
   const auto n = static_cast<std::size_t>(blobs);
@@ -45,7 +46,7 @@ inline std::vector<std::uint8_t> moving_truth(const Camera& camera, float time, 
 }
 
 /// One camera per moment, as in a monocular video; every eighth is held out.
-inline Scene moving_scene(Threads& threads, int views = 24, int width = 40, int height = 32) {
+inline Scene moving_scene(const Threads& threads, int views = 24, int width = 40, int height = 32) {
   Scene scene;
   for (int v = 0; v < views; ++v) {
     // Neighbouring times get distant angles, so that time and pose are not correlated.

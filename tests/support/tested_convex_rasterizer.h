@@ -11,7 +11,7 @@ namespace splatboost::test {
 
 class ConvexRasterizer {
  public:
-  explicit ConvexRasterizer(Threads&) : rasterizer_(test_stream()) {}
+  explicit ConvexRasterizer(const Threads&) : rasterizer_(test_stream()) {}
 
   void forward(const Camera& camera, const Convexes& convexes, const ConvexOptions& options, std::span<float> color,
                std::span<float> alpha = {}) {

@@ -93,7 +93,7 @@ class Carried {
 
 class Rasterizer {
  public:
-  explicit Rasterizer(Threads&) : rasterizer_(test_stream()) {}
+  explicit Rasterizer(const Threads&) : rasterizer_(test_stream()) {}
 
   void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
                const RasterImages& images) {

@@ -12,7 +12,7 @@
 namespace splatboost::testing {
 
 /// Views of `blobs` random Gaussians, with `points` sparse points near them.
-inline Scene tiny_scene(Threads& threads, int views = 6, int width = 48, int height = 40, int blobs = 60,
+inline Scene tiny_scene(const Threads& threads, int views = 6, int width = 48, int height = 40, int blobs = 60,
                         int points = 40) {
   const RandomStream random(7, 0, RandomPurpose::synth);
   std::uint64_t next = 0;

@@ -77,7 +77,7 @@ struct NeuralGaussianGradients {
 template <class Real>
 class AnchorDecoder {
  public:
-  AnchorDecoder(const DecoderShape& shape, Threads& threads) : shape_(shape), threads_(threads) {}
+  AnchorDecoder(const DecoderShape& shape, const Threads& threads) : shape_(shape), threads_(threads) {}
 
   /// Decodes the given anchors (ascending) as seen from `centre`; slots with an opacity above 0 become Gaussians. The
   /// result is valid until the next call.
@@ -103,7 +103,7 @@ class AnchorDecoder {
   std::size_t all_net_parameters() const;
 
   DecoderShape shape_;
-  Threads& threads_;
+  Threads threads_;
   std::vector<std::uint32_t> anchors_;              ///< [V]
   std::vector<Real> view_;                          ///< [V,4] direction and distance
   std::vector<Real> opacity_, covariance_, color_;  ///< [V,k], [V,7k] raw, [V,3k] activated

@@ -11,7 +11,7 @@ constexpr std::size_t kGrain = 2048;
 }  // namespace
 
 void anchors_in_view(const Camera& camera, std::span<const float> positions, std::span<const float> scales,
-                     std::span<const std::uint8_t> candidates, Threads& threads, std::vector<std::uint8_t>& mask,
+                     std::span<const std::uint8_t> candidates, const Threads& threads, std::vector<std::uint8_t>& mask,
                      std::vector<std::uint32_t>& visible) {
   const std::size_t n = positions.size() / 3;
   mask.resize(n);

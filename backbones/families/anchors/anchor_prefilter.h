@@ -18,7 +18,7 @@ namespace splatboost {
 /// @param candidates [N] zero: ignore this anchor; empty: consider all
 /// @param mask [N] workspace; afterwards non-zero where in view
 void anchors_in_view(const Camera& camera, std::span<const float> positions, std::span<const float> scales,
-                     std::span<const std::uint8_t> candidates, Threads& threads, std::vector<std::uint8_t>& mask,
+                     std::span<const std::uint8_t> candidates, const Threads& threads, std::vector<std::uint8_t>& mask,
                      std::vector<std::uint32_t>& visible);
 
 }  // namespace splatboost

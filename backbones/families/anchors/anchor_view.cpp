@@ -11,7 +11,7 @@ namespace {
 
 class WorkOnCpu final : public AnchorView::Work {
  public:
-  WorkOnCpu(const DecoderShape& shape, Threads& threads) : threads_(threads), decoder_(shape, threads) {}
+  WorkOnCpu(const DecoderShape& shape, const Threads& threads) : threads_(threads), decoder_(shape, threads) {}
 
   const ViewGaussians& decode(const Camera& camera, const DecoderInputs<float>& inputs,
                               std::span<const std::uint8_t> usable, bool /*ahead*/) override {
@@ -47,7 +47,7 @@ class WorkOnCpu final : public AnchorView::Work {
   }
 
  private:
-  Threads& threads_;
+  Threads threads_;
   AnchorDecoder<float> decoder_;
   std::vector<std::uint8_t> in_view_;  ///< [N]
   std::vector<std::uint32_t> anchors_;

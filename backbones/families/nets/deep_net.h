@@ -52,7 +52,7 @@ class DeepNet {
     return (shape.inputs + shape.layers * shape.hidden) * sizeof(Real);
   }
 
-  DeepNet(const DeepNetShape& shape, Threads& threads) : shape_(shape), threads_(threads) {}
+  DeepNet(const DeepNetShape& shape, const Threads& threads) : shape_(shape), threads_(threads) {}
 
   /// @param shared [shared] @param y [rows,outputs]
   /// @param keep whether backward() follows
@@ -70,7 +70,7 @@ class DeepNet {
   Real* part(std::size_t index);
 
   DeepNetShape shape_;
-  Threads& threads_;
+  Threads threads_;
   std::size_t rows_ = 0;
   std::vector<Real> biases_;   ///< [layers,hidden] including the products of the shared inputs
   std::vector<Real> kept_;     ///< inputs and layer values of each piece

@@ -26,7 +26,7 @@ constexpr double kImagePixel = 12;  // colour, or its gradient
 
 }  // namespace
 
-BlendWork count_blend_work(const BenchScene& bench, const PixelCell& cell, Threads& threads) {
+BlendWork count_blend_work(const BenchScene& bench, const PixelCell& cell, const Threads& threads) {
   const Camera& camera = bench.scene.train[0].camera;
   BlendWork work;
   work.pixels = static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height);

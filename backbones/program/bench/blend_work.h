@@ -27,7 +27,7 @@ struct BlendWork {
   std::uint64_t pairs = 0;    ///< (pixel, splat) pairs that are blended
 };
 
-BlendWork count_blend_work(const BenchScene& bench, const PixelCell& cell, Threads& threads);
+BlendWork count_blend_work(const BenchScene& bench, const PixelCell& cell, const Threads& threads);
 
 /// Floating-point operations and bytes that a kernel needs at least.
 ///

@@ -72,7 +72,7 @@ ConvexBench make_convex_bench(const BenchSize& size) {
   return bench;
 }
 
-std::unique_ptr<Backbone> make_still_convexes(const ConvexBench& bench, Threads& threads) {
+std::unique_ptr<Backbone> make_still_convexes(const ConvexBench& bench, const Threads& threads) {
   ConvexConfig config;
   config.reference_focal = 0;  // as they are, of the pixels of this camera
   config.points_rate_initial = config.points_rate_final = 1e-20;
@@ -94,7 +94,7 @@ std::unique_ptr<Backbone> make_still_convexes(const ConvexBench& bench, Threads&
   return backbone;
 }
 
-BlendWork count_blend_work(const ConvexBench& bench, const PixelCell& cell, Threads& threads) {
+BlendWork count_blend_work(const ConvexBench& bench, const PixelCell& cell, const Threads& threads) {
   const Camera& camera = bench.splats.scene.train[0].camera;
   BlendWork work;
   work.pixels = static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height);

@@ -28,10 +28,10 @@ ConvexBench make_convex_bench(const BenchSize& size);
 
 /// The published backbone with these convexes and learning rates of nearly zero, so that every repeat sees the same
 /// scene.
-std::unique_ptr<Backbone> make_still_convexes(const ConvexBench& bench, Threads& threads);
+std::unique_ptr<Backbone> make_still_convexes(const ConvexBench& bench, const Threads& threads);
 
 /// Counts of one view, drawn with the exact compact box (β = 1).
-BlendWork count_blend_work(const ConvexBench& bench, const PixelCell& cell, Threads& threads);
+BlendWork count_blend_work(const ConvexBench& bench, const PixelCell& cell, const Threads& threads);
 
 /// On the CPU, as blend_effort(). Operations assume hulls of six edges of which one determines the value: pixels that
 /// need the sum over edges take more than twice as many, which is not counted.

@@ -7,7 +7,7 @@
 
 namespace splatboost::program {
 
-void add_cuda_figures(std::span<const BenchSize> sizes, int repeats, CudaStream& stream, Threads& threads,
+void add_cuda_figures(std::span<const BenchSize> sizes, int repeats, CudaStream& stream, const Threads& threads,
                       nlohmann::json& document, const CudaProbe& probe) {
   const CudaDeviceFacts facts = cuda_device_facts(stream);
   document["device"] = facts.name;

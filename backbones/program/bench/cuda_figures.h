@@ -15,7 +15,7 @@ namespace splatboost::program {
 
 /// Adds the device, its limits and, for each scene, times, counted work and shares of the limits to a document.
 /// @param threads CPU threads for counting the work
-void add_cuda_figures(std::span<const BenchSize> sizes, int repeats, CudaStream& stream, Threads& threads,
+void add_cuda_figures(std::span<const BenchSize> sizes, int repeats, CudaStream& stream, const Threads& threads,
                       nlohmann::json& document, const CudaProbe& probe = {});
 
 }  // namespace splatboost::program

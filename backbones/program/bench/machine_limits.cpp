@@ -81,7 +81,7 @@ double best_of_runs(const Run& run) {
   return best;
 }
 
-double measure_operations(Threads& threads) {
+double measure_operations(const Threads& threads) {
   constexpr std::size_t kRounds = 20000;
   const std::size_t pieces = 64 * static_cast<std::size_t>(threads.count());  // many, so that threads finish together
   std::atomic<float> sink = 0;
@@ -93,7 +93,7 @@ double measure_operations(Threads& threads) {
   return static_cast<double>(operations) / seconds;
 }
 
-double measure_bytes(Threads& threads) {
+double measure_bytes(const Threads& threads) {
   constexpr std::size_t kElements = std::size_t{1} << 26;  // 256 MiB per array
   constexpr std::size_t kGrain = std::size_t{1} << 16;
   const auto array = [] { return std::make_unique_for_overwrite<float[]>(kElements); };
@@ -113,7 +113,7 @@ double measure_bytes(Threads& threads) {
 
 }  // namespace
 
-MachineLimits measure_limits(Threads& threads) { return {measure_bytes(threads), measure_operations(threads)}; }
+MachineLimits measure_limits(const Threads& threads) { return {measure_bytes(threads), measure_operations(threads)}; }
 
 }  // namespace splatboost::program
 #endif  // HWY_ONCE

@@ -14,6 +14,6 @@ struct MachineLimits {
 };
 
 /// The best of a few runs on all threads; takes about 800 MB for a second or two.
-MachineLimits measure_limits(Threads& threads);
+MachineLimits measure_limits(const Threads& threads);
 
 }  // namespace splatboost::program

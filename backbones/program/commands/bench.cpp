@@ -46,7 +46,7 @@ VanillaConfig still_config() {
   return config;
 }
 
-std::unique_ptr<Backbone> make_backbone(const BenchScene& bench, Threads& threads) {
+std::unique_ptr<Backbone> make_backbone(const BenchScene& bench, const Threads& threads) {
   auto backbone = make_vanilla({bench.scene, threads}, still_config());
   const TemporaryFolder folder;
   write_splat_ply(folder / "point_cloud.ply", bench.cloud);
@@ -73,7 +73,7 @@ BenchSamples measure_iterations(Backbone& backbone, const View& view, int repeat
   return samples;
 }
 
-BenchSamples measure_stages(Backbone& backbone, const View& view, Threads& threads, int repeats) {
+BenchSamples measure_stages(Backbone& backbone, const View& view, const Threads& threads, int repeats) {
   BenchSamples samples = measure_iterations(backbone, view, repeats);
   MultiViewScorer scorer(threads);
   for (int i = 0; i < kBenchWarmUp + repeats; ++i) {
@@ -95,7 +95,7 @@ Json scene_with_work(const BenchSize& size, const BlendWork& work, const Json& m
   return scene;
 }
 
-Json measure(const BenchSize& size, Threads& threads, int repeats, const MachineLimits& limits) {
+Json measure(const BenchSize& size, const Threads& threads, int repeats, const MachineLimits& limits) {
   const BenchScene bench = make_bench_scene(size);
   const auto backbone = make_backbone(bench, threads);
   const Json milliseconds = medians_json(measure_stages(*backbone, bench.scene.train[0], threads, repeats));
@@ -103,7 +103,7 @@ Json measure(const BenchSize& size, Threads& threads, int repeats, const Machine
   return scene_with_work(size, work, milliseconds, blend_effort(work), blend_backward_effort(work), limits);
 }
 
-Json measure_convexes(Threads& threads, int repeats, const MachineLimits& limits) {
+Json measure_convexes(const Threads& threads, int repeats, const MachineLimits& limits) {
   const BenchSize& size = convex_bench_size();
   const ConvexBench bench = make_convex_bench(size);
   const auto backbone = make_still_convexes(bench, threads);
@@ -114,7 +114,7 @@ Json measure_convexes(Threads& threads, int repeats, const MachineLimits& limits
 }
 
 /// Times of an iteration for scenes that differ in one size.
-Json measure_series(const std::vector<BenchSize>& sizes, Threads& threads, int repeats) {
+Json measure_series(const std::vector<BenchSize>& sizes, const Threads& threads, int repeats) {
   Json series = Json::array();
   for (const BenchSize& size : sizes) {
     const BenchScene bench = make_bench_scene(size);
@@ -129,7 +129,7 @@ Json measure_series(const std::vector<BenchSize>& sizes, Threads& threads, int r
 }
 
 /// The 60k scene with more or fewer splats, with more or fewer pixels of the same picture, and on fewer threads.
-Json measure_scaling(Threads& threads, int repeats) {
+Json measure_scaling(const Threads& threads, int repeats) {
   const BenchSize middle = bench_sizes()[1];
   std::vector<BenchSize> splats, pixels;
   for (const std::size_t n : {10000, 20000, 40000, 80000, 160000}) {
@@ -248,7 +248,8 @@ struct Bench {
   }
 
  private:
-  void measure_on_cpu(const std::vector<BenchSize>& sizes, bool with_convexes, Threads& pool, Json& document) const {
+  void measure_on_cpu(const std::vector<BenchSize>& sizes, bool with_convexes, const Threads& pool,
+                      Json& document) const {
     document["threads"] = pool.count();
     document["instruction_set"] = instruction_set_name();
     const MachineLimits limits = measure_limits(pool);

@@ -150,7 +150,7 @@ struct Mesh {
                                                    " is too small for a depth of " +
                                                    readable(static_cast<float>(reach)).dump() + ": give a larger one");
     TsdfVolume volume({static_cast<float>(voxel), static_cast<float>(kTruncation * voxel), max_memory << 20});
-    Threads& threads = model.bench().device->threads();
+    const Threads& threads = model.bench().device->threads();
     require_surface(fuse(model.backbone(), model.scene(), volume, threads));
     TriangleMesh mesh = volume.mesh(least_views, threads);
     require(mesh.size() > 0, "no surface is seen by " + std::to_string(least_views) + " views in voxels of " +
@@ -206,7 +206,7 @@ struct Mesh {
                                    readable(static_cast<float>(max_angle)).dump() + " degrees: increase --max-angle");
   }
 
-  SurfacePixels fuse(Backbone& backbone, const Scene& scene, TsdfVolume& volume, Threads& threads) const {
+  SurfacePixels fuse(Backbone& backbone, const Scene& scene, TsdfVolume& volume, const Threads& threads) const {
     SurfacePixels counted;
     const bool terminal = isatty(STDERR_FILENO) != 0;
     auto shown = std::chrono::steady_clock::now();

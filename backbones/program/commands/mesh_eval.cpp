@@ -165,7 +165,7 @@ struct MeshEval {
  private:
   /// Compares the observed points with the whole scan, and the scan above the table with all points near the box.
   SurfaceDistance compare_as_dtu(const std::vector<float>& points, const std::vector<float>& scan, const DtuMask& mask,
-                                 const std::array<double, 4>& table, Threads& workers) const {
+                                 const std::array<double, 4>& table, const Threads& workers) const {
     const std::vector<float> near = near_mask(points, mask), seen = observed(near, mask);
     const std::vector<float> standing = above_plane(scan, table);
     require(!seen.empty(),

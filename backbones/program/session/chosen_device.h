@@ -25,7 +25,7 @@ class ChosenDevice {
   ChosenDevice(const std::string& name, int threads);
 
   Device device() { return stream_ ? Device(*stream_) : Device(threads_); }
-  Threads& threads() { return threads_; }
+  const Threads& threads() { return threads_; }
   /// "cpu", or the name of the GPU.
   std::string name() const { return stream_ ? stream_->device_name() : "cpu"; }
 

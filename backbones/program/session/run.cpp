@@ -117,7 +117,7 @@ std::vector<fs::path> write_moments(Backbone& backbone, const Scene& scene, cons
 
 /// Writes depth and normals of some measured views, beside their renders.
 std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene, const fs::path& folder,
-                                          const std::vector<ReportView>& truths, Threads& threads) {
+                                          const std::vector<ReportView>& truths, const Threads& threads) {
   constexpr std::size_t kViews = 2;
   const std::vector<View>& views = measured_views(scene);
   std::vector<ReportSurface> surfaces;

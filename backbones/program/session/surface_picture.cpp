@@ -22,7 +22,7 @@ float at_share(std::vector<float>& values, double share) {
 
 }  // namespace
 
-SurfacePicture draw_surface(Backbone& backbone, const View& view, Threads& threads) {
+SurfacePicture draw_surface(Backbone& backbone, const View& view, const Threads& threads) {
   const std::size_t pixels = static_cast<std::size_t>(view.camera.width) * static_cast<std::size_t>(view.camera.height);
   std::vector<float> color(3 * pixels), depth(pixels), alpha(pixels), normals(3 * pixels), inverse;
   backbone.render_surface(view.camera, view.time, std::nullopt, {color, depth, alpha});

@@ -17,6 +17,6 @@ struct SurfacePicture {
 };
 
 /// @param backbone must have surfaces
-SurfacePicture draw_surface(Backbone& backbone, const View& view, Threads& threads);
+SurfacePicture draw_surface(Backbone& backbone, const View& view, const Threads& threads);
 
 }  // namespace splatboost::program

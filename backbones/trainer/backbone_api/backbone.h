@@ -24,7 +24,7 @@ namespace splatboost {
 /// What a backbone is constructed from. The references must outlive the backbone.
 struct BackboneContext {
   const Scene& scene;
-  Threads& threads;  ///< for work on the host
+  Threads threads;  ///< for work on the host
   std::uint64_t seed = 0;
   int iterations = kPublishedIterations;
   std::size_t max_primitives = 0;  ///< hard cap, never exceeded; 0: none

@@ -47,7 +47,7 @@ View smaller_view(const View& view, int divisor) {
   return out;
 }
 
-std::vector<View> half_views(const std::vector<View>& views, Threads& threads) {
+std::vector<View> half_views(const std::vector<View>& views, const Threads& threads) {
   const bool all_large = std::all_of(views.begin(), views.end(), [](const View& view) {
     return std::min(view.camera.width, view.camera.height) >= 2 * kMinHalfSide;
   });

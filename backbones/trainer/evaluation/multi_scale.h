@@ -21,6 +21,6 @@ View smaller_view(const View& view, int divisor);
 inline constexpr int kMinHalfSide = 128;
 
 /// The views at half their size; empty if any half would be smaller than kMinHalfSide.
-std::vector<View> half_views(const std::vector<View>& views, Threads& threads);
+std::vector<View> half_views(const std::vector<View>& views, const Threads& threads);
 
 }  // namespace splatboost

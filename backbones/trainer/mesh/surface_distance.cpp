@@ -153,7 +153,8 @@ PointTree::Nearest PointTree::nearest(const float* point) const {
   return {index, squared};
 }
 
-std::vector<double> nearest_distances(std::span<const float> points, std::span<const float> others, Threads& threads) {
+std::vector<double> nearest_distances(std::span<const float> points, std::span<const float> others,
+                                      const Threads& threads) {
   const PointTree tree(others);
   std::vector<double> distances(points.size() / 3);
   threads.for_range(distances.size(), kGrain, [&](std::size_t begin, std::size_t end) {
@@ -175,7 +176,7 @@ std::vector<float> cropped(std::span<const float> points, const CropBox& box) {
 }
 
 SurfaceDistance compare_surfaces(std::span<const float> found, std::span<const float> truth, double threshold,
-                                 std::optional<double> cut, Threads& threads) {
+                                 std::optional<double> cut, const Threads& threads) {
   require(!found.empty(), "no point of the mesh is to be compared: does it lie in the volume of --crop? (--align)");
   require(!truth.empty(), "no point of the true surface is to be compared: does it lie in the volume of --crop?");
   return summarize_distances(nearest_distances(found, truth, threads), nearest_distances(truth, found, threads),

@@ -46,7 +46,8 @@ class PointTree {
 };
 
 /// Distance of each point to the nearest of `others`, which must not be empty.
-std::vector<double> nearest_distances(std::span<const float> points, std::span<const float> others, Threads& threads);
+std::vector<double> nearest_distances(std::span<const float> points, std::span<const float> others,
+                                      const Threads& threads);
 
 /// An axis-aligned box; points outside it are ignored.
 struct CropBox {
@@ -66,7 +67,7 @@ struct SurfaceDistance {
 /// @param threshold of precision and recall (tau of Tanks and Temples)
 /// @param cut pairs that lie farther apart do not count in the means (DTU: 20 mm); none: all count
 SurfaceDistance compare_surfaces(std::span<const float> found, std::span<const float> truth, double threshold,
-                                 std::optional<double> cut, Threads& threads);
+                                 std::optional<double> cut, const Threads& threads);
 
 /// The same from given distances, for cases where only part of one surface is compared with all of the other.
 /// @param to_truth distances of the found points @param to_found distances of the true points; neither may be empty

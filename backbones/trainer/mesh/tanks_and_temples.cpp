@@ -114,7 +114,7 @@ std::optional<double> tanks_and_temples_threshold(std::string_view scene) {
 }
 
 std::array<double, 16> refined_alignment(std::span<const float> points, std::span<const float> truth,
-                                         const CropVolume& volume, double threshold, Threads& threads) {
+                                         const CropVolume& volume, double threshold, const Threads& threads) {
   const std::vector<float> inside = cropped(truth, volume);
   Matrix refined = Matrix::Identity();
   for (const IcpStage& stage : kIcpStages) {

@@ -41,6 +41,6 @@ void transform_points(const std::array<double, 16>& transform, std::span<float> 
 /// nearest points within `volume` count up to a distance of 80, then 20, then 2 thresholds, as in the benchmark.
 /// Throws InputError if no points are near enough to begin with.
 std::array<double, 16> refined_alignment(std::span<const float> points, std::span<const float> truth,
-                                         const CropVolume& volume, double threshold, Threads& threads);
+                                         const CropVolume& volume, double threshold, const Threads& threads);
 
 }  // namespace splatboost

@@ -29,10 +29,11 @@ class TsdfVolume {
 
   /// @param depth [H,W] along z; 0: unknown
   /// @param color [3,H,W]
-  void integrate(const Camera& camera, std::span<const float> depth, std::span<const float> color, Threads& threads);
+  void integrate(const Camera& camera, std::span<const float> depth, std::span<const float> color,
+                 const Threads& threads);
 
   /// The zero level set in the cells whose eight corner voxels were each seen by at least `least_views` views.
-  TriangleMesh mesh(int least_views, Threads& threads) const;
+  TriangleMesh mesh(int least_views, const Threads& threads) const;
 
   std::uint64_t bytes() const;
 

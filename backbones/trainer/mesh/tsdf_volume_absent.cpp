@@ -13,8 +13,8 @@ TsdfVolume::TsdfVolume(const TsdfOptions&) {
       "this build cannot create meshes; install OpenVDB (Debian: libopenvdb-dev libboost-dev) and build again");
 }
 TsdfVolume::~TsdfVolume() = default;
-void TsdfVolume::integrate(const Camera&, std::span<const float>, std::span<const float>, Threads&) {}
-TriangleMesh TsdfVolume::mesh(int, Threads&) const { return {}; }
+void TsdfVolume::integrate(const Camera&, std::span<const float>, std::span<const float>, const Threads&) {}
+TriangleMesh TsdfVolume::mesh(int, const Threads&) const { return {}; }
 std::uint64_t TsdfVolume::bytes() const { return 0; }
 
 }  // namespace splatboost

@@ -102,7 +102,7 @@ TsdfVolume::~TsdfVolume() = default;
 std::uint64_t TsdfVolume::bytes() const { return state_->bytes; }
 
 void TsdfVolume::integrate(const Camera& camera, std::span<const float> depth, std::span<const float> color,
-                           Threads& threads) {
+                           const Threads& threads) {
   State& state = *state_;
   state.touch(camera, depth);
   // The three trees have the same leaves, in the same order.
@@ -150,7 +150,7 @@ void TsdfVolume::integrate(const Camera& camera, std::span<const float> depth, s
   });
 }
 
-TriangleMesh TsdfVolume::mesh(int least_views, Threads& threads) const {
+TriangleMesh TsdfVolume::mesh(int least_views, const Threads& threads) const {
   const State& state = *state_;
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
                                   static_cast<std::size_t>(threads.count()));

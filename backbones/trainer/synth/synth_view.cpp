@@ -40,7 +40,7 @@ void render_rows(const World& world, const Intrinsics& camera, const Pose& pose,
 
 }  // namespace
 
-void render_view(const World& world, const Intrinsics& camera, const Pose& pose, int samples, Threads& threads,
+void render_view(const World& world, const Intrinsics& camera, const Pose& pose, int samples, const Threads& threads,
                  Picture& picture) {
   threads.for_range(static_cast<std::size_t>(camera.height), 4, [&](std::size_t begin, std::size_t end) {
     render_rows(world, camera, pose, samples, begin, end, picture);

@@ -47,7 +47,7 @@ struct Picture {
 };
 
 /// Renders a view and its ground truth. @param samples of colour per pixel and axis
-void render_view(const World& world, const Intrinsics& camera, const Pose& pose, int samples, Threads& threads,
+void render_view(const World& world, const Intrinsics& camera, const Pose& pose, int samples, const Threads& threads,
                  Picture& picture);
 
 /// Creates a folder for write_picture(), and removes temporary files that killed processes left in it.

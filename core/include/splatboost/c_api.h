@@ -99,10 +99,10 @@ typedef struct sb_tensor {
 
 /** Pinhole, COLMAP's frame: x right, y down, z forward; the centre of pixel (column i, row j) is (i + 0.5, j + 0.5). */
 typedef struct sb_camera {
-  int32_t width, height;
+  int32_t width, height;       /**< pixels, at most 2^20 each, and at most 2^24 tiles of 16 × 16 pixels */
   float fx, fy, cx, cy;        /**< pixels */
-  float camera_from_world[16]; /**< rigid 4×4, row-major; points are column vectors, so entries 3, 7, 11 are the
-                                  translation */
+  float camera_from_world[16]; /**< rigid 4×4 (checked), row-major; points are column vectors, so entries 3, 7, 11 are
+                                  the translation */
 } sb_camera;
 
 /** N activated Gaussians, float32. Give either scales and rotations or covariances, and either sh_dc (with sh_rest) or

@@ -26,7 +26,7 @@ struct Camera {
   int tiles_y() const;
 };
 
-/// Throws ArgumentError unless sizes and focal lengths are positive and all entries are finite.
+/// Throws ArgumentError unless sizes and focal lengths are positive, all entries are finite, and the pose is rigid.
 void check_camera(const Camera& camera);
 
 }  // namespace splatboost

@@ -20,7 +20,7 @@ bool points_are_random(std::span<const float> points);
 /// @param points [M,3] of the scene before training, such as those of structure from motion
 /// @param distances [C] world units; 0 if no surface is known: of random points, all are
 void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,
-                        Threads& threads);
+                        const Threads& threads);
 
 /// Clearances of Gaussians: clearances[i] = min_c |means_i − centres_c| / distances_c. Below 1, a Gaussian is nearer to
 /// a camera than the scene is.

@@ -54,10 +54,10 @@ class ConvexRasterizer {
   ConvexRasterizer(ConvexRasterizer&&) noexcept;
   ConvexRasterizer& operator=(ConvexRasterizer&&) noexcept;
 
-  /// Throws ArgumentError if an argument is invalid. A convex is not drawn if its centre is not beyond the near plane,
-  /// if one of its points is at or behind the camera's plane or at least kMaxConvexReach pixels from the centre, if its
-  /// points project to a line, or if any value is not finite. If drawing throws (too little memory), backward() and the
-  /// counts need another forward().
+  /// Throws ArgumentError if an argument is invalid, and for images as large as Rasterizer refuses them. A convex is
+  /// not drawn if its centre is not beyond the near plane, if one of its points is at or behind the camera's plane or
+  /// at least kMaxConvexReach pixels from the centre, if its points project to a line, or if any value is not finite.
+  /// If drawing throws (too little memory), backward() and the counts need another forward().
   /// @param color [3,H,W] background added, not clamped
   /// @param alpha [1,H,W] 1 − final transmittance; empty: not wanted
   void forward(const Camera& camera, const Convexes& convexes, const ConvexOptions& options, std::span<float> color,

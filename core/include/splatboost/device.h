@@ -9,19 +9,19 @@ namespace splatboost {
 
 class CudaStream;
 
-/// A reference to threads or to a stream, which must outlive it. Spans passed to an operation are in the memory of its
-/// device: the host never reads or writes those of a CUDA operation. A CUDA operation returns before it is done; later
-/// work on the same stream sees its results.
+/// Threads, or a reference to a stream, which must outlive it and the objects made with it. Spans passed to an
+/// operation are in the memory of its device: the host never reads or writes those of a CUDA operation. A CUDA
+/// operation returns before it is done; later work on the same stream sees its results.
 class Device {
  public:
-  Device(Threads& threads) : threads_(&threads) {}  // NOLINT: threads are a device
-  Device(CudaStream& stream) : stream_(&stream) {}  // NOLINT
+  Device(const Threads& threads) : threads_(threads) {}          // NOLINT: threads are a device
+  Device(CudaStream& stream) : threads_(1), stream_(&stream) {}  // NOLINT
 
   bool is_cuda() const { return stream_ != nullptr; }
   /// Throws ArgumentError on a CUDA device: the operation has no CUDA implementation.
-  Threads& threads() const {
-    SPLATBOOST_CHECK(threads_ != nullptr, "this operation runs on the CPU only");
-    return *threads_;
+  const Threads& threads() const {
+    SPLATBOOST_CHECK(stream_ == nullptr, "this operation runs on the CPU only");
+    return threads_;
   }
   CudaStream& stream() const {
     SPLATBOOST_CHECK(stream_ != nullptr, "this is not a CUDA device");
@@ -29,7 +29,7 @@ class Device {
   }
 
  private:
-  Threads* threads_ = nullptr;
+  Threads threads_;
   CudaStream* stream_ = nullptr;
 };
 

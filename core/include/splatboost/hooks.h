@@ -101,6 +101,7 @@ class DensityHook {
   virtual bool needs_absolute_gradients() const { return false; }
   /// Whether prune() uses clearances; otherwise that span may be empty.
   virtual bool needs_clearances() const { return false; }
+  /// Like prunes_at() and resets_opacities_at(), may also be asked in advance, about later iterations.
   virtual bool grows_at(Moment moment, bool backbone_would) const {
     (void)moment;
     return backbone_would;

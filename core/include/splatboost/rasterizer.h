@@ -58,7 +58,7 @@ struct RasterCounts {
 /// 8 megapixels fit 32 bits.
 inline constexpr float kWeightUnit = 1.0f / 256;
 
-/// Time in seconds of each stage of the last forward(), backward() and count_flagged().
+/// Time in seconds of each stage of the last forward(), backward(), and replay: counts or weights.
 struct RasterSeconds {
   double project = 0;
   double tile_lists = 0;  ///< depth sort and binning
@@ -80,8 +80,9 @@ class Rasterizer {
   Rasterizer(Rasterizer&&) noexcept;
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
-  /// Throws ArgumentError if an argument is invalid. Gaussians whose projection or opacity is not finite, degenerate or
-  /// overflows are not drawn. If drawing throws (too little memory), backward() and the counts need another forward().
+  /// Throws ArgumentError if an argument is invalid, or if the image has more than 2^20 pixels per side or 2^24 tiles
+  /// of 16 × 16 pixels. Gaussians whose projection or opacity is not finite, degenerate or overflows are not drawn. If
+  /// drawing throws (too little memory), backward() and the counts need another forward().
   void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
                const RasterImages& images);
 

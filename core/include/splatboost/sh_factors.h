@@ -23,12 +23,13 @@ struct ShFactors {
 };
 
 /// The sum of the gradients of the views. @param gradients [N,sh_rest_rows,3], overwritten
-void sum_sh_gradients(std::span<const ShFactors> views, int sh_rest_rows, std::span<float> gradients, Threads& threads);
+void sum_sh_gradients(std::span<const ShFactors> views, int sh_rest_rows, std::span<float> gradients,
+                      const Threads& threads);
 
 /// adam_step() with the sum of the gradients of the views, which is not stored.
 /// @param values [N,sh_rest_rows,3] @param first_moments,second_moments of the same size @param step from 1
 void adam_step_sh(std::span<float> values, int sh_rest_rows, std::span<const ShFactors> views,
                   std::span<float> first_moments, std::span<float> second_moments, std::int64_t step,
-                  const AdamOptions& options, Threads& threads);
+                  const AdamOptions& options, const Threads& threads);
 
 }  // namespace splatboost

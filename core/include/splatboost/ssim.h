@@ -28,7 +28,7 @@ struct SsimPlanes {
 /// @param images,truths [count,H,W]
 /// @param gradient [count,H,W] receives d mean / d images; empty: value only
 double ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
-            std::span<float> gradient, Threads& threads);
+            std::span<float> gradient, const Threads& threads);
 
 /// Workspace of ssim() on a CUDA device; reuse it, so that a loop of steady sizes allocates nothing.
 struct CudaSsimWorkspace {

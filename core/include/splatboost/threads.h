@@ -29,7 +29,7 @@ class Threads {
   /// If pieces throw, the exception of the first of them in [0, n) is rethrown after all running pieces have ended;
   /// some of the later pieces may not have run.
   template <class Body>
-  void for_range(std::size_t n, std::size_t grain, Body&& body) {
+  void for_range(std::size_t n, std::size_t grain, Body&& body) const {
     using Plain = std::remove_reference_t<Body>;
     run(n, grain, &body, [](const void* context, std::size_t begin, std::size_t end) {
       (*static_cast<Plain*>(const_cast<void*>(context)))(begin, end);
@@ -38,7 +38,7 @@ class Threads {
 
  private:
   using Piece = void (*)(const void* context, std::size_t begin, std::size_t end);
-  void run(std::size_t n, std::size_t grain, const void* context, Piece piece);
+  void run(std::size_t n, std::size_t grain, const void* context, Piece piece) const;
   int count_;
 };
 

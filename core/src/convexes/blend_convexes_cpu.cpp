@@ -240,7 +240,7 @@ HWY_EXPORT(blend_convex_tile_backward);
 constexpr std::size_t kPlanes = 4;
 }  // namespace
 
-void blend_convexes(ConvexFrame& frame, std::span<float> color, std::span<float> alpha, Threads& threads) {
+void blend_convexes(ConvexFrame& frame, std::span<float> color, std::span<float> alpha, const Threads& threads) {
   frame.tile_images.ensure(frame.tiles() * kPlanes * kTilePixels);
   frame.tile_stop.ensure(frame.tiles());
   frame.entry_rows.ensure(frame.entries.size() * HWY_DYNAMIC_DISPATCH(convex_column_blocks)());
@@ -256,7 +256,7 @@ void blend_convexes(ConvexFrame& frame, std::span<float> color, std::span<float>
 }
 
 void blend_convexes_backward(ConvexFrame& frame, std::span<const float> color, std::span<const float> alpha,
-                             Threads& threads) {
+                             const Threads& threads) {
   frame.entry_moments.ensure(frame.entries.size());
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
     alignas(64) float upstream[kPlanes * kTilePixels];

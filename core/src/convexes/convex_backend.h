@@ -24,6 +24,6 @@ class ConvexBackend {
   virtual const RasterSeconds& seconds() = 0;
 };
 
-std::unique_ptr<ConvexBackend> make_cpu_convex_rasterizer(Threads& threads);
+std::unique_ptr<ConvexBackend> make_cpu_convex_rasterizer(const Threads& threads);
 
 }  // namespace splatboost

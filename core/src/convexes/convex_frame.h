@@ -53,19 +53,19 @@ struct ConvexFrame : TileLists {
 };
 
 /// Fills records, depths, visible, listings and their tiles. (project_convexes_cpu.cpp)
-void project_convexes(ConvexFrame& frame, const Convexes& convexes, Threads& threads);
+void project_convexes(ConvexFrame& frame, const Convexes& convexes, const Threads& threads);
 /// Sums entry gradients per convex and propagates them to the convexes' parameters. (project_convexes_cpu.cpp)
 void project_convexes_backward(const ConvexFrame& frame, const Convexes& convexes, const ConvexGradients& gradients,
-                               Threads& threads);
+                               const Threads& threads);
 /// Blends all tiles. (blend_convexes_cpu.cpp)
-void blend_convexes(ConvexFrame& frame, std::span<float> color, std::span<float> alpha, Threads& threads);
+void blend_convexes(ConvexFrame& frame, std::span<float> color, std::span<float> alpha, const Threads& threads);
 /// Fills the entry moments. (blend_convexes_cpu.cpp)
 void blend_convexes_backward(ConvexFrame& frame, std::span<const float> color, std::span<const float> alpha,
-                             Threads& threads);
+                             const Threads& threads);
 /// Adds flagged pixels to counts. (count_convexes_cpu.cpp)
 void count_flagged_convexes(const ConvexFrame& frame, std::span<const std::uint8_t> flagged,
-                            std::span<std::int32_t> counts, Threads& threads);
+                            std::span<std::int32_t> counts, const Threads& threads);
 /// Adds blending weights. (count_convexes_cpu.cpp)
-void add_convex_weights(const ConvexFrame& frame, std::span<std::int32_t> weights, Threads& threads);
+void add_convex_weights(const ConvexFrame& frame, std::span<std::int32_t> weights, const Threads& threads);
 
 }  // namespace splatboost

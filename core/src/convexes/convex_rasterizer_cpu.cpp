@@ -8,7 +8,7 @@ namespace {
 
 class CpuConvexRasterizer : public ConvexBackend {
  public:
-  explicit CpuConvexRasterizer(Threads& threads) : threads_(threads) {}
+  explicit CpuConvexRasterizer(const Threads& threads) : threads_(threads) {}
 
   void forward(const Camera& camera, const Convexes& convexes, const ConvexOptions& options, std::span<float> color,
                std::span<float> alpha) override {
@@ -48,14 +48,14 @@ class CpuConvexRasterizer : public ConvexBackend {
   }
 
  private:
-  Threads& threads_;
+  Threads threads_;
   ConvexFrame frame_;
   RasterSeconds seconds_;
 };
 
 }  // namespace
 
-std::unique_ptr<ConvexBackend> make_cpu_convex_rasterizer(Threads& threads) {
+std::unique_ptr<ConvexBackend> make_cpu_convex_rasterizer(const Threads& threads) {
   return std::make_unique<CpuConvexRasterizer>(threads);
 }
 

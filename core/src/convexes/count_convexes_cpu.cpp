@@ -91,13 +91,13 @@ HWY_EXPORT(weigh_convex_tile);
 }  // namespace
 
 void count_flagged_convexes(const ConvexFrame& frame, std::span<const std::uint8_t> flagged,
-                            std::span<std::int32_t> counts, Threads& threads) {
+                            std::span<std::int32_t> counts, const Threads& threads) {
   for_each_flagged_tile(frame, flagged, threads, [&](std::size_t tile, const float* flags) {
     HWY_DYNAMIC_DISPATCH(count_convex_tile)(frame, tile, flags, counts.data());
   });
 }
 
-void add_convex_weights(const ConvexFrame& frame, std::span<std::int32_t> weights, Threads& threads) {
+void add_convex_weights(const ConvexFrame& frame, std::span<std::int32_t> weights, const Threads& threads) {
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t tile = begin; tile < end; ++tile) {
       HWY_DYNAMIC_DISPATCH(weigh_convex_tile)(frame, tile, weights.data());

@@ -359,7 +359,7 @@ HWY_EXPORT(project_convex_range);
 HWY_EXPORT(convex_backward_range);
 }  // namespace
 
-void project_convexes(ConvexFrame& frame, const Convexes& convexes, Threads& threads) {
+void project_convexes(ConvexFrame& frame, const Convexes& convexes, const Threads& threads) {
   const std::size_t n = convexes.count;
   frame.records.ensure(n);
   frame.depths.ensure(n);
@@ -373,7 +373,7 @@ void project_convexes(ConvexFrame& frame, const Convexes& convexes, Threads& thr
 }
 
 void project_convexes_backward(const ConvexFrame& frame, const Convexes& convexes, const ConvexGradients& gradients,
-                               Threads& threads) {
+                               const Threads& threads) {
   const ConvexViewpoint view = make_viewpoint(frame.camera, frame.options);
   threads.for_range(frame.primitives, kProjectGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(convex_backward_range)(frame, convexes, view, gradients, begin, end);

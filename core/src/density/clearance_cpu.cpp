@@ -68,7 +68,7 @@ bool points_are_random(std::span<const float> points) {
 }
 
 void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,
-                        Threads& threads) {
+                        const Threads& threads) {
   check_cameras(centres, distances);
   SPLATBOOST_CHECK(points.size() % 3 == 0, "points must be [M,3]");
   const std::size_t count = points.size() / 3, share = std::max(kWrongShare, kWrongPerCamera * distances.size());

@@ -175,7 +175,7 @@ Threads::Threads(int count) : count_(count) {
   if (count == 0) count_ = available_cpus();
 }
 
-void Threads::run(std::size_t n, std::size_t grain, const void* context, Piece piece) {
+void Threads::run(std::size_t n, std::size_t grain, const void* context, Piece piece) const {
   SPLATBOOST_CHECK(grain > 0, "grain must be above 0");
   const Loop loop{n, grain, n / grain + (n % grain != 0 ? 1 : 0), context, piece};
   if (loop.pieces <= 1 || count_ == 1 || in_a_loop) {

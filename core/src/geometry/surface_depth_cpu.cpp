@@ -17,7 +17,7 @@ std::size_t pixels_of(const Camera& camera) {
 
 /// Calls body(x, y, pixel) for all pixels.
 template <class Body>
-void for_pixels(const Camera& camera, Threads& threads, const Body& body) {
+void for_pixels(const Camera& camera, const Threads& threads, const Body& body) {
   const auto width = static_cast<std::size_t>(camera.width);
   threads.for_range(static_cast<std::size_t>(camera.height), kRows, [&](std::size_t begin, std::size_t end) {
     for (std::size_t y = begin; y < end; ++y) {

@@ -32,7 +32,7 @@ std::size_t pixels_of(const Camera& camera) {
 
 /// Calls body(x, y, pixel) for all pixels, row by row; the rows are divided among the threads.
 template <class Body>
-void for_pixels(const Camera& camera, Threads& threads, const Body& body) {
+void for_pixels(const Camera& camera, const Threads& threads, const Body& body) {
   const auto width = static_cast<std::size_t>(camera.width);
   threads.for_range(static_cast<std::size_t>(camera.height), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t y = begin; y < end; ++y) {
@@ -50,7 +50,7 @@ std::array<double, 2> total_of(const RowSums& rows) {
   return total;
 }
 
-void fill_edges(const SurfaceView& view, SurfaceWorkspace& work, Threads& threads) {
+void fill_edges(const SurfaceView& view, SurfaceWorkspace& work, const Threads& threads) {
   const int width = view.camera.width, height = view.camera.height;
   work.edges.ensure(pixels_of(view.camera));
   const std::span<float> edges = work.edges;
@@ -69,7 +69,8 @@ void fill_edges(const SurfaceView& view, SurfaceWorkspace& work, Threads& thread
   for (float& edge : edges) edge = range > 0 ? (edge - least) / range : 0.0f;
 }
 
-void add_normal_term(const SurfaceView& first, const SurfaceTerms& terms, SurfaceWorkspace& work, Threads& threads) {
+void add_normal_term(const SurfaceView& first, const SurfaceTerms& terms, SurfaceWorkspace& work,
+                     const Threads& threads) {
   const std::size_t pixels = pixels_of(first.camera);
   const auto pinhole = surface::pinhole_of<float>(first.camera);
   const bool by_edges = terms.edge_aware && !first.truth.color.empty();
@@ -110,7 +111,7 @@ void add_normal_term(const SurfaceView& first, const SurfaceTerms& terms, Surfac
   });
 }
 
-void fill_greys(const TruthImage& truth, Array<float>& greys, Threads& threads) {
+void fill_greys(const TruthImage& truth, Array<float>& greys, const Threads& threads) {
   const std::size_t pixels = truth.color.size() / 3;
   greys.ensure(pixels);
   const std::span<float> out = greys;
@@ -120,7 +121,7 @@ void fill_greys(const TruthImage& truth, Array<float>& greys, Threads& threads) 
 }
 
 void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, const SurfaceTerms& terms,
-                        const RandomStream& random, SurfaceWorkspace& work, Threads& threads) {
+                        const RandomStream& random, SurfaceWorkspace& work, const Threads& threads) {
   const std::size_t pixels = pixels_of(first.camera);
   const surface::ViewPair<float> views = surface::pair_of<float>(first.camera, second.camera);
   const std::span<const float> depth_first = std::as_const(work.depth[0]), depth_second = std::as_const(work.depth[1]);

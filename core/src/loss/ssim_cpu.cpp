@@ -187,7 +187,7 @@ void ssim(const SsimPlanes& planes, std::span<const float> images, std::span<con
 }
 
 double ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, SsimPadding padding,
-            std::span<float> gradient, Threads& threads) {
+            std::span<float> gradient, const Threads& threads) {
   const auto border = static_cast<std::size_t>(checked_border(planes, images, truths, padding, gradient));
   const auto width = static_cast<std::size_t>(planes.width), height = static_cast<std::size_t>(planes.height);
   const std::size_t pixels = width * height;

@@ -12,7 +12,7 @@ namespace {
 constexpr std::size_t kGrain = 1 << 13;
 
 template <class Body>
-void for_each(std::size_t n, Threads& threads, const Body& body) {
+void for_each(std::size_t n, const Threads& threads, const Body& body) {
   threads.for_range(n, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) body(i);
   });

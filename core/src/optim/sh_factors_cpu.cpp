@@ -95,7 +95,7 @@ std::size_t check(std::span<const ShFactors> views, int sh_rest_rows, std::size_
 }  // namespace
 
 void sum_sh_gradients(std::span<const ShFactors> views, int sh_rest_rows, std::span<float> gradients,
-                      Threads& threads) {
+                      const Threads& threads) {
   const std::size_t stride = check(views, sh_rest_rows, gradients.size());
   threads.for_range(gradients.size() / stride, kGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(sum_range)(views, stride, begin, end, gradients.data());
@@ -104,7 +104,7 @@ void sum_sh_gradients(std::span<const ShFactors> views, int sh_rest_rows, std::s
 
 void adam_step_sh(std::span<float> values, int sh_rest_rows, std::span<const ShFactors> views,
                   std::span<float> first_moments, std::span<float> second_moments, std::int64_t step,
-                  const AdamOptions& options, Threads& threads) {
+                  const AdamOptions& options, const Threads& threads) {
   const std::size_t stride = check(views, sh_rest_rows, values.size());
   SPLATBOOST_CHECK(first_moments.size() == values.size() && second_moments.size() == values.size(),
                    "values and moments must have the same size");

@@ -61,22 +61,22 @@ struct Frame : TileLists {
 };
 
 /// Fills records, depths, visible, radii, channels, listings and their tiles. (project_cpu.cpp)
-void project(Frame& frame, const Gaussians& gaussians, Threads& threads);
+void project(Frame& frame, const Gaussians& gaussians, const Threads& threads);
 /// Sums the entry moments per splat and computes the gradients of the Gaussians. (project_cpu.cpp)
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
-                      Threads& threads);
+                      const Threads& threads);
 /// Blends all tiles. (blend_cpu.cpp)
-void blend(Frame& frame, const RasterImages& images, Threads& threads);
+void blend(Frame& frame, const RasterImages& images, const Threads& threads);
 /// Fills entry_moments and entry_channel_gradients. (blend_cpu.cpp)
-void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool absolute, Threads& threads);
+void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool absolute, const Threads& threads);
 /// Adds the numbers of flagged pixels to counts. (count_cpu.cpp)
 void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
-                          Threads& threads);
+                          const Threads& threads);
 /// Adds to counts the pixels where a splat was blended while the transmittance was above `min_transmittance`.
 /// (count_cpu.cpp)
 void count_observed_pixels(const Frame& frame, float min_transmittance, std::span<std::int32_t> counts,
-                           Threads& threads);
+                           const Threads& threads);
 /// Adds each splat's blending weights in units of kWeightUnit. (count_cpu.cpp)
-void add_blending_weights(const Frame& frame, std::span<std::int32_t> weights, Threads& threads);
+void add_blending_weights(const Frame& frame, std::span<std::int32_t> weights, const Threads& threads);
 
 }  // namespace splatboost

@@ -290,7 +290,7 @@ HWY_EXPORT(project_range);
 HWY_EXPORT(backward_range);
 }  // namespace
 
-void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
+void project(Frame& frame, const Gaussians& gaussians, const Threads& threads) {
   const std::size_t n = gaussians.count;
   frame.records.ensure(n);
   frame.depths.ensure(n);
@@ -305,7 +305,7 @@ void project(Frame& frame, const Gaussians& gaussians, Threads& threads) {
 }
 
 void project_backward(const Frame& frame, const Gaussians& gaussians, const GaussianGradients& gradients,
-                      Threads& threads) {
+                      const Threads& threads) {
   threads.for_range(frame.primitives, kProjectGrain, [&](std::size_t begin, std::size_t end) {
     HWY_DYNAMIC_DISPATCH(backward_range)(frame, gaussians, gradients, begin, end);
   });

@@ -63,6 +63,6 @@ inline void check_entries(std::uint64_t entries) {
 /// Fills piece_slot from the listings. @return the number of entries (tiles_cpu.cpp)
 std::uint32_t number_slots(TileLists& lists);
 /// Fills the tile lists, near to far. (tiles_cpu.cpp)
-void build_tile_lists(TileLists& lists, Threads& threads);
+void build_tile_lists(TileLists& lists, const Threads& threads);
 
 }  // namespace splatboost

@@ -288,7 +288,7 @@ HWY_EXPORT(blend_tile_backward_any);
 
 }  // namespace
 
-void blend(Frame& frame, const RasterImages& images, Threads& threads) {
+void blend(Frame& frame, const RasterImages& images, const Threads& threads) {
   const std::size_t planes = 4 + static_cast<std::size_t>(frame.extra_channels());
   const auto features = static_cast<std::size_t>(frame.features);
   frame.tile_images.ensure(frame.tiles() * planes * kTilePixels);
@@ -307,7 +307,7 @@ void blend(Frame& frame, const RasterImages& images, Threads& threads) {
   });
 }
 
-void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool absolute, Threads& threads) {
+void blend_backward(Frame& frame, const RasterImageGradients& gradients, bool absolute, const Threads& threads) {
   const std::size_t planes = 4 + static_cast<std::size_t>(frame.extra_channels());
   const auto features = static_cast<std::size_t>(frame.features);
   frame.entry_moments.ensure(frame.entries.size());

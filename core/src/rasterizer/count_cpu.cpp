@@ -149,14 +149,14 @@ HWY_EXPORT(weigh_tile);
 }  // namespace
 
 void count_flagged_pixels(const Frame& frame, std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts,
-                          Threads& threads) {
+                          const Threads& threads) {
   for_each_flagged_tile(frame, flagged, threads, [&](std::size_t tile, const float* tile_flags) {
     HWY_DYNAMIC_DISPATCH(count_tile)(frame, tile, tile_flags, counts.data());
   });
 }
 
 void count_observed_pixels(const Frame& frame, float min_transmittance, std::span<std::int32_t> counts,
-                           Threads& threads) {
+                           const Threads& threads) {
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t tile = begin; tile < end; ++tile) {
       HWY_DYNAMIC_DISPATCH(observe_tile)(frame, tile, min_transmittance, counts.data());
@@ -164,7 +164,7 @@ void count_observed_pixels(const Frame& frame, float min_transmittance, std::spa
   });
 }
 
-void add_blending_weights(const Frame& frame, std::span<std::int32_t> weights, Threads& threads) {
+void add_blending_weights(const Frame& frame, std::span<std::int32_t> weights, const Threads& threads) {
   threads.for_range(frame.tiles(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t tile = begin; tile < end; ++tile) HWY_DYNAMIC_DISPATCH(weigh_tile)(frame, tile, weights.data());
   });

@@ -16,7 +16,7 @@ namespace splatboost {
 /// @param flagged [H,W] non-zero where flagged
 /// @param body its flags are [256], 1 or 0, aligned for vector loads
 template <class Body>
-void for_each_flagged_tile(const TileLists& lists, std::span<const std::uint8_t> flagged, Threads& threads,
+void for_each_flagged_tile(const TileLists& lists, std::span<const std::uint8_t> flagged, const Threads& threads,
                            const Body& body) {
   const auto width = static_cast<std::size_t>(lists.camera.width);
   const auto height = static_cast<std::size_t>(lists.camera.height);

@@ -26,6 +26,6 @@ class RasterizerBackend {
   virtual const RasterSeconds& seconds() = 0;
 };
 
-std::unique_ptr<RasterizerBackend> make_cpu_rasterizer(Threads& threads);
+std::unique_ptr<RasterizerBackend> make_cpu_rasterizer(const Threads& threads);
 
 }  // namespace splatboost

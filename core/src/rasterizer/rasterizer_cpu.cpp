@@ -8,7 +8,7 @@ namespace {
 
 class CpuRasterizer : public RasterizerBackend {
  public:
-  explicit CpuRasterizer(Threads& threads) : threads_(threads) {}
+  explicit CpuRasterizer(const Threads& threads) : threads_(threads) {}
 
   void forward(const Camera& camera, const Gaussians& gaussians, const RasterOptions& options,
                const RasterImages& images) override {
@@ -58,14 +58,14 @@ class CpuRasterizer : public RasterizerBackend {
   }
 
  private:
-  Threads& threads_;
+  Threads threads_;
   Frame frame_;
   RasterSeconds seconds_;
 };
 
 }  // namespace
 
-std::unique_ptr<RasterizerBackend> make_cpu_rasterizer(Threads& threads) {
+std::unique_ptr<RasterizerBackend> make_cpu_rasterizer(const Threads& threads) {
   return std::make_unique<CpuRasterizer>(threads);
 }
 

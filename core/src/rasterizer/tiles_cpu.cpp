@@ -38,7 +38,7 @@ std::uint32_t number_slots(TileLists& lists) {
 
 /// Entries are written to their tiles in the order of slots, which is that of the primitives: neighbours in memory are
 /// mostly neighbours in space, so that few tiles are written to at a time. Then each tile is sorted, in the cache.
-void build_tile_lists(TileLists& lists, Threads& threads) {
+void build_tile_lists(TileLists& lists, const Threads& threads) {
   const std::size_t pieces = lists.pieces();
   const std::size_t tiles = lists.tiles();
   const std::uint32_t total = number_slots(lists);

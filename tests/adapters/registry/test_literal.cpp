@@ -18,7 +18,7 @@ const char* const kOfGaussians[] = {"vanilla",         "mip-splatting", "dropgau
 const char* const kOfConvexes = "convex-splatting";
 const char* const kOfAnchors[] = {"scaffold-gs", "octree-gs"};
 
-std::unique_ptr<Adapter> literal(const char* backbone, Threads& threads) {
+std::unique_ptr<Adapter> literal(const char* backbone, const Threads& threads) {
   const std::unique_ptr<BoostSettings> settings = find_adapter(backbone).make_settings(true);
   EXPECT_EQ(settings->coarse_share(), 0) << "views have their full size all along";
   return settings->make_adapter(0, threads);

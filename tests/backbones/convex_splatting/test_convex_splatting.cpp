@@ -223,7 +223,7 @@ TEST_F(ConvexRun, GoesOnExactlyWhileGradientsAccumulate) {
 
 TEST_F(ConvexRun, SameBytesForAnyNumberOfThreads) {
   testing::expect_same_bytes_for_any_threads(
-      [&](Threads& threads) {
+      [&](const Threads& threads) {
         return make_convex_splatting({scene_, threads, 3, 60, 300}, eager());
       },
       scene_, 50);

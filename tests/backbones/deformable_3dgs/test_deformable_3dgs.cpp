@@ -264,7 +264,7 @@ TEST_F(DeformableRun, threads_do_not_change_the_bytes) {
   DeformableConfig config = small();
   config.is_6dof = config.is_blender = true;
   testing::expect_same_bytes_for_any_threads(
-      [&](Threads& threads) {
+      [&](const Threads& threads) {
         return make_deformable({scene_, threads, 3, 100, 600}, config);
       },
       scene_, 60);

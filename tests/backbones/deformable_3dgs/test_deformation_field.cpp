@@ -88,7 +88,7 @@ TEST(RigidMotion, gradients_are_those_of_finite_differences_also_of_no_motion) {
 struct Bench {
   static constexpr std::size_t kCount = 5;
 
-  Bench(const DeformationShape& of, Threads& threads) : shape(of), field(of, threads) {
+  Bench(const DeformationShape& of, const Threads& threads) : shape(of), field(of, threads) {
     const RandomStream random(4, 0, RandomPurpose::net_parameters);
     std::uint64_t next = 0;
     const auto fill = [&](std::vector<double>& values, std::size_t n, double scale) {

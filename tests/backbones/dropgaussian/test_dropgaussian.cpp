@@ -246,7 +246,7 @@ TEST_F(DropGaussianRun, a_hook_says_how_far_a_group_steps) {
 
 TEST_F(DropGaussianRun, threads_do_not_change_the_bytes) {
   testing::expect_same_bytes_for_any_threads(
-      [&](Threads& threads) {
+      [&](const Threads& threads) {
         return make_dropgaussian({scene_, threads, 3, 100, 600}, eager());
       },
       scene_, 80);

@@ -235,7 +235,7 @@ TEST_F(MipSplattingRun, resume_is_exact) {
 
 TEST_F(MipSplattingRun, threads_do_not_change_the_bytes) {
   testing::expect_same_bytes_for_any_threads(
-      [&](Threads& threads) {
+      [&](const Threads& threads) {
         return make_mip_splatting({scene_, threads, 3, 120, 0}, eager());
       },
       scene_, 80);

@@ -26,7 +26,7 @@ constexpr std::size_t kSlots = 3;
 constexpr std::size_t kFeatures = 8;
 
 /// Cameras near and far, so that levels differ from view to view.
-Scene deep_scene(Threads& threads) {
+Scene deep_scene(const Threads& threads) {
   Scene scene = testing::tiny_scene(threads);
   for (std::size_t i = 0; i < scene.train.size(); i += 2) {
     glm::mat4& pose = scene.train[i].camera.camera_from_world;
@@ -369,7 +369,7 @@ TEST(OctreeTraining, gives_the_same_bytes_for_any_number_of_threads) {
   Threads threads(1);
   const Scene scene = deep_scene(threads);
   testing::expect_same_bytes_for_any_threads(
-      [&](Threads& any) {
+      [&](const Threads& any) {
         return make_octree({scene, any, kSeed, kIterations, 0}, everything());
       },
       scene, 60);

@@ -164,7 +164,7 @@ TEST_F(PgsrRun, clones_are_scattered) {
 
 /// Activated Gaussians of a cloud.
 struct ActiveCloud {
-  ActiveCloud(const SplatCloud& cloud, Threads& threads)
+  ActiveCloud(const SplatCloud& cloud, const Threads& threads)
       : means(cloud.means),
         rotations(cloud.rotations),
         dc(cloud.sh_dc),
@@ -189,7 +189,7 @@ struct ActiveCloud {
 /// Compares each trim with counts of the observing views.
 class TrimRecorder : public DensityRecorder {
  public:
-  TrimRecorder(const Scene& scene, Threads& threads) : scene_(scene), threads_(threads) {}
+  TrimRecorder(const Scene& scene, const Threads& threads) : scene_(scene), threads_(threads) {}
   void prune(const DensityStatistics& s, RasterizerHook& rasterizer, PruneDecisions& d) override {
     DensityRecorder::prune(s, rasterizer, d);
     if (d.rule != PruneRule::trim) return;
@@ -217,7 +217,7 @@ class TrimRecorder : public DensityRecorder {
 
  private:
   const Scene& scene_;
-  Threads& threads_;
+  Threads threads_;
 };
 
 TEST_F(PgsrRun, trims_what_fewer_than_two_views_observe) {
@@ -510,7 +510,7 @@ TEST_F(PgsrRun, resume_is_exact) {
 
 TEST_F(PgsrRun, threads_do_not_change_the_bytes) {
   testing::expect_same_bytes_for_any_threads(
-      [&](Threads& threads) {
+      [&](const Threads& threads) {
         return make_pgsr({scene_, threads, 3, 120, 0}, eager());
       },
       scene_, 50);

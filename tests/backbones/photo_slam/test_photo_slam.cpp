@@ -109,7 +109,7 @@ class OnlineRun : public ::testing::Test {
     }
   };
 
-  Run begin(Threads& threads, const PhotoSlamConfig& config, std::size_t cap = 0) {
+  Run begin(const Threads& threads, const PhotoSlamConfig& config, std::size_t cap = 0) {
     Run run;
     run.scene = all_;
     run.scene.train.resize(2);

@@ -298,7 +298,7 @@ TEST(ScaffoldTraining, gives_the_same_bytes_for_any_number_of_threads) {
   Threads threads(1);
   const Scene scene = testing::tiny_scene(threads);
   testing::expect_same_bytes_for_any_threads(
-      [&](Threads& any) {
+      [&](const Threads& any) {
         return make_scaffold({scene, any, kSeed, kIterations, 0}, everything());
       },
       scene, 60);

@@ -25,7 +25,7 @@ namespace {
 constexpr std::size_t kElements = 1000;
 
 /// Whether a loop visits each element once.
-bool visits_all(Threads& threads) {
+bool visits_all(const Threads& threads) {
   std::vector<std::atomic<int>> visits(kElements);
   threads.for_range(kElements, 3, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) ++visits[i];

@@ -30,7 +30,7 @@ struct View {
     error.assign(pixels, -1);
     flagged.assign(pixels, 77);
   }
-  std::size_t flag(float tau, Threads& threads) {
+  std::size_t flag(float tau, const Threads& threads) {
     return flag_errors(render, TruthImage{width, height, truth, valid}, tau, error, flagged, threads);
   }
 };

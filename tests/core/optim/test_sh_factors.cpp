@@ -78,7 +78,7 @@ struct Passes {
   std::vector<ShFactors> views;
 
   /// Views of degree 3, 1, 0 and 2, so that gradients of some coefficients are sums of fewer views.
-  explicit Passes(Threads& threads)
+  explicit Passes(const Threads& threads)
       : gradients(kStride * kCount), means_direct(3 * kCount), means_factored(3 * kCount) {
     Rasterizer rasterizer(threads);
     const int degrees[] = {3, 1, 0, 2};

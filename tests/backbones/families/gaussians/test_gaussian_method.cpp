@@ -185,7 +185,7 @@ TEST_F(GaussianMethodRun, a_motion_resumes_exactly) {
 
 class OwnGroupsRun : public GaussianMethodRun {
  protected:
-  std::unique_ptr<Backbone> make(Threads& threads, const GaussianConfig& config = testing::eager_toy_config()) {
+  std::unique_ptr<Backbone> make(const Threads& threads, const GaussianConfig& config = testing::eager_toy_config()) {
     return make_gaussian_backbone({scene_, threads, 3, 60, 200}, config, std::make_unique<OwnGroupsMethod>(threads));
   }
   std::unique_ptr<Backbone> make() { return make(threads_); }
@@ -238,7 +238,7 @@ TEST_F(OwnGroupsRun, resume_is_exact) {
 }
 
 TEST_F(OwnGroupsRun, threads_do_not_change_the_bytes) {
-  testing::expect_same_bytes_for_any_threads([&](Threads& threads) { return make(threads); }, scene_, 40);
+  testing::expect_same_bytes_for_any_threads([&](const Threads& threads) { return make(threads); }, scene_, 40);
 }
 
 TEST_F(OwnGroupsRun, the_optimizer_hook_sees_them_by_name) {

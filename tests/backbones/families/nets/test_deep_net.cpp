@@ -57,7 +57,7 @@ std::vector<double> plain_row(const DeepNetShape& shape, const std::vector<doubl
 /// Runs a net on rows [rows,inputs].
 template <class Real>
 struct NetRun {
-  NetRun(const DeepNetShape& of, Threads& threads, std::vector<Real> with, std::vector<Real> in,
+  NetRun(const DeepNetShape& of, const Threads& threads, std::vector<Real> with, std::vector<Real> in,
          std::vector<Real> common)
       : shape(of), net(of, threads), p(std::move(with)), x(std::move(in)), shared(std::move(common)) {}
   std::vector<Real> forward(bool keep = true) {
@@ -76,7 +76,7 @@ struct NetRun {
   std::vector<Real> p, x, shared;
 };
 
-NetRun<double> small_run(Threads& threads, const DeepNetShape& shape = kShape) {
+NetRun<double> small_run(const Threads& threads, const DeepNetShape& shape = kShape) {
   return {shape, threads, random_values<double>(shape.parameters(), 1, 0.6),
           random_values<double>(kRows * shape.inputs, 2), random_values<double>(shape.shared, 3)};
 }
