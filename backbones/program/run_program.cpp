@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/run_program.h"
 
+#include <malloc.h>
+
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -206,6 +208,10 @@ int finish_output(int code) {
 int run_program(int argc, char** argv) {
   // Makes a write beyond the file size limit fail like one on a full disk, so that it is reported.
   std::signal(SIGXFSZ, SIG_IGN);
+  // Memory of arrays above this size then returns to the system when they are freed. By default the limit rises to that
+  // of the largest freed array, and the heap keeps pages between smaller ones, which the second run of a comparison
+  // would count as its own.
+  mallopt(M_MMAP_THRESHOLD, 1 << 20);
   return finish_output(run_commands(argc, argv));
 }
 
