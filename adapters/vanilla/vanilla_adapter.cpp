@@ -35,6 +35,7 @@ void check(const VanillaBoost& boost) {
   check_setting(boost.late_min_opacity >= 0 && boost.late_min_opacity <= 1, "late_min_opacity must be in [0, 1]");
   check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
   check_setting(boost.late_share >= 0 && boost.late_share < 1, "late_share must be in [0, 1)");
+  check_setting(boost.late_share_random >= 0 && boost.late_share_random < 1, "late_share_random must be in [0, 1)");
   not_negative(boost.min_clearance, "min_clearance must be at least 0");
   check_setting(boost.replaced_share >= 0 && boost.replaced_share < 1, "replaced_share must be in [0, 1)");
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
@@ -212,8 +213,13 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
   const double settled = boost_.literal ? 1 : settled_share(statistics.moment, rasterizer.scorable_views());
   remove_late(statistics, pruning_, static_cast<float>(boost_.late_min_opacity * settled),
               static_cast<float>(boost_.late_max_score), decisions);
-  if (boost_.late_share <= 0 || !growth_ended_at(statistics.moment)) return;
-  select_least(weights_.mean(rasterizer, kWeighedViews, random), boost_.late_share * settled, decisions.remove);
+  if (late_share() <= 0 || !growth_ended_at(statistics.moment)) return;
+  select_least(weights_.mean(rasterizer, kWeighedViews, random), late_share() * settled, decisions.remove);
+}
+
+double VanillaAdapter::late_share() const {
+  const bool background = scorer_.covered_share() >= kBackgroundShare;
+  return boost_.random_points && background ? boost_.late_share_random : boost_.late_share;
 }
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {

@@ -67,6 +67,9 @@ struct VanillaBoost {
   /// Once, when growth has ended: removes the Gaussians with the smallest blending weights whose weights together are
   /// at most this share of the total. Not in the paper.
   double late_share = 0.05;
+  /// The same in a run from random points on photos with a background (kBackgroundShare), which has few Gaussians when
+  /// growth ends. Not in the paper.
+  double late_share_random = 0;
   /// Removes Gaussians with a smaller clearance from the training cameras (clearance.h): a camera has free space around
   /// it, so they are floaters, which hide the scene from new views near there. Not in the paper.
   double min_clearance = 0.8;
@@ -117,6 +120,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("late_max_score", boost.late_max_score);
   visit("absolute_scores", boost.absolute_scores);
   visit("late_share", boost.late_share);
+  visit("late_share_random", boost.late_share_random);
   visit("min_clearance", boost.min_clearance);
   visit("replaced_share", boost.replaced_share);
   visit("coarse", boost.coarse);
@@ -139,6 +143,9 @@ inline constexpr int kMinGrowthInterval = 100;
 
 /// Of a run from random points. An opacity needs about 50 steps to rise from a reset to the threshold of late pruning.
 inline constexpr int kGrowthAfterResetRandom = 200;
+
+/// Photos have a background if at least this share of their pixels shows the scene (MultiViewScorer::covered_share()).
+inline constexpr double kBackgroundShare = 0.9;
 
 /// Growth has reached a cap if at least this share of it is used; pruning within growth leaves a few places free.
 inline constexpr double kReachedCap = 0.9;
@@ -189,6 +196,8 @@ class VanillaAdapter : public Adapter {
   void prune_by_scores(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions);
   /// Computes pruning_ from the views scored last.
   void compute_pruning_scores(const ScoreSums& sums);
+  /// The share of the blending weights to remove when growth has ended, after views were scored.
+  double late_share() const;
   /// The threshold that Σ_j n_ij over the views scored last must exceed for growth.
   double importance_to_exceed(int views) const;
   /// Iterations between growths.

@@ -331,6 +331,30 @@ TEST_F(VanillaAdapterTest, what_shows_least_goes_when_growth_has_ended) {
       << "views seen 25 times: a quarter of the share and of the opacity";
 }
 
+TEST_F(VanillaAdapterTest, what_shows_least_stays_in_photos_with_a_background_after_random_points) {
+  const Hand hand{{0, 0, 0, 0}, {}, {0.5f, 0.5f, 0.5f, 0.05f}, {}};
+  const auto removed = [&](bool random, bool background, double share_random) {
+    VanillaBoost boost = boost_at_paper_size();
+    boost.late_share = 0.1;
+    boost.late_share_random = share_random;
+    boost.random_points = random;
+    VanillaAdapter adapter(boost, threads_);
+    FakeRasterizer rasterizer({1, 1, 1, 1});
+    rasterizer.weights = {70, 10, 20, 0};
+    // The right half of each view is rendered exactly; without it the scene covers all valid pixels.
+    for (int p = 0; background && p < 64; ++p) rasterizer.valid.push_back(p % 8 < 4);
+    std::vector<std::uint8_t> remove(4, 0);
+    PruneDecisions prune{remove, PruneRule::late, {}};
+    adapter.prune(hand.at(7500), rasterizer, prune);
+    return remove;
+  };
+  using Mask = std::vector<std::uint8_t>;
+  EXPECT_EQ(removed(true, true, 0), (Mask{0, 0, 0, 1}));
+  EXPECT_EQ(removed(true, true, 0.3), (Mask{0, 1, 1, 1}));
+  EXPECT_EQ(removed(true, false, 0), (Mask{0, 1, 0, 1})) << "an object in front of nothing";
+  EXPECT_EQ(removed(false, true, 0), (Mask{0, 1, 0, 1})) << "points on surfaces";
+}
+
 // Six Gaussians of which the first two grow; the caps below leave room for both, for one or for none.
 class VanillaCapTest : public VanillaAdapterTest {
  protected:
