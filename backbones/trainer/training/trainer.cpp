@@ -275,7 +275,7 @@ class Run {
     ArchiveWriter archive;
     archive.put(kTrainerEntry, std::string_view(trainer.dump()));
     backbone_.save(archive);
-    const auto path = folder / (iteration_name(outcome_.iteration) + kCheckpointEnding);
+    auto path = folder / (iteration_name(outcome_.iteration) + kCheckpointEnding);
     archive.write(path);
     return path;
   }
