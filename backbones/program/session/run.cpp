@@ -16,8 +16,8 @@
 #include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/multi_scale.h"
-#include "trainer/formats/initial_points.h"
 #include "trainer/formats/read_scene.h"
+#include "trainer/points/initial_points.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"
 #include "trainer/training/trainer.h"
@@ -90,6 +90,7 @@ std::vector<View> rescaled_views(const RunOptions& options, double scale) {
   if (scale == 1) return {};
   SceneOptions scene = options.scene;
   scene.photo_scale = scale;
+  scene.points = false;
   return read_scene(scene).train;
 }
 

@@ -23,13 +23,14 @@
 #include "trainer/dataset/view_image.h"
 #include "trainer/formats/colmap.h"
 #include "trainer/formats/frame_times.h"
-#include "trainer/formats/initial_points.h"
 #include "trainer/formats/nerfies.h"
 #include "trainer/formats/neural_video.h"
 #include "trainer/formats/packed_scene.h"
 #include "trainer/formats/scene_split.h"
 #include "trainer/formats/transforms.h"
 #include "trainer/images/video.h"
+#include "trainer/points/initial_points.h"
+#include "trainer/points/triangulated_points.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/text.h"
@@ -451,27 +452,38 @@ ImageOptions image_options(const SceneOptions& options) {
   return {options.resolution.value_or(kResolution), options.photo_scale, options.white_background};
 }
 
-/// Loads the chosen photos (indices into Dataset::names), in the order of `chosen`.
-std::vector<View> load_views(const SceneOptions& options, const Dataset& dataset, std::span<const std::size_t> chosen,
-                             std::vector<std::string>& notes) {
+struct LoadedViews {
   std::vector<View> views;
+  bool transparent = false;  ///< whether any photo has transparent pixels
+};
+
+/// Loads the chosen photos (indices into Dataset::names), in the order of `chosen`.
+LoadedViews load_views(const SceneOptions& options, const Dataset& dataset, std::span<const std::size_t> chosen,
+                       std::vector<std::string>& notes) {
+  LoadedViews result;
+  std::vector<View>& views = result.views;
   if (dataset.packed) {
     int widest = 0;
     for (const std::size_t i : chosen) {
+      const PackedPhoto& photo = dataset.packed->listing().photos[i];
       views.push_back(dataset.packed->load(i, options.white_background));
-      widest = std::max(widest, dataset.packed->listing().photos[i].photo_width);
+      widest = std::max(widest, photo.photo_width);
+      result.transparent = result.transparent || photo.transparent;
     }
     note_resolution(options, widest, notes);
     for (const View& view : views) check_camera_position(view, dataset.listing);
-    return views;
+    return result;
   }
   std::vector<Photo> photos;
   for (const std::size_t i : chosen) photos.push_back(dataset.photos[i]);
   std::vector<LoadedView> loaded = load_photos(photos, image_options(options));
   note_images(options, loaded, notes);
-  for (LoadedView& view : loaded) views.push_back(std::move(view.view));
+  for (LoadedView& view : loaded) {
+    result.transparent = result.transparent || view.transparent;
+    views.push_back(std::move(view.view));
+  }
   for (const View& view : views) check_camera_position(view, dataset.listing);
-  return views;
+  return result;
 }
 
 /// @param positions [N,3], N at least 1
@@ -480,6 +492,31 @@ bool all_at_one_place(std::span<const float> positions) {
     if (positions[k] != positions[k % 3]) return false;
   }
   return true;
+}
+
+/// Points for a dataset without usable ones. Adds a line on what they are to Scene::notes.
+/// @param transparent whether the photos show objects that were cut out or rendered
+PointCloud made_points(const SceneOptions& options, const Dataset& dataset, bool transparent, Scene& scene) {
+  const std::string reason =
+      scene.points.size() == 0 ? "the dataset has no points" : "all points of the dataset are at the same place";
+  const bool timed = std::ranges::any_of(scene.train, [](const View& view) { return view.time > 0; });
+  std::string start = "; training starts from ";
+  // Rendered scenes start from random points in the published methods, whose results are compared.
+  if (!dataset.blender || !(transparent || timed)) {
+    PointCloud points = triangulate_points(scene.train, Threads());
+    if (points.size() > 0) {
+      scene.notes.push_back(reason + start + std::to_string(points.size()) + " that were triangulated from its photos");
+      return points;
+    }
+    start = "; too few could be triangulated from its photos, so training starts from ";
+  }
+  if (options.random_points < 1) {
+    throw InputError(dataset.listing.string() + ": " + reason + ", and random_points is " +
+                     std::to_string(options.random_points));
+  }
+  scene.notes.push_back(reason + start + std::to_string(options.random_points) + " random ones");
+  const PointBox box = dataset.blender ? synthetic_box() : look_at_box(scene.train);
+  return random_points(box, options.random_points, options.seed);
 }
 
 }  // namespace
@@ -546,12 +583,13 @@ Scene read_scene(const SceneOptions& options) {
   const std::size_t train_count = split.train.size();
   std::vector<std::size_t> chosen = std::move(split.train);
   std::ranges::copy(split.test, std::back_inserter(chosen));
-  std::vector<View> views = load_views(options, dataset, chosen, scene.notes);
-  for (std::size_t i = 0; i < views.size(); ++i) {
-    (i < train_count ? scene.train : scene.test).push_back(std::move(views[i]));
+  LoadedViews loaded = load_views(options, dataset, chosen, scene.notes);
+  for (std::size_t i = 0; i < loaded.views.size(); ++i) {
+    (i < train_count ? scene.train : scene.test).push_back(std::move(loaded.views[i]));
   }
 
   scene.extent = camera_extent(scene.train);
+  if (!options.points) return scene;
   scene.points = std::move(dataset.points);
   if (auto few = few_view_points(options, dataset)) {
     check_points(*few, dataset.packed ? dataset.listing : few_view_file(options.source, options.n_views));
@@ -560,17 +598,8 @@ Scene read_scene(const SceneOptions& options) {
                           few_view_file(options.source, options.n_views).string());
   }
   // Sizes of the first primitives are distances between points.
-  const std::size_t points = scene.points.size();
-  if (points == 0 || all_at_one_place(scene.points.positions)) {
-    const std::string reason =
-        points == 0 ? "the dataset has no points" : "all points of the dataset are at the same place";
-    if (options.random_points < 1) {
-      throw InputError(dataset.listing.string() + ": " + reason + ", and random_points is " +
-                       std::to_string(options.random_points));
-    }
-    const PointBox box = dataset.blender ? synthetic_box() : look_at_box(scene.train);
-    scene.points = random_points(box, options.random_points, options.seed);
-    scene.notes.push_back(reason + "; training starts from " + std::to_string(options.random_points) + " random ones");
+  if (scene.points.size() == 0 || all_at_one_place(scene.points.positions)) {
+    scene.points = made_points(options, dataset, loaded.transparent, scene);
   }
   if (!(scene.extent > 0)) {
     // One camera, or all at one place: the extent of 3DGS, which scales the means' learning rate, would be 0. The

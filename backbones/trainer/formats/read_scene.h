@@ -32,12 +32,15 @@ struct SceneOptions {
   /// of N_views/dense/fused.ply if that file exists
   int n_views = 0;
   bool white_background = false;
-  int random_points = 100000;  ///< to sample in the scene's box if the dataset has no points, or all at one place
+  bool points = true;          ///< false: only the views are wanted; Scene::points stays empty
+  int random_points = 100000;  ///< to sample in the scene's box if the dataset has no points and its photos give few
   std::uint64_t seed = 0;
 };
 
-/// Throws InputError (file and cause in one line) if the data is invalid, or if the options ask for other images than
-/// those in a packed scene. Scene::notes names options that have no effect on the dataset.
+/// If the dataset has no points, or all at one place, they are triangulated from the training photos; if that gives
+/// few, and for rendered scenes as in 3DGS, they are drawn at random. Throws InputError (file and cause in one line) if
+/// the data is invalid, or if the options ask for other images than those in a packed scene. Scene::notes names options
+/// that have no effect on the dataset.
 Scene read_scene(const SceneOptions& options);
 
 /// Packs the dataset of a folder with all its views; read_scene() then gives the same result for `file` as for the

@@ -15,13 +15,13 @@
 #include "support/temporary_folder.h"
 #include "trainer/formats/colmap.h"
 #include "trainer/formats/frame_times.h"
-#include "trainer/formats/initial_points.h"
 #include "trainer/formats/nerfies.h"
 #include "trainer/formats/neural_video.h"
 #include "trainer/formats/npy.h"
 #include "trainer/formats/read_scene.h"
 #include "trainer/images/image_codec.h"
 #include "trainer/images/video.h"
+#include "trainer/points/initial_points.h"
 
 namespace splatboost::test {
 namespace {

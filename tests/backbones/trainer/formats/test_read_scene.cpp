@@ -323,7 +323,9 @@ TEST(ReadScene, PointsAtOnePlaceAreReplacedBecauseTheyHaveNoSize) {
     const Scene scene = read_scene(options);
     EXPECT_EQ(scene.points.size(), 50u) << count;
     ASSERT_FALSE(scene.notes.empty());
-    expect_contains(scene.notes.back(), "at the same place; training starts from 50 random ones");
+    expect_contains(scene.notes.back(),
+                    "at the same place; too few could be triangulated from its photos, so training "
+                    "starts from 50 random ones");
     options.random_points = 0;
     expect_contains(input_error_of([&] { read_scene(options); }), "at the same place, and random_points is 0");
   }

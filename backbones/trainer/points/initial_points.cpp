@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/formats/initial_points.h"
+#include "trainer/points/initial_points.h"
 
 #include <algorithm>
 #include <string>
 
 #include <glm/geometric.hpp>
-#include <glm/mat3x3.hpp>
 #include <glm/matrix.hpp>
 #include <glm/vec4.hpp>
 
 #include "splatboost/random.h"
+#include "trainer/points/nearest_to_lines.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -23,26 +23,17 @@ PointBox look_at_box(const std::vector<View>& views) {
     mean_centre += glm::dvec3(view.camera.centre());
     mean_forward += forward(view);
   }
-  const auto n = static_cast<double>(views.size());
-  mean_centre /= n;
+  mean_centre /= static_cast<double>(views.size());
 
-  // Least squares: sum (I - d dᵀ)(p - c) = 0.
-  glm::dmat3 normal(0.0);
-  glm::dvec3 right(0.0);
-  for (const View& view : views) {
-    const glm::dvec3 d = forward(view);
-    const glm::dmat3 across = glm::dmat3(1.0) - glm::outerProduct(d, d);
-    normal += across;
-    right += across * glm::dvec3(view.camera.centre());
-  }
+  NearestToLines axes;
+  for (const View& view : views) axes.add(glm::dvec3(view.camera.centre()), forward(view));
   double spread_of_cameras = 0;
   for (const View& view : views) {
     spread_of_cameras = std::max(spread_of_cameras, glm::length(glm::dvec3(view.camera.centre()) - mean_centre));
   }
   PointBox box;
-  const double determinant = glm::determinant(normal / n);
-  if (determinant > 1e-3) {
-    box.centre = glm::inverse(normal) * right;
+  if (axes.condition() > 1e-3) {
+    box.centre = axes.point();
   } else {
     const double length = glm::length(mean_forward);
     const glm::dvec3 direction = length > 1e-9 ? mean_forward / length : forward(views.front());

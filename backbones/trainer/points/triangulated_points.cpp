@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/points/triangulated_points.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include <glm/common.hpp>
+
+#include "trainer/points/feature_tracks.h"
+#include "trainer/points/spread_points.h"
+#include "trainer/points/view_features.h"
+
+namespace splatboost {
+namespace {
+
+constexpr std::size_t kLeastTracked = 100;
+constexpr std::size_t kSpread = 20000;  ///< points between the tracked ones, approximately
+
+/// Adds the colour of the photo at a pixel of ViewFeatures to `sums`.
+void add_color(const ViewFeatures& features, const glm::dvec2& pixel, std::array<std::size_t, 3>& sums) {
+  const auto width = static_cast<std::size_t>(features.view->camera.width);
+  const auto height = static_cast<std::size_t>(features.view->camera.height);
+  const auto index = [](double at, int size, std::size_t full) {
+    return std::min(static_cast<std::size_t>(std::max(at, 0.0) * static_cast<double>(full) / size), full - 1);
+  };
+  const std::size_t column = index(pixel.x, features.width, width), row = index(pixel.y, features.height, height);
+  for (std::size_t c = 0; c < 3; ++c) sums[c] += features.view->color[(c * height + row) * width + column];
+}
+
+void append(PointCloud& cloud, const glm::dvec3& position, const std::array<std::size_t, 3>& sums, std::size_t count) {
+  for (int axis = 0; axis < 3; ++axis) cloud.positions.push_back(static_cast<float>(position[axis]));
+  for (const std::size_t sum : sums) cloud.colors.push_back(static_cast<std::uint8_t>((sum + count / 2) / count));
+}
+
+}  // namespace
+
+PointCloud triangulate_points(const std::vector<View>& views, const Threads& threads) {
+  // A camera that stands still shows the same at any time.
+  std::vector<const View*> chosen;
+  for (const View& view : views) {
+    const auto same = [&](const View* other) {
+      return other->camera.camera_from_world == view.camera.camera_from_world;
+    };
+    if (std::ranges::none_of(chosen, same)) chosen.push_back(&view);
+  }
+  std::vector<ViewFeatures> features(chosen.size());
+  threads.for_range(chosen.size(), 1, [&](std::size_t i, std::size_t) { features[i] = detect_features(*chosen[i]); });
+  const auto pairs = neighbouring_views(features);
+  const std::vector<TrackedPoint> tracked = track_points(features, pairs, threads);
+  PointCloud cloud;
+  if (tracked.size() < kLeastTracked) return cloud;
+
+  for (const TrackedPoint& point : tracked) {
+    std::array<std::size_t, 3> sums{};
+    for (const auto& [view, number] : point.features) add_color(features[view], features[view].pixels[number], sums);
+    append(cloud, point.position, sums, point.features.size());
+  }
+  for (const SpreadPoint& point : spread_points(features, tracked, pairs, kSpread, threads)) {
+    std::array<std::size_t, 3> sums{};
+    add_color(features[point.view], point.pixel, sums);
+    append(cloud, point.position, sums, 1);
+  }
+  return cloud;
+}
+
+}  // namespace splatboost

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+/// @file Initial points from photos with known poses, for datasets that have no points.
+#pragma once
+
+#include <vector>
+
+#include "splatboost/threads.h"
+#include "trainer/dataset/scene.h"
+
+namespace splatboost {
+
+/// Points on surfaces that at least three of the views show, with their colours: features are matched between views and
+/// triangulated, and points between them take the depths of those near them, so that surfaces without texture have some
+/// too. The result does not depend on the number of threads.
+/// @return none if fewer than 100 points can be triangulated, as of views with little texture or overlap and in a build
+/// without OpenCV
+PointCloud triangulate_points(const std::vector<View>& views, const Threads& threads);
+
+}  // namespace splatboost

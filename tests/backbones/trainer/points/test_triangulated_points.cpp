@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trainer/points/triangulated_points.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <memory>
+
+#include <glm/geometric.hpp>
+#include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
+
+#include "support/temporary_folder.h"
+#include "trainer/dataset/splat_ply.h"
+#include "trainer/formats/read_scene.h"
+#include "trainer/images/image_codec.h"
+#include "trainer/points/feature_tracks.h"
+#include "trainer/points/nearest_to_lines.h"
+#include "trainer/points/spread_points.h"
+#include "trainer/points/view_features.h"
+#include "trainer/synth/synth.h"
+
+namespace splatboost::test {
+namespace {
+
+/// The ray-traced room, with exact points on its surfaces.
+class TriangulatedPoints : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder = std::make_unique<TemporaryFolder>();
+    SynthOptions synth;
+    synth.output = folder->path() / "room";
+    synth.width = 160;
+    synth.height = 120;
+    synth.views = 24;
+    synth.surface_points = 50000;
+    write_synthetic_scene(synth);
+    SceneOptions options;
+    options.source = synth.output;
+    views = std::make_unique<std::vector<View>>(read_scene(options).train);
+    surface = std::make_unique<PointCloud>(read_point_ply(synth.output / "surface.ply"));
+  }
+  static void TearDownTestSuite() {
+    folder.reset();
+    views.reset();
+    surface.reset();
+  }
+  void SetUp() override {
+    if (!have_opencv()) GTEST_SKIP() << "a build without OpenCV finds no points";
+  }
+
+  /// The steps of triangulate_points().
+  struct Matched {
+    explicit Matched(const std::vector<View>& from) {
+      for (const View& view : from) features.push_back(detect_features(view));
+      pairs = neighbouring_views(features);
+      tracked = track_points(features, pairs, Threads());
+    }
+    std::vector<ViewFeatures> features;
+    std::vector<std::pair<std::size_t, std::size_t>> pairs;
+    std::vector<TrackedPoint> tracked;
+  };
+
+  /// This quantile of the distances of points to the surface, up to the distances between its points, about 0.02.
+  static float distance_to_surface(const std::vector<glm::vec3>& points, double quantile) {
+    std::vector<float> distances;
+    for (const glm::vec3& point : points) {
+      float least = std::numeric_limits<float>::infinity();
+      for (std::size_t k = 0; k < surface->size(); ++k) least = std::min(least, glm::length(point - at(*surface, k)));
+      distances.push_back(least);
+    }
+    std::ranges::sort(distances);
+    return distances[static_cast<std::size_t>(quantile * static_cast<double>(distances.size()))];
+  }
+
+  static glm::vec3 at(const PointCloud& points, std::size_t i) {
+    return {points.positions[3 * i], points.positions[3 * i + 1], points.positions[3 * i + 2]};
+  }
+
+  static std::unique_ptr<TemporaryFolder> folder;
+  static std::unique_ptr<std::vector<View>> views;
+  static std::unique_ptr<PointCloud> surface;
+};
+
+std::unique_ptr<TemporaryFolder> TriangulatedPoints::folder;
+std::unique_ptr<std::vector<View>> TriangulatedPoints::views;
+std::unique_ptr<PointCloud> TriangulatedPoints::surface;
+
+TEST_F(TriangulatedPoints, LieOnSurfacesAndHaveTheirColours) {
+  const Matched matched(*views);
+  std::vector<glm::vec3> tracked, spread;
+  for (const TrackedPoint& point : matched.tracked) tracked.push_back(glm::vec3(point.position));
+  for (const SpreadPoint& point : spread_points(matched.features, matched.tracked, matched.pairs, 1000, Threads())) {
+    spread.push_back(glm::vec3(point.position));
+  }
+  ASSERT_GT(tracked.size(), 200u);
+  EXPECT_NEAR(static_cast<double>(spread.size()), 1000, 200);
+  // In metres; the room is 8 m wide, and pixels are 2 to 5 cm there.
+  EXPECT_LT(distance_to_surface(tracked, 0.95), 0.1);
+  EXPECT_LT(distance_to_surface(spread, 0.5), 0.06);
+  EXPECT_LT(distance_to_surface(spread, 0.8), 0.25);
+
+  const PointCloud points = triangulate_points(*views, Threads());
+  ASSERT_EQ(points.colors.size(), points.positions.size());
+  std::size_t alike = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    int difference = 255;  // of the view whose pixel is most like the point
+    for (const View& view : *views) {
+      const Camera& camera = view.camera;
+      const glm::vec4 p = camera.camera_from_world * glm::vec4(at(points, i), 1);
+      const float x = camera.fx * p.x / p.z + camera.cx, y = camera.fy * p.y / p.z + camera.cy;
+      if (!(p.z > 0 && x > 0 && y > 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height)))
+        continue;
+      int worst = 0;
+      for (int c = 0; c < 3; ++c) {
+        const int pixel = (c * camera.height + static_cast<int>(y)) * camera.width + static_cast<int>(x);
+        worst = std::max(worst, std::abs(points.colors[3 * i + static_cast<std::size_t>(c)] -
+                                         view.color[static_cast<std::size_t>(pixel)]));
+      }
+      difference = std::min(difference, worst);
+    }
+    alike += difference < 40 ? 1 : 0;
+  }
+  EXPECT_GT(alike, points.size() * 95 / 100);
+}
+
+TEST_F(TriangulatedPoints, AreTheSameForAnyNumberOfThreads) {
+  const PointCloud one = triangulate_points(*views, Threads(1)), three = triangulate_points(*views, Threads(3));
+  EXPECT_EQ(one.positions, three.positions);
+  EXPECT_EQ(one.colors, three.colors);
+}
+
+TEST_F(TriangulatedPoints, AvoidMaskedPixels) {
+  std::vector<View> masked = *views;
+  for (View& view : masked) {
+    const auto width = static_cast<std::size_t>(view.camera.width),
+               height = static_cast<std::size_t>(view.camera.height);
+    view.valid.assign(width * height, 0);
+    for (std::size_t y = 0; y < height; ++y) std::fill_n(view.valid.begin() + y * width, width / 2, 1);
+  }
+  const Matched matched(masked);
+  ASSERT_GT(matched.tracked.size(), 20u);
+  for (const TrackedPoint& point : matched.tracked) {
+    for (const auto& [view, number] : point.features) EXPECT_LT(matched.features[view].pixels[number].x, 80);
+  }
+  const auto spread = spread_points(matched.features, matched.tracked, matched.pairs, 2000, Threads());
+  ASSERT_GT(spread.size(), 500u);
+  for (const SpreadPoint& point : spread) EXPECT_LT(point.pixel.x, 80);
+}
+
+TEST_F(TriangulatedPoints, NeedViewsFromThreePlaces) {
+  EXPECT_EQ(triangulate_points({}, Threads()).size(), 0u);
+  // Twelve moments of two cameras of a rig: twelve times the same two rays.
+  std::vector<View> rig;
+  for (int moment = 0; moment < 12; ++moment) {
+    rig.push_back(views->at(0));
+    rig.push_back(views->at(1));
+  }
+  EXPECT_EQ(triangulate_points(rig, Threads()).size(), 0u);
+  // A camera that turns at one place.
+  std::vector<View> panorama = *views;
+  for (View& view : panorama) view.camera.camera_from_world[3] = glm::vec4(0, 0, 0, 1);
+  EXPECT_EQ(triangulate_points(panorama, Threads()).size(), 0u);
+}
+
+TEST_F(TriangulatedPoints, AreNotMadeOfWrongPoses) {
+  std::vector<View> shuffled = *views;
+  for (std::size_t i = 0; i < shuffled.size(); ++i) shuffled[i].camera = views->at((i + 12) % views->size()).camera;
+  EXPECT_LT(triangulate_points(shuffled, Threads()).size(), 10u);
+}
+
+TEST_F(TriangulatedPoints, AreWhereTrainingStartsIfADatasetHasNone) {
+  SceneOptions options;
+  options.source = folder->path() / "room";
+  std::filesystem::rename(options.source / "sparse/0/points3D.bin", folder->path() / "points3D.bin");
+  const Scene scene = read_scene(options);
+  std::filesystem::rename(folder->path() / "points3D.bin", options.source / "sparse/0/points3D.bin");
+  EXPECT_EQ(scene.points.positions, triangulate_points(*views, Threads()).positions);
+  ASSERT_FALSE(scene.notes.empty());
+  expect_contains(scene.notes.back(), "the dataset has no points; training starts from " +
+                                          std::to_string(scene.points.size()) +
+                                          " that were triangulated from its photos");
+}
+
+TEST_F(TriangulatedPoints, OfFewViewsAreTooFewToStartFrom) {
+  SceneOptions options;
+  options.source = folder->path() / "room";
+  options.n_views = 3;
+  options.random_points = 500;
+  std::filesystem::rename(options.source / "sparse/0/points3D.bin", folder->path() / "points3D.bin");
+  const Scene scene = read_scene(options);
+  std::filesystem::rename(folder->path() / "points3D.bin", options.source / "sparse/0/points3D.bin");
+  EXPECT_EQ(scene.points.size(), 500u);
+  ASSERT_FALSE(scene.notes.empty());
+  expect_contains(scene.notes.back(),
+                  "too few could be triangulated from its photos, so training starts from 500 random ones");
+}
+
+TEST(NearestToLines, IsWhereTheyMeet) {
+  NearestToLines lines;
+  EXPECT_EQ(lines.condition(), 0);
+  const glm::dvec3 point(1, -2, 3);
+  const glm::dvec3 directions[] = {glm::dvec3(1, 0, 0), glm::dvec3(0, 0.6, 0.8)};
+  lines.add(point + 5.0 * directions[0], directions[0]);
+  EXPECT_NEAR(lines.condition(), 0, 1e-12);
+  lines.add(point - 2.0 * directions[1], directions[1], 3);
+  EXPECT_GT(lines.condition(), 0.01);
+  EXPECT_NEAR(glm::length(lines.point() - point), 0, 1e-12);
+}
+
+TEST(NearestToLines, IsNearerToTheHeavierOfTwoLines) {
+  NearestToLines lines;
+  lines.add({0, 0, 0}, {1, 0, 0});
+  lines.add({0, 0, 1}, {0, 1, 0}, 3);
+  EXPECT_NEAR(glm::length(lines.point() - glm::dvec3(0, 0, 0.75)), 0, 1e-12);
+}
+
+}  // namespace
+}  // namespace splatboost::test
