@@ -36,6 +36,8 @@ class BoostSettings {
   virtual void validate() const = 0;
   /// Share of the run, from its start, for which an in-tree trainer uses half-size views; 0: none.
   virtual double coarse_share() const = 0;
+  /// Whether an in-tree trainer adds triangulated points to those of the dataset before it starts.
+  virtual bool dense_start() const = 0;
   /// @param device where the backbone trains
   virtual std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const = 0;
 };
@@ -53,6 +55,10 @@ class SettingsOf final : public BoostSettings {
   }
   void validate() const override { check(boost_); }
   double coarse_share() const override { return boost_.coarse ? boost_.coarse_until : 0; }
+  bool dense_start() const override {
+    if constexpr (requires { boost_.dense_start; }) return boost_.dense_start;
+    return false;
+  }
   std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const override {
     Boost boost = boost_;
     boost.seed = seed;

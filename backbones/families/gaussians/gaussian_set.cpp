@@ -37,7 +37,7 @@ void GaussianTrainer::initialise() {
     SPLATBOOST_CHECK(names.insert(group->name).second, "two parameter groups have the name " + group->name);
     if (group->shape == GroupShape::rows) row_groups_.push_back(group);
   }
-  const PointCloud& points = context_.scene.points;
+  const PointCloud points = starting_points(context_.scene);
   const std::size_t most = context_.max_primitives > 0 ? context_.max_primitives : points.size();
   NewRows rows = rows_of(points, most);
   const std::size_t n = rows.points.size();

@@ -13,11 +13,13 @@
 
 #include "program/session/model_folder.h"
 #include "program/session/surface_picture.h"
+#include "splatboost/clearance.h"
 #include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/multi_scale.h"
 #include "trainer/formats/read_scene.h"
 #include "trainer/points/initial_points.h"
+#include "trainer/points/triangulated_points.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"
 #include "trainer/training/trainer.h"
@@ -137,12 +139,28 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
   return surfaces;
 }
 
+/// Sets Scene::more_points to the points that a dense start adds: triangulated from the photos, unless those of the
+/// scene are, or were drawn at random as for rendered scenes. None if they would take more than half of a cap.
+void add_points(Workbench& bench, const RunOptions& options) {
+  Scene& scene = bench.scene;
+  if (scene.points_made || moves(scene) || points_are_random(scene.points.positions)) return;
+  if (!bench.triangulated) {
+    const auto start = std::chrono::steady_clock::now();
+    bench.triangulated = triangulate_points(scene.train, bench.device->threads());
+    bench.triangulation_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  const std::size_t all = scene.points.size() + bench.triangulated->size();
+  if (options.max_primitives == 0 || 2 * all <= options.max_primitives) scene.more_points = *bench.triangulated;
+}
+
 /// Throws InputError if the backbone cannot be trained on the scene.
 PluggedBackbone backbone_to_train(Workbench& bench, const RunOptions& options, bool boost) {
   const auto require_trainable = find_backbone(options.backbone).require_trainable;
   if (require_trainable != nullptr) require_trainable(bench.scene);
   require_visible_points(bench.scene);
   const Json settings = boost_settings(options);
+  bench.scene.more_points = {};
+  if (boost && read_boost_settings(options.backbone, settings)->dense_start()) add_points(bench, options);
   return make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
                        boost ? &settings : nullptr);
 }
@@ -233,6 +251,9 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
     write_config(folder, config);
     write_cameras(folder, bench.scene);
     if (on_host) tell_memory(memory, primitives, options, train_options.label, resident);
+    if (const std::size_t more = bench.scene.more_points.size(); more > 0 && !options.quiet) {
+      std::fprintf(stderr, "note: this run starts from %zu more points, triangulated from the photos\n", more);
+    }
     if (!options.quiet && !backbone.uses_time() && moves(bench.scene)) {
       std::fprintf(stderr,
                    "note: the training views have different times, which backbone %s ignores "
@@ -247,9 +268,13 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
     results.iterations = options.iterations.value();
     results.primitives = backbone.primitives();
     results.train_seconds = trained.seconds;
+    results.stage_seconds = trained.stage_seconds;
+    if (bench.scene.more_points.size() > 0) {
+      results.train_seconds += bench.triangulation_seconds;
+      results.stage_seconds["triangulation"] = bench.triangulation_seconds;
+    }
     if (on_host) results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
     results.storage_bytes = trained.storage_bytes;
-    results.stage_seconds = trained.stage_seconds;
     results.curve = trained.curve;
     return results;
   };

@@ -23,6 +23,8 @@ namespace splatboost::program {
 /// What the runs of a command share; read only once.
 struct Workbench {
   Scene scene;
+  std::optional<PointCloud> triangulated;  ///< for Scene::more_points, once a run needed them
+  double triangulation_seconds = 0;
   std::unique_ptr<ChosenDevice> device;
   std::unique_ptr<Lpips> lpips;  ///< null unless asked for
 };

@@ -7,6 +7,14 @@
 
 namespace splatboost {
 
+PointCloud starting_points(const Scene& scene) {
+  PointCloud all = scene.points;
+  const PointCloud& more = scene.more_points;
+  all.positions.insert(all.positions.end(), more.positions.begin(), more.positions.end());
+  all.colors.insert(all.colors.end(), more.colors.begin(), more.colors.end());
+  return all;
+}
+
 float camera_extent(const std::vector<View>& views) {
   if (views.empty()) return 0;
   glm::dvec3 mean(0.0);

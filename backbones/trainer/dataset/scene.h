@@ -36,12 +36,18 @@ struct Scene {
   /// The training photos at Backbone::photo_scale(), in the same order; empty if that is 1.
   std::vector<View> train_rescaled;
   PointCloud points;
+  bool points_made = false;  ///< the dataset had none: they were triangulated from the training photos, or are random
+  /// For a run that starts from more points, in addition to `points`: triangulated from the training photos.
+  PointCloud more_points;
   float extent = 0;  ///< 1.1 × largest distance of a training camera from their mean (3DGS)
   bool white_background = false;
   bool synthetic = false;  ///< images were rendered (NeRF-synthetic, D-NeRF): exact poses, an empty background
   /// Notes for the user on how the data was read, one line each.
   std::vector<std::string> notes;
 };
+
+/// `points` and `more_points`.
+PointCloud starting_points(const Scene& scene);
 
 /// Scene extent of these views as in 3DGS; 0 if there are none.
 float camera_extent(const std::vector<View>& views);

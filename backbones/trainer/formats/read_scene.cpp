@@ -600,6 +600,7 @@ Scene read_scene(const SceneOptions& options) {
   // Sizes of the first primitives are distances between points.
   if (scene.points.size() == 0 || all_at_one_place(scene.points.positions)) {
     scene.points = made_points(options, dataset, loaded.transparent, scene);
+    scene.points_made = true;
   }
   if (!(scene.extent > 0)) {
     // One camera, or all at one place: the extent of 3DGS, which scales the means' learning rate, would be 0. The
