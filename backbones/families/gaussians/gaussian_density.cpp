@@ -44,7 +44,8 @@ std::span<const float> GaussianTrainer::clearances() {
       const glm::vec3 centre = view.camera.centre();
       centres.insert(centres.end(), {centre.x, centre.y, centre.z});
     }
-    distances_to_scene(centres, starting_points(context_.scene).positions, distances, context_.threads);
+    // Not starting_points(): more of them may be wrong.
+    distances_to_scene(centres, context_.scene.points.positions, distances, context_.threads);
     camera_centres_.assign(std::move(centres));
     camera_distances_.assign(std::move(distances));
   }

@@ -269,13 +269,14 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
     results.primitives = backbone.primitives();
     results.train_seconds = trained.seconds;
     results.stage_seconds = trained.stage_seconds;
-    if (bench.scene.more_points.size() > 0) {
-      results.train_seconds += bench.triangulation_seconds;
-      results.stage_seconds["triangulation"] = bench.triangulation_seconds;
-    }
     if (on_host) results.estimated_memory_bytes = memory.bytes(most_primitives(trained.curve, results.primitives));
     results.storage_bytes = trained.storage_bytes;
     results.curve = trained.curve;
+    if (bench.scene.more_points.size() > 0) {
+      results.train_seconds += bench.triangulation_seconds;
+      results.stage_seconds["triangulation"] = bench.triangulation_seconds;
+      for (CurvePoint& point : results.curve) point.seconds += bench.triangulation_seconds;
+    }
     return results;
   };
   bool noted = false;

@@ -13,6 +13,7 @@ namespace splatboost {
 namespace {
 
 constexpr std::size_t kCandidates = 5;                ///< nearest tracked points whose depths are tried
+constexpr double kReach = 0.08;                       ///< × diagonal; pixels farther from all tracked points get none
 constexpr std::array kRefinements{0.08, 0.04, 0.02};  ///< parts of a depth by which it is changed
 constexpr int kPatch = 2;                             ///< px around a pixel that are compared
 constexpr double kNarrowestStep = 2;                  ///< px, of the grid
@@ -119,6 +120,7 @@ std::vector<SpreadPoint> spread_points(const std::vector<ViewFeatures>& views, c
   std::vector<std::vector<SpreadPoint>> found(views.size());
   threads.for_range(views.size(), 1, [&](std::size_t v, std::size_t) {
     if (seen[v].empty()) return;
+    const double reach = kReach * std::hypot(views[v].width, views[v].height);
     std::vector<std::pair<double, std::size_t>> near(seen[v].size());
     for (double y = step / 2; y < views[v].height; y += step) {
       for (double x = step / 2; x < views[v].width; x += step) {
@@ -129,6 +131,7 @@ std::vector<SpreadPoint> spread_points(const std::vector<ViewFeatures>& views, c
         for (std::size_t i = 0; i < near.size(); ++i) near[i] = {glm::length(seen[v][i].pixel - pixel), i};
         const auto end = near.begin() + static_cast<std::ptrdiff_t>(std::min(kCandidates, near.size()));
         std::ranges::partial_sort(near, end);
+        if (near.front().first > reach) continue;
         std::vector<double> candidates;
         for (auto i = near.begin(); i != end; ++i) candidates.push_back(seen[v][i->second].depth);
         const double depth = best_depth(views, v, around[v], pixel, candidates);

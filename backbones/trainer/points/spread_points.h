@@ -25,7 +25,7 @@ struct SpreadPoint {
 /// that are seen near it, the one at which the views around agree best on the grey values there, refined by a few per
 /// cent.
 /// @param pairs of views that see the same, of neighbouring_views()
-/// @param count approximate number of points, in all views together
+/// @param count number of points, in all views together, if none is left out; approximate
 std::vector<SpreadPoint> spread_points(const std::vector<ViewFeatures>& views, const std::vector<TrackedPoint>& tracked,
                                        const std::vector<std::pair<std::size_t, std::size_t>>& pairs, std::size_t count,
                                        const Threads& threads);

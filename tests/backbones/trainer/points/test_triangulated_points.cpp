@@ -97,7 +97,8 @@ TEST_F(TriangulatedPoints, LieOnSurfacesAndHaveTheirColours) {
     spread.push_back(glm::vec3(point.position));
   }
   ASSERT_GT(tracked.size(), 200u);
-  EXPECT_NEAR(static_cast<double>(spread.size()), 1000, 200);
+  EXPECT_GT(spread.size(), 400u);
+  EXPECT_LT(spread.size(), 1200u);
   // In metres; the room is 8 m wide, and pixels are 2 to 5 cm there.
   EXPECT_LT(distance_to_surface(tracked, 0.95), 0.1);
   EXPECT_LT(distance_to_surface(spread, 0.5), 0.06);
@@ -147,7 +148,7 @@ TEST_F(TriangulatedPoints, AvoidMaskedPixels) {
     for (const auto& [view, number] : point.features) EXPECT_LT(matched.features[view].pixels[number].x, 80);
   }
   const auto spread = spread_points(matched.features, matched.tracked, matched.pairs, 2000, Threads());
-  ASSERT_GT(spread.size(), 500u);
+  ASSERT_GT(spread.size(), 200u);
   for (const SpreadPoint& point : spread) EXPECT_LT(point.pixel.x, 80);
 }
 
