@@ -19,7 +19,6 @@ MipSplattingAdapter::MipSplattingAdapter(const VanillaBoost& boost, Device devic
 AdapterEntry mip_splatting_adapter_entry() {
   return {"mip-splatting", [](bool literal) {
             VanillaBoost boost = literal ? literal_boost() : VanillaBoost{};
-            boost.dense_start = !literal;
             if (literal) boost.schedule = false;  // plain Adam (supplement, Sec. 9.3)
             return make_settings<MipSplattingAdapter>(boost);
           }};

@@ -247,11 +247,8 @@ float VanillaAdapter::rate_factor(std::string_view group, Moment moment) const {
 }
 
 AdapterEntry vanilla_adapter_entry() {
-  return {"vanilla", [](bool literal) {
-            VanillaBoost boost = literal ? literal_boost() : VanillaBoost{};
-            boost.dense_start = !literal;
-            return make_settings<VanillaAdapter>(boost);
-          }};
+  return {"vanilla",
+          [](bool literal) { return make_settings<VanillaAdapter>(literal ? literal_boost() : VanillaBoost{}); }};
 }
 
 }  // namespace splatboost
