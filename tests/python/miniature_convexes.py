@@ -127,8 +127,8 @@ class ConvexModel:
             gone |= self.max_scaling > max_screen_size * extent
         self.prune_points(gone)
 
-    def only_prune(self, min_opacity, mask_threshold):
-        self.prune_points(self.faint(min_opacity, mask_threshold))
+    def only_prune(self, opacity_floor, mask_floor):
+        self.prune_points(self.faint(opacity_floor, mask_floor))
 
     def add_densification_stats(self, on_screen, steepness, seen, scaling, density_factor):
         self.convex_accumulation_gradient_accum[seen] += torch.norm(on_screen.grad[seen, :2], dim=-1, keepdim=True)

@@ -9,9 +9,9 @@
 
 namespace splatboost {
 
-/// Points on surfaces that at least three of the views show, with their colours: features are matched between views and
-/// triangulated, and points between them take the depths of those near them, so that surfaces without texture have some
-/// too. The result does not depend on the number of threads.
+/// Points on surfaces, in world units, with their colours: features that at least three of the views show are
+/// triangulated (feature_tracks.h), and pixels near them get similar depths (spread_points.h), because a few hundred
+/// features of small photos are too few to start from. The result does not depend on the number of threads.
 /// @return none if fewer than 100 points can be triangulated, as of views with little texture or overlap and in a build
 /// without OpenCV
 PointCloud triangulate_points(const std::vector<View>& views, const Threads& threads);
