@@ -22,6 +22,7 @@ VanillaBoost deformable_boost() {
   // The backbone selects its growth candidates by absolute gradients. Vanilla's thresholds would select twice as many.
   boost.absgrad = false;
   boost.min_clearance = 0;  // not measured for scenes that move
+  boost.fill_gaps = false;  // the program adds none to scenes that move
   boost.rest_interval = 1;  // not measured, nor is
   boost.rest_rate = boost.rest_rate_few = 1;
   return boost;

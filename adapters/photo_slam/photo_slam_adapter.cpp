@@ -31,6 +31,8 @@ PhotoSlamBoost::PhotoSlamBoost() {
   min_clearance = 0;  // the camera may return to where it was, and the scene is not known at the start
   // Photo-SLAM starts every keyframe with small images anyway.
   coarse = false;
+  // The mapper has its own way to add points, as keyframes arrive.
+  fill_gaps = false;
 }
 
 void check(const PhotoSlamBoost& boost) {

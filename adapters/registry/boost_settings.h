@@ -37,7 +37,7 @@ class BoostSettings {
   /// Share of the run, from its start, for which an in-tree trainer uses half-size views; 0: none.
   virtual double coarse_share() const = 0;
   /// Whether an in-tree trainer adds triangulated points to those of the dataset before it starts.
-  virtual bool dense_start() const = 0;
+  virtual bool fill_gaps() const = 0;
   /// @param device where the backbone trains
   virtual std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const = 0;
 };
@@ -55,8 +55,8 @@ class SettingsOf final : public BoostSettings {
   }
   void validate() const override { check(boost_); }
   double coarse_share() const override { return boost_.coarse ? boost_.coarse_until : 0; }
-  bool dense_start() const override {
-    if constexpr (requires { boost_.dense_start; }) return boost_.dense_start;
+  bool fill_gaps() const override {
+    if constexpr (requires { boost_.fill_gaps; }) return boost_.fill_gaps;
     return false;
   }
   std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const override {

@@ -54,6 +54,7 @@ VanillaBoost literal_boost() {
   boost.min_clearance = 0;
   boost.replaced_share = 0;
   boost.coarse = false;
+  boost.fill_gaps = false;
   return boost;
 }
 

@@ -81,9 +81,8 @@ struct VanillaBoost {
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = false;        ///< off: growth in the first iterations needs full-size views
   double coarse_until = 0.3;  ///< until this share of the run
-  /// An in-tree trainer starts from more points than the dataset's: those that it triangulates from the photos too. Not
-  /// in the paper.
-  bool dense_start = false;  ///< off: it takes a third more time
+  /// An in-tree trainer adds points that it triangulates from the photos where the dataset has none. Not in the paper.
+  bool fill_gaps = true;
 
   // Not user settings: given by the run and by the backbone.
   std::uint64_t seed = 0;
@@ -128,7 +127,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("replaced_share", boost.replaced_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
-  visit("dense_start", boost.dense_start);
+  visit("fill_gaps", boost.fill_gaps);
 }
 
 /// Throws ArgumentError, naming the setting, if a value is out of range.

@@ -135,7 +135,7 @@ def test_a_coarse_start_is_taken_up_where_it_was_cut(tmp_path):
     assert ply(published[0]) == ply(published[1])
 
 
-def test_a_dense_start_adds_triangulated_points(tmp_path):
+def test_points_are_added_where_the_dataset_has_none(tmp_path):
     scene = tmp_path / "room"
     run_well("synth", scene, "--width", 160, "--height", 120, "--views", 24, "--points", 300, "--samples", 1)
 
@@ -146,21 +146,21 @@ def test_a_dense_start_adds_triangulated_points(tmp_path):
         assert ("triangulation" in found["stage_seconds"]) == bool(note)
         return found["primitives"], int(note[1]) if note else 0
 
-    config = tmp_path / "dense.json"
-    config.write_text('{"boost": {"dense_start": true}}')
-    dense = ["--config", config]
-    count, more = started("dense", *dense)
-    assert more > 5000 and count == 300 + more
-    assert started("default") == (300, 0)
-    assert started("published", *dense, "--no-boost") == (300, 0)
-    assert started("capped", *dense, "--max-primitives", "2000") == (300, 0), "half of a cap is kept for growth"
-    assert started("mip", *dense, "--backbone", "mip-splatting") == (count, more)
+    config = tmp_path / "off.json"
+    config.write_text('{"boost": {"fill_gaps": false}}')
+    count, more = started("default")
+    assert more > 500 and count == 300 + more
+    assert started("off", "--config", config) == (300, 0)
+    assert started("published", "--no-boost") == started("literal", "--literal") == (300, 0)
+    assert started("capped", "--max-primitives", "1000") == (300, 0), "half of a cap is kept for growth"
+    assert started("mip", "--backbone", "mip-splatting") == (count, more)
+    assert started("pgsr", "--backbone", "pgsr") == (300, 0), "not measured"
 
-    run_well("compare", "-s", scene, "-m", tmp_path / "both", *dense, "--iterations", "1", "--threads", "1", "--quiet")
+    run_well("compare", "-s", scene, "-m", tmp_path / "both", "--iterations", "1", "--threads", "1", "--quiet")
     counts = [results(tmp_path / "both" / run)["primitives"] for run in ("baseline", "boosted")]
     assert counts == [300, count]
 
-    options = [*dense, "--iterations", "6", "--threads", "1", "--quiet"]
+    options = ["--iterations", "6", "--threads", "1", "--quiet"]
     run_well("train", "-s", scene, "-m", tmp_path / "whole", *options, "--checkpoint-iterations", "3")
     run_well("train", "--resume", tmp_path / "whole/checkpoints/iteration_3.ckpt", "-m", tmp_path / "resumed", "--quiet")
     assert ply(tmp_path / "resumed", 6) == ply(tmp_path / "whole", 6)

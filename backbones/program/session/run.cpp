@@ -139,14 +139,14 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
   return surfaces;
 }
 
-/// Sets Scene::more_points to the points that a dense start adds: triangulated from the photos, unless those of the
-/// scene are, or were drawn at random as for rendered scenes. None if they would take more than half of a cap.
+/// Sets Scene::more_points to points that are triangulated from the photos, where the scene has none. Not if all of its
+/// points were, or were drawn at random as for rendered scenes, and not if they would take more than half of a cap.
 void add_points(Workbench& bench, const RunOptions& options) {
   Scene& scene = bench.scene;
   if (scene.points_made || moves(scene) || points_are_random(scene.points.positions)) return;
   if (!bench.triangulated) {
     const auto start = std::chrono::steady_clock::now();
-    bench.triangulated = triangulate_points(scene.train, bench.device->threads());
+    bench.triangulated = triangulate_points(scene.train, scene.points, bench.device->threads());
     bench.triangulation_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   const std::size_t all = scene.points.size() + bench.triangulated->size();
@@ -160,7 +160,7 @@ PluggedBackbone backbone_to_train(Workbench& bench, const RunOptions& options, b
   require_visible_points(bench.scene);
   const Json settings = boost_settings(options);
   bench.scene.more_points = {};
-  if (boost && read_boost_settings(options.backbone, settings)->dense_start()) add_points(bench, options);
+  if (boost && read_boost_settings(options.backbone, settings)->fill_gaps()) add_points(bench, options);
   return make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
                        boost ? &settings : nullptr);
 }

@@ -503,7 +503,7 @@ PointCloud made_points(const SceneOptions& options, const Dataset& dataset, bool
   std::string start = "; training starts from ";
   // Rendered scenes start from random points in the published methods, whose results are compared.
   if (!dataset.blender || !(transparent || timed)) {
-    PointCloud points = triangulate_points(scene.train, Threads());
+    PointCloud points = triangulate_points(scene.train, {}, Threads());
     if (points.size() > 0) {
       scene.notes.push_back(reason + start + std::to_string(points.size()) + " that were triangulated from its photos");
       return points;

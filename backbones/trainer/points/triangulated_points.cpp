@@ -9,14 +9,15 @@
 #include <glm/common.hpp>
 
 #include "trainer/points/feature_tracks.h"
-#include "trainer/points/spread_points.h"
+#include "trainer/points/gap_points.h"
 #include "trainer/points/view_features.h"
 
 namespace splatboost {
 namespace {
 
-constexpr std::size_t kLeastTracked = 100;
-constexpr std::size_t kSpread = 20000;  ///< points between the tracked ones, approximately
+constexpr std::size_t kLeast = 100;
+constexpr double kSpacing = 0.025;      ///< × diagonal, of points that are added to those of a dataset …
+constexpr double kSpacingAlone = 0.01;  ///< … and where it has none
 
 /// Adds the colour of the photo at a pixel of ViewFeatures to `sums`.
 void add_color(const ViewFeatures& features, const glm::dvec2& pixel, std::array<std::size_t, 3>& sums) {
@@ -36,7 +37,7 @@ void append(PointCloud& cloud, const glm::dvec3& position, const std::array<std:
 
 }  // namespace
 
-PointCloud triangulate_points(const std::vector<View>& views, const Threads& threads) {
+PointCloud triangulate_points(const std::vector<View>& views, const PointCloud& known, const Threads& threads) {
   // A camera that stands still shows the same at any time.
   std::vector<const View*> chosen;
   for (const View& view : views) {
@@ -49,15 +50,22 @@ PointCloud triangulate_points(const std::vector<View>& views, const Threads& thr
   threads.for_range(chosen.size(), 1, [&](std::size_t i, std::size_t) { features[i] = detect_features(*chosen[i]); });
   const auto pairs = neighbouring_views(features);
   const std::vector<TrackedPoint> tracked = track_points(features, pairs, threads);
+  std::vector<glm::dvec3> positions;
+  for (std::size_t i = 0; i < known.size(); ++i) {
+    const float* p = known.positions.data() + 3 * i;
+    positions.emplace_back(p[0], p[1], p[2]);
+  }
+  for (const TrackedPoint& point : tracked) positions.push_back(point.position);
   PointCloud cloud;
-  if (tracked.size() < kLeastTracked) return cloud;
+  if (positions.size() < kLeast) return cloud;
 
   for (const TrackedPoint& point : tracked) {
     std::array<std::size_t, 3> sums{};
     for (const auto& [view, number] : point.features) add_color(features[view], features[view].pixels[number], sums);
     append(cloud, point.position, sums, point.features.size());
   }
-  for (const SpreadPoint& point : spread_points(features, tracked, pairs, kSpread, threads)) {
+  const double spacing = known.size() > 0 ? kSpacing : kSpacingAlone;
+  for (const GapPoint& point : fill_gaps(features, positions, pairs, spacing, threads)) {
     std::array<std::size_t, 3> sums{};
     add_color(features[point.view], point.pixel, sums);
     append(cloud, point.position, sums, 1);

@@ -34,6 +34,7 @@ struct ViewFeatures {
   std::vector<glm::dvec2> pixels;         ///< [N]
   std::vector<std::uint8_t> descriptors;  ///< [N,128]
 
+  double diagonal() const { return std::hypot(width, height); }  ///< px
   glm::dvec3 forward() const { return glm::transpose(rotation)[2]; }
   glm::dvec3 to_camera(const glm::dvec3& point) const { return rotation * (point - centre); }
   glm::dvec2 project(const glm::dvec3& in_camera) const {

@@ -18,8 +18,8 @@
 #include "trainer/formats/read_scene.h"
 #include "trainer/images/image_codec.h"
 #include "trainer/points/feature_tracks.h"
+#include "trainer/points/gap_points.h"
 #include "trainer/points/nearest_to_lines.h"
-#include "trainer/points/spread_points.h"
 #include "trainer/points/view_features.h"
 #include "trainer/synth/synth.h"
 
@@ -29,6 +29,8 @@ namespace {
 /// The ray-traced room, with exact points on its surfaces.
 class TriangulatedPoints : public ::testing::Test {
  protected:
+  static constexpr double kSpacing = 0.03;  ///< × diagonal of a picture: 6 px
+
   static void SetUpTestSuite() {
     folder = std::make_unique<TemporaryFolder>();
     SynthOptions synth;
@@ -58,10 +60,15 @@ class TriangulatedPoints : public ::testing::Test {
       for (const View& view : from) features.push_back(detect_features(view));
       pairs = neighbouring_views(features);
       tracked = track_points(features, pairs, Threads());
+      for (const TrackedPoint& point : tracked) positions.push_back(point.position);
+    }
+    std::vector<GapPoint> fill(double spacing) const {
+      return fill_gaps(features, positions, pairs, spacing, Threads());
     }
     std::vector<ViewFeatures> features;
     std::vector<std::pair<std::size_t, std::size_t>> pairs;
     std::vector<TrackedPoint> tracked;
+    std::vector<glm::dvec3> positions;  ///< of `tracked`
   };
 
   /// This quantile of the distances of points to the surface, up to the distances between its points, about 0.02.
@@ -91,20 +98,27 @@ std::unique_ptr<PointCloud> TriangulatedPoints::surface;
 
 TEST_F(TriangulatedPoints, LieOnSurfacesAndHaveTheirColours) {
   const Matched matched(*views);
-  std::vector<glm::vec3> tracked, spread;
-  for (const TrackedPoint& point : matched.tracked) tracked.push_back(glm::vec3(point.position));
-  for (const SpreadPoint& point : spread_points(matched.features, matched.tracked, matched.pairs, 1000, Threads())) {
-    spread.push_back(glm::vec3(point.position));
+  std::vector<glm::vec3> tracked, gaps, between;
+  for (const glm::dvec3& position : matched.positions) tracked.push_back(glm::vec3(position));
+  for (const GapPoint& point : matched.fill(kSpacing)) gaps.push_back(glm::vec3(point.position));
+  // Points of a dataset: exact, and everywhere.
+  std::vector<glm::dvec3> some;
+  for (std::size_t k = 0; k < surface->size(); k += 100) some.emplace_back(at(*surface, k));
+  for (const GapPoint& point : fill_gaps(matched.features, some, matched.pairs, kSpacing, Threads())) {
+    between.push_back(glm::vec3(point.position));
   }
   ASSERT_GT(tracked.size(), 200u);
-  EXPECT_GT(spread.size(), 400u);
-  EXPECT_LT(spread.size(), 1200u);
-  // In metres; the room is 8 m wide, and pixels are 2 to 5 cm there.
+  EXPECT_GT(gaps.size(), 400u);
+  EXPECT_GT(between.size(), 400u);
+  // In metres; the room is 8 m wide, and pixels are 2 to 5 cm there. Gaps of tracked points are where there is little
+  // texture.
   EXPECT_LT(distance_to_surface(tracked, 0.95), 0.1);
-  EXPECT_LT(distance_to_surface(spread, 0.5), 0.06);
-  EXPECT_LT(distance_to_surface(spread, 0.8), 0.25);
+  EXPECT_LT(distance_to_surface(between, 0.5), 0.08);
+  EXPECT_LT(distance_to_surface(between, 0.8), 0.25);
+  EXPECT_LT(distance_to_surface(gaps, 0.5), 0.12);
+  EXPECT_LT(distance_to_surface(gaps, 0.8), 0.45);
 
-  const PointCloud points = triangulate_points(*views, Threads());
+  const PointCloud points = triangulate_points(*views, {}, Threads());
   ASSERT_EQ(points.colors.size(), points.positions.size());
   std::size_t alike = 0;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -128,8 +142,55 @@ TEST_F(TriangulatedPoints, LieOnSurfacesAndHaveTheirColours) {
   EXPECT_GT(alike, points.size() * 95 / 100);
 }
 
+TEST_F(TriangulatedPoints, LeaveNoGapInAnyView) {
+  const Matched matched(*views);
+  const std::vector<GapPoint> gaps = matched.fill(kSpacing);
+  /// Share of the pixels of a grid within whose spacing no point is seen, in all views.
+  const auto share = [&](const std::vector<glm::dvec3>& points) {
+    std::size_t empty = 0, all = 0;
+    for (const ViewFeatures& view : matched.features) {
+      const double spacing = kSpacing * view.diagonal();
+      std::vector<glm::dvec2> seen;
+      for (const glm::dvec3& point : points) {
+        const glm::dvec3 p = view.to_camera(point);
+        if (p.z > 0) seen.push_back(view.project(p));
+      }
+      for (double y = spacing / 2; y < view.height; y += spacing) {
+        for (double x = spacing / 2; x < view.width; x += spacing) {
+          ++all;
+          empty += std::ranges::none_of(seen, [&](const glm::dvec2& pixel) {
+            return glm::length(pixel - glm::dvec2(x, y)) < spacing * (1 + 1e-9);
+          });
+        }
+      }
+    }
+    return static_cast<double>(empty) / static_cast<double>(all);
+  };
+  EXPECT_GT(share(matched.positions), 0.3);
+  std::vector<glm::dvec3> filled = matched.positions;
+  for (const GapPoint& point : gaps) filled.push_back(point.position);
+  EXPECT_LT(share(filled), 0.05) << "only pixels far from all points are left";
+  EXPECT_TRUE(fill_gaps(matched.features, filled, matched.pairs, kSpacing, Threads()).size() < gaps.size() / 20);
+}
+
+TEST_F(TriangulatedPoints, AreOnlyAddedWhereADatasetHasNone) {
+  PointCloud known;  // half of the room
+  for (std::size_t k = 0; k < surface->size(); ++k) {
+    const glm::vec3 p = at(*surface, k);
+    if (p.x > 0) continue;
+    known.positions.insert(known.positions.end(), {p.x, p.y, p.z});
+    known.colors.insert(known.colors.end(), 3, 128);
+  }
+  const Matched matched(*views);
+  const PointCloud added = triangulate_points(*views, known, Threads());
+  ASSERT_GT(added.size(), matched.tracked.size()) << "features that were triangulated, and points in gaps";
+  std::size_t there = 0;
+  for (std::size_t k = matched.tracked.size(); k < added.size(); ++k) there += at(added, k).x < -0.5f;
+  EXPECT_LT(there, (added.size() - matched.tracked.size()) / 20);
+}
+
 TEST_F(TriangulatedPoints, AreTheSameForAnyNumberOfThreads) {
-  const PointCloud one = triangulate_points(*views, Threads(1)), three = triangulate_points(*views, Threads(3));
+  const PointCloud one = triangulate_points(*views, {}, Threads(1)), three = triangulate_points(*views, {}, Threads(3));
   EXPECT_EQ(one.positions, three.positions);
   EXPECT_EQ(one.colors, three.colors);
 }
@@ -147,30 +208,30 @@ TEST_F(TriangulatedPoints, AvoidMaskedPixels) {
   for (const TrackedPoint& point : matched.tracked) {
     for (const auto& [view, number] : point.features) EXPECT_LT(matched.features[view].pixels[number].x, 80);
   }
-  const auto spread = spread_points(matched.features, matched.tracked, matched.pairs, 2000, Threads());
-  ASSERT_GT(spread.size(), 200u);
-  for (const SpreadPoint& point : spread) EXPECT_LT(point.pixel.x, 80);
+  const auto gaps = matched.fill(kSpacing);
+  ASSERT_GT(gaps.size(), 200u);
+  for (const GapPoint& point : gaps) EXPECT_LT(point.pixel.x, 80);
 }
 
 TEST_F(TriangulatedPoints, NeedViewsFromThreePlaces) {
-  EXPECT_EQ(triangulate_points({}, Threads()).size(), 0u);
+  EXPECT_EQ(triangulate_points({}, {}, Threads()).size(), 0u);
   // Twelve moments of two cameras of a rig: twelve times the same two rays.
   std::vector<View> rig;
   for (int moment = 0; moment < 12; ++moment) {
     rig.push_back(views->at(0));
     rig.push_back(views->at(1));
   }
-  EXPECT_EQ(triangulate_points(rig, Threads()).size(), 0u);
+  EXPECT_EQ(triangulate_points(rig, {}, Threads()).size(), 0u);
   // A camera that turns at one place.
   std::vector<View> panorama = *views;
   for (View& view : panorama) view.camera.camera_from_world[3] = glm::vec4(0, 0, 0, 1);
-  EXPECT_EQ(triangulate_points(panorama, Threads()).size(), 0u);
+  EXPECT_EQ(triangulate_points(panorama, {}, Threads()).size(), 0u);
 }
 
 TEST_F(TriangulatedPoints, AreNotMadeOfWrongPoses) {
   std::vector<View> shuffled = *views;
   for (std::size_t i = 0; i < shuffled.size(); ++i) shuffled[i].camera = views->at((i + 12) % views->size()).camera;
-  EXPECT_LT(triangulate_points(shuffled, Threads()).size(), 10u);
+  EXPECT_LT(triangulate_points(shuffled, {}, Threads()).size(), 10u);
 }
 
 TEST_F(TriangulatedPoints, AreWhereTrainingStartsIfADatasetHasNone) {
@@ -179,7 +240,7 @@ TEST_F(TriangulatedPoints, AreWhereTrainingStartsIfADatasetHasNone) {
   std::filesystem::rename(options.source / "sparse/0/points3D.bin", folder->path() / "points3D.bin");
   const Scene scene = read_scene(options);
   std::filesystem::rename(folder->path() / "points3D.bin", options.source / "sparse/0/points3D.bin");
-  EXPECT_EQ(scene.points.positions, triangulate_points(*views, Threads()).positions);
+  EXPECT_EQ(scene.points.positions, triangulate_points(*views, {}, Threads()).positions);
   ASSERT_FALSE(scene.notes.empty());
   expect_contains(scene.notes.back(), "the dataset has no points; training starts from " +
                                           std::to_string(scene.points.size()) +
