@@ -146,7 +146,7 @@ void add_points(Workbench& bench, const RunOptions& options) {
   if (scene.points_made || moves(scene) || points_are_random(scene.points.positions)) return;
   if (!bench.triangulated) {
     const auto start = std::chrono::steady_clock::now();
-    bench.triangulated = triangulate_points(scene.train, scene.points, bench.device->threads());
+    bench.triangulated = triangulate_points(scene, bench.device->threads());
     bench.triangulation_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   const std::size_t all = scene.points.size() + bench.triangulated->size();

@@ -41,6 +41,7 @@ struct Scene {
   PointCloud more_points;
   float extent = 0;  ///< 1.1 × largest distance of a training camera from their mean (3DGS)
   bool white_background = false;
+  bool cut_out = false;    ///< photos have transparent pixels, which got the colour of the background, white or black
   bool synthetic = false;  ///< images were rendered (NeRF-synthetic, D-NeRF): exact poses, an empty background
   /// Notes for the user on how the data was read, one line each.
   std::vector<std::string> notes;

@@ -495,15 +495,14 @@ bool all_at_one_place(std::span<const float> positions) {
 }
 
 /// Points for a dataset without usable ones. Adds a line on what they are to Scene::notes.
-/// @param transparent whether the photos show objects that were cut out or rendered
-PointCloud made_points(const SceneOptions& options, const Dataset& dataset, bool transparent, Scene& scene) {
+PointCloud made_points(const SceneOptions& options, const Dataset& dataset, Scene& scene) {
   const std::string reason =
       scene.points.size() == 0 ? "the dataset has no points" : "all points of the dataset are at the same place";
   const bool timed = std::ranges::any_of(scene.train, [](const View& view) { return view.time > 0; });
   std::string start = "; training starts from ";
   // Rendered scenes start from random points in the published methods, whose results are compared.
-  if (!dataset.blender || !(transparent || timed)) {
-    PointCloud points = triangulate_points(scene.train, {}, Threads());
+  if (!dataset.blender || !(scene.cut_out || timed)) {
+    PointCloud points = triangulate_points(scene, Threads());
     if (points.size() > 0) {
       scene.notes.push_back(reason + start + std::to_string(points.size()) + " that were triangulated from its photos");
       return points;
@@ -584,6 +583,7 @@ Scene read_scene(const SceneOptions& options) {
   std::vector<std::size_t> chosen = std::move(split.train);
   std::ranges::copy(split.test, std::back_inserter(chosen));
   LoadedViews loaded = load_views(options, dataset, chosen, scene.notes);
+  scene.cut_out = loaded.transparent;
   for (std::size_t i = 0; i < loaded.views.size(); ++i) {
     (i < train_count ? scene.train : scene.test).push_back(std::move(loaded.views[i]));
   }
@@ -599,7 +599,8 @@ Scene read_scene(const SceneOptions& options) {
   }
   // Sizes of the first primitives are distances between points.
   if (scene.points.size() == 0 || all_at_one_place(scene.points.positions)) {
-    scene.points = made_points(options, dataset, loaded.transparent, scene);
+    scene.points = {};
+    scene.points = made_points(options, dataset, scene);
     scene.points_made = true;
   }
   if (!(scene.extent > 0)) {

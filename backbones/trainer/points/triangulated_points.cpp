@@ -30,6 +30,14 @@ void add_color(const ViewFeatures& features, const glm::dvec2& pixel, std::array
   for (std::size_t c = 0; c < 3; ++c) sums[c] += features.view->color[(c * height + row) * width + column];
 }
 
+/// Adds the pixels that are exactly as light as this to the masked ones.
+void exclude_grey(ViewFeatures& view, std::uint8_t grey) {
+  view.valid.resize(view.grey.size(), 1);
+  for (std::size_t i = 0; i < view.grey.size(); ++i) {
+    if (view.grey[i] == grey) view.valid[i] = 0;
+  }
+}
+
 void append(PointCloud& cloud, const glm::dvec3& position, const std::array<std::size_t, 3>& sums, std::size_t count) {
   for (int axis = 0; axis < 3; ++axis) cloud.positions.push_back(static_cast<float>(position[axis]));
   for (const std::size_t sum : sums) cloud.colors.push_back(static_cast<std::uint8_t>((sum + count / 2) / count));
@@ -37,10 +45,10 @@ void append(PointCloud& cloud, const glm::dvec3& position, const std::array<std:
 
 }  // namespace
 
-PointCloud triangulate_points(const std::vector<View>& views, const PointCloud& known, const Threads& threads) {
+PointCloud triangulate_points(const Scene& scene, const Threads& threads) {
   // A camera that stands still shows the same at any time.
   std::vector<const View*> chosen;
-  for (const View& view : views) {
+  for (const View& view : scene.train) {
     const auto same = [&](const View* other) {
       return other->camera.camera_from_world == view.camera.camera_from_world;
     };
@@ -48,11 +56,14 @@ PointCloud triangulate_points(const std::vector<View>& views, const PointCloud& 
   }
   std::vector<ViewFeatures> features(chosen.size());
   threads.for_range(chosen.size(), 1, [&](std::size_t i, std::size_t) { features[i] = detect_features(*chosen[i]); });
+  if (scene.cut_out) {
+    for (ViewFeatures& view : features) exclude_grey(view, scene.white_background ? 255 : 0);
+  }
   const auto pairs = neighbouring_views(features);
   const std::vector<TrackedPoint> tracked = track_points(features, pairs, threads);
   std::vector<glm::dvec3> positions;
-  for (std::size_t i = 0; i < known.size(); ++i) {
-    const float* p = known.positions.data() + 3 * i;
+  for (std::size_t i = 0; i < scene.points.size(); ++i) {
+    const float* p = scene.points.positions.data() + 3 * i;
     positions.emplace_back(p[0], p[1], p[2]);
   }
   for (const TrackedPoint& point : tracked) positions.push_back(point.position);
@@ -64,7 +75,7 @@ PointCloud triangulate_points(const std::vector<View>& views, const PointCloud& 
     for (const auto& [view, number] : point.features) add_color(features[view], features[view].pixels[number], sums);
     append(cloud, point.position, sums, point.features.size());
   }
-  const double spacing = known.size() > 0 ? kSpacing : kSpacingAlone;
+  const double spacing = scene.points.size() > 0 ? kSpacing : kSpacingAlone;
   for (const GapPoint& point : fill_gaps(features, positions, pairs, spacing, threads)) {
     std::array<std::size_t, 3> sums{};
     add_color(features[point.view], point.pixel, sums);

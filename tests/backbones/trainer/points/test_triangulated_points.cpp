@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <limits>
 #include <memory>
+#include <span>
 
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
@@ -52,6 +53,12 @@ class TriangulatedPoints : public ::testing::Test {
   }
   void SetUp() override {
     if (!have_opencv()) GTEST_SKIP() << "a build without OpenCV finds no points";
+  }
+
+  static Scene scene_of(const std::vector<View>& train) {
+    Scene scene;
+    scene.train = train;
+    return scene;
   }
 
   /// The steps of triangulate_points().
@@ -118,7 +125,7 @@ TEST_F(TriangulatedPoints, LieOnSurfacesAndHaveTheirColours) {
   EXPECT_LT(distance_to_surface(gaps, 0.5), 0.12);
   EXPECT_LT(distance_to_surface(gaps, 0.8), 0.45);
 
-  const PointCloud points = triangulate_points(*views, {}, Threads());
+  const PointCloud points = triangulate_points(scene_of(*views), Threads());
   ASSERT_EQ(points.colors.size(), points.positions.size());
   std::size_t alike = 0;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -174,7 +181,8 @@ TEST_F(TriangulatedPoints, LeaveNoGapInAnyView) {
 }
 
 TEST_F(TriangulatedPoints, AreOnlyAddedWhereADatasetHasNone) {
-  PointCloud known;  // half of the room
+  Scene scene = scene_of(*views);
+  PointCloud& known = scene.points;  // half of the room
   for (std::size_t k = 0; k < surface->size(); ++k) {
     const glm::vec3 p = at(*surface, k);
     if (p.x > 0) continue;
@@ -182,7 +190,7 @@ TEST_F(TriangulatedPoints, AreOnlyAddedWhereADatasetHasNone) {
     known.colors.insert(known.colors.end(), 3, 128);
   }
   const Matched matched(*views);
-  const PointCloud added = triangulate_points(*views, known, Threads());
+  const PointCloud added = triangulate_points(scene, Threads());
   ASSERT_GT(added.size(), matched.tracked.size()) << "features that were triangulated, and points in gaps";
   std::size_t there = 0;
   for (std::size_t k = matched.tracked.size(); k < added.size(); ++k) there += at(added, k).x < -0.5f;
@@ -190,7 +198,8 @@ TEST_F(TriangulatedPoints, AreOnlyAddedWhereADatasetHasNone) {
 }
 
 TEST_F(TriangulatedPoints, AreTheSameForAnyNumberOfThreads) {
-  const PointCloud one = triangulate_points(*views, {}, Threads(1)), three = triangulate_points(*views, {}, Threads(3));
+  const PointCloud one = triangulate_points(scene_of(*views), Threads(1)),
+                   three = triangulate_points(scene_of(*views), Threads(3));
   EXPECT_EQ(one.positions, three.positions);
   EXPECT_EQ(one.colors, three.colors);
 }
@@ -213,25 +222,56 @@ TEST_F(TriangulatedPoints, AvoidMaskedPixels) {
   for (const GapPoint& point : gaps) EXPECT_LT(point.pixel.x, 80);
 }
 
+TEST_F(TriangulatedPoints, AvoidTheEmptyBackgroundOfCutOutObjects) {
+  constexpr std::uint8_t kWhite = 255;
+  Scene scene = scene_of(*views);
+  scene.white_background = true;
+  for (std::size_t k = 0; k < surface->size(); k += 50) {
+    const glm::vec3 p = at(*surface, k);
+    if (p.x < 0) scene.points.positions.insert(scene.points.positions.end(), {p.x, p.y, p.z});
+  }
+  scene.points.colors.assign(scene.points.positions.size(), 128);
+  for (View& view : scene.train) {
+    const auto width = static_cast<std::size_t>(view.camera.width);
+    for (std::size_t i = 0; i < view.color.size(); ++i) {
+      if (i % width < width / 2) view.color[i] = kWhite;
+    }
+  }
+  /// Of the points in gaps, which follow the features.
+  const std::size_t tracked = Matched(scene.train).tracked.size();
+  const auto white = [&](const PointCloud& points) {
+    std::size_t count = 0;
+    for (std::size_t i = tracked; i < points.size(); ++i) {
+      count += std::ranges::all_of(std::span(points.colors).subspan(3 * i, 3), [&](auto c) { return c == kWhite; });
+    }
+    return count;
+  };
+  EXPECT_GT(white(triangulate_points(scene, Threads())), 20u) << "the photos could show a white wall";
+  scene.cut_out = true;
+  const PointCloud added = triangulate_points(scene, Threads());
+  EXPECT_GT(added.size(), tracked + 100);
+  EXPECT_EQ(white(added), 0u);
+}
+
 TEST_F(TriangulatedPoints, NeedViewsFromThreePlaces) {
-  EXPECT_EQ(triangulate_points({}, {}, Threads()).size(), 0u);
+  EXPECT_EQ(triangulate_points(scene_of({}), Threads()).size(), 0u);
   // Twelve moments of two cameras of a rig: twelve times the same two rays.
   std::vector<View> rig;
   for (int moment = 0; moment < 12; ++moment) {
     rig.push_back(views->at(0));
     rig.push_back(views->at(1));
   }
-  EXPECT_EQ(triangulate_points(rig, {}, Threads()).size(), 0u);
+  EXPECT_EQ(triangulate_points(scene_of(rig), Threads()).size(), 0u);
   // A camera that turns at one place.
   std::vector<View> panorama = *views;
   for (View& view : panorama) view.camera.camera_from_world[3] = glm::vec4(0, 0, 0, 1);
-  EXPECT_EQ(triangulate_points(panorama, {}, Threads()).size(), 0u);
+  EXPECT_EQ(triangulate_points(scene_of(panorama), Threads()).size(), 0u);
 }
 
 TEST_F(TriangulatedPoints, AreNotMadeOfWrongPoses) {
   std::vector<View> shuffled = *views;
   for (std::size_t i = 0; i < shuffled.size(); ++i) shuffled[i].camera = views->at((i + 12) % views->size()).camera;
-  EXPECT_LT(triangulate_points(shuffled, {}, Threads()).size(), 10u);
+  EXPECT_LT(triangulate_points(scene_of(shuffled), Threads()).size(), 10u);
 }
 
 TEST_F(TriangulatedPoints, AreWhereTrainingStartsIfADatasetHasNone) {
@@ -240,7 +280,7 @@ TEST_F(TriangulatedPoints, AreWhereTrainingStartsIfADatasetHasNone) {
   std::filesystem::rename(options.source / "sparse/0/points3D.bin", folder->path() / "points3D.bin");
   const Scene scene = read_scene(options);
   std::filesystem::rename(folder->path() / "points3D.bin", options.source / "sparse/0/points3D.bin");
-  EXPECT_EQ(scene.points.positions, triangulate_points(*views, {}, Threads()).positions);
+  EXPECT_EQ(scene.points.positions, triangulate_points(scene_of(*views), Threads()).positions);
   ASSERT_FALSE(scene.notes.empty());
   expect_contains(scene.notes.back(), "the dataset has no points; training starts from " +
                                           std::to_string(scene.points.size()) +
