@@ -494,10 +494,11 @@ bool all_at_one_place(std::span<const float> positions) {
   return true;
 }
 
-/// Points for a dataset without usable ones. Adds a line on what they are to Scene::notes.
-PointCloud made_points(const SceneOptions& options, const Dataset& dataset, Scene& scene) {
+/// Sets the points of a dataset without usable ones. Adds a line on what they are to Scene::notes.
+void make_points(const SceneOptions& options, const Dataset& dataset, Scene& scene) {
   const std::string reason =
       scene.points.size() == 0 ? "the dataset has no points" : "all points of the dataset are at the same place";
+  scene.points = {};
   const bool timed = std::ranges::any_of(scene.train, [](const View& view) { return view.time > 0; });
   std::string start = "; training starts from ";
   // Rendered scenes start from random points in the published methods, whose results are compared.
@@ -505,7 +506,8 @@ PointCloud made_points(const SceneOptions& options, const Dataset& dataset, Scen
     PointCloud points = triangulate_points(scene, Threads());
     if (points.size() > 0) {
       scene.notes.push_back(reason + start + std::to_string(points.size()) + " that were triangulated from its photos");
-      return points;
+      scene.points = std::move(points);
+      return;
     }
     start = "; too few could be triangulated from its photos, so training starts from ";
   }
@@ -515,7 +517,7 @@ PointCloud made_points(const SceneOptions& options, const Dataset& dataset, Scen
   }
   scene.notes.push_back(reason + start + std::to_string(options.random_points) + " random ones");
   const PointBox box = dataset.blender ? synthetic_box() : look_at_box(scene.train);
-  return random_points(box, options.random_points, options.seed);
+  scene.points = random_points(box, options.random_points, options.seed);
 }
 
 }  // namespace
@@ -599,8 +601,7 @@ Scene read_scene(const SceneOptions& options) {
   }
   // Sizes of the first primitives are distances between points.
   if (scene.points.size() == 0 || all_at_one_place(scene.points.positions)) {
-    scene.points = {};
-    scene.points = made_points(options, dataset, scene);
+    make_points(options, dataset, scene);
     scene.points_made = true;
   }
   if (!(scene.extent > 0)) {
