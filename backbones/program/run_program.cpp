@@ -114,7 +114,8 @@ int run_commands(int argc, char** argv) {
   const std::vector<Command> commands = {add_train(program),  add_compare(program), add_render(program),
                                          add_eval(program),   add_mesh(program),    add_mesh_eval(program),
                                          add_slam(program),   add_synth(program),   add_pack(program),
-                                         add_export(program), add_bench(program),   add_patch(program)};
+                                         add_points(program), add_export(program),  add_bench(program),
+                                         add_patch(program)};
   // Unknown commands and options are reported below, with a suggestion.
   program.allow_extras();
   for (const Command& command : commands) {

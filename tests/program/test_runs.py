@@ -166,6 +166,51 @@ def test_points_are_added_where_the_dataset_has_none(tmp_path):
     assert ply(tmp_path / "resumed", 6) == ply(tmp_path / "whole", 6)
 
 
+def ply_points(path):
+    """The points of a .ply as hosts read them: float positions and normals, byte colours."""
+    header, data = path.read_bytes().split(b"end_header\n", 1)
+    names = [line.split()[-1] for line in header.decode().split("\n") if line.startswith("property")]
+    assert names == ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"]
+    return np.frombuffer(data, [(name, "<f4") for name in names[:6]] + [(name, "u1") for name in names[6:]])
+
+
+def test_points_of_a_run_are_written_for_patched_checkouts(tmp_path):
+    """The file has the points of the dataset, then those that an accelerated run of the same options adds."""
+    scene = tmp_path / "room"
+    run_well("synth", scene, "--width", 160, "--height", 120, "--views", 24, "--points", 300, "--samples", 1)
+    files = {}
+    for name, options in {"all": [], "eval": ["--eval"]}.items():
+        run = run_well("train", "-s", scene, "-m", tmp_path / name, "--iterations", "1", *options)
+        more = int(re.search(r"starts from (\d+) more points", run.stderr)[1])
+        files[name] = tmp_path / f"{name}.ply"
+        written = run_well("points", "-s", scene, "-o", files[name], *options)
+        assert f"(300 of the dataset, {more} added)" in written.stdout
+        points = ply_points(files[name])
+        assert len(points) == 300 + more and np.ptp(points["red"]) > 50
+    assert ply_points(files["all"])[300:].tobytes() != ply_points(files["eval"])[300:].tobytes(), "test views are not used"
+
+    # Written to where hosts look for points, it changes nothing for the program, which reads points3D.bin.
+    run_well("points", "-s", scene, "-o", scene / "sparse/0/points3D.ply")
+    again = run_well("points", "-s", scene, "-o", tmp_path / "again.ply")
+    assert "(300 of the dataset" in again.stdout and (tmp_path / "again.ply").read_bytes() == files["all"].read_bytes()
+
+
+def test_points_are_refused_where_none_can_be_added(scene, tmp_path):
+    def error(*arguments):
+        run = run_program("points", *arguments)
+        assert run.returncode == 2 and not list(tmp_path.glob("*.ply")), run.stderr
+        return run.stderr.splitlines()[-1]
+
+    assert "-s/--source" in error("-o", tmp_path / "a.ply")
+    assert "-o/--output" in error("-s", scene)
+    assert "must end in .ply" in error("-s", scene, "-o", tmp_path / "a.bin")
+    assert "cannot be written" in error("-s", scene, "-o", tmp_path / "missing/a.ply")
+    run_well("synth", tmp_path / "moving", "--scene", "moving", "--width", 64, "--height", 48, "--views", 8)
+    assert "do not move" in error("-s", tmp_path / "moving", "-o", tmp_path / "a.ply")
+    run_well("synth", tmp_path / "few", "--width", 64, "--height", 48, "--views", 8, "--points", 20)
+    assert "random or very few" in error("-s", tmp_path / "few", "-o", tmp_path / "a.ply")
+
+
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_interruption_leaves_a_checkpoint(scene, tmp_path, stop):
     long_run = ["-s", scene, "--eval", "--iterations", "2000", "--threads", "1", "--max-primitives", "1500"]

@@ -25,6 +25,7 @@ Command add_slam(CLI::App& program);
 Command add_export(CLI::App& program);
 Command add_synth(CLI::App& program);
 Command add_pack(CLI::App& program);
+Command add_points(CLI::App& program);
 Command add_bench(CLI::App& program);
 Command add_patch(CLI::App& program);
 

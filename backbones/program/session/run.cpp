@@ -13,7 +13,6 @@
 
 #include "program/session/model_folder.h"
 #include "program/session/surface_picture.h"
-#include "splatboost/clearance.h"
 #include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/multi_scale.h"
@@ -96,11 +95,6 @@ std::vector<View> rescaled_views(const RunOptions& options, double scale) {
   return read_scene(scene).train;
 }
 
-/// Whether the training views have different times.
-bool moves(const Scene& scene) {
-  return std::ranges::any_of(scene.train, [&](const View& view) { return view.time != scene.train.front().time; });
-}
-
 /// Renders from the camera of the first measured view at times from 0 to 1.
 std::vector<fs::path> write_moments(Backbone& backbone, const Scene& scene, const fs::path& folder) {
   constexpr int kMoments = 6;
@@ -139,11 +133,11 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
   return surfaces;
 }
 
-/// Sets Scene::more_points to points that are triangulated from the photos, where the scene has none. Not if all of its
-/// points were, or were drawn at random as for rendered scenes, and not if they would take more than half of a cap.
+/// Sets Scene::more_points to points that are triangulated from the photos, where the scene has none. Not if they would
+/// take more than half of a cap.
 void add_points(Workbench& bench, const RunOptions& options) {
   Scene& scene = bench.scene;
-  if (scene.points_made || moves(scene) || points_are_random(scene.points.positions)) return;
+  if (!may_add_points(scene)) return;
   if (!bench.triangulated) {
     const auto start = std::chrono::steady_clock::now();
     bench.triangulated = triangulate_points(scene, bench.device->threads());

@@ -15,6 +15,10 @@ PointCloud starting_points(const Scene& scene) {
   return all;
 }
 
+bool moves(const Scene& scene) {
+  return std::ranges::any_of(scene.train, [&](const View& view) { return view.time != scene.train.front().time; });
+}
+
 float camera_extent(const std::vector<View>& views) {
   if (views.empty()) return 0;
   glm::dvec3 mean(0.0);

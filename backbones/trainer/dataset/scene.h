@@ -50,6 +50,9 @@ struct Scene {
 /// `points` and `more_points`.
 PointCloud starting_points(const Scene& scene);
 
+/// Whether the training views have different times.
+bool moves(const Scene& scene);
+
 /// Scene extent of these views as in 3DGS; 0 if there are none.
 float camera_extent(const std::vector<View>& views);
 

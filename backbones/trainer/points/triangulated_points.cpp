@@ -8,6 +8,7 @@
 
 #include <glm/common.hpp>
 
+#include "splatboost/clearance.h"
 #include "trainer/points/feature_tracks.h"
 #include "trainer/points/gap_points.h"
 #include "trainer/points/view_features.h"
@@ -82,6 +83,10 @@ PointCloud triangulate_points(const Scene& scene, const Threads& threads) {
     append(cloud, point.position, sums, 1);
   }
   return cloud;
+}
+
+bool may_add_points(const Scene& scene) {
+  return !scene.points_made && !moves(scene) && !points_are_random(scene.points.positions);
 }
 
 }  // namespace splatboost

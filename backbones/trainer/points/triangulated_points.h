@@ -15,4 +15,8 @@ namespace splatboost {
 /// are filled, as of views with little texture or overlap, and in a build without OpenCV
 PointCloud triangulate_points(const Scene& scene, const Threads& threads);
 
+/// Whether triangulate_points() may add to the points of the scene: not if it moves, if its points were triangulated, or
+/// if they are random, as those of rendered scenes.
+bool may_add_points(const Scene& scene);
+
 }  // namespace splatboost

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstddef>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+
+#include "program/commands/commands.h"
+#include "program/session/options.h"
+#include "splatboost/clearance.h"
+#include "splatboost/threads.h"
+#include "trainer/dataset/splat_ply.h"
+#include "trainer/formats/read_scene.h"
+#include "trainer/points/triangulated_points.h"
+#include "trainer/support/atomic_file.h"
+#include "trainer/support/text.h"
+
+namespace splatboost::program {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct PointsOptions {
+  SceneOptions scene;
+  fs::path output;
+};
+
+int run_points(const PointsOptions& options) {
+  const std::string scene_name = options.scene.source.string();
+  if (scene_name.empty()) throw UsageError("no scene given: name it with -s/--source");
+  if (options.output.empty()) throw UsageError("no file to write given: name it with -o/--output, FILE.ply");
+  if (options.output.extension() != ".ply") {
+    throw UsageError(options.output.string() + ": the file name of points must end in .ply");
+  }
+  require_writable(options.output);  // before the photos are read
+  Scene scene = read_scene(options.scene);
+  for (const std::string& note : scene.notes) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
+  require(!moves(scene), scene_name + ": points can only be added to scenes that do not move");
+  require(!points_are_random(scene.points.positions),
+          scene_name + ": its points are random or very few, and none are added to these");
+  const std::size_t known = scene.points_made ? 0 : scene.points.size();
+  // Where the dataset has no points, read_scene() has triangulated all.
+  if (may_add_points(scene)) scene.more_points = triangulate_points(scene, Threads());
+  const PointCloud all = starting_points(scene);
+  require(all.size() > known, scene_name + ": no points could be added: the photos have too little texture or overlap, "
+                                           "or this program was built without OpenCV");
+  remove_stale_files(fs::absolute(options.output).parent_path());
+  write_point_ply(options.output, all);
+  std::printf("points: %s (%zu of the dataset, %zu added)\n", options.output.c_str(), known, all.size() - known);
+  return 0;
+}
+
+}  // namespace
+
+Command add_points(CLI::App& program) {
+  CLI::App* app = program.add_subcommand("points", "Write the points of a scene, with more where its photos show none");
+  app->footer(
+      "For patched checkouts, which read the file: splatboost points -s SCENE -o SCENE/sparse/0/points3D.ply --eval\n"
+      "An accelerated splatboost train adds the same points by itself.");
+  const auto options = std::make_shared<PointsOptions>();
+  add_checked_option(*app, "-s,--source", options->scene.source, "scene folder or packed scene")->type_name("DIR");
+  add_checked_option(*app, "-o,--output", options->output, "file to write")->type_name("FILE.ply");
+  add_checked_option(*app, "-r,--resolution", options->scene.resolution, kResolutionHelp)->type_name("N");
+  add_checked_option(*app, "-i,--images", options->scene.images, kImagesHelp)->type_name("NAME");
+  app->add_flag("--eval", options->scene.eval, "do not look at the test views, as a run with --eval");
+  return {app, [options](const std::string&) { return run_points(*options); }};
+}
+
+}  // namespace splatboost::program
