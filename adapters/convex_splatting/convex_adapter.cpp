@@ -36,6 +36,7 @@ ConvexBoost literal_convex_boost() {
   boost.late_prune_from = 15000;
   boost.late_min_opacity = 0.1;
   boost.late_share = 0;
+  boost.track_points = false;
   return boost;
 }
 

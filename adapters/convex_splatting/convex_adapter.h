@@ -49,6 +49,9 @@ struct ConvexBoost {
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = false;
   double coarse_until = 0.3;  ///< until this share of the run
+  /// An in-tree trainer adds points of features that several photos share. Not in the paper. Points in gaps, as in
+  /// VanillaBoost, are less exact, and convexes there cover new views.
+  bool track_points = true;
   /// Number of training views, given by the run; 0: not known, and rest_rate applies.
   int training_views = 0;
 
@@ -78,6 +81,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("late_share", boost.late_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
+  visit("track_points", boost.track_points);
   visit("training_views", boost.training_views);
 }
 

@@ -22,6 +22,13 @@ inline void check_setting(bool holds, const char* reason) {
 }
 
 /// The settings of an accelerated run, whatever the backbone.
+/// Points that an in-tree trainer adds to those of the dataset, triangulated from the photos, before it starts.
+enum class AddedPoints {
+  none,
+  tracked,  ///< those of features that several photos share
+  gaps,     ///< these, and where photos show none
+};
+
 class BoostSettings {
  public:
   struct Setting {
@@ -36,8 +43,7 @@ class BoostSettings {
   virtual void validate() const = 0;
   /// Share of the run, from its start, for which an in-tree trainer uses half-size views; 0: none.
   virtual double coarse_share() const = 0;
-  /// Whether an in-tree trainer adds triangulated points to those of the dataset before it starts.
-  virtual bool fill_gaps() const = 0;
+  virtual AddedPoints added_points() const = 0;
   /// @param device where the backbone trains
   virtual std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const = 0;
 };
@@ -55,9 +61,12 @@ class SettingsOf final : public BoostSettings {
   }
   void validate() const override { check(boost_); }
   double coarse_share() const override { return boost_.coarse ? boost_.coarse_until : 0; }
-  bool fill_gaps() const override {
-    if constexpr (requires { boost_.fill_gaps; }) return boost_.fill_gaps;
-    return false;
+  AddedPoints added_points() const override {
+    if constexpr (requires { boost_.fill_gaps; }) return boost_.fill_gaps ? AddedPoints::gaps : AddedPoints::none;
+    if constexpr (requires { boost_.track_points; }) {
+      return boost_.track_points ? AddedPoints::tracked : AddedPoints::none;
+    }
+    return AddedPoints::none;
   }
   std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const override {
     Boost boost = boost_;

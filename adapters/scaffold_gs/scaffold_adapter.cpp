@@ -81,6 +81,7 @@ ScaffoldBoost literal_scaffold_boost() {
   boost.schedule = false;
   boost.beta = 0.5f;
   boost.coarse = false;
+  boost.track_points = false;
   return boost;
 }
 

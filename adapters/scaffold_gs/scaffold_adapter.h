@@ -35,6 +35,8 @@ struct ScaffoldBoost {
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = true;
   double coarse_until = 0.3;  ///< until this share of the run
+  /// An in-tree trainer adds points of features that several photos share. Not in the paper.
+  bool track_points = true;
 
   std::uint64_t seed = 0;  ///< of the run; not a user setting
 };
@@ -54,6 +56,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("tau", boost.tau);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
+  visit("track_points", boost.track_points);
 }
 
 /// Throws ArgumentError, naming the setting, if a value is out of range.

@@ -148,27 +148,33 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
 };
 
 void ConvexSplatting::initialise() {
-  const PointCloud& points = context_.scene.points;
-  require(points.size() > 0, "the scene has no points to place convexes at; add a point cloud to the dataset");
+  const std::vector<float>& known = context_.scene.points.positions;
+  require(!known.empty(), "the scene has no points to place convexes at; add a point cloud to the dataset");
+  // Not of all starting points: others may be far away.
+  float extent = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    float low = known[axis], high = low;
+    for (std::size_t i = axis; i < known.size(); i += 3) {
+      low = std::min(low, known[i]);
+      high = std::max(high, known[i]);
+    }
+    extent = std::max(extent, high - low);
+  }
+  const bool large = config_.large_scene > 0 && static_cast<double>(extent) > config_.large_scene;
+  gradient_threshold_ = config_.gradient_threshold * (large ? config_.large_scene_factor : 1);
+
   // Keep an even subset of the points if there are more than the cap.
+  const PointCloud points = starting_points(context_.scene);
   std::size_t n = points.size();
-  const std::size_t stride_of = n;
   if (context_.max_primitives > 0) n = std::min(n, context_.max_primitives);
   std::vector<float> centres, dc;
-  float low[3], high[3];
   for (std::size_t i = 0; i < n; ++i) {
-    const std::size_t from = i * stride_of / n;
+    const std::size_t from = i * points.size() / n;
     for (std::size_t c = 0; c < 3; ++c) {
-      const float x = points.positions[3 * from + c];
-      low[c] = i == 0 ? x : std::min(low[c], x);
-      high[c] = i == 0 ? x : std::max(high[c], x);
-      centres.push_back(x);
+      centres.push_back(points.positions[3 * from + c]);
       dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShDc);
     }
   }
-  const float extent = std::max({high[0] - low[0], high[1] - low[1], high[2] - low[2]});
-  const bool large = config_.large_scene > 0 && static_cast<double>(extent) > config_.large_scene;
-  gradient_threshold_ = config_.gradient_threshold * (large ? config_.large_scene_factor : 1);
 
   for (const View& view : context_.scene.train) {
     focal_lengths_.push_back(config_.reference_focal > 0 ? static_cast<float>(config_.reference_focal)

@@ -112,12 +112,13 @@ void Octree::initialise() {
                        : static_cast<int>(std::nearbyint(std::log2(side / kFinestSide))) - level_count() / 2 + 1;
   voxel_size_ = side / std::pow(fork(), static_cast<float>(base));
 
+  const std::vector<float> all = starting_points(context().scene).positions;
   std::vector<std::vector<float>> positions;
   std::vector<std::vector<float>> shares;
   double sum = 0;
   std::size_t count = 0;
   for (int level = 0; level < level_count(); ++level) {
-    positions.push_back(occupied_centres(grid(level), points));
+    positions.push_back(occupied_centres(grid(level), all));
     shares.push_back(camera_shares(positions.back(), level));
     for (const float share : shares.back()) sum += share;
     count += shares.back().size();

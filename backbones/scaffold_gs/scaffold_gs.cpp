@@ -63,7 +63,7 @@ void Scaffold::initialise() {
     voxel_size_ = *middle;
     require(voxel_size_ > 0, "most points of the scene are duplicates; set voxel_size in the backbone config");
   }
-  const std::vector<float> positions = occupied_centres({voxel_size_, {}}, points);
+  const std::vector<float> positions = occupied_centres({voxel_size_, {}}, starting_points(context().scene).positions);
   squared.resize(positions.size() / 3);
   mean_squared_neighbor_distances(positions, 3, squared, context().threads);
   for (float& value : squared) value = 0.5f * std::log(std::max(value, kMinSquaredDistance));

@@ -154,7 +154,11 @@ def test_points_are_added_where_the_dataset_has_none(tmp_path):
     assert started("published", "--no-boost") == started("literal", "--literal") == (300, 0)
     assert started("capped", "--max-primitives", "1000") == (300, 0), "half of a cap is kept for growth"
     assert started("mip", "--backbone", "mip-splatting") == (count, more)
-    assert started("pgsr", "--backbone", "pgsr") == (300, 0), "not measured"
+    assert started("few_views", "--backbone", "dropgaussian") == (300, 0), "few photos do not show where points are"
+    convexes, tracked = started("convexes", "--backbone", "convex-splatting")
+    assert 20 < tracked < more / 2 and convexes == 300 + tracked, "features only"
+    anchors, anchors_more = started("anchors", "--backbone", "scaffold-gs")
+    assert anchors_more == tracked and anchors > started("fewer", "--backbone", "scaffold-gs", "--no-boost")[0]
 
     run_well("compare", "-s", scene, "-m", tmp_path / "both", "--iterations", "1", "--threads", "1", "--quiet")
     counts = [results(tmp_path / "both" / run)["primitives"] for run in ("baseline", "boosted")]

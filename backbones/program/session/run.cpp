@@ -135,12 +135,13 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
 
 /// Sets Scene::more_points to points that are triangulated from the photos, where the scene has none. Not if they would
 /// take more than half of a cap.
-void add_points(Workbench& bench, const RunOptions& options) {
+void add_points(Workbench& bench, AddedPoints added, const RunOptions& options) {
   Scene& scene = bench.scene;
-  if (!may_add_points(scene)) return;
+  if (added == AddedPoints::none || !may_add_points(scene)) return;
   if (!bench.triangulated) {
     const auto start = std::chrono::steady_clock::now();
-    bench.triangulated = triangulate_points(scene, bench.device->threads());
+    const auto triangulate = added == AddedPoints::gaps ? triangulate_points : triangulate_features;
+    bench.triangulated = triangulate(scene, bench.device->threads());
     bench.triangulation_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   const std::size_t all = scene.points.size() + bench.triangulated->size();
@@ -154,7 +155,7 @@ PluggedBackbone backbone_to_train(Workbench& bench, const RunOptions& options, b
   require_visible_points(bench.scene);
   const Json settings = boost_settings(options);
   bench.scene.more_points = {};
-  if (boost && read_boost_settings(options.backbone, settings)->fill_gaps()) add_points(bench, options);
+  if (boost) add_points(bench, read_boost_settings(options.backbone, settings)->added_points(), options);
   return make_backbone(options.backbone, context_of(bench, options), options.backbone_settings,
                        boost ? &settings : nullptr);
 }

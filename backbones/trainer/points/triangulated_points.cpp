@@ -44,9 +44,8 @@ void append(PointCloud& cloud, const glm::dvec3& position, const std::array<std:
   for (const std::size_t sum : sums) cloud.colors.push_back(static_cast<std::uint8_t>((sum + count / 2) / count));
 }
 
-}  // namespace
-
-PointCloud triangulate_points(const Scene& scene, const Threads& threads) {
+/// @param gaps whether they are filled
+PointCloud triangulate(const Scene& scene, bool gaps, const Threads& threads) {
   // A camera that stands still shows the same at any time.
   std::vector<const View*> chosen;
   for (const View& view : scene.train) {
@@ -76,6 +75,7 @@ PointCloud triangulate_points(const Scene& scene, const Threads& threads) {
     for (const auto& [view, number] : point.features) add_color(features[view], features[view].pixels[number], sums);
     append(cloud, point.position, sums, point.features.size());
   }
+  if (!gaps) return cloud;
   const double spacing = scene.points.size() > 0 ? kSpacing : kSpacingAlone;
   for (const GapPoint& point : fill_gaps(features, positions, pairs, spacing, threads)) {
     std::array<std::size_t, 3> sums{};
@@ -84,6 +84,14 @@ PointCloud triangulate_points(const Scene& scene, const Threads& threads) {
   }
   return cloud;
 }
+
+}  // namespace
+
+PointCloud triangulate_features(const Scene& scene, const Threads& threads) {
+  return triangulate(scene, false, threads);
+}
+
+PointCloud triangulate_points(const Scene& scene, const Threads& threads) { return triangulate(scene, true, threads); }
 
 bool may_add_points(const Scene& scene) {
   return !scene.points_made && !moves(scene) && !points_are_random(scene.points.positions);

@@ -7,12 +7,14 @@
 
 namespace splatboost {
 
-/// Points on surfaces, in world units, with their colours: features that at least three training views show are
-/// triangulated (feature_tracks.h), and where views show none of these and of the scene's points, they get one
-/// (gap_points.h), except in the background of objects that were cut out. The result does not depend on the number of
-/// threads.
-/// @return the points to add to Scene::points, which may be empty. None if there are fewer than 100 in all before gaps
-/// are filled, as of views with little texture or overlap, and in a build without OpenCV
+/// Points on surfaces, in world units, with their colours: features that at least three training views show
+/// (feature_tracks.h). The result does not depend on the number of threads.
+/// @return the points to add to Scene::points, which may be empty. None if there are fewer than 100 with these, as of
+/// views with little texture or overlap, and in a build without OpenCV
+PointCloud triangulate_features(const Scene& scene, const Threads& threads);
+
+/// These points, and one wherever views show none of them and of the scene's (gap_points.h), except in the background of
+/// objects that were cut out. None if there are none of the former.
 PointCloud triangulate_points(const Scene& scene, const Threads& threads);
 
 /// Whether triangulate_points() may add to the points of the scene: not if it moves, if its points were triangulated, or

@@ -195,6 +195,11 @@ TEST_F(TriangulatedPoints, AreOnlyAddedWhereADatasetHasNone) {
   std::size_t there = 0;
   for (std::size_t k = matched.tracked.size(); k < added.size(); ++k) there += at(added, k).x < -0.5f;
   EXPECT_LT(there, (added.size() - matched.tracked.size()) / 20);
+
+  const PointCloud features = triangulate_features(scene, Threads());
+  ASSERT_EQ(features.size(), matched.tracked.size());
+  EXPECT_TRUE(std::equal(features.positions.begin(), features.positions.end(), added.positions.begin()));
+  EXPECT_TRUE(std::equal(features.colors.begin(), features.colors.end(), added.colors.begin()));
 }
 
 TEST_F(TriangulatedPoints, AreTheSameForAnyNumberOfThreads) {
