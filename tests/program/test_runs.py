@@ -193,10 +193,23 @@ def test_points_of_a_run_are_written_for_patched_checkouts(tmp_path):
         assert len(points) == 300 + more and np.ptp(points["red"]) > 50
     assert ply_points(files["all"])[300:].tobytes() != ply_points(files["eval"])[300:].tobytes(), "test views are not used"
 
+    run = run_well("train", "-s", scene, "-m", tmp_path / "convexes", "--iterations", "1", "--backbone", "convex-splatting")
+    more = int(re.search(r"starts from (\d+) more points", run.stderr)[1])
+    run_well("points", "-s", scene, "-o", tmp_path / "features.ply", "--features-only")
+    assert len(ply_points(tmp_path / "features.ply")) == 300 + more < len(ply_points(files["all"]))
+
     # Written to where hosts look for points, it changes nothing for the program, which reads points3D.bin.
     run_well("points", "-s", scene, "-o", scene / "sparse/0/points3D.ply")
     again = run_well("points", "-s", scene, "-o", tmp_path / "again.ply")
     assert "(300 of the dataset" in again.stdout and (tmp_path / "again.ply").read_bytes() == files["all"].read_bytes()
+
+
+def scene_without_binary_points(scene, copy):
+    """A scene whose only points are those of points3D.ply."""
+    shutil.copytree(scene, copy)
+    run_well("points", "-s", scene, "-o", copy / "sparse/0/points3D.ply")
+    (copy / "sparse/0/points3D.bin").unlink()
+    return copy
 
 
 def test_points_are_refused_where_none_can_be_added(scene, tmp_path):
@@ -211,6 +224,10 @@ def test_points_are_refused_where_none_can_be_added(scene, tmp_path):
     assert "cannot be written" in error("-s", scene, "-o", tmp_path / "missing/a.ply")
     run_well("synth", tmp_path / "moving", "--scene", "moving", "--width", 64, "--height", 48, "--views", 8)
     assert "do not move" in error("-s", tmp_path / "moving", "-o", tmp_path / "a.ply")
+    lonely = scene_without_binary_points(scene, tmp_path / "lonely")
+    before = (lonely / "sparse/0/points3D.ply").read_bytes()
+    assert "would be replaced" in error("-s", lonely, "-o", lonely / "sparse/0/points3D.ply")
+    assert (lonely / "sparse/0/points3D.ply").read_bytes() == before
     run_well("synth", tmp_path / "few", "--width", 64, "--height", 48, "--views", 8, "--points", 20)
     assert "random or very few" in error("-s", tmp_path / "few", "-o", tmp_path / "a.ply")
 

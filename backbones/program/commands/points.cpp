@@ -22,7 +22,19 @@ namespace fs = std::filesystem;
 struct PointsOptions {
   SceneOptions scene;
   fs::path output;
+  bool features_only = false;
 };
+
+/// Throws InputError if the file may be the only one with the points of the scene.
+void require_points_elsewhere(const fs::path& file, const fs::path& scene) {
+  if (!fs::exists(file)) return;
+  const fs::path folder = fs::canonical(file).parent_path();
+  const fs::path inside = folder.lexically_relative(fs::canonical(scene));
+  if (inside.empty() || *inside.begin() == "..") return;
+  require(fs::exists(folder / "points3D.bin") || fs::exists(folder / "points3D.txt"),
+          file.string() + ": holds points of the scene, which would be replaced, and there is no points3D.bin or "
+                          "points3D.txt beside it; move it away, or write another file");
+}
 
 int run_points(const PointsOptions& options) {
   const std::string scene_name = options.scene.source.string();
@@ -31,15 +43,20 @@ int run_points(const PointsOptions& options) {
   if (options.output.extension() != ".ply") {
     throw UsageError(options.output.string() + ": the file name of points must end in .ply");
   }
+  require_replaceable(options.output, {options.scene.source});
   require_writable(options.output);  // before the photos are read
   Scene scene = read_scene(options.scene);
+  require_points_elsewhere(options.output, options.scene.source);
   for (const std::string& note : scene.notes) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
   require(!moves(scene), scene_name + ": points can only be added to scenes that do not move");
   require(!points_are_random(scene.points.positions),
           scene_name + ": its points are random or very few, and none are added to these");
   const std::size_t known = scene.points_made ? 0 : scene.points.size();
   // Where the dataset has no points, read_scene() has triangulated all.
-  if (may_add_points(scene)) scene.more_points = triangulate_points(scene, Threads());
+  if (may_add_points(scene)) {
+    const auto triangulate = options.features_only ? triangulate_features : triangulate_points;
+    scene.more_points = triangulate(scene, Threads());
+  }
   const PointCloud all = starting_points(scene);
   require(all.size() > known, scene_name + ": no points could be added: the photos have too little texture or overlap, "
                                            "or this program was built without OpenCV");
@@ -62,6 +79,8 @@ Command add_points(CLI::App& program) {
   add_checked_option(*app, "-r,--resolution", options->scene.resolution, kResolutionHelp)->type_name("N");
   add_checked_option(*app, "-i,--images", options->scene.images, kImagesHelp)->type_name("NAME");
   app->add_flag("--eval", options->scene.eval, "do not look at the test views, as a run with --eval");
+  app->add_flag("--features-only", options->features_only,
+                "add points of features that several photos share only: for Scaffold-GS, Octree-GS and convexes");
   return {app, [options](const std::string&) { return run_points(*options); }};
 }
 
