@@ -25,7 +25,7 @@ VanillaBoost dropgaussian_boost() {
   // With few views, the Gaussians that they show least are still needed: removing them cost held-out views 0.2 dB.
   boost.late_share = 0;
   boost.coarse = true;
-  boost.fill_gaps = false;  // not measured with few views
+  boost.fill_gaps = false;  // no gain with few views in the mean
   // The supplement (Sec. 9.2) trains it with plain Adam.
   boost.schedule = false;
   return boost;

@@ -21,7 +21,6 @@ inline void check_setting(bool holds, const char* reason) {
   if (!holds) throw ArgumentError(reason);
 }
 
-/// The settings of an accelerated run, whatever the backbone.
 /// Points that an in-tree trainer adds to those of the dataset, triangulated from the photos, before it starts.
 enum class AddedPoints {
   none,
@@ -29,6 +28,7 @@ enum class AddedPoints {
   gaps,     ///< these, and where photos show none
 };
 
+/// The settings of an accelerated run, whatever the backbone.
 class BoostSettings {
  public:
   struct Setting {

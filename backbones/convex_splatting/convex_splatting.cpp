@@ -150,7 +150,7 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
 void ConvexSplatting::initialise() {
   const std::vector<float>& known = context_.scene.points.positions;
   require(!known.empty(), "the scene has no points to place convexes at; add a point cloud to the dataset");
-  // Not of all starting points: others may be far away.
+  // Without added points, which may be far away.
   float extent = 0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     float low = known[axis], high = low;

@@ -25,12 +25,20 @@ struct PointsOptions {
   bool features_only = false;
 };
 
+bool is_inside(const fs::path& file, const fs::path& folder) {
+  const fs::path relative = file.lexically_relative(folder);
+  return !relative.empty() && *relative.begin() != "..";
+}
+
 /// Throws InputError if the file may be the only one with the points of the scene.
 void require_points_elsewhere(const fs::path& file, const fs::path& scene) {
-  if (!fs::exists(file)) return;
-  const fs::path folder = fs::canonical(file).parent_path();
-  const fs::path inside = folder.lexically_relative(fs::canonical(scene));
-  if (inside.empty() || *inside.begin() == "..") return;
+  if (!fs::exists(file) || !fs::exists(scene)) return;
+  const fs::path named = fs::absolute(file).lexically_normal();  // folders of scenes are often links
+  if (!is_inside(named, fs::absolute(scene).lexically_normal()) &&
+      !is_inside(fs::canonical(file), fs::canonical(scene))) {
+    return;
+  }
+  const fs::path folder = named.parent_path();
   require(fs::exists(folder / "points3D.bin") || fs::exists(folder / "points3D.txt"),
           file.string() + ": holds points of the scene, which would be replaced, and there is no points3D.bin or "
                           "points3D.txt beside it; move it away, or write another file");
@@ -44,9 +52,9 @@ int run_points(const PointsOptions& options) {
     throw UsageError(options.output.string() + ": the file name of points must end in .ply");
   }
   require_replaceable(options.output, {options.scene.source});
+  require_points_elsewhere(options.output, options.scene.source);
   require_writable(options.output);  // before the photos are read
   Scene scene = read_scene(options.scene);
-  require_points_elsewhere(options.output, options.scene.source);
   for (const std::string& note : scene.notes) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
   require(!moves(scene), scene_name + ": points can only be added to scenes that do not move");
   require(!points_are_random(scene.points.positions),
@@ -72,7 +80,7 @@ Command add_points(CLI::App& program) {
   CLI::App* app = program.add_subcommand("points", "Write the points of a scene, with more where its photos show none");
   app->footer(
       "For patched checkouts, which read the file: splatboost points -s SCENE -o SCENE/sparse/0/points3D.ply --eval\n"
-      "An accelerated splatboost train adds the same points by itself.");
+      "Accelerated runs of vanilla and Mip-Splatting add the same points themselves.");
   const auto options = std::make_shared<PointsOptions>();
   add_checked_option(*app, "-s,--source", options->scene.source, "scene folder or packed scene")->type_name("DIR");
   add_checked_option(*app, "-o,--output", options->output, "file to write")->type_name("FILE.ply");
@@ -80,7 +88,8 @@ Command add_points(CLI::App& program) {
   add_checked_option(*app, "-i,--images", options->scene.images, kImagesHelp)->type_name("NAME");
   app->add_flag("--eval", options->scene.eval, "do not look at the test views, as a run with --eval");
   app->add_flag("--features-only", options->features_only,
-                "add points of features that several photos share only: for Scaffold-GS, Octree-GS and convexes");
+                "add points of features that several photos share only: for Scaffold-GS, Octree-GS and convexes; "
+                "no effect if the dataset has no points");
   return {app, [options](const std::string&) { return run_points(*options); }};
 }
 
