@@ -111,11 +111,10 @@ int run_commands(int argc, char** argv) {
   program.set_help_flag("-h,--help", "print this and exit");
   program.set_version_flag("--version", "splatboost " SPLATBOOST_VERSION, "print the version and exit");
   program.footer("See splatboost COMMAND --help for the options of a command.");
-  const std::vector<Command> commands = {add_train(program),  add_compare(program), add_render(program),
-                                         add_eval(program),   add_mesh(program),    add_mesh_eval(program),
-                                         add_slam(program),   add_synth(program),   add_pack(program),
-                                         add_points(program), add_export(program),  add_bench(program),
-                                         add_patch(program)};
+  const std::vector<Command> commands = {
+      add_train(program),     add_compare(program), add_render(program), add_eval(program), add_mesh(program),
+      add_mesh_eval(program), add_slam(program),    add_synth(program),  add_pack(program), add_points(program),
+      add_export(program),    add_bench(program),   add_patch(program)};
   // Unknown commands and options are reported below, with a suggestion.
   program.allow_extras();
   for (const Command& command : commands) {

@@ -40,8 +40,9 @@ void require_points_elsewhere(const fs::path& file, const fs::path& scene) {
   }
   const fs::path folder = named.parent_path();
   require(fs::exists(folder / "points3D.bin") || fs::exists(folder / "points3D.txt"),
-          file.string() + ": holds points of the scene, which would be replaced, and there is no points3D.bin or "
-                          "points3D.txt beside it; move it away, or write another file");
+          file.string() +
+              ": holds points of the scene, which would be replaced, and there is no points3D.bin or "
+              "points3D.txt beside it; move it away, or write another file");
 }
 
 int run_points(const PointsOptions& options) {
@@ -66,8 +67,9 @@ int run_points(const PointsOptions& options) {
     scene.more_points = triangulate(scene, Threads());
   }
   const PointCloud all = starting_points(scene);
-  require(all.size() > known, scene_name + ": no points could be added: the photos have too little texture or overlap, "
-                                           "or this program was built without OpenCV");
+  require(all.size() > known, scene_name +
+                                  ": no points could be added: the photos have too little texture or overlap, "
+                                  "or this program was built without OpenCV");
   remove_stale_files(fs::absolute(options.output).parent_path());
   write_point_ply(options.output, all);
   std::printf("points: %s (%zu of the dataset, %zu added)\n", options.output.c_str(), known, all.size() - known);

@@ -13,12 +13,12 @@ namespace splatboost {
 /// views with little texture or overlap, and in a build without OpenCV
 PointCloud triangulate_features(const Scene& scene, const Threads& threads);
 
-/// These points, and one wherever views show none of them and of the scene's (gap_points.h), except in the background of
-/// objects that were cut out. None if there are none of the former.
+/// These points, and one wherever views show none of them and of the scene's (gap_points.h), except in the background
+/// of objects that were cut out. None if there are none of the former.
 PointCloud triangulate_points(const Scene& scene, const Threads& threads);
 
-/// Whether triangulate_points() may add to the points of the scene: not if it moves, if its points were triangulated, or
-/// if they are random, as those of rendered scenes.
+/// Whether triangulate_points() may add to the points of the scene: not if it moves, if its points were triangulated,
+/// or if they are random, as those of rendered scenes.
 bool may_add_points(const Scene& scene);
 
 }  // namespace splatboost
