@@ -14,7 +14,7 @@ namespace splatboost {
 PointCloud triangulate_features(const Scene& scene, const Threads& threads);
 
 /// These points, and one wherever views show none of them and of the scene's (gap_points.h), except in the background
-/// of objects that were cut out. None if there are none of the former.
+/// of objects that were cut out. Empty likewise.
 PointCloud triangulate_points(const Scene& scene, const Threads& threads);
 
 /// Whether triangulate_points() may add to the points of the scene: not if it moves, if its points were triangulated,
