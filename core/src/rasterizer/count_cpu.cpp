@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <atomic>
+#include <algorithm>
 
 #include "projection/frame.h"
 #include "rasterizer/flagged_tiles.h"
@@ -17,123 +17,92 @@ HWY_BEFORE_NAMESPACE();
 namespace splatboost {
 namespace HWY_NAMESPACE {
 
-/// Counts one tile's flagged pixels per splat. Integer sums: the counts do not depend on the order of the tiles.
-/// @param flagged [256] 1 or 0
-void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT flagged, std::int32_t* counts) {
+/// Replays one tile and adds one integer per splat to `sums`, which do not depend on the order of the tiles.
+/// @param rows () ↦ [blocks] the rows of each block whose pixels count, as bit masks, before each batch of splats; null
+///             if no pixel counts any more
+/// @param of (step, at_row) ↦ the lanes' contributions of a step at a row: integers whose sum over a tile is below 2^24
+template <int kPlanes, typename Rows, typename Of>
+HWY_INLINE void sum_tile(const Frame& frame, std::size_t tile, TileRows<kPlanes>& pixels, std::int32_t* sums,
+                         const Rows& rows, const Of& of) {
   const Lanes d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int blocks = kTileSize / lanes;
-  TileRows<2> pixels(frame, tile);              // transmittance, flags
-  std::uint32_t flagged_rows[kMaxBlocks] = {};  // the others need no replay: pixels are independent
-  load_flags(flagged, pixels, flagged_rows);
-
   const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
   const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
+  const std::uint32_t* counting = nullptr;
   for (std::uint32_t at = begin; at < stop; ++at) {
+    if ((at - begin) % kBatch == 0 && (counting = rows()) == nullptr) return;
     prefetch_record(frame, at, stop);
     const BlendRecord& splat = frame.records[frame.entries[at].primitive];
     const RowOffsets offsets(splat, pixels.first_y);
-    Vec sum = hn::Zero(d);
+    Vec lane_sums = hn::Zero(d);
     for (int b = 0; b < blocks; ++b) {
-      const std::uint32_t mask = *reached_rows++ & flagged_rows[b];
+      const std::uint32_t mask = *reached_rows++ & counting[b];
       if (mask == 0) continue;
       const Columns columns(splat, pixels.x0 + b * lanes);
-      const RowRange rows(mask);
-      float* at_pair = pixels.at(rows.first, b * lanes);
-      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
+      const RowRange range(mask);
+      float* at_pair = pixels.at(range.first, b * lanes);
+      for (int row = range.first; row <= range.last; row += 2, at_pair += 2 * pixels.kStride) {
         for (int k = 0; k < 2; ++k) {
           float* const at_row = at_pair + k * pixels.kStride;
           const RowStep step = step_row(columns, offsets.dy[row + k], at_row);
-          const Mask blended = hn::And(step.open, hn::Gt(step.alpha, hn::Zero(d)));
-          sum = hn::Add(sum, hn::IfThenElseZero(blended, hn::Load(d, at_row + kTileSize)));
+          lane_sums = hn::Add(lane_sums, hn::IfThenElseZero(step.open, of(step, at_row)));
         }
       }
     }
-    const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (count > 0) std::atomic_ref(counts[frame.entries[at].primitive]).fetch_add(count, std::memory_order_relaxed);
+    const auto sum = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, lane_sums)));
+    if (sum > 0) add_weight(sums[frame.entries[at].primitive], sum);  // a count is a sum of weights 1
   }
+}
+
+/// Counts one tile's flagged pixels per splat.
+/// @param flagged [256] 1 or 0
+void count_tile(const Frame& frame, std::size_t tile, const float* HWY_RESTRICT flagged, std::int32_t* counts) {
+  TileRows<2> pixels(frame, tile);              // transmittance, flags
+  std::uint32_t flagged_rows[kMaxBlocks] = {};  // the others need no replay: pixels are independent
+  load_flags(flagged, pixels, flagged_rows);
+  const auto rows = [&]() HWY_ATTR { return flagged_rows; };
+  sum_tile(frame, tile, pixels, counts, rows, [](const RowStep& step, const float* at_row) HWY_ATTR {
+    const Lanes d;
+    return hn::IfThenElseZero(hn::Gt(step.alpha, hn::Zero(d)), hn::Load(d, at_row + kTileSize));
+  });
 }
 
 /// Counts, per splat, one tile's pixels where it is blended and the transmittance in front of it is above a threshold.
 void observe_tile(const Frame& frame, std::size_t tile, float min_transmittance, std::int32_t* counts) {
-  const Lanes d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const int blocks = kTileSize / lanes;
-  const Vec least = hn::Set(d, min_transmittance), one = hn::Set(d, 1.0f);
   TileRows<1> pixels(frame, tile);
-
-  const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
-  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
   std::uint32_t open_rows[kMaxBlocks] = {};  // rows with a pixel whose transmittance is above the threshold
-  for (std::uint32_t at = begin; at < stop; ++at) {
-    if ((at - begin) % kBatch == 0) {
-      std::uint32_t any = 0;
-      for (int b = 0; b < blocks; ++b) {
-        open_rows[b] = 0;
-        for (int row = 0; row < kTileSize; ++row) {
-          const bool open = !hn::AllFalse(d, hn::Gt(hn::Load(d, pixels.at(row, b * lanes)), least));
-          open_rows[b] |= static_cast<std::uint32_t>(open) << row;
-        }
-        any |= open_rows[b];
+  const auto rows = [&]() HWY_ATTR -> const std::uint32_t* {
+    const Lanes d;
+    const int lanes = static_cast<int>(hn::Lanes(d));
+    std::uint32_t any = 0;
+    for (int x = 0; x < kTileSize; x += lanes) {
+      std::uint32_t& open = open_rows[x / lanes] = 0;
+      for (int row = 0; row < kTileSize; ++row) {
+        const Mask above = hn::Gt(hn::Load(d, pixels.at(row, x)), hn::Set(d, min_transmittance));
+        open |= static_cast<std::uint32_t>(!hn::AllFalse(d, above)) << row;
       }
-      if (any == 0) return;
+      any |= open;
     }
-    prefetch_record(frame, at, stop);
-    const BlendRecord& splat = frame.records[frame.entries[at].primitive];
-    const RowOffsets offsets(splat, pixels.first_y);
-    Vec sum = hn::Zero(d);
-    for (int b = 0; b < blocks; ++b) {
-      const std::uint32_t mask = *reached_rows++ & open_rows[b];
-      if (mask == 0) continue;
-      const Columns columns(splat, pixels.x0 + b * lanes);
-      const RowRange rows(mask);
-      float* at_pair = pixels.at(rows.first, b * lanes);
-      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
-        for (int k = 0; k < 2; ++k) {
-          const RowStep step = step_row(columns, offsets.dy[row + k], at_pair + k * pixels.kStride);
-          const Mask observed =
-              hn::And(hn::And(step.open, hn::Gt(step.alpha, hn::Zero(d))), hn::Gt(step.before, least));
-          sum = hn::Add(sum, hn::IfThenElseZero(observed, one));
-        }
-      }
-    }
-    const auto count = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (count > 0) std::atomic_ref(counts[frame.entries[at].primitive]).fetch_add(count, std::memory_order_relaxed);
-  }
+    return any == 0 ? nullptr : open_rows;
+  };
+  sum_tile(frame, tile, pixels, counts, rows, [&](const RowStep& step, const float*) HWY_ATTR {
+    const Lanes d;
+    const Mask observed = hn::And(hn::Gt(step.alpha, hn::Zero(d)), hn::Gt(step.before, hn::Set(d, min_transmittance)));
+    return hn::IfThenElseZero(observed, hn::Set(d, 1.0f));
+  });
 }
 
 /// Sums one tile's blending weights per splat.
 void weigh_tile(const Frame& frame, std::size_t tile, std::int32_t* weights) {
-  const Lanes d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const int blocks = kTileSize / lanes;
-  const Vec units = hn::Set(d, 1 / kWeightUnit);
   TileRows<1> pixels(frame, tile);
-
-  const std::uint32_t begin = frame.tile_begin[tile], stop = begin + frame.tile_stop[tile];
-  const std::uint16_t* reached_rows = frame.entry_rows.data() + begin * static_cast<std::size_t>(blocks);
-  for (std::uint32_t at = begin; at < stop; ++at) {
-    prefetch_record(frame, at, stop);
-    const BlendRecord& splat = frame.records[frame.entries[at].primitive];
-    const RowOffsets offsets(splat, pixels.first_y);
-    Vec sum = hn::Zero(d);  // integers below 2^17: exact
-    for (int b = 0; b < blocks; ++b) {
-      const std::uint32_t mask = *reached_rows++;
-      if (mask == 0) continue;
-      const Columns columns(splat, pixels.x0 + b * lanes);
-      const RowRange rows(mask);
-      float* at_pair = pixels.at(rows.first, b * lanes);
-      for (int row = rows.first; row <= rows.last; row += 2, at_pair += 2 * pixels.kStride) {
-        for (int k = 0; k < 2; ++k) {
-          const RowStep step = step_row(columns, offsets.dy[row + k], at_pair + k * pixels.kStride);
-          const Vec weight = hn::Round(hn::Mul(hn::Mul(step.before, step.alpha), units));
-          sum = hn::Add(sum, hn::IfThenElseZero(step.open, weight));
-        }
-      }
-    }
-    const auto weight = static_cast<std::int32_t>(hn::GetLane(hn::SumOfLanes(d, sum)));
-    if (weight > 0) add_weight(weights[frame.entries[at].primitive], weight);
-  }
+  std::uint32_t all_rows[kMaxBlocks];
+  std::fill_n(all_rows, kMaxBlocks, ~0U);
+  const auto rows = [&]() HWY_ATTR { return all_rows; };
+  sum_tile(frame, tile, pixels, weights, rows, [](const RowStep& step, const float*) HWY_ATTR {
+    const Lanes d;
+    return hn::Round(hn::Mul(hn::Mul(step.before, step.alpha), hn::Set(d, 1 / kWeightUnit)));
+  });
 }
 
 }  // namespace HWY_NAMESPACE
