@@ -69,7 +69,7 @@ int run_points(const PointsOptions& options) {
   const PointCloud all = starting_points(scene);
   require(all.size() > known, scene_name +
                                   ": no points could be added: the photos have too little texture or overlap, "
-                                  "or this program was built without OpenCV");
+                                  "or features are wanted of a program that was built without OpenCV");
   remove_stale_files(fs::absolute(options.output).parent_path());
   write_point_ply(options.output, all);
   std::printf("points: %s (%zu of the dataset, %zu added)\n", options.output.c_str(), known, all.size() - known);

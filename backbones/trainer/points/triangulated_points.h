@@ -10,7 +10,7 @@ namespace splatboost {
 /// Points on surfaces, in world units, with their colours: features that at least three training views show
 /// (feature_tracks.h). The result does not depend on the number of threads.
 /// @return the points to add to Scene::points, which may be empty. None if there are fewer than 100 with these, as of
-/// views with little texture or overlap, and in a build without OpenCV
+/// views with little texture or overlap. A build without OpenCV finds no features
 PointCloud triangulate_features(const Scene& scene, const Threads& threads);
 
 /// These points, and one wherever views show none of them and of the scene's (gap_points.h), except in the background

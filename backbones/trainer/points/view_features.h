@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file SIFT features of a view with a known pose.
+/// @file A view with a known pose in grey, and its SIFT features.
 #pragma once
 
 #include <cmath>
@@ -20,6 +20,8 @@ namespace splatboost {
 
 inline constexpr std::size_t kDescriptorSize = 128;
 inline constexpr int kDescriptorLength = 512;  ///< Euclidean norm of a stored descriptor
+
+inline constexpr int kLongestSide = 640;  ///< px, of ViewFeatures
 
 /// A view at the size at which its features were detected, which is smaller than that of a large photo. Pixel (i, j)
 /// has its centre at (i + 0.5, j + 0.5).
@@ -56,7 +58,16 @@ struct ViewFeatures {
 
 /// Detects SIFT features (Lowe 2004), the strongest if there are many, outside masks. Descriptors are normalised as in
 /// "Three things everyone should know to improve object retrieval" (Arandjelović and Zisserman 2012). A build without
-/// OpenCV detects none. @param view must outlive the result
+/// OpenCV detects none: the result is grey_view(). @param view must outlive the result
 ViewFeatures detect_features(const View& view);
+
+/// The view in grey, without features. A large photo is reduced by a whole number: each pixel is the mean of a square,
+/// and columns and rows that fill none at the right and at the bottom are left out. A reduced pixel is valid where its
+/// square's centre is. @param view must outlive the result
+ViewFeatures grey_view(const View& view);
+
+/// The camera of the view, reduced to a picture of this size, without pixels.
+/// @param sx,sy pixels of the picture per pixel of the view
+ViewFeatures reduced_camera(const View& view, int width, int height, double sx, double sy);
 
 }  // namespace splatboost

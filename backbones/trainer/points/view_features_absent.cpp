@@ -3,10 +3,6 @@
 
 namespace splatboost {
 
-ViewFeatures detect_features(const View& view) {
-  ViewFeatures features;
-  features.view = &view;
-  return features;
-}
+ViewFeatures detect_features(const View& view) { return grey_view(view); }
 
 }  // namespace splatboost

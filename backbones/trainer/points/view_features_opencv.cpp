@@ -12,7 +12,6 @@
 namespace splatboost {
 namespace {
 
-constexpr int kLongestSide = 640;  ///< px; larger photos are reduced
 constexpr int kShortestSide = 16;  ///< px; SIFT needs some pixels
 constexpr int kFeatures = 4000;    ///< per view, at most
 constexpr int kOctaveLayers = 3;
@@ -45,11 +44,6 @@ std::vector<std::uint8_t> bytes_of(const cv::Mat& plane) { return {plane.datasta
 
 ViewFeatures detect_features(const View& view) {
   const Camera& camera = view.camera;
-  ViewFeatures features;
-  features.view = &view;
-  features.rotation = glm::dmat3(camera.rotation());
-  features.centre = glm::dvec3(camera.centre());
-
   const std::size_t plane = view.color.size() / 3;
   const std::array<cv::Mat, 3> planes{plane_of(view.color.data(), camera), plane_of(view.color.data() + plane, camera),
                                       plane_of(view.color.data() + 2 * plane, camera)};
@@ -63,13 +57,8 @@ ViewFeatures detect_features(const View& view) {
     cv::resize(grey, grey, size, 0, 0, cv::INTER_AREA);
     if (!mask.empty()) cv::resize(mask, mask, size, 0, 0, cv::INTER_NEAREST);
   }
-  features.width = grey.cols;
-  features.height = grey.rows;
-  const double sx = static_cast<double>(grey.cols) / camera.width, sy = static_cast<double>(grey.rows) / camera.height;
-  features.fx = sx * static_cast<double>(camera.fx);
-  features.fy = sy * static_cast<double>(camera.fy);
-  features.cx = sx * static_cast<double>(camera.cx);
-  features.cy = sy * static_cast<double>(camera.cy);
+  ViewFeatures features = reduced_camera(view, grey.cols, grey.rows, static_cast<double>(grey.cols) / camera.width,
+                                         static_cast<double>(grey.rows) / camera.height);
   features.grey = bytes_of(grey);
   features.valid = bytes_of(mask);
   if (std::min(grey.cols, grey.rows) < kShortestSide) return features;

@@ -52,7 +52,7 @@ class TriangulatedPoints : public ::testing::Test {
     surface.reset();
   }
   void SetUp() override {
-    if (!have_opencv()) GTEST_SKIP() << "a build without OpenCV finds no points";
+    if (!have_opencv()) GTEST_SKIP() << "a build without OpenCV finds no features";
   }
 
   static Scene scene_of(const std::vector<View>& train) {
@@ -147,6 +147,78 @@ TEST_F(TriangulatedPoints, LieOnSurfacesAndHaveTheirColours) {
     alike += difference < 40 ? 1 : 0;
   }
   EXPECT_GT(alike, points.size() * 95 / 100);
+}
+
+/// What a build without OpenCV adds.
+class PointsWithoutFeatures : public TriangulatedPoints {
+ protected:
+  void SetUp() override {}
+};
+
+TEST_F(PointsWithoutFeatures, LieOnSurfacesToo) {
+  std::vector<ViewFeatures> grey;
+  for (const View& view : *views) grey.push_back(grey_view(view));
+  std::vector<glm::dvec3> some;
+  for (std::size_t k = 0; k < surface->size(); k += 100) some.emplace_back(at(*surface, k));
+  std::vector<glm::vec3> gaps;
+  for (const GapPoint& point : fill_gaps(grey, some, neighbouring_views(grey), kSpacing, Threads())) {
+    gaps.push_back(glm::vec3(point.position));
+  }
+  ASSERT_GT(gaps.size(), 400u);
+  EXPECT_LT(distance_to_surface(gaps, 0.5), 0.08);
+  EXPECT_LT(distance_to_surface(gaps, 0.8), 0.25);
+}
+
+TEST(GreyView, ReducesLargePhotosByAWholeNumber) {
+  View view;
+  view.camera.width = 1290;  // 3 × 430
+  view.camera.height = 650;  // two rows are left over
+  view.camera.fx = view.camera.fy = 900;
+  view.camera.cx = 700;
+  view.camera.cy = 300;
+  view.camera.camera_from_world[3] = glm::vec4(0.1f, -0.2f, 4, 1);
+  const std::size_t width = 1290, plane = width * 650;
+  view.color.resize(3 * plane);
+  view.valid.assign(plane, 0);
+  for (std::size_t i = 0; i < plane; ++i) {
+    const std::size_t x = i % width, y = i / width;
+    view.color[i] = view.color[plane + i] = view.color[2 * plane + i] = static_cast<std::uint8_t>(x / 6 + x % 3);
+    view.valid[i] = y < 300 ? 1 : 0;
+  }
+  const ViewFeatures grey = grey_view(view);
+  ASSERT_EQ(grey.width, 430);
+  ASSERT_EQ(grey.height, 216);
+  ASSERT_EQ(grey.grey.size(), 430u * 216);
+  ASSERT_EQ(grey.valid.size(), grey.grey.size());
+  for (std::size_t x = 0; x < 430; ++x) {
+    EXPECT_EQ(grey.grey[215 * 430 + x], x / 2 + 1);
+    EXPECT_EQ(grey.valid[99 * 430 + x], 1);
+    EXPECT_EQ(grey.valid[100 * 430 + x], 0);
+  }
+  const glm::dvec3 point(0.3, 0.4, 1);
+  const glm::dvec2 pixel = grey.project(grey.to_camera(point));
+  EXPECT_NEAR(3 * pixel.x, 900 * (0.3 + 0.1) / 5 + 700, 1e-4);
+  EXPECT_NEAR(3 * pixel.y, 900 * (0.4 - 0.2) / 5 + 300, 1e-4);
+  EXPECT_TRUE(grey.pixels.empty());
+}
+
+TEST(GreyView, WeighsColoursAndKeepsSmallAndNarrowPhotos) {
+  View view;
+  view.camera.width = 2;
+  view.camera.height = 2000;
+  view.color.assign(3 * 4000, 0);
+  std::fill_n(view.color.begin() + 4000, 4000, 200);  // green
+  const ViewFeatures narrow = grey_view(view);
+  EXPECT_EQ(narrow.width, 1);
+  EXPECT_EQ(narrow.height, 500);
+  EXPECT_EQ(narrow.grey[250], 117);
+  EXPECT_TRUE(narrow.valid.empty());
+  view.camera.height = 640;
+  view.color.assign(3 * 1280, 255);
+  const ViewFeatures same = grey_view(view);
+  EXPECT_EQ(same.width, 2);
+  EXPECT_EQ(same.height, 640);
+  EXPECT_EQ(same.grey, std::vector<std::uint8_t>(1280, 255)) << "white stays white, which cut-out backgrounds need";
 }
 
 TEST_F(TriangulatedPoints, LeaveNoGapInAnyView) {
