@@ -81,6 +81,43 @@ mkdir -p "$5" && echo '{"boosted": {"psnr": 30}}' > "$5/compare.json"
     assert not any(str(tmp_path) in command for command in told), "paths of the machine are not for results"
 
 
+def test_backbones_are_measured_on_scenes_that_the_program_makes(tmp_path):
+    machine, tree = tmp_path / "machine", tmp_path / "tree"
+    for folder in (machine, tree / "scripts", tree / "build/gpu/bin"):
+        folder.mkdir(parents=True)
+    fake(machine, "nvidia-smi", "NVIDIA T4, 15360, 535.1, 7.5")
+    fake(machine, "nvcc", "Cuda compilation tools, release 12.4, V12.4.99")
+    shutil.copy(SCRIPT, tree / "scripts/gpu-check")
+    program = tree / "build/gpu/bin/splatboost"
+    program.write_text("""#!/bin/sh
+if [ "$1" = synth ]; then mkdir "$2"; exit; fi
+echo "asked for $*"
+[ "$3" != pgsr ] || [ "$5" != room ] || exit 1
+mkdir -p "$7" && echo '{"psnr": 30, "views": [1, 2]}' > "$7/results.json"
+""")
+    program.chmod(0o755)
+    (tmp_path / "fox.sbscene").write_text("scene")
+
+    def measure(folder, seconds, *options):
+        done = subprocess.run([tree / "scripts/gpu-check", "backbones", "--output", folder, *options], capture_output=True,
+                              text=True, check=False,
+                              env={**os.environ, "PATH": f"{machine}:/usr/bin:/bin", "STEP_SECONDS": seconds})
+        return done.returncode, json.loads((folder / "gpu_backbones.json").read_text())
+
+    status, found = measure(tmp_path / "out", "300", "--scene", tmp_path / "fox.sbscene")
+    assert status == 1 and not found["passed"], "PGSR failed on the room"
+    runs = {(run["backbone"], run["scene"], run["rules"]): run["results"] for run in found["runs"]}
+    assert len(runs) == len(found["runs"]) == 16 and not found["out_of_time"]
+    assert runs["deformable-3dgs", "moving", "default"] == {"psnr": 30}
+    assert runs["convex-splatting", "fox", "published"] == {"psnr": 30} and runs["pgsr", "room", "default"] == {}
+    asked = (tmp_path / "out/gpu_backbones.log").read_text()
+    assert "--no-boost" in asked and "--backbone octree-gs -s ../fox.sbscene" in asked
+    status, found = measure(tmp_path / "alone", "300")
+    assert {run["backbone"] for run in found["runs"]} == {"deformable-3dgs", "pgsr"}
+    status, found = measure(tmp_path / "short", "5")
+    assert status == 0 and found["runs"] == [] and found["out_of_time"]
+
+
 def test_a_step_without_a_scene_is_told(tmp_path):
     """All steps, none of whose programs exist: each has its line and its file; compare is left out."""
     machine, tree = tmp_path / "machine", tmp_path / "tree"
@@ -94,10 +131,11 @@ def test_a_step_without_a_scene_is_told(tmp_path):
     done = subprocess.run([tree / "scripts/gpu-check", "--output", tmp_path / "out"], capture_output=True, text=True,
                           check=False, env={**os.environ, "PATH": f"{machine}:/usr/bin:/bin"})
     assert done.returncode == 1
-    lines = done.stdout.splitlines()[-6:]
+    lines = done.stdout.splitlines()[-7:]
     assert [line.split()[1:3] for line in lines[:5]] == [[step, "FAILED"] for step in
                                                          ("build", "tests", "all-tests", "sanitize", "bench")]
     assert lines[5] == "gpu-check: compare left out: no --scene given"
+    assert lines[6].startswith("gpu-check: backbones FAILED")
     assert all((tmp_path / f"out/gpu_{step}.json").exists() for step in ("build", "tests", "all_tests", "sanitize", "bench"))
 
 
