@@ -12,6 +12,7 @@
 
 #include "support/temporary_folder.h"
 #include "trainer/dataset/view_image.h"
+#include "trainer/images/image_codec.h"
 #include "trainer/images/video.h"
 #include "trainer/support/input_error.h"
 
@@ -367,6 +368,7 @@ TEST(Sequence, a_jpeg_that_is_cut_short_is_no_image) {
 
 /// k1 bends straight lines; pixels without data are invalid.
 TEST(Sequence, distortion_is_taken_out) {
+  if (!have_opencv()) GTEST_SKIP() << "only OpenCV takes distortion out";
   const TemporaryFolder folder;
   make_replica(folder.path());
   std::vector<std::uint8_t> pixels(3 * kWidth * kHeight, 0);
@@ -395,6 +397,7 @@ void make_video(const fs::path& file) {
 }
 
 TEST(Sequence, a_video_is_read) {
+  if (!have_opencv()) GTEST_SKIP() << "only OpenCV reads videos";
   const TemporaryFolder folder;
   make_video(folder / "walk.TS.mp4");
   std::ofstream(folder / "camera.json") << calibration();
@@ -420,6 +423,7 @@ TEST(Sequence, a_video_is_read) {
 }
 
 TEST(Sequence, what_is_wrong_with_a_video_is_one_line) {
+  if (!have_opencv()) GTEST_SKIP() << "only OpenCV reads videos";
   const TemporaryFolder folder;
   make_video(folder / "walk.mp4");
   std::ofstream(folder / "notes.mp4") << "no video";
