@@ -13,7 +13,7 @@ MEANS = [
     ("3DGS, captures that took no part in any choice", "suite.md#scene-by-scene", "new_scenes", lambda row: row["role"] == "not seen"),
     ("3DGS", "suite.md#scene-by-scene", "default_full", lambda row: row["scene"] != "stitch"),
     ("Mip-Splatting", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "Mip-Splatting"),
-    ("DropGaussian, 3 to 9 views", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "DropGaussian"),
+    ("DropGaussian, 3 to 9 views of five scenes", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "DropGaussian"),
     ("Scaffold-GS", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "Scaffold-GS"),
     ("Octree-GS", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "Octree-GS"),
     ("PGSR", "backbones.md#pgsr-surfaces", "pgsr", lambda row: row["results"]["iterations"] == 7000),
