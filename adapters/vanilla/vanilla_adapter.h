@@ -53,7 +53,7 @@ struct VanillaBoost {
   int growth_after_reset = 3000;
   /// The initial points were drawn at random (clearance.h), so that free space around the cameras is not known. Then
   /// growth_after_reset is at most kGrowthAfterResetRandom: resets remove what the random points leave there. Given by
-  /// the run.
+  /// the run if min_clearance is not 0.
   bool random_points = false;
   /// Number of training views, given by the run; 0: not known, and rest_rate applies.
   int training_views = 0;

@@ -63,10 +63,11 @@ void check_end_of_growth(std::string_view name, const Json& constants, const Jso
 }
 
 /// Late pruning must not begin before growth has ended, because it would remove what was just made. Adapters that do
-/// not decide when growth ends (of convexes) do not know this.
+/// not decide when growth ends (of convexes, and without VCD) do not know this.
 Json after_growth(Json settings, const Json& constants) {
   const int end = constants.value("densify_until", 0);
-  if (!settings.contains("densify_until") && settings.value("late_prune_from", end) < end) {
+  const bool decides = settings.contains("densify_until") && settings.value("vcd", true);
+  if (!decides && settings.value("late_prune_from", end) < end) {
     settings["late_prune_from"] = end;
   }
   return settings;

@@ -138,14 +138,19 @@ std::vector<ReportSurface> write_surfaces(Backbone& backbone, const Scene& scene
 void add_points(Workbench& bench, AddedPoints added, const RunOptions& options) {
   Scene& scene = bench.scene;
   if (added == AddedPoints::none || !may_add_points(scene)) return;
+  const auto fit = [&](std::size_t points) {
+    return options.max_primitives == 0 || 2 * points <= options.max_primitives;
+  };
+  if (!fit(scene.points.size())) return;
   if (!bench.triangulated) {
+    reset_peak_memory();
     const auto start = std::chrono::steady_clock::now();
     const auto triangulate = added == AddedPoints::gaps ? triangulate_points : triangulate_features;
     bench.triangulated = triangulate(scene, bench.device->threads());
     bench.triangulation_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    bench.triangulation_peak_bytes = peak_memory_bytes();
   }
-  const std::size_t all = scene.points.size() + bench.triangulated->size();
-  if (options.max_primitives == 0 || 2 * all <= options.max_primitives) scene.more_points = *bench.triangulated;
+  if (fit(scene.points.size() + bench.triangulated->size())) scene.more_points = *bench.triangulated;
 }
 
 /// Throws InputError if the backbone cannot be trained on the scene.
@@ -268,6 +273,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
     results.storage_bytes = trained.storage_bytes;
     results.curve = trained.curve;
     if (bench.scene.more_points.size() > 0) {
+      results.peak_memory_bytes = std::max(results.peak_memory_bytes, bench.triangulation_peak_bytes);
       results.train_seconds += bench.triangulation_seconds;
       results.stage_seconds["triangulation"] = bench.triangulation_seconds;
       for (CurvePoint& point : results.curve) point.seconds += bench.triangulation_seconds;

@@ -25,6 +25,7 @@ struct Workbench {
   Scene scene;
   std::optional<PointCloud> triangulated;  ///< for Scene::more_points, once a run needed them
   double triangulation_seconds = 0;
+  std::uint64_t triangulation_peak_bytes = 0;  ///< the process's memory
   std::unique_ptr<ChosenDevice> device;
   std::unique_ptr<Lpips> lpips;  ///< null unless asked for
 };

@@ -144,18 +144,24 @@ class Tracks {
   std::vector<std::size_t> parent_;  ///< [features]
 };
 
+/// Whether the rays of a track cross at a sufficient angle.
+bool cross(const std::vector<glm::dvec3>& rays) {
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      if (glm::dot(rays[i], rays[j]) <= kLargestCosine) return true;
+    }
+  }
+  return false;
+}
+
 /// Triangulates the features of a track and removes those that do not fit. @return whether enough remain
 bool triangulate(const std::vector<ViewFeatures>& views, TrackedPoint& track) {
   std::vector<Feature>& features = track.features;
   glm::dvec3& point = track.position;
   std::vector<glm::dvec3> rays;
   for (const auto& [view, number] : features) rays.push_back(views[view].ray(views[view].pixels[number]));
+  if (!cross(rays)) return false;
   while (features.size() >= kLeastViews) {
-    double least_cosine = 1;
-    for (std::size_t i = 0; i < rays.size(); ++i) {
-      for (std::size_t j = 0; j < i; ++j) least_cosine = std::min(least_cosine, glm::dot(rays[i], rays[j]));
-    }
-    if (least_cosine > kLargestCosine) return false;
     // First with distances to the rays in world units, then approximately in pixels.
     for (const bool in_pixels : {false, true}) {
       NearestToLines nearest;
@@ -176,7 +182,7 @@ bool triangulate(const std::vector<ViewFeatures>& views, TrackedPoint& track) {
         worst = i;
       }
     }
-    if (largest < static_cast<double>(kBand)) return true;
+    if (largest < static_cast<double>(kBand)) return cross(rays);
     features.erase(features.begin() + static_cast<std::ptrdiff_t>(worst));
     rays.erase(rays.begin() + static_cast<std::ptrdiff_t>(worst));
   }
@@ -217,10 +223,13 @@ std::vector<TrackedPoint> track_points(const std::vector<ViewFeatures>& views,
     for (const auto& [a, b] : matches[i]) tracks.join({pairs[i].first, a}, {pairs[i].second, b});
   }
   std::vector<TrackedPoint> points;
-  for (std::vector<Feature>& features : tracks.list()) {
-    TrackedPoint point{{}, std::move(features)};
-    if (triangulate(views, point)) points.push_back(std::move(point));
-  }
+  for (std::vector<Feature>& features : tracks.list()) points.push_back({{}, std::move(features)});
+  threads.for_range(points.size(), 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      if (!triangulate(views, points[i])) points[i].features.clear();
+    }
+  });
+  std::erase_if(points, [](const TrackedPoint& point) { return point.features.empty(); });
   return points;
 }
 

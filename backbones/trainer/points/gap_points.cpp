@@ -35,12 +35,20 @@ class Picture {
         rows_(static_cast<std::size_t>(view.height / spacing) + 1),
         cells_(columns_ * rows_) {}
 
-  void add(const glm::dvec3& position) {
-    const glm::dvec3 in_camera = view_.to_camera(position);
-    if (!(in_camera.z > 0)) return;
-    const glm::dvec2 pixel = view_.project(in_camera);
-    if (!(pixel.x >= 0 && pixel.y >= 0 && pixel.x < view_.width && pixel.y < view_.height)) return;
-    cells_[row_of(pixel) * columns_ + column_of(pixel)].push_back({pixel, in_camera.z});
+  /// @param count of points, `position(i)` world
+  template <class Position>
+  void add(std::size_t count, Position&& position, const Threads& threads) {
+    // Projected in parallel, block by block.
+    std::vector<std::optional<Seen>> block(std::min(count, kBlock));
+    for (std::size_t begin = 0; begin < count; begin += kBlock) {
+      const std::size_t size = std::min(kBlock, count - begin);
+      threads.for_range(size, 1024, [&](std::size_t first, std::size_t last) {
+        for (std::size_t i = first; i < last; ++i) block[i] = seen(position(begin + i));
+      });
+      for (std::size_t i = 0; i < size; ++i) {
+        if (block[i]) cells_[row_of(block[i]->pixel) * columns_ + column_of(block[i]->pixel)].push_back(*block[i]);
+      }
+    }
   }
 
   /// Depths of at most kCandidates points within `reach`, the nearest first.
@@ -61,6 +69,15 @@ class Picture {
   }
 
  private:
+  static constexpr std::size_t kBlock = 1 << 16;
+
+  std::optional<Seen> seen(const glm::dvec3& position) const {
+    const glm::dvec3 in_camera = view_.to_camera(position);
+    if (!(in_camera.z > 0)) return std::nullopt;
+    const glm::dvec2 pixel = view_.project(in_camera);
+    if (!(pixel.x >= 0 && pixel.y >= 0 && pixel.x < view_.width && pixel.y < view_.height)) return std::nullopt;
+    return Seen{pixel, in_camera.z};
+  }
   std::size_t column_of(const glm::dvec2& pixel) const {
     return std::min(static_cast<std::size_t>(std::max(pixel.x, 0.0) / spacing_), columns_ - 1);
   }
@@ -85,19 +102,24 @@ class Picture {
   std::vector<std::vector<Seen>> cells_;
 };
 
+/// None outside of the picture and where it is masked.
 std::optional<double> grey_at(const ViewFeatures& view, const glm::dvec2& pixel) {
   const double x = pixel.x - 0.5, y = pixel.y - 0.5;
   const double left = std::floor(x), top = std::floor(y);
   if (!(left >= 0 && top >= 0 && left + 1 < view.width && top + 1 < view.height)) return std::nullopt;
   const auto width = static_cast<std::size_t>(view.width);
-  const std::uint8_t* const p =
-      view.grey.data() + static_cast<std::size_t>(top) * width + static_cast<std::size_t>(left);
+  const std::size_t at = static_cast<std::size_t>(top) * width + static_cast<std::size_t>(left);
+  if (!view.valid.empty()) {
+    const std::uint8_t* const m = view.valid.data() + at;
+    if (m[0] == 0 || m[1] == 0 || m[width] == 0 || m[width + 1] == 0) return std::nullopt;
+  }
+  const std::uint8_t* const p = view.grey.data() + at;
   const double u = x - left, v = y - top;
   return (1 - v) * ((1 - u) * p[0] + u * p[1]) + v * ((1 - u) * p[width] + u * p[width + 1]);
 }
 
 /// Mean absolute difference of the grey values around a pixel at this depth to those of another view; none if that does
-/// not see it.
+/// not see all of them.
 std::optional<double> difference(const ViewFeatures& view, const glm::dvec2& pixel, double depth,
                                  const ViewFeatures& other) {
   double sum = 0;
@@ -176,6 +198,7 @@ std::vector<GapPoint> gaps_of(const std::vector<ViewFeatures>& views, std::size_
       const auto index =
           static_cast<std::size_t>(pixel.y) * static_cast<std::size_t>(view.width) + static_cast<std::size_t>(pixel.x);
       if (!view.valid.empty() && view.valid[index] == 0) continue;
+      if (!view.background.empty() && view.background[index] != 0) continue;
       if (picture.shows_any(pixel, spacing)) continue;
       const std::vector<double> candidates = picture.depths_near(pixel, reach);
       if (candidates.empty()) continue;
@@ -201,8 +224,10 @@ std::vector<GapPoint> fill_gaps(const std::vector<ViewFeatures>& views, std::spa
   for (std::size_t v = 0; v < views.size(); ++v) {
     const double pixels = std::max(kNarrowestSpacing, spacing * views[v].diagonal());
     Picture picture(views[v], pixels);
-    for (const glm::dvec3& point : known) picture.add(point);
-    for (const GapPoint& point : points) picture.add(point.position);
+    picture.add(
+        known.size(), [&](std::size_t i) { return known[i]; }, threads);
+    picture.add(
+        points.size(), [&](std::size_t i) { return points[i].position; }, threads);
     const std::vector<GapPoint> gaps = gaps_of(views, v, around[v], picture, pixels, threads);
     points.insert(points.end(), gaps.begin(), gaps.end());
   }

@@ -31,12 +31,10 @@ void add_color(const ViewFeatures& features, const glm::dvec2& pixel, std::array
   for (std::size_t c = 0; c < 3; ++c) sums[c] += features.view->color[(c * height + row) * width + column];
 }
 
-/// Adds the pixels that are exactly as light as this to the masked ones.
-void exclude_grey(ViewFeatures& view, std::uint8_t grey) {
-  view.valid.resize(view.grey.size(), 1);
-  for (std::size_t i = 0; i < view.grey.size(); ++i) {
-    if (view.grey[i] == grey) view.valid[i] = 0;
-  }
+/// The background are the pixels that are exactly as light as this.
+void mark_background(ViewFeatures& view, std::uint8_t grey) {
+  view.background.clear();
+  for (const std::uint8_t pixel : view.grey) view.background.push_back(pixel == grey ? 1 : 0);
 }
 
 void append(PointCloud& cloud, const glm::dvec3& position, const std::array<std::size_t, 3>& sums, std::size_t count) {
@@ -57,7 +55,7 @@ PointCloud triangulate(const Scene& scene, bool gaps, const Threads& threads) {
   std::vector<ViewFeatures> features(chosen.size());
   threads.for_range(chosen.size(), 1, [&](std::size_t i, std::size_t) { features[i] = detect_features(*chosen[i]); });
   if (scene.cut_out) {
-    for (ViewFeatures& view : features) exclude_grey(view, scene.white_background ? 255 : 0);
+    for (ViewFeatures& view : features) mark_background(view, scene.white_background ? 255 : 0);
   }
   const auto pairs = neighbouring_views(features);
   const std::vector<TrackedPoint> tracked = track_points(features, pairs, threads);

@@ -33,6 +33,7 @@ struct ViewFeatures {
   glm::dvec3 centre{0.0};
   std::vector<std::uint8_t> grey;         ///< [H,W]
   std::vector<std::uint8_t> valid;        ///< [H,W] zero where the photo is masked; empty: nowhere
+  std::vector<std::uint8_t> background;   ///< [H,W] non-zero where nothing is, of an object that was cut out; or empty
   std::vector<glm::dvec2> pixels;         ///< [N]
   std::vector<std::uint8_t> descriptors;  ///< [N,128]
 

@@ -47,5 +47,20 @@ TEST(PluggedBackbone, random_points_let_opacities_be_reset) {
   }
 }
 
+TEST(PluggedBackbone, nothing_is_pruned_late_while_the_backbone_grows) {
+  Threads threads(1);
+  const Scene scene = testing::tiny_scene(threads, 2);
+  const nlohmann::json longer = {{"densify_until", 20000}};
+  const auto prunes = [&](const nlohmann::json& boost, int iteration) {
+    return make_backbone("vanilla", {scene, threads, 0, 30000}, longer, &boost)
+        .adapter->prunes_at({iteration, 30000}, false);
+  };
+  const nlohmann::json without = {{"vcd", false}};
+  EXPECT_FALSE(prunes(without, 15000));
+  EXPECT_FALSE(prunes(without, 18000));
+  EXPECT_TRUE(prunes(without, 20000));
+  EXPECT_TRUE(prunes(nlohmann::json::object(), 7500)) << "with VCD the adapter decides when growth ends";
+}
+
 }  // namespace
 }  // namespace splatboost::program

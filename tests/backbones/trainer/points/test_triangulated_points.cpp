@@ -169,6 +169,40 @@ TEST_F(PointsWithoutFeatures, LieOnSurfacesToo) {
   EXPECT_LT(distance_to_surface(gaps, 0.8), 0.25);
 }
 
+/// Two views of a wall at a depth of 4. In the masked left part of the second one, something that moved shows what
+/// would be seen at a depth of 2.
+TEST(PointsInGaps, AreNotAtTheDepthsOfMaskedPixels) {
+  constexpr int kWidth = 64, kHeight = 48, kAtFour = 12, kAtTwo = 24;  // displacements, px
+  View view;
+  view.camera.width = kWidth;
+  view.camera.height = kHeight;
+  view.camera.fx = view.camera.fy = 96;
+  view.camera.cx = 32;
+  view.camera.cy = 24;
+  ViewFeatures first = reduced_camera(view, kWidth, kHeight, 1, 1), second = first;
+  second.centre.x = 0.5;
+  const auto texture = [](int x, int y) { return 20 + (x * 7919 + y * 104729 + x * y * 31) % 200; };
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const bool masked = x < 20;
+      first.grey.push_back(static_cast<std::uint8_t>(texture(x, y)));
+      const double seen = masked ? texture(x + kAtTwo, y) : 0.85 * texture(x + kAtFour, y);  // another exposure
+      second.grey.push_back(static_cast<std::uint8_t>(seen));
+      second.valid.push_back(masked ? 0 : 1);
+    }
+  }
+  std::vector<glm::dvec3> known;
+  for (int y = 2; y < kHeight; y += 2) known.push_back(first.at_depth({36.5, y + 0.5}, y % 4 == 0 ? 4 : 2));
+  std::size_t count = 0;
+  for (const GapPoint& point : fill_gaps({first, second}, known, {{0, 1}}, 0.03, Threads())) {
+    if (point.view != 0 || point.pixel.x < 38 || point.pixel.x > 41 || point.pixel.y < 4 || point.pixel.y > 44)
+      continue;
+    EXPECT_NEAR(point.position.z, 4, 0.2) << point.pixel.x << ", " << point.pixel.y;
+    ++count;
+  }
+  EXPECT_GT(count, 10u);
+}
+
 TEST(GreyView, ReducesLargePhotosByAWholeNumber) {
   View view;
   view.camera.width = 1290;  // 3 × 430
