@@ -101,7 +101,8 @@ def render(
     mean2 = torch.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], dim=1)
     if shift is not None:
         mean2 = mean2 + shift
-    rx, ry = (x / z).clamp(-limit_x, limit_x), (y / z).clamp(-limit_y, limit_y)
+    middle_x, middle_y = (0.5 * camera.width - camera.cx) / camera.fx, (0.5 * camera.height - camera.cy) / camera.fy
+    rx, ry = (x / z).clamp(middle_x - limit_x, middle_x + limit_x), (y / z).clamp(middle_y - limit_y, middle_y + limit_y)
     zero = torch.zeros_like(z)
     jacobian = torch.stack(
         [camera.fx / z, zero, -camera.fx * rx / z, zero, camera.fy / z, -camera.fy * ry / z], dim=1

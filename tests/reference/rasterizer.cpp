@@ -212,11 +212,14 @@ Splat<Scalar> project(const Scene<Scalar>& scene, std::size_t i, const Camera& c
   // Affine approximation of the projection at the mean, clamped to a widened field of view.
   const double limits[2] = {kFieldMargin * camera.width / (2 * camera.fx),
                             kFieldMargin * camera.height / (2 * camera.fy)};
+  const double centre_slope[2] = {(camera.width / 2.0 - camera.cx) / camera.fx,
+                                  (camera.height / 2.0 - camera.cy) / camera.fy};
   std::array<Scalar, 2> held;
   for (std::size_t axis = 0; axis < 2; ++axis) {
     const double slope = value_of(t[axis]) / value_of(t[2]);
-    held[axis] = slope > limits[axis] ? limits[axis] * t[2] : slope < -limits[axis] ? -limits[axis] * t[2] : t[axis];
-    if (near(std::abs(slope), limits[axis], 1e-5)) splat.uncertain = true;
+    const double low = centre_slope[axis] - limits[axis], high = centre_slope[axis] + limits[axis];
+    held[axis] = slope > high ? high * t[2] : slope < low ? low * t[2] : t[axis];
+    if (near(slope, low, 1e-5) || near(slope, high, 1e-5)) splat.uncertain = true;
   }
   const std::array<std::array<Scalar, 3>, 2> jacobian = {
       {{camera.fx / t[2], Scalar(0), -(camera.fx * held[0] / (t[2] * t[2]))},

@@ -40,8 +40,8 @@ SPLATBOOST_SHARED_MATH bool sees_anchor(const AnchorScreen& screen, const float*
   if (!(z > kNearPlane)) return false;
   const float x = (along(camera.axis_x) + camera.translation[0]) / z;
   const float y = (along(camera.axis_y) + camera.translation[1]) / z;
-  const float bounded_x = std::clamp(x, -camera.limit_x, camera.limit_x);
-  const float bounded_y = std::clamp(y, -camera.limit_y, camera.limit_y);
+  const float bounded_x = std::clamp(x, camera.low_x, camera.high_x);
+  const float bounded_y = std::clamp(y, camera.low_y, camera.high_y);
   // Rows of the projection's Jacobian times the standard deviations; their Gram matrix is the screen covariance.
   float row_x[3], row_y[3];
   for (int k = 0; k < 3; ++k) {

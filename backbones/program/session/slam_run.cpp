@@ -57,15 +57,10 @@ View view_of(const SequenceFrame& frame, const Calibration& calibration, int res
   for (std::size_t i = 0; i < count; ++i) {
     for (std::size_t c = 0; c < 3; ++c) view.color[c * count + i] = pixels.bytes[3 * i + c];
   }
-  if (!frame.valid.empty()) {
-    // A pixel is valid if all pixels averaged into it are.
-    view.valid.assign(count, 255);
-    for (std::size_t i = 0; i < frame.valid.size(); ++i) {
-      if (frame.valid[i] != 0) continue;
-      const std::size_t x = i % static_cast<std::size_t>(frame.width) * width / static_cast<std::size_t>(frame.width);
-      const std::size_t y = i / static_cast<std::size_t>(frame.width) * height / static_cast<std::size_t>(frame.height);
-      view.valid[y * width + x] = 0;
-    }
+  view.valid = frame.valid;
+  if (smaller && !frame.valid.empty()) {
+    const Pixels valid{frame.width, frame.height, 1, 8, frame.valid};
+    view.valid = shrink_mask(valid, size.width, size.height, frame.name).bytes;
   }
   return view;
 }

@@ -9,8 +9,11 @@
 #include <utility>
 #include <vector>
 
+#include <glm/geometric.hpp>
+
 #include "splatboost/errors.h"
 #include "trainer/dataset/picture_size.h"
+#include "trainer/images/brown_conrady.h"
 #include "trainer/images/image_codec.h"
 #include "trainer/images/image_damage.h"
 #include "trainer/support/atomic_file.h"
@@ -149,18 +152,6 @@ Lens lens_of_photo(const Photo& photo, int width, int height) {
   return lens;
 }
 
-/// The largest radius (on the plane z = 1, at most `largest`) up to which the distorted radius increases. Beyond it,
-/// the model folds the image back over itself and is invalid.
-double fold_radius(const Lens& lens, double largest) {
-  constexpr int kSteps = 2048;
-  for (int i = 1; i <= kSteps; ++i) {
-    const double r = largest * i / kSteps;
-    const double r2 = r * r;
-    if (1 + r2 * (3 * lens.k1 + r2 * (5 * lens.k2 + r2 * 7 * lens.k3)) <= 0) return largest * (i - 1) / kSteps;
-  }
-  return largest;
-}
-
 /// The mask of a photo of width × height. @return [H,W] 255: valid, 0: black
 Pixels read_mask(const Photo& photo, int width, int height) {
   Photo mask;
@@ -189,7 +180,8 @@ Pixels read_mask(const Photo& photo, int width, int height) {
 Pixels undistort(const Lens& lens, Pixels& rgb, Pixels& mask, const std::string& where) {
   const double far_x = std::max(*lens.cx, lens.width - *lens.cx) / lens.fx;
   const double far_y = std::max(*lens.cy, lens.height - *lens.cy) / lens.fy;
-  const double fold = fold_radius(lens, std::hypot(far_x, far_y));
+  const BrownConrady model{lens.k1, lens.k2, lens.k3, lens.p1, lens.p2};
+  const double fold = model.fold_radius(std::hypot(far_x, far_y));
 
   std::vector<float> positions;
   positions.reserve(2 * count_pixels(rgb));
@@ -201,17 +193,13 @@ Pixels undistort(const Lens& lens, Pixels& rgb, Pixels& mask, const std::string&
   };
   for (int row = 0; row < rgb.height; ++row) {
     for (int column = 0; column < rgb.width; ++column) {
-      const double x = (column + 0.5 - *lens.cx) / lens.fx;
-      const double y = (row + 0.5 - *lens.cy) / lens.fy;
-      const double r2 = x * x + y * y;
-      const double radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3));
-      const double u = x * radial + 2 * lens.p1 * x * y + lens.p2 * (r2 + 2 * x * x);
-      const double v = y * radial + lens.p1 * (r2 + 2 * y * y) + 2 * lens.p2 * x * y;
+      const glm::dvec2 point((column + 0.5 - *lens.cx) / lens.fx, (row + 0.5 - *lens.cy) / lens.fy);
+      const glm::dvec2 shown = model.distort(point);
       // resample_image() measures from the centre of the first pixel, cx and cy from the corner of the image.
-      const double source_x = lens.fx * u + *lens.cx - 0.5;
-      const double source_y = lens.fy * v + *lens.cy - 0.5;
+      const double source_x = lens.fx * shown.x + *lens.cx - 0.5;
+      const double source_y = lens.fy * shown.y + *lens.cy - 0.5;
       const bool inside = source_x >= -0.5 && source_y >= -0.5 && source_x <= rgb.width - 0.5 &&
-                          source_y <= rgb.height - 0.5 && r2 <= fold * fold;
+                          source_y <= rgb.height - 0.5 && glm::length(point) <= fold;
       if (inside && !distorted_mask.empty()) {
         mask.bytes[valid.bytes.size()] =
             distorted_mask[nearest(source_y, rgb.height) * static_cast<std::size_t>(rgb.width) +
@@ -362,10 +350,7 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
   if (size != loaded.photo_size) {
     loaded.limited = options.resolution == -1;
     rgb = shrink_image(rgb, size.width, size.height, where);
-    if (!valid.bytes.empty()) {
-      valid = shrink_image(valid, size.width, size.height, where);
-      for (std::uint8_t& value : valid.bytes) value = value == 255 ? 255 : 0;  // all source pixels valid
-    }
+    if (!valid.bytes.empty()) valid = shrink_mask(valid, size.width, size.height, where);
     scale_lens(lens, size);
   }
 

@@ -37,6 +37,14 @@ std::vector<std::uint8_t> encode_png(const Pixels& pixels, const std::string& wh
 /// Downsamples 8-bit pixels by area averaging. Throws InputError, beginning with `where`.
 Pixels shrink_image(const Pixels& pixels, int width, int height, const std::string& where);
 
+/// Downsamples a mask of one channel, 255: valid. A pixel is valid (255, else 0) if all pixels averaged into it are.
+/// Throws InputError, beginning with `where`.
+inline Pixels shrink_mask(const Pixels& mask, int width, int height, const std::string& where) {
+  Pixels shrunk = shrink_image(mask, width, height, where);
+  for (std::uint8_t& value : shrunk.bytes) value = value == 255 ? 255 : 0;
+  return shrunk;
+}
+
 /// Resamples 8-bit pixels bilinearly, replicating the border. Throws InputError, beginning with `where`.
 /// @param positions [H,W,2] source position x, y of each result pixel, measured from the centre of the first pixel
 Pixels resample_image(const Pixels& pixels, std::span<const float> positions, const std::string& where);

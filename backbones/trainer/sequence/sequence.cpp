@@ -28,13 +28,16 @@ Pixels read_image(const fs::path& file) {
   return decode_image(bytes, file.string());
 }
 
-/// [H,W,2] position x, y in the distorted image of each pixel of the undistorted image.
+/// [H,W,2] position x, y in the distorted image of each pixel of the undistorted image; far outside of it if there is
+/// none.
 std::vector<float> distorted_places(const Calibration& c) {
+  constexpr double kFarOutside = -1e4;
+  const DistortedPlaces distorted(c);
   std::vector<float> places;
   places.reserve(2 * static_cast<std::size_t>(c.width) * static_cast<std::size_t>(c.height));
   for (int row = 0; row < c.height; ++row) {
     for (int column = 0; column < c.width; ++column) {
-      const glm::dvec2 place = distorted_place(c, column, row);
+      const glm::dvec2 place = distorted.of(column, row).value_or(glm::dvec2(kFarOutside));
       places.push_back(static_cast<float>(place.x));
       places.push_back(static_cast<float>(place.y));
     }
@@ -54,7 +57,7 @@ class FileSequence final : public Sequence {
       }
       return;
     }
-    if (c.k1 != 0 || c.k2 != 0 || c.k3 != 0 || c.p1 != 0 || c.p2 != 0) places_ = distorted_places(c);
+    if (!BrownConrady{c.k1, c.k2, c.k3, c.p1, c.p2}.is_identity()) places_ = distorted_places(c);
   }
 
   std::size_t size() const override { return files_.frames.size(); }

@@ -12,6 +12,8 @@
 #include <string_view>
 #include <utility>
 
+#include <glm/geometric.hpp>
+
 #include "trainer/images/video.h"
 #include "trainer/sequence/euroc.h"
 #include "trainer/sequence/trajectory.h"
@@ -390,12 +392,12 @@ void require_calibration_keys(const Json& json, const std::string& where) {
 
 /// Share of the undistorted image that is inside the distorted one.
 double visible_share(const Calibration& c) {
+  const DistortedPlaces places(c);
   int visible = 0;
   for (int row = 0; row < kSampledSide; ++row) {
     for (int column = 0; column < kSampledSide; ++column) {
-      const glm::dvec2 place =
-          distorted_place(c, (column + 0.5) / kSampledSide * c.width, (row + 0.5) / kSampledSide * c.height);
-      visible += place.x >= 0 && place.y >= 0 && place.x <= c.width && place.y <= c.height ? 1 : 0;
+      const auto place = places.of((column + 0.5) / kSampledSide * c.width, (row + 0.5) / kSampledSide * c.height);
+      visible += place && place->x >= 0 && place->y >= 0 && place->x <= c.width && place->y <= c.height ? 1 : 0;
     }
   }
   return static_cast<double>(visible) / (kSampledSide * kSampledSide);
@@ -409,13 +411,18 @@ void note_unused_truth(const fs::path& file, std::span<const std::ptrdiff_t> of_
   notes.push_back(file.string() + ": no pose within 20 ms of a picture; the trajectory is not compared with it");
 }
 
-glm::dvec2 distorted_place(const Calibration& c, double column, double row) {
-  const double x = (column - c.cx) / c.fx, y = (row - c.cy) / c.fy;
-  const double r2 = x * x + y * y;
-  const double radial = 1 + r2 * (c.k1 + r2 * (c.k2 + r2 * c.k3));
-  const double u = x * radial + 2 * c.p1 * x * y + c.p2 * (r2 + 2 * x * x);
-  const double v = y * radial + c.p1 * (r2 + 2 * y * y) + 2 * c.p2 * x * y;
-  return {c.fx * u + c.cx, c.fy * v + c.cy};
+DistortedPlaces::DistortedPlaces(const Calibration& c)
+    : calibration_(c),
+      model_{c.k1, c.k2, c.k3, c.p1, c.p2},
+      fold_(model_.fold_radius(
+          std::hypot(std::max(c.cx, c.width - c.cx) / c.fx, std::max(c.cy, c.height - c.cy) / c.fy))) {}
+
+std::optional<glm::dvec2> DistortedPlaces::of(double column, double row) const {
+  const Calibration& c = calibration_;
+  const glm::dvec2 point((column - c.cx) / c.fx, (row - c.cy) / c.fy);
+  if (glm::length(point) > fold_) return std::nullopt;
+  const glm::dvec2 shown = model_.distort(point);
+  return glm::dvec2(c.fx * shown.x + c.cx, c.fy * shown.y + c.cy);
 }
 
 Calibration read_calibration(const fs::path& file) {

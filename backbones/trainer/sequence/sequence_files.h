@@ -12,6 +12,7 @@
 #include <glm/mat4x4.hpp>
 #include <glm/vec2.hpp>
 
+#include "trainer/images/brown_conrady.h"
 #include "trainer/sequence/sequence.h"
 #include "trainer/sequence/stereo.h"
 
@@ -43,7 +44,19 @@ SequenceFiles find_sequence_files(const SequenceOptions& options);
 void note_unused_truth(const std::filesystem::path& file, std::span<const std::ptrdiff_t> of_pictures,
                        std::vector<std::string>& notes);
 
-/// Where the distorted image shows what pixel (column, row) of the undistorted image shows.
-glm::dvec2 distorted_place(const Calibration& calibration, double column, double row);
+/// Finds the pixels of undistorted images in the distorted ones.
+class DistortedPlaces {
+ public:
+  explicit DistortedPlaces(const Calibration& calibration);
+
+  /// Where the distorted image shows what pixel (column, row) of the undistorted image shows, in pixels; it may be
+  /// outside of it. None where the distortion folds the image back over itself.
+  std::optional<glm::dvec2> of(double column, double row) const;
+
+ private:
+  Calibration calibration_;
+  BrownConrady model_;
+  double fold_;  ///< BrownConrady::fold_radius()
+};
 
 }  // namespace splatboost

@@ -36,8 +36,8 @@ inline constexpr float kMaxQuaternionLength = 1e19f;
 /// Half side of the 3DGS box in standard deviations of the longer axis.
 inline constexpr float kBoxSigmas = 3.0f;
 
-/// In the projection's Jacobian, x/z and y/z are clamped to this many times the half field of view (3DGS):
-/// beyond it the affine approximation diverges.
+/// In the projection's Jacobian, x/z and y/z are clamped to this many times the half field of view around the image's
+/// centre (3DGS): beyond it the affine approximation diverges.
 inline constexpr float kFieldOfViewMargin = 1.3f;
 
 /// Lower bound of the squared opacity compensation det(Σ)/det(Σ + low-pass), so that its square root is differentiable.

@@ -84,8 +84,8 @@ SPLATBOOST_HOST_DEVICE Projection<T> project_gaussian(const ProjectionCamera& ca
   const T x = p.view.x * inverse_z, y = p.view.y * inverse_z;
   p.mean = {T(camera.fx) * x + T(camera.cx), T(camera.fy) * y + T(camera.cy)};
 
-  const T ratio_x = min_of(max_of(x, T(-camera.limit_x)), T(camera.limit_x));
-  const T ratio_y = min_of(max_of(y, T(-camera.limit_y)), T(camera.limit_y));
+  const T ratio_x = min_of(max_of(x, T(camera.low_x)), T(camera.high_x));
+  const T ratio_y = min_of(max_of(y, T(camera.low_y)), T(camera.high_y));
   p.row_x = (T(camera.fx) * inverse_z) * (axis_x - ratio_x * axis_z);
   p.row_y = (T(camera.fy) * inverse_z) * (axis_y - ratio_y * axis_z);
 
@@ -162,8 +162,9 @@ SPLATBOOST_HOST_DEVICE GaussianGeometryGradient<T> project_gaussian_backward(con
   const T inverse_z = T(1.0f) / p.view.z;
   const T x = p.view.x * inverse_z, y = p.view.y * inverse_z;
   const T fx(camera.fx), fy(camera.fy);
-  const T free_x = select(abs_of(x) < T(camera.limit_x), T(1.0f), zero);
-  const T free_y = select(abs_of(y) < T(camera.limit_y), T(1.0f), zero);
+  const T one(1.0f);
+  const T free_x = select((T(camera.low_x) < x) & (x < T(camera.high_x)), one, zero);
+  const T free_y = select((T(camera.low_y) < y) & (y < T(camera.high_y)), one, zero);
   const T g_x = fx * (g.mean.x - inverse_z * dot(g_row_x, axis_z) * free_x);  // with respect to x/z
   const T g_y = fy * (g.mean.y - inverse_z * dot(g_row_y, axis_z) * free_y);
   const T g_z = g.view_z - inverse_z * (dot(g_row_x, a) + dot(g_row_y, b) + g_x * x + g_y * y);

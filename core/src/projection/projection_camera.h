@@ -12,7 +12,8 @@ struct ProjectionCamera {
   float translation[3];                   ///< origin of the world in the camera frame
   float centre[3];                        ///< of projection, in world coordinates
   float fx, fy, cx, cy;
-  float limit_x, limit_y;  ///< clamp of x/z and y/z in the Jacobian
+  float low_x, high_x, low_y,
+      high_y;  ///< range to which x/z and y/z are clamped in the Jacobian: a margin beyond the image
 };
 
 inline ProjectionCamera make_projection_camera(const Camera& camera) {
@@ -30,8 +31,15 @@ inline ProjectionCamera make_projection_camera(const Camera& camera) {
   p.fy = camera.fy;
   p.cx = camera.cx;
   p.cy = camera.cy;
-  p.limit_x = kFieldOfViewMargin * 0.5f * static_cast<float>(camera.width) / camera.fx;
-  p.limit_y = kFieldOfViewMargin * 0.5f * static_cast<float>(camera.height) / camera.fy;
+  const auto width = static_cast<float>(camera.width), height = static_cast<float>(camera.height);
+  const float limit_x = kFieldOfViewMargin * 0.5f * width / camera.fx,
+              limit_y = kFieldOfViewMargin * 0.5f * height / camera.fy;
+  // x/z at the image's centre, which is 0 if the principal point is there.
+  const float middle_x = (0.5f * width - camera.cx) / camera.fx, middle_y = (0.5f * height - camera.cy) / camera.fy;
+  p.low_x = middle_x - limit_x;
+  p.high_x = middle_x + limit_x;
+  p.low_y = middle_y - limit_y;
+  p.high_y = middle_y + limit_y;
   return p;
 }
 

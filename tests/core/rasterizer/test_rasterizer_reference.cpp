@@ -2,8 +2,10 @@
 // The rasterizer against the double-precision reference: values, counts and the gradient of every input.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <ostream>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -28,6 +30,8 @@ struct Case {
   double band = 0.03;   ///< fraction of pixels that may lie at a threshold
   double rounding = 1;  ///< factor on the gradients' tolerance
 };
+
+constexpr const char* kEdge = "principal_point_at_the_edge";
 
 void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
@@ -144,6 +148,14 @@ std::vector<Case> cases() {
                  ellipse(1),
                  55,
                  0.06});
+  // Part of the image is beyond the field of view of a camera whose principal point is in its centre.
+  all.push_back({kEdge,
+                 40,
+                 30,
+                 {.count = 30, .sh_degree = 1, .smallest = 1, .largest = 12, .margin = 0.5},
+                 ellipse(1),
+                 72,
+                 0.06});
   all.push_back(
       {"around_the_near_plane", 40, 30, {.count = 40, .sh_degree = 0, .nearest = 0.02, .farthest = 0.5}, square(), 56});
   all.push_back(
@@ -189,14 +201,21 @@ std::vector<Case> cases() {
   return all;
 }
 
-Camera camera_of(const Case& c) {
+/// The camera that a scene is made for.
+Camera scene_camera(const Case& c) {
   Camera camera = oblique_camera(c.width, c.height);
+  if (c.name == kEdge) camera.cx = 0;
+  return camera;
+}
+
+Camera camera_of(const Case& c) {
+  Camera camera = scene_camera(c);
   // One case has all Gaussians outside the image.
   if (c.name == "all_off_screen") camera.cx += 400;
   return camera;
 }
 
-SceneData scene_of(const Case& c) { return random_scene(oblique_camera(c.width, c.height), c.scene, c.seed); }
+SceneData scene_of(const Case& c) { return random_scene(scene_camera(c), c.scene, c.seed); }
 
 class RasterizerReference : public ::testing::TestWithParam<Case> {};
 
@@ -478,6 +497,32 @@ TEST(RasterizerReferenceKnown, NoGaussiansGiveTheBackground) {
     GradientData gradients(scene);
     const ImageGradientData weights(camera, 0, 3, {});
     rasterizer.backward(scene.view(), weights.view(), gradients.view());
+  }
+}
+
+TEST(RasterizerReferenceKnown, ANeedleOnAViewingRayIsAPointWhereverThePrincipalPointIs) {
+  for (const float cx : {500.0f, 100.0f, 0.0f, -200.0f}) {
+    Camera camera;
+    camera.width = 1000;
+    camera.height = 16;
+    camera.fx = camera.fy = 500;
+    camera.cx = cx;
+    camera.cy = 8;
+    SceneData scene;
+    scene.count = 1;
+    const glm::vec3 mean(4 * (900.5f - cx) / 500, 0, 4), along = 0.5f * glm::normalize(mean);
+    scene.means = {mean.x, mean.y, mean.z};
+    scene.covariances = {along.x * along.x, 0, along.x * along.z, 1e-6f, 0, along.z * along.z};
+    scene.opacities = {1};
+    scene.colors = {1, 1, 1};
+    Threads threads(1);
+    Rasterizer rasterizer(threads);
+    ImageData images(camera, 0);
+    RasterOptions options;
+    rasterizer.forward(camera, scene.view(), options, images.view());
+    const auto row = std::span(images.alpha).subspan(8 * 1000, 1000);
+    EXPECT_LT(std::ranges::count_if(row, [](float alpha) { return alpha > 0.1f; }), 4) << cx;
+    EXPECT_GT(row[900], 0.6f) << cx;
   }
 }
 

@@ -387,6 +387,28 @@ TEST(Sequence, distortion_is_taken_out) {
   EXPECT_EQ(frame.valid[0], 0);
 }
 
+TEST(Sequence, where_distortion_folds_the_image_there_is_no_data) {
+  if (!have_opencv()) GTEST_SKIP() << "only OpenCV takes distortion out";
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  // The distorted radius r · (1 − 1.2 r²) increases up to 1 / sqrt(3.6) and then decreases; corners are at 0.61.
+  std::ofstream(folder / "cam_params.json") << calibration(", \"k1\": -1.2");
+  const double fold = 1 / std::sqrt(3.6);
+  const SequenceFrame frame = open_sequence(of(folder.path()))->read(0);
+  ASSERT_EQ(frame.valid.size(), static_cast<std::size_t>(kWidth * kHeight));
+  std::size_t beyond = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const double radius = std::hypot((x - 23.5) / 50, (y - 19.5) / 50);
+      if (std::abs(radius - fold) < 0.001) continue;
+      const bool folded = radius > fold;
+      beyond += folded ? 1 : 0;
+      EXPECT_EQ(frame.valid[static_cast<std::size_t>(y * kWidth + x)], folded ? 0 : 255) << x << ", " << y;
+    }
+  }
+  EXPECT_GT(beyond, 20u);
+}
+
 /// Five frames of different grey levels at 10 frames per second.
 void make_video(const fs::path& file) {
   VideoFile video(file, kWidth, kHeight, 10);
