@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "families/gaussians/gaussian_backbone.h"
-#include "photo_slam/half_view.h"
 #include "photo_slam/keyframe_schedule.h"
 #include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/backbone_api/online_backbone.h"
+#include "trainer/dataset/smaller_view.h"
 
 namespace splatboost {
 namespace {
@@ -139,7 +139,7 @@ class PhotoSlam final : public GaussianMethod {
     const View* view = &full;
     for (int level = 1; level <= choice.level; ++level) {
       if (std::min(view->camera.width, view->camera.height) < 2 * kSmallestSide) break;
-      if (levels.size() < static_cast<std::size_t>(level)) levels.push_back(half_view(*view));
+      if (levels.size() < static_cast<std::size_t>(level)) levels.push_back(smaller_view(*view, 2));
       view = &levels[static_cast<std::size_t>(level - 1)];
     }
     if (view == &full) {

@@ -20,8 +20,8 @@
 #include "support/backbone_checks.h"
 #include "support/tiny_scene.h"
 #include "trainer/backbone_api/backbone.h"
+#include "trainer/dataset/smaller_view.h"
 #include "trainer/dataset/splat_ply.h"
-#include "trainer/evaluation/multi_scale.h"
 
 #ifdef SPLATBOOST_CUDA_ON_CPU
 #include "cuda_on_cpu.h"

@@ -8,8 +8,8 @@
 #include <set>
 #include <stdexcept>
 
+#include "trainer/dataset/smaller_view.h"
 #include "trainer/dataset/view_image.h"
-#include "trainer/evaluation/multi_scale.h"
 #include "trainer/support/atomic_file.h"
 
 namespace splatboost {
@@ -64,6 +64,9 @@ double measure_fps(Backbone& backbone, const std::vector<View>& views) {
   std::nth_element(times.begin(), middle, times.end());
   return 1.0 / std::max(*middle, 1e-9);
 }
+
+/// The scales of the usual protocol for a model trained at scale 1: 1, 1/2, 1/4, 1/8.
+constexpr int kScaleDivisors[] = {1, 2, 4, 8};
 
 /// Quality at the trained scale and at smaller ones, rendered as trained.
 std::vector<ScaleResult> measure_scales(Backbone& backbone, const std::vector<View>& views) {

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "trainer/dataset/smaller_view.h"
+
 namespace splatboost {
 
 ViewFeatures reduced_camera(const View& view, int width, int height, double sx, double sy) {
@@ -22,29 +24,17 @@ ViewFeatures reduced_camera(const View& view, int width, int height, double sx, 
 }
 
 ViewFeatures grey_view(const View& view) {
-  const Camera& camera = view.camera;
-  const int factor = (std::max(camera.width, camera.height) + kLongestSide - 1) / kLongestSide;
-  // At least one pixel: a very narrow photo is reduced along its length only.
-  const int fx = std::min(factor, camera.width), fy = std::min(factor, camera.height);
-  ViewFeatures grey = reduced_camera(view, camera.width / fx, camera.height / fy, 1.0 / fx, 1.0 / fy);
-  const auto width = static_cast<std::size_t>(camera.width);
-  const std::size_t plane = view.color.size() / 3;
-  const std::uint8_t* const red = view.color.data();
-  for (int row = 0; row < grey.height; ++row) {
-    for (int column = 0; column < grey.width; ++column) {
-      double sum = 0;
-      for (int y = row * fy; y < (row + 1) * fy; ++y) {
-        for (int x = column * fx; x < (column + 1) * fx; ++x) {
-          const std::size_t at = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
-          sum += 0.299 * red[at] + 0.587 * red[plane + at] + 0.114 * red[2 * plane + at];  // BT.601
-        }
-      }
-      grey.grey.push_back(static_cast<std::uint8_t>(std::lround(sum / (fx * fy))));
-      if (!view.valid.empty()) {
-        const auto y = static_cast<std::size_t>(row * fy + fy / 2), x = static_cast<std::size_t>(column * fx + fx / 2);
-        grey.valid.push_back(view.valid[y * width + x] != 0 ? 1 : 0);
-      }
-    }
+  const auto [shortest, longest] = std::minmax(view.camera.width, view.camera.height);
+  const int divisor = std::min(shortest, (longest + kLongestSide - 1) / kLongestSide);
+  const View smaller = smaller_view(view, divisor);
+  ViewFeatures grey = reduced_camera(view, smaller.camera.width, smaller.camera.height, 1.0 / divisor, 1.0 / divisor);
+  grey.valid = smaller.valid;
+  const std::size_t plane = smaller.color.size() / 3;
+  grey.grey.resize(plane);
+  for (std::size_t i = 0; i < plane; ++i) {
+    const std::uint8_t* const c = smaller.color.data() + i;
+    grey.grey[i] =
+        static_cast<std::uint8_t>(std::lround(0.299 * c[0] + 0.587 * c[plane] + 0.114 * c[2 * plane]));  // BT.601
   }
   return grey;
 }

@@ -62,9 +62,8 @@ struct ViewFeatures {
 /// OpenCV detects none: the result is grey_view(). @param view must outlive the result
 ViewFeatures detect_features(const View& view);
 
-/// The view in grey, without features. A large photo is reduced by a whole number: each pixel is the mean of a square,
-/// and columns and rows that fill none at the right and at the bottom are left out. A reduced pixel is valid where its
-/// square's centre is. @param view must outlive the result
+/// The view in grey, without features. A large photo is reduced by a whole number (smaller_view()).
+/// @param view must outlive the result
 ViewFeatures grey_view(const View& view);
 
 /// The camera of the view, reduced to a picture of this size, without pixels.

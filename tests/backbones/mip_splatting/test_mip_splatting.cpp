@@ -13,8 +13,8 @@
 #include "support/density_recorder.h"
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
+#include "trainer/dataset/smaller_view.h"
 #include "trainer/evaluation/evaluate.h"
-#include "trainer/evaluation/multi_scale.h"
 #include "trainer/training/trainer.h"
 #include "vanilla/vanilla.h"
 

@@ -11,7 +11,6 @@
 #include <set>
 #include <vector>
 
-#include "photo_slam/half_view.h"
 #include "photo_slam/keyframe_schedule.h"
 #include "photo_slam/photo_slam_adapter.h"
 #include "support/gaussian_checks.h"
@@ -52,32 +51,6 @@ TEST(KeyframeSchedule, a_new_keyframe_has_its_uses_before_the_others_have_more) 
   EXPECT_EQ(after.size(), 3u);
   schedule.add_uses(1, 2);
   EXPECT_EQ(schedule.next(28).keyframe, 1u);
-}
-
-TEST(HalfView, averages_what_is_valid) {
-  View view;
-  view.camera.width = 5;
-  view.camera.height = 2;
-  view.camera.fx = view.camera.fy = 10;
-  view.camera.cx = 2.5f;
-  view.camera.cy = 1;
-  for (int c = 0; c < 3; ++c) {
-    for (const int value : {0, 10, 100, 200, 7, 20, 31, 0, 0, 7}) {
-      view.color.push_back(static_cast<std::uint8_t>(value + c));
-    }
-  }
-  View half = half_view(view);
-  EXPECT_EQ(half.camera.width, 2);
-  EXPECT_EQ(half.camera.height, 1);
-  EXPECT_EQ(half.camera.cx, 1.25f);
-  EXPECT_EQ(half.camera.fx, 5);
-  EXPECT_EQ(half.color, (std::vector<std::uint8_t>{15, 75, 16, 76, 17, 77}));
-  EXPECT_TRUE(half.valid.empty());
-  view.valid.assign(10, 0);
-  view.valid[1] = 255;
-  half = half_view(view);
-  EXPECT_EQ(half.valid, (std::vector<std::uint8_t>{255, 0}));
-  EXPECT_EQ(half.color[0], 10);
 }
 
 /// A run that starts with two views; the others arrive one by one.

@@ -244,7 +244,7 @@ TEST(GreyView, WeighsColoursAndKeepsSmallAndNarrowPhotos) {
   std::fill_n(view.color.begin() + 4000, 4000, 200);  // green
   const ViewFeatures narrow = grey_view(view);
   EXPECT_EQ(narrow.width, 1);
-  EXPECT_EQ(narrow.height, 500);
+  EXPECT_EQ(narrow.height, 1000);
   EXPECT_EQ(narrow.grey[250], 117);
   EXPECT_TRUE(narrow.valid.empty());
   view.camera.height = 640;

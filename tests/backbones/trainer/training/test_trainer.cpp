@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "support/temporary_folder.h"
-#include "trainer/evaluation/multi_scale.h"
+#include "trainer/dataset/smaller_view.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/text.h"

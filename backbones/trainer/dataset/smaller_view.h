@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file Views of a scene at scales other than the trained one.
+/// @file Views with fewer pixels.
 #pragma once
 
-#include <array>
 #include <vector>
 
 #include "splatboost/threads.h"
@@ -10,10 +9,7 @@
 
 namespace splatboost {
 
-/// The scales of the usual protocol for a model trained at scale 1: 1, 1/2, 1/4, 1/8.
-inline constexpr std::array<int, 4> kScaleDivisors = {1, 2, 4, 8};
-
-/// The view as seen by a camera with pixels `divisor` times as wide: the truth is averaged over blocks of pixels.
+/// The view as seen by a camera with pixels `divisor` times as wide: the photo is averaged over blocks of pixels.
 /// Incomplete blocks at the right and bottom edges are cut off; a block is valid if all of its pixels are.
 View smaller_view(const View& view, int divisor);
 

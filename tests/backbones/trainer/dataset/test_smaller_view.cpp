@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/evaluation/multi_scale.h"
+#include "trainer/dataset/smaller_view.h"
 
 #include <gtest/gtest.h>
 
