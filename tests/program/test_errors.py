@@ -96,6 +96,24 @@ def test_options_without_a_meaning_for_a_published_run(scene, tmp_path, argument
 
 
 @pytest.mark.parametrize("command", ["train", "compare"])
+@pytest.mark.parametrize("option, switches", [(["--beta", "0.5"], ["--no-cb"]), (["--tau-d", "5"], ["--no-vcd"]),
+                                              (["--views", "3"], ["--no-vcd", "--no-vcp"])])
+def test_options_of_a_part_that_is_switched_off(scene, tmp_path, command, option, switches):
+    line = fails(command, "-s", scene, "-m", tmp_path / "model", *option, *switches)
+    assert f"{option[0]} has no effect with {' and '.join(switches)}" in line
+
+
+def test_a_scene_that_was_moved_is_named_with_its_run(scene, trained, tmp_path):
+    shutil.copytree(trained, tmp_path / "model")
+    config = tmp_path / "model/config.json"
+    config.write_text(config.read_text().replace(str(scene), str(tmp_path / "moved")))
+    for command in ("eval", "render", "mesh"):  # mesh needs OpenVDB
+        done = run_program(command, "-m", tmp_path / "model")
+        assert done.returncode == 2
+        assert "OpenVDB" in done.stderr or "moved: does not exist; the run in" in done.stderr and "--source" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["train", "compare"])
 def test_test_views_need_eval(scene, tmp_path, command):
     line = fails(command, "-s", scene, "-m", tmp_path / "model", "--llffhold", "4")
     assert "--llffhold has no effect without --eval" in line

@@ -380,3 +380,67 @@ def test_pictures_of_views_do_not_overwrite_each_other(scene, tmp_path):
     run_well("train", "-s", copy, "-m", model, "--iterations", "2", "--quiet")
     assert len(list((model / "train/truth").iterdir())) == 4
     assert len({path.read_bytes() for path in (model / "train/truth").iterdir()}) == 4
+
+
+@pytest.mark.parametrize("command", ["mesh", "export", "render"])
+def test_data_of_the_scene_are_not_replaced(scene, trained, tmp_path, command):
+    own = tmp_path / "scene"
+    shutil.copytree(scene, own)
+    (own / "clip.mp4").write_bytes(b"a camera of a rig")
+    (own / "cloud.ply").write_bytes(b"points of ply_file_path")
+    (tmp_path / "linked").symlink_to(own)
+    if command == "export":
+        model = tmp_path / "convexes"
+        run_well("train", "-s", own, "-m", model, "--backbone", "convex-splatting", "--iterations", "2", "--quiet")
+        before = content(own)
+        for place in (own, tmp_path / "linked"):
+            assert "in the folder of the scene" in refused("export", "-m", model, "-o", place / "cloud.ply")
+    else:
+        shutil.copytree(trained, tmp_path / "model")
+        before = content(own)
+        for place in (own, tmp_path / "linked"):
+            output = ["-o", place / "cloud.ply"] if command == "mesh" else ["--video", place / "clip.mp4", "--orbit", "2"]
+            done = run_program(command, "-m", tmp_path / "model", "-s", own, *output)
+            if command == "mesh" and "OpenVDB" in done.stderr:
+                pytest.skip("this build makes no meshes")
+            assert done.returncode == 2 and "in the folder of the scene" in done.stderr
+    assert content(own) == before
+
+
+def test_points_behind_a_linked_model_are_not_replaced(scene, tmp_path):
+    """Though the file is not in the folder of the scene, whatever its name."""
+    own, model = tmp_path / "scene", tmp_path / "model"
+    shutil.copytree(scene, own)
+    run_well("points", "-s", own, "-o", tmp_path / "points3D.ply")
+    (own / "sparse").rename(model)
+    (own / "sparse").symlink_to(model)
+    (model / "0/points3D.bin").unlink()
+    shutil.copy(tmp_path / "points3D.ply", model / "0/points3D.ply")
+    before = content(model)
+    assert "input of this command" in refused("points", "-s", own, "-o", model / "0/points3D.ply")
+    assert content(model) == before
+
+
+def test_a_run_of_a_comparison_is_not_replaced_by_a_comparison(scene, tmp_path):
+    run_well("compare", "-s", scene, "-m", tmp_path / "both", "--iterations", "2", "--quiet")
+    before = content(tmp_path / "both")
+    assert "a run of a comparison" in refused("compare", "-s", scene, "-m", tmp_path / "both/boosted", "--iterations", "2")
+    assert content(tmp_path / "both") == before
+
+
+def test_a_settings_file_resumes_nothing(scene, finished, tmp_path):
+    settings = tmp_path / "settings.json"
+    settings.write_text(json.dumps({"resume": str(finished)}))
+    before = content(finished)
+    for command in ("train", "compare"):
+        assert "resume: a settings file" in refused(command, "-s", scene, "-m", tmp_path / "new", "--config", settings)
+    assert content(finished) == before and not (tmp_path / "new").exists()
+
+
+def test_pictures_of_others_are_not_removed(trained, tmp_path):
+    run_well("render", "-m", trained, "--orbit", "2", "-o", tmp_path)
+    (tmp_path / "orbit/00002.png").write_bytes(b"mine")
+    before = content(tmp_path)
+    assert "00002.png: is of a longer series" in refused("render", "-m", trained, "--orbit", "2", "-o", tmp_path)
+    assert content(tmp_path) == before
+    run_well("render", "-m", trained, "--orbit", "3", "-o", tmp_path)

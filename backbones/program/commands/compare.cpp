@@ -65,10 +65,12 @@ struct Compare {
   int run(const std::string& command_line) {
     read_settings();
     check_run_options(set, options);
+    check_boost_options(set, options);
     std::error_code ignored;
     if (resumes() && !fs::equivalent(options.model, options.resume, ignored)) {
       throw UsageError("--resume continues in " + options.resume.string() + "; leave out --model");
     }
+    require_no_run_of_comparison(options.model);
     for (const fs::path& folder : {options.model, folder_of(false), folder_of(true)}) {
       require_ours_or_empty(folder);
       require_inputs_elsewhere(folder, options);

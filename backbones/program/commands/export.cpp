@@ -8,6 +8,7 @@
 #include "program/session/model_folder.h"
 #include "program/session/options.h"
 #include "program/session/plugged_backbone.h"
+#include "program/session/scene_files.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
@@ -41,6 +42,7 @@ int run_export(const ExportOptions& options) {
                                             " cannot be exported as triangles; open its point_cloud.ply in a viewer");
   const fs::path saved = saved_model(options.model, options.iteration);
   require_replaceable(options.output, {saved / "point_cloud.ply"});
+  require_no_scene_file(options.output, config.value("source", std::string()), options.model);
   require_writable(options.output);
   remove_stale_files(fs::absolute(options.output).parent_path());
   entry.export_mesh(saved, options.output);

@@ -13,6 +13,7 @@
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
 #include "program/session/saved_model.h"
+#include "program/session/scene_files.h"
 #include "splatboost/surface_depth.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/evaluate.h"
@@ -39,10 +40,6 @@ constexpr double kMostVoxelsAcross = 1 << 22;  // voxels along the largest depth
 constexpr double kTruncation = 4;              // voxels
 constexpr auto kShownEvery = std::chrono::seconds(2);          // progress, where the output is not a terminal
 constexpr std::uint64_t kMaxMemory = ~std::uint64_t{0} >> 20;  // MiB, so that bytes do not overflow
-
-/// Point clouds that a scene may have under these names; a mesh must not replace them.
-constexpr const char* kPointFiles[] = {"points3d.ply", "points3D.ply", "sparse_pc.ply", "sparse/points3D.ply",
-                                       "sparse/0/points3D.ply"};
 
 /// The depth within which most points lie in the training views that see them, with a margin; 0 without points.
 double far_depth(const Scene& scene) {
@@ -114,13 +111,13 @@ struct Mesh {
     if (!has_tsdf_volumes()) TsdfVolume absent({});  // throws: the message says what to install
     const SavedModel saved = find_saved_model(set, options);
     if (!output.empty()) {
-      std::vector<fs::path> inputs = {saved.folder / "point_cloud.ply", options.scene.source};
-      for (const char* name : kPointFiles) inputs.push_back(options.scene.source / name);
-      require_replaceable(output, inputs);
+      require_replaceable(output, {saved.folder / "point_cloud.ply", options.scene.source});
+      require_no_scene_file(output, options.scene.source, options.model);
       require_writable(output);  // before the photos are read
     }
     options.lpips.clear();  // nothing is measured
     OpenModel model(saved, options);
+    if (!output.empty()) require_replaceable(output, {model.scene().points_file});  // may be outside of the folder
     const std::size_t views = model.scene().train.size();
     require(static_cast<std::size_t>(least_views) <= views,
             "--least-views must be at most " + std::to_string(views) + ", the number of training views");

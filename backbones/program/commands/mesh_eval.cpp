@@ -179,12 +179,16 @@ struct MeshEval {
   void require_like_size(const TriangleMesh& found, const TriangleMesh& known) const {
     if (!(diagonal_of(found) > 0 && diagonal_of(known) > 0)) return;
     const double ratio = diagonal_of(found) / diagonal_of(known);
-    require(!(ratio > kMostSizeRatio), mesh.string() + ": is " + std::to_string(std::lround(ratio)) +
-                                           " times as large as " + truth.string() +
+    require(!(ratio > kMostSizeRatio), mesh.string() + ": is " + shown(ratio) + " times as large as " + truth.string() +
                                            ": are they in the same unit and frame? (--align)");
-    require(!(ratio < 1 / kMostSizeRatio), truth.string() + ": is " + std::to_string(std::lround(1 / ratio)) +
-                                               " times as large as " + mesh.string() +
-                                               ": are they in the same unit and frame? (--align)");
+    require(!(ratio < 1 / kMostSizeRatio), truth.string() + ": is " + shown(1 / ratio) + " times as large as " +
+                                               mesh.string() + ": are they in the same unit and frame? (--align)");
+  }
+
+  static std::string shown(double ratio) {
+    char text[32];
+    std::snprintf(text, sizeof text, ratio < 1e9 ? "%.0f" : "%.3g", ratio);
+    return text;
   }
 
   static double diagonal_of(const TriangleMesh& mesh) {

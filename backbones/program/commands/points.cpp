@@ -6,6 +6,7 @@
 
 #include "program/commands/commands.h"
 #include "program/session/options.h"
+#include "program/session/scene_files.h"
 #include "splatboost/clearance.h"
 #include "splatboost/threads.h"
 #include "trainer/dataset/splat_ply.h"
@@ -25,20 +26,10 @@ struct PointsOptions {
   bool features_only = false;
 };
 
-bool is_inside(const fs::path& file, const fs::path& folder) {
-  const fs::path relative = file.lexically_relative(folder);
-  return !relative.empty() && *relative.begin() != "..";
-}
-
 /// Throws InputError if the file may be the only one with the points of the scene.
 void require_points_elsewhere(const fs::path& file, const fs::path& scene) {
-  if (!fs::exists(file) || !fs::exists(scene)) return;
-  const fs::path named = fs::absolute(file).lexically_normal();  // folders of scenes are often links
-  if (!is_inside(named, fs::absolute(scene).lexically_normal()) &&
-      !is_inside(fs::canonical(file), fs::canonical(scene))) {
-    return;
-  }
-  const fs::path folder = named.parent_path();
+  if (!lies_in(file, scene)) return;
+  const fs::path folder = fs::absolute(file).lexically_normal().parent_path();
   require(fs::exists(folder / "points3D.bin") || fs::exists(folder / "points3D.txt"),
           file.string() +
               ": holds points of the scene, which would be replaced, and there is no points3D.bin or "
@@ -56,6 +47,7 @@ int run_points(const PointsOptions& options) {
   require_points_elsewhere(options.output, options.scene.source);
   require_writable(options.output);  // before the photos are read
   Scene scene = read_scene(options.scene);
+  require_replaceable(options.output, {scene.points_file});
   for (const std::string& note : scene.notes) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
   require(!moves(scene), scene_name + ": points can only be added to scenes that do not move");
   require(!points_are_random(scene.points.positions),

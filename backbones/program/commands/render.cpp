@@ -11,6 +11,7 @@
 #include "program/commands/orbit.h"
 #include "program/session/model_folder.h"
 #include "program/session/saved_model.h"
+#include "program/session/scene_files.h"
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
@@ -89,6 +90,14 @@ struct Render {
     if (!view.empty() && time)
       throw UsageError("--view and --time cannot be combined: with --view, time advances; leave out --time");
     const SavedModel saved = find_saved_model(set, options);
+    if (!video.empty()) {  // a scene may consist of videos
+      require_replaceable(video, {options.scene.source});
+      require_no_scene_file(video, options.scene.source, options.model);
+      const nlohmann::json slam = read_config(options.model).value("slam", nlohmann::json::object());
+      const fs::path sequence_source = slam.value("source", std::string());
+      require_replaceable(video, {sequence_source});
+      require_no_scene_file(video, sequence_source, options.model);
+    }
     // Before the scene is read, except if the model may have to be refused first, whatever the output is.
     const bool of_time = time || !view.empty() || sequence > 0;
     if (!of_time) check_output();
@@ -175,6 +184,7 @@ struct Render {
     std::unique_ptr<VideoFile> file;
     const fs::path folder = output / "orbit";
     if (video.empty()) {
+      require_no_rest(folder, count, ".png");
       make_folder(folder);
     } else {
       file = std::make_unique<VideoFile>(video, cameras[0].width, cameras[0].height, frames_per_second);
@@ -211,6 +221,7 @@ struct Render {
 
   void export_sequence(Backbone& backbone) const {
     const fs::path folder = output / "sequence";
+    require_no_rest(folder, sequence, ".ply");
     make_folder(folder);
     for (int i = 0; i < sequence; ++i) {
       backbone.export_moment(static_cast<float>(i) / static_cast<float>(std::max(sequence - 1, 1)),
@@ -227,7 +238,14 @@ struct Render {
     return name;
   }
 
-  /// Removes the rest of an earlier, longer series: its files are of other cameras and times.
+  /// An earlier, longer series is of other cameras and times. Its rest is removed from the folder of the model; in
+  /// another folder it may be of something else.
+  void require_no_rest(const fs::path& folder, int count, const char* ending) const {
+    const fs::path next = folder / numbered(count, ending);
+    require(own_folder || !fs::exists(next), next.string() +
+                                                 ": is of a longer series than this one would be; remove it, or name "
+                                                 "another folder with --output");
+  }
   static void remove_rest(const fs::path& folder, int count, const char* ending) {
     std::error_code ignored;
     while (fs::remove(folder / numbered(count, ending), ignored)) ++count;

@@ -180,6 +180,10 @@ void require_inputs_elsewhere(const fs::path& folder, const RunOptions& options,
 
 void require_no_comparison(const fs::path& folder) {
   require(!is_comparison(folder), folder.string() + ": is the folder of a comparison; choose another --model");
+  require_no_run_of_comparison(folder);
+}
+
+void require_no_run_of_comparison(const fs::path& folder) {
   std::error_code error;
   const fs::path whole = fs::weakly_canonical(folder, error);
   const fs::path parent = whole.parent_path();

@@ -31,9 +31,12 @@ bool holds_run(const std::filesystem::path& folder);
 void require_inputs_elsewhere(const std::filesystem::path& folder, const RunOptions& options,
                               const std::filesystem::path& more = {});
 
-/// Throws InputError if the folder holds a comparison: a run in it would leave the two runs of the comparison there. Or
-/// if it is one of the two runs of a finished one, which compare.json describes.
+/// Throws InputError if the folder holds a comparison: a run in it would leave the two runs of the comparison there.
+/// Calls require_no_run_of_comparison().
 void require_no_comparison(const std::filesystem::path& folder);
+
+/// Throws InputError if the folder is one of the two runs of a finished comparison, which compare.json describes.
+void require_no_run_of_comparison(const std::filesystem::path& folder);
 
 /// Throws InputError unless the folder is that of a comparison.
 void require_comparison(const std::filesystem::path& folder);

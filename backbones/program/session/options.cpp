@@ -2,6 +2,7 @@
 #include "program/session/options.h"
 
 #include <algorithm>
+#include <tuple>
 
 #include "program/session/chosen_device.h"
 #include "program/session/plugged_backbone.h"
@@ -238,6 +239,7 @@ Json read_settings_file(const std::filesystem::path& path) {
 void apply_settings(const Json& settings, const std::string& place, OptionSet& set, RunOptions& options) {
   require(!settings.contains("config"),
           place + ": config: a settings file cannot name another one; leave out this key");
+  require(!settings.contains("resume"), place + ": resume: a settings file cannot name a run to resume; use --resume");
   set.overlay(settings, place, reserved_keys());
   if (settings.contains("backbone")) {
     Json constants = settings["backbone"];
@@ -322,6 +324,16 @@ void check_boost_options(const OptionSet& set, const RunOptions& options) {
   const std::string name = options.boost ? "" : set.given_of(kBoostGroup);
   if (!name.empty()) {
     throw UsageError("--" + name + " has no effect without acceleration; leave it out, or train with --boost");
+  }
+  // Of the command line only: a settings file may hold the values of all settings.
+  const std::tuple<const char*, bool, const char*> pairs[] = {
+      {"beta", options.no_cb, "--no-cb"},
+      {"tau-d", options.no_vcd, "--no-vcd"},
+      {"views", options.no_vcd && options.no_vcp, "--no-vcd and --no-vcp"}};
+  for (const auto& [option, off, switches] : pairs) {
+    if (set.given(option) && off) {
+      throw UsageError("--" + std::string(option) + " has no effect with " + switches + "; leave it out");
+    }
   }
 }
 

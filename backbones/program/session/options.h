@@ -216,7 +216,8 @@ nlohmann::json boost_settings(const RunOptions& options);
 /// no number of iterations is given, sets the published one of the backbone.
 void check_options(RunOptions& options);
 
-/// Throws UsageError if the command line gives a setting of the acceleration to a run without it.
+/// Throws UsageError if the command line gives a setting of the acceleration to a run without it, or of a part of it
+/// that is switched off.
 void check_boost_options(const OptionSet& set, const RunOptions& options);
 
 /// Throws UsageError unless a source is given.

@@ -44,6 +44,10 @@ SavedModel find_saved_model(OptionSet& set, RunOptions& options) {
   const nlohmann::json config = read_config(options.model);
   apply_settings(config, (options.model / "config.json").string(), set, options);
   check_options(options);
+  std::error_code ignored;
+  require(set.given("source") || std::filesystem::exists(options.scene.source, ignored),
+          options.scene.source.string() + ": does not exist; the run in " + options.model.string() +
+              " was trained on it: name its new place with --source");
   SavedModel model{saved_model(options.model, options.iteration), trained_beta(options.model, config)};
   if (options.beta) model.beta = static_cast<float>(*options.beta);
   return model;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -36,6 +37,7 @@ struct Scene {
   /// The training photos at Backbone::photo_scale(), in the same order; empty if that is 1.
   std::vector<View> train_rescaled;
   PointCloud points;
+  std::filesystem::path points_file;  ///< that `points` were read from; empty if there is none
   bool points_made = false;  ///< the dataset had none: they were triangulated from the training photos, or are random
   /// For a run that starts from more points, in addition to `points`: triangulated from the training photos.
   PointCloud more_points;

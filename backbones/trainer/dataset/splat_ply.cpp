@@ -437,6 +437,18 @@ SplatCloud read_splat_ply(const std::filesystem::path& path) {
   return cloud;
 }
 
+namespace {
+
+/// What a value of colour is multiplied by, so that the largest becomes 255: whole numbers are parts of the largest of
+/// their type, floating-point ones are 0..1, or 0..255 if any is above 1.
+double colour_scale(PlyType type, std::span<const double> colours) {
+  if (type == PlyType::uint16) return 1.0 / 257;
+  if (type != PlyType::float32 && type != PlyType::float64) return 1;
+  return std::ranges::any_of(colours, [](double value) { return value > 1; }) ? 1 : 255;
+}
+
+}  // namespace
+
 PointCloud read_point_ply(const std::filesystem::path& path) {
   PlyVertices ply(path);
   const Columns positions(ply, {"x", "y", "z"});
@@ -444,23 +456,21 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
   const bool has_color = std::ranges::all_of(color, [](int column) { return column >= 0; });
   PointCloud cloud;
   cloud.positions.reserve(3 * ply.rows());
-  cloud.colors.reserve(3 * ply.rows());
+  std::vector<double> colours;
   ply.read_rows([&](std::size_t row, std::span<const double> values) {
     positions.append(row, values, cloud.positions);
-    for (const int column : color) {
-      if (!has_color) {
-        cloud.colors.push_back(128);
-        continue;
-      }
-      const auto index = static_cast<std::size_t>(column);
-      // Bytes are 0..255; floating-point colours are 0..1 by convention.
-      const PlyType type = ply.properties()[index].type;
-      const bool unit = type == PlyType::float32 || type == PlyType::float64;
-      const double value = unit ? values[index] * 255 : values[index];
-      cloud.colors.push_back(value >= 0 ? static_cast<std::uint8_t>(std::lround(std::min(value, 255.0)))
-                                        : std::uint8_t{0});
-    }
+    for (int c = 0; has_color && c < 3; ++c) colours.push_back(values[static_cast<std::size_t>(color[c])]);
   });
+  if (!has_color) {
+    cloud.colors.assign(cloud.positions.size(), 128);
+    return cloud;
+  }
+  const double scale = colour_scale(ply.properties()[static_cast<std::size_t>(color[0])].type, colours);
+  cloud.colors.reserve(colours.size());
+  for (const double value : colours) {
+    cloud.colors.push_back(value >= 0 ? static_cast<std::uint8_t>(std::lround(std::min(value * scale, 255.0)))
+                                      : std::uint8_t{0});
+  }
   return cloud;
 }
 

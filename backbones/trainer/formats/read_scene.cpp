@@ -593,9 +593,11 @@ Scene read_scene(const SceneOptions& options) {
   scene.extent = camera_extent(scene.train);
   if (!options.points) return scene;
   scene.points = std::move(dataset.points);
+  scene.points_file = dataset.points_file;
   if (auto few = few_view_points(options, dataset)) {
     check_points(*few, dataset.packed ? dataset.listing : few_view_file(options.source, options.n_views));
     scene.points = std::move(*few);
+    if (!dataset.packed) scene.points_file = few_view_file(options.source, options.n_views);
     scene.notes.push_back("training starts from the points of " +
                           few_view_file(options.source, options.n_views).string());
   }

@@ -92,6 +92,7 @@ void read_lens(const Place& place, Lens& lens) {
                "RADIAL, OPENCV); undistort the photos first");
   }
   const auto fisheye = place.json.find("is_fisheye");
+  if (fisheye != place.json.end() && !fisheye->is_boolean()) place.fail("is_fisheye must be true or false");
   if (fisheye != place.json.end() && *fisheye == true)
     place.fail("fisheye cameras are not supported; undistort the photos first");
 }

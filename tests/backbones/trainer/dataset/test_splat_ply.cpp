@@ -237,5 +237,24 @@ TEST(PointPly, ReadsPositionsAndColours) {
   EXPECT_EQ(points.colors, (std::vector<std::uint8_t>{128, 128, 128}));
 }
 
+TEST(PointPly, ColoursMayBeOfOtherTypes) {
+  const TemporaryFolder folder;
+  const auto colours = [&](const std::string& type, const std::string& values) {
+    std::string header = "ply\nformat ascii 1.0\nelement vertex 1\n";
+    for (const char* name : {"x", "y", "z"}) header += std::string("property float ") + name + "\n";
+    for (const char* name : {"red", "green", "blue"}) header += "property " + type + " " + name + "\n";
+    write_file(folder / "p.ply", header + "end_header\n1 2 3 " + values + "\n");
+    return read_point_ply(folder / "p.ply").colors;
+  };
+  const std::vector<std::uint8_t> expected{50, 100, 150};
+  EXPECT_EQ(colours("uchar", "50 100 150"), expected);
+  EXPECT_EQ(colours("int", "50 100 150"), expected);
+  EXPECT_EQ(colours("ushort", "12850 25700 38550"), expected);
+  EXPECT_EQ(colours("float", "0.196 0.392 0.588"), expected);
+  EXPECT_EQ(colours("double", "50 100 150"), expected);
+  EXPECT_EQ(colours("float", "1 0 1"), (std::vector<std::uint8_t>{255, 0, 255}));
+  EXPECT_EQ(colours("float", "-1 nan 300"), (std::vector<std::uint8_t>{0, 0, 255}));
+}
+
 }  // namespace
 }  // namespace splatboost::test

@@ -508,6 +508,8 @@ TEST(Transforms, BrokenInputIsNamed) {
   expect_contains(broken([](Json& j) { j["camera_angle_x"] = -1; }), "field of view");
   expect_contains(broken([](Json& j) { j["cx"] = nullptr; }), "'cx' is not a number");  // NaN is written as null
   expect_contains(broken([](Json& j) { j["camera_model"] = "OPENCV_FISHEYE"; }), "OPENCV_FISHEYE is not supported");
+  expect_contains(broken([](Json& j) { j["is_fisheye"] = true; }), "fisheye cameras are not supported");
+  expect_contains(broken([](Json& j) { j["is_fisheye"] = "true"; }), "is_fisheye must be true or false");
   expect_contains(broken([](Json& j) { j["w"] = 0; }), "'w'");
   expect_contains(broken([](Json& j) { j["frames"][1].erase("file_path"); }), "frame 1: has no 'file_path'");
   expect_contains(broken([](Json& j) { j["frames"][1].erase("transform_matrix"); }),
