@@ -102,7 +102,8 @@ def render(
     if shift is not None:
         mean2 = mean2 + shift
     middle_x, middle_y = (0.5 * camera.width - camera.cx) / camera.fx, (0.5 * camera.height - camera.cy) / camera.fy
-    rx, ry = (x / z).clamp(middle_x - limit_x, middle_x + limit_x), (y / z).clamp(middle_y - limit_y, middle_y + limit_y)
+    rx = (x / z).clamp(min(middle_x - limit_x, 0), max(middle_x + limit_x, 0))
+    ry = (y / z).clamp(min(middle_y - limit_y, 0), max(middle_y + limit_y, 0))
     zero = torch.zeros_like(z)
     jacobian = torch.stack(
         [camera.fx / z, zero, -camera.fx * rx / z, zero, camera.fy / z, -camera.fy * ry / z], dim=1

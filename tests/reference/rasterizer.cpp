@@ -217,7 +217,8 @@ Splat<Scalar> project(const Scene<Scalar>& scene, std::size_t i, const Camera& c
   std::array<Scalar, 2> held;
   for (std::size_t axis = 0; axis < 2; ++axis) {
     const double slope = value_of(t[axis]) / value_of(t[2]);
-    const double low = centre_slope[axis] - limits[axis], high = centre_slope[axis] + limits[axis];
+    const double low = std::min(centre_slope[axis] - limits[axis], 0.0),
+                 high = std::max(centre_slope[axis] + limits[axis], 0.0);
     held[axis] = slope > high ? high * t[2] : slope < low ? low * t[2] : t[axis];
     if (near(slope, low, 1e-5) || near(slope, high, 1e-5)) splat.uncertain = true;
   }

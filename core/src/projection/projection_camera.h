@@ -2,6 +2,8 @@
 /// @file A camera in the form that projection reads.
 #pragma once
 
+#include <algorithm>
+
 #include "splatboost/camera.h"
 #include "splatboost/constants.h"
 
@@ -12,8 +14,8 @@ struct ProjectionCamera {
   float translation[3];                   ///< origin of the world in the camera frame
   float centre[3];                        ///< of projection, in world coordinates
   float fx, fy, cx, cy;
-  float low_x, high_x, low_y,
-      high_y;  ///< range to which x/z and y/z are clamped in the Jacobian: a margin beyond the image
+  /// Range to which x/z and y/z are clamped in the Jacobian: the image with a margin, and the optical axis.
+  float low_x, high_x, low_y, high_y;
 };
 
 inline ProjectionCamera make_projection_camera(const Camera& camera) {
@@ -36,10 +38,11 @@ inline ProjectionCamera make_projection_camera(const Camera& camera) {
               limit_y = kFieldOfViewMargin * 0.5f * height / camera.fy;
   // x/z at the image's centre, which is 0 if the principal point is there.
   const float middle_x = (0.5f * width - camera.cx) / camera.fx, middle_y = (0.5f * height - camera.cy) / camera.fy;
-  p.low_x = middle_x - limit_x;
-  p.high_x = middle_x + limit_x;
-  p.low_y = middle_y - limit_y;
-  p.high_y = middle_y + limit_y;
+  // The optical axis, which may be far outside of the image, is always in the range: clamping only reduces |x/z|.
+  p.low_x = std::min(middle_x - limit_x, 0.0f);
+  p.high_x = std::max(middle_x + limit_x, 0.0f);
+  p.low_y = std::min(middle_y - limit_y, 0.0f);
+  p.high_y = std::max(middle_y + limit_y, 0.0f);
   return p;
 }
 
