@@ -9,15 +9,13 @@
 #include "families/anchors/anchor_cells.h"
 #include "octree_gs/octree_levels.h"
 #include "octree_gs/usable_anchors.h"
-#include "splatboost/neighbors.h"
 #include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
 namespace {
 
-constexpr float kMinSquaredDistance = 1e-7f;  // between neighbours at initialisation; keeps log scales finite
-constexpr float kFinestSide = 0.02f;          // of a cell, to derive base_layer from the box
+constexpr float kFinestSide = 0.02f;  // of a cell, to derive base_layer from the box
 constexpr std::size_t kGrain = 1024;
 
 DecoderShape shape_of(const OctreeConfig& config) {
@@ -138,10 +136,7 @@ void Octree::initialise() {
   require(!kept.empty(),
           "no anchor is used by a larger share of the cameras than visible_threshold; lower visible_threshold");
   extra_level_.assign(level_.size(), 0.0f);
-  std::vector<float> squared(level_.size());
-  mean_squared_neighbor_distances(kept, 3, squared, context().threads);
-  for (float& value : squared) value = 0.5f * std::log(std::max(value, kMinSquaredDistance));
-  set_anchors(kept, squared);
+  set_anchors(kept);
 }
 
 int Octree::highest_level() const {

@@ -15,7 +15,6 @@ namespace splatboost {
 namespace {
 
 constexpr int kPublishedLength = 30000;
-constexpr float kMinSquaredDistance = 1e-7f;  // between neighbours at initialisation; keeps log scales finite
 
 DecoderShape shape_of(const ScaffoldConfig& config) {
   DecoderShape shape;
@@ -54,20 +53,15 @@ void Scaffold::initialise() {
   const std::vector<float>& points = context().scene.points.positions;
   require(!points.empty(), "the scene has no points to place anchors at; add a point cloud to the dataset");
   voxel_size_ = static_cast<float>(config_.voxel_size);
-  std::vector<float> squared;
   if (voxel_size_ == 0) {
-    squared.resize(points.size() / 3);
+    std::vector<float> squared(points.size() / 3);
     mean_squared_neighbor_distances(points, 3, squared, context().threads);
     const auto middle = squared.begin() + static_cast<std::ptrdiff_t>((squared.size() - 1) / 2);
     std::nth_element(squared.begin(), middle, squared.end());
     voxel_size_ = *middle;
     require(voxel_size_ > 0, "most points of the scene are duplicates; set voxel_size in the backbone config");
   }
-  const std::vector<float> positions = occupied_centres({voxel_size_, {}}, starting_points(context().scene).positions);
-  squared.resize(positions.size() / 3);
-  mean_squared_neighbor_distances(positions, 3, squared, context().threads);
-  for (float& value : squared) value = 0.5f * std::log(std::max(value, kMinSquaredDistance));
-  set_anchors(positions, squared);
+  set_anchors(occupied_centres({voxel_size_, {}}, starting_points(context().scene).positions));
 }
 
 void Scaffold::choose_growing(std::span<const float> gradients, std::span<const std::uint8_t> judged,

@@ -7,6 +7,7 @@
 
 #include "families/nets/smooth_functions.h"
 #include "splatboost/activations.h"
+#include "splatboost/neighbors.h"
 #include "splatboost/random.h"
 #include "splatboost/rows.h"
 #include "splatboost/schedule.h"
@@ -22,6 +23,7 @@ namespace {
 constexpr std::size_t kGrain = 4096;
 constexpr float kLogitTenth = -2.1972246f;  // opacity of an anchor in files; not read by anything
 constexpr const char* kNetsFile = "nets.bin";
+constexpr float kMinSquaredDistance = 1e-7f;  // between neighbours at initialisation; keeps log scales finite
 
 }  // namespace
 
@@ -72,9 +74,11 @@ int AnchorBackbone::at(int published) const {
   return scaled_iteration(published, context_.iterations, published_iterations_);
 }
 
-void AnchorBackbone::set_anchors(std::span<const float> positions, std::span<const float> log_sizes) {
+void AnchorBackbone::set_anchors(std::span<const float> positions) {
   const std::size_t given = positions.size() / 3;
   require(given > 0, "the scene has no points to place anchors at; add a point cloud to the dataset");
+  std::vector<float> squared(given);
+  mean_squared_neighbor_distances(positions, 3, squared, context_.threads);
   const std::size_t n = context_.max_primitives > 0 ? std::min(given, context_.max_primitives) : given;
   std::vector<float> scaling;
   std::vector<std::uint8_t> dropped(given, 1);
@@ -83,7 +87,7 @@ void AnchorBackbone::set_anchors(std::span<const float> positions, std::span<con
     const std::size_t from = i * given / n;
     dropped[from] = 0;
     positions_.insert(positions_.end(), &positions[3 * from], &positions[3 * from] + 3);
-    scaling.insert(scaling.end(), 6, log_sizes[from]);
+    scaling.insert(scaling.end(), 6, 0.5f * std::log(std::max(squared[from], kMinSquaredDistance)));
   }
   for (const SideRow& row : side_rows_) remove_rows(*row.values, 1, dropped);
   offsets_.assign(std::vector<float>(n * offsets_.width, 0.0f));

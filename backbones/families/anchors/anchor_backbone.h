@@ -69,9 +69,10 @@ class AnchorBackbone : public Backbone {
   AnchorBackbone(const BackboneContext& context, const AnchorConfig& config, const DecoderShape& shape,
                  int published_iterations);
 
-  /// To be called once by derived constructors. Anchor i gets size exp(log_sizes[i]); a cap keeps an even subset.
-  /// @param positions [N,3] @param log_sizes [N]
-  void set_anchors(std::span<const float> positions, std::span<const float> log_sizes);
+  /// To be called once by derived constructors. The size of an anchor is the root of the mean squared distance to its
+  /// three nearest neighbours; a cap keeps an even subset.
+  /// @param positions [N,3]
+  void set_anchors(std::span<const float> positions);
   /// Registers per-anchor values of a derived class, which are then kept in step with the anchors. To be called before
   /// set_anchors().
   void add_side_row(SideRow row) { side_rows_.push_back(std::move(row)); }
