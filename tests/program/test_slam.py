@@ -174,6 +174,15 @@ def test_inputs_among_the_results_that_a_run_replaces_are_refused(walk, mapped, 
     assert contents(model) == before
 
 
+def test_a_video_of_the_sequence_is_not_replaced(walk, mapped):
+    film = walk / "film.mp4"
+    film.write_bytes(b"the camera's own")
+    done = run_program("render", "-m", mapped, "--video", film, "--orbit", 2)
+    assert done.returncode == 2 and "in the folder of the scene" in done.stderr
+    assert film.read_bytes() == b"the camera's own"
+    film.unlink()
+
+
 def test_keyframes_are_a_scene(mapped, tmp_path):
     run_well("train", "-s", mapped / "keyframes", "-m", tmp_path / "model", "--iterations", 5, "--quiet")
     run_well("render", "-m", mapped, "-o", tmp_path / "pictures")

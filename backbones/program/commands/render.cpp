@@ -15,6 +15,7 @@
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/json_values.h"
 #include "trainer/support/text.h"
 
 namespace splatboost::program {
@@ -93,10 +94,14 @@ struct Render {
     if (!video.empty()) {  // a scene may consist of videos
       require_replaceable(video, {options.scene.source});
       require_no_scene_file(video, options.scene.source, options.model);
-      const nlohmann::json slam = read_config(options.model).value("slam", nlohmann::json::object());
-      const fs::path sequence_source = slam.value("source", std::string());
-      require_replaceable(video, {sequence_source});
-      require_no_scene_file(video, sequence_source, options.model);
+      const nlohmann::json config = read_config(options.model);
+      if (config.contains("slam") && config["slam"].contains("source")) {
+        std::string sequence_source;
+        read_value(config["slam"]["source"], (options.model / "config.json").string() + ": slam: source",
+                   sequence_source);
+        require_replaceable(video, {sequence_source});
+        require_no_scene_file(video, sequence_source, options.model);
+      }
     }
     // Before the scene is read, except if the model may have to be refused first, whatever the output is.
     const bool of_time = time || !view.empty() || sequence > 0;
