@@ -48,9 +48,9 @@ struct VanillaBoost {
   /// Iterations between growths (VCD), as in 3DGS; paper: 500. Not scaled, because the gradient statistics need this
   /// many views, but reduced, to no less than kMinGrowthInterval, in runs that would grow fewer than kMinGrowths times.
   int densify_interval = 100;
-  /// Opacities are reset only if at least this many iterations of growth follow, as in the published run. Not scaled,
-  /// because opacities recover at a rate that does not depend on the run's length.
-  int growth_after_reset = 3000;
+  /// Opacities are reset only if at least this many iterations of growth follow: never, if the run is not longer than
+  /// four published ones. Not scaled, because opacities recover at a rate that does not depend on the run's length.
+  int growth_after_reset = 30000;
   /// The initial points were drawn at random (clearance.h), so that free space around the cameras is not known. Then
   /// growth_after_reset is at most kGrowthAfterResetRandom: resets remove what the random points leave there. Given by
   /// the run if min_clearance is not 0.

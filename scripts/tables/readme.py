@@ -12,6 +12,8 @@ from tables.changes import change, differences, grouped, mean_change, pairs_of
 MEANS = [
     ("3DGS, captures that took no part in any choice", "suite.md#scene-by-scene", "new_scenes", lambda row: row["role"] == "not seen"),
     ("3DGS", "suite.md#scene-by-scene", "default_full", lambda row: row["scene"] != "stitch"),
+    ("3DGS", "suite.md#30-000-iterations", "long_runs", lambda row: row["results"]["iterations"] == 30000 and
+     row["results"]["width"] < 300),
     ("Mip-Splatting", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "Mip-Splatting"),
     ("DropGaussian, 3 to 9 views of five scenes", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "DropGaussian"),
     ("Scaffold-GS", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "Scaffold-GS"),

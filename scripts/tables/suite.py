@@ -108,19 +108,19 @@ def given_size():
 
 def long_runs():
     """Long runs and larger photos: those on a CPU, with processor times where known, and those on a GPU."""
-    rows = [["scene", "iterations", "rules", "Gaussians", "time", "PSNR", "SSIM", "LPIPS"]]
+    rows = [["scene", "iterations", "rules", "seed", "Gaussians", "time", "PSNR", "SSIM", "LPIPS"]]
 
-    def add(scene, rules, r, seconds):
-        rows.append([f"{scene}, {r['width']}×{r['height']}", f"{r['iterations']:,}", rules, f"{r['primitives']:,}",
+    def add(scene, rules, seed, r, seconds):
+        rows.append([f"{scene}, {r['width']}×{r['height']}", f"{r['iterations']:,}", rules, str(seed), f"{r['primitives']:,}",
                      "–" if math.isnan(seconds) else minutes(seconds),
                      f"{r['psnr']:.2f} dB", f"{r['ssim']:.4f}", f"{r['lpips']:.4f}"])
 
     for row in load("long_runs"):
-        add(row["scene"], f"{row['rules']}, CPU", row["results"], row["results"].get("cpu_seconds", math.nan))
+        add(row["scene"], f"{row['rules']}, CPU", row["seed"], row["results"], row["results"].get("cpu_seconds", math.nan))
     for scene, runs in load("gpu_compare")["scenes"].items():
         for rules, key in (("published", "baseline"), ("default", "boosted")):
-            add(scene, f"{rules}, GPU", runs[key], runs[key]["train_seconds"])
-    return markdown(rows) + "\n\n" + how(load("long_runs")[-1]["results"])
+            add(scene, f"{rules}, GPU", 0, runs[key], runs[key]["train_seconds"])
+    return markdown(rows) + "\n\n" + how(load("long_runs")[0]["results"])
 
 
 TABLES = {"default_full": lambda: scenes("default_full", "train_cpu_seconds", "time"),

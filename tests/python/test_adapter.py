@@ -168,8 +168,10 @@ def test_backbones_and_settings():
     vanilla = Adapter("vanilla", total_iterations=30000)
     assert vanilla.beta == 0.5 and Adapter("vanilla", total_iterations=100, cb=False).beta is None
     assert vanilla.grows_at(1000, False) and not vanilla.grows_at(1050, True)
-    assert vanilla.resets_opacities_at(3000, True) and not vanilla.resets_opacities_at(3000, False)
-    assert not vanilla.resets_opacities_at(9000, True)
+    assert not vanilla.resets_opacities_at(3000, True)
+    resetting = Adapter("vanilla", total_iterations=30000, growth_after_reset=3000)
+    assert resetting.resets_opacities_at(3000, True) and not resetting.resets_opacities_at(3000, False)
+    assert not resetting.resets_opacities_at(9000, True)
     assert [g for g in ("xyz", "f_rest") if vanilla.steps_at(g, 17)] == ["xyz"]
     drop = Adapter("dropgaussian", total_iterations=10000)
     assert drop.settings["schedule"] is False and drop.steps_at("f_rest", 17)

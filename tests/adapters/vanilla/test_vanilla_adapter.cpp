@@ -175,6 +175,8 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
     EXPECT_FALSE(adapter.resets_opacities_at({3001, 30000}, false)) << "when is the backbone's to say";
     return at;
   };
+  EXPECT_EQ(resets(), (std::vector<int>{})) << "free space around the cameras replaces them";
+  boost.growth_after_reset = 3000;
   EXPECT_EQ(resets(), (std::vector<int>{3000})) << "growth ends at 7500";
   boost.densify_until = 10000;
   EXPECT_EQ(resets(), (std::vector<int>{3000, 6000}));
@@ -183,7 +185,7 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_while_primitives_grow) {
 }
 
 TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
-  // 3DGS would reset at every tenth of the run. Growth, which ends at a quarter of it, must last 3000 iterations more.
+  // 3DGS would reset at every tenth of the run. Growth, which ends at a quarter of it, must last long enough after it.
   const auto resets = [&](const VanillaBoost& boost, int total) {
     const VanillaAdapter adapter(boost, threads_);
     std::vector<int> at;
@@ -193,6 +195,8 @@ TEST_F(VanillaAdapterTest, opacities_are_reset_only_where_they_can_recover) {
     return at;
   };
   VanillaBoost boost = boost_at_paper_size();
+  EXPECT_EQ(resets(boost, 30000), (std::vector<int>{}));
+  boost.growth_after_reset = 3000;
   EXPECT_EQ(resets(boost, 20000), (std::vector<int>{2000}));
   EXPECT_EQ(resets(boost, 19000), (std::vector<int>{})) << "1900 + 3000 is above 4750";
   // Random points leave Gaussians around the cameras, which resets remove; 200 iterations are enough to recover.
