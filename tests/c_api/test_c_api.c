@@ -452,6 +452,7 @@ static void decides_as_the_adapter(void) {
     CHECK(strcmp(name, "tau_d") != 0 || kind == SB_SETTING_REAL);
   }
   CHECK(i > 10);
+  CHECK(sb_boost_set(boost, "growth_after_reset", 3000) == SB_OK);
   CHECK(sb_adapter_create(boost, 0, TEST_DEVICE, &adapter) == SB_OK);
   CHECK(sb_adapter_beta(adapter, &beta) == SB_OK && beta == 0.5f);
   CHECK(sb_adapter_grows_at(adapter, 1000, 30000, 0, &answer) == SB_OK && answer == 1);
