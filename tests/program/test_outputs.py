@@ -76,7 +76,7 @@ def test_a_mesh_does_not_replace_the_model_or_the_points_of_the_scene(scene, tra
     shutil.copytree(scene, copy)
     write_points(copy / "sparse/0/points3D.ply")
     line = refused("mesh", "-m", trained, "-s", copy, "-o", copy / "sparse/0/points3D.ply")
-    assert "is an input of this command" in line
+    assert "exists in the folder of the scene" in line
 
 
 def test_figures_do_not_replace_inputs(scene, tmp_path):
