@@ -28,6 +28,20 @@ def fake(folder, name, text, status=0):
     program.chmod(0o755)
 
 
+def checkout(tmp_path, program=None):
+    """@return a tree with the script, and with this text as its program; and an environment that has a GPU and nvcc"""
+    machine, tree = tmp_path / "machine", tmp_path / "tree"
+    for folder in (machine, tree / "scripts", tree / "build/gpu/bin"):
+        folder.mkdir(parents=True)
+    fake(machine, "nvidia-smi", "NVIDIA T4, 15360, 535.1, 7.5")
+    fake(machine, "nvcc", "Cuda compilation tools, release 12.4, V12.4.99")
+    shutil.copy(SCRIPT, tree / "scripts/gpu-check")
+    if program is not None:
+        (tree / "build/gpu/bin/splatboost").write_text(program)
+        (tree / "build/gpu/bin/splatboost").chmod(0o755)
+    return tree, {**os.environ, "PATH": f"{machine}:/usr/bin:/bin"}
+
+
 def test_no_gpu(tmp_path):
     fake(tmp_path, "nvidia-smi", "NVIDIA-SMI has failed", 9)
     assert "no GPU here" in fails("build", path=f"{tmp_path}:/usr/bin:/bin")
@@ -50,23 +64,14 @@ def test_compare_needs_a_scene():
 
 def test_a_failure_does_not_keep_the_next_step_from_running(tmp_path):
     """In a separate tree with fake programs: bench fails, compare writes the expected files."""
-    machine, tree = tmp_path / "machine", tmp_path / "tree"
-    for folder in (machine, tree / "scripts", tree / "build/gpu/bin"):
-        folder.mkdir(parents=True)
-    fake(machine, "nvidia-smi", "NVIDIA T4, 15360, 535.1, 7.5")
-    fake(machine, "nvcc", "Cuda compilation tools, release 12.4, V12.4.99")
-    shutil.copy(SCRIPT, tree / "scripts/gpu-check")
-    program = tree / "build/gpu/bin/splatboost"
-    program.write_text("""#!/bin/sh
+    tree, environment = checkout(tmp_path, """#!/bin/sh
 echo "asked for $*"
 [ "$1" = compare ] || exit 3
 mkdir -p "$5" && echo '{"boosted": {"psnr": 30}}' > "$5/compare.json"
 """)
-    program.chmod(0o755)
     (tmp_path / "fox.sbscene").write_text("scene")
     done = subprocess.run([tree / "scripts/gpu-check", "bench", "compare", "--scene", tmp_path / "fox.sbscene", "--output",
-                           tmp_path / "out"], capture_output=True, text=True, check=False,
-                          env={**os.environ, "PATH": f"{machine}:/usr/bin:/bin"})
+                           tmp_path / "out"], capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 1
     first, second = done.stdout.splitlines()[-2:]
     assert first.startswith("gpu-check: bench FAILED (bench)") and second.startswith("gpu-check: compare passed")
@@ -82,26 +87,17 @@ mkdir -p "$5" && echo '{"boosted": {"psnr": 30}}' > "$5/compare.json"
 
 
 def test_backbones_are_measured_on_scenes_that_the_program_makes(tmp_path):
-    machine, tree = tmp_path / "machine", tmp_path / "tree"
-    for folder in (machine, tree / "scripts", tree / "build/gpu/bin"):
-        folder.mkdir(parents=True)
-    fake(machine, "nvidia-smi", "NVIDIA T4, 15360, 535.1, 7.5")
-    fake(machine, "nvcc", "Cuda compilation tools, release 12.4, V12.4.99")
-    shutil.copy(SCRIPT, tree / "scripts/gpu-check")
-    program = tree / "build/gpu/bin/splatboost"
-    program.write_text("""#!/bin/sh
+    tree, environment = checkout(tmp_path, """#!/bin/sh
 if [ "$1" = synth ]; then mkdir "$2"; exit; fi
 echo "asked for $*"
 [ "$3" != pgsr ] || [ "$5" != room ] || exit 1
 mkdir -p "$7" && echo '{"psnr": 30, "views": [1, 2]}' > "$7/results.json"
 """)
-    program.chmod(0o755)
     (tmp_path / "fox.sbscene").write_text("scene")
 
     def measure(folder, seconds, *options):
         done = subprocess.run([tree / "scripts/gpu-check", "backbones", "--output", folder, *options], capture_output=True,
-                              text=True, check=False,
-                              env={**os.environ, "PATH": f"{machine}:/usr/bin:/bin", "STEP_SECONDS": seconds})
+                              text=True, check=False, env={**environment, "STEP_SECONDS": seconds})
         return done.returncode, json.loads((folder / "gpu_backbones.json").read_text())
 
     status, found = measure(tmp_path / "out", "300", "--scene", tmp_path / "fox.sbscene")

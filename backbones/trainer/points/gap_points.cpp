@@ -35,15 +35,13 @@ class Picture {
         rows_(static_cast<std::size_t>(view.height / spacing) + 1),
         cells_(columns_ * rows_) {}
 
-  /// @param count of points, `position(i)` world
-  template <class Position>
-  void add(std::size_t count, Position&& position, const Threads& threads) {
+  void add(std::span<const glm::dvec3> positions, const Threads& threads) {
     // Projected in parallel, block by block.
-    std::vector<std::optional<Seen>> block(std::min(count, kBlock));
-    for (std::size_t begin = 0; begin < count; begin += kBlock) {
-      const std::size_t size = std::min(kBlock, count - begin);
+    std::vector<std::optional<Seen>> block(std::min(positions.size(), kBlock));
+    for (std::size_t begin = 0; begin < positions.size(); begin += kBlock) {
+      const std::size_t size = std::min(kBlock, positions.size() - begin);
       threads.for_range(size, 1024, [&](std::size_t first, std::size_t last) {
-        for (std::size_t i = first; i < last; ++i) block[i] = seen(position(begin + i));
+        for (std::size_t i = first; i < last; ++i) block[i] = seen(positions[begin + i]);
       });
       for (std::size_t i = 0; i < size; ++i) {
         if (block[i]) cells_[row_of(block[i]->pixel) * columns_ + column_of(block[i]->pixel)].push_back(*block[i]);
@@ -220,16 +218,16 @@ std::vector<GapPoint> fill_gaps(const std::vector<ViewFeatures>& views, std::spa
     around[a].push_back(b);
     around[b].push_back(a);
   }
+  std::vector<glm::dvec3> positions(known.begin(), known.end());
   std::vector<GapPoint> points;
   for (std::size_t v = 0; v < views.size(); ++v) {
     const double pixels = std::max(kNarrowestSpacing, spacing * views[v].diagonal());
     Picture picture(views[v], pixels);
-    picture.add(
-        known.size(), [&](std::size_t i) { return known[i]; }, threads);
-    picture.add(
-        points.size(), [&](std::size_t i) { return points[i].position; }, threads);
-    const std::vector<GapPoint> gaps = gaps_of(views, v, around[v], picture, pixels, threads);
-    points.insert(points.end(), gaps.begin(), gaps.end());
+    picture.add(positions, threads);
+    for (const GapPoint& gap : gaps_of(views, v, around[v], picture, pixels, threads)) {
+      positions.push_back(gap.position);
+      points.push_back(gap);
+    }
   }
   return points;
 }
