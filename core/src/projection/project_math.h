@@ -100,10 +100,11 @@ SPLATBOOST_HOST_DEVICE Projection<T> project_gaussian(const ProjectionCamera& ca
     const T bare_det = bare.xx * bare.yy - bare.xy * bare.xy;
     p.compensation = sqrt_of(max_of(bare_det * inverse_det, T(kMinCompensation2)));
   }
-  // Zero, negative and overflowing determinants, overflowing conics, and values that are not finite, fail one of these
-  // comparisons.
-  p.valid = (p.view.z > T(near_plane)) & (det > T(0.0f)) & (det < T(3e38f)) & (p.conic.xx < T(3e38f)) &
-            (p.conic.yy < T(3e38f)) & (abs_of(p.mean.x) < T(1e9f)) & (abs_of(p.mean.y) < T(1e9f));
+  // Covariances that are not positive definite, overflowing determinants and conics, and values that are not finite,
+  // fail one of these comparisons.
+  p.valid = (p.view.z > T(near_plane)) & (p.covariance.xx > T(0.0f)) & (det > T(0.0f)) & (det < T(3e38f)) &
+            (p.conic.xx < T(3e38f)) & (p.conic.yy < T(3e38f)) & (abs_of(p.mean.x) < T(1e9f)) &
+            (abs_of(p.mean.y) < T(1e9f));
   return p;
 }
 

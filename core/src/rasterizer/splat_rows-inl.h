@@ -94,7 +94,9 @@ HWY_INLINE RowStep step_row(const Columns& columns, float dy, float* HWY_RESTRIC
   step.dy = hn::Set(d, dy);
   const Vec exponent = hn::MulAdd(step.dy, hn::MulAdd(step.dy, columns.quadratic, columns.linear), columns.constant);
   const Mask reached = hn::Ge(exponent, hn::Set(d, kMinLog2Alpha));
-  step.alpha = hn::IfThenElseZero(reached, hn::Min(exp2_of(exponent), hn::Set(d, kMaxAlpha)));
+  // The rounded conic of a thin splat may be a saddle, whose exponents exceed the range of exp2_of(). 2⁰ > kMaxAlpha.
+  const Vec power = exp2_of(hn::Min(exponent, hn::Zero(d)));
+  step.alpha = hn::IfThenElseZero(reached, hn::Min(power, hn::Set(d, kMaxAlpha)));
   pass_row(step, transmittance);
   return step;
 }
