@@ -240,7 +240,8 @@ SPLATBOOST_HOST_DEVICE Extent height_of(const ConvexFootprint& f) {
   return extent;
 }
 
-/// Extent in x of the part of a footprint whose y lies in [top, bottom].
+/// Extent in x of the part of a footprint whose y lies in [top, bottom]. All callers must find the same tiles, so the
+/// product is not fused with the sum.
 SPLATBOOST_HOST_DEVICE Extent width_within(const ConvexFootprint& f, float top, float bottom) {
   Extent extent{1e30f, -1e30f};
   for (int c = 0; c < f.corners; ++c) {
@@ -253,7 +254,7 @@ SPLATBOOST_HOST_DEVICE Extent width_within(const ConvexFootprint& f, float top, 
     for (int side = 0; side < 2; ++side) {
       const float y = side == 0 ? top : bottom;
       if ((y0 < y) != (y1 < y)) {
-        const float x = x0 + (y - y0) / (y1 - y0) * (x1 - x0);
+        const float x = x0 + product_of((y - y0) / (y1 - y0), x1 - x0);
         extent.low = min_of(extent.low, x);
         extent.high = max_of(extent.high, x);
       }

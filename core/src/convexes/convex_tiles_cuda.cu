@@ -13,8 +13,7 @@ namespace {
 /// Sorts behind every tile.
 constexpr std::uint32_t kNothing = 0xffffffffu;
 
-/// Writes a convex's entries, exactly as many as projection counted. Rounding may differ from that in projection, and
-/// with it the number of tiles, but only by tiles that the footprint meets by less than its slack and does not need.
+/// Writes a convex's entries, exactly as many as projection counted, where the same function finds the tiles.
 __global__ void __launch_bounds__(kBlockThreads)
     emit_convexes_kernel(ConvexViewpoint view, DeviceView<const ConvexRecord> records,
                          DeviceView<const ConvexTiles> tiles_of, DeviceView<const std::uint32_t> offsets,

@@ -27,7 +27,7 @@ __global__ void __launch_bounds__(kBlockThreads)
                          DeviceView<float> sorted) {
   const std::size_t i = element_index();
   if (i >= order.size()) return;
-  for (std::size_t axis = 0; axis < 3; ++axis) sorted[3 * i + axis] = points[3 * order[i] + axis];
+  for (std::size_t axis = 0; axis < 3; ++axis) sorted[3 * i + axis] = points[std::size_t{3} * order[i] + axis];
 }
 
 /// Bounding boxes. @param boxes [boxes,6] lowest and highest corner

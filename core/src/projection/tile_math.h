@@ -82,21 +82,24 @@ SPLATBOOST_HOST_DEVICE TileRange<T> ellipse_tile_columns(const Ellipse<T>& e, in
 }
 
 /// Tiles of one tile row that the ellipse meets. Exact: the part of an ellipse within the row's band is convex, so its
-/// extent in x is one interval.
+/// extent in x is one interval. All callers must find the same tiles, so no product is fused with a sum.
 template <class T>
 SPLATBOOST_HOST_DEVICE TileRange<T> ellipse_tiles_in_row(const Ellipse<T>& e, T row, int tiles_x) {
   const T top = row * T(kTileSize) - e.mean.y;
   const T y0 = max_of(top + T(0.5f), -e.half_height);
   const T y1 = min_of(top + T(kTileSize - 0.5f), e.half_height);
   const T a = e.conic.xx, b = e.conic.xy, c = e.conic.yy;
-  const T det = a * c - b * b;
+  const T det = product_of(a, c) - product_of(b, b);
   const T inverse_a = T(1.0f) / a;
   // y at which the ellipse is rightmost (leftmost: the negative), clamped to the band.
   const T y_right = -b / c * e.half_width;
   const T at_right = min_of(max_of(y_right, y0), y1);
   const T at_left = min_of(max_of(-y_right, y0), y1);
-  const T right = (sqrt_of(max_of(a * e.t - det * at_right * at_right, T(0.0f))) - b * at_right) * inverse_a;
-  const T left = -(sqrt_of(max_of(a * e.t - det * at_left * at_left, T(0.0f))) + b * at_left) * inverse_a;
+  const T a_t = product_of(a, e.t);
+  const T chord_right = sqrt_of(max_of(a_t - product_of(product_of(det, at_right), at_right), T(0.0f)));
+  const T chord_left = sqrt_of(max_of(a_t - product_of(product_of(det, at_left), at_left), T(0.0f)));
+  const T right = product_of(chord_right - product_of(b, at_right), inverse_a);
+  const T left = -product_of(chord_left + product_of(b, at_left), inverse_a);
   return tiles_meeting(e.mean.x + left - T(tile_slack()), e.mean.x + right + T(tile_slack()), tiles_x);
 }
 

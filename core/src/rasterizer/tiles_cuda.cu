@@ -64,9 +64,8 @@ struct EmitInputs {
   int tiles_x;
 };
 
-/// Writes the entries of the Gaussian at place k, exactly as many as projection counted. Rounding may differ from that
-/// in projection, and with it the number of tiles, but only by tiles that the ellipse meets by less than its slack and
-/// does not need.
+/// Writes the entries of the Gaussian at place k, exactly as many as projection counted, where the same function finds
+/// the tiles.
 __device__ void emit(const EmitInputs& in, std::size_t k, const DeviceView<std::uint32_t>& keys,
                      const DeviceView<std::uint32_t>& entries) {
   const std::uint32_t gaussian = in.order[k];
