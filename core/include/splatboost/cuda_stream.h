@@ -57,8 +57,8 @@ class CudaStream {
   /// Pinned host memory, which asynchronous copies need. Throws DeviceError if it runs out.
   void* allocate_pinned(std::size_t bytes);
   void release_pinned(void* memory) noexcept;
-  /// `from` may change as soon as this returns. It need not be pinned: the driver may wait for earlier work, which is
-  /// not counted. Do not call it in the training loop.
+  /// `from` need not be pinned, and may then change as soon as this returns: the driver may wait for earlier work,
+  /// which is not counted. Do not call it in the training loop.
   void copy_to_device(void* to, const void* from, std::size_t bytes);
   /// Does not wait; `from` must be pinned.
   void copy_from_pinned(void* to, const void* from, std::size_t bytes);

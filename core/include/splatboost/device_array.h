@@ -70,7 +70,8 @@ class DeviceArray {
 
   void fill_zero() { stream_->fill_zero(data_, size_ * sizeof(T)); }
 
-  /// Becomes a copy of host memory, which may change as soon as this returns.
+  /// Becomes a copy of host memory, which may change as soon as this returns; pinned memory only when the stream's work
+  /// is done.
   void upload(std::span<const T> host) {
     ensure(host.size());
     stream_->copy_to_device(data_, host.data(), host.size_bytes());

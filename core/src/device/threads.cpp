@@ -73,10 +73,13 @@ thread_local bool in_a_loop = false;
 
 class InALoop {
  public:
-  InALoop() { in_a_loop = true; }
-  ~InALoop() { in_a_loop = false; }
+  InALoop() : before_(in_a_loop) { in_a_loop = true; }
+  ~InALoop() { in_a_loop = before_; }
   InALoop(const InALoop&) = delete;
   InALoop& operator=(const InALoop&) = delete;
+
+ private:
+  bool before_;
 };
 
 /// The helper threads of one calling thread. The caller never waits for a helper to start: helpers join a loop if they
@@ -179,6 +182,7 @@ void Threads::run(std::size_t n, std::size_t grain, const void* context, Piece p
   SPLATBOOST_CHECK(grain > 0, "grain must be above 0");
   const Loop loop{n, grain, n / grain + (n % grain != 0 ? 1 : 0), context, piece};
   if (loop.pieces <= 1 || count_ == 1 || in_a_loop) {
+    const InALoop mark;
     for (std::size_t i = 0; i < loop.pieces; ++i) loop.run_piece(i);
     return;
   }
