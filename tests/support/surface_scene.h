@@ -62,12 +62,15 @@ struct SurfaceScene {
       photos[v] = patch_photos[v] = photo_of(cameras[v]);
     }
   }
-  /// Masks different pixels of each photo.
+  /// Masks the left of the first photo, the top of the second, and a pixel in each.
   void mask_pixels() {
     for (std::size_t v = 0; v < 2; ++v) {
       valid[v].assign(pixels(), 1);
-      for (std::size_t p = v; p < pixels(); p += 5 + v) valid[v][p] = 0;
+      for (std::size_t p = 0; p < pixels(); ++p) {
+        if (v == 0 ? p % kWidth < 3 : p / kWidth < 2) valid[v][p] = 0;
+      }
     }
+    valid[0][14 * kWidth + 18] = valid[1][8 * kWidth + 17] = 0;
   }
   /// Compares patches in photos of this size.
   void take_patch_photos(int width, int height) {
@@ -227,6 +230,7 @@ inline double plain_surface_loss(const SurfaceScene& scene, const std::vector<do
       const std::size_t p = static_cast<std::size_t>(std::clamp(y, 0, height - 1) * width) +
                             static_cast<std::size_t>(std::clamp(x, 0, width - 1));
       const std::size_t count = color.size() / 3;
+      if (!scene.valid[v].empty() && scene.valid[v][p] == 0) return std::nan("");  // of photos of the size of the views
       return (0.299 * color[p] + 0.587 * color[count + p] + 0.114 * color[2 * count + p]) / 255;
     };
     const auto grey_at = [&](dvec2 at) {  // in the second photo

@@ -48,20 +48,22 @@ struct SurfaceLossParts {
   double total() const { return normal + geometric + photometric; }
 };
 
-/// Owns the workspace of the loss; a steady loop allocates nothing. On the CPU the order of summation is fixed.
+/// Owns the workspace of the loss; on a GPU a steady loop allocates nothing. On the CPU the order of summation is
+/// fixed.
 ///
 /// With plane depth d, depth normals n_d of the first view (scaled by alpha, which gets no gradient) and its blended
 /// normals n:
 ///   normal = weight · mean over pixels of w·‖n_d − n‖₁, w = (1 − g)², g the photo's largest central difference along x
-///   or y, from 0 to 1 within the photo (over pixels without a masked neighbour); w is 0 on the border and where
-///   masked.
+///   or y, from 0 to 1 within the photo (over pixels without a masked neighbour), 1 on the border; w is 0 where masked.
+///   Without edge_aware or a photo w is 1, also on the border, whose depth normals are 0, as in the release.
 /// A pixel p of the first view is projected by its depth into the second view and, by the depth there (bilinear), back
 /// to p', with noise ε = ‖p' − p‖. Where it stays in the image and in front of both cameras, is masked in neither
 /// photo, and ε < max_pixel_noise:
 ///   geometric = weight · mean of v·ε, v = exp(−ε), through which no gradient passes.
 /// For 7×7 patches of the first photo (PatchPhoto, if there are any) around the centres of those pixels, mapped to the
 /// second photo by the homography of the first view's blended plane at p (grey = 0.299 r + 0.587 g + 0.114 b):
-///   photometric = weight · mean of v·c over those with c = 1 − cov² / (var·var' + 1e-8) below 0.9.
+///   photometric = weight · mean of v·c over those without masked pixels and with c = 1 − cov² / (var·var' + 1e-8)
+///   below 0.9.
 class SurfaceLoss {
  public:
   explicit SurfaceLoss(Device device);

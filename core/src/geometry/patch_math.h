@@ -51,7 +51,8 @@ struct PatchMatch {
 
 /// @param column,row of the patch's centre in the first photo, integers
 /// @param normal,distance the blended plane
-/// @param grey_first (column, row) ↦ grey of the first photo, 0 to 1; called with integers within it
+/// @param grey_first (column, row) ↦ grey of the first photo, 0 to 1, or NaN where it has none; called with integers
+/// within it
 /// @param grey_second the same for the second
 template <class T, class FirstTexel, class SecondTexel>
 SPLATBOOST_HOST_DEVICE PatchMatch<T> match_patch(const PatchViews& views, T column, T row, const T (&normal)[3],

@@ -75,7 +75,7 @@ SPLATBOOST_HOST_DEVICE float place_in_photo(int place, float per) {
 /// Compares patches around pixels of a row of the first view.
 /// @param columns the pixels
 /// @param planes [4,H,W] of the first view
-/// @param greys_first, greys_second [H,W] of the photos
+/// @param greys_first, greys_second [H,W] of the photos; NaN where masked
 /// @param losses,counts,gradients one per element of columns; count 1 where the patch counts, otherwise all are 0
 void match_patches(const PatchViews& views, int row, std::span<const std::int32_t> columns,
                    std::span<const float> planes, std::span<const float> greys_first,

@@ -116,7 +116,7 @@ void fill_greys(const TruthImage& truth, Array<float>& greys, const Threads& thr
   greys.ensure(pixels);
   const std::span<float> out = greys;
   threads.for_range(pixels, kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t p = begin; p < end; ++p) out[p] = surface::grey_of(truth.color, p, pixels);
+    for (std::size_t p = begin; p < end; ++p) out[p] = surface::grey_of(truth.color, truth.valid, p, pixels);
   });
 }
 

@@ -84,9 +84,9 @@ __global__ void __launch_bounds__(kBlockThreads)
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
-    greys_kernel(DeviceView<const std::uint8_t> color, DeviceView<float> greys) {
+    greys_kernel(DeviceView<const std::uint8_t> color, DeviceView<const std::uint8_t> valid, DeviceView<float> greys) {
   const std::size_t p = element_index();
-  if (p < greys.size()) greys[p] = surface::grey_of(color, p, greys.size());
+  if (p < greys.size()) greys[p] = surface::grey_of(color, valid, p, greys.size());
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
@@ -220,7 +220,7 @@ void add_two_view_terms(const SurfaceView& first, const SurfaceView& second, con
   for (std::size_t v = 0; v < 2; ++v) {
     const TruthImage& truth = photos[v].truth;
     work.greys[v].ensure(truth.color.size() / 3);
-    launch_each(stream, "greys", greys_kernel, work.greys[v].size(), truth.color, work.greys[v].span());
+    launch_each(stream, "greys", greys_kernel, work.greys[v].size(), truth.color, truth.valid, work.greys[v].span());
   }
   work.patches.ensure(pixels);
   const PatchViews patch_pair =

@@ -352,8 +352,10 @@ SPLATBOOST_HOST_DEVICE float edge_of(const Image& color, int x, int y, int width
   return static_cast<float>(along_x > along_y ? along_x : along_y);
 }
 
-template <class Image>
-SPLATBOOST_HOST_DEVICE float grey_of(const Image& color, std::size_t pixel, std::size_t pixels) {
+/// NaN where the photo is masked, so that no patch counts which contains the pixel.
+template <class Image, class Mask>
+SPLATBOOST_HOST_DEVICE float grey_of(const Image& color, const Mask& valid, std::size_t pixel, std::size_t pixels) {
+  if (!valid.empty() && valid[pixel] == 0) return NAN;
   return (0.299f * static_cast<float>(color[pixel]) + 0.587f * static_cast<float>(color[pixels + pixel]) +
           0.114f * static_cast<float>(color[2 * pixels + pixel])) *
          (1.0f / 255.0f);
