@@ -40,7 +40,7 @@ class DropGaussian final : public GaussianMethod {
   LossForm loss() const override {
     // L1 + λ·(1 − SSIM): the weight of L1 is 1, not 1 − λ.
     const double whole = 1 + config_.lambda_dssim;
-    return {static_cast<float>(config_.lambda_dssim / whole), static_cast<float>(whole)};
+    return {static_cast<float>(config_.lambda_dssim / whole), static_cast<float>(whole), true};
   }
 
   void draw(Gaussians& drawn, const DrawContext& context) override;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <numeric>
 
@@ -79,7 +80,10 @@ void GaussianTrainer::control_density() {
   }
   const bool white_start =
       context_.scene.white_background && config_.densify_from > 0 && iteration_ == at(config_.densify_from);
-  const bool own_reset = iteration_ < until && (iteration_ % opacity_reset_interval() == 0 || white_start);
+  // Where growth lasts to the end (DropGaussian), opacities have the last tenth of the run to recover, as in a run of
+  // the published length.
+  const bool may_reset = iteration_ < until && 10 * std::int64_t{iteration_} <= 9 * std::int64_t{context_.iterations};
+  const bool own_reset = may_reset && (iteration_ % opacity_reset_interval() == 0 || white_start);
   if (density_ != nullptr ? density_->resets_opacities_at(moment(), own_reset) : own_reset) {
     step_all();
     reset_opacities();

@@ -234,6 +234,18 @@ TEST_F(DropGaussianRun, a_hook_says_whether_opacities_are_reset) {
   EXPECT_GT(highest_after(NoResetAt(60), 60), reset);
 }
 
+TEST_F(DropGaussianRun, opacities_are_not_reset_shortly_before_the_end) {
+  const auto highest_of = [&](int iterations) {
+    const auto backbone = make(eager(), iterations, 600);  // resets every 50 iterations
+    testing::train(*backbone, scene_, 1, 100);
+    const std::vector<float> logits = exported(*backbone).logit_opacities;
+    return *std::max_element(logits.begin(), logits.end());
+  };
+  const float reset = std::log(0.0101f / 0.9899f);
+  EXPECT_LT(highest_of(112), reset);
+  EXPECT_GT(highest_of(105), reset) << "five iterations are too few to recover";
+}
+
 TEST_F(DropGaussianRun, resume_is_exact) {
   testing::StepsEveryThird third;
   testing::expect_exact_resume([&] { return make(eager(), 100, 600); }, scene_, 90, {15, 20, 44, 85}, &third);
