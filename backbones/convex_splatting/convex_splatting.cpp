@@ -365,7 +365,8 @@ void ConvexSplatting::control_density() {
     reorder();
     restart_statistics();
   }
-  if (iteration_ >= until && iteration_ % at(config_.trim_interval) == 0) {
+  // Not at the end of the run: the model that the release saves there is not pruned either.
+  if (iteration_ >= until && iteration_ < context_.iterations && iteration_ % at(config_.trim_interval) == 0) {
     step_all();
     prune(PruneRule::trim);
     restart_statistics();

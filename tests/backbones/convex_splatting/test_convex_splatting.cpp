@@ -116,6 +116,20 @@ TEST_F(ConvexRun, DecidesByThePublishedRules) {
   EXPECT_GT(masked, 0u);
 }
 
+TEST_F(ConvexRun, RemovesNothingAtTheEnd) {
+  MaskRecorder recorder;
+  const auto backbone = make(eager(), 60);  // trims every 2 iterations after growth
+  recorder.read_masks = [&] { return state_of(*backbone, "mask.values"); };
+  backbone->set_hooks(&recorder, nullptr);
+  testing::train(*backbone, scene_, 1, 60);
+  std::set<int> trims;
+  for (const DensityEvent& e : recorder.events) {
+    if (e.rule == PruneRule::trim) trims.insert(e.iteration);
+  }
+  EXPECT_TRUE(trims.contains(58));
+  EXPECT_FALSE(trims.contains(60)) << "nothing would make up for it";
+}
+
 TEST_F(ConvexRun, SplitsIntoSixAtThePointsOfTheParent) {
   ConvexConfig config = eager();
   config.min_opacity = 0;  // nothing else is removed
