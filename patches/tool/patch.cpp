@@ -212,6 +212,8 @@ Outcome verify(const SourceTree& tree) {
   outcome.leftovers = leftovers(tree, manifest);
   for (const PatchedFile& file : manifest->files) {
     if (is_of_the_record(file)) continue;
+    require(!file.brought() || tree.read(file.file).has_value(),
+            file.file + ": belongs to the patch and is missing: run splatboost patch revert PATH, then apply again");
     const std::string text = content_of(tree, file.file);
     const std::string hash = sha256(text);
     require(hash != file.before,

@@ -92,6 +92,8 @@ TEST(Patch, FilesThatAreBroughtAreNotOverwritten) {
   expect_contains(error_of([&] { apply_to(mini); }), "another version of mini");
   // An added file that the user has deleted is no error.
   fs::remove(mini.brought());
+  expect_contains(error_of([&] { (void)verify(SourceTree(mini.tree())); }),
+                  "boost/boost.h: belongs to the patch and is missing: run splatboost patch revert");
   revert_of(mini);
   mini.expect_pristine();
 }

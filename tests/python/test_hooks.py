@@ -155,6 +155,27 @@ def test_late_pruning_tells_the_cap_and_how_near_the_cameras_gaussians_are():
     assert torch.allclose(boost.adapter.clearances, torch.tensor([1.0, 0.25]))
 
 
+def host_options(**changed):
+    return types.SimpleNamespace(**dict({"iterations": 30000, "densify_from_iter": 500, "densify_until_iter": 15000,
+                                         "densification_interval": 100, "densify_grad_threshold": 0.0002, "percent_dense": 0.01,
+                                         "lambda_dssim": 0.2, "boost_beta": 0.5, "boost_tau_d": 5.0}, **changed))
+
+
+def test_options_that_the_user_changed_reach_the_adapter():
+    boost = boost_of()
+    boost.options = host_options()
+    assert boost._host_settings() == {}
+    boost.options = host_options(percent_dense=0.02, lambda_dssim=0.1, densify_from_iter=1000)
+    assert boost._host_settings() == {"percent_dense": 0.02, "lambda_dssim": 0.1, "densify_from": 1000}
+    known = splatboost.Adapter("vanilla", total_iterations=30000).settings
+    boost.options = host_options(densify_grad_threshold=0.0004)
+    assert boost._host_settings() == {"gradient_threshold": 0.0004,
+                                      "gradient_abs_threshold": pytest.approx(2 * known["gradient_abs_threshold"])}
+    boost = boost_of(absgs)
+    boost.options = host_options(densify_grad_threshold=0.0004, densify_grad_abs_threshold=0.0004)
+    assert boost._host_settings() == {"gradient_threshold": 0.0004}
+
+
 def test_random_points_let_opacities_be_reset(monkeypatch):
     boost = boost_of()
     boost._scene.getTrainCameras = lambda: [types.SimpleNamespace(camera_center=torch.tensor([4.0, 0.0, 0.0]))]

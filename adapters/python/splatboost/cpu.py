@@ -125,6 +125,13 @@ def map_cuda() -> None:
         return load(file, "cpu" if map_location is None else _on_cpu(map_location), *arguments, **named)
 
     torch.load = load_on_cpu
+    load_traced = torch.jit.load
+
+    @functools.wraps(load_traced)
+    def load_traced_on_cpu(file: Any, map_location: Any = None, *arguments: Any, **named: Any) -> Any:
+        return load_traced(file, "cpu" if map_location is None else _on_cpu(map_location), *arguments, **named)
+
+    torch.jit.load = load_traced_on_cpu
 
     cuda: Any = torch.cuda
     cuda.Event = _Event

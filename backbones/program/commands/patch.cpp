@@ -141,10 +141,11 @@ struct Patch {
                                       [&](const std::string& file) { return tree.read(file); }));
     }
     if (files.empty()) return "";
-    std::string checkout = "git checkout";
+    std::string checkout = "git checkout HEAD --";
     for (const std::string& file : files) checkout += " " + shell_word(file);
     return path.string() + ": contains a patch, but not its record, " + patch::kManifestFile +
-           ": restore the files as they were before the patch (" + checkout + ", which loses your changes in them)";
+           ": restore the files as they were before the patch (" + checkout +
+           ", which loses your changes in them; if the patch was committed, with a commit from before it)";
   }
   void require_record(const patch::SourceTree& tree) const {
     if (const std::string lost = lost_record(tree); !lost.empty()) throw InputError(lost);
@@ -227,7 +228,10 @@ struct Patch {
       const std::string how = has_switch               ? "; --boost off trains as before the patch"
                               : !found.options.empty() ? "; " + command("show " + found.name) + " lists its options"
                                                        : "";
+      const bool python = std::any_of(found.edits.begin(), found.edits.end(),
+                                      [](const patch::Edit& edit) { return fs::path(edit.file).extension() == ".py"; });
       std::printf("Train as before%s. To undo: %s\n", how.c_str(), revert_command().c_str());
+      if (python) std::printf("It needs the Python package splatboost where it trains (Python 3.8 or later).\n");
     }
     return 0;
   }

@@ -142,6 +142,8 @@ class Boost:
         "densify_until_iter": ("densify_until", 15000),
         "densification_interval": ("densify_interval", 100),
         "densify_grad_threshold": ("gradient_threshold", 0.0002),
+        "percent_dense": ("percent_dense", 0.01),
+        "lambda_dssim": ("lambda_dssim", 0.2),
     }
     #: Options that are iterations of the host's run; converted to iterations of the published run for the adapter.
     _scaled = ("densify_from_iter", "densify_until_iter")
@@ -235,6 +237,12 @@ class Boost:
             if name in self._scaled:
                 value = int(round(value * self.published_iterations / options.iterations))
             settings[setting] = value
+        if "densify_grad_threshold" in self.host_options and not hasattr(options, "densify_grad_abs_threshold"):
+            # Splits, which absolute gradients decide on, become rarer or more frequent with the clones.
+            ratio = options.densify_grad_threshold / self.host_options["densify_grad_threshold"][1]
+            if ratio != 1:
+                known = adapter_of(self.backbone, options, self._device, {}).settings
+                settings["gradient_abs_threshold"] = ratio * known["gradient_abs_threshold"]
         return settings
 
     def begin(self, iteration: int) -> None:

@@ -68,7 +68,7 @@ class Drawing:
             module = diff_gaussian_rasterization_2024
         elif plain_depth:
             module = diff_gaussian_rasterization_deformable
-        if self.absolute and means2D.requires_grad:
+        if self.absolute and means2D.requires_grad and torch.is_grad_enabled():
             # Appends a column to the host's three, so that its own statistics read the same values as before.
             means2D = self.screen_points = torch.nn.functional.pad(means2D, (0, 1))
             means2D.retain_grad()
