@@ -197,7 +197,7 @@ void add_machine_options(OptionSet& set, RunOptions& options) {
 
 void add_lpips_option(OptionSet& set, RunOptions& options) {
   set.set_group("Output");
-  set.add("--lpips", options.lpips, "measure LPIPS with this network (made by scripts/lpips_to_onnx)")
+  set.add("--lpips", options.lpips, "measure LPIPS with this SqueezeNet (made by scripts/lpips_to_onnx)")
       ->type_name("ONNX");
 }
 

@@ -6,6 +6,11 @@
 #include <glm/geometric.hpp>
 
 namespace splatboost {
+namespace {
+
+constexpr double kPoseError = 5e-7;  ///< of a camera's position, which is computed from a rounded pose; relative
+
+}  // namespace
 
 PointCloud starting_points(const Scene& scene) {
   PointCloud all = scene.points;
@@ -26,7 +31,7 @@ float camera_extent(const std::vector<View>& views) {
   mean /= static_cast<double>(views.size());
   double farthest = 0;
   for (const View& view : views) farthest = std::max(farthest, glm::length(glm::dvec3(view.camera.centre()) - mean));
-  return static_cast<float>(1.1 * farthest);
+  return farthest > kPoseError * glm::length(mean) ? static_cast<float>(1.1 * farthest) : 0.0f;
 }
 
 }  // namespace splatboost

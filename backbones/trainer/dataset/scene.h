@@ -38,7 +38,7 @@ struct Scene {
   std::vector<View> train_rescaled;
   PointCloud points;
   std::filesystem::path points_file;  ///< that `points` were read from; empty if there is none
-  bool points_made = false;  ///< the dataset had none: they were triangulated from the training photos, or are random
+  bool lacks_points = false;  ///< the dataset has none: `points` were triangulated from the photos, or are random
   /// For a run that starts from more points, in addition to `points`: triangulated from the training photos.
   PointCloud more_points;
   float extent = 0;  ///< 1.1 × largest distance of a training camera from their mean (3DGS)
@@ -55,7 +55,7 @@ PointCloud starting_points(const Scene& scene);
 /// Whether the training views have different times.
 bool moves(const Scene& scene);
 
-/// Scene extent of these views as in 3DGS; 0 if there are none.
+/// Scene extent of these views as in 3DGS; 0 if there are none, or if their positions differ by rounding only.
 float camera_extent(const std::vector<View>& views);
 
 }  // namespace splatboost

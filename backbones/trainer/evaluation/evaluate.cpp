@@ -68,20 +68,31 @@ double measure_fps(Backbone& backbone, const std::vector<View>& views) {
 /// The scales of the usual protocol for a model trained at scale 1: 1, 1/2, 1/4, 1/8.
 constexpr int kScaleDivisors[] = {1, 2, 4, 8};
 
-/// Quality at the trained scale and at smaller ones, rendered as trained.
+bool shows_something(const View& view) {
+  return view.valid.empty() || std::ranges::any_of(view.valid, [](std::uint8_t valid) { return valid != 0; });
+}
+
+/// Quality at the trained scale and at smaller ones, rendered as trained. Views that have no pixel left at a scale,
+/// where only pixels without masked ones in them remain, do not count in its means.
 std::vector<ScaleResult> measure_scales(Backbone& backbone, const std::vector<View>& views) {
   std::vector<ScaleResult> scales;
   std::vector<float> color;
   for (const int divisor : kScaleDivisors) {
     ScaleResult scale;
     scale.divisor = divisor;
+    int measured = 0;
     for (const View& view : views) {
       if (std::min(view.camera.width, view.camera.height) / divisor < kSsimWindow) return scales;
       const View smaller = smaller_view(view, divisor);
+      if (!shows_something(smaller)) continue;
       render_clamped(backbone, smaller, std::nullopt, color);
-      scale.psnr += psnr(color, smaller.truth()) / static_cast<double>(views.size());
-      scale.ssim += ssim(color, smaller.truth()) / static_cast<double>(views.size());
+      scale.psnr += psnr(color, smaller.truth());
+      scale.ssim += ssim(color, smaller.truth());
+      ++measured;
     }
+    if (measured == 0) return scales;
+    scale.psnr /= measured;
+    scale.ssim /= measured;
     scales.push_back(scale);
   }
   return scales;

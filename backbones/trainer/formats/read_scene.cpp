@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -494,28 +495,44 @@ bool all_at_one_place(std::span<const float> positions) {
   return true;
 }
 
+/// Adds a note if 32-bit numbers, which poses and points are stored in, are too coarse where the cameras are.
+void note_distance(Scene& scene) {
+  constexpr double kFinest = 1e-4;  // × extent
+  double farthest = 0;
+  for (const View& view : scene.train) {
+    farthest = std::max(farthest, static_cast<double>(glm::length(view.camera.centre())));
+  }
+  const double step = farthest * static_cast<double>(std::numeric_limits<float>::epsilon());
+  if (!(step > kFinest * static_cast<double>(scene.extent))) return;
+  char text[200];
+  std::snprintf(text, sizeof text,
+                "the cameras are %.3g units from the origin, where single precision has steps of %.1g, and the size of "
+                "the scene is %.3g: subtract an offset from its poses and points",
+                farthest, step, static_cast<double>(scene.extent));
+  scene.notes.push_back(text);
+}
+
 /// Sets the points of a dataset without usable ones. Adds a line on what they are to Scene::notes.
 void make_points(const SceneOptions& options, const Dataset& dataset, Scene& scene) {
   const std::string reason =
       scene.points.size() == 0 ? "the dataset has no points" : "all points of the dataset are at the same place";
   scene.points = {};
   const bool timed = std::ranges::any_of(scene.train, [](const View& view) { return view.time > 0; });
-  std::string start = "; training starts from ";
+  std::string too_few;
   // Rendered scenes start from random points in the published methods, whose results are compared.
   if (!dataset.blender || !(scene.cut_out || timed)) {
-    PointCloud points = triangulate_points(scene, Threads());
-    if (points.size() > 0) {
-      scene.notes.push_back(reason + start + std::to_string(points.size()) + " that were triangulated from its photos");
-      scene.points = std::move(points);
+    scene.points = triangulate_points(scene, Threads());
+    if (scene.points.size() > 0) {
+      scene.notes.push_back(reason + "; " + std::to_string(scene.points.size()) + " were triangulated from its photos");
       return;
     }
-    start = "; too few could be triangulated from its photos, so training starts from ";
+    too_few = ", and too few could be triangulated from its photos";
   }
   if (options.random_points < 1) {
     throw InputError(dataset.listing.string() + ": " + reason + ", and random_points is " +
                      std::to_string(options.random_points));
   }
-  scene.notes.push_back(reason + start + std::to_string(options.random_points) + " random ones");
+  scene.notes.push_back(reason + too_few + "; " + std::to_string(options.random_points) + " random ones are used");
   const PointBox box = dataset.blender ? synthetic_box() : look_at_box(scene.train);
   scene.points = random_points(box, options.random_points, options.seed);
 }
@@ -603,8 +620,8 @@ Scene read_scene(const SceneOptions& options) {
   }
   // Sizes of the first primitives are distances between points.
   if (scene.points.size() == 0 || all_at_one_place(scene.points.positions)) {
+    scene.lacks_points = true;
     make_points(options, dataset, scene);
-    scene.points_made = true;
   }
   if (!(scene.extent > 0)) {
     // One camera, or all at one place: the extent of 3DGS, which scales the means' learning rate, would be 0. The
@@ -619,6 +636,7 @@ Scene read_scene(const SceneOptions& options) {
     scene.notes.push_back(
         "all training cameras are at the same position; the size of the scene is computed from its points");
   }
+  note_distance(scene);
   return scene;
 }
 

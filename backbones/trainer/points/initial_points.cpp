@@ -8,6 +8,7 @@
 #include <glm/matrix.hpp>
 #include <glm/vec4.hpp>
 
+#include "splatboost/constants.h"
 #include "splatboost/random.h"
 #include "trainer/points/nearest_to_lines.h"
 #include "trainer/support/input_error.h"
@@ -52,14 +53,14 @@ void require_visible_points(const Scene& scene) {
     for (std::size_t i = 0; i < scene.points.size(); ++i) {
       const float* const at = &scene.points.positions[3 * i];
       const glm::vec3 p(camera.camera_from_world * glm::vec4(at[0], at[1], at[2], 1));
-      if (!(p.z > 0)) continue;
+      if (!(p.z > kNearPlane)) continue;
       const float x = camera.fx * p.x / p.z + camera.cx, y = camera.fy * p.y / p.z + camera.cy;
       if (x >= 0 && y >= 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height)) return;
     }
   }
   throw InputError("none of the " + std::to_string(scene.points.size()) +
-                   " initial points lies in a training view: do the points and the camera poses have the same frame "
-                   "and scale?");
+                   " initial points lies in a training view, beyond its near plane at 0.2 units: do the points and the "
+                   "camera poses have the same frame, and a scale at which the scene is farther away?");
 }
 
 PointCloud random_points(const PointBox& box, int count, std::uint64_t seed) {

@@ -92,7 +92,7 @@ PointCloud triangulate_features(const Scene& scene, const Threads& threads) {
 PointCloud triangulate_points(const Scene& scene, const Threads& threads) { return triangulate(scene, true, threads); }
 
 bool may_add_points(const Scene& scene) {
-  return !scene.points_made && !moves(scene) && !points_are_random(scene.points.positions);
+  return !scene.lacks_points && !moves(scene) && !points_are_random(scene.points.positions);
 }
 
 }  // namespace splatboost

@@ -14,6 +14,7 @@ namespace splatboost {
 namespace {
 
 constexpr std::string_view kTestPart = "test";
+constexpr std::string_view kPointsPart = "points";
 
 /// The parts, in the order in which differences are reported: a different split implies different photos, too.
 constexpr std::pair<const char*, const char*> kParts[] = {
@@ -21,7 +22,7 @@ constexpr std::pair<const char*, const char*> kParts[] = {
     {"cameras", "different cameras of the training views"},
     {"photos", "different photos: pixels of the training views differ"},
     {kTestPart.data(), "different test views: their cameras or pixels differ"},
-    {"points", "different initial points"}};
+    {kPointsPart.data(), "different initial points"}};
 
 template <class T>
 std::uint64_t add(std::span<const T> values, std::uint64_t sum) {
@@ -65,21 +66,24 @@ std::string hexadecimal(std::uint64_t sum) {
 }  // namespace
 
 nlohmann::json data_identity(const Scene& scene) {
-  std::uint64_t points = add(std::span<const float>(scene.points.positions), 0);
-  points = add(std::span<const std::uint8_t>(scene.points.colors), points);
+  nlohmann::json points;  // null where the photos determine them, in a way that depends on the program's version
+  if (!scene.lacks_points) {
+    const std::uint64_t positions = add(std::span<const float>(scene.points.positions), 0);
+    points = hexadecimal(add(std::span<const std::uint8_t>(scene.points.colors), positions));
+  }
   return {{"split", hexadecimal(names_of(scene.test, names_of(scene.train, 0)))},
           {"cameras", hexadecimal(cameras_of(scene.train))},
           {"photos", hexadecimal(photos_of(scene.train, 0))},
           {kTestPart, hexadecimal(photos_of(scene.test, cameras_of(scene.test)))},
-          {"points", hexadecimal(points)}};
+          {kPointsPart, points}};
 }
 
 std::string data_difference(const nlohmann::json& one, const nlohmann::json& other) {
   for (const auto& [part, words] : kParts) {
     const nlohmann::json a = one.contains(part) ? one.at(part) : nullptr,
                          b = other.contains(part) ? other.at(part) : nullptr;
-    // Runs of earlier versions have no checksum of the test views.
-    const bool may_lack = part == kTestPart;
+    // Runs of earlier versions have no checksum of the test views, but one of points that they made.
+    const bool may_lack = part == kTestPart || part == kPointsPart;
     if (a != b && !(may_lack && (a.is_null() || b.is_null()))) return words;
   }
   return "";

@@ -9,6 +9,7 @@
 #include <string>
 
 #include <glm/geometric.hpp>
+#include <glm/gtc/matrix_transform.hpp>
 #include <glm/vec4.hpp>
 #include <nlohmann/json.hpp>
 
@@ -674,6 +675,19 @@ TEST(InitialPoints, OneMustLieInATrainingView) {
   expect_contains(input_error_of([&] { require_visible_points(scene); }), "none of the 3 initial points");
   scene.points.positions[3] = 4;
   require_visible_points(scene);
+  for (float& coordinate : scene.points.positions) coordinate *= 0.015f;
+  expect_contains(input_error_of([&] { require_visible_points(scene); }), "near plane");
+}
+
+TEST(CameraExtent, IsZeroAtOnePlaceWhateverTheRounding) {
+  std::vector<View> views(40);
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    const glm::mat4 turned = glm::rotate(glm::mat4(1.0f), 0.15f * static_cast<float>(i), glm::vec3(0.2f, 1, 0.1f));
+    views[i].camera.camera_from_world = glm::translate(turned, glm::vec3(-100, -50, -20));
+  }
+  EXPECT_EQ(camera_extent(views), 0);
+  views[0].camera.camera_from_world = glm::translate(views[0].camera.camera_from_world, glm::vec3(0.01f, 0, 0));
+  EXPECT_NEAR(camera_extent(views), 1.1f * 0.01f, 5e-4f);
 }
 
 }  // namespace

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include <cmath>
 #include <cstdio>
 
@@ -309,6 +311,20 @@ TEST(ReadScene, RandomPointsLieWhereTheCamerasLook) {
   expect_contains(input_error_of([&] { read_scene(options); }), "no points");
 }
 
+TEST(ReadScene, NotesCoordinatesTooFarFromTheOriginForSinglePrecision) {
+  const Row row;
+  ColmapModel model = read_colmap_model(row.folder / "sparse/0");
+  const auto noted = [&] {
+    const Scene scene = read_scene(row.options());
+    return std::ranges::any_of(
+        scene.notes, [](const std::string& note) { return note.find("subtract an offset") != std::string::npos; });
+  };
+  EXPECT_FALSE(noted());
+  for (ColmapImage& image : model.images) image.translation[0] -= 5e5;
+  write_colmap_model(row.folder / "sparse/0", model);
+  EXPECT_TRUE(noted());
+}
+
 TEST(ReadScene, PointsAtOnePlaceAreReplacedBecauseTheyHaveNoSize) {
   for (const int count : {1, 3}) {
     const Row row(false);
@@ -324,8 +340,8 @@ TEST(ReadScene, PointsAtOnePlaceAreReplacedBecauseTheyHaveNoSize) {
     EXPECT_EQ(scene.points.size(), 50u) << count;
     ASSERT_FALSE(scene.notes.empty());
     expect_contains(scene.notes.back(),
-                    "at the same place; too few could be triangulated from its photos, so training "
-                    "starts from 50 random ones");
+                    "at the same place, and too few could be triangulated from its photos; 50 random ones are used");
+    EXPECT_TRUE(scene.lacks_points);
     options.random_points = 0;
     expect_contains(input_error_of([&] { read_scene(options); }), "at the same place, and random_points is 0");
   }

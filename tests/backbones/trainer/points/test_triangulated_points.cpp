@@ -393,9 +393,8 @@ TEST_F(TriangulatedPoints, AreWhereTrainingStartsIfADatasetHasNone) {
   std::filesystem::rename(folder->path() / "points3D.bin", options.source / "sparse/0/points3D.bin");
   EXPECT_EQ(scene.points.positions, triangulate_points(scene_of(*views), Threads()).positions);
   ASSERT_FALSE(scene.notes.empty());
-  expect_contains(scene.notes.back(), "the dataset has no points; training starts from " +
-                                          std::to_string(scene.points.size()) +
-                                          " that were triangulated from its photos");
+  expect_contains(scene.notes.back(), "the dataset has no points; " + std::to_string(scene.points.size()) +
+                                          " were triangulated from its photos");
 }
 
 TEST_F(TriangulatedPoints, OfFewViewsAreTooFewToStartFrom) {
@@ -408,8 +407,7 @@ TEST_F(TriangulatedPoints, OfFewViewsAreTooFewToStartFrom) {
   std::filesystem::rename(folder->path() / "points3D.bin", options.source / "sparse/0/points3D.bin");
   EXPECT_EQ(scene.points.size(), 500u);
   ASSERT_FALSE(scene.notes.empty());
-  expect_contains(scene.notes.back(),
-                  "too few could be triangulated from its photos, so training starts from 500 random ones");
+  expect_contains(scene.notes.back(), "too few could be triangulated from its photos; 500 random ones are used");
 }
 
 TEST(NearestToLines, IsWhereTheyMeet) {

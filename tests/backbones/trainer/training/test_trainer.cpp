@@ -313,6 +313,12 @@ TEST_F(Trainer, KnowsTheDataOfEarlierVersions) {
   earlier.erase("test");
   EXPECT_EQ(data_difference(now, earlier), "");
   EXPECT_EQ(data_difference(earlier, now), "");
+  // They stored which points they had made; this version may make others of the same photos.
+  const nlohmann::json with_points = now;
+  scene.lacks_points = true;
+  scene.points.positions.push_back(1);
+  EXPECT_EQ(data_difference(with_points, data_identity(scene)), "");
+  EXPECT_TRUE(data_identity(scene).at("points").is_null());
   earlier.erase("photos");
   expect_contains(data_difference(now, earlier), "photos");
   expect_contains(data_difference(now, nlohmann::json("damaged")), "training and test views");
