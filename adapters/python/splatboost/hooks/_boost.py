@@ -231,7 +231,7 @@ class Boost:
         options = self.options
         settings: Dict[str, Any] = {}
         for name, (setting, default) in self.host_options.items():
-            value = getattr(options, name)
+            value = getattr(options, name, default)  # a fork may lack it
             if value == default:
                 continue
             if name in self._scaled:
