@@ -138,11 +138,10 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         self._lists_views = True
         self._device: Any = None
         self._scene: Dict[str, Any] = {}
-        self._truths: Dict[int, torch.Tensor] = {}
 
     def __getstate__(self) -> Dict[str, Any]:
         # Without the data set: simple_trainer writes its configuration, which contains the strategy, to cfg.yml.
-        return {**self.__dict__, "_views": (), "_truths": {}, "_scene": {}, "_adapter": None}
+        return {**self.__dict__, "_views": (), "_scene": {}, "_adapter": None}
 
     def score_on(self, views: Any, config: Any = None) -> None:
         """Sets the training views to score, up to K at each event.
@@ -165,7 +164,6 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
                                  % (name, getattr(config, name)))
         self._views = views
         self._lists_views = isinstance(views[0], View)
-        self._truths.clear()
         for name in ("max_steps", "near_plane", "antialiased"):
             if config is not None and hasattr(config, name):
                 setattr(self, name, getattr(config, name))
@@ -317,11 +315,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
         view, device = self._views[index], params["means"].device
         if not self._lists_views:
             view = _view_of(view)
-        truth = self._truths.get(index)
-        if truth is None:
-            truth = as_bytes(view.image.permute(2, 0, 1)).to(device).contiguous()
-            if self._lists_views:  # a data set may return a new crop each time
-                self._truths[index] = truth
+        truth = as_bytes(view.image.permute(2, 0, 1)).to(device).contiguous()
         height, width = truth.shape[1:]
         bands = 1 + params["shN"].shape[1]
         render = rasterize(
