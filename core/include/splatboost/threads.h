@@ -25,7 +25,7 @@ class Threads {
 
   /// Calls body(begin, end) for [0, n) divided into pieces of `grain` (above 0; the last may be shorter), and waits for
   /// all.
-  /// Pieces run in any order, on any thread. A loop within a body runs only on the thread of that body.
+  /// Pieces run in any order, on any thread. Within one of several pieces, a loop runs only on that piece's thread.
   /// If pieces throw, the exception of the first of them in [0, n) is rethrown after all running pieces have ended;
   /// some of the later pieces may not have run.
   template <class Body>

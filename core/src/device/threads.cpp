@@ -181,7 +181,9 @@ Threads::Threads(int count) : count_(count) {
 void Threads::run(std::size_t n, std::size_t grain, const void* context, Piece piece) const {
   SPLATBOOST_CHECK(grain > 0, "grain must be above 0");
   const Loop loop{n, grain, n / grain + (n % grain != 0 ? 1 : 0), context, piece};
-  if (loop.pieces <= 1 || count_ == 1 || in_a_loop) {
+  if (loop.pieces == 0) return;
+  if (loop.pieces == 1) return loop.run_piece(0);  // loops within it may use the threads
+  if (count_ == 1 || in_a_loop) {
     const InALoop mark;
     for (std::size_t i = 0; i < loop.pieces; ++i) loop.run_piece(i);
     return;

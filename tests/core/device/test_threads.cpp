@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <cstdio>
 #include <cstdlib>
@@ -71,6 +72,19 @@ TEST(Threads, RunALoopWithinALoopOnTheThreadOfItsBody) {
   });
   EXPECT_EQ(elsewhere, 0);
   for (const auto& visit : visits) EXPECT_EQ(visit, 1);
+}
+
+TEST(Threads, OfASerialLoopKeepLoopsWithinItSerialToo) {
+  const Threads one(1), four(4);
+  std::atomic<int> elsewhere = 0;
+  const auto caller = std::this_thread::get_id();
+  one.for_range(8, 1, [&](std::size_t, std::size_t) {
+    four.for_range(64, 1, [&](std::size_t, std::size_t) {
+      if (std::this_thread::get_id() != caller) ++elsewhere;
+      std::this_thread::sleep_for(std::chrono::microseconds(50));
+    });
+  });
+  EXPECT_EQ(elsewhere, 0);
 }
 
 TEST(Threads, TakeAnyGrainAboveZero) {
