@@ -11,8 +11,6 @@ namespace splatboost {
 
 VanillaBoost pgsr_boost() {
   VanillaBoost boost;
-  // LPIPS rises if growth ends after a quarter of the run, as for vanilla.
-  boost.densify_until = boost.late_prune_from = 10000;
   // Surfaces settle in the second half of a run, where every step counts. The supplement (Sec. 9.2) uses plain Adam.
   boost.schedule = false;
   // Whole splats (β = 1): planes are blended out to a splat's faint rim, and cutting it changes the depth.

@@ -16,16 +16,16 @@ namespace {
 using testing::FakeRasterizer;
 using testing::Hand;
 
-TEST(PgsrAdapter, grows_for_a_third_of_the_run) {
+TEST(PgsrAdapter, grows_for_a_quarter_of_the_run) {
   Threads threads(1);
   PgsrAdapter pgsr(pgsr_boost(), threads);
   EXPECT_EQ(pgsr.beta(), 1.0f);
   for (int i = 1; i <= 30000; ++i) {
-    EXPECT_EQ(pgsr.grows_at({i, 30000}, false), i > 500 && i < 10000 && i % 100 == 0) << i;
-    EXPECT_EQ(pgsr.prunes_at({i, 30000}, false), i == 10000 || (i > 10000 && i < 30000 && i % 3000 == 0)) << i;
+    EXPECT_EQ(pgsr.grows_at({i, 30000}, false), i > 500 && i < 7500 && i % 100 == 0) << i;
+    EXPECT_EQ(pgsr.prunes_at({i, 30000}, false), i == 7500 || (i > 7500 && i < 30000 && i % 3000 == 0)) << i;
     EXPECT_TRUE(pgsr.steps_at("xyz", {i, 30000})) << "plain Adam";
   }
-  for (const int i : {3000, 6000, 9000}) {
+  for (const int i : {3000, 6000}) {
     EXPECT_TRUE(pgsr.resets_opacities_at({i, 30000}, true)) << i;
     EXPECT_FALSE(pgsr.resets_opacities_at({i, 30000}, false)) << i;
   }
