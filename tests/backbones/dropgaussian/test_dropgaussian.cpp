@@ -101,6 +101,20 @@ TEST_F(DropGaussianRun, gradients_are_those_of_what_was_kept_under_its_own_loss)
   testing::expect_close(found.means, {drawn.means.begin(), drawn.means.end()}, 1e-4);
 }
 
+TEST_F(DropGaussianRun, images_are_clamped_before_they_are_compared) {
+  std::ranges::fill(scene_.train[0].color, std::uint8_t{255});  // training can only make the image brighter
+  DropGaussianConfig config;
+  config.feature_rate = 20;
+  config.initial_opacity = 0.9;
+  const auto backbone = make(config, 10000);
+  backbone->train_step(1, scene_.train[0]);
+  std::vector<float> drawn(scene_.train[0].color.size());
+  backbone->render(scene_.train[0].camera, 0, std::nullopt, drawn);
+  EXPECT_GT(*std::ranges::max_element(drawn), 1) << "the step must be large enough to overshoot";
+  const ScoredView scored = backbone->rasterizer_hook().render_for_score(0);
+  EXPECT_EQ(*std::ranges::max_element(scored.color), 1);
+}
+
 TEST_F(DropGaussianRun, views_that_are_shown_or_scored_drop_nothing) {
   const auto backbone = make({}, 20);
   testing::train(*backbone, scene_, 1, 20);
