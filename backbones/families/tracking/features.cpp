@@ -95,10 +95,13 @@ Features FeatureExtractor::extract(int width, int height, std::span<const std::u
   for (const std::size_t i : order) features.descriptors.push_back(descriptors.row(static_cast<int>(i)));
   for (const std::size_t i : order) {
     const cv::KeyPoint& k = kept[i];
-    features.pixels.emplace_back(k.pt.x, k.pt.y);
+    // OpenCV scales the column and row of a level, whose pixel centres are not where that puts them.
+    const double shift = 0.5 * (std::pow(kLevelFactor, k.octave) - 1);
+    const Vec2 pixel(static_cast<double>(k.pt.x) + shift, static_cast<double>(k.pt.y) + shift);
+    features.pixels.push_back(pixel);
     features.levels.push_back(k.octave);
     features.strengths.push_back(k.response);
-    const auto x = static_cast<int>(std::lround(k.pt.x)), y = static_cast<int>(std::lround(k.pt.y));
+    const auto x = static_cast<int>(std::lround(pixel.x())), y = static_cast<int>(std::lround(pixel.y()));
     features.depths.push_back(depth.empty() ? 0.0 : depth_at(depth, width, height, x, y));
   }
   return features;
@@ -161,7 +164,7 @@ std::vector<int> match_expected(std::span<const Expected> expected, const Featur
       const int distance = bits_apart(wanted.descriptor.ptr<std::uint8_t>(),
                                       features.descriptors.ptr<std::uint8_t>(static_cast<int>(i)));
       if (distance < best) {
-        second = best;
+        second = best;  // at first the limit, which a lone candidate must be clearly below too
         second_level = best_level;
         best = distance;
         best_level = features.levels[i];
@@ -221,7 +224,7 @@ std::vector<int> match_along_lines(const Features& a, const Features& b, const E
       const int distance = bits_apart(a.descriptors.ptr<std::uint8_t>(static_cast<int>(i)),
                                       b.descriptors.ptr<std::uint8_t>(static_cast<int>(j)));
       if (distance < best) {
-        second = best;
+        second = best;  // at first the limit, which a lone candidate must be clearly below too
         best = distance;
         at = static_cast<int>(j);
       } else {

@@ -42,13 +42,15 @@ std::size_t count_of(const std::vector<int>& points) {
   return static_cast<std::size_t>(std::ranges::count_if(points, [](int p) { return p >= 0; }));
 }
 
-/// Upper bound for the position error of `keyframe` relative to `earlier`, metres.
-double possible_drift(const SparseMap& map, std::size_t earlier, std::size_t keyframe) {
+/// Upper bounds for the position error of `keyframe` relative to each earlier keyframe, metres.
+std::vector<double> possible_drifts(const SparseMap& map, std::size_t keyframe) {
+  std::vector<double> drifts(keyframe);
   double way = 0;
-  for (std::size_t i = earlier; i < keyframe; ++i) {
+  for (std::size_t i = keyframe; i-- > 0;) {
     way += (map.keyframes()[i + 1].pose.centre() - map.keyframes()[i].pose.centre()).norm();
+    drifts[i] = kMinDrift + kDrift * way;
   }
-  return kMinDrift + kDrift * way;
+  return drifts;
 }
 
 /// Median ratio of the depths of points that were mapped twice, seen from the keyframe that returned.
@@ -98,7 +100,7 @@ std::optional<Loop> verify(const SparseMap& map, std::size_t keyframe, std::size
   const std::size_t looked_for = std::min(expected.size() + matched.size(), features.size());
   if (fits < kFits || static_cast<double>(fits) < kFoundShare * static_cast<double>(looked_for)) return std::nullopt;
   const Pose& seems = map.keyframes()[keyframe].pose;
-  if ((loop.pose.centre() - seems.centre()).norm() > possible_drift(map, earlier, keyframe)) return std::nullopt;
+  if ((loop.pose.centre() - seems.centre()).norm() > possible_drifts(map, keyframe)[earlier]) return std::nullopt;
   if (angle_between(loop.pose, seems) > kMaxTurn) return std::nullopt;
   if (!map.metric()) {
     const std::optional<double> scale = scale_of(map, loop);
@@ -131,12 +133,13 @@ std::optional<Loop> find_loop(const SparseMap& map, std::size_t keyframe) {
       if (shared >= kConnected) connected.insert(other);
     }
   }
+  const std::vector<double> drifts = possible_drifts(map, keyframe);
   std::vector<std::size_t> among;
   for (std::size_t i = 0; i + kMinApart < keyframe; ++i) {
     if (connected.contains(i)) continue;
     const MapKeyframe &now = map.keyframes()[keyframe], &then = map.keyframes()[i];
     const double away = (now.pose.centre() - then.pose.centre()).norm();
-    if (away > possible_drift(map, i, keyframe) + 0.5 * now.median_depth) continue;
+    if (away > drifts[i] + 0.5 * now.median_depth) continue;
     if (angle_between(now.pose, then.pose) < kMaxAway + kMaxTurn) among.push_back(i);
   }
   for (const std::size_t earlier : similar_keyframes(map, map.keyframes()[keyframe].features, among, kCandidates)) {

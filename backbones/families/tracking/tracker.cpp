@@ -359,7 +359,7 @@ struct Tracker::State {
     TrackedFrame result;
     result.frame = frame.number;
     if (frame.color.empty()) {
-      result.state = map.keyframes().empty() ? TrackState::waiting : TrackState::dropped;
+      result.state = TrackState::dropped;
       velocity.reset();
       return result;
     }

@@ -87,6 +87,7 @@ struct Slam {
     Json settings = read_settings_file(options.config);
     settings.erase("source");
     if (settings.contains("slam")) {
+      settings.erase("resolution");
       require(settings["slam"].is_object(), place + ": slam must be an object");
       own.overlay(settings["slam"], place + ": slam", {});
     }
@@ -101,6 +102,7 @@ struct Slam {
     Json config = Json::parse(config_text(set, options, options.boost, &plugged));
     config["slam"] = own.record();
     config["source"] = fs::absolute(options.model / "keyframes").lexically_normal().string();
+    config["resolution"] = 1;  // the keyframes have the size that was mapped
     return config.dump(2) + "\n";
   }
 

@@ -6,6 +6,8 @@
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <limits>
+#include <new>
 #include <optional>
 #include <utility>
 
@@ -80,6 +82,8 @@ class FileSequence final : public Sequence {
       frame.color = files.video_frame < 0 ? read_color(files.color) : color_of(video_frame(files), files.color);
       if (stereo_) stereo_->rectify_left(frame.color, frame.valid);
       if (!places_.empty()) mark_valid(frame);
+    } catch (const std::bad_alloc&) {
+      throw;  // the frame can be read
     } catch (const std::exception& error) {
       frame.color.clear();
       frame.problem = error.what();
@@ -95,6 +99,8 @@ class FileSequence final : public Sequence {
       } else {
         read_depth(files.depth, frame);
       }
+    } catch (const std::bad_alloc&) {
+      throw;
     } catch (const std::exception& error) {
       frame.depth.clear();
       frame.problem = error.what();
@@ -164,6 +170,7 @@ class FileSequence final : public Sequence {
       }
       std::uint16_t value = 0;
       std::memcpy(&value, &pixels.bytes[2 * from], sizeof(value));
+      if (value == std::numeric_limits<std::uint16_t>::max()) continue;  // out of the range, or marked as invalid
       any = any || value != 0;
       frame.depth[i] = static_cast<float>(value / files_.calibration.depth_scale);
     }

@@ -497,6 +497,10 @@ SequenceFiles find_sequence_files(const SequenceOptions& options) {
               ": stereo cameras are read from mav0/cam0/sensor.yaml and "
               "mav0/cam1/sensor.yaml; omit --calibration, which is for one camera");
   if (!options.calibration.empty()) files.calibration = read_calibration(options.calibration);
+  for (const FrameFiles& frame : files.frames) {  // names go into JSON results
+    require(is_utf8(frame.name), source.string() + ": the name of the image '" + frame.name +
+                                     "' is not UTF-8; rename the image file, and its entry if the sequence lists it");
+  }
   const std::size_t total = files.frames.size();
   std::vector<FrameFiles> chosen;
   for (std::size_t i = static_cast<std::size_t>(options.first); i < total;

@@ -79,6 +79,27 @@ TEST(Sequence, replica_is_read) {
   EXPECT_EQ((*sequence->truth(2))[3].x, 2);
 }
 
+TEST(Sequence, saturated_depth_is_none) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  std::vector<std::uint16_t> depth(kWidth * kHeight, 65535);
+  depth[7] = 2000;
+  write_png(folder / "results/depth000001.png", kWidth, kHeight, 1, std::span<const std::uint16_t>(depth));
+  const SequenceFrame frame = open_sequence(of(folder.path()))->read(1);
+  EXPECT_NEAR(frame.depth[7], 2, 1e-6);
+  EXPECT_EQ(frame.depth[8], 0);
+  write_depth(folder / "results/depth000001.png", 65535);
+  expect_in(open_sequence(of(folder.path()))->read(1).problem, "depth000001.png: contains no depth values");
+}
+
+TEST(Sequence, names_that_results_cannot_hold_are_refused) {
+  const TemporaryFolder folder;
+  fs::create_directories(folder / "images");
+  write_color(folder / "images" / "B\xfcro1.png", 10);
+  std::ofstream(folder / "calibration.json") << calibration();
+  expect_in(error_of([&] { open_sequence(of(folder.path())); }), "is not UTF-8; rename the image file");
+}
+
 TEST(Sequence, the_calibration_of_replica_may_be_above_the_folder) {
   const TemporaryFolder folder;
   make_replica(folder / "room0");
