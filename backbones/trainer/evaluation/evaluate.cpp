@@ -72,8 +72,8 @@ bool shows_something(const View& view) {
   return view.valid.empty() || std::ranges::any_of(view.valid, [](std::uint8_t valid) { return valid != 0; });
 }
 
-/// Quality at the trained scale and at smaller ones, rendered as trained. A pixel of a smaller scale is valid if all its
-/// pixels are; views without valid pixels do not count in the means of that scale.
+/// Quality at the trained scale and at smaller ones, rendered as trained. A pixel of a smaller scale is valid if all
+/// its pixels are; views without valid pixels do not count in the means of that scale.
 std::vector<ScaleResult> measure_scales(Backbone& backbone, const std::vector<View>& views) {
   std::vector<ScaleResult> scales;
   std::vector<float> color;
