@@ -38,7 +38,7 @@ class DropGaussian final : public GaussianMethod {
   nlohmann::json config() const override { return to_json(config_); }
 
   LossForm loss() const override {
-    // L1 + λ·(1 − SSIM): the weight of L1 is 1, not 1 − λ.
+    // L1 + λ·(1 − SSIM) of the clamped image: the weight of L1 is 1, not 1 − λ.
     const double whole = 1 + config_.lambda_dssim;
     return {static_cast<float>(config_.lambda_dssim / whole), static_cast<float>(whole), true};
   }

@@ -172,7 +172,7 @@ def test_options_that_the_user_changed_reach_the_adapter():
     assert boost._host_settings() == {"gradient_threshold": 0.0004,
                                       "gradient_abs_threshold": pytest.approx(2 * known["gradient_abs_threshold"])}
     boost = boost_of(absgs)
-    boost.options = host_options(densify_grad_threshold=0.0004, densify_grad_abs_threshold=0.0004)
+    boost.options = host_options(densify_grad_threshold=0.0004, densify_grad_abs_threshold=0.0004, percent_dense=0.001)
     assert boost._host_settings() == {"gradient_threshold": 0.0004}
 
 

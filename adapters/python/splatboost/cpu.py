@@ -15,7 +15,7 @@ import os
 import runpy
 import sys
 import time
-from typing import Any, Callable, List, Optional
+from typing import Any, Callable, Dict, List, Optional
 
 from . import _needs, _stand_ins
 
@@ -89,6 +89,17 @@ def _peak_memory(*_: Any) -> int:
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
+def _loading_to_cpu(load: Callable[..., Any], defaults: Dict[str, Any]) -> Callable[..., Any]:
+    """A function of torch that reads a file, with other defaults, and with tensors on the CPU."""
+
+    @functools.wraps(load)
+    def load_on_cpu(file: Any, map_location: Any = None, *arguments: Any, **named: Any) -> Any:
+        named = {**defaults, **named}
+        return load(file, "cpu" if map_location is None else _on_cpu(map_location), *arguments, **named)
+
+    return load_on_cpu
+
+
 def map_cuda() -> None:
     """Patches torch in this process so that CUDA requests run on the CPU. A second call has no effect."""
     import torch
@@ -115,23 +126,10 @@ def map_cuda() -> None:
 
     torch.Generator = Generator  # type: ignore[misc]
 
-    load = torch.load
     # Since 2.6 torch refuses the numpy numbers in the hosts' checkpoints by default.
-    whole = {"weights_only": False} if "weights_only" in inspect.signature(load).parameters else {}
-
-    @functools.wraps(load)
-    def load_on_cpu(file: Any, map_location: Any = None, *arguments: Any, **named: Any) -> Any:
-        named = {**whole, **named}
-        return load(file, "cpu" if map_location is None else _on_cpu(map_location), *arguments, **named)
-
-    torch.load = load_on_cpu
-    load_traced = torch.jit.load
-
-    @functools.wraps(load_traced)
-    def load_traced_on_cpu(file: Any, map_location: Any = None, *arguments: Any, **named: Any) -> Any:
-        return load_traced(file, "cpu" if map_location is None else _on_cpu(map_location), *arguments, **named)
-
-    torch.jit.load = load_traced_on_cpu
+    whole = {"weights_only": False} if "weights_only" in inspect.signature(torch.load).parameters else {}
+    torch.load = _loading_to_cpu(torch.load, whole)
+    torch.jit.load = _loading_to_cpu(torch.jit.load, {})
 
     cuda: Any = torch.cuda
     cuda.Event = _Event

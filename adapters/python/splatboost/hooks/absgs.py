@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from typing import Any, Callable, Dict
+from typing import Any, Callable
 
 import torch
 
@@ -21,7 +21,9 @@ def rasterizer(model: Any, host: Any) -> Callable[..., Any]:
 
 class Boost(_boost.Boost):
     gathers_absolute = False
-    host_options = {**_boost.Boost.host_options, "densify_grad_abs_threshold": ("gradient_abs_threshold", 0.0004)}
+    # AbsGS splits smaller Gaussians than 3DGS does.
+    host_options = {**_boost.Boost.host_options, "densify_grad_abs_threshold": ("gradient_abs_threshold", 0.0004),
+                    "percent_dense": ("percent_dense", 0.001)}
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, *rest: Any):
         if options.boost == "on" and options.use_prune_weight:
@@ -34,10 +36,6 @@ class Boost(_boost.Boost):
                              "the host's points3D.ply, which it would read again\n")
             sys.exit(2)
         super().__init__(gaussians, scene, options, *rest)
-
-    def _settings(self) -> Dict[str, Any]:
-        # AbsGS splits smaller Gaussians than 3DGS does.
-        return dict(super()._settings(), percent_dense=self.options.percent_dense)
 
     def _absolute_gradients(self) -> torch.Tensor:
         g = self.gaussians

@@ -51,7 +51,9 @@ class Boost(_boost.Boost):
 
     backbone = BoostOfPaper.backbone
     published_iterations = BoostOfPaper.published_iterations
-    host_options = {name: known for name, known in _boost.Boost.host_options.items() if name != "densify_grad_threshold"}
+    # Its own growth candidates apply densify_grad_threshold and percent_dense.
+    host_options = {name: known for name, known in _boost.Boost.host_options.items()
+                    if name not in ("densify_grad_threshold", "percent_dense")}
     gathers_absolute = False
 
     def _settings(self) -> Dict[str, Any]:

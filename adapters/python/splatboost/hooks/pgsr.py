@@ -27,7 +27,9 @@ def as_the_loss_sees(render: Callable[..., Any], camera: Any, gaussians: Any, pi
 class Boost(_boost.Boost):
     backbone = "pgsr"
     gathers_absolute = False
-    host_options = {name: known for name, known in _boost.Boost.host_options.items() if name != "densify_grad_threshold"}
+    # Its own growth candidates apply densify_grad_threshold and percent_dense.
+    host_options = {name: known for name, known in _boost.Boost.host_options.items()
+                    if name not in ("densify_grad_threshold", "percent_dense")}
 
     def __init__(self, gaussians: Any, scene: Any, options: Any, *rest: Any):
         if options.boost == "on" and gaussians.get_xyz.shape[0] == 0:
