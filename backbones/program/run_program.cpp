@@ -17,10 +17,10 @@
 
 #include <CLI/CLI.hpp>
 
+#include "program/command_line/help.h"
+#include "program/command_line/suggest.h"
 #include "program/commands/commands.h"
-#include "program/help.h"
-#include "program/session/options.h"
-#include "program/session/suggest.h"
+#include "program/session/run_options.h"
 #include "splatboost/errors.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/text.h"

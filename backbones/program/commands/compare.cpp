@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "program/command_line/shared_options.h"
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
 #include "program/session/run.h"
@@ -59,7 +60,8 @@ struct Compare {
       }
       if (fs::is_directory(folder / "checkpoints")) of_run.resume = folder / "checkpoints";
     }
-    return run_once(bench, set, of_run, boost, folder, command_line, [&](const std::string&) { take_folders(); });
+    return run_once(bench, set.record(), of_run, boost, folder, command_line,
+                    [&](const std::string&) { take_folders(); });
   }
 
   int run(const std::string& command_line) {
@@ -76,9 +78,10 @@ struct Compare {
       require_inputs_elsewhere(folder, options);
     }
     Workbench bench = make_workbench(options);
-    const std::string config = config_text(set, options, true, nullptr);
+    const std::string config = config_text(set.record(), options, true, nullptr);
     // Reports errors of the second run before the first one starts.
-    const std::string configs[] = {config_of_run(bench, set, options, false), config_of_run(bench, set, options, true)};
+    const std::string configs[] = {config_of_run(bench, set.record(), options, false),
+                                   config_of_run(bench, set.record(), options, true)};
     for (const bool boost : {false, true}) {
       if (resumes()) require_same_run(folder_of(boost), configs[boost ? 1 : 0]);
     }

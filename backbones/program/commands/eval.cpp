@@ -5,10 +5,11 @@
 #include <memory>
 #include <optional>
 
+#include "program/command_line/saved_model_options.h"
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
 #include "program/session/saved_model.h"
-#include "program/session/slam_results.h"
+#include "program/slam/slam_results.h"
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/evaluation/result_tables.h"
 #include "trainer/support/atomic_file.h"

@@ -4,9 +4,9 @@
 #include <memory>
 #include <string>
 
+#include "program/command_line/shared_options.h"
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
-#include "program/session/options.h"
 #include "program/session/plugged_backbone.h"
 #include "program/session/scene_files.h"
 #include "trainer/support/atomic_file.h"

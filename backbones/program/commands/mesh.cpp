@@ -10,6 +10,7 @@
 
 #include <unistd.h>
 
+#include "program/command_line/saved_model_options.h"
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
 #include "program/session/saved_model.h"

@@ -9,10 +9,11 @@
 
 #include <nlohmann/json.hpp>
 
+#include "program/command_line/option_set.h"
 #include "program/commands/commands.h"
 #include "program/commands/trajectory_alignment.h"
 #include "program/session/chosen_device.h"
-#include "program/session/options.h"
+#include "program/session/run_options.h"
 #include "trainer/mesh/dtu.h"
 #include "trainer/mesh/surface_distance.h"
 #include "trainer/mesh/tanks_and_temples.h"

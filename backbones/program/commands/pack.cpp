@@ -2,8 +2,8 @@
 #include <cstdio>
 #include <memory>
 
+#include "program/command_line/shared_options.h"
 #include "program/commands/commands.h"
-#include "program/session/options.h"
 #include "trainer/formats/read_scene.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"

@@ -8,8 +8,9 @@
 #include <utility>
 #include <vector>
 
+#include "program/command_line/option_set.h"
 #include "program/commands/commands.h"
-#include "program/session/options.h"
+#include "program/session/run_options.h"
 #include "tool/doctor.h"
 #include "tool/patch.h"
 #include "tool/patch_error.h"

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <memory>
 
+#include "program/command_line/shared_options.h"
 #include "program/commands/commands.h"
-#include "program/session/options.h"
 #include "program/session/scene_files.h"
 #include "splatboost/clearance.h"
 #include "splatboost/threads.h"

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "program/command_line/saved_model_options.h"
 #include "program/commands/commands.h"
 #include "program/commands/orbit.h"
 #include "program/session/model_folder.h"

@@ -10,12 +10,13 @@
 #include <string>
 #include <vector>
 
+#include "program/command_line/shared_options.h"
 #include "program/commands/commands.h"
 #include "program/session/chosen_device.h"
 #include "program/session/model_folder.h"
 #include "program/session/run.h"
-#include "program/session/slam_results.h"
-#include "program/session/slam_run.h"
+#include "program/slam/slam_results.h"
+#include "program/slam/slam_run.h"
 #include "splatboost/errors.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/metrics.h"
@@ -99,7 +100,7 @@ struct Slam {
 
   /// The source in config.json is the keyframes, so that commands that read scenes can open the run.
   std::string config_of(const PluggedBackbone& plugged) const {
-    Json config = Json::parse(config_text(set, options, options.boost, &plugged));
+    Json config = Json::parse(config_text(set.record(), options, options.boost, &plugged));
     config["slam"] = own.record();
     config["source"] = fs::absolute(options.model / "keyframes").lexically_normal().string();
     config["resolution"] = 1;  // the keyframes have the size that was mapped

@@ -5,8 +5,9 @@
 #include <memory>
 #include <string>
 
+#include "program/command_line/option_set.h"
 #include "program/commands/commands.h"
-#include "program/session/options.h"
+#include "program/session/run_options.h"
 #include "trainer/synth/synth_walk.h"
 
 namespace splatboost::program {

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "program/command_line/shared_options.h"
 #include "program/commands/commands.h"
 #include "program/session/model_folder.h"
 #include "program/session/run.h"
@@ -58,7 +59,8 @@ struct Train {
     const auto take_folder = [&](const std::string& config) {
       lock = take_model_folder(options.model, goes_on_in_place ? config : std::string());
     };
-    const RunOutcome outcome = run_once(bench, set, options, options.boost, options.model, command_line, take_folder);
+    const RunOutcome outcome =
+        run_once(bench, set.record(), options, options.boost, options.model, command_line, take_folder);
     if (outcome.interrupted_by != 0) {
       return end_interrupted(outcome, "splatboost train --resume " + shell_word(outcome.checkpoint.string()));
     }

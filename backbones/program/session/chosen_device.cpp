@@ -5,7 +5,7 @@
 #include <optional>
 #include <string_view>
 
-#include "program/session/options.h"
+#include "program/session/run_options.h"
 #include "splatboost/errors.h"
 #include "splatboost/threads.h"
 #include "trainer/images/image_codec.h"

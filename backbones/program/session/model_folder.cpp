@@ -9,6 +9,7 @@
 
 #include "program/session/run.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/json_values.h"
 #include "trainer/training/data_identity.h"
 
 namespace splatboost::program {
@@ -224,9 +225,9 @@ FolderLock take_model_folder(const fs::path& folder, const std::string& resumed)
   return lock;
 }
 
-std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged,
+std::string config_text(const Json& recorded, const RunOptions& options, bool boost, const PluggedBackbone* plugged,
                         const Scene* data) {
-  Json config = set.record();
+  Json config = recorded;
   config["splatboost"] = SPLATBOOST_VERSION;
   config["backbone"] = plugged ? plugged->backbone->config() : options.backbone_settings;
   config["backbone"]["name"] = options.backbone;

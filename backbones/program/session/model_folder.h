@@ -8,8 +8,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "program/session/options.h"
 #include "program/session/plugged_backbone.h"
+#include "program/session/run_options.h"
 #include "trainer/dataset/scene.h"
 #include "trainer/support/atomic_file.h"
 
@@ -55,10 +55,11 @@ FolderLock take_model_folder(const std::filesystem::path& folder, const std::str
 
 /// The text of config.json: the options, the constants in use, and what viewers need to know of the training. Throws
 /// InputError on a path that is not UTF-8.
+/// @param recorded the recorded options (OptionSet::record())
 /// @param plugged the run's backbone; null: a comparison, which has two
 /// @param data of the run, whose checksums identify it; null: not complete yet
-std::string config_text(const OptionSet& set, const RunOptions& options, bool boost, const PluggedBackbone* plugged,
-                        const Scene* data = nullptr);
+std::string config_text(const nlohmann::json& recorded, const RunOptions& options, bool boost,
+                        const PluggedBackbone* plugged, const Scene* data = nullptr);
 
 void write_config(const std::filesystem::path& folder, const std::string& text);
 

@@ -2,6 +2,7 @@
 #include "program/session/run.h"
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/evaluation/result_tables.h"
+#include "trainer/support/json_values.h"
 #include "trainer/support/process_info.h"
 
 #include <malloc.h>
@@ -211,12 +212,12 @@ Workbench make_workbench(const RunOptions& options) {
 
 std::string run_label(bool boost) { return boost ? "boosted" : "baseline"; }
 
-std::string config_of_run(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost) {
+std::string config_of_run(Workbench& bench, const nlohmann::json& recorded, const RunOptions& options, bool boost) {
   const PluggedBackbone plugged = backbone_to_train(bench, options, boost);
-  return config_text(set, options, boost, &plugged, &bench.scene);
+  return config_text(recorded, options, boost, &plugged, &bench.scene);
 }
 
-RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
+RunOutcome run_once(Workbench& bench, const nlohmann::json& recorded, const RunOptions& options, bool boost,
                     const fs::path& folder, const std::string& command,
                     const std::function<void(const std::string&)>& take_folder) {
   // Measure each run's own peak memory: return what an earlier run freed to the system first.
@@ -227,7 +228,7 @@ RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& op
 
   const PluggedBackbone plugged = backbone_to_train(bench, options, boost);
   Backbone& backbone = *plugged.backbone;
-  const std::string config = config_text(set, options, boost, &plugged, &bench.scene);
+  const std::string config = config_text(recorded, options, boost, &plugged, &bench.scene);
   bench.scene.train_halves.clear();
   if (plugged.coarse_until > 0) bench.scene.train_halves = half_views(bench.scene.train, bench.device->threads());
   bench.scene.train_rescaled = rescaled_views(options, backbone.photo_scale());

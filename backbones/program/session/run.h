@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "program/session/chosen_device.h"
-#include "program/session/options.h"
 #include "program/session/plugged_backbone.h"
+#include "program/session/run_options.h"
 #include "trainer/dataset/scene.h"
 #include "trainer/evaluation/metrics.h"
 #include "trainer/evaluation/results.h"
@@ -47,14 +47,15 @@ struct RunOutcome {
 /// "boosted" or "baseline": the name of a run in reports and, in a comparison, of its folder.
 std::string run_label(bool boost);
 
-/// The config.json that a run will write. Creates and discards its backbone, so that constants that it refuses throw
-/// InputError early.
-std::string config_of_run(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost);
+/// The config.json that a run will write, with the recorded options (OptionSet::record()). Creates and discards its
+/// backbone, so that constants that it refuses throw InputError early.
+std::string config_of_run(Workbench& bench, const nlohmann::json& recorded, const RunOptions& options, bool boost);
 
 /// Trains, evaluates and fills `folder`. options.resume may also be a folder of checkpoints: see TrainOptions.
+/// @param recorded the recorded options (OptionSet::record())
 /// @param take_folder called with config.json after all checks that may refuse the run, before anything is written;
 /// prepares the folder for the run
-RunOutcome run_once(Workbench& bench, const OptionSet& set, const RunOptions& options, bool boost,
+RunOutcome run_once(Workbench& bench, const nlohmann::json& recorded, const RunOptions& options, bool boost,
                     const std::filesystem::path& folder, const std::string& command,
                     const std::function<void(const std::string&)>& take_folder);
 

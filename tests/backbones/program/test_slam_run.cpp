@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tracking and mapping together, on the beginning of a ray-traced walk: runs that end early keep their results.
-#include "program/session/slam_run.h"
+#include "program/slam/slam_run.h"
 
 #include <gtest/gtest.h>
 
@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "photo_slam/photo_slam.h"
-#include "program/session/slam_results.h"
+#include "program/slam/slam_results.h"
 #include "splatboost/threads.h"
 #include "support/temporary_folder.h"
 #include "support/walk_frames.h"

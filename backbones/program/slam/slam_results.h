@@ -10,7 +10,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "program/session/slam_run.h"
+#include "program/slam/slam_run.h"
 #include "trainer/evaluation/metrics.h"
 #include "trainer/evaluation/results.h"
 #include "trainer/report/report.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "program/session/slam_run.h"
+#include "program/slam/slam_run.h"
 
 #include <algorithm>
 #include <atomic>

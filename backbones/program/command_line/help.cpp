@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "program/help.h"
+#include "program/command_line/help.h"
 
 namespace splatboost::program {
 namespace {

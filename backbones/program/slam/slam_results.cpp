@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "program/session/slam_results.h"
+#include "program/slam/slam_results.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "program/session/suggest.h"
+#include "program/command_line/suggest.h"
 
 #include <algorithm>
 #include <cstddef>

@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "families/tracking/tracker.h"
-#include "program/session/options.h"
 #include "program/session/plugged_backbone.h"
+#include "program/session/run_options.h"
 #include "trainer/backbone_api/online_backbone.h"
 #include "trainer/dataset/scene.h"
 #include "trainer/evaluation/results.h"

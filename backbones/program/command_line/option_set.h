@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// @file The options that subcommands share, from the command line and from --config files.
+/// @file A set of command-line options that settings files can set too.
 #pragma once
 
 #include <charconv>
 #include <cmath>
 #include <concepts>
 #include <cstddef>
-#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
@@ -20,18 +19,9 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "splatboost/schedule.h"
-#include "trainer/formats/read_scene.h"
-#include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
 
 namespace splatboost::program {
-
-/// An error in the command line. The message is followed by a reference to --help.
-class UsageError : public InputError {
- public:
-  using InputError::InputError;
-};
 
 template <class T>
 struct OptionValue {
@@ -141,91 +131,5 @@ class OptionSet {
   std::string group_ = "Options";
   std::vector<Entry> entries_;
 };
-
-inline constexpr char kResolutionHelp[] =
-    "1, 2, 4, 8: divisor; larger: width in px; -1: full, at most 1600 px wide [-1]";
-inline constexpr char kIterationHelp[] = "model saved at this iteration; 0: the last";
-inline constexpr char kImagesHelp[] = "image folder of a COLMAP scene [images], or of a Nerfies capture [rgb/1x]";
-inline constexpr char kFrameTimesHelp[] = "COLMAP: the last number in an image name is the frame, which sets the time";
-inline constexpr char kFramesHelp[] = "number of frames of each camera of a rig of videos; 0: all [24]";
-
-/// The options of a run.
-struct RunOptions {
-  SceneOptions scene;
-  std::filesystem::path model;
-  std::string backbone = "vanilla";
-  bool boost = true;
-  std::optional<int> iterations;  ///< always set after check_options()
-  std::uint64_t seed = 0;
-  std::size_t max_primitives = 0;
-  std::string device = "cpu";
-  int threads = 0;
-  std::optional<double> beta;
-  std::optional<double> tau_d;
-  std::optional<int> views;
-  bool literal = false;
-  bool no_vcd = false;
-  bool no_vcp = false;
-  bool no_cb = false;
-  bool no_absgrad = false;
-  bool no_schedule = false;
-  bool no_coarse = false;
-  std::filesystem::path lpips;
-  bool lpips_if_possible = false;  ///< leave LPIPS out if its network or a view is not fit for it, instead of refusing
-  std::filesystem::path config;
-  std::vector<int> save_iterations;
-  std::vector<int> checkpoint_iterations;
-  std::filesystem::path resume;
-  int iteration = 0;  ///< iteration of a saved model; 0: the last
-  bool quiet = false;
-
-  /// Constants of the backbone and of its acceleration, set by files.
-  nlohmann::json backbone_settings = nlohmann::json::object();
-  nlohmann::json boost_settings = nlohmann::json::object();
-};
-
-void add_source_option(OptionSet& set, RunOptions& options);
-void add_model_option(OptionSet& set, RunOptions& options, const std::string& help);
-void add_data_options(OptionSet& set, RunOptions& options);
-/// @param choose_boost whether there is --boost
-void add_training_options(OptionSet& set, RunOptions& options, bool choose_boost);
-/// Those of a command that trains options.backbone only, and on full-size views; add_run_options() adds those of all.
-void add_boost_options(OptionSet& set, RunOptions& options);
-void add_machine_options(OptionSet& set, RunOptions& options);
-void add_lpips_option(OptionSet& set, RunOptions& options);
-void add_config_option(OptionSet& set, RunOptions& options);
-/// All options of the commands that train.
-/// @param one_run true: a single run, boosted or not, which may resume from a checkpoint; false: compare, which runs
-/// both and resumes in its folder
-void add_run_options(OptionSet& set, RunOptions& options, const std::string& model_help, bool one_run);
-
-/// Reads a settings file as an object: {"backbone": {"name", constants…}, "boost": {"enabled", settings…}, options…}.
-/// "backbone" may be just the name and "boost" just true or false; both are returned as objects.
-nlohmann::json read_settings_file(const std::filesystem::path& path);
-
-/// Sets the options that the command line does not give from a settings object.
-void apply_settings(const nlohmann::json& settings, const std::string& place, OptionSet& set, RunOptions& options);
-
-/// Likewise, with a --config file between the two: it overrides the settings, and the command line overrides it.
-void apply_settings_and_config(nlohmann::json settings, std::string place, OptionSet& set, RunOptions& options);
-
-/// Settings of the acceleration, from the files and overridden by the command line; complete and checked.
-nlohmann::json boost_settings(const RunOptions& options);
-
-/// Throws on invalid values, and on --device cuda for a backbone without CUDA support; the message names the option. If
-/// no number of iterations is given, sets the published one of the backbone.
-void check_options(RunOptions& options);
-
-/// Throws UsageError if the command line gives a setting of the acceleration to a run without it, or of a part of it
-/// that is switched off.
-void check_boost_options(const OptionSet& set, const RunOptions& options);
-
-/// Throws UsageError unless a source is given.
-void require_source(const RunOptions& options);
-/// Throws UsageError unless --model is given. @param kind of folder, for the message
-void require_model(const RunOptions& options, const std::string& kind = "model");
-
-/// Checks everything about a run that can be checked before its data are read.
-void check_run_options(const OptionSet& set, RunOptions& options);
 
 }  // namespace splatboost::program

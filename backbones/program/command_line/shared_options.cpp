@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "program/session/options.h"
+#include "program/command_line/shared_options.h"
 
-#include <algorithm>
+#include <set>
+#include <string_view>
 #include <tuple>
+#include <utility>
 
-#include "program/session/chosen_device.h"
 #include "program/session/plugged_backbone.h"
-#include "program/session/suggest.h"
-#include "trainer/support/text.h"
+#include "splatboost/schedule.h"
+#include "trainer/support/json_values.h"
 
 namespace splatboost::program {
 namespace {
@@ -86,50 +87,6 @@ void merge(Json& settings, const Json& changes) {
 }
 
 }  // namespace
-
-Json OptionSet::to_record(const std::filesystem::path& value) {
-  if (value.empty()) return nullptr;
-  const std::string path = std::filesystem::absolute(value).lexically_normal().string();
-  require(is_utf8(path), path + ": this path is not UTF-8 and cannot be written into config.json; rename it");
-  return path;
-}
-
-void OptionSet::overlay(const Json& object, const std::string& place, const std::set<std::string>& reserved) {
-  std::vector<std::string> names;
-  for (const Entry& entry : entries_) names.push_back(entry.name);
-  for (const auto& item : object.items()) {
-    if (reserved.count(item.key()) != 0) continue;
-    const auto entry =
-        std::find_if(entries_.begin(), entries_.end(), [&](const Entry& e) { return e.name == item.key(); });
-    if (entry == entries_.end()) {
-      names.insert(names.end(), reserved.begin(), reserved.end());
-      throw InputError(place + ": unknown key '" + item.key() + "'" + did_you_mean(item.key(), names));
-    }
-    entry->read(item.value(), place + ": " + item.key(), entry->option->count() == 0);
-  }
-}
-
-Json OptionSet::record() const {
-  Json object = Json::object();
-  for (const Entry& entry : entries_) {
-    if (!entry.recorded) continue;
-    Json value = entry.write();
-    if (!value.is_null() && !(value.is_array() && value.empty())) object[entry.name] = std::move(value);
-  }
-  return object;
-}
-
-bool OptionSet::given(const std::string& name) const {
-  return std::any_of(entries_.begin(), entries_.end(),
-                     [&](const Entry& entry) { return entry.name == name && entry.option->count() > 0; });
-}
-
-std::string OptionSet::given_of(const std::string& group) const {
-  const auto entry = std::ranges::find_if(entries_, [&](const Entry& candidate) {
-    return candidate.option->get_group() == group && candidate.option->count() > 0;
-  });
-  return entry == entries_.end() ? "" : entry->name;
-}
 
 void add_source_option(OptionSet& set, RunOptions& options) {
   set.set_group("Data");
@@ -225,17 +182,6 @@ void add_run_options(OptionSet& set, RunOptions& options, const std::string& mod
   add_config_option(set, options);
 }
 
-Json read_settings_file(const std::filesystem::path& path) {
-  Json settings = read_json_file(path);
-  if (settings.contains("backbone") && settings["backbone"].is_string()) {
-    settings["backbone"] = {{"name", settings["backbone"]}};
-  }
-  if (settings.contains("boost") && settings["boost"].is_boolean()) {
-    settings["boost"] = {{"enabled", settings["boost"]}};
-  }
-  return settings;
-}
-
 void apply_settings(const Json& settings, const std::string& place, OptionSet& set, RunOptions& options) {
   require(!settings.contains("config"),
           place + ": config: a settings file cannot name another one; leave out this key");
@@ -280,46 +226,6 @@ void apply_settings_and_config(Json settings, std::string place, OptionSet& set,
   apply_settings(settings, place, set, options);
 }
 
-Json boost_settings(const RunOptions& options) {
-  Json settings = options.boost_settings;
-  if (options.beta) settings["beta"] = *options.beta;
-  if (options.tau_d) settings["tau_d"] = *options.tau_d;
-  if (options.views) settings["views"] = *options.views;
-  if (options.literal) settings["literal"] = true;
-  if (options.no_vcd) settings["vcd"] = false;
-  if (options.no_vcp) settings["vcp"] = false;
-  if (options.no_cb) settings["cb"] = false;
-  if (options.no_absgrad) settings["absgrad"] = false;
-  if (options.no_schedule) settings["schedule"] = false;
-  if (options.no_coarse) settings["coarse"] = false;
-  return to_json(*read_boost_settings(options.backbone, settings));
-}
-
-void check_options(RunOptions& options) {
-  const auto usage = [](bool holds, const std::string& what) {
-    if (!holds) throw UsageError(what);
-  };
-  check_device_name(options.device);
-  check_threads(options.threads);
-  usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
-  const int resolution = options.scene.resolution.value_or(-1);
-  usage(resolution == -1 || resolution >= 1, "--resolution must be -1 or at least 1");
-  usage(options.scene.llffhold >= 1, "--llffhold must be at least 1");
-  usage(options.scene.n_views >= 0, "--n-views must be at least 0");
-  usage(options.scene.frames.value_or(0) >= 0, "--frames must be at least 0");
-  usage(!options.beta || (*options.beta > 0 && *options.beta <= 1), "--beta must be in (0, 1]");
-  usage(!options.tau_d || *options.tau_d >= 0, "--tau-d must be at least 0");
-  usage(!options.views || *options.views >= 1, "--views must be at least 1");
-  for (const int iteration : options.save_iterations) {
-    usage(iteration >= 1, "--save-iterations must be at least 1");
-  }
-  for (const int iteration : options.checkpoint_iterations) {
-    usage(iteration >= 1, "--checkpoint-iterations must be at least 1");
-  }
-  usage(options.iteration >= 0, "--iteration must be at least 0");
-  if (!options.iterations) options.iterations = find_backbone(options.backbone).iterations;
-}
-
 void check_boost_options(const OptionSet& set, const RunOptions& options) {
   const std::string name = options.boost ? "" : set.given_of(kBoostGroup);
   if (!name.empty()) {
@@ -335,16 +241,6 @@ void check_boost_options(const OptionSet& set, const RunOptions& options) {
       throw UsageError("--" + std::string(option) + " has no effect with " + switches + "; leave it out");
     }
   }
-}
-
-void require_source(const RunOptions& options) {
-  if (options.scene.source.empty()) {
-    throw UsageError("no scene given: name its folder with -s/--source; 'splatboost synth DIR' makes one to try");
-  }
-}
-
-void require_model(const RunOptions& options, const std::string& kind) {
-  if (options.model.empty()) throw UsageError("no " + kind + " folder given: name it with -m/--model");
 }
 
 void check_run_options(const OptionSet& set, RunOptions& options) {
