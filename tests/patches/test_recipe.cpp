@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "miniature.h"
+#include "support/source_dir.h"
 
 namespace splatboost::patch::test {
 namespace {
@@ -106,7 +107,7 @@ TEST(Recipe, FoldersAreFoundFromTheProgram) {
 }
 
 TEST(Recipe, OurOwnAreWellFormed) {
-  const std::filesystem::path folder = SPLATBOOST_SOURCE_DIR "/patches";
+  const std::filesystem::path folder = source_dir() / "patches";
   for (const std::string& name : recipe_names(folder)) {
     const Recipe recipe = load_recipe(folder, name);
     EXPECT_EQ(mistakes(recipe), std::vector<std::string>()) << name;

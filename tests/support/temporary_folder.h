@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "support/source_dir.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/temporary_folder.h"
 
@@ -61,7 +62,7 @@ inline void expect_contains(const std::string& message, const std::string& part)
 /// Path of a dataset in $SPLATBOOST_DATA or the default folder; empty if it is not there.
 inline std::filesystem::path shared_data(const std::string& name) {
   const char* given = std::getenv("SPLATBOOST_DATA");
-  const std::filesystem::path root = given != nullptr ? given : SPLATBOOST_SOURCE_DIR "/../shared/data";
+  const std::filesystem::path root = given != nullptr ? std::filesystem::path(given) : source_dir() / "../shared/data";
   const std::filesystem::path folder = root / name;
   return std::filesystem::is_directory(folder) ? folder : std::filesystem::path();
 }
