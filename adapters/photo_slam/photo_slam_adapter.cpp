@@ -17,8 +17,8 @@ PhotoSlamBoost::PhotoSlamBoost() {
   // For the same reason many Gaussians are faint: others have replaced those inserted from features. 0.1 was
   // measured too (docs/results/backbones.md).
   late_min_opacity = 0.2;
-  // The few keyframes still need the Gaussians of smallest weight: removing them cost 0.5 dB on red kitchen, two seeds.
-  late_share = 0;
+  // The few keyframes need most Gaussians of small weight: vanilla's 5 % cost 0.5 dB on red kitchen, two seeds.
+  late_share = 0.01;
   replaced_share = 0;  // not measured here: the map still grows when a cap is reached
   // The number of keyframes is not known when the run begins. Red kitchen has 0.2 dB less with 2, 0.3 to 0.4 dB less
   // with 1; the walk hardly changes.
@@ -26,8 +26,8 @@ PhotoSlamBoost::PhotoSlamBoost() {
   // The scene extent is that of the first keyframes, which lie close together: with vanilla's 0.001 nothing would be
   // small enough to clone.
   percent_dense = 0.01;
-  // Keyframes keep arriving until the end of the sequence.
-  densify_until = late_prune_from = kLiteralGrowthEnd;
+  // Longer than vanilla, whose views are all there from the start.
+  densify_until = late_prune_from = 10000;
   min_clearance = 0;  // the camera may return to where it was, and the scene is not known at the start
   // Photo-SLAM starts every keyframe with small images anyway.
   coarse = false;
@@ -38,6 +38,7 @@ PhotoSlamBoost::PhotoSlamBoost() {
 void check(const PhotoSlamBoost& boost) {
   check(static_cast<const VanillaBoost&>(boost));
   check_setting(boost.recent_share >= 0 && boost.recent_share <= 1, "recent_share must be in [0, 1]");
+  check_setting(boost.densify_after_view >= 0, "densify_after_view must be at least 0");
 }
 
 PhotoSlamBoost literal_photo_slam_boost() {
@@ -49,7 +50,10 @@ PhotoSlamBoost literal_photo_slam_boost() {
 }
 
 PhotoSlamAdapter::PhotoSlamAdapter(const PhotoSlamBoost& boost, Device device)
-    : VanillaAdapter(boost, device), recent_share_(boost.recent_share), device_(device) {
+    : VanillaAdapter(boost, device),
+      recent_share_(boost.recent_share),
+      densify_after_view_(boost.densify_after_view),
+      device_(device) {
   check(boost);
 }
 
@@ -69,15 +73,32 @@ const ScoreSums& PhotoSlamAdapter::score(RasterizerHook& rasterizer, bool losses
   return sums_;
 }
 
+int PhotoSlamAdapter::growth_end(Moment moment) const {
+  const int end = VanillaAdapter::growth_end(moment);
+  if (is_literal() || !view_arrived_at_) return end;
+  // If most of the run is over, most of the rest is for optimization without growth.
+  const int left = std::max(0, moment.total - *view_arrived_at_);
+  return std::max(end, *view_arrived_at_ + std::min(at(densify_after_view_, moment), left / 4));
+}
+
+void PhotoSlamAdapter::note_views(Moment moment, std::size_t views) {
+  const bool arrived = views_ != 0 && views > views_;
+  views_ = views;
+  if (!arrived) return;
+  view_arrived_at_ = moment.iteration;
+  if (done_) *done_ = {};
+}
+
 PhotoSlamAdapter::LatePruning PhotoSlamAdapter::due_by(Moment moment) const {
-  const int end = std::max(boost().late_prune_from, boost().densify_until), interval = boost().late_prune_interval;
-  const int last = std::min(moment.iteration, moment.total - 1);
+  const int end = std::max(at(boost().late_prune_from, moment), growth_end(moment));
+  const int last = std::min(moment.iteration, moment.total - 1), interval = boost().late_prune_interval;
   LatePruning due;
-  due.growth_ended = last >= at(end, moment);
-  due.prunes = due.growth_ended ? 1 : 0;
-  for (std::int64_t next = (std::int64_t{end} / interval + 1) * interval;
-       next < boost().published_iterations && at(static_cast<int>(next), moment) <= last; next += interval) {
-    ++due.prunes;
+  due.growth_ended = last >= end;
+  if (!due.growth_ended) return due;
+  due.prunes = 1;
+  for (std::int64_t next = interval; next < boost().published_iterations; next += interval) {
+    const int due_at = at(static_cast<int>(next), moment);
+    if (due_at > end && due_at <= last) ++due.prunes;
   }
   return due;
 }
@@ -105,8 +126,14 @@ bool PhotoSlamAdapter::grows_at(Moment moment, bool backbone_would) const {
   return VanillaAdapter::grows_at(moment, backbone_would) && !(boost().vcp && done(moment).growth_ended);
 }
 
+void PhotoSlamAdapter::grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) {
+  note_views(statistics.moment, rasterizer.scorable_views());
+  VanillaAdapter::grow(statistics, rasterizer, decisions);
+}
+
 void PhotoSlamAdapter::prune(const DensityStatistics& statistics, RasterizerHook& rasterizer,
                              PruneDecisions& decisions) {
+  note_views(statistics.moment, rasterizer.scorable_views());
   VanillaAdapter::prune(statistics, rasterizer, decisions);
   if (is_literal() || decisions.rule != PruneRule::late || !prunes_late_at(statistics.moment)) return;
   const LatePruning due = due_by(statistics.moment);

@@ -189,6 +189,8 @@ class VanillaAdapter : public Adapter {
     return !boost_.literal && moment.iteration == late_begin(moment);
   }
   virtual bool prunes_late_at(Moment moment) const;
+  /// The first iteration without growth.
+  virtual int growth_end(Moment moment) const;
   int at(int published, Moment moment) const {
     return scaled_iteration(published, moment.total, boost_.published_iterations);
   }
@@ -209,8 +211,6 @@ class VanillaAdapter : public Adapter {
   bool reaches_cap(const DensityStatistics& statistics, std::size_t primitives) const;
   /// Whether this growth reaches the cap and another one follows.
   bool makes_room(const DensityStatistics& statistics, const GrowDecisions& decisions) const;
-  /// The first iteration without growth.
-  int growth_end(Moment moment) const;
   /// The first iteration of late pruning.
   int late_begin(Moment moment) const;
 

@@ -150,14 +150,16 @@ TEST(PhotoSlamAdapter, a_fixed_plan_prunes_late_where_vanilla_does) {
 }
 
 TEST(PhotoSlamAdapter, a_plan_that_changes_prunes_late_as_often) {
+  PhotoSlamBoost boost;
+  boost.densify_until = boost.late_prune_from = 15000;
   // The planned length goes up and down, from an iteration on that is past the middle of the new plan.
   const int wobbling[] = {990, 1100, 940, 1180, 960, 1012};
-  const Late late = late_pruning({}, 1000, [&](int i) { return i <= 600 ? 30000 : wobbling[i / 20 % 6]; });
+  const Late late = late_pruning(boost, 1000, [&](int i) { return i <= 600 ? 30000 : wobbling[i / 20 % 6]; });
   EXPECT_EQ(late.prunes.size(), 4u) << "two were due at once, as the plan became shorter";
   EXPECT_EQ(late.prunes.front(), 601);
   EXPECT_FALSE(late.grows_after);
   for (const int slope : {-1, 1}) {
-    const Late shifting = late_pruning({}, 1000, [&](int i) { return 1000 + slope * (1000 - i) / 2; });
+    const Late shifting = late_pruning(boost, 1000, [&](int i) { return 1000 + slope * (1000 - i) / 2; });
     EXPECT_EQ(shifting.prunes.size(), 5u) << slope;
     EXPECT_FALSE(shifting.grows_after);
   }
@@ -168,6 +170,56 @@ TEST(PhotoSlamAdapter, a_run_that_is_continued_prunes_only_what_is_due_from_then
   const PhotoSlamAdapter adapter({}, threads);
   EXPECT_FALSE(adapter.prunes_at({650, 1000}, false));
   EXPECT_TRUE(adapter.prunes_at({700, 1000}, false));
+}
+
+/// Lets an adapter grow and prune as a backbone does, every 100 iterations, with this number of views, and returns the
+/// iterations of late pruning and of the last growth.
+template <class Views>
+std::pair<std::vector<int>, int> phases(const PhotoSlamBoost& boost, int iterations, Views&& views) {
+  Threads threads(1);
+  PhotoSlamAdapter adapter(boost, threads);
+  Hand hand = all_would_grow();
+  hand.opacities.resize(2), hand.gradients.resize(2), hand.gradients_abs.resize(2), hand.max_scales.resize(2);
+  std::vector<int> prunes;
+  int grown_at = 0;
+  for (int i = 100; i <= iterations; i += 100) {
+    GivenCounts rasterizer({{1}, {1}}, views(i), 8, 8);
+    DensityStatistics statistics = hand.at(i);
+    statistics.moment = {i, iterations};
+    if (adapter.grows_at(statistics.moment, true)) {
+      grown_at = i;
+      std::vector<std::uint8_t> clone(2), split(2);
+      GrowDecisions decisions{clone, split};
+      adapter.grow(statistics, rasterizer, decisions);
+    }
+    if (!adapter.prunes_at(statistics.moment, false)) continue;
+    prunes.push_back(i);
+    std::vector<std::uint8_t> remove(2, 0);
+    PruneDecisions decisions{remove, PruneRule::late, {}};
+    adapter.prune(statistics, rasterizer, decisions);
+  }
+  return {prunes, grown_at};
+}
+
+TEST(PhotoSlamAdapter, growth_goes_on_after_the_last_view) {
+  const PhotoSlamBoost boost;
+  const auto growing = [](int last) {
+    return [last](int i) { return static_cast<std::size_t>(10 + std::min(i, last)); };
+  };
+  const std::vector<int> usual = {10000, 12000, 15000, 18000, 21000, 24000, 27000};
+  EXPECT_EQ(phases(boost, 30000, growing(0)), std::pair(usual, 9900)) << "all views are there from the start";
+  EXPECT_EQ(phases(boost, 30000, growing(6000)), std::pair(usual, 9900)) << "the last view arrives early";
+  EXPECT_EQ(phases(boost, 30000, growing(15000)), std::pair(std::vector<int>{18000, 21000, 24000, 27000}, 17900));
+  EXPECT_EQ(phases(boost, 30000, growing(26000)), std::pair(std::vector<int>{27000}, 26900)) << "a quarter of the rest";
+  PhotoSlamBoost literal = literal_photo_slam_boost();
+  EXPECT_EQ(phases(literal, 30000, growing(20000)).second, 14500) << "the paper's iterations";
+}
+
+TEST(PhotoSlamAdapter, growth_starts_again_with_a_view_after_a_pause) {
+  const auto late_view = [](int i) { return static_cast<std::size_t>(i > 16000 ? 11 : 10); };
+  const auto [prunes, grown_at] = phases({}, 30000, late_view);
+  EXPECT_EQ(prunes, (std::vector<int>{10000, 12000, 15000, 18000, 21000, 24000, 27000}));
+  EXPECT_EQ(grown_at, 20900) << "the view is noticed at the pruning at 18000";
 }
 
 TEST(PhotoSlamAdapter, may_be_asked_about_later_iterations) {
