@@ -107,7 +107,7 @@ TEST(Recipe, FoldersAreFoundFromTheProgram) {
 }
 
 TEST(Recipe, OurOwnAreWellFormed) {
-  const std::filesystem::path folder = source_dir() / "patches";
+  const std::filesystem::path folder = splatboost::test::source_dir() / "patches";
   for (const std::string& name : recipe_names(folder)) {
     const Recipe recipe = load_recipe(folder, name);
     EXPECT_EQ(mistakes(recipe), std::vector<std::string>()) << name;
