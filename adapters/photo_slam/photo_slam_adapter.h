@@ -40,10 +40,10 @@ PhotoSlamBoost literal_photo_slam_boost();
 
 /// Scores are recomputed at every event, so that none is stale after a loop closure. Phases are fractions of the
 /// planned run (Moment::total), but growth ends only some time after the last view has arrived, and starts again if
-/// one arrives later. The plan changes while views arrive, and in a run limited by time later too. Late prunings are
-/// therefore counted: each one due at the current fraction of the plan happens once, delayed if a change of plan
-/// skipped its iteration. Nothing grows between the pruning at the end of growth and the next view. The literal rules
-/// draw the K views uniformly and divide by K, at the paper's iterations.
+/// one arrives later, which is noticed at the next pruning. The plan changes while views arrive, and in a run limited
+/// by time later too. Late prunings are therefore counted: each one due at the current fraction of the plan happens
+/// once, delayed if a change of plan skipped its iteration. Nothing grows between the pruning at the end of growth and
+/// the next view. The literal rules draw the K views uniformly and divide by K, at the paper's iterations.
 class PhotoSlamAdapter final : public VanillaAdapter {
  public:
   PhotoSlamAdapter(const PhotoSlamBoost& boost, Device device);

@@ -252,13 +252,16 @@ TEST(PhotoSlamAdapter, higher_bands_have_one_rate_for_any_number_of_keyframes) {
 
 TEST(PhotoSlamAdapter, impossible_settings_are_named) {
   Threads threads(1);
-  PhotoSlamBoost boost;
-  boost.recent_share = 1.5;
-  try {
-    PhotoSlamAdapter adapter(boost, threads);
-    FAIL();
-  } catch (const ArgumentError& error) {
-    EXPECT_NE(std::string(error.what()).find("recent_share"), std::string::npos);
+  PhotoSlamBoost share, after_view;
+  share.recent_share = 1.5;
+  after_view.densify_after_view = -1;
+  for (const auto& [boost, name] : {std::pair{share, "recent_share"}, {after_view, "densify_after_view"}}) {
+    try {
+      PhotoSlamAdapter adapter(boost, threads);
+      FAIL() << name;
+    } catch (const ArgumentError& error) {
+      EXPECT_NE(std::string(error.what()).find(name), std::string::npos) << error.what();
+    }
   }
 }
 
