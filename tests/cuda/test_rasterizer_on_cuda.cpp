@@ -10,7 +10,6 @@
 
 #include "cuda/cuda_device.h"
 #include "splatboost/convex_rasterizer.h"
-#include "splatboost/cuda_backward.h"
 #include "splatboost/device_array.h"
 #include "splatboost/errors.h"
 #include "splatboost/rasterizer.h"
@@ -109,14 +108,12 @@ SceneData many_splats(const Camera& camera, std::size_t count, double largest = 
 
 Doubles as_doubles(const std::vector<float>& values) { return {values.begin(), values.end()}; }
 
-class RasterizerOnCuda : public OnCuda<::testing::TestWithParam<std::tuple<BoxPolicy, CudaBackward>>> {
+class RasterizerOnCuda : public OnCuda<::testing::TestWithParam<BoxPolicy>> {
  protected:
   RasterizerOnCuda() {
-    options.box = std::get<0>(GetParam());
+    options.box = GetParam();
     options.beta = 0.5f;
-    use_cuda_backward(std::get<1>(GetParam()));
   }
-  ~RasterizerOnCuda() override { use_cuda_backward(CudaBackward::per_pixel); }
   Camera camera = oblique_camera(117, 85);
   RasterOptions options;
 };
@@ -210,6 +207,22 @@ TEST_P(RasterizerOnCuda, AViewThatOutgrowsItsRoomIsDrawnAgain) {
     EXPECT_EQ(on_device.image.to_host(), expected);
     EXPECT_EQ(rasterizer.counts().tile_entries, fresh.counts().tile_entries);
   }
+}
+
+TEST_P(RasterizerOnCuda, ALargerViewThanAllBeforeHasEnoughRoom) {
+  Camera small = camera;
+  small.width /= 4, small.height /= 4;
+  small.fx /= 4, small.fy /= 4, small.cx /= 4, small.cy /= 4;
+  const SceneData scene = many_splats(camera, 2500, 12);
+  SceneOnDevice on_device(stream(), scene, camera), on_small(stream(), scene, small);
+  Rasterizer fresh(stream()), rasterizer(stream());
+  on_device.forward(fresh, camera, options);
+  const std::vector<float> expected = on_device.image.to_host();
+  on_small.forward(rasterizer, small, options);
+  on_device.image.fill_zero();
+  on_device.forward(rasterizer, camera, options);
+  EXPECT_EQ(on_device.image.to_host(), expected);
+  EXPECT_FALSE(rasterizer.settle());
 }
 
 TEST_P(RasterizerOnCuda, RoundGaussiansThatAreNotTurnedAreNotTurnedByRounding) {
@@ -387,12 +400,9 @@ TEST_F(ConvexesOnCuda, AViewThatDoesNotFitIsRefused) {
 
 #endif
 
-INSTANTIATE_TEST_SUITE_P(Kinds, RasterizerOnCuda,
-                         ::testing::Combine(::testing::Values(BoxPolicy::square, BoxPolicy::ellipse),
-                                            ::testing::Values(CudaBackward::per_pixel, CudaBackward::per_splat)),
+INSTANTIATE_TEST_SUITE_P(Kinds, RasterizerOnCuda, ::testing::Values(BoxPolicy::square, BoxPolicy::ellipse),
                          [](const auto& given) {
-                           return std::string(std::get<0>(given.param) == BoxPolicy::square ? "square" : "ellipse") +
-                                  (std::get<1>(given.param) == CudaBackward::per_pixel ? "_per_pixel" : "_per_splat");
+                           return std::string(given.param == BoxPolicy::square ? "square" : "ellipse");
                          });
 
 }  // namespace

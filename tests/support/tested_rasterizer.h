@@ -28,7 +28,6 @@ inline void expect_same_gradients(const std::vector<float>& a, const std::vector
 #include <cstdlib>
 #include <string_view>
 
-#include "splatboost/cuda_backward.h"
 #include "splatboost/cuda_stream.h"
 #include "splatboost/device_array.h"
 #include "splatboost/errors.h"
@@ -52,11 +51,9 @@ inline CudaStream& test_stream() {
   return stream;
 }
 
-/// Skips all tests if there is no device. SPLATBOOST_TEST_CUDA_BACKWARD selects the variant of the backward pass.
+/// Skips all tests if there is no device.
 class NeedsDevice : public ::testing::Environment {
   void SetUp() override {
-    const char* const way = std::getenv("SPLATBOOST_TEST_CUDA_BACKWARD");
-    if (way != nullptr && std::string_view(way) == "per_splat") use_cuda_backward(CudaBackward::per_splat);
     try {
       test_stream();
     } catch (const NoDeviceError& error) {

@@ -26,11 +26,6 @@ constexpr BenchStage kStages[] = {
     {"iteration", "iteration"},
     {"count", "count replay"},
     {"scoring", "scoring a view"},
-    // With CudaBackward::per_splat.
-    {"tile_lists_per_splat", "per splat: sort and bin"},
-    {"blend_per_splat", "... blend forward"},
-    {"blend_backward_per_splat", "... blend backward"},
-    {"iteration_per_splat", "... iteration"},
 };
 
 constexpr int kLabel = 26;

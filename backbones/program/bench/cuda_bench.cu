@@ -11,7 +11,6 @@
 #include "device/cuda_event.h"
 #include "splatboost/activations.h"
 #include "splatboost/adam.h"
-#include "splatboost/cuda_backward.h"
 #include "splatboost/device_array.h"
 #include "splatboost/multi_view_scores.h"
 #include "splatboost/photometric.h"
@@ -164,18 +163,6 @@ class DeviceClock {
   cuda::Event begin_, end_;
 };
 
-/// Selects a way of the backward pass for its lifetime.
-class HeldWay {
- public:
-  explicit HeldWay(CudaBackward way) : before_(cuda_backward()) { use_cuda_backward(way); }
-  ~HeldWay() { use_cuda_backward(before_); }
-  HeldWay(const HeldWay&) = delete;
-  HeldWay& operator=(const HeldWay&) = delete;
-
- private:
-  CudaBackward before_;
-};
-
 /// Times each stage once.
 std::map<std::string, double> time_stages(CudaIteration& iteration, DeviceClock& clock) {
   std::map<std::string, double> milliseconds;
@@ -207,23 +194,12 @@ CudaSamples measure_cuda_stages(const BenchScene& bench, CudaStream& stream, int
   CudaSamples samples;
   CudaIteration iteration(bench, stream);
   DeviceClock clock(stream);
-  {
-    const HeldWay held(CudaBackward::per_pixel);
-    for (int i = 0; i < warm_up + repeats; ++i) {
-      auto milliseconds = time_stages(iteration, clock);
-      milliseconds["scoring"] = time_scoring(iteration);
-      milliseconds["count"] = 1e3 * iteration.raster_seconds().count;
-      if (i < warm_up) continue;
-      for (const auto& [stage, value] : milliseconds) samples[stage].push_back(value);
-    }
-  }
-  const HeldWay held(CudaBackward::per_splat);
   for (int i = 0; i < warm_up + repeats; ++i) {
-    const auto milliseconds = time_stages(iteration, clock);
+    auto milliseconds = time_stages(iteration, clock);
+    milliseconds["scoring"] = time_scoring(iteration);
+    milliseconds["count"] = 1e3 * iteration.raster_seconds().count;
     if (i < warm_up) continue;
-    for (const char* stage : {"tile_lists", "blend", "blend_backward", "iteration"}) {
-      samples[std::string(stage) + "_per_splat"].push_back(milliseconds.at(stage));
-    }
+    for (const auto& [stage, value] : milliseconds) samples[stage].push_back(value);
   }
   return samples;
 }

@@ -14,8 +14,7 @@ namespace splatboost::program {
 
 /// Milliseconds of each repeat, by stage: activate, project, tile_lists, blend, loss, blend_backward, project_backward,
 /// optimizer, iteration (all of these in a row), count (of flagged pixels) and scoring (one view: render, error map,
-/// loss, count). tile_lists, blend, blend_backward and iteration have a second value, NAME_per_splat, measured with
-/// CudaBackward::per_splat, for which blending keeps states.
+/// loss, count).
 ///
 /// Stages are timed on the device, with the host running ahead of it; scoring is wall time. The loss does not wait for
 /// its value (Photometric::evaluate_ahead()).

@@ -23,8 +23,6 @@ constexpr double kRecord = 48, kEllipse = 32, kBox = 8, kTileCount = 4, kVisible
 constexpr double kMomentRow = 64;
 constexpr double kEntry = 4;
 constexpr double kOwnPixel = 16, kImagePixel = 12;  // colour and alpha as the backward pass reads them; colour
-constexpr double kStates = 16 * 256 / 32.0;         // per entry: four numbers per pixel of the tile, every 32 entries
-constexpr double kStop = 4;                         // per pixel
 
 // Operations per pixel and splat.
 constexpr double kStep = 14;          // offsets 2, exponent 8, power 1, clamp 1, transmittance 2
@@ -99,21 +97,12 @@ std::map<std::string, Effort> cuda_efforts(const BlendWork& work, std::uint64_t 
         tables + sums + kMomentsInUse * static_cast<double>(warps) + (kOwnPixel + kImagePixel) * pixels}},
       {"project_backward", project_backward(visible)},
       {"optimizer", optimizer(n)}};
-  efforts["tile_lists_per_splat"] = efforts["tile_lists"];
-  const double states = kStates * entries + kStop * pixels;
-  efforts["blend_per_splat"] = {kBlend * lanes, efforts["blend"].bytes + states};
-  efforts["blend_backward_per_splat"] = {
-      kBlendBackward * lanes, tables + sums + kMomentsInUse * entries + (kOwnPixel + kImagePixel) * pixels + states};
-  for (const std::string way : {"", "_per_splat"}) {
-    Effort whole;
-    for (const std::string& stage :
-         {std::string("activate"), std::string("project"), "tile_lists" + way, "blend" + way, std::string("loss"),
-          "blend_backward" + way, std::string("project_backward"), std::string("optimizer")}) {
-      whole.operations += efforts.at(stage).operations;
-      whole.bytes += efforts.at(stage).bytes;
-    }
-    efforts["iteration" + way] = whole;
+  Effort whole;
+  for (const auto& [stage, effort] : efforts) {
+    whole.operations += effort.operations;
+    whole.bytes += effort.bytes;
   }
+  efforts["iteration"] = whole;
   return efforts;
 }
 

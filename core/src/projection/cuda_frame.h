@@ -69,8 +69,6 @@ enum Moment : int {
 inline constexpr int kMomentColumns = 16;
 
 inline constexpr std::uint32_t kTilePixels = kTileSize * kTileSize;
-/// Number of splats of a tile's list that a warp processes together.
-inline constexpr std::uint32_t kBucketSplats = 32;
 
 /// Most items of an array that CUB sorts.
 inline constexpr std::size_t kMaxRoom = (std::size_t{1} << 31) - 1;
@@ -119,15 +117,6 @@ struct CudaFrame {
   DeviceArray<float> moments{stream};  ///< [N, kMomentColumns]
   DeviceArray<float> feature_gradients{stream};  ///< [N, features]
 
-  // For CudaBackward::per_splat: the state of every pixel of a tile before each bucket of the tile's list.
-  bool keeps_states = false;
-  std::size_t bucket_room = 0;
-  DeviceArray<std::uint32_t> bucket_offsets{stream};  ///< [T+1] first bucket of a tile
-  DeviceArray<std::uint32_t> bucket_tiles{stream};    ///< [bucket_room] tile of each bucket
-  DeviceArray<float> bucket_states{stream};  ///< [bucket_room, 4 + extra_channels(), 256] transmittance, colour, extra
-  DeviceArray<std::uint32_t> pixel_stops{stream};  ///< [T, 256] entries until the pixel was saturated
-  DeviceArray<std::uint32_t> tile_stops{stream};   ///< [T] maximum of these
-
   int extra_channels() const { return features + (inverse_depth ? 1 : 0); }
   std::size_t tiles() const { return static_cast<std::size_t>(tiles_x) * static_cast<std::size_t>(tiles_y); }
   std::size_t image_pixels() const {
@@ -148,8 +137,6 @@ void count_visible(CudaFrame& frame, CudaStream& stream);
 void sort_by_depth(CudaFrame& frame, CudaStream& stream);
 /// Fills entries, at most entry_room of them, and tile_entries, and sets totals.entries. (tiles_cuda.cu)
 void build_tile_lists(CudaFrame& frame, CudaStream& stream);
-/// Numbers the buckets of the tiles' lists. (tiles_cuda.cu)
-void number_buckets(CudaFrame& frame, CudaStream& stream);
 /// Blends all tiles. (blend_cuda.cu)
 void blend(CudaFrame& frame, const RasterImages& images, CudaStream& stream);
 /// Fills moments and feature_gradients. (blend_backward_cuda.cu)

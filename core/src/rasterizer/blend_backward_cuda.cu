@@ -128,7 +128,7 @@ __global__ void __launch_bounds__(kTileThreads, kMaxExtra == 0 ? 0 : kMinBlocks<
 #pragma unroll
   for (int p = 0; p < kThreadPixels; ++p) pixels.open[p] = pixels.at[p].inside && in.pixels[3 * plane + at(p)] > 0.0f;
   PixelAhead<kMaxExtra> ahead[kThreadPixels] = {{in, pixels.open[0], plane, at(0)}, {in, pixels.open[1], plane, at(1)}};
-  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+  visit_splats(lists, blockIdx.x, pixels, [&](const SplatRecord& splat) {
     PixelStep steps[kThreadPixels];
     bool any = false;
 #pragma unroll
@@ -151,95 +151,6 @@ __global__ void __launch_bounds__(kTileThreads, kMaxExtra == 0 ? 0 : kMinBlocks<
   });
 }
 
-/// Pixel states kept by the blending kernel.
-struct KeptStates {
-  DeviceView<const std::uint32_t> bucket_offsets, bucket_tiles, pixel_stops, tile_stops;
-  DeviceView<const float> states;
-};
-
-/// One warp per bucket, one lane per splat. The tile's pixels pass through the lanes one after another: each lane moves
-/// a pixel past its splat and hands the pixel's state to the next lane. Sums stay in the lane's registers.
-/// @tparam kMaxExtra maximum number of extra channels
-template <bool kAbsolute, int kMaxExtra>
-__global__ void __launch_bounds__(kTilePixels)
-    splat_backward_kernel(TileLists lists, BlendGradients in, KeptStates kept) {
-  const std::uint32_t bucket = blockIdx.x * (kTilePixels / 32) + threadIdx.x / 32;
-  const int lane = static_cast<int>(threadIdx.x % 32);
-  // Whole warps return here, and no block-wide barrier follows.
-  if (bucket >= kept.bucket_offsets[lists.tiles.size()]) return;
-  const std::uint32_t tile = kept.bucket_tiles[bucket];
-  const std::uint32_t first = (bucket - kept.bucket_offsets[tile]) * kBucketSplats;
-  if (first >= kept.tile_stops[tile]) return;
-
-  const TileEntries range = lists.tiles[tile];
-  const std::uint32_t index = first + static_cast<std::uint32_t>(lane);
-  const bool has_splat = range.begin + index < range.end;
-  SplatRecord splat{};
-  if (has_splat) splat = lists.records[lists.entries[range.begin + index]];
-  const std::size_t plane = static_cast<std::size_t>(lists.width) * lists.height;
-  const std::size_t state_row = bucket * (4 + static_cast<std::size_t>(in.extra)) * kTilePixels;
-  const std::size_t stops_row = tile * static_cast<std::size_t>(kTilePixels);
-
-  float moments[kMomentColumns] = {};
-  float features[kMomentColumns] = {};
-  float transmittance = 0.0f, rest = 0.0f;              // of the lane's current pixel
-  float first_transmittance = 0.0f, first_rest = 0.0f;  // of the next pixels, one per lane
-  for (int round = 0; round < static_cast<int>(kTilePixels) + 31; ++round) {
-    if (round % 32 == 0 && round < static_cast<int>(kTilePixels)) {
-      const auto number = static_cast<std::uint32_t>(round + lane);
-      const TilePixel pixel(lists, tile, number);
-      first_transmittance = first_rest = 0.0f;
-      if (pixel.inside && kept.pixel_stops[stops_row + number] > first) {
-        const std::size_t at = pixel.index(lists);
-        const PixelGradients<kMaxExtra> g(in, true, plane, at);
-        const auto state = [&](int c) {
-          return kept.states[state_row + c * static_cast<std::size_t>(kTilePixels) + number];
-        };
-        const auto behind = [&](int c, int plane_of_state) {
-          return in.pixels[c * plane + at] - state(plane_of_state);
-        };
-        first_transmittance = state(0);
-        first_rest = g.red * behind(0, 1) + g.green * behind(1, 2) + g.blue * behind(2, 3) +
-                     g.alpha * (in.pixels[3 * plane + at] - (1.0f - first_transmittance));
-#pragma unroll
-        for (int c = 0; c < kMaxExtra; ++c) {
-          if (c < in.extra) first_rest = fmaf(g.extra[c], behind(4 + c, 4 + c), first_rest);
-        }
-      }
-    }
-    // Each lane takes over the pixel of the lane before it; lane 0 starts a new pixel.
-    transmittance = __shfl_up_sync(kWholeWarp, transmittance, 1);
-    rest = __shfl_up_sync(kWholeWarp, rest, 1);
-    const float new_transmittance = __shfl_sync(kWholeWarp, first_transmittance, round % 32);
-    const float new_rest = __shfl_sync(kWholeWarp, first_rest, round % 32);
-    if (lane == 0) {
-      transmittance = new_transmittance;
-      rest = new_rest;
-    }
-    const int number = round - lane;
-    if (!has_splat || number < 0 || number >= static_cast<int>(kTilePixels)) continue;
-    if (index >= kept.pixel_stops[stops_row + static_cast<std::uint32_t>(number)]) continue;
-    const TilePixel pixel(lists, tile, static_cast<std::uint32_t>(number));
-    bool open = true;
-    const PixelStep step = step_pixel(splat, pixel, transmittance, open);
-    if (!step.blended) continue;
-    const PixelGradients<kMaxExtra> g(in, true, plane, pixel.index(lists));
-    add_pixel<kAbsolute, false>(in, splat, step, g, transmittance, rest, moments, features);
-  }
-  if (!has_splat) return;
-#pragma unroll
-  for (int k = 0; k < kMoments; ++k) {
-    if (moments[k] != 0.0f)
-      atomicAdd(&in.moments[splat.gaussian * static_cast<std::size_t>(kMomentColumns) + k], moments[k]);
-  }
-#pragma unroll
-  for (int c = 0; c < (kMaxExtra > 0 ? kMaxFeatures : 0); ++c) {
-    if (c < in.features_count && features[c] != 0.0f) {
-      atomicAdd(&in.feature_gradients[splat.gaussian * static_cast<std::size_t>(in.features_count) + c], features[c]);
-    }
-  }
-}
-
 }  // namespace
 
 void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, bool absolute, CudaStream& stream) {
@@ -260,19 +171,9 @@ void blend_backward(CudaFrame& frame, const RasterImageGradients& gradients, boo
                           frame.moments.span(),
                           frame.feature_gradients.span()};
   const auto run = [&]<int kMaxExtra>(std::integral_constant<int, kMaxExtra>) {
-    if (frame.keeps_states) {
-      const KeptStates kept{std::as_const(frame.bucket_offsets).span(), std::as_const(frame.bucket_tiles).span(),
-                            std::as_const(frame.pixel_stops).span(), std::as_const(frame.tile_stops).span(),
-                            std::as_const(frame.bucket_states).span()};
-      constexpr std::size_t kBuckets = kTilePixels / 32;
-      const dim3 blocks(static_cast<std::uint32_t>((frame.bucket_room + kBuckets - 1) / kBuckets));
-      const auto kernel = absolute ? splat_backward_kernel<true, kMaxExtra> : splat_backward_kernel<false, kMaxExtra>;
-      launch(stream, "splat_backward", kernel, blocks, dim3(kTilePixels), TileLists(frame), in, kept);
-    } else {
-      const dim3 blocks(static_cast<std::uint32_t>(frame.tiles()));
-      const auto kernel = absolute ? pixel_backward_kernel<true, kMaxExtra> : pixel_backward_kernel<false, kMaxExtra>;
-      launch(stream, "pixel_backward", kernel, blocks, dim3(kTileThreads), TileLists(frame), in);
-    }
+    const dim3 blocks(static_cast<std::uint32_t>(frame.tiles()));
+    const auto kernel = absolute ? pixel_backward_kernel<true, kMaxExtra> : pixel_backward_kernel<false, kMaxExtra>;
+    launch(stream, "pixel_backward", kernel, blocks, dim3(kTileThreads), TileLists(frame), in);
   };
   if (!extra_gradients) {  // extra channels without a gradient contribute nothing
     run(std::integral_constant<int, 0>{});

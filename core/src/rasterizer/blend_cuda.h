@@ -166,12 +166,9 @@ __device__ inline PixelStep step_pixel(const SplatRecord& splat, const TilePixel
 }
 
 /// Visits a tile's splats, near to far, until all its pixels are closed. All threads of the block must call it.
-/// @param visit (index in the tile's list, splat): called by whole warps, for splats that may reach one of their
-///     pixels; may close pixels
-/// @param begin_bucket (number): called by whole warps before each kBucketSplats of the list
-template <class Visit, class BeginBucket>
-__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const ThreadPixels& pixels, Visit&& visit,
-                             BeginBucket&& begin_bucket) {
+/// @param visit (splat): called by whole warps, for splats that may reach one of their pixels; may close pixels
+template <class Visit>
+__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const ThreadPixels& pixels, Visit&& visit) {
   __shared__ SharedArray<SplatRecord, kBatchSplats> batch;
   const TileEntries range = lists.tiles[tile];
   const WarpCorner corner(lists, tile, threadIdx.x / 32);
@@ -185,20 +182,13 @@ __device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const T
     const int count = static_cast<int>(min(kBatchSplats, range.end - base));
     for (int group = 0; group < count; group += 32) {
       if (!__any_sync(kWholeWarp, pixels.any_open())) break;
-      const std::uint32_t index = base - range.begin + static_cast<std::uint32_t>(group);
-      begin_bucket(index / kBucketSplats);
       const int own = group + lane;
       unsigned reaching = __ballot_sync(kWholeWarp, own < count && may_reach(batch.get(min(own, count - 1)), corner));
       for (; reaching != 0; reaching &= reaching - 1) {
-        const int next = __ffs(static_cast<int>(reaching)) - 1;
-        visit(index + static_cast<std::uint32_t>(next), batch.get(group + next));
+        visit(batch.get(group + __ffs(static_cast<int>(reaching)) - 1));
       }
     }
   }
-}
-template <class Visit>
-__device__ void visit_splats(const TileLists& lists, std::uint32_t tile, const ThreadPixels& pixels, Visit&& visit) {
-  visit_splats(lists, tile, pixels, visit, [](std::uint32_t) {});
 }
 
 }  // namespace splatboost::cuda

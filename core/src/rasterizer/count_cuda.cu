@@ -17,7 +17,7 @@ __global__ void __launch_bounds__(kTileThreads)
     transmittance[p] = 1.0f;
   }
   if (!__syncthreads_or(pixels.any_open())) return;  // the whole block returns: nothing to count
-  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+  visit_splats(lists, blockIdx.x, pixels, [&](const SplatRecord& splat) {
     int counted = 0;
 #pragma unroll
     for (int p = 0; p < kThreadPixels; ++p) {
@@ -35,7 +35,7 @@ __global__ void __launch_bounds__(kTileThreads)
   float transmittance[kThreadPixels];
 #pragma unroll
   for (int p = 0; p < kThreadPixels; ++p) transmittance[p] = 1.0f;
-  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+  visit_splats(lists, blockIdx.x, pixels, [&](const SplatRecord& splat) {
     int counted = 0;
 #pragma unroll
     for (int p = 0; p < kThreadPixels; ++p) {
@@ -53,7 +53,7 @@ __global__ void __launch_bounds__(kTileThreads) weigh_kernel(TileLists lists, De
   float transmittance[kThreadPixels];
 #pragma unroll
   for (int p = 0; p < kThreadPixels; ++p) transmittance[p] = 1.0f;
-  visit_splats(lists, blockIdx.x, pixels, [&](std::uint32_t, const SplatRecord& splat) {
+  visit_splats(lists, blockIdx.x, pixels, [&](const SplatRecord& splat) {
     int weight = 0;
 #pragma unroll
     for (int p = 0; p < kThreadPixels; ++p) {

@@ -6,7 +6,6 @@
 #include "projection/cuda_frame.h"
 #include "rasterizer/cuda_ops.h"
 #include "rasterizer/cuda_raster_clock.h"
-#include "splatboost/cuda_backward.h"
 #include "splatboost/errors.h"
 
 namespace splatboost::cuda {
@@ -67,8 +66,10 @@ class CudaRasterizer : public RasterizerBackend {
     frame_.tiles_y = camera.tiles_y();
     gaussians_ = gaussians;
     images_ = images;
-    // Waits in the first frame, and after one that outgrew its room or failed.
-    draw(half_drawn_ || outgrown_ || known_gaussians_ == 0);
+    // Waits in the first frame, in one of more tiles than all before, and after one that outgrew its room or failed.
+    const bool larger = frame_.tiles() > most_tiles_;
+    most_tiles_ = std::max(most_tiles_, frame_.tiles());
+    draw(half_drawn_ || outgrown_ || known_gaussians_ == 0 || larger);
   }
 
   void backward(const Gaussians& gaussians, const RasterImageGradients& image_gradients,
@@ -153,8 +154,6 @@ class CudaRasterizer : public RasterizerBackend {
       totals_.fetch(frame_.totals);
       on_the_way_ = true;
     }
-    frame_.keeps_states = cuda_backward() == CudaBackward::per_splat;
-    if (frame_.keeps_states) number_buckets(frame_, stream_);
     clock_.listed.record();
     blend(frame_, images_, stream_);
     clock_.blended.record();
@@ -215,6 +214,7 @@ class CudaRasterizer : public RasterizerBackend {
   bool outgrown_ = false;         ///< a frame was found to have had too little room
   FrameTotals known_{};
   std::size_t known_gaussians_ = 0;  ///< largest N at which totals were read; 0: none were yet
+  std::size_t most_tiles_ = 0;       ///< of a frame: a larger image may have more entries than there is room for
   RasterSeconds seconds_;
   RasterClock clock_;
 };

@@ -127,13 +127,6 @@ __global__ void __launch_bounds__(kBlockThreads)
   if (e + 1 == keys.size() && own < tiles.size()) tiles[own].end = static_cast<std::uint32_t>(e + 1);
 }
 
-__global__ void __launch_bounds__(kBlockThreads)
-    bucket_counts_kernel(DeviceView<const TileEntries> tiles, DeviceView<std::uint32_t> counts) {
-  const std::size_t t = element_index();
-  if (t >= counts.size()) return;
-  counts[t] = t < tiles.size() ? (tiles[t].end - tiles[t].begin + kBucketSplats - 1) / kBucketSplats : 0;
-}
-
 }  // namespace
 
 void count_visible(CudaFrame& frame, CudaStream& stream) {
@@ -186,15 +179,6 @@ void build_tile_lists(CudaFrame& frame, CudaStream& stream) {
                                            handle_of(stream));
   });
   launch_each(stream, "tile_ranges", ranges_kernel, room, frame.tile_keys_swap.span(), frame.tile_entries.span());
-}
-
-void number_buckets(CudaFrame& frame, CudaStream& stream) {
-  frame.bucket_room = frame.entry_room / kBucketSplats + frame.tiles();  // a tile's last bucket may be short
-  frame.bucket_offsets.ensure(frame.tiles() + 1);
-  launch_each(stream, "bucket_counts", bucket_counts_kernel, frame.tiles() + 1, frame.tile_entries.span(),
-              frame.bucket_offsets.span());
-  sum_to_offsets(stream, frame.scratch, "cub::ExclusiveScan of buckets", frame.bucket_offsets,
-                 items(frame.tiles() + 1));
 }
 
 }  // namespace splatboost::cuda

@@ -12,7 +12,6 @@
 #include "program/bench/cuda_figures.h"
 #include "program/bench/cuda_limits.h"
 #include "program/bench/cuda_work.h"
-#include "splatboost/cuda_backward.h"
 
 namespace splatboost::program {
 namespace {
@@ -23,7 +22,7 @@ const CudaProbe kTinyProbe{.copied_bytes = 1 << 16, .threads = 512, .rounds = 2}
 
 const std::set<std::string> kWithoutEffort{"count", "scoring"};  // their effort depends on the flagged pixels
 
-TEST(CudaBench, TimesEveryStageBothWays) {
+TEST(CudaBench, TimesEveryStage) {
   CudaStream stream;
   constexpr int kRepeats = 2;
   const CudaSamples samples = measure_cuda_stages(make_bench_scene(kTiny), stream, 1, kRepeats);
@@ -34,10 +33,7 @@ TEST(CudaBench, TimesEveryStageBothWays) {
     EXPECT_GT(*std::min_element(milliseconds.begin(), milliseconds.end()), 0) << stage;
   }
   EXPECT_EQ(stages, (std::set<std::string>{"activate", "project", "tile_lists", "blend", "loss", "blend_backward",
-                                           "project_backward", "optimizer", "iteration", "count", "scoring",
-                                           "tile_lists_per_splat", "blend_per_splat", "blend_backward_per_splat",
-                                           "iteration_per_splat"}));
-  EXPECT_EQ(cuda_backward(), CudaBackward::per_pixel);  // restored
+                                           "project_backward", "optimizer", "iteration", "count", "scoring"}));
 }
 
 TEST(CudaBench, EveryStageOfAnIterationHasAnEffort) {
@@ -55,13 +51,12 @@ TEST(CudaBench, EveryStageOfAnIterationHasAnEffort) {
   }
   EXPECT_EQ(efforts.at("optimizer").bytes, 59 * 32 * 150);
   EXPECT_EQ(efforts.at("blend").operations, 21.0 * 32 * static_cast<double>(work.cells));
-  EXPECT_GT(efforts.at("blend_backward_per_splat").bytes, efforts.at("blend_backward").bytes);
   double sum = 0;
-  for (const char* stage : {"activate", "project", "tile_lists_per_splat", "blend_per_splat", "loss",
-                            "blend_backward_per_splat", "project_backward", "optimizer"}) {
+  for (const char* stage :
+       {"activate", "project", "tile_lists", "blend", "loss", "blend_backward", "project_backward", "optimizer"}) {
     sum += efforts.at(stage).bytes;
   }
-  EXPECT_EQ(efforts.at("iteration_per_splat").bytes, sum);
+  EXPECT_EQ(efforts.at("iteration").bytes, sum);
 }
 
 TEST(CudaBench, CountsCellsThatHoldABlendedPixel) {
@@ -103,8 +98,8 @@ TEST(CudaBench, WritesAndPrintsWhatItFound) {
   const nlohmann::json& scene = document["scenes"].at(0);
   EXPECT_EQ(scene["splats"], kTiny.splats);
   EXPECT_EQ(scene["efforts"].size() + kWithoutEffort.size(), scene["milliseconds"].size());
-  const nlohmann::json& effort = scene["efforts"]["blend_backward_per_splat"];
-  const double seconds = 1e-3 * scene["milliseconds"]["blend_backward_per_splat"].get<double>();
+  const nlohmann::json& effort = scene["efforts"]["blend_backward"];
+  const double seconds = 1e-3 * scene["milliseconds"]["blend_backward"].get<double>();
   const double most = document["limits"]["bytes_per_second"].get<double>();
   EXPECT_DOUBLE_EQ(effort["share_of_bytes"].get<double>(), effort["bytes"].get<double>() / seconds / most);
 
@@ -114,7 +109,7 @@ TEST(CudaBench, WritesAndPrintsWhatItFound) {
   const std::string printed = testing::internal::GetCapturedStdout();
   EXPECT_NE(printed.find(stream.device_name() + ", CUDA 12.0; medians of 1"), std::string::npos) << printed;
   EXPECT_NE(printed.find("limits of this GPU"), std::string::npos);
-  EXPECT_NE(printed.find("per splat: sort and bin"), std::string::npos);
+  EXPECT_NE(printed.find("sort and bin"), std::string::npos);
   EXPECT_EQ(printed.find("statistics"), std::string::npos);  // not a stage of the device
 }
 
