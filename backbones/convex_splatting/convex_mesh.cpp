@@ -17,8 +17,7 @@
 namespace splatboost {
 namespace {
 
-constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
-constexpr double kNegligible = 1e-5;           // share of a convex's size
+constexpr double kNegligible = 1e-5;  // share of a convex's size
 
 float sigmoid(float x) { return 1 / (1 + std::exp(-x)); }
 
@@ -79,7 +78,7 @@ TriangleMesh convex_mesh(const ConvexCloud& cloud) {
         points[p][c] = cloud.points[kConvexWidth * i + 3 * p + static_cast<std::size_t>(c)];
         mesh.positions.push_back(points[p][c]);
       }
-      for (std::size_t c = 0; c < 3; ++c) mesh.colors.push_back(byte_of(0.5f + kShDc * cloud.sh_dc[3 * i + c]));
+      for (std::size_t c = 0; c < 3; ++c) mesh.colors.push_back(byte_of(0.5f + kShConstant * cloud.sh_dc[3 * i + c]));
       mesh.opacities.push_back(byte_of(opacity));
     }
     append_hull(points, first, mesh.triangles);

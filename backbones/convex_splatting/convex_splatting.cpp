@@ -11,6 +11,7 @@
 #include "convex_splatting/convex_mesh.h"
 #include "convex_splatting/convex_shapes.h"
 #include "splatboost/array.h"
+#include "splatboost/constants.h"
 #include "splatboost/convex_rasterizer.h"
 #include "splatboost/convex_training.h"
 #include "splatboost/neighbors.h"
@@ -26,9 +27,8 @@
 namespace splatboost {
 namespace {
 
-constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
-constexpr float kMinSquaredDistance = 1e-7f;   // between neighbours at initialisation; keeps logarithms finite
-constexpr float kInitialMask = 1.0f;           // logit
+constexpr float kMinSquaredDistance = 1e-7f;  // between neighbours at initialisation; keeps logarithms finite
+constexpr float kInitialMask = 1.0f;          // logit
 constexpr int kRestRows = 15;
 constexpr int kMinGrowthsAReset = 5;
 
@@ -172,7 +172,7 @@ void ConvexSplatting::initialise() {
     const std::size_t from = i * points.size() / n;
     for (std::size_t c = 0; c < 3; ++c) {
       centres.push_back(points.positions[3 * from + c]);
-      dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShDc);
+      dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShConstant);
     }
   }
 
@@ -358,7 +358,8 @@ void ConvexSplatting::control_density() {
   const int until = at(config_.densify_until);
   const bool own =
       iteration_ < until && iteration_ > at(config_.densify_from) && iteration_ % config_.densify_interval == 0;
-  if (density_ != nullptr ? density_->grows_at(moment(), own) : own) {
+  // After densify_until no statistics are gathered, so a hook cannot request growth.
+  if (density_ != nullptr ? iteration_ < until && density_->grows_at(moment(), own) : own) {
     step_all();
     grow();
     prune(PruneRule::growth);

@@ -81,6 +81,19 @@ TEST_F(CudaDecisions, TheLargestStayAndTiesGoByIndex) {
   }
 }
 
+TEST_F(CudaDecisions, ACandidateOfTheLeastPriorityStaysWhereThereIsRoom) {
+  std::vector<float> priorities(40, 2.0f);
+  priorities[31] = -std::numeric_limits<float>::infinity();
+  const DeviceArray<float> device_priorities(stream(), priorities);
+  Mask mask(40, 0);
+  mask[30] = mask[31] = 1;
+  DeviceArray<std::uint8_t> device(stream(), mask);
+  keep_largest(priorities, 2, mask);
+  keep_largest(device_priorities.span(), 2, device.span(), stream());
+  EXPECT_EQ(mask[31], 1);
+  EXPECT_EQ(device.to_host(), mask);
+}
+
 TEST_F(CudaDecisions, OneIsSparedOfAll) {
   const std::vector<float> priorities = with_ties(9);
   const DeviceArray<float> device_priorities(stream(), priorities);

@@ -179,10 +179,13 @@ void expect_equal_flags(CudaStream& stream, const Picture& picture, float tau) {
   const auto pixels = static_cast<std::size_t>(picture.width * picture.height);
   std::vector<float> error(pixels);
   std::vector<std::uint8_t> flagged(pixels);
-  const std::size_t count = flag_errors(picture.render, picture.view(), tau, error, flagged, threads);
+  const ErrorCounts counts = flag_errors(picture.render, picture.view(), tau, error, flagged, threads);
   DevicePicture device(stream, picture);
-  EXPECT_EQ(flag_errors(device.render.span(), device.view(), tau, device.error.span(), device.flagged.span(), stream),
-            count);
+  const ErrorCounts found =
+      flag_errors(device.render.span(), device.view(), tau, device.error.span(), device.flagged.span(), stream);
+  EXPECT_EQ(found.flagged, counts.flagged);
+  EXPECT_EQ(found.valid, counts.valid);
+  EXPECT_EQ(found.covered, counts.covered);
   EXPECT_EQ(device.flagged.to_host(), flagged);
   const std::vector<float> errors = device.error.to_host();
   for (std::size_t p = 0; p < pixels; ++p) {

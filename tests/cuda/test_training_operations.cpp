@@ -334,6 +334,26 @@ TEST_F(CudaTrainingOperations, LossesComeBackWithoutAWait) {
   static_cast<void>(photometric.evaluate_ahead(fine, there, 0.2f, gradient));
   stream().synchronize();
   EXPECT_TRUE(std::isnan(photometric.evaluate_ahead(fine, there, 0.2f, gradient).total)) << "one NaN is not missed";
+  EXPECT_TRUE(std::isnan(photometric.evaluate(fine, there, 0.2f, gradient).total)) << "nor by evaluate()";
+  EXPECT_EQ(photometric.evaluate(fine, there, 0.2f, gradient).total, exact.evaluate(fine, there, 0.2f, gradient).total);
+}
+
+TEST_F(CudaTrainingOperations, TheOldestOfManyPendingLossesIsNotMissed) {
+  const Truths truths(1);
+  const TruthImage& truth = truths.images[0];
+  const Array<std::uint8_t> color(stream(), truths.colors[0]);
+  const TruthImage there{truth.width, truth.height, color, {}};
+  Photometric photometric(stream());
+  Array<float> gradient(stream());
+  gradient.ensure(color.size());
+  std::vector<float> image = numbers(color.size(), 0, 1, 30);
+  const Array<float> fine(stream(), image);
+  image[7] = std::numeric_limits<float>::quiet_NaN();
+  const Array<float> broken(stream(), image);
+  static_cast<void>(photometric.evaluate_ahead(fine, there, 0.2f, gradient));
+  static_cast<void>(photometric.evaluate_ahead(broken, there, 0.2f, gradient));
+  for (int call = 0; call < 63; ++call) static_cast<void>(photometric.evaluate_ahead(fine, there, 0.2f, gradient));
+  EXPECT_TRUE(std::isnan(photometric.evaluate(fine, there, 0.2f, gradient).total));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include <glm/gtc/quaternion.hpp>
 
+#include "splatboost/constants.h"
 #include "splatboost/neighbors.h"
 #include "splatboost/rows.h"
 #include "splatboost/spatial_order.h"
@@ -15,8 +16,7 @@
 namespace splatboost {
 namespace {
 
-constexpr float kShDc = 0.28209479177387814f;  // degree-0 basis value
-constexpr float kMinSquaredDistance = 1e-7f;   // between neighbours at initialisation; keeps log scales finite
+constexpr float kMinSquaredDistance = 1e-7f;  // between neighbours at initialisation; keeps log scales finite
 
 void append_rows(TrainedGroup& group, std::span<const float> rows) {
   const std::size_t first = group.values.size();
@@ -64,7 +64,7 @@ NewRows GaussianTrainer::rows_of(const PointCloud& points, std::size_t most) con
     rows.points.push_back(static_cast<std::uint32_t>(from));
     for (std::size_t c = 0; c < 3; ++c) {
       rows.means.push_back(points.positions[3 * from + c]);
-      rows.dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShDc);
+      rows.dc.push_back((static_cast<float>(points.colors[3 * from + c]) / 255.0f - 0.5f) / kShConstant);
     }
   }
   std::vector<float> squared(n);

@@ -8,6 +8,11 @@
 
 namespace splatboost {
 
+// The library passes vectors and matrices of GLM: GLM_FORCE_DEFAULT_ALIGNED_GENTYPES, for instance, would give a caller
+// another layout of every struct that has one.
+static_assert(sizeof(glm::vec3) == 12 && alignof(glm::vec3) == 4 && sizeof(glm::mat4) == 64 && alignof(glm::mat4) == 4,
+              "SplatBoost needs GLM's default, packed types: remove the GLM_FORCE_… definition that aligns them");
+
 /// Pinhole camera in COLMAP's frame: x right, y down, z forward. Pixel (column i, row j) has its centre at
 /// (i + 0.5, j + 0.5); a point (x, y, z) in the camera frame projects to (fx·x/z + cx, fy·y/z + cy).
 struct Camera {

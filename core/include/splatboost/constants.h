@@ -50,6 +50,9 @@ inline constexpr int kMaxShCoefficients = 16;
 /// Number of coefficients per channel up to a degree.
 constexpr int sh_coefficients(int degree) { return (degree + 1) * (degree + 1); }
 
+/// The constant spherical harmonic (degree 0), 1 / (2·√π).
+inline constexpr float kShConstant = 0.28209479177387814f;
+
 /// Maximum number of extra feature channels that one pass can blend.
 inline constexpr int kMaxFeatures = 8;
 

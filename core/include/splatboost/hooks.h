@@ -42,13 +42,15 @@ class RasterizerHook {
   virtual std::size_t primitives() const = 0;
   /// Training views that may be scored now, numbered 0 .. n-1 (n grows in a SLAM backbone).
   virtual std::size_t scorable_views() const = 0;
+  /// Renders a training view with all its splats: on a GPU after Rasterizer::settle(), because a frame that had too
+  /// little room lacks some.
   virtual ScoredView render_for_score(std::size_t view) = 0;
   /// Adds to counts [N] the number of flagged pixels where each primitive was blended in the view just rendered, by
   /// replaying its tile lists. A backbone whose Gaussians differ per view maps them to its primitives here.
   /// @param flagged [H,W] of that view, non-zero where flagged
   virtual void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) = 0;
   /// Adds to weights [N] the blending weights of each primitive in the view just rendered, as
-  /// Rasterizer::add_weights(). Throws unless overridden: needed only for adapters that use it (Gaussians, convexes).
+  /// Rasterizer::add_weights(). Throws unless overridden, which DensityHook::needs_weights() requires.
   virtual void add_weights(std::span<std::int32_t> weights) {
     (void)weights;
     throw ArgumentError("this backbone provides no blending weights");
@@ -59,7 +61,7 @@ class RasterizerHook {
 /// and valid during the call; empty if the backbone has no such quantity.
 struct DensityStatistics {
   Moment moment;
-  float scene_extent = 0;                  ///< radius of the camera positions, world units
+  float scene_extent = 0;  ///< 1.1 · largest distance of a training camera from their mean (3DGS), world units
   std::span<const float> gradients;        ///< mean norm of the signed screen gradient, in NDC units
   std::span<const float> gradients_abs;    ///< the same for the absolute gradient (AbsGS)
   std::span<const float> opacities;        ///< activated
@@ -71,7 +73,9 @@ struct DensityStatistics {
 /// Decisions about growth. On entry they hold the decisions of the backbone's own rule; the hook overwrites them.
 struct GrowDecisions {
   std::span<std::uint8_t> clone;  ///< [N] non-zero: duplicate (for an anchor backbone: grow from this slot)
-  std::span<std::uint8_t> split;  ///< [N] non-zero: replace by smaller primitives; empty if the backbone cannot split
+  /// [N] non-zero: replace by smaller primitives. Empty if the backbone cannot split; only the adapters of anchors
+  /// accept that
+  std::span<std::uint8_t> split;
   /// [N] if a cap on the number of primitives does not admit all, those of the largest priority grow: growth_priority()
   /// of the gradient and threshold that accept each. Empty if the backbone ranks them in another way
   std::span<float> priorities = {};
@@ -93,7 +97,9 @@ struct PruneDecisions {
 };
 
 /// Decides which primitives exist. The backbone applies the decisions and may veto them (a SLAM backbone keeps the
-/// primitives that it has just inserted).
+/// primitives that it has just inserted). grow() and prune() throw ArgumentError, naming them, if statistics that they
+/// need are missing: growth by absolute gradients needs gradients, gradients_abs and max_scales, late pruning needs
+/// opacities.
 class DensityHook {
  public:
   virtual ~DensityHook() = default;
@@ -101,6 +107,8 @@ class DensityHook {
   virtual bool needs_absolute_gradients() const { return false; }
   /// Whether prune() uses clearances; otherwise that span may be empty.
   virtual bool needs_clearances() const { return false; }
+  /// Whether grow() or prune() may call RasterizerHook::add_weights().
+  virtual bool needs_weights() const { return false; }
   /// Like prunes_at() and resets_opacities_at(), may also be asked in advance, about later iterations.
   virtual bool grows_at(Moment moment, bool backbone_would) const {
     (void)moment;
@@ -120,13 +128,17 @@ class DensityHook {
   }
 };
 
+/// Name of the group of the coefficients of higher SH bands, for which adapters have rules of their own. All other
+/// names are the backbone's, and adapters treat these groups alike.
+inline constexpr std::string_view kHigherBands = "f_rest";
+
 /// Decides when parameters are updated, and by how much. Gradients accumulate between steps; the backbone applies the
 /// accumulated gradients before it removes primitives and at the end of the run.
 class OptimizerHook {
  public:
   virtual ~OptimizerHook() = default;
   /// Depends on the arguments only: it is also asked in advance, about later iterations.
-  /// @param group the backbone's name of the group
+  /// @param group the backbone's name of the group; kHigherBands for that one
   virtual bool steps_at(std::string_view group, Moment moment) const = 0;
   /// Factor on the backbone's own learning rate of the group.
   virtual float rate_factor(std::string_view group, Moment moment) const {

@@ -8,6 +8,7 @@
 
 #include "splatboost/device.h"
 #include "splatboost/device_array.h"
+#include "splatboost/error_map.h"
 #include "splatboost/hooks.h"
 #include "splatboost/random.h"
 #include "splatboost/scores.h"
@@ -21,10 +22,6 @@ struct MultiViewOptions {
   bool losses = true;         ///< compute E_j; if false, weighted_counts stays empty and only importance is available
 };
 
-/// Errors up to this mark a pixel that shows only an exactly matched background, with a margin for rounding. Photos
-/// have almost no such pixels.
-inline constexpr float kNoError = 1e-4f;
-
 /// Draws random views, renders each, flags its errors and counts. Owns the workspace.
 /// Each view is rendered once: the counts replay the tile lists of the render that gave the errors.
 class MultiViewScorer {
@@ -35,8 +32,8 @@ class MultiViewScorer {
   const ScoreSums& score(RasterizerHook& rasterizer, const MultiViewOptions& options, const RandomStream& random);
   /// Mean number of pixels of the views scored last.
   double mean_pixels() const { return mean_pixels_; }
-  /// Share of the valid pixels of the views scored last that show the scene: those with an error above kNoError.
-  /// Nearly 1 for photos; small for an object in front of an empty background, which is matched exactly.
+  /// Share of the valid pixels of the views scored last that show the scene: those with an error above kNoError
+  /// (error_map.h). Nearly 1 for photos; small for an object in front of an empty background, which is matched exactly.
   double covered_share() const { return covered_share_; }
 
  private:
@@ -49,6 +46,7 @@ class MultiViewScorer {
   };
   /// E_j, or 0 if options.losses is false.
   double loss_of(const ScoredView& view, const MultiViewOptions& options);
+  void note(const ErrorCounts& found, double loss);
   void score_view(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options);
   void score_view_on_cuda(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options);
 

@@ -33,15 +33,16 @@ class Photometric {
   Photometric& operator=(Photometric&&) noexcept;
 
   /// Invalid pixels are excluded from the means; in SSIM windows they are replaced by the truth, so they add no error.
-  /// Waits on a GPU.
+  /// Waits on a GPU, and returns the loss of this call; but if an earlier evaluate_ahead() computed one that is not
+  /// finite and was not returned yet, returns that one.
   /// @param render [3,H,W]
   /// @param gradient [3,H,W] receives d total / d render; empty: value only
   PhotometricLoss evaluate(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
                            std::span<float> gradient);
 
   /// The same for training loops: on a GPU it does not wait for its own loss, but returns the newest that has arrived
-  /// from an earlier call (the first call waits). After a loss that is not finite it keeps returning that one, so that
-  /// none is missed.
+  /// from an earlier call (the first call waits). After a loss that is not finite it keeps returning that one until
+  /// evaluate() has returned it, so that none is missed.
   PhotometricLoss evaluate_ahead(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
                                  std::span<float> gradient);
 

@@ -40,7 +40,9 @@ void hold_cap(std::span<const float> priorities, std::size_t keep, std::span<std
               std::span<std::uint8_t> split);
 
 /// If every primitive is selected, deselects the one of the largest priority (ties: lowest index), so that a pass never
-/// removes all. @return number selected afterwards
+/// removes all.
+/// @param priorities not NaN; checked on the CPU only, if every primitive is selected
+/// @return number selected afterwards
 std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t> removals);
 
 /// Selects primitives in ascending order of weight, ties by index, as long as the weights selected by this call sum to

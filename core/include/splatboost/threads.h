@@ -18,7 +18,8 @@ inline constexpr int kMaxThreads = 4096;
 /// so that processes can share cores.
 class Threads {
  public:
-  /// @param count threads that work on a loop, including the caller; 0: available_cpus()
+  /// @param count threads that work on a loop, including the caller, at most kMaxThreads; 0: available_cpus().
+  ///     Throws ArgumentError outside this range
   explicit Threads(int count = 0);
 
   int count() const { return count_; }

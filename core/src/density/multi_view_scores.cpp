@@ -5,8 +5,6 @@
 #include <numeric>
 
 #include "density/cuda_ops.h"
-#include "loss/cuda_ops.h"
-#include "splatboost/error_map.h"
 #include "splatboost/errors.h"
 
 namespace splatboost {
@@ -32,21 +30,22 @@ double MultiViewScorer::loss_of(const ScoredView& view, const MultiViewOptions& 
   return options.losses ? photometric_.evaluate(view.color, view.truth, options.lambda_dssim, {}).total : 0;
 }
 
+void MultiViewScorer::note(const ErrorCounts& found, double loss) {
+  sums_.weighted_pixels += loss * static_cast<double>(found.flagged);
+  valid_pixels_ += static_cast<double>(found.valid);
+  covered_pixels_ += static_cast<double>(found.covered);
+}
+
 void MultiViewScorer::score_view(RasterizerHook& rasterizer, const ScoredView& view, const MultiViewOptions& options) {
   const std::size_t pixels = view.truth.color.size() / 3;
   error_.resize(pixels);
   flagged_.resize(pixels);
-  const std::size_t flagged = flag_errors(view.color, view.truth, options.tau, error_, flagged_, device_);
+  const ErrorCounts found = flag_errors(view.color, view.truth, options.tau, error_, flagged_, device_);
   const double loss = loss_of(view, options);
   counts_.assign(sums_.counts.size(), 0);
   rasterizer.count_flagged(flagged_, counts_);
   sums_.add_view(counts_, loss);
-  sums_.weighted_pixels += loss * static_cast<double>(flagged);
-  for (std::size_t p = 0; p < pixels; ++p) {
-    if (!view.truth.valid.empty() && view.truth.valid[p] == 0) continue;
-    valid_pixels_ += 1;
-    covered_pixels_ += error_[p] > kNoError ? 1 : 0;
-  }
+  note(found, loss);
 }
 
 void MultiViewScorer::score_view_on_cuda(RasterizerHook& rasterizer, const ScoredView& view,
@@ -55,17 +54,15 @@ void MultiViewScorer::score_view_on_cuda(RasterizerHook& rasterizer, const Score
   const std::size_t pixels = view.truth.color.size() / 3;
   cuda_->error.ensure(pixels);
   cuda_->flagged.ensure(pixels);
-  const cuda::ErrorCounts found = cuda::flag_errors(view.color, view.truth, options.tau, kNoError, cuda_->error.span(),
-                                                    cuda_->flagged.span(), stream);
+  const ErrorCounts found =
+      flag_errors(view.color, view.truth, options.tau, cuda_->error.span(), cuda_->flagged.span(), device_);
   const double loss = loss_of(view, options);
   cuda_->view_counts.ensure(sums_.counts.size());
   cuda_->view_counts.fill_zero();
   rasterizer.count_flagged(cuda_->flagged.span(), cuda_->view_counts.span());
   cuda::add_view(cuda_->view_counts.span(), loss, cuda_->counts.span(), cuda_->weighted_counts.span(), stream);
   ++sums_.views;
-  sums_.weighted_pixels += loss * static_cast<double>(found.flagged);
-  valid_pixels_ += static_cast<double>(found.valid);
-  covered_pixels_ += static_cast<double>(found.covered);
+  note(found, loss);
 }
 
 const ScoreSums& MultiViewScorer::score(RasterizerHook& rasterizer, const MultiViewOptions& options,

@@ -55,7 +55,7 @@ void keep_largest(std::span<const float> priorities, std::size_t keep, std::span
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     if (candidates[i] == 0) continue;
     SPLATBOOST_CHECK(!std::isnan(priorities[i]), "priorities must not be NaN");
-    ranked.push_back({-static_cast<double>(priorities[i]), i});
+    ranked.push_back({priority_key(priorities[i]), i});
   }
   keep_smallest(ranked, keep, candidates);
 }
@@ -76,6 +76,7 @@ std::size_t spare_one(std::span<const float> priorities, std::span<std::uint8_t>
   std::size_t removed = 0;
   for (const std::uint8_t r : removals) removed += r != 0;
   if (removals.empty() || removed < removals.size()) return removed;
+  for (const float priority : priorities) SPLATBOOST_CHECK(!std::isnan(priority), "priorities must not be NaN");
   const auto best = std::max_element(priorities.begin(), priorities.end());
   removals[static_cast<std::size_t>(best - priorities.begin())] = 0;
   return removed - 1;

@@ -9,12 +9,6 @@
 namespace splatboost::cuda {
 namespace {
 
-/// Counts the threads for which `holds` is true, with one atomic per warp. All lanes of a warp must call it.
-__device__ void count(bool holds, unsigned* into) {
-  const unsigned lanes = __ballot_sync(0xffffffffu, holds);
-  if (threadIdx.x % 32 == 0 && lanes != 0) atomicAdd(into, static_cast<unsigned>(__popc(lanes)));
-}
-
 __global__ void __launch_bounds__(kBlockThreads)
     important_kernel(DeviceView<const std::int64_t> importance, double threshold, DeviceView<std::uint8_t> candidates,
                      DeviceView<unsigned> kept) {
@@ -24,7 +18,7 @@ __global__ void __launch_bounds__(kBlockThreads)
     stays = is_important(candidates[i], importance[i], threshold);
     candidates[i] = stays ? 1 : 0;
   }
-  count(stays, &kept[0]);
+  count_lanes(stays, &kept[0]);
 }
 
 /// Elements that are not candidates sort after all that are; it does not matter whether they are kept.
@@ -42,7 +36,7 @@ __global__ void __launch_bounds__(kBlockThreads)
                          DeviceView<double> keys, DeviceView<std::uint32_t> indices) {
   const std::size_t i = element_index();
   if (i >= keys.size()) return;
-  const double key = -static_cast<double>(priorities[i]);
+  const double key = priority_key(priorities[i]);
   keys[i] = candidates[i] == 0 ? kNoCandidate : key == 0 ? 0.0 : key;  // zeros of either sign are equal
   indices[i] = static_cast<std::uint32_t>(i);
 }
@@ -80,7 +74,7 @@ __global__ void __launch_bounds__(kBlockThreads)
                    DeviceView<unsigned> removed, DeviceView<unsigned long long> best) {
   const std::size_t i = element_index();
   const bool goes = i < removals.size() && removals[i] != 0;
-  count(goes, &removed[0]);
+  count_lanes(goes, &removed[0]);
   if (i >= removals.size()) return;
   // The largest priority, ties to the lowest index, as one number.
   const float priority = priorities[i] == 0 ? 0.0f : priorities[i];

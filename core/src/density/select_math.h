@@ -23,4 +23,10 @@ SPLATBOOST_HOST_DEVICE double sample_key(float weight, double uniform) {
   return weight > 0.0f ? -log(uniform) / static_cast<double>(weight) : kLargestKey * uniform;
 }
 
+/// Smallest first; below kNoCandidate also for a priority of −∞.
+SPLATBOOST_HOST_DEVICE double priority_key(float priority) {
+  const double key = -static_cast<double>(priority);
+  return key < kLargestKey ? key : kLargestKey;
+}
+
 }  // namespace splatboost

@@ -128,7 +128,7 @@ void* CudaStream::allocate_pinned(std::size_t bytes) {
   const cudaError_t error = cudaMallocHost(&memory, std::max<std::size_t>(bytes, 1));
   if (error == cudaErrorMemoryAllocation) {
     static_cast<void>(cudaGetLastError());
-    throw DeviceError("out of pinned host memory: " + std::to_string(bytes) + " bytes requested");
+    throw DeviceMemoryError("out of pinned host memory: " + std::to_string(bytes) + " bytes requested");
   }
   check(error, "cudaMallocHost");
   return memory;

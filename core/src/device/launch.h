@@ -49,6 +49,12 @@ __device__ T warp_sum(T value) {
   return value;
 }
 
+/// Counts the lanes for which `holds` is true, with one atomic per warp. All lanes must call it.
+__device__ inline void count_lanes(bool holds, unsigned* into) {
+  const unsigned lanes = __ballot_sync(kWholeWarp, holds);
+  if (threadIdx.x % 32 == 0 && lanes != 0) atomicAdd(into, static_cast<unsigned>(__popc(lanes)));
+}
+
 /// Adds the first 2·kHalf values of pairs of lanes that are kDistance apart, then those of pairs at half the distance.
 /// Each lane keeps one half of the sums: the upper one if bit kDistance of its number is set.
 template <int kHalf, int kDistance, int N>

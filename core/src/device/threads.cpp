@@ -10,6 +10,7 @@
 #include <exception>
 #include <memory>
 #include <mutex>
+#include <string>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -174,7 +175,8 @@ Team& own_team() {
 }  // namespace
 
 Threads::Threads(int count) : count_(count) {
-  SPLATBOOST_CHECK(count >= 0, "the number of threads must not be negative");
+  SPLATBOOST_CHECK(count >= 0 && count <= kMaxThreads,
+                   "the number of threads must be from 0 to " + std::to_string(kMaxThreads));
   if (count == 0) count_ = available_cpus();
 }
 

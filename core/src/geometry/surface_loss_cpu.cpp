@@ -224,6 +224,9 @@ void check_surface_view(const SurfaceView& view, bool with_alpha) {
   check_camera(view.patches->camera);
   SPLATBOOST_CHECK(view.patches->truth.color.size() == 3 * pixels_of(view.patches->camera),
                    "the photo of patches must be of its camera's size");
+  SPLATBOOST_CHECK(
+      view.patches->truth.valid.empty() || view.patches->truth.valid.size() == pixels_of(view.patches->camera),
+      "the mask of the photo of patches must be empty or of its camera's size");
 }
 
 }  // namespace

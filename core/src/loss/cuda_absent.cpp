@@ -16,8 +16,8 @@ void photometric(std::span<const float>, const TruthImage&, float, std::span<flo
                  CudaStream&) {
   absent();
 }
-ErrorCounts flag_errors(std::span<const float>, const TruthImage&, float, float, std::span<float>,
-                        std::span<std::uint8_t>, CudaStream&) {
+ErrorCounts flag_errors(std::span<const float>, const TruthImage&, float, std::span<float>, std::span<std::uint8_t>,
+                        CudaStream&) {
   absent();
 }
 void ssim(const SsimPlanes&, std::span<const float>, std::span<const float>, int, std::span<float>, std::span<double>,

@@ -11,6 +11,7 @@
 
 #include "splatboost/cuda_stream.h"
 #include "splatboost/device_array.h"
+#include "splatboost/error_map.h"
 #include "splatboost/photometric.h"
 #include "splatboost/ssim.h"
 
@@ -64,14 +65,8 @@ void photometric(std::span<const float> render, const TruthImage& truth, float l
 void ssim(const SsimPlanes& planes, std::span<const float> images, std::span<const float> truths, int border,
           std::span<float> gradient, std::span<double> mean, CudaSsimWorkspace& workspace);
 
-struct ErrorCounts {
-  std::size_t flagged = 0;
-  std::size_t valid = 0;
-  std::size_t covered = 0;  ///< valid, with an error above `no_error`
-};
-
 /// As splatboost::flag_errors(). Waits for the device.
-ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, float tau, float no_error,
-                        std::span<float> error, std::span<std::uint8_t> flagged, CudaStream& stream);
+ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, float tau, std::span<float> error,
+                        std::span<std::uint8_t> flagged, CudaStream& stream);
 
 }  // namespace splatboost::cuda

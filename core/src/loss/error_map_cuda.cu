@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "device/device_view.h"
-#include "device/host_device.h"
 #include "device/launch.h"
 #include "loss/cuda_ops.h"
+#include "loss/error_map_math.h"
 
 namespace splatboost::cuda {
 namespace {
-
-constexpr float kEpsilon = 1e-8f;  // as in the min-max division of error_map_cpu.cpp
 
 /// Intermediate results of the kernels of one view. Errors are not negative, so their bits compare as integers.
 struct ErrorStatistics {
@@ -17,25 +15,16 @@ struct ErrorStatistics {
 
 __global__ void begin_kernel(DeviceView<ErrorStatistics> statistics) { statistics[0] = {0xffffffffu, 0u, 0u, 0u, 0u}; }
 
-/// Counts the lanes for which `holds` is true, with one atomic per warp. All 32 lanes must call it.
-__device__ void count(bool holds, unsigned* into) {
-  const unsigned lanes = __ballot_sync(0xffffffffu, holds);
-  if (threadIdx.x % 32 == 0 && lanes != 0) atomicAdd(into, static_cast<unsigned>(__popc(lanes)));
-}
-
 __global__ void __launch_bounds__(kBlockThreads)
     errors_kernel(DeviceView<const float> render, DeviceView<const std::uint8_t> truth,
-                  DeviceView<const std::uint8_t> valid, float no_error, DeviceView<float> error,
+                  DeviceView<const std::uint8_t> valid, DeviceView<float> error,
                   DeviceView<ErrorStatistics> statistics) {
   const std::size_t p = element_index(), pixels = error.size();
   const bool inside = p < pixels;
   const bool counts = inside && (valid.empty() || valid[p] != 0);
   float e = 0;
   if (inside) {
-    for (std::size_t c = 0; c < 3; ++c) {
-      e += fabsf(render[c * pixels + p] - static_cast<float>(truth[c * pixels + p]) / 255.0f);
-    }
-    e /= 3.0f;
+    e = pixel_error(render, truth, p, pixels);
     error[p] = e;
   }
   const bool known = counts && e == e;  // NaN is neither smallest nor largest
@@ -51,8 +40,8 @@ __global__ void __launch_bounds__(kBlockThreads)
     atomicMin(&s.low_bits, low);
     atomicMax(&s.high_bits, high);
   }
-  count(counts, &s.valid);
-  count(counts && e > no_error, &s.covered);
+  count_lanes(counts, &s.valid);
+  count_lanes(counts && e > kNoError, &s.covered);
 }
 
 __global__ void __launch_bounds__(kBlockThreads)
@@ -65,20 +54,20 @@ __global__ void __launch_bounds__(kBlockThreads)
   // If no error was found, low is still the bits of a NaN: the comparison fails and nothing is flagged.
   if (p < flagged.size()) {
     const bool counts = valid.empty() || valid[p] != 0;
-    flag = high > low && counts && error[p] - low > tau * (high - low + kEpsilon);
+    flag = counts && exceeds(error[p], low, high, tau);
     flagged[p] = flag ? 1 : 0;
   }
-  count(flag, &s.flagged);
+  count_lanes(flag, &s.flagged);
 }
 
 }  // namespace
 
-ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, float tau, float no_error,
-                        std::span<float> error, std::span<std::uint8_t> flagged, CudaStream& stream) {
+ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, float tau, std::span<float> error,
+                        std::span<std::uint8_t> flagged, CudaStream& stream) {
   DeviceArray<ErrorStatistics> statistics(stream);
   statistics.ensure(1);
   launch(stream, "errors_begin", begin_kernel, dim3(1), dim3(1), statistics.span());
-  launch_each(stream, "errors", errors_kernel, error.size(), render, truth.color, truth.valid, no_error, error,
+  launch_each(stream, "errors", errors_kernel, error.size(), render, truth.color, truth.valid, error,
               statistics.span());
   launch_each(stream, "error_flags", flags_kernel, error.size(), std::span<const float>(error), truth.valid, tau,
               flagged, statistics.span());

@@ -317,6 +317,8 @@ struct Photometric::State {
   std::unique_ptr<cuda::PhotometricWorkspace> workspace;  ///< only on a CUDA device
   std::optional<PhotometricLoss> newest;  ///< newest loss from that device, or the first that was not finite
   std::vector<PhotometricSums> sums;
+
+  void note(const cuda::LossTotals& totals);
 };
 
 Photometric::Photometric(Device device) : state_(std::make_unique<State>(device)) {}
@@ -350,19 +352,20 @@ void check_images(std::span<const float> render, const TruthImage& truth, float 
 
 }  // namespace
 
+void Photometric::State::note(const cuda::LossTotals& totals) {
+  if (!newest || std::isfinite(newest->total)) newest = loss_of(totals);
+}
+
 PhotometricLoss Photometric::evaluate_ahead(std::span<const float> render, const TruthImage& truth, float lambda_dssim,
                                             std::span<float> gradient) {
   State& s = *state_;
   if (!s.device.is_cuda()) return evaluate(render, truth, lambda_dssim, gradient);
   check_images(render, truth, lambda_dssim, gradient);
   cuda::PendingLosses& losses = s.workspace->losses;
-  const auto note = [&s](const cuda::LossTotals& totals) {
-    if (!s.newest || std::isfinite(s.newest->total)) s.newest = loss_of(totals);
-  };
-  if (losses.is_full()) note(losses.wait());
+  if (losses.is_full()) s.note(losses.wait());
   cuda::photometric(render, truth, lambda_dssim, gradient, *s.workspace, s.device.stream());
-  if (!s.newest) note(losses.wait());
-  while (const std::optional<cuda::LossTotals> totals = losses.take()) note(*totals);
+  if (!s.newest) s.note(losses.wait());
+  while (const std::optional<cuda::LossTotals> totals = losses.take()) s.note(*totals);
   return *s.newest;
 }
 
@@ -375,14 +378,12 @@ PhotometricLoss Photometric::evaluate(std::span<const float> render, const Truth
   const auto lambda = static_cast<double>(lambda_dssim);
   if (s.device.is_cuda()) {
     cuda::PendingLosses& losses = s.workspace->losses;
-    if (losses.is_full()) static_cast<void>(losses.wait());
+    if (losses.is_full()) s.note(losses.wait());
     cuda::photometric(render, truth, lambda_dssim, gradient, *s.workspace, s.device.stream());
     s.device.stream().synchronize();
-    PhotometricLoss loss;
-    while (const std::optional<cuda::LossTotals> totals = losses.take()) {
-      // Do not skip a non-finite loss of an earlier evaluate_ahead().
-      if (std::isfinite(loss.total)) loss = loss_of(*totals);
-    }
+    while (const std::optional<cuda::LossTotals> totals = losses.take()) s.note(*totals);
+    const PhotometricLoss loss = *s.newest;
+    if (!std::isfinite(loss.total)) s.newest.reset();  // it has been reported
     return loss;
   }
 

@@ -17,7 +17,7 @@ SPLATBOOST_MATH_BEGIN
 
 /// Normalisations of the real basis: degree 0 is 1/(2√π), degree 1 √(3/4π), and so on.
 struct ShConstants {
-  static constexpr float l0 = 0.28209479177387814f;
+  static constexpr float l0 = kShConstant;
   static constexpr float l1 = 0.4886025119029199f;
   static constexpr float l2_xy = 1.0925484305920792f;   // ½√(15/π)
   static constexpr float l2_zz = 0.31539156525252005f;  // ¼√(5/π)

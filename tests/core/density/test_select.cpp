@@ -156,6 +156,15 @@ TEST(KeepLargest, RefusesCandidatesThatCannotBeRanked) {
   EXPECT_NO_THROW(keep_largest(priorities, 3, candidates));
 }
 
+TEST(SpareOne, RefusesWhatCannotBeRanked) {
+  std::vector<float> priorities{1, std::numeric_limits<float>::quiet_NaN(), 2};
+  Mask removals(3, 1);
+  EXPECT_THROW(spare_one(priorities, removals), ArgumentError);
+  EXPECT_EQ(removals, Mask(3, 1));
+  removals[0] = 0;
+  EXPECT_EQ(spare_one(priorities, removals), 2u);
+}
+
 TEST(KeepLargest, AgreesWithASort) {
   Numbers random(13);
   std::vector<float> priorities;

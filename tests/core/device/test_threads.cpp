@@ -103,6 +103,12 @@ TEST(Threads, TakeAnyGrainAboveZero) {
   }
 }
 
+TEST(Threads, AreAtMostAsManyAsAUserMayRequest) {
+  EXPECT_EQ(Threads(kMaxThreads).count(), kMaxThreads);
+  EXPECT_THROW(Threads(kMaxThreads + 1), ArgumentError);
+  EXPECT_THROW(Threads(-1), ArgumentError);
+}
+
 TEST(Threads, ServeSeveralCallersAtATime) {
   Threads threads(3);
   std::atomic<int> failures{0};

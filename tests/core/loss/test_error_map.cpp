@@ -31,7 +31,7 @@ struct View {
     flagged.assign(pixels, 77);
   }
   std::size_t flag(float tau, const Threads& threads) {
-    return flag_errors(render, TruthImage{width, height, truth, valid}, tau, error, flagged, threads);
+    return flag_errors(render, TruthImage{width, height, truth, valid}, tau, error, flagged, threads).flagged;
   }
 };
 
