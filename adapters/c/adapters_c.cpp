@@ -61,12 +61,14 @@ sb_tensor tensor_of(std::span<T> values, std::int32_t type, std::initializer_lis
 /// Wraps the host's callbacks in a RasterizerHook.
 class HostRenderer final : public splatboost::RasterizerHook {
  public:
-  HostRenderer(const sb_views& views, const Place& place) : views_(views), place_(place) {
+  /// @param weighs whether add_weights() may be called
+  HostRenderer(const sb_views& views, const Place& place, bool weighs) : views_(views), place_(place) {
     SPLATBOOST_CHECK(views.primitives >= 0 && views.views >= 0, "views: primitives and views must not be negative");
     SPLATBOOST_CHECK(views.primitives < (std::int64_t{1} << 31), "views: at most 2^31 primitives");
     SPLATBOOST_CHECK(views.views < (std::int64_t{1} << 24), "views: at most 2^24 views");
     need(views.render, "views.render");
     need(views.count_flagged, "views.count_flagged");
+    if (weighs) need(views.add_weights, "views.add_weights");
   }
 
   void set_beta(std::optional<float>) override {}
@@ -95,7 +97,6 @@ class HostRenderer final : public splatboost::RasterizerHook {
   }
 
   void add_weights(std::span<std::int32_t> weights) override {
-    need(views_.add_weights, "views.add_weights");
     const sb_tensor sums = tensor_of(weights, SB_INT32, {views_.primitives}, place_);
     if (views_.add_weights(views_.context, &sums) != 0) throw edge::CallbackFailed("views.add_weights failed");
   }
@@ -184,6 +185,8 @@ sb_status sb_boost_set(sb_boost* boost, const char* name, double value) {
           using T = std::remove_pointer_t<decltype(v)>;
           if constexpr (std::is_same_v<T, bool>) {
             SPLATBOOST_CHECK(value == 0 || value == 1, setting + " must be 0 or 1");
+            // It also selects the other settings' values.
+            SPLATBOOST_CHECK(setting != "literal" || (value != 0) == *v, "literal is an argument of sb_boost_create");
           } else if constexpr (std::is_same_v<T, int>) {
             SPLATBOOST_CHECK(value == std::floor(value) && value >= std::numeric_limits<int>::min() &&
                                  value <= std::numeric_limits<int>::max(),
@@ -257,7 +260,7 @@ sb_status sb_adapter_grow(sb_adapter* adapter, const sb_density* density, const 
     const Place::Call call(a.place, stream);
     const splatboost::Device device = a.place.device();
     const sb_density& d = need(density, "density");
-    HostRenderer renderer(need(views, "views"), a.place);
+    HostRenderer renderer(need(views, "views"), a.place, a.adapter->needs_weights());
     const std::int64_t n = views->primitives;
     splatboost::DensityStatistics statistics;
     statistics.moment = moment_of(d.iteration, d.total);
@@ -305,7 +308,7 @@ sb_status sb_adapter_prune(sb_adapter* adapter, const sb_density* density, const
     statistics.max_primitives = cap_of(d);
     const std::int64_t n = size_of(remove, "remove");
     SPLATBOOST_CHECK(n < (std::int64_t{1} << 31), "remove: at most 2^31 rows");
-    HostRenderer renderer(need(views, "views"), a.place);
+    HostRenderer renderer(need(views, "views"), a.place, a.adapter->needs_weights());
     splatboost::PruneDecisions decisions;
     OnHost removals(a.place.view<std::uint8_t>(remove, "remove", {n}), device);
     decisions.remove = removals.span();

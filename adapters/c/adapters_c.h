@@ -33,7 +33,9 @@ SB_API void sb_boost_destroy(sb_boost* boost);
  *  @param kind receives SB_SETTING_…; NULL is allowed */
 SB_API sb_status sb_boost_setting(const sb_boost* boost, int32_t index, const char** name, int32_t* kind);
 SB_API sb_status sb_boost_get(const sb_boost* boost, const char* name, double* value);
-/** Invalid values are rejected here or by sb_adapter_create(). */
+/** Invalid values are rejected here or by sb_adapter_create(). "literal" cannot be changed: sb_boost_create() sets it.
+ *  A host sets what it knows of the run, where the adapter has the setting: "training_views" (their number) and
+ *  "random_points" (1 if it starts from random points). Adapters use both. */
 SB_API sb_status sb_boost_set(sb_boost* boost, const char* name, double value);
 
 typedef struct sb_adapter sb_adapter;
@@ -47,7 +49,7 @@ SB_API void sb_adapter_destroy(sb_adapter* adapter);
 /** The host's statistics of its primitives; tensors are float32 [N] or [N,1]. Those not needed may be NULL. */
 typedef struct sb_density {
   int32_t iteration, total;       /**< current iteration, from 1, and length of the host's run */
-  float scene_extent;             /**< radius of the camera positions, world units */
+  float scene_extent;             /**< 1.1 · largest distance of a training camera from their mean, world units */
   const sb_tensor* gradients;     /**< mean norm of the signed screen-space gradient, NDC units; for growth */
   const sb_tensor* gradients_abs; /**< of the absolute gradient (Mip-Splatting: its sums); for growth with absgrad */
   const sb_tensor* opacities;     /**< activated, in [0, 1]; for pruning, of the M primitives present then */
@@ -76,7 +78,8 @@ typedef struct sb_views {
   int32_t (*count_flagged)(void* context, const sb_tensor* flagged, const sb_tensor* counts);
   /** Adds to weights (int32 [N]) each primitive's blending weights in the last render, as sb_rasterizer_add_weights.
    *  Adapters of Gaussians and of convexes call it once, when growth has ended (late_share), and those of Gaussians at
-   *  each growth that reaches a cap (replaced_share); those of anchors never do, and for them it may be NULL. */
+   *  each growth that reaches a cap (replaced_share). May be NULL for those of anchors, with the literal rules, and if
+   *  both shares are 0 (and late_share_random, where there is one). */
   int32_t (*add_weights)(void* context, const sb_tensor* weights);
 } sb_views;
 

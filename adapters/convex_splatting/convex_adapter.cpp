@@ -6,6 +6,7 @@
 
 #include "registry/boost_settings.h"
 #include "splatboost/errors.h"
+#include "splatboost/hooks.h"
 #include "splatboost/select.h"
 #include "vanilla/pruning_rules.h"
 #include "vanilla/scaled_rules.h"

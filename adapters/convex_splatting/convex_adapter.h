@@ -104,6 +104,7 @@ class ConvexAdapter final : public Adapter {
   /// Keeps the backbone's splits of convexes with at least τ_d + 1 flagged pixels per view for each added convex, fewer
   /// in images below a megapixel, but at least one.
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
+  bool needs_weights() const override { return boost_.vcp && boost_.late_share > 0; }
   bool prunes_at(Moment moment, bool backbone_would) const override;
   /// Within growth, removes half of the backbone's candidates, drawn by the pruning scores of the convexes they were
   /// made from. The backbone's trims after growth are left unchanged.

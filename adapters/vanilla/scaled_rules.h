@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <string_view>
 
+#include "splatboost/hooks.h"
 #include "splatboost/schedule.h"
 
 namespace splatboost {
@@ -38,9 +38,6 @@ inline double visits_per_view(Moment moment, std::size_t views) {
 inline double rate_by_visits(double few, double often, double visits) {
   return few > often ? std::clamp(few * kSettledVisits / std::max(visits, kSettledVisits), often, few) : often;
 }
-
-/// The backbones' name of the coefficients of higher SH bands.
-inline constexpr std::string_view kHigherBands = "f_rest";
 
 /// Optimizer schedule of the paper's supplement, Sec. 9.1, not scaled: of kHigherBands, and of all other groups.
 inline constexpr StepIntervals kRestIntervals{16, 32, 64};

@@ -71,6 +71,10 @@ bool VanillaAdapter::needs_absolute_gradients() const { return boost_.absgrad; }
 
 bool VanillaAdapter::needs_clearances() const { return boost_.min_clearance > 0; }
 
+bool VanillaAdapter::needs_weights() const {
+  return boost_.vcp && (std::max(boost_.late_share, boost_.late_share_random) > 0 || boost_.replaced_share > 0);
+}
+
 bool VanillaAdapter::grows_at(Moment moment, bool backbone_would) const {
   if (!boost_.vcd) return backbone_would;
   const int from = at(boost_.densify_from, moment);

@@ -163,6 +163,7 @@ class VanillaAdapter : public Adapter {
 
   bool needs_absolute_gradients() const override;
   bool needs_clearances() const override;
+  bool needs_weights() const override;
   bool grows_at(Moment moment, bool backbone_would) const override;
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;

@@ -302,7 +302,7 @@ void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int 
   const std::int64_t n = p.count();
   const Tensor views_of = p.seen.clamp_min(1);
   const Given signed_gradients(p.signed_sum / views_of), absolute(p.absolute_sum / views_of);
-  const Given opacities(p.opacities()), scales(p.max_scales());
+  const Given scales(p.max_scales());
   const auto none = [&] { return torch::zeros({n}, torch::TensorOptions().dtype(torch::kByte).device(p.device)); };
   // The host's own decisions, used by an adapter without absolute gradients.
   const float border = g.percentDense() * extent;
@@ -315,7 +315,6 @@ void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int 
   density.scene_extent = extent;
   density.gradients = signed_gradients;
   density.gradients_abs = absolute;
-  density.opacities = opacities;
   density.max_scales = scales;
   density.max_primitives = p.max_gaussians;
   Views views(p.host, p.no_color, p.device);

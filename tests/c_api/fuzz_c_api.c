@@ -1059,6 +1059,9 @@ static void fuzz_numbers(void) {
     views.count_flagged = NULL;
     REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
     views = host_views();
+    views.add_weights = NULL;
+    REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
+    views = host_views();
     views.primitives = -1;
     REFUSED(sb_adapter_grow(adapter, &density, &views, clone, split, NULL));
     views.primitives = INT64_MAX;

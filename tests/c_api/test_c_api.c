@@ -452,7 +452,14 @@ static void decides_as_the_adapter(void) {
     CHECK(strcmp(name, "tau_d") != 0 || kind == SB_SETTING_REAL);
   }
   CHECK(i > 10);
+  CHECK(sb_boost_set(boost, "literal", 1) == SB_ERROR_ARGUMENT);
+  CHECK(strstr(sb_last_error(), "literal is an argument of sb_boost_create") != NULL);
   CHECK(sb_boost_set(boost, "growth_after_reset", 3000) == SB_OK);
+  CHECK(sb_adapter_create(boost, 0, TEST_DEVICE, &adapter) == SB_OK);
+  CHECK(sb_adapter_grow(adapter, &density, &views, &c, &p, NULL) == SB_ERROR_ARGUMENT);
+  CHECK(strstr(sb_last_error(), "views.add_weights") != NULL && host.rendered == 0);
+  sb_adapter_destroy(adapter);
+  CHECK(sb_boost_set(boost, "late_share", 0) == SB_OK && sb_boost_set(boost, "replaced_share", 0) == SB_OK);
   CHECK(sb_adapter_create(boost, 0, TEST_DEVICE, &adapter) == SB_OK);
   CHECK(sb_adapter_beta(adapter, &beta) == SB_OK && beta == 0.5f);
   CHECK(sb_adapter_grows_at(adapter, 1000, 30000, 0, &answer) == SB_OK && answer == 1);

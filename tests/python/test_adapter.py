@@ -187,6 +187,8 @@ def test_backbones_and_settings():
     for backbone, factor in (("vanilla", 1.0), ("mip-splatting", 1.36)):
         split = Adapter(backbone, **settings).grow(1000, host.views(), **common)[1]
         assert split.all() == (6.5e-4 >= factor * 6e-4 * covered**0.5)
+    with pytest.raises(ValueError, match="clone, split: expected the host's own decisions"):
+        Adapter("pgsr", **settings).grow(1000, host.views(), **common)
     for wrong, message in (
         (dict(tau_x=1), "tau_x: no such setting"),
         (dict(views=2.5), "views: expected a whole number"),

@@ -73,7 +73,9 @@ class Adapter:
     backbone: "vanilla", "mip-splatting", "dropgaussian", … as for the program's --backbone. total_iterations: length of
     the host's run, to which the published iteration numbers scale. device: where the host's renders and masks are.
     seed: of the random draws. settings: those of the backbone's adapter by name, such as vcd, vcp, cb, absgrad,
-    schedule (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until; see `settings`.
+    schedule (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until; see `settings`. Set
+    training_views (their number) and random_points (True if the run starts from random points), where the adapter has
+    them: rates, resets and late pruning depend on them.
     Copies and pickles have the same settings and seed, and so make the same decisions.
     """
 
@@ -177,21 +179,23 @@ class Adapter:
         gradients: torch.Tensor,
         gradients_abs: Optional[torch.Tensor] = None,
         max_scales: Optional[torch.Tensor] = None,
-        opacities: Optional[torch.Tensor] = None,
         clone: Optional[torch.Tensor] = None,
         split: Optional[torch.Tensor] = None,
         max_primitives: int = 0,
     ) -> Tuple[torch.Tensor, torch.Tensor]:
         """Scores up to K of the views and decides growth. Returns clone and split, bool [N].
 
-        scene_extent   radius of the camera positions, world units
+        scene_extent   1.1 times the largest distance of a training camera from their mean, world units
         gradients      float32 [N] or [N,1] mean norm of the signed screen-space gradient, NDC units
         gradients_abs  same of the absolute gradient (Mip-Splatting: of its sums); required unless absgrad is off
         max_scales     longest standard deviation, world units; required unless absgrad is off
-        clone, split   bool [N] the host's own decisions; required if absgrad is off, which selects from them
+        clone, split   bool [N] the host's own decisions, of which growth selects if absgrad is off; then at least one of
+                       them is required
         max_primitives cap on their number after growth, which keeps the strongest candidates; 0: no cap
         """
         n = self._rows(gradients, "gradients")
+        if clone is None and split is None and not self.settings.get("absgrad"):
+            raise ValueError("clone, split: expected the host's own decisions, of which growth selects (absgrad is off)")
         masks = []
         for mask, name in ((clone, "clone"), (split, "split")):
             if mask is None:
@@ -207,7 +211,6 @@ class Adapter:
             gradients=gradients,
             gradients_abs=gradients_abs,
             max_scales=max_scales,
-            opacities=opacities,
         )
         density.max_primitives = lib.whole(max_primitives, "max_primitives", 0, 2**63 - 1)
         with _Host(views, n, self.device) as host:

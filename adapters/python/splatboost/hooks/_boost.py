@@ -318,7 +318,7 @@ class Boost:
         max_scales = g.get_scaling.detach().max(dim=1).values
         clone, split = self.adapter.grow(
             self.iteration, views, scene_extent=float(extent), gradients=gradients,
-            gradients_abs=self._absolute_gradients(), max_scales=max_scales, opacities=g.get_opacity.detach(),
+            gradients_abs=self._absolute_gradients(), max_scales=max_scales,
             max_primitives=self._max_primitives(), **self._own_growth(gradients, max_scales, float(extent)))
         if radii:
             g.tmp_radii = radii[0]
