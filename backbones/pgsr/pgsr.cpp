@@ -209,8 +209,11 @@ double Pgsr::add_loss(std::span<const StepView> views) {
     if (!device_.is_cuda()) loss += flatness_sums_.host()[0];  // not on a GPU, where reading it would synchronise
   }
   if (!has_surfaces_) return loss;
-  const std::optional<PatchPhoto> patches[2] = {patch_photo(first, patch_photos_[0]),
-                                                patch_photo(views.back(), patch_photos_[1])};
+  const auto photo_of = [&](const StepView& view, TruthStore& memory) {
+    return views.size() > 1 ? patch_photo(view, memory) : std::nullopt;  // one view has nothing to compare with
+  };
+  const std::optional<PatchPhoto> patches[2] = {photo_of(first, patch_photos_[0]),
+                                                photo_of(views.back(), patch_photos_[1])};
   const auto surface_of = [&](const StepView& view, const std::optional<PatchPhoto>& photo) {
     return SurfaceView{view.context.camera,     view.truth,
                        view.images.features,    view.images.alpha,

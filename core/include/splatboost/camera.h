@@ -31,7 +31,8 @@ struct Camera {
   int tiles_y() const;
 };
 
-/// Throws ArgumentError unless sizes and focal lengths are positive, all entries are finite, and the pose is rigid.
+/// Throws ArgumentError unless sizes and focal lengths are positive, all entries are finite, and the pose is rigid,
+/// to within 1e-2 in the products of the axes.
 void check_camera(const Camera& camera);
 
 }  // namespace splatboost

@@ -12,6 +12,9 @@ class CudaStream;
 /// Threads, or a reference to a stream, which must outlive it and the objects made with it. Spans passed to an
 /// operation are in the memory of its device: the host never reads or writes those of a CUDA operation. A CUDA
 /// operation returns before it is done; later work on the same stream sees its results.
+///
+/// Functions may be called from any thread. An object that is made with a device (Rasterizer, Photometric,
+/// MultiViewScorer, adapters …) owns a workspace: one thread uses it at a time. So does a CudaStream.
 class Device {
  public:
   Device(const Threads& threads) : threads_(threads) {}          // NOLINT: threads are a device

@@ -14,6 +14,7 @@ struct Moment {
 };
 
 /// The iteration of a run of `total` that corresponds to `published` of a run of `published_total`, at least 1.
+/// Throws ArgumentError if `published` is negative or a length is not above 0.
 int scaled_iteration(int published, int total, int published_total = kPublishedIterations);
 
 /// How often a parameter group steps in each of three phases of the run; gradients accumulate in between. Values are
@@ -38,7 +39,8 @@ bool steps_at(const StepIntervals& intervals, Moment moment, int published_total
 /// The same without scaling the intervals; only the ends of the phases scale.
 bool steps_literally_at(const StepIntervals& intervals, Moment moment, int published_total = kPublishedIterations);
 
-/// Log-linear interpolation from `initial` at iteration 0 to `final_value` at `steps` and after.
+/// Log-linear interpolation from `initial` at iteration 0 to `final_value` at `steps` and after. Throws ArgumentError
+/// unless both rates and `steps` are above 0.
 double exponential_rate(double initial, double final_value, int iteration, int steps);
 
 }  // namespace splatboost
