@@ -138,9 +138,9 @@ TEST_F(BadArguments, Cameras) {
   };
   broken("width", [](Camera& c) { c.width = 0; });
   broken("height", [](Camera& c) { c.height = -4; });
-  broken("f", [](Camera& c) { c.fx = 0; });
-  broken("f", [](Camera& c) { c.fy = -1; });
-  broken("f", [](Camera& c) { c.fx = kNan; });
+  broken("camera.fx", [](Camera& c) { c.fx = 0; });
+  broken("camera.fy", [](Camera& c) { c.fy = -1; });
+  broken("camera.fx", [](Camera& c) { c.fx = kNan; });
   broken("principal point", [](Camera& c) { c.cx = kNan; });
   broken("principal point", [](Camera& c) { c.cy = std::numeric_limits<float>::infinity(); });
   broken("camera_from_world", [](Camera& c) { c.camera_from_world[2][1] = kNan; });

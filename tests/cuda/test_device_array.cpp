@@ -98,7 +98,7 @@ TEST_F(DeviceMemory, ADeviceIsThreadsOrAStream) {
 TEST_F(DeviceMemory, LapsAreTakenInOrderAndWithoutAWait) {
   CudaLaps laps(stream());
   DeviceArray<float> array(stream());
-  array.ensure(1 << 20);
+  array.ensure(1 << 10);
   std::uint64_t waits = stream().activity().synchronizations;
   for (int i = 0; i < 3000; ++i) {  // more marks than are kept
     if (i % 300 == 0) {             // … but never more at a time, however slow the device is

@@ -230,20 +230,22 @@ class Cardboard : public RasterizerHook {
   }
   void count_flagged(std::span<const std::uint8_t> flagged, std::span<std::int32_t> counts) override {
     std::vector<std::uint8_t> mask(flagged.size());
-    std::vector<std::int32_t> found(3, 0);
+    std::vector<std::int32_t> sums(counts.size());
     if (stream_ != nullptr) {
       stream_->copy_to_host(mask.data(), flagged.data(), mask.size());
+      stream_->copy_to_host(sums.data(), counts.data(), counts.size_bytes());
     } else {
       mask.assign(flagged.begin(), flagged.end());
+      sums.assign(counts.begin(), counts.end());
     }
     for (std::size_t p = 0; p < mask.size(); ++p) {
-      for (std::size_t i = 0; i < 3; ++i) found[i] += mask[p] != 0 && p % (i + 1) == 0 ? 1 : 0;
+      for (std::size_t i = 0; i < 3; ++i) sums[i] += mask[p] != 0 && p % (i + 1) == 0 ? 1 : 0;
     }
     if (stream_ != nullptr) {
-      stream_->copy_to_device(counts.data(), found.data(), counts.size_bytes());
+      stream_->copy_to_device(counts.data(), sums.data(), counts.size_bytes());
       stream_->synchronize();
     } else {
-      std::copy(found.begin(), found.end(), counts.begin());
+      std::copy(sums.begin(), sums.end(), counts.begin());
     }
   }
 

@@ -83,12 +83,12 @@ TEST_F(CudaSurfaces, planes_and_flatness_are_those_of_the_cpu) {
   EXPECT_EQ(d_sums.to_host()[1], sums[1]);
 }
 
-void expect_losses_of_the_cpu(const SurfaceScene& scene, CudaStream& stream) {
+void expect_losses_of_the_cpu(const SurfaceScene& scene, CudaStream& stream, const SurfaceTerms& terms = {}) {
   Threads threads(2);
   std::vector<float> expected[2];
   for (auto& g : expected) g.assign(scene.planes[0].size(), 0.0f);
   const SurfaceView first = scene.view(0, expected[0]), second = scene.view(1, expected[1]);
-  const SurfaceLossParts parts = SurfaceLoss(threads).add(first, &second, {}, scene.random());
+  const SurfaceLossParts parts = SurfaceLoss(threads).add(first, &second, terms, scene.random());
 
   SurfaceLoss loss(stream);
   SurfaceLossParts found;
@@ -112,7 +112,7 @@ void expect_losses_of_the_cpu(const SurfaceScene& scene, CudaStream& stream) {
           gradients[v].span(), scene.patches[v] ? &patches[v] : nullptr};
     };
     const SurfaceView one = view(0), other = view(1);
-    found = loss.add(one, &other, {}, scene.random());
+    found = loss.add(one, &other, terms, scene.random());
     stream.synchronize();
     for (std::size_t v = 0; v < 2; ++v) expect_near(gradients[v].to_host(), expected[v], 1e-4f);
   }
@@ -136,6 +136,23 @@ TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu_with_other_photos
   SurfaceScene scene(0.01);
   scene.take_patch_photos(40, 32);
   expect_losses_of_the_cpu(scene, stream());
+}
+
+TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu_with_fewer_patches_than_pixels) {
+  SurfaceTerms terms;
+  for (const int most : {40, 0}) {
+    terms.max_patches = most;
+    expect_losses_of_the_cpu(SurfaceScene(0.01), stream(), terms);
+  }
+}
+
+TEST_F(CudaSurfaces, losses_and_gradients_are_those_of_the_cpu_without_near_points) {
+  SurfaceTerms terms;
+  terms.near_depth = 3.2f;  // among the scene's depths
+  for (const int most : {terms.max_patches, 60}) {
+    terms.max_patches = most;
+    expect_losses_of_the_cpu(SurfaceScene(0.01), stream(), terms);
+  }
 }
 
 TEST_F(CudaSurfaces, depth_and_normals_are_those_of_the_cpu) {

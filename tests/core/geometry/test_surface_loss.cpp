@@ -6,7 +6,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -59,11 +61,81 @@ TEST(PlaneDepth, is_zero_where_nothing_faces_the_camera) {
   EXPECT_EQ(gradients, std::vector<float>(planes.size(), 0.0f));
 }
 
+/// Depths that a comparison of the two views reads for each pixel of the first: of its point in the first view and in
+/// the second, of the second view's surface there, and of that surface in the first view. Infinite outside the second.
+std::vector<std::array<double, 4>> compared_depths(const SurfaceScene& scene) {
+  const Camera &a = scene.cameras[0], &b = scene.cameras[1];
+  const auto depth_of = [&](std::size_t v, std::size_t p) {
+    const std::vector<float>& planes = scene.planes[v];
+    const glm::dvec3 blended(planes[p], planes[scene.pixels() + p], planes[2 * scene.pixels() + p]);
+    return -static_cast<double>(planes[3 * scene.pixels() + p]) /
+           glm::dot(blended, testing::ray_of(scene.cameras[v], p));
+  };
+  const auto moved = [](const Camera& to, const Camera& from, const glm::dvec3& point) {
+    return glm::dvec3(glm::dmat4(to.camera_from_world) * glm::inverse(glm::dmat4(from.camera_from_world)) *
+                      glm::dvec4(point, 1));
+  };
+  std::vector<std::array<double, 4>> depths(scene.pixels());
+  for (std::size_t p = 0; p < scene.pixels(); ++p) {
+    depths[p].fill(std::numeric_limits<double>::infinity());
+    const glm::dvec3 there = moved(b, a, depth_of(0, p) * testing::ray_of(a, p));
+    const double ray_x = there.x / there.z, ray_y = there.y / there.z;
+    const double x = static_cast<double>(b.fx) * ray_x + static_cast<double>(b.cx);
+    const double y = static_cast<double>(b.fy) * ray_y + static_cast<double>(b.cy);
+    if (!(x >= 0 && y >= 0 && x < b.width && y < b.height)) continue;
+    double found = 0;  // bilinear; texels outside the image are those of its border
+    for (int row = 0; row < b.height; ++row) {
+      for (int column = 0; column < b.width; ++column) {
+        const double across = std::clamp(x - 0.5, 0.0, b.width - 1.0), down = std::clamp(y - 0.5, 0.0, b.height - 1.0);
+        const double weight = std::max(0.0, 1 - std::abs(across - column)) * std::max(0.0, 1 - std::abs(down - row));
+        if (weight > 0) found += weight * depth_of(1, static_cast<std::size_t>(row * b.width + column));
+      }
+    }
+    depths[p] = {depth_of(0, p), there.z, found, moved(a, b, found * glm::dvec3(ray_x, ray_y, 1)).z};
+  }
+  return depths;
+}
+
+/// Leaves out of the comparison of views the pixels with anything nearer.
+void leave_out_nearer(const SurfaceScene& scene, float near_depth, Frozen& frozen) {
+  const auto limit = static_cast<double>(near_depth);
+  const std::vector<std::array<double, 4>> depths = compared_depths(scene);
+  std::array<int, 4> left_out_by{};
+  for (std::size_t p = 0; p < depths.size(); ++p) {
+    if (frozen.weights[p] == 0) continue;
+    std::size_t nearer = 0, which = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      ASSERT_GT(std::abs(depths[p][k] - limit), 1e-5) << "rounding would decide about pixel " << p;
+      if (depths[p][k] > limit) continue;
+      ++nearer;
+      which = k;
+    }
+    if (nearer == 0) continue;
+    if (nearer == 1) ++left_out_by[which];
+    frozen.weights[p] = 0;
+    frozen.agreeing -= 1;
+    frozen.patches -= frozen.counts[p];
+    frozen.counts[p] = 0;
+  }
+  for (const int pixels : left_out_by) EXPECT_GT(pixels, 0) << "none is left out by only one of the depths";
+}
+
+/// Leaves only those patches that are drawn: each with the same probability, so that about `most` pixels are.
+void leave_drawn_patches(int most, const RandomStream& random, Frozen& frozen) {
+  for (std::size_t p = 0; p < frozen.counts.size(); ++p) {
+    if (frozen.counts[p] == 0 || random.uniform(p) < most / frozen.agreeing) continue;
+    frozen.counts[p] = 0;
+    frozen.patches -= 1;
+  }
+}
+
 struct Case {
-  const char* name;
-  float normal, geometric, photometric;
+  const char* name = "";
+  float normal = 0, geometric = 0, photometric = 0;
   int patch_width = SurfaceScene::kWidth, patch_height = SurfaceScene::kHeight;  ///< size of the photos of patches
   bool masked = false;
+  int max_patches = SurfaceTerms().max_patches;
+  float near_depth = SurfaceTerms().near_depth;
 };
 class SurfaceLossCase : public ::testing::TestWithParam<Case> {};
 
@@ -77,11 +149,22 @@ TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differe
   terms.normal_weight = GetParam().normal;
   terms.geometric_weight = GetParam().geometric;
   terms.photometric_weight = GetParam().photometric;
+  terms.max_patches = GetParam().max_patches;
+  terms.near_depth = GetParam().near_depth;
   std::vector<double> planes[2];
   for (std::size_t v = 0; v < 2; ++v) planes[v].assign(scene.planes[v].begin(), scene.planes[v].end());
   Frozen frozen;
-  const double expected = plain_surface_loss(scene, planes[0], planes[1], terms, frozen);
+  double expected = plain_surface_loss(scene, planes[0], planes[1], terms, frozen);
   ASSERT_TRUE(frozen.set);
+  const bool far_only = terms.near_depth > Case().near_depth, some_patches = terms.max_patches < Case().max_patches;
+  if (far_only || some_patches) {
+    const double of_all = expected;
+    if (far_only) leave_out_nearer(scene, terms.near_depth, frozen);
+    if (some_patches) leave_drawn_patches(terms.max_patches, scene.random(), frozen);
+    expected = plain_surface_loss(scene, planes[0], planes[1], terms, frozen);
+    EXPECT_GT(std::abs(expected - of_all), 0.01 * of_all) << "those that are left out make a difference";
+    EXPECT_LT(frozen.patches, 1.5 * terms.max_patches);
+  }
   if (terms.geometric_weight > 0) {
     EXPECT_GT(frozen.agreeing, 50);
   }
@@ -105,6 +188,7 @@ TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differe
     }
   }
 
+  const double tolerance = some_patches ? 4e-4 : 1e-4;  // rounding errors of few patches cancel less
   test::for_each_target([&] {
     Threads threads(2);
     SurfaceLoss loss(threads);
@@ -112,7 +196,7 @@ TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differe
     for (auto& g : gradients) g.assign(scene.planes[0].size(), 0.0f);
     const SurfaceView first = scene.view(0, gradients[0]), second = scene.view(1, gradients[1]);
     const double found = loss.add(first, &second, terms, scene.random()).total();
-    EXPECT_NEAR(found, expected, 1e-4 * expected);
+    EXPECT_NEAR(found, expected, tolerance * expected);
     for (std::size_t v = 0; v < 2; ++v) {
       float largest = 0;
       for (const float g : gradients[v]) largest = std::max(largest, std::abs(g));
@@ -129,10 +213,14 @@ TEST_P(SurfaceLossCase, is_that_of_the_plain_restatement_with_its_finite_differe
 
 INSTANTIATE_TEST_SUITE_P(
     Terms, SurfaceLossCase,
-    ::testing::Values(Case{"normal", 0.5f, 0, 0}, Case{"geometric", 0, 0.5f, 0}, Case{"photometric", 0, 0, 0.5f},
-                      Case{"finer_photos", 0, 0, 0.5f, 40, 32}, Case{"coarser_photos", 0, 0, 0.5f, 13, 11},
-                      Case{"all", 0.015f, 0.03f, 0.15f},
-                      Case{"masked", 0.015f, 0.03f, 0.15f, SurfaceScene::kWidth, SurfaceScene::kHeight, true}),
+    ::testing::Values(
+        Case{"normal", 0.5f, 0, 0}, Case{"geometric", 0, 0.5f, 0}, Case{"photometric", 0, 0, 0.5f},
+        Case{"finer_photos", 0, 0, 0.5f, 40, 32}, Case{"coarser_photos", 0, 0, 0.5f, 13, 11},
+        Case{"all", 0.015f, 0.03f, 0.15f},
+        Case{"masked", 0.015f, 0.03f, 0.15f, SurfaceScene::kWidth, SurfaceScene::kHeight, true},
+        Case{.name = "some_patches", .photometric = 0.5f, .max_patches = 40},
+        Case{.name = "some_far_patches", .photometric = 0.5f, .max_patches = 60, .near_depth = 3.2f},
+        Case{.name = "far_only", .normal = 0.015f, .geometric = 0.03f, .photometric = 0.15f, .near_depth = 3.2f}),
     [](const auto& tested) { return tested.param.name; });
 
 TEST(SurfaceLossRun, gives_the_same_bytes_for_any_number_of_threads_and_again) {
@@ -192,7 +280,7 @@ TEST(SurfaceLossRun, takes_views_that_have_only_a_border) {
   }
 }
 
-TEST(SurfaceLossRun, compares_about_as_many_patches_as_it_may) {
+TEST(SurfaceLossRun, compares_no_patch_if_it_may_compare_none) {
   const SurfaceScene scene(0.01);
   SurfaceTerms terms;
   terms.max_patches = 0;

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -30,6 +31,60 @@ TEST(Activations, AgreeWithTheLibrarysInDouble) {
       ASSERT_NEAR(static_cast<double>(to[i]), expected, 1e-6 * expected) << from[i];
     }
   });
+}
+
+TEST(Activations, NeitherOverflowNorTurnNegativeAtExtremes) {
+  Threads threads(1);
+  const float infinity = std::numeric_limits<float>::infinity();
+  const double most = std::exp(88.0);  // a finite float
+  std::vector<float> from = {87.9f, 88, 88.1f, 100, 1e30f, infinity, -100, -1000, -1e30f, -infinity}, to(from.size());
+  for_each_target([&] {
+    exponentials(from, to, threads);
+    for (std::size_t i = 0; i < from.size(); ++i) {
+      const double expected = std::min(std::exp(static_cast<double>(from[i])), most);
+      // Values that have no normal float may become 0.
+      EXPECT_NEAR(static_cast<double>(to[i]), expected, 3e-7 * expected + 1.2e-38) << from[i];
+      EXPECT_GE(to[i], 0) << from[i];
+    }
+    sigmoids(from, to, threads);
+    for (std::size_t i = 0; i < from.size(); ++i) {
+      EXPECT_NEAR(to[i], from[i] > 0 ? 1 : 0, 1.2e-38) << from[i];
+      EXPECT_GE(to[i], 0) << from[i];
+    }
+  });
+}
+
+// The derivatives are central differences in double, of the functions by their definitions.
+TEST(Activations, GradientsAreThoseOfFiniteDifferences) {
+  Threads threads(2);
+  const auto exponential = [](double x) { return std::exp(x); };
+  const auto sigmoid = [](double x) { return 1 / (1 + std::exp(-x)); };
+  const auto slope = [](const auto& function, double x) { return (function(x + 1e-5) - function(x - 1e-5)) / 2e-5; };
+  for (const std::size_t n : {std::size_t{67}, std::size_t{20011}}) {  // no whole number of vectors; several threads
+    std::vector<double> inputs;
+    std::vector<float> exponentials, sigmoids, upstream;
+    for (std::size_t i = 0; i < n; ++i) {
+      // Nearer to 0 and 1, sigmoids in float would have lost the digits that the test expects.
+      inputs.push_back(8 * static_cast<double>(i * 29 % n) / static_cast<double>(n) - 4);
+      exponentials.push_back(static_cast<float>(exponential(inputs[i])));
+      sigmoids.push_back(static_cast<float>(sigmoid(inputs[i])));
+      upstream.push_back(static_cast<float>(i % 11) - 5);  // also negative and 0
+    }
+    for_each_target([&] {
+      std::vector<float> of_exponentials = upstream, of_sigmoids = upstream;
+      exponential_gradients(exponentials, of_exponentials, threads);
+      sigmoid_gradients(sigmoids, of_sigmoids, threads);
+      for (std::size_t i = 0; i < n; ++i) {
+        const double by_exponential = static_cast<double>(upstream[i]) * slope(exponential, inputs[i]);
+        ASSERT_NEAR(of_exponentials[i], by_exponential, 1e-6 * std::abs(by_exponential)) << i << " of " << n;
+        const double by_sigmoid = static_cast<double>(upstream[i]) * slope(sigmoid, inputs[i]);
+        ASSERT_NEAR(of_sigmoids[i], by_sigmoid, 1e-5 * std::abs(by_sigmoid)) << i << " of " << n;
+      }
+    });
+  }
+  std::vector<float> three(3), two(2);
+  EXPECT_THROW(exponential_gradients(three, two, threads), ArgumentError);
+  EXPECT_THROW(sigmoid_gradients(three, two, threads), ArgumentError);
 }
 
 TEST(Activations, TakeAnySizeAndExtremes) {
