@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -20,6 +21,8 @@
 namespace splatboost::testing {
 
 using MakeBackbone = std::function<std::unique_ptr<Backbone>()>;
+/// Makes a backbone for a scene, which outlives it.
+using MakeBackboneFor = std::function<std::unique_ptr<Backbone>(const Scene&)>;
 
 inline const View& view_at(const Scene& scene, int iteration) {
   return scene.train[static_cast<std::size_t>(iteration) % scene.train.size()];
@@ -51,6 +54,13 @@ inline void save_state(const Backbone& backbone, const std::filesystem::path& fi
 inline void load_state(Backbone& backbone, const std::filesystem::path& file) {
   ArchiveReader archive(file);
   backbone.load(archive);
+}
+
+/// An array of the backbone's checkpoint.
+inline std::vector<float> state_of(const Backbone& backbone, const std::string& entry) {
+  const test::TemporaryFolder folder;
+  save_state(backbone, folder / "state");
+  return ArchiveReader(folder / "state").floats(entry);
 }
 
 inline std::vector<float> picture(Backbone& backbone, const View& view) {
@@ -113,15 +123,49 @@ inline void expect_rates_times_factor(Backbone& backbone, const Scene& scene, co
   };
   Stills hook(still);
   backbone.set_hooks(nullptr, &hook);
-  const auto values = [&](const std::string& group) {
-    const test::TemporaryFolder folder;
-    save_state(backbone, folder / "state");
-    return ArchiveReader(folder / "state").floats(group + ".values");
-  };
+  const auto values = [&](const std::string& group) { return state_of(backbone, group + ".values"); };
   const std::vector<float> still_before = values(still), moving_before = values(moving);
   train(backbone, scene, 1, 3);
   EXPECT_EQ(values(still), still_before);
   EXPECT_NE(values(moving), moving_before);
+}
+
+/// Expects that a view past all primitives is drawn, scored and trained on as the scene's background, black or white.
+inline void expect_background_of_the_scene(const MakeBackboneFor& make, Scene scene) {
+  View& away = scene.train[0];
+  for (int c = 0; c < 4; ++c) {  // the camera turns round its y axis, so that everything is behind it
+    away.camera.camera_from_world[c][0] *= -1;
+    away.camera.camera_from_world[c][2] *= -1;
+  }
+  for (const bool white : {false, true}) {
+    scene.white_background = white;
+    std::ranges::fill(away.color, static_cast<std::uint8_t>(white ? 255 : 0));
+    const std::unique_ptr<Backbone> backbone = make(scene);
+    const std::vector<float> expected(away.color.size(), white ? 1.0f : 0.0f);
+    EXPECT_EQ(picture(*backbone, away), expected) << "white: " << white;
+    const ScoredView scored = backbone->rasterizer_hook().render_for_score(0);
+    EXPECT_TRUE(std::ranges::equal(scored.color, expected)) << "white: " << white;
+    EXPECT_NEAR(backbone->train_step(1, away), 0, 1e-6) << "the photo shows the same, white: " << white;
+  }
+}
+
+/// Expects that opacities are reset at iteration `begin`, where growth begins, if and only if the background is white.
+/// @param reset opacity; the backbone's own are larger until then
+inline void expect_early_reset_only_on_white(const MakeBackboneFor& make, Scene scene, int begin, double reset) {
+  const double limit = std::log(reset / (1 - reset));
+  for (const bool white : {false, true}) {
+    scene.white_background = white;
+    const std::unique_ptr<Backbone> backbone = make(scene);
+    const auto highest = [&] { return std::ranges::max(state_of(*backbone, "opacity.values")); };
+    train(*backbone, scene, 1, begin - 1);
+    EXPECT_GT(highest(), limit + 0.2) << "not yet, white: " << white;
+    train(*backbone, scene, begin, begin);
+    if (white) {
+      EXPECT_NEAR(highest(), limit, 1e-5);
+    } else {
+      EXPECT_GT(highest(), limit + 0.2);
+    }
+  }
 }
 
 /// Expects that each of the JSON texts is refused with a one-line message that contains the word.

@@ -40,8 +40,10 @@ TEST(DeformableAdapter, the_net_steps_at_every_iteration) {
     of_gaussians += adapter.steps_at("xyz", {i, 40000});
     of_rest += adapter.steps_at("f_rest", {i, 40000});
   }
-  EXPECT_LT(of_gaussians, 25000);
-  EXPECT_LT(of_rest, 3000);
+  // Until 15 000 every iteration (f_rest: every 16th), until 20 000 every 32nd, until the end every 64th; 40 000 is a
+  // multiple of 64. Multiples of 32: 625 - 468, of 64: 625 - 312.
+  EXPECT_EQ(of_gaussians, 15000 + 157 + 313);
+  EXPECT_EQ(of_rest, 937 + 157 + 313);
 }
 
 TEST(DeformableAdapter, growth_is_of_the_backbones_own_candidates) {

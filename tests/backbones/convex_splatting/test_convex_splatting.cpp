@@ -26,6 +26,7 @@ namespace {
 
 using testing::DensityEvent;
 using testing::DensityRecorder;
+using testing::state_of;
 using testing::view_at;
 
 float sigmoid(float x) { return 1 / (1 + std::exp(-x)); }
@@ -54,11 +55,6 @@ class ConvexRun : public ::testing::Test {
   }
   std::unique_ptr<Backbone> make(const ConvexConfig& config, int iterations = kIterations, std::size_t cap = 0) {
     return make_convex_splatting({scene_, threads_, 3, iterations, cap}, config);
-  }
-  static std::vector<float> state_of(const Backbone& backbone, const std::string& entry) {
-    const test::TemporaryFolder folder;
-    testing::save_state(backbone, folder / "state");
-    return ArchiveReader(folder / "state").floats(entry);
   }
   ConvexCloud exported(const Backbone& backbone) const {
     const test::TemporaryFolder folder;
@@ -198,6 +194,24 @@ TEST_F(ConvexRun, ResetsOpacitiesWhileItGrows) {
   EXPECT_GT(highest(), 0.4f);
   testing::train(*backbone, scene_, 60, 60);
   EXPECT_NEAR(highest(), 0.2f, 1e-4f);
+}
+
+TEST_F(ConvexRun, ResetsOpacitiesWhereGrowthBeginsOnlyOnWhite) {
+  ConvexConfig config = eager();
+  config.initial_opacity = 0.6;
+  testing::expect_early_reset_only_on_white(
+      [&](const Scene& scene) {
+        return make_convex_splatting({scene, threads_, 3, kIterations, 0}, config);
+      },
+      scene_, 10, 0.2);
+}
+
+TEST_F(ConvexRun, AnEmptyViewShowsTheBackgroundOfTheScene) {
+  testing::expect_background_of_the_scene(
+      [&](const Scene& scene) {
+        return make_convex_splatting({scene, threads_, 3, kIterations, 0}, eager());
+      },
+      scene_);
 }
 
 TEST_F(ConvexRun, AMaskBelowItsThresholdHides) {

@@ -249,6 +249,14 @@ TEST_F(DeformableRun, noise_of_times_falls_to_nothing_and_synthetic_scenes_have_
   EXPECT_NE(bytes(false, 0.1), bytes(false, 0));
 }
 
+TEST_F(DeformableRun, an_empty_view_shows_the_background_of_the_scene) {
+  testing::expect_background_of_the_scene(
+      [&](const Scene& scene) {
+        return make_deformable({scene, threads_, 3, kIterations, 0}, small());
+      },
+      scene_);
+}
+
 TEST_F(DeformableRun, resume_is_exact) {
   testing::StepsEveryThird third;
   testing::expect_exact_resume([&] { return make(small(), 100); }, scene_, 60, {5, 15, 44}, &third);

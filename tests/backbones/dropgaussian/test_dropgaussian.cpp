@@ -260,6 +260,14 @@ TEST_F(DropGaussianRun, opacities_are_not_reset_shortly_before_the_end) {
   EXPECT_GT(highest_of(105), reset) << "five iterations are too few to recover";
 }
 
+TEST_F(DropGaussianRun, an_empty_view_shows_the_background_of_the_scene) {
+  testing::expect_background_of_the_scene(
+      [&](const Scene& scene) {
+        return make_dropgaussian({scene, threads_, 3, kIterations, 0}, eager());
+      },
+      scene_);
+}
+
 TEST_F(DropGaussianRun, resume_is_exact) {
   testing::StepsEveryThird third;
   testing::expect_exact_resume([&] { return make(eager(), 100, 600); }, scene_, 90, {15, 20, 44, 85}, &third);

@@ -227,6 +227,14 @@ TEST_F(MipSplattingRun, gradients_pass_both_filters) {
   testing::expect_close(found.means, {drawn.means.begin(), drawn.means.end()}, 1e-4);
 }
 
+TEST_F(MipSplattingRun, an_empty_view_shows_the_background_of_the_scene) {
+  testing::expect_background_of_the_scene(
+      [&](const Scene& scene) {
+        return make_mip_splatting({scene, threads_, 3, kIterations, 0}, eager());
+      },
+      scene_);
+}
+
 TEST_F(MipSplattingRun, resume_is_exact) {
   testing::StepsEveryThird third;
   // Before, at and after densification, and between two updates of the filter.

@@ -390,6 +390,15 @@ TEST(OctreeTraining, a_model_can_be_read_back_also_with_other_views) {
   EXPECT_EQ(testing::picture(*shown, scene.test[0]), testing::picture(*trained, scene.test[0]));
 }
 
+TEST(OctreeTraining, an_empty_view_shows_the_background_of_the_scene) {
+  Threads threads(1);
+  testing::expect_background_of_the_scene(
+      [&](const Scene& scene) {
+        return make_octree({scene, threads, kSeed, kIterations, 0}, small());
+      },
+      deep_scene(threads));
+}
+
 TEST(OctreeConfig, broken_settings_give_one_clear_line) {
   testing::expect_one_clear_line(octree_config_from_json, {{R"({"fork": 1})", "fork"},
                                                            {R"({"dist2level": "progressive"})", "dist2level"},

@@ -25,13 +25,8 @@ namespace {
 using testing::DensityEvent;
 using testing::DensityRecorder;
 using testing::exported;
+using testing::state_of;
 using testing::view_at;
-
-std::vector<float> state_of(const Backbone& backbone, const std::string& entry) {
-  const test::TemporaryFolder folder;
-  testing::save_state(backbone, folder / "state");
-  return ArchiveReader(folder / "state").floats(entry);
-}
 
 class PgsrRun : public ::testing::Test {
  protected:
@@ -56,6 +51,30 @@ class PgsrRun : public ::testing::Test {
 
   Threads threads_{2};
   Scene scene_;
+};
+
+/// Activated Gaussians of a cloud.
+struct ActiveCloud {
+  ActiveCloud(const SplatCloud& cloud, const Threads& threads)
+      : means(cloud.means),
+        rotations(cloud.rotations),
+        dc(cloud.sh_dc),
+        scales(cloud.log_scales.size()),
+        opacities(cloud.size()) {
+    exponentials(cloud.log_scales, scales, threads);
+    sigmoids(cloud.logit_opacities, opacities, threads);
+  }
+  Gaussians view() const {
+    Gaussians g;
+    g.count = opacities.size();
+    g.means = means;
+    g.scales = scales;
+    g.rotations = rotations;
+    g.opacities = opacities;
+    g.sh_dc = dc;
+    return g;
+  }
+  std::vector<float> means, rotations, dc, scales, opacities;
 };
 
 /// Records the radii at each growth.
@@ -113,13 +132,34 @@ TEST_F(PgsrRun, decides_by_the_published_rules) {
 
 TEST_F(PgsrRun, radii_are_the_largest_of_views_that_observe_and_begin_anew_with_growth) {
   PgsrConfig config = eager();
-  config.position_rate_initial = config.position_rate_final = 1e-30;
+  config.initial_opacity = 0.9;  // so that some hide others
   const auto backbone = make(config);
-  EXPECT_EQ(state_of(*backbone, "pgsr.radii"), std::vector<float>(backbone->primitives(), 0.0f));
-  testing::train(*backbone, scene_, 1, 5);
-  const std::vector<float> radii = state_of(*backbone, "pgsr.radii");
-  EXPECT_GT(*std::max_element(radii.begin(), radii.end()), 3);
-  testing::train(*backbone, scene_, 6, 20);
+  const std::size_t n = backbone->primitives();
+  EXPECT_EQ(state_of(*backbone, "pgsr.radii"), std::vector<float>(n, 0.0f));
+  std::vector<float> expected(n, 0.0f), of_all(n, 0.0f), of_last(n, 0.0f);
+  Rasterizer drawer(threads_);
+  std::vector<float> image(scene_.train[0].color.size());
+  RasterImages images;
+  images.color = image;
+  for (int iteration = 1; iteration <= 8; ++iteration) {  // the first trim is at 9
+    const View& view = view_at(scene_, iteration);
+    const ActiveCloud cloud(exported(*backbone), threads_);
+    drawer.forward(view.camera, cloud.view(), {}, images);
+    std::vector<std::int32_t> counts(n, 0);
+    drawer.count_observed(0.5f, counts);
+    for (std::size_t i = 0; i < n; ++i) {
+      of_last[i] = static_cast<float>(drawer.screen_radii()[i]);
+      of_all[i] = std::max(of_all[i], of_last[i]);
+      if (counts[i] > 0) expected[i] = std::max(expected[i], of_last[i]);
+    }
+    backbone->train_step(iteration, view);
+  }
+  EXPECT_EQ(state_of(*backbone, "pgsr.radii"), expected);
+  EXPECT_NE(expected, of_all) << "the scene must exercise views that do not observe";
+  EXPECT_NE(expected, of_last) << "and radii that were larger in an earlier view";
+  testing::train(*backbone, scene_, 9, 19);
+  EXPECT_GT(std::ranges::max(state_of(*backbone, "pgsr.radii")), 0) << "since the trim at 18";
+  testing::train(*backbone, scene_, 20, 20);
   const std::vector<float> after = state_of(*backbone, "pgsr.radii");
   EXPECT_EQ(after, std::vector<float>(backbone->primitives(), 0.0f));
 }
@@ -161,30 +201,6 @@ TEST_F(PgsrRun, clones_are_scattered) {
   }
   EXPECT_EQ(places.size(), cloud.size());
 }
-
-/// Activated Gaussians of a cloud.
-struct ActiveCloud {
-  ActiveCloud(const SplatCloud& cloud, const Threads& threads)
-      : means(cloud.means),
-        rotations(cloud.rotations),
-        dc(cloud.sh_dc),
-        scales(cloud.log_scales.size()),
-        opacities(cloud.size()) {
-    exponentials(cloud.log_scales, scales, threads);
-    sigmoids(cloud.logit_opacities, opacities, threads);
-  }
-  Gaussians view() const {
-    Gaussians g;
-    g.count = opacities.size();
-    g.means = means;
-    g.scales = scales;
-    g.rotations = rotations;
-    g.opacities = opacities;
-    g.sh_dc = dc;
-    return g;
-  }
-  std::vector<float> means, rotations, dc, scales, opacities;
-};
 
 /// Compares each trim with counts of the observing views.
 class TrimRecorder : public DensityRecorder {
@@ -497,6 +513,14 @@ TEST_F(PgsrRun, exposures_step_only_after_views_that_they_compensate) {
   const test::TemporaryFolder folder;
   testing::save_state(*backbone, folder / "state");
   EXPECT_EQ(ArchiveReader(folder / "state").integer("exposure.steps"), 0);
+}
+
+TEST_F(PgsrRun, an_empty_view_shows_the_background_of_the_scene) {
+  testing::expect_background_of_the_scene(
+      [&](const Scene& scene) {
+        return make_pgsr({scene, threads_, 3, 600, 300}, eager());
+      },
+      scene_);
 }
 
 TEST_F(PgsrRun, resume_is_exact) {

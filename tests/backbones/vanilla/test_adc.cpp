@@ -7,6 +7,7 @@
 #include <set>
 
 #include "support/density_recorder.h"
+#include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
 #include "trainer/support/input_error.h"
 #include "vanilla/vanilla.h"
@@ -124,7 +125,23 @@ TEST_F(AdcTrace, the_cap_is_never_exceeded) {
 
 TEST_F(AdcTrace, a_cap_below_the_initial_points_keeps_a_subset) {
   run(eager(), 17);
+  EXPECT_EQ(sizes_[0], 17u);
   for (const std::size_t n : sizes_) EXPECT_LE(n, 17u);
+  const SplatCloud begun = testing::exported(*make_vanilla({scene_, threads_, 3, kIterations, 17}, eager()));
+  ASSERT_EQ(begun.size(), 17u);
+  std::set<std::size_t> kept;
+  for (std::size_t i = 0; i < begun.size(); ++i) {
+    for (std::size_t p = 0; p < scene_.points.size(); ++p) {
+      if (std::equal(&begun.means[3 * i], &begun.means[3 * i] + 3, &scene_.points.positions[3 * p])) kept.insert(p);
+    }
+  }
+  EXPECT_EQ(kept.size(), 17u) << "each is at a point of its own";
+  std::size_t next = 0;
+  for (const std::size_t p : kept) {
+    EXPECT_LE(p, next + 2) << "an even subset of 40 points leaves out at most two in a row";
+    next = p + 1;
+  }
+  EXPECT_GE(next, scene_.points.size() - 2);
 }
 
 /// Selects everything for removal.
@@ -189,17 +206,11 @@ TEST(VanillaConfig, a_release_sets_defaults_that_single_values_override) {
   EXPECT_THROW(vanilla_config_from_json({{"release", "2022"}}), InputError);
 }
 
-/// Steps the parameters at every third iteration.
-class EveryThird : public OptimizerHook {
- public:
-  bool steps_at(std::string_view, Moment moment) const override { return moment.iteration % 3 == 0; }
-};
-
 TEST(VanillaTraining, accumulated_gradients_are_applied_at_the_end) {
   Threads threads(1);
   const Scene scene = testing::tiny_scene(threads);
   const auto backbone = make_vanilla({scene, threads, 0, 10000, 0}, {});
-  EveryThird hook;
+  testing::StepsEveryThird hook;
   backbone->set_hooks(nullptr, &hook);
   std::vector<float> before(scene.train[0].color.size()), after(before.size());
   for (int i = 1; i <= 4; ++i) backbone->train_step(i, scene.train[0]);

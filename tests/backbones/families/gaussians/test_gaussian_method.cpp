@@ -27,6 +27,7 @@ using testing::exported;
 using testing::MovingMethod;
 using testing::OwnGroupsMethod;
 using testing::OwnLossMethod;
+using testing::state_of;
 
 class GaussianMethodRun : public ::testing::Test {
  protected:
@@ -189,12 +190,6 @@ class OwnGroupsRun : public GaussianMethodRun {
     return make_gaussian_backbone({scene_, threads, 3, 60, 200}, config, std::make_unique<OwnGroupsMethod>(threads));
   }
   std::unique_ptr<Backbone> make() { return make(threads_); }
-
-  std::vector<float> state_of(const Backbone& backbone, const std::string& entry) {
-    const test::TemporaryFolder folder;
-    testing::save_state(backbone, folder / "state");
-    return ArchiveReader(folder / "state").floats(entry);
-  }
 };
 
 TEST_F(OwnGroupsRun, rows_follow_growth_removal_and_order) {
