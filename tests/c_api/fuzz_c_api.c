@@ -213,6 +213,11 @@ static sb_status call_observed(const Entry* e) {
   return sb_rasterizer_count_observed(rasterizer, 0.5f, e->p[0], NULL);
 }
 
+static sb_status call_weights(const Entry* e) {
+  draw_scene();
+  return sb_rasterizer_add_weights(rasterizer, e->p[0], NULL);
+}
+
 static sb_status call_mark_visible(const Entry* e) {
   return sb_mark_visible(TEST_DEVICE, &camera, e->p[0], 0.2f, e->p[1]);
 }
@@ -465,6 +470,10 @@ static int make_entries(Entry* e) {
   move_from_scene(&e[n]);
   ++n;
   e[n] = entry("sb_rasterizer_count_observed", call_observed);
+  add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
+  move_from_scene(&e[n]);
+  ++n;
+  e[n] = entry("sb_rasterizer_add_weights", call_weights);
   add(&e[n], SB_INT32, 1, N, 0, 0, 0, 0);
   move_from_scene(&e[n]);
   ++n;
@@ -1042,6 +1051,11 @@ static void fuzz_numbers(void) {
   REFUSED(sb_adapter_resets_opacities_at(adapter, 1, 1, 1, NULL));
   REFUSED(sb_adapter_steps_at(adapter, NULL, 1, 1, &i32));
   REFUSED(sb_adapter_steps_at(adapter, "xyz", 1, -1, &i32));
+  REFUSED(sb_adapter_rate_factor(NULL, "xyz", 1, 1, &beta));
+  REFUSED(sb_adapter_rate_factor(adapter, NULL, 1, 1, &beta));
+  REFUSED(sb_adapter_rate_factor(adapter, "xyz", -1, 1, &beta));
+  REFUSED(sb_adapter_rate_factor(adapter, "xyz", 1, 0, &beta));
+  REFUSED(sb_adapter_rate_factor(adapter, "xyz", 1, 1, NULL));
   {
     sb_density density = host_density(&grow_entry);
     sb_views views = host_views();

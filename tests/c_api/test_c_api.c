@@ -61,6 +61,7 @@ static void renders_and_differentiates(void) {
   sb_rasterizer* rasterizer = NULL;
   sb_raster_options options;
   Scene scene;
+  double sum_alpha = 0;
   int x, y, i, inside = 0, mostly = 0;
   make_scene(&scene);
   CHECK(sb_raster_options_default(&options) == SB_OK);
@@ -81,6 +82,7 @@ static void renders_and_differentiates(void) {
         continue;
       }
       inside += a > 0;
+      sum_alpha += a;
       CHECK_NEAR(alpha[p], a, 2e-6);
       CHECK_NEAR(image[p], a, 2e-6);
       CHECK_NEAR(image[PIXELS + p], 0.5 * a, 2e-6);
@@ -104,6 +106,10 @@ static void renders_and_differentiates(void) {
     CHECK(sb_rasterizer_count_observed(rasterizer, 1.0f, &c, NULL) == SB_ERROR_ARGUMENT);
     CHECK(sb_rasterizer_count_observed(rasterizer, 0.5f, &f, NULL) == SB_ERROR_ARGUMENT);
     CHECK(count[0] == 1000 + 2 * inside);
+    CHECK(sb_rasterizer_add_weights(rasterizer, &f, NULL) == SB_ERROR_ARGUMENT);
+    CHECK(sb_rasterizer_add_weights(rasterizer, &c, NULL) == SB_OK);
+    /* Nothing lies before it, and each pixel is rounded. */
+    CHECK_NEAR(count[0] - 1000 - 2 * inside, 256 * sum_alpha, 0.5 * inside);
     int32_t redrawn = -1;
     CHECK(sb_rasterizer_settle(rasterizer, &redrawn, NULL) == SB_OK && redrawn == 0);
     CHECK(sb_rasterizer_counts(rasterizer, &visible, &entries, NULL) == SB_OK && visible == 1 && entries >= 1);
@@ -119,9 +125,7 @@ static void renders_and_differentiates(void) {
                     gc = floats(g_color, 2, 1, 3, 0), g2 = floats(g_screen, 2, 1, 2, 0), ga = floats(g_abs, 2, 1, 2, 0);
     sb_image_gradients from;
     sb_gaussian_gradients to;
-    double sum_alpha = 0;
     for (i = 0; i < 3 * PIXELS; ++i) ones[i] = 1;
-    for (i = 0; i < PIXELS; ++i) sum_alpha += alpha[i];
     memset(&from, 0, sizeof from);
     memset(&to, 0, sizeof to);
     from.color = &go;

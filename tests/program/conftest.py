@@ -1,18 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SPLATBOOST_BIN names the folder with the built `splatboost` (default: build/release/bin)."""
+"""SPLATBOOST_BIN names the folder with the built `splatboost` (default: build/release/bin).
+
+SPLATBOOST_TEST_ALL=1 fails skipped tests, except for the reasons in MAY_SKIP; scripts/test --all sets it."""
 
 import os
 import pathlib
+import re
 import signal
+import struct
 import subprocess
 import sys
 import time
+import zlib
 
 import numpy as np
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PROGRAM = pathlib.Path(os.environ.get("SPLATBOOST_BIN", ROOT / "build/release/bin")) / "splatboost"
+#: Reasons that no package of Debian can remove: a checkout of Photo-SLAM, a GPU, NVIDIA's files, the data in ../shared.
+MAY_SKIP = re.compile("SPLATBOOST_PHOTO_SLAM does not name a checkout|no headers of libtorch|there may be a GPU|needs nvcc|"
+                      "needs clang, and the headers of CUDA 12|the real LPIPS weights are not on this machine")
+
+
+class SkippedTestsFail:
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_runtest_makereport(self):
+        report = (yield).get_result()
+        reason = report.longrepr[2] if report.skipped and isinstance(report.longrepr, tuple) else None
+        if reason is not None and not MAY_SKIP.search(reason):
+            report.outcome, report.longrepr = "failed", f"SPLATBOOST_TEST_ALL=1, but skipped: {reason}"
+
+
+def pytest_configure(config):
+    # As a plugin, it also sees the tests of tests/scripts in the same run. These can have no conftest.py of their own:
+    # `from conftest import` would find only one of two.
+    if os.environ.get("SPLATBOOST_TEST_ALL") == "1":
+        config.pluginmanager.register(SkippedTestsFail())
 
 
 def run_program(*arguments, cwd=None):
@@ -24,6 +48,24 @@ def run_well(*arguments, cwd=None):
     done = run_program(*arguments, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return done
+
+
+def refused(*arguments, cwd=None):
+    """@return the one line on the error stream of a command that its user can correct"""
+    done = run_program(*arguments, cwd=cwd)
+    assert done.returncode == 2, done.stderr
+    lines = done.stderr.splitlines()
+    assert done.stdout == "" and len(lines) == 1 and lines[0].startswith("splatboost"), done.stderr
+    return lines[0]
+
+
+def killed_at(folder, number, *arguments):
+    """Runs the program, which is killed in place of its N-th file operation in this folder."""
+    faults = {"LD_PRELOAD": PROGRAM.parents[1] / "lib/libfile_faults.so", "FILE_FAULTS_UNDER": folder.resolve(),
+              "FILE_FAULTS_AT": number, "FILE_FAULTS_KIND": "kill"}
+    done = subprocess.run([str(PROGRAM), *map(str, arguments)], capture_output=True, text=True, timeout=300, check=False,
+                          env={**os.environ, **{name: str(value) for name, value in faults.items()}})
+    assert done.returncode == -signal.SIGKILL, done.stderr
 
 
 def start(*arguments):
@@ -40,6 +82,27 @@ def wait_for(path, process):
     while not path.exists():
         assert time.monotonic() < deadline and process.poll() is None, path
         time.sleep(0.005)
+
+
+def content(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def png(width, height, bits, color_type, data):
+    """@param data the compressed rows"""
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0)) +
+            chunk(b"IDAT", data) + chunk(b"IEND", b""))
+
+
+def write_png(file, pixels):
+    """[H,W] or [H,W,3]; 8 or 16 bits."""
+    height, width = pixels.shape[:2]
+    rows = pixels.astype(pixels.dtype.newbyteorder(">")).reshape(height, -1)
+    file.write_bytes(png(width, height, 8 * pixels.itemsize, 2 if pixels.ndim == 3 else 0,
+                         zlib.compress(b"".join(b"\0" + row.tobytes() for row in rows))))
 
 
 @pytest.fixture(scope="session")

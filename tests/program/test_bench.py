@@ -27,8 +27,6 @@ def test_writes_every_stage(measured):
     assert (scene["splats"], scene["width"], scene["height"]) == (20000, 400, 300)
     assert set(scene["milliseconds"]) == STAGES
     assert all(value > 0 for value in scene["milliseconds"].values())
-    stages = sum(scene["milliseconds"][s] for s in STAGES - {"iteration", "scoring"})
-    assert scene["milliseconds"]["iteration"] > 0.8 * stages
     assert 30 < scene["blended_per_pixel"] < 100
 
 

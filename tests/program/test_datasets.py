@@ -4,11 +4,10 @@
 import json
 import os
 import resource
-import struct
 import subprocess
 import zlib
 
-from conftest import PROGRAM
+from conftest import PROGRAM, png
 
 
 def run_with_memory(limit, *arguments):
@@ -19,17 +18,12 @@ def run_with_memory(limit, *arguments):
                           preexec_fn=restrict)
 
 
-def png_chunk(name, content):
-    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
-
-
 def test_a_photo_that_does_not_fit_into_memory_is_named(tmp_path):
     """40 KB in the file, 270 MB as grey, 810 MB as RGB; the camera states no size."""
     width, height = 18000, 15000
     rows = zlib.compress(bytes((1 + width // 8) * height), 6)
-    header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
     photo = tmp_path / "big.png"
-    photo.write_bytes(b"\x89PNG\r\n\x1a\n" + png_chunk(b"IHDR", header) + png_chunk(b"IDAT", rows) + png_chunk(b"IEND", b""))
+    photo.write_bytes(png(width, height, 1, 0, rows))
     assert photo.stat().st_size < 100_000
     pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     frames = [{"file_path": "big.png", "transform_matrix": pose}]

@@ -10,22 +10,10 @@ import shutil
 import struct
 import subprocess
 import tempfile
-import zlib
 
 import pytest
 
-from conftest import PROGRAM, run_program, run_well
-
-
-def fails(*arguments, code=2):
-    """@return the one line on the error stream"""
-    done = run_program(*arguments)
-    lines = done.stderr.splitlines()
-    assert done.returncode == code, done.stderr
-    assert len(lines) == 1, done.stderr
-    assert done.stdout == ""
-    assert lines[0].startswith("splatboost")
-    return lines[0]
+from conftest import PROGRAM, png, refused as fails, run_program, run_well
 
 
 def test_no_arguments_lists_the_commands():
@@ -173,7 +161,7 @@ def test_a_zero_byte_in_a_name_does_not_end_the_message(tmp_path):
 @pytest.mark.parametrize("device", ["cuda", "cuda:999"])
 def test_a_gpu_that_is_not_there(scene, tmp_path, device):
     if device == "cuda" and shutil.which("nvidia-smi"):
-        pytest.skip("there may be one")
+        pytest.skip("there may be a GPU")
     line = fails("train", "-s", scene, "-m", tmp_path / "model", "--device", device)
     assert "no CUDA" in line
     assert "--device cpu" in line
@@ -528,17 +516,12 @@ def test_raw_bytes_of_a_damaged_file_are_not_printed(scene, tmp_path):
     assert len(fails("train", "-s", copy, "-m", tmp_path / "model")) < 1200
 
 
-def png_chunk(kind, content):
-    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
-
 def test_a_damaged_picture_is_one_line(scene, tmp_path):
     copy = tmp_path / "room"
     shutil.copytree(scene, copy)
     photo = copy / "images/0003.png"
     # Valid checksums around data that cannot be decompressed: only the decoder notices.
-    photo.write_bytes(b"\x89PNG\r\n\x1a\n" + png_chunk(b"IHDR", struct.pack(">IIBBBBB", 80, 60, 8, 2, 0, 0, 0)) +
-                      png_chunk(b"IDAT", b"\x78\x9c" + b"damaged" * 20) + png_chunk(b"IEND", b""))
+    photo.write_bytes(png(80, 60, 8, 2, b"\x78\x9c" + b"damaged" * 20))
     line = fails("train", "-s", copy, "-m", tmp_path / "model")
     assert "0003.png" in line
     assert "cannot be decoded" in line

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from conftest import run_program, run_well
+from conftest import refused, run_well
 
 
 @pytest.fixture
@@ -29,13 +29,6 @@ def read(model, name="results.json"):
 
 def change(model, name="results.json", **values):
     (model / name).write_text(json.dumps(read(model, name) | values))
-
-
-def refused(*arguments):
-    """@return the one line on the error stream"""
-    done = run_program(*arguments)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
-    return done.stderr
 
 
 def test_other_data_in_the_folder_of_the_scene_keep_the_results(model, other):

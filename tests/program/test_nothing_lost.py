@@ -11,19 +11,7 @@ import time
 
 import pytest
 
-from conftest import PROGRAM, SHORT_RUN, run_program, run_well, start, wait_for
-
-
-def content(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def refused(*arguments):
-    """@return the one line on the error stream"""
-    done = run_program(*arguments)
-    assert done.returncode == 2, done.stderr
-    assert len(done.stderr.splitlines()) == 1, done.stderr
-    return done.stderr
+from conftest import PROGRAM, SHORT_RUN, content, killed_at, refused, run_program, run_well, start, wait_for
 
 
 @pytest.fixture
@@ -153,10 +141,9 @@ def test_a_comparison_is_not_replaced_by_a_run(scene, tmp_path):
 def test_a_comparison_killed_while_it_measured_trains_only_the_other_run(scene, tmp_path):
     model = tmp_path / "both"
     run_well("compare", "-s", scene, "-m", model, "--iterations", "5", "--quiet")
-    running = start("compare", "-s", scene, "-m", model, *SHORT_RUN, "--seed", "2")
-    wait_for(model / "baseline/point_cloud/iteration_60/point_cloud.ply", running)
-    running.send_signal(signal.SIGKILL)  # evaluation takes a second
-    running.communicate(timeout=60)
+    # The first pictures of test views, which the earlier comparison did not have.
+    killed_at(model / "baseline/test", 1, "compare", "-s", scene, "-m", model, *SHORT_RUN, "--seed", "2")
+    assert (model / "baseline/point_cloud/iteration_60/point_cloud.ply").exists()
     assert not (model / "baseline/results.json").exists()
     assert not (model / "boosted/results.json").exists(), "of the earlier comparison"
     baseline = json.loads((model / "baseline/training.json").read_text())
@@ -240,10 +227,8 @@ def test_one_at_a_time_in_a_folder(scene, trained, tmp_path, first, second):
 
 def test_eval_measures_what_was_killed_while_it_measured(trained, scene, tmp_path):
     model = tmp_path / "model"
-    running = start("train", "-s", scene, "-m", model, *SHORT_RUN)
-    wait_for(model / "point_cloud/iteration_60/point_cloud.ply", running)
-    running.send_signal(signal.SIGKILL)  # evaluation takes a second
-    running.communicate(timeout=60)
+    killed_at(model / "test", 1, "train", "-s", scene, "-m", model, *SHORT_RUN)
+    assert (model / "point_cloud/iteration_60/point_cloud.ply").exists()
     assert not (model / "results.json").exists()
     run_well("eval", "-m", model)
     expected = {name for name in content(trained) if not name.startswith("checkpoints/")}
@@ -345,10 +330,8 @@ def test_synth_leaves_other_scenes_alone(scene, tmp_path, kind):
 
 def test_synth_can_be_repeated_after_a_kill(scene, tmp_path):
     folder = tmp_path / "room"
-    running = start("synth", folder, "--scene", "moving", "--width", 80, "--height", 60, "--views", 500)
-    wait_for(folder / "train/0001.png", running)
-    running.send_signal(signal.SIGKILL)
-    running.communicate(timeout=60)
+    killed_at(folder / "train", 10, "synth", folder, "--scene", "moving", "--width", 80, "--height", 60, "--views", 10)
+    assert list((folder / "train").iterdir())
     run_well("synth", folder, "--width", 80, "--height", 60, "--views", 10, "--points", 300)
     assert content(folder) == content(scene)
 

@@ -9,20 +9,9 @@ import time
 
 import pytest
 
-from conftest import run_program, run_well, start, wait_for
+from conftest import content, refused, run_program, run_well, start, wait_for
 
 SQUARE = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)]
-
-
-def refused(*arguments, cwd=None):
-    done = run_program(*arguments, cwd=cwd)
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == "" and len(done.stderr.splitlines()) == 1, done.stderr
-    return done.stderr
-
-
-def content(folder):
-    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def write_points(path):

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from conftest import SHORT_RUN, run_program, run_well
+from conftest import SHORT_RUN, refused, run_well
 
 
 @pytest.fixture(scope="module")
@@ -19,13 +19,6 @@ def packed(scene, tmp_path_factory):
 
 def ply(model):
     return (model / "point_cloud/iteration_60/point_cloud.ply").read_bytes()
-
-
-def refused(*arguments):
-    done = run_program(*arguments)
-    assert done.returncode == 2, done.stderr
-    assert len(done.stderr.splitlines()) == 1, done.stderr
-    return done.stderr
 
 
 def test_training_gives_the_bytes_of_the_folder(packed, trained, tmp_path):

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from conftest import PROGRAM, ROOT, run_program, run_well
+from conftest import PROGRAM, ROOT, content, refused, run_well
 
 sys.path.append(str(ROOT / "tests/python"))
 import miniature_anchors  # noqa: E402
@@ -22,16 +22,9 @@ COMMANDS = ["list", "show", "apply", "verify", "status", "doctor", "revert", "va
 
 def fails(*arguments):
     """@return the one line on the error stream"""
-    done = run_program("patch", *arguments)
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == ""
-    lines = done.stderr.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("splatboost patch"), done.stderr
-    return lines[0]
-
-
-def files_of(tree):
-    return {p.relative_to(tree): p.read_bytes() for p in tree.rglob("*") if p.is_file()}
+    line = refused("patch", *arguments)
+    assert line.startswith("splatboost patch")
+    return line
 
 
 @pytest.fixture(params=list(miniature_host.RECIPES))
@@ -69,25 +62,25 @@ def test_list_and_show_tell_layouts_options_and_edits():
 
 def test_from_apply_to_revert(any_host):
     tree, recipe = any_host
-    before = files_of(tree)
+    before = content(tree)
     assert f"patch apply {recipe} {tree}" in run_well("patch", "status", tree).stdout
     diff = run_well("patch", "apply", recipe, tree, "--dry-run").stdout
-    assert files_of(tree) == before
+    assert content(tree) == before
     assert "patched with" in run_well("patch", "apply", recipe, tree).stdout
-    patched = files_of(tree)
+    patched = content(tree)
     assert "patched already" in run_well("patch", "apply", recipe, tree).stdout
-    assert files_of(tree) == patched
+    assert content(tree) == patched
     assert "is in place" in run_well("patch", "verify", tree).stdout
     assert "is in place" in run_well("patch", "status", tree).stdout
     assert "+++ b/train.py" in run_well("patch", "revert", tree, "--dry-run").stdout
     assert "was removed" in run_well("patch", "revert", tree).stdout
-    assert files_of(tree) == before
+    assert content(tree) == before
     assert "not patched" in run_well("patch", "revert", tree).stdout
 
     # patch(1) accepts the diff and produces the same files.
     if shutil.which("patch"):
         subprocess.run(["patch", "-p1", "-s"], input=diff, text=True, cwd=tree, check=True)
-        assert files_of(tree) == {path: text for path, text in patched.items() if path.parts[0] != ".splatboost"}
+        assert content(tree) == {path: text for path, text in patched.items() if not path.startswith(".splatboost/")}
 
 
 def test_own_edits_stay(any_host):
@@ -105,11 +98,11 @@ def test_a_changed_file_stops_all(host):
     tree, recipe = host
     train = tree / "train.py"
     train.write_text(train.read_text().replace("gaussians.densify_and_prune(", "gaussians.grow("))
-    before = files_of(tree)
+    before = content(tree)
     line = fails("apply", recipe, tree)
     assert "train.py: 'gaussians.densify_and_prune(' is missing" in line
     assert f"{recipe} would fit, but train.py" in run_well("patch", "status", tree).stdout
-    assert files_of(tree) == before
+    assert content(tree) == before
 
 
 def test_a_doubled_anchor_is_told_with_its_lines(host):
@@ -136,7 +129,7 @@ FORK_MESSAGES = {
                                         for only in [None, *range(len(all_of_it))]])
 def test_forks_that_only_look_like_3dgs_are_refused(tmp_path, fork, only):
     tree = miniature_host.write_fork(tmp_path / "fork", fork, only)
-    before = files_of(tree)
+    before = content(tree)
     line = fails("apply", "3dgs", tree)
     if only is None:
         assert any(message in line for message in FORK_MESSAGES[fork])
@@ -145,7 +138,7 @@ def test_forks_that_only_look_like_3dgs_are_refused(tmp_path, fork, only):
     # The advice is never to undo the fork's changes.
     assert "a fork needs its own recipe: splatboost patch doctor PATH" in line
     assert "put" not in line.split("; ")[-1] and "fresh checkout" not in line
-    assert files_of(tree) == before
+    assert content(tree) == before
     assert "3dgs would fit, but" in run_well("patch", "status", tree).stdout
 
 
@@ -168,14 +161,14 @@ def test_doctor_tells_the_nearest_recipe_and_what_does_not_hold(host, tmp_path):
     assert f"nearest is {recipe}, " in text and f"Everything matches: splatboost patch apply {recipe} {tree}" in text
     assert "\n  no " not in text
     fork = miniature_host.write_fork(tmp_path / "fork", "deformable-3dgs")
-    before = files_of(fork)
+    before = content(fork)
     text = run_well("patch", "doctor", fork).stdout
     assert "nearest is 3dgs, layout 2023" in text and "A recipe for a fork" in text
     for told in ("def render", "expected no argument means2D_densify, expected 2 results", "'checkpoint_iterations'",
                  "ok train.py:35  'gaussians.add_densification_stats('"):
         assert told in text
     assert text.count("\n  no ") == 3
-    assert files_of(fork) == before
+    assert content(fork) == before
     run_well("patch", "apply", recipe, tree)
     assert "is in place" in run_well("patch", "doctor", tree).stdout
     (tmp_path / "empty").mkdir()
@@ -206,24 +199,24 @@ def test_a_formatters_line_breaks_do_not_matter(tmp_path):
         text = (tree / file).read_text()
         assert what in text
         (tree / file).write_text(text.replace(what, by))
-    before = files_of(tree)
+    before = content(tree)
     run_well("patch", "apply", "3dgs", tree)
     for path in tree.rglob("*.py"):
         compile(path.read_text(), str(path), "exec")
     assert "if (\n                    boost.grows()\n                ):" in (tree / "train.py").read_text()
     run_well("patch", "verify", tree)
     run_well("patch", "revert", tree)
-    assert files_of(tree) == before
+    assert content(tree) == before
 
 
 def test_what_an_interrupted_command_left_is_told_and_removed(tmp_path):
     tree = miniature_host.write_host(tmp_path / "host", "3dgs-2023")
-    before = files_of(tree)
+    before = content(tree)
     (tree / ".splatboost").mkdir()
     (tree / ".splatboost/patch.json.splatboost-new").write_text("{")
     assert "patch revert" in run_well("patch", "status", tree).stdout
     assert "removed .splatboost/patch.json.splatboost-new" in run_well("patch", "revert", tree).stdout
-    assert files_of(tree) == before and not (tree / ".splatboost").exists()
+    assert content(tree) == before and not (tree / ".splatboost").exists()
     run_well("patch", "apply", "3dgs", tree)
     (tree / "train.py.splatboost-old").write_text("")
     assert "left train.py.splatboost-old" in run_well("patch", "status", tree).stdout
@@ -233,7 +226,7 @@ def test_what_an_interrupted_command_left_is_told_and_removed(tmp_path):
 
 def test_commands_at_the_same_time_wait_for_each_other(tmp_path):
     tree = miniature_host.write_host(tmp_path / "host", "3dgs-2023")
-    before = files_of(tree)
+    before = content(tree)
 
     def twice(*command):
         running = [subprocess.Popen([PROGRAM, "patch", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -246,13 +239,13 @@ def test_commands_at_the_same_time_wait_for_each_other(tmp_path):
         assert twice("apply", "3dgs", str(tree)) == ["already", "with"]
         run_well("patch", "verify", tree)
         twice("revert", str(tree))
-        assert files_of(tree) == before
+        assert content(tree) == before
 
 
 def test_a_lost_record_is_told(any_host):
     tree, recipe = any_host
     run_well("patch", "apply", recipe, tree)
-    patched = files_of(tree)
+    patched = content(tree)
     shutil.rmtree(tree / ".splatboost")
     told = "contains a patch, but not its record"
     for command in (["apply", recipe], ["verify"], ["revert"]):
@@ -260,7 +253,7 @@ def test_a_lost_record_is_told(any_host):
         assert told in line and "git checkout" in line and "train.py" in line
     for command in ("status", "doctor"):
         assert told in run_well("patch", command, tree).stdout
-    assert files_of(tree) == {path: text for path, text in patched.items() if path.parts[0] != ".splatboost"}
+    assert content(tree) == {path: text for path, text in patched.items() if not path.startswith(".splatboost/")}
 
 
 @pytest.mark.skipif(not shutil.which("git"), reason="needs git")
@@ -304,11 +297,11 @@ def test_mistakes(tmp_path):
 
 def test_the_wrong_recipe_changes_nothing(any_host):
     tree, recipe = any_host
-    before = files_of(tree)
+    before = content(tree)
     for other in ALL_RECIPES:
         if other != recipe:
             assert f"{other} does not fit, but {recipe} does" in fails("apply", other, tree)
-    assert files_of(tree) == before
+    assert content(tree) == before
 
 
 def test_an_installed_program_finds_its_recipes(tmp_path):

@@ -14,16 +14,12 @@ import shutil
 import subprocess
 
 import pytest
-from conftest import PROGRAM, ROOT, run_program, run_well
+from conftest import PROGRAM, ROOT, content, run_program, run_well
 
 RECIPE = json.loads((ROOT / "patches/photo-slam/recipe.json").read_text())
 CHECKOUT = os.environ.get("SPLATBOOST_PHOTO_SLAM")
 TORCH = pathlib.Path(os.environ.get("SPLATBOOST_TORCH", "/usr"))
 PARTS = ["CMakeLists.txt", "include", "src", "examples", "third_party", "cfg", "ORB-SLAM3/include", "ORB-SLAM3/Thirdparty"]
-
-
-def files_of(tree):
-    return {p.relative_to(tree): p.read_bytes() for p in tree.rglob("*") if p.is_file()}
 
 
 def write_miniature(tree):
@@ -51,19 +47,19 @@ def write_miniature(tree):
 
 def test_a_miniature_from_apply_to_revert(tmp_path):
     tree = write_miniature(tmp_path / "host")
-    before = files_of(tree)
+    before = content(tree)
     assert "photo-slam fits" in run_well("patch", "status", tree).stdout
     diff = run_well("patch", "apply", "photo-slam", tree, "--dry-run").stdout
-    assert files_of(tree) == before
+    assert content(tree) == before
     assert "patch show photo-slam lists its options" in run_well("patch", "apply", "photo-slam", tree).stdout
-    after = files_of(tree)
+    after = content(tree)
     for edit in RECIPE["edits"]:
-        assert "+" in diff and after[pathlib.Path(edit["file"])].decode().count(edit["snippet"][0]) >= edit.get("count", 1)
+        assert "+" in diff and after[edit["file"]].decode().count(edit["snippet"][0]) >= edit.get("count", 1)
     for own in RECIPE["files"]:
-        assert after[pathlib.Path(own["file"])] == (ROOT / "patches/photo-slam" / own["source"]).read_bytes()
+        assert after[own["file"]] == (ROOT / "patches/photo-slam" / own["source"]).read_bytes()
     run_well("patch", "verify", tree)
     run_well("patch", "revert", tree)
-    assert files_of(tree) == before
+    assert content(tree) == before
     assert not (tree / "splatboost").exists()
 
 
@@ -71,11 +67,11 @@ def test_a_changed_signature_is_refused(tmp_path):
     tree = write_miniature(tmp_path / "host")
     header = tree / "include/gaussian_model.h"
     header.write_text(header.read_text().replace("int N = 2", "int N, bool more"))
-    before = files_of(tree)
+    before = content(tree)
     done = run_program("patch", "apply", "photo-slam", tree)
     assert done.returncode == 2
     assert "densifyAndSplit" in done.stderr and "the patch calls it to change the Gaussians" in done.stderr
-    assert files_of(tree) == before
+    assert content(tree) == before
 
 
 def test_the_documented_edits_for_newer_libtorch_fit_beside_the_patch(tmp_path):
@@ -151,14 +147,14 @@ def test_train_colmap_of_a_checkout(tmp_path):
         hosts[name] = builds / f"{name}_host"
         if not hosts[name].exists():
             copy_checkout(hosts[name])
-    before = files_of(hosts["unpatched"])
+    before = content(hosts["unpatched"])
     run_well("patch", "apply", "photo-slam", hosts["patched"])
     try:
         run_well("patch", "verify", hosts["patched"])
         programs = {name: build(host, builds / name) for name, host in hosts.items()}
     finally:
         run_well("patch", "revert", hosts["patched"])
-    assert files_of(hosts["patched"]) == before
+    assert content(hosts["patched"]) == before
 
     scene = tmp_path / "room"
     run_well("synth", scene, "--width", "96", "--height", "72", "--views", "16", "--points", "800")

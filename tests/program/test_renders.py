@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from conftest import run_program, run_well
+from conftest import refused, run_program, run_well
 
 
 @pytest.fixture(scope="module")
@@ -46,41 +46,35 @@ def test_another_run_is_no_folder_for_pictures(run, trained, tmp_path):
     run_well("render", "-m", run, "-o", run)  # its own
 
 
-def refused(*arguments):
-    done = run_program("render", *arguments)
-    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
-    return done.stderr
-
-
 def test_places_that_cannot_be_written_are_refused_first(run, tmp_path):
     (tmp_path / "file").write_text("")
-    assert "file: is not a folder" in refused("-m", run, "-o", tmp_path / "file/renders")
-    assert "none" in refused("-m", run, "--video", tmp_path / "none/a.mp4")
-    assert "is in the folder of saved models" in refused("-m", run, "--video", run / "point_cloud/a.mp4")
+    assert "file: is not a folder" in refused("render", "-m", run, "-o", tmp_path / "file/renders")
+    assert "none" in refused("render", "-m", run, "--video", tmp_path / "none/a.mp4")
+    assert "is in the folder of saved models" in refused("render", "-m", run, "--video", run / "point_cloud/a.mp4")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 @pytest.mark.parametrize("rate", ["0.001", "0", "240.5", "1e9"])
 def test_the_frame_rate_of_a_video_has_a_range(run, tmp_path, rate):
-    assert "--fps must be 1 to 240" in refused("-m", run, "--video", tmp_path / "a.mp4", "--orbit", 2, "--fps", rate)
+    assert "--fps must be 1 to 240" in refused("render", "-m", run, "--video", tmp_path / "a.mp4", "--orbit", 2, "--fps", rate)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_video_has_no_output_folder(run, tmp_path):
-    line = refused("-m", run, "--video", tmp_path / "a.mp4", "--orbit", 2, "-o", tmp_path / "pictures")
+    line = refused("render", "-m", run, "--video", tmp_path / "a.mp4", "--orbit", 2, "-o", tmp_path / "pictures")
     assert "--output has no effect with --video" in line
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_model_without_time_is_not_asked_for_a_folder(run):
-    assert "--time: a model of backbone vanilla does not change with time" in refused("-m", run, "--time", 0.5)
+    assert "--time: a model of backbone vanilla does not change with time" in refused("render", "-m", run, "--time", 0.5)
 
 
 def test_a_circle_needs_cameras_at_two_places(run, scene, tmp_path):
     single = tmp_path / "single"
     run_well("train", "-s", scene, "-m", single, "--eval", "--llffhold", 4, "--n-views", 1, "--iterations", 2, "--quiet")
     for option, name in ((["--orbit", 6], "--orbit"), (["--video", tmp_path / "a.mp4"], "--video")):
-        line = refused("-m", single, "--quiet", *option)
+        line = refused("render", "-m", single, "--quiet", *option)
         assert f"{name}: the training cameras look at the scene from one place only" in line
     assert not (single / "orbit").exists() and not (tmp_path / "a.mp4").exists()
     run_well("render", "-m", run, "--orbit", 6, "-o", tmp_path / "circle")

@@ -26,7 +26,7 @@ def found(tmp_path_factory):
     assert attacks.FILE_FAULTS.exists(), "build the target file_faults (scripts/build --all)"
     whole = pathlib.Path(tmp_path_factory.mktemp("whole")).resolve()
     fuzz_readers.prepare(whole)
-    with concurrent.futures.ProcessPoolExecutor(os.cpu_count()) as pool:
+    with concurrent.futures.ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         found = {name: pool.submit(fuzz_readers.attack, name, whole, 0, DAMAGED_OF_A_KIND, 0) for name in fuzz_readers.TARGETS}
         found |= {name: pool.submit(inject_faults.attack, name, FAULTS_OF_A_COMMAND) for name in inject_faults.SCENARIOS}
         yield found

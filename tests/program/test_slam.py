@@ -6,14 +6,12 @@ import os
 import re
 import shutil
 import signal
-import struct
 import time
-import zlib
 
 import numpy as np
 import pytest
 
-from conftest import run_program, run_well, start, wait_for
+from conftest import content, killed_at, run_program, run_well, start, wait_for, write_png
 
 FRAMES = 12
 
@@ -112,10 +110,8 @@ def test_a_run_that_ends_with_the_sequence_has_the_last_changes_of_the_map(walk,
 def test_a_run_killed_while_it_measures_is_measured_by_eval(walk, mapped, tmp_path):
     del mapped
     model = tmp_path / "model"
-    running = start("slam", "-s", walk, "-m", model, *SHORT)
-    wait_for(model / "results.json", running)
-    running.kill()
-    running.communicate(timeout=60)
+    # The second operation there, after the folder was made, is the first picture of a tracked frame.
+    killed_at(model / "test/renders", 2, "slam", "-s", walk, "-m", model, *SHORT)
     before = json.loads((model / "results.json").read_text())
     assert before["slam"]["tracked"] == FRAMES and before["slam"]["ate_rmse"] < 0.04
     run_well("eval", "-m", model)
@@ -136,14 +132,10 @@ def test_eval_of_a_run_without_results_says_to_run_slam_again(mapped, tmp_path):
     assert "the run did not finish; run splatboost slam again" in done.stderr and "--resume" not in done.stderr
 
 
-def contents(folder):
-    return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
-
-
 def test_a_run_that_is_stopped_before_mapping_leaves_an_earlier_one(walk, mapped, tmp_path):
     model = tmp_path / "model"
     shutil.copytree(mapped, model)
-    before = contents(model)
+    before = content(model)
     slow = tmp_path / "walk"
     shutil.copytree(walk, slow)
     (slow / "results/frame000007.png").unlink()
@@ -157,7 +149,7 @@ def test_a_run_that_is_stopped_before_mapping_leaves_an_earlier_one(walk, mapped
     line = errors.splitlines()[-1]
     assert line.startswith("interrupted after frame ") and "before mapping began; nothing was written" in line
     assert f"{model} still holds the earlier run" in line
-    assert contents(model) == before
+    assert content(model) == before
 
 
 @pytest.mark.parametrize("option, place", [
@@ -168,11 +160,11 @@ def test_inputs_among_the_results_that_a_run_replaces_are_refused(walk, mapped, 
     shutil.copytree(mapped, model)
     (model / place).parent.mkdir(parents=True, exist_ok=True)
     (model / place).write_text("{}")
-    before = contents(model)
+    before = content(model)
     done = run_program("slam", "-s", walk, "-m", model, *SHORT, option, model / place)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert f"{model / place} is in the run in {model}, which this run would replace" in done.stderr
-    assert contents(model) == before
+    assert content(model) == before
 
 
 def test_a_video_of_the_sequence_is_not_replaced(walk, mapped):
@@ -271,18 +263,6 @@ def test_a_run_that_is_stopped_keeps_what_it_has(walk, mapped, tmp_path, stop, e
     assert f"{measured['psnr']:.2f} dB" in report and "Where the camera was" in report
 
 
-def write_png(file, pixels):
-    """[H,W] or [H,W,3]; 8 or 16 bits."""
-    height, width = pixels.shape[:2]
-    bits = 8 * pixels.itemsize
-    rows = pixels.astype(pixels.dtype.newbyteorder(">")).reshape(height, -1)
-    data = zlib.compress(b"".join(b"\0" + row.tobytes() for row in rows))
-    header = struct.pack(">IIBBBBB", width, height, bits, 2 if pixels.ndim == 3 else 0, 0, 0, 0)
-    chunks = [(b"IHDR", header), (b"IDAT", data), (b"IEND", b"")]
-    file.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks))
-
-
 def without_a_map(walk, tmp_path, *arguments, depth=None, color=None):
     """Standard error of a run on the walk, with this image in place of all depth or colour images."""
     folder = tmp_path / "walk"
@@ -336,8 +316,12 @@ def test_more_iterations_than_asked_for_are_told_once(walk, mapped, tmp_path):
     assert json.loads((tmp_path / "few/results.json").read_text())["iterations"] == total
     done = run_well(*run, "-m", tmp_path / "enough", "--iterations", total)
     assert "note: mapping takes" not in done.stderr
-    done = run_well(*run[:-1], 0, "-m", tmp_path / "none", "--iterations", 1)
+    done = run_well(*run[:-1], 0, "-m", tmp_path / "none", "--iterations", 1, "--first-frame", 1, "--stride", 2, "--no-loops")
     assert "note: mapping takes" not in done.stderr
+    slam = json.loads((tmp_path / "none/results.json").read_text())["slam"]
+    assert slam["frames"] == FRAMES // 2 and slam["loops"] == 0
+    assert min(file.name for file in (tmp_path / "none/keyframes/images").iterdir()) == "frame000001.png"
+    assert json.loads((tmp_path / "none/config.json").read_text())["slam"]["no-loops"] is True
 
 
 def test_one_keyframe_is_no_plural(walk, mapped, tmp_path):
