@@ -30,16 +30,17 @@ ErrorCounts flag_errors(std::span<const float> render, const TruthImage& truth, 
     for (std::size_t p = begin; p < end; ++p) error[p] = pixel_error(render, truth.color, p, pixels);
   });
   ErrorCounts counts;
+  counts.valid = pixels - static_cast<std::size_t>(std::count(truth.valid.begin(), truth.valid.end(), std::uint8_t{0}));
   float low = std::numeric_limits<float>::infinity(), high = -low;
   for (std::size_t p = 0; p < pixels; ++p) {
     if (!is_valid(p)) continue;
-    ++counts.valid;
     counts.covered += error[p] > kNoError;
     low = std::min(low, error[p]);
     high = std::max(high, error[p]);
   }
+  const float threshold = flag_threshold(low, high, tau);
   for (std::size_t p = 0; p < pixels; ++p) {
-    flagged[p] = is_valid(p) && exceeds(error[p], low, high, tau);
+    flagged[p] = is_valid(p) && error[p] - low > threshold;
     counts.flagged += flagged[p];
   }
   return counts;

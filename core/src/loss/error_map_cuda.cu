@@ -54,7 +54,7 @@ __global__ void __launch_bounds__(kBlockThreads)
   // If no error was found, low is still the bits of a NaN: the comparison fails and nothing is flagged.
   if (p < flagged.size()) {
     const bool counts = valid.empty() || valid[p] != 0;
-    flag = counts && exceeds(error[p], low, high, tau);
+    flag = counts && error[p] - low > flag_threshold(low, high, tau);
     flagged[p] = flag ? 1 : 0;
   }
   count_lanes(flag, &s.flagged);

@@ -22,9 +22,10 @@ SPLATBOOST_HOST_DEVICE float pixel_error(const Colors& render, const Bytes& trut
   return sum / 3.0f;
 }
 
+/// A pixel is flagged if its error minus `low` exceeds this: infinite if the error is constant.
 /// @param low,high least and greatest error of the view's valid pixels
-SPLATBOOST_HOST_DEVICE bool exceeds(float error, float low, float high, float tau) {
-  return high > low && error - low > tau * (high - low + kErrorEpsilon);
+SPLATBOOST_HOST_DEVICE float flag_threshold(float low, float high, float tau) {
+  return high > low ? tau * (high - low + kErrorEpsilon) : HUGE_VALF;
 }
 
 }  // namespace splatboost
