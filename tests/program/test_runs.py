@@ -234,6 +234,8 @@ def test_points_are_refused_where_none_can_be_added(scene, tmp_path):
     run_well("synth", tmp_path / "moving", "--scene", "moving", "--width", 64, "--height", 48, "--views", 8)
     assert "do not move" in error("-s", tmp_path / "moving", "-o", tmp_path / "a.ply")
     lonely = scene_without_binary_points(scene, tmp_path / "lonely")
+    shutil.copy(lonely / "sparse/0/points3D.ply", lonely / "sparse/0/dense.ply")
+    assert "is a file of the scene" in error("-s", lonely, "-o", lonely / "sparse/0/dense.ply")
     before = (lonely / "sparse/0/points3D.ply").read_bytes()
     assert "would be replaced" in error("-s", lonely, "-o", lonely / "sparse/0/points3D.ply")
     shutil.move(lonely / "sparse", tmp_path / "elsewhere")

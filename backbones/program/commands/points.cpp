@@ -26,9 +26,11 @@ struct PointsOptions {
   bool features_only = false;
 };
 
-/// Throws InputError if the file may be the only one with the points of the scene.
+/// Throws InputError if the file may be the only one with the points of the scene, or is another file of it.
 void require_points_elsewhere(const fs::path& file, const fs::path& scene) {
   if (!lies_in(file, scene)) return;
+  require(file.filename() == "points3D.ply" || !fs::exists(file),
+          file.string() + ": is a file of the scene, which would be replaced; write points3D.ply or a new file");
   const fs::path folder = fs::absolute(file).lexically_normal().parent_path();
   require(fs::exists(folder / "points3D.bin") || fs::exists(folder / "points3D.txt"),
           file.string() +

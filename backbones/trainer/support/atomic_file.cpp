@@ -130,8 +130,9 @@ void require_writable_folder(const std::filesystem::path& folder) {
   std::filesystem::path existing = std::filesystem::absolute(folder, error);
   while (!std::filesystem::exists(existing, error) && existing.has_relative_path()) existing = existing.parent_path();
   require(std::filesystem::is_directory(existing, error), existing.string() + ": is not a folder; name another one");
-  require(::access(existing.c_str(), W_OK | X_OK) == 0,
-          existing.string() + ": cannot be written to: " + std::strerror(errno));
+  const bool writable = ::access(existing.c_str(), W_OK | X_OK) == 0;
+  const int reason = errno;  // before the message is made, which may change it
+  require(writable, existing.string() + ": cannot be written to: " + std::strerror(reason));
 }
 
 void require_replaceable(const std::filesystem::path& output, const std::vector<std::filesystem::path>& inputs) {
