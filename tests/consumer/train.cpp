@@ -35,6 +35,7 @@ struct Group {
   float rate;
   std::vector<float> values, gradients, first, second;
   int steps = 0;
+  bool pending = false;  ///< has gradients that no step has used
 
   Group(std::string_view of_name, std::size_t of_width, float of_rate, std::vector<float> from)
       : name(of_name), width(of_width), rate(of_rate), values(std::move(from)) {
@@ -170,14 +171,16 @@ class Model final : public RasterizerHook {
     sigmoid_gradients(opacities_, opacity_gradients, threads_);
     for (std::size_t i = 0; i < 3 * n; ++i) group(kScaling).gradients[i] += scale_gradients[i];
     for (std::size_t i = 0; i < n; ++i) group(kOpacity).gradients[i] += opacity_gradients[i];
+    for (Group& of : groups_) of.pending = true;
     add_screen_gradients({rasterizer_.visible(), screen_, screen_abs_, kSize, kSize}, AbsoluteNorm::euclidean, 1,
                          {norms_, norms_abs_, seen_}, threads_);
   }
 
-  /// @param pending whether groups step that still have gradients of earlier iterations: before primitives change
-  void step(Moment moment, const VanillaAdapter& adapter, bool pending) {
+  /// @param all whether groups step that would wait: before primitives change
+  void step(Moment moment, const VanillaAdapter& adapter, bool all) {
     for (Group& g : groups_) {
-      if (!pending && !adapter.steps_at(g.name, moment)) continue;
+      if (!g.pending || (!all && !adapter.steps_at(g.name, moment))) continue;
+      g.pending = false;
       AdamOptions options;
       options.learning_rate = g.rate * adapter.rate_factor(g.name, moment);
       adam_step(g.values, g.gradients, g.first, g.second, ++g.steps, options, threads_);
