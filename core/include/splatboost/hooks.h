@@ -129,7 +129,8 @@ class DensityHook {
 };
 
 /// Name of the group of the coefficients of higher SH bands, for which adapters of Gaussians and of convexes have rules
-/// of their own. All other names are the backbone's; the adapters of anchors and of Deformable-3DGS know some of theirs.
+/// of their own. All other names are the backbone's; the adapters of anchors and of Deformable-3DGS know some of
+/// theirs.
 inline constexpr std::string_view kHigherBands = "f_rest";
 
 /// Decides when parameters are updated, and by how much. Gradients accumulate between steps; the backbone applies the
