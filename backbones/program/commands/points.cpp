@@ -53,7 +53,7 @@ int run_points(const PointsOptions& options) {
   for (const std::string& note : scene.notes) std::fprintf(stderr, "note: %s\n", printable(note).c_str());
   require(!moves(scene), scene_name + ": points can only be added to scenes that do not move");
   require(!points_are_random(scene.points.positions),
-          scene_name + ": its points are random or very few, and none are added to these");
+          scene_name + ": its points are random, and none are added to these");
   const std::size_t known = scene.lacks_points ? 0 : scene.points.size();
   // Where the dataset has no points, read_scene() has triangulated all.
   if (may_add_points(scene)) {

@@ -77,7 +77,7 @@ Json after_growth(Json settings, const Json& constants) {
 Json with_scene(Json settings, const Scene& scene) {
   // Where free space around the cameras is not known, it is the resets of opacities that clear it.
   if (settings.value("min_clearance", 0.0) > 0) {
-    settings["random_points"] = points_are_random(scene.points.positions);
+    settings["random_points"] = !points_show_surfaces(scene.points.positions);
   }
   if (settings.contains("training_views")) settings["training_views"] = scene.train.size();
   return settings;

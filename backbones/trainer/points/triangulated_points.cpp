@@ -18,7 +18,7 @@ namespace {
 
 constexpr std::size_t kLeast = 100;
 constexpr double kSpacing = 0.025;      ///< × diagonal, of points that are added to those of a dataset …
-constexpr double kSpacingAlone = 0.01;  ///< … and where it has none
+constexpr double kSpacingAlone = 0.01;  ///< … and where it has fewer than kLeast
 
 /// Adds the colour of the photo at a pixel of ViewFeatures to `sums`.
 void add_color(const ViewFeatures& features, const glm::dvec2& pixel, std::array<std::size_t, 3>& sums) {
@@ -74,7 +74,7 @@ PointCloud triangulate(const Scene& scene, bool gaps, const Threads& threads) {
     append(cloud, point.position, sums, point.features.size());
   }
   if (!gaps) return cloud;
-  const double spacing = scene.points.size() > 0 ? kSpacing : kSpacingAlone;
+  const double spacing = scene.points.size() >= kLeast ? kSpacing : kSpacingAlone;
   for (const GapPoint& point : fill_gaps(features, positions, pairs, spacing, threads)) {
     std::array<std::size_t, 3> sums{};
     add_color(features[point.view], point.pixel, sums);

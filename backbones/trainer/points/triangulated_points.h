@@ -18,7 +18,7 @@ PointCloud triangulate_features(const Scene& scene, const Threads& threads);
 PointCloud triangulate_points(const Scene& scene, const Threads& threads);
 
 /// Whether triangulate_points() may add to the points of the scene: not if it moves, if its points were triangulated,
-/// or if they are random, as those of rendered scenes, or too few to tell (points_are_random()).
+/// or if they are random, as those of rendered scenes.
 bool may_add_points(const Scene& scene);
 
 }  // namespace splatboost

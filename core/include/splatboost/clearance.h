@@ -10,15 +10,18 @@
 namespace splatboost {
 
 /// Whether points [M,3] fill their bounding box evenly, as if drawn at random there, as for a scene without points.
-/// They show no surface. True if there are fewer than 64, too few to tell.
+/// False if fewer than 64 are finite, too few to tell.
 bool points_are_random(std::span<const float> points);
+
+/// Whether points [M,3] show where surfaces are: not if they are random, nor if fewer than 64 are finite.
+bool points_show_surfaces(std::span<const float> points);
 
 /// Distances of cameras to the scene: to its nearest points, in any direction. Some points may be wrong, so max(10,
 /// M / max(1000, 10·C)) may be nearer: with many cameras a tenth of one camera's share, because in a long scene the
 /// surfaces around a camera are a small share of all points.
 /// @param centres [C,3] of all training cameras, world frame
 /// @param points [M,3] of the scene before training, such as those of structure from motion
-/// @param distances [C] world units; 0 if no surface is known: of random points, all are
+/// @param distances [C] world units; all are 0 unless points_show_surfaces()
 void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,
                         const Threads& threads);
 

@@ -22,6 +22,7 @@ constexpr std::size_t kWrongPoints = 10;     ///< points that may be wrong, at l
 constexpr std::size_t kWrongShare = 1000;    ///< one of so many may be,
 constexpr std::size_t kWrongPerCamera = 10;  ///< but at most one of so many of a camera's share of the points
 constexpr std::size_t kPointsPerCell = 8;
+constexpr std::size_t kFewestPoints = 8 * kPointsPerCell;  ///< that can be told from random ones: of 2³ cells
 constexpr double kEvenDispersion = 2;  ///< 1 for points drawn at random, above 60 for those of eleven measured scenes
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
@@ -29,9 +30,8 @@ void check_cameras(std::span<const float> centres, std::span<const float> distan
   SPLATBOOST_CHECK(centres.size() == 3 * distances.size(), "centres must be [C,3] and distances [C]");
 }
 
-}  // namespace
-
-bool points_are_random(std::span<const float> points) {
+/// Points [M,3] that are finite.
+std::vector<glm::vec3> finite_points(std::span<const float> points) {
   SPLATBOOST_CHECK(points.size() % 3 == 0, "points must be [M,3]");
   std::vector<glm::vec3> finite;
   finite.reserve(points.size() / 3);
@@ -39,17 +39,20 @@ bool points_are_random(std::span<const float> points) {
     const glm::vec3 point(points[p], points[p + 1], points[p + 2]);
     if (std::isfinite(point.x) && std::isfinite(point.y) && std::isfinite(point.z)) finite.push_back(point);
   }
-  // Counts of random points in a grid of cells have a variance near their mean. Surfaces leave most cells empty.
-  const auto cells = static_cast<std::size_t>(std::cbrt(static_cast<double>(finite.size() / kPointsPerCell)) + 1e-9);
-  if (cells < 2) return true;
+  return finite;
+}
 
-  glm::dvec3 low(finite[0]), high(finite[0]);
-  for (const glm::vec3& point : finite) {
+/// Whether points fill their bounding box evenly; at least kFewestPoints.
+bool are_even(const std::vector<glm::vec3>& points) {
+  // Counts of random points in a grid of cells have a variance near their mean. Surfaces leave most cells empty.
+  const auto cells = static_cast<std::size_t>(std::cbrt(static_cast<double>(points.size() / kPointsPerCell)) + 1e-9);
+  glm::dvec3 low(points[0]), high(points[0]);
+  for (const glm::vec3& point : points) {
     low = glm::min(low, glm::dvec3(point));
     high = glm::max(high, glm::dvec3(point));
   }
   std::vector<std::size_t> counts(cells * cells * cells);
-  for (const glm::vec3& point : finite) {
+  for (const glm::vec3& point : points) {
     std::size_t cell = 0;
     for (int axis = 0; axis < 3; ++axis) {
       const double size = high[axis] - low[axis];
@@ -58,7 +61,7 @@ bool points_are_random(std::span<const float> points) {
     }
     ++counts[cell];
   }
-  const double mean = static_cast<double>(finite.size()) / static_cast<double>(counts.size());
+  const double mean = static_cast<double>(points.size()) / static_cast<double>(counts.size());
   double variance = 0;
   for (const std::size_t count : counts) {
     const double difference = static_cast<double>(count) - mean;
@@ -67,13 +70,25 @@ bool points_are_random(std::span<const float> points) {
   return variance < kEvenDispersion * mean;
 }
 
+}  // namespace
+
+bool points_are_random(std::span<const float> points) {
+  const std::vector<glm::vec3> finite = finite_points(points);
+  return finite.size() >= kFewestPoints && are_even(finite);
+}
+
+bool points_show_surfaces(std::span<const float> points) {
+  const std::vector<glm::vec3> finite = finite_points(points);
+  return finite.size() >= kFewestPoints && !are_even(finite);
+}
+
 void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,
                         const Threads& threads) {
   check_cameras(centres, distances);
   SPLATBOOST_CHECK(points.size() % 3 == 0, "points must be [M,3]");
   const std::size_t count = points.size() / 3, share = std::max(kWrongShare, kWrongPerCamera * distances.size());
   const std::size_t wrong = std::max(kWrongPoints, count / share);
-  if (points_are_random(points)) {
+  if (!points_show_surfaces(points)) {
     std::ranges::fill(distances, 0.0f);
     return;
   }

@@ -83,6 +83,15 @@ TEST(DistancesToScene, AreThoseOfTheGroundBelowInALongScene) {
   EXPECT_GT(distances_of({0, 0, 2}, points)[0], 2.5f) << "a tenth of a camera's share must be less than a thousandth";
 }
 
+// Sparse clouds of a few points exist, and nobody draws so few at random.
+TEST(PointsAreRandom, IsFalseForTooFewToTell) {
+  for (const std::size_t count : {0, 1, 20, 63}) {
+    EXPECT_FALSE(points_are_random(in_a_cube(count, 1))) << count;
+    EXPECT_FALSE(points_show_surfaces(in_a_cube(count, 1))) << count;
+    EXPECT_FALSE(points_show_surfaces(on_walls(count, 1))) << count;
+  }
+}
+
 TEST(DistancesToScene, AreZeroWithTooFewPoints) {
   EXPECT_EQ(distances_of({0, 0, 0}, {}), std::vector<float>{0});
   EXPECT_EQ(distances_of({0, 0, 0}, std::vector<float>(3 * 63, 1.0f)), std::vector<float>{0});
@@ -97,6 +106,7 @@ TEST(DistancesToScene, AreZeroWithTooFewPoints) {
 TEST(DistancesToScene, AreZeroIfThePointsWereDrawnAtRandom) {
   for (const std::size_t count : {64, 300, 1000, 5000, 100000}) {
     EXPECT_TRUE(points_are_random(in_a_cube(count, count))) << count;
+    EXPECT_FALSE(points_show_surfaces(in_a_cube(count, count))) << count;
     EXPECT_EQ(distances_of({4, 0, 0}, in_a_cube(count, count)), std::vector<float>{0}) << count;
   }
   // Boxes that are not cubes, as for cameras that look at a long scene.
@@ -106,6 +116,7 @@ TEST(DistancesToScene, AreZeroIfThePointsWereDrawnAtRandom) {
   // Neither a room whose walls are sampled evenly nor a plane is random.
   for (const std::size_t count : {500, 1000, 5000}) {
     EXPECT_FALSE(points_are_random(on_walls(count, count))) << count;
+    EXPECT_TRUE(points_show_surfaces(on_walls(count, count))) << count;
     EXPECT_GT(distances_of({0, 0, 0}, on_walls(count, count))[0], 1.5f) << count;
     std::vector<float> plane = in_a_cube(count, count);
     for (std::size_t i = 0; i < plane.size(); i += 3) plane[i] = 1;

@@ -286,6 +286,21 @@ TEST_F(TriangulatedPoints, LeaveNoGapInAnyView) {
   EXPECT_TRUE(fill_gaps(matched.features, filled, matched.pairs, kSpacing, Threads()).size() < gaps.size() / 20);
 }
 
+// Too few to be told from random ones, but nobody draws so few.
+TEST_F(TriangulatedPoints, AreAddedToAFewOfADataset) {
+  Scene scene = scene_of(*views);
+  for (std::size_t k = 0; k < 20; ++k) {
+    const glm::vec3 p = at(*surface, 100 * k);
+    scene.points.positions.insert(scene.points.positions.end(), {p.x, p.y, p.z});
+    scene.points.colors.insert(scene.points.colors.end(), 3, 128);
+  }
+  ASSERT_TRUE(may_add_points(scene));
+  const PointCloud alone = triangulate_points(scene_of(*views), Threads());
+  EXPECT_GT(triangulate_points(scene, Threads()).size(), alone.size() * 9 / 10) << "as many as if there were none";
+  scene.lacks_points = true;
+  EXPECT_FALSE(may_add_points(scene)) << "these were triangulated";
+}
+
 TEST_F(TriangulatedPoints, AreOnlyAddedWhereADatasetHasNone) {
   Scene scene = scene_of(*views);
   PointCloud& known = scene.points;  // half of the room
