@@ -61,6 +61,9 @@ struct Train {
     };
     const RunOutcome outcome =
         run_once(bench, set.record(), options, options.boost, options.model, command_line, take_folder);
+    if (outcome.interrupted_by != 0 && outcome.checkpoint.empty()) {
+      return end_interrupted(outcome, "splatboost eval -m " + shell_word(options.model.string()));
+    }
     if (outcome.interrupted_by != 0) {
       return end_interrupted(outcome, "splatboost train --resume " + shell_word(outcome.checkpoint.string()));
     }

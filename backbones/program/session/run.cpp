@@ -291,9 +291,8 @@ RunOutcome run_once(Workbench& bench, const nlohmann::json& recorded, const RunO
     }
   };
   const TrainOutcome trained = train(backbone, bench.scene, train_options);
-  if (trained.interrupted_by != 0) {
-    return {trained.interrupted_by, trained.iteration, trained.checkpoint, {}, {}};
-  }
+  const RunOutcome interrupted{trained.interrupted_by, trained.iteration, trained.checkpoint, {}, {}};
+  if (!trained.checkpoint.empty()) return interrupted;
   Results results = results_of(trained);
   if (!noted) write_results(folder / kTrainingFile, results);
   // Where one file could not be written, the many of the measurement might fail too, and hide the reason.
@@ -302,6 +301,7 @@ RunOutcome run_once(Workbench& bench, const nlohmann::json& recorded, const RunO
                              "; the model is trained to its end; measure it with: splatboost eval -m " +
                              shell_word(folder.string()));
   }
+  if (trained.interrupted_by != 0) return interrupted;
   return measure_run(bench, backbone, folder, std::move(results));
 }
 

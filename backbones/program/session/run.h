@@ -39,7 +39,7 @@ Workbench make_workbench(const RunOptions& options);
 struct RunOutcome {
   int interrupted_by = 0;            ///< signal number; 0: not interrupted
   int iteration = 0;                 ///< the last one of an interrupted run
-  std::filesystem::path checkpoint;  ///< written on interruption
+  std::filesystem::path checkpoint;  ///< written on interruption; empty: the model is complete, but not measured
   ReportRun run;                     ///< of a run that was not interrupted, like the views
   std::vector<ReportView> views;
 };

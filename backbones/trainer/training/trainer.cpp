@@ -170,6 +170,7 @@ class Run {
       outcome_.storage_bytes = export_model();
       // After the model, which is more important if the disk is full.
       if (contains(options_.checkpoint_iterations, outcome_.iteration)) attempt([&] { save(); });
+      outcome_.interrupted_by = signals.caught();  // since the last iteration
     }
     return std::move(outcome_);
   }

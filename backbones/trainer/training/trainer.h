@@ -20,13 +20,13 @@
 namespace splatboost {
 
 struct TrainOutcome {
-  int interrupted_by = 0;            ///< signal that stopped the run, which then wrote a checkpoint; 0: ran to its end
-  std::filesystem::path checkpoint;  ///< the checkpoint written on interruption
+  int interrupted_by = 0;            ///< signal that came during the run; 0: none
+  std::filesystem::path checkpoint;  ///< the checkpoint then written; empty: the run has ended and exported its model
   int iteration = 0;                 ///< last completed iteration
   double seconds = 0;                ///< wall time of training, evaluation and saving excluded
   std::vector<CurvePoint> curve;
   std::map<std::string, double> stage_seconds;
-  std::uint64_t storage_bytes = 0;  ///< of the final model; 0 if interrupted
+  std::uint64_t storage_bytes = 0;  ///< of the final model; 0 if a signal stopped the run before
   std::string unsaved;  ///< why the first early model or checkpoint could not be written; empty: none failed
 };
 
@@ -62,6 +62,8 @@ std::size_t view_of_iteration(int iteration, std::size_t views, std::uint64_t se
 /// reader of the progress has exited), completes the iteration and writes checkpoints/iteration_N.ckpt; the second ends
 /// the process at once, except that a second SIGPIPE is ignored. train() owns the handlers of these signals while it
 /// runs.
+///
+/// After the last iteration, a signal stops nothing: the model is exported, and the signal is returned.
 ///
 /// Exports to point_cloud/iteration_N. Backbone::finish() is called after the last iteration only, so that intermediate
 /// exports do not change the run. An early model or a checkpoint that cannot be written is told in a warning, and

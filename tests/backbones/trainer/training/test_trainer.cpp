@@ -348,13 +348,23 @@ TEST_F(Trainer, SignalEndsTheIterationAndLeavesACheckpointToGoOnFrom) {
   }
 }
 
-TEST_F(Trainer, SignalInTheLastIterationLetsTheRunEnd) {
-  FakeBackbone backbone(scene);
-  backbone.on_step = [](int iteration) {
-    if (iteration == 20) std::raise(SIGINT);
-  };
-  EXPECT_EQ(train(backbone, scene, options).interrupted_by, 0);
-  EXPECT_FALSE(model(20).empty());
+TEST_F(Trainer, SignalAtTheEndIsToldAfterTheModelWasExported) {
+  for (const bool in_last_iteration : {true, false}) {
+    options.model = folder / (in_last_iteration ? "in" : "after");
+    FakeBackbone backbone(scene);
+    if (in_last_iteration) {
+      backbone.on_step = [](int iteration) {
+        if (iteration == 20) std::raise(SIGINT);
+      };
+    } else {
+      options.on_end = [](const TrainOutcome&) { std::raise(SIGINT); };
+    }
+    const TrainOutcome outcome = train(backbone, scene, options);
+    EXPECT_EQ(outcome.interrupted_by, SIGINT);
+    EXPECT_TRUE(outcome.checkpoint.empty()) << "nothing is left to resume";
+    EXPECT_GT(outcome.storage_bytes, 0u);
+    EXPECT_FALSE(model(20).empty());
+  }
 }
 
 TEST_F(Trainer, SecondSignalKills) {
