@@ -89,6 +89,9 @@ void GaussianTrainer::import_model(const std::filesystem::path& folder) {
     if (!group->in_model) group->assign(std::vector<float>(n * group->width, 0.0f));
   }
   set_changed_ = !method_->import_from(cloud);
+  require(!set_changed_ || cloud.filters.empty(),
+          (folder / "point_cloud.ply").string() +
+              ": has filter_3D of Mip-Splatting, without which it is another model; restore config.json of its run");
   std::vector<float> rest(n * 3 * kRestRows, 0.0f);
   const auto rows = static_cast<std::size_t>(cloud.sh_rest_rows);
   for (std::size_t i = 0; i < n; ++i) {

@@ -26,7 +26,8 @@ constexpr int kWidthLimit = 1600;  // as in 3DGS, if no resolution is given
 constexpr int kLargestDivisor = 8;
 /// Fraction of a photo that undistortion must leave. Lenses leave most of it; wrong parameters can leave nothing.
 constexpr double kLeastUndistorted = 0.1;
-constexpr int kSmallestWidth = 16;  // a smaller "width" is more likely an unsupported divisor
+constexpr int kLeastScaledSide = 8;  // of a reduced copy of a photo
+constexpr int kSmallestWidth = 16;   // a smaller "width" is more likely an unsupported divisor
 
 [[noreturn]] void fail(const Photo& photo, const std::string& cause) {
   throw InputError(photo.file.string() + ": " + cause);
@@ -115,12 +116,14 @@ Pixels to_rgb(Pixels pixels, bool white_background) {
 }
 
 /// Throws InputError if the photo on disk has another size than its camera. Reduced copies (images_2, images_4, …) have
-/// one scale for both axes, up to the rounding of the size.
+/// one scale for both axes, up to the rounding of the size, by which any shape of a few pixels could pass.
 void require_size_of_camera(const Photo& photo, int width, int height) {
   const Lens& lens = photo.lens;
   const int wide = lens.width == 0 ? width : lens.width, high = lens.height == 0 ? height : lens.height;
   const double scale_x = static_cast<double>(width) / wide, scale_y = static_cast<double>(height) / high;
-  if (std::abs(height - high * scale_x) > 1.0 && std::abs(width - wide * scale_y) > 1.0) {
+  const bool same_shape = std::abs(height - high * scale_x) <= 1.0 || std::abs(width - wide * scale_y) <= 1.0;
+  const bool too_small = std::min(width, height) < kLeastScaledSide && (width != wide || height != high);
+  if (!same_shape || too_small) {
     fail(photo, "is " + size_text(width, height) + ", but its camera in " + photo.listed_in.string() + " is " +
                     size_text(wide, high) + "; only a uniformly scaled image may differ in size");
   }

@@ -429,6 +429,26 @@ std::optional<std::filesystem::path> find_colmap_model(const std::filesystem::pa
   return std::nullopt;
 }
 
+std::optional<std::filesystem::path> find_larger_model(const std::filesystem::path& folder, std::size_t images) {
+  std::optional<std::filesystem::path> larger;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(folder.parent_path(), error), end; !error && entry != end;
+       entry.increment(error)) {
+    try {
+      const auto file = model_file(entry->path(), "images");
+      if (!file || std::filesystem::equivalent(entry->path(), folder)) continue;
+      const std::size_t count =
+          (file->extension() == ".bin" ? read_images_binary(*file) : read_images_text(*file)).size();
+      if (count <= images) continue;
+      images = count;
+      larger = entry->path();
+    } catch (const InputError&) {
+      // A damaged model that is not used.
+    }
+  }
+  return larger;
+}
+
 ColmapModel read_colmap_model(const std::filesystem::path& folder) {
   ColmapModel model;
   const auto cameras = model_file(folder, "cameras");

@@ -42,6 +42,11 @@ enum class ColmapFormat { binary, text };
 /// source/sparse/0 or source/sparse, whichever holds a model.
 std::optional<std::filesystem::path> find_colmap_model(const std::filesystem::path& source);
 
+/// The folder beside that of a model, as sparse/1 beside sparse/0, with a model of more images: COLMAP writes several
+/// if it cannot connect all images, and the first is not always the largest. None if there is no such folder.
+/// @param images of the model
+std::optional<std::filesystem::path> find_larger_model(const std::filesystem::path& folder, std::size_t images);
+
 /// Reads a model; .bin is preferred, points may also be a points3D.ply. Throws InputError on a file that is missing,
 /// cut short or of an unknown camera model.
 ColmapModel read_colmap_model(const std::filesystem::path& folder);

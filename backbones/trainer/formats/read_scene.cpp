@@ -81,6 +81,12 @@ Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& fo
     throw InputError(images.string() + ": the image folder does not exist; name the right one with --images");
   }
   dataset.photos = colmap_photos(model, images);
+  if (folder.filename() == "0") {
+    if (const auto larger = find_larger_model(folder, model.images.size())) {
+      dataset.notes.push_back(larger->string() + ": a model with more images than that in " + folder.string() +
+                              ", which is used; exchange the two folders to use it");
+    }
+  }
   if (options.frame_times) dataset.notes.push_back(set_frame_times(dataset.photos, dataset.listing.string()));
   dataset.points = std::move(model.points);
   dataset.points_file = model.points_file;

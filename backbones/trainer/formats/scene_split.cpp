@@ -103,6 +103,11 @@ PhotoSplit split_photos(const SceneOptions& options, const std::vector<std::stri
     const auto every = static_cast<std::size_t>(options.llffhold);
     for (std::size_t photo = 0; photo < count; ++photo) put(photo, options.eval && photo % every == 0);
   }
+  if (options.eval && options.llffhold != SceneOptions{}.llffhold && (own_test || !options.test_list.empty())) {
+    split.notes.push_back("--llffhold has no effect: " + (options.test_list.empty()
+                                                              ? listing.string() + " has its own test views"
+                                                              : "--test-list names the test views"));
+  }
   if (split.train.empty()) {
     const bool by_list = !options.test_list.empty();
     const std::string held_out = count == 1 ? "its only image is" : "all " + std::to_string(count) + " images are";

@@ -114,6 +114,42 @@ TEST(ReadScene, SplitsAsAsked) {
   expect_contains(input_error_of([&] { read_scene(options); }), "llffhold 0");
 }
 
+TEST(ReadScene, AnIntervalBesideAListOfTestImagesIsNoted) {
+  const Row row;
+  SceneOptions options = row.options();
+  options.eval = true;
+  options.test_list = row.folder / "some.txt";
+  write_file(options.test_list, "v1\nv5\n");
+  const auto noted = [&] {
+    const std::vector<std::string> notes = read_scene(options).notes;
+    return std::ranges::count_if(notes, [](const std::string& note) { return note.find("--llffhold") == 0; });
+  };
+  EXPECT_EQ(noted(), 0);
+  options.llffhold = 3;
+  EXPECT_EQ(noted(), 1);
+  options.test_list.clear();
+  EXPECT_EQ(noted(), 0);
+}
+
+TEST(ReadScene, ALargerPartOfTheReconstructionIsNoted) {
+  const Row row;
+  ColmapModel model = read_colmap_model(row.folder / "sparse/0");
+  const auto noted = [&] {
+    const std::vector<std::string> notes = read_scene(row.options()).notes;
+    return std::ranges::count_if(notes, [](const std::string& note) { return note.find("sparse/1: ") != note.npos; });
+  };
+  std::filesystem::create_directories(row.folder / "sparse/1");
+  write_colmap_model(row.folder / "sparse/1", model);
+  EXPECT_EQ(noted(), 0) << "as many images";
+  model.images.push_back(model.images.back());
+  model.images.back().id = 1000;
+  model.images.back().name = "v1000.png";
+  write_colmap_model(row.folder / "sparse/1", model);
+  EXPECT_EQ(noted(), 1);
+  write_file(row.folder / "sparse/1/images.bin", "cut short");
+  EXPECT_EQ(noted(), 0) << "a damaged model that is not used";
+}
+
 TEST(ReadScene, AnImageListedTwiceIsRefused) {
   const Row row;
   for (const char* again : {"v8.png", "./v8.png"}) {  // the same file under both names
