@@ -3,6 +3,7 @@
 
 #include <malloc.h>
 
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -85,6 +86,7 @@ std::vector<std::string> option_names(const CLI::App& app) {
 std::string unknown_argument(const std::string& argument, const CLI::App& app) {
   if (argument.size() > 1 && argument[0] == '-') {
     const std::string name = argument.substr(0, argument.find('='));
+    if (app.get_option_no_throw(name) != nullptr) return name + " must come after the command";
     return "unknown option " + name + did_you_mean(name, option_names(app));
   }
   std::vector<std::string> commands;
@@ -115,8 +117,9 @@ int run_commands(int argc, char** argv) {
       add_train(program),     add_compare(program), add_render(program), add_eval(program), add_mesh(program),
       add_mesh_eval(program), add_slam(program),    add_synth(program),  add_pack(program), add_points(program),
       add_export(program),    add_bench(program),   add_patch(program)};
-  // Unknown commands and options are reported below, with a suggestion.
+  // Unknown commands and options are reported below, with a suggestion, and so is a second command.
   program.allow_extras();
+  program.require_subcommand(0, 1);
   for (const Command& command : commands) {
     command.app->allow_extras();
     command.app->group("Commands");
@@ -145,6 +148,9 @@ int run_commands(int argc, char** argv) {
       if (message.substr(0, kConversion.size()) == kConversion) {
         throw UsageError("value not understood: " + std::string(message.substr(kConversion.size())));
       }
+      if (const std::size_t twice = message.find(": At Most 1 required"); twice != std::string_view::npos) {
+        throw UsageError(std::string(message.substr(0, twice)) + " is given more than once");
+      }
       throw UsageError(error.what());
     }
     const std::vector<CLI::App*> chosen = program.get_subcommands();
@@ -169,6 +175,9 @@ int run_commands(int argc, char** argv) {
       if (!deeper.empty()) {
         where += " " + deeper.front()->get_name();
         command = deeper.front();
+      }
+      if (std::ranges::any_of(commands, [&](const Command& other) { return other.app->get_name() == rest[0]; })) {
+        throw UsageError("only one command can be given: " + rest[0] + " stands after " + chosen.front()->get_name());
       }
       throw UsageError(unknown_argument(rest[0], *command));
     }

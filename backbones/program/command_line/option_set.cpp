@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "program/command_line/suggest.h"
+#include "program/session/run_options.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/text.h"
 
@@ -29,8 +30,17 @@ void OptionSet::overlay(const Json& object, const std::string& place, const std:
       names.insert(names.end(), reserved.begin(), reserved.end());
       throw InputError(place + ": unknown key '" + item.key() + "'" + did_you_mean(item.key(), names));
     }
-    entry->read(item.value(), place + ": " + item.key(), entry->option->count() == 0);
+    const bool sets = entry->option->count() == 0;
+    entry->read(item.value(), place + ": " + item.key(), sets);
+    if (sets) entry->place = place + ": " + item.key();
   }
+}
+
+void OptionSet::check(bool holds, const std::string& name, const std::string& rule) const {
+  if (holds) return;
+  const auto entry = std::ranges::find(entries_, name, &Entry::name);
+  if (entry != entries_.end() && !entry->place.empty()) throw InputError(entry->place + " " + rule);
+  throw UsageError("--" + name + " " + rule);
 }
 
 Json OptionSet::record() const {

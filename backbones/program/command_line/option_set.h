@@ -99,6 +99,10 @@ class OptionSet {
   /// any other unknown key throws InputError, as does a value of the wrong type, also of an option that is given.
   void overlay(const nlohmann::json& object, const std::string& place, const std::set<std::string>& reserved);
 
+  /// Throws unless `holds`: InputError with the place if a file gave the option's value, otherwise UsageError.
+  /// @param name of the option, without dashes @param rule what must hold: "must be at least 1"
+  void check(bool holds, const std::string& name, const std::string& rule) const;
+
   /// Values of the recorded options, without empty ones and with absolute paths. Throws InputError on a path that is
   /// not UTF-8, which JSON cannot hold.
   nlohmann::json record() const;
@@ -112,6 +116,7 @@ class OptionSet {
     CLI::Option* option = nullptr;
     std::string name;
     bool recorded = true;
+    std::string place;  ///< in a file that gave the value; empty: none did
     std::function<void(const nlohmann::json&, const std::string& place, bool sets)> read;
     std::function<nlohmann::json()> write;
   };

@@ -47,8 +47,11 @@ SavedModel find_saved_model(OptionSet& set, RunOptions& options) {
   require_model(options);
   const nlohmann::json config = read_config(options.model);
   apply_settings(config, (options.model / "config.json").string(), set, options);
-  check_options(options);
+  check_options(set, options);
   std::error_code ignored;
+  // Keyframes are written before anything is measured.
+  require(set.given("source") || !config.contains("slam") || std::filesystem::exists(options.scene.source, ignored),
+          options.model.string() + ": the run did not finish; run splatboost slam again, which has no checkpoints");
   require(set.given("source") || std::filesystem::exists(options.scene.source, ignored),
           options.scene.source.string() + ": does not exist; the run in " + options.model.string() +
               " was trained on it: name its new place with --source");

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/command_line/shared_options.h"
 
+#include <algorithm>
 #include <set>
 #include <string_view>
 #include <tuple>
 #include <utility>
 
+#include "program/session/chosen_device.h"
 #include "program/session/plugged_backbone.h"
 #include "splatboost/schedule.h"
+#include "splatboost/threads.h"
 #include "trainer/support/json_values.h"
 
 namespace splatboost::program {
@@ -226,6 +229,30 @@ void apply_settings_and_config(Json settings, std::string place, OptionSet& set,
   apply_settings(settings, place, set, options);
 }
 
+void check_options(const OptionSet& set, RunOptions& options) {
+  const auto positive = [](const std::vector<int>& iterations) {
+    return std::ranges::all_of(iterations, [](int iteration) { return iteration >= 1; });
+  };
+  const char* const least = "must be at least 0";
+  const char* const least_one = "must be at least 1";
+  const int resolution = options.scene.resolution.value_or(-1);
+  set.check(is_device_name(options.device), "device", kDeviceRule + (", not '" + options.device + "'"));
+  set.check(options.threads >= 0 && options.threads <= kMaxThreads, "threads",
+            "must be 0 to " + std::to_string(kMaxThreads));
+  set.check(!options.iterations || *options.iterations >= 1, "iterations", least_one);
+  set.check(resolution == -1 || resolution >= 1, "resolution", "must be -1 or at least 1");
+  set.check(options.scene.llffhold >= 1, "llffhold", least_one);
+  set.check(options.scene.n_views >= 0, "n-views", least);
+  set.check(options.scene.frames.value_or(0) >= 0, "frames", least);
+  set.check(!options.beta || (*options.beta > 0 && *options.beta <= 1), "beta", "must be in (0, 1]");
+  set.check(!options.tau_d || *options.tau_d >= 0, "tau-d", least);
+  set.check(!options.views || *options.views >= 1, "views", least_one);
+  set.check(positive(options.save_iterations), "save-iterations", least_one);
+  set.check(positive(options.checkpoint_iterations), "checkpoint-iterations", least_one);
+  set.check(options.iteration >= 0, "iteration", least);
+  if (!options.iterations) options.iterations = find_backbone(options.backbone).iterations;
+}
+
 void check_boost_options(const OptionSet& set, const RunOptions& options) {
   const std::string name = options.boost ? "" : set.given_of(kBoostGroup);
   if (!name.empty()) {
@@ -246,7 +273,7 @@ void check_boost_options(const OptionSet& set, const RunOptions& options) {
 void check_run_options(const OptionSet& set, RunOptions& options) {
   require_source(options);
   require_model(options, "output");
-  check_options(options);
+  check_options(set, options);
   if (set.given("llffhold") && !options.scene.eval) {
     throw UsageError("--llffhold has no effect without --eval, which holds out test views");
   }

@@ -39,6 +39,10 @@ void apply_settings(const nlohmann::json& settings, const std::string& place, Op
 /// Likewise, with a --config file between the two: it overrides the settings, and the command line overrides it.
 void apply_settings_and_config(nlohmann::json settings, std::string place, OptionSet& set, RunOptions& options);
 
+/// Throws on invalid values; the message names the option, or the settings file that gave it. If no number of
+/// iterations is given, sets the published one of the backbone.
+void check_options(const OptionSet& set, RunOptions& options);
+
 /// Throws UsageError if the command line gives a setting of the acceleration to a run without it, or of a part of it
 /// that is switched off.
 void check_boost_options(const OptionSet& set, const RunOptions& options);

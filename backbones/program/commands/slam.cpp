@@ -113,22 +113,22 @@ struct Slam {
     };
     usage(!options.scene.source.empty(), "no sequence given: name its folder with -s/--source");
     usage(!options.model.empty(), "no output folder given: name it with -m/--model");
-    check_options(options);
+    check_options(set, options);
     check_resolution(options.scene.resolution.value_or(-1));
     check_boost_options(set, options);
-    usage(!slam.lockstep || *slam.lockstep >= 0, "--lockstep must be at least 0");
-    usage(!slam.seconds || (*slam.seconds >= 0 && std::isfinite(*slam.seconds)), "--seconds must be at least 0");
+    own.check(!slam.lockstep || *slam.lockstep >= 0, "lockstep", "must be at least 0");
+    own.check(!slam.seconds || (*slam.seconds >= 0 && std::isfinite(*slam.seconds)), "seconds", "must be at least 0");
     usage(!(slam.lockstep && slam.seconds),
           "--lockstep and --seconds cannot be combined: a time limit is not reproducible");
     usage(!(slam.seconds && set.given("iterations")),
           "--iterations and --seconds cannot be combined: both set the end of mapping");
-    usage(slam.initial_keyframes >= 1, "--initial-keyframes must be at least 1");
-    usage(slam.tracker.features >= 100 && slam.tracker.features <= 20000, "--features must be 100 to 20000");
-    usage(slam.tracker.farthest_depth > slam.tracker.nearest_depth && std::isfinite(slam.tracker.farthest_depth),
-          "--max-depth must be above " + std::to_string(slam.tracker.nearest_depth));
-    usage(slam.sequence.first >= 0, "--first-frame must be at least 0");
-    usage(slam.sequence.count >= 0, "--frames must be at least 0");
-    usage(slam.sequence.stride >= 1, "--stride must be at least 1");
+    own.check(slam.initial_keyframes >= 1, "initial-keyframes", "must be at least 1");
+    own.check(slam.tracker.features >= 100 && slam.tracker.features <= 20000, "features", "must be 100 to 20000");
+    own.check(slam.tracker.farthest_depth > slam.tracker.nearest_depth && std::isfinite(slam.tracker.farthest_depth),
+              "max-depth", "must be above " + std::to_string(slam.tracker.nearest_depth));
+    own.check(slam.sequence.first >= 0, "first-frame", "must be at least 0");
+    own.check(slam.sequence.count >= 0, "frames", "must be at least 0");
+    own.check(slam.sequence.stride >= 1, "stride", "must be at least 1");
     slam.tracker.loops = !no_loops;
     slam.sequence.source = options.scene.source;
   }

@@ -13,23 +13,24 @@
 namespace splatboost::program {
 namespace {
 
-/// The index of the GPU; none: the CPU.
+/// The index of the GPU of "cuda" and "cuda:N"; none: another name.
 std::optional<int> ordinal_of(const std::string& name) {
-  if (name == "cpu") return std::nullopt;
   if (name == "cuda") return 0;
   constexpr std::string_view kPrefix = "cuda:";
-  if (name.starts_with(kPrefix)) {
-    int ordinal = -1;
-    const char* const end = name.data() + name.size();
-    const auto parsed = std::from_chars(name.data() + kPrefix.size(), end, ordinal);
-    if (parsed.ec == std::errc{} && parsed.ptr == end && ordinal >= 0) return ordinal;
-  }
-  throw UsageError("--device: '" + name + "' is not one of cpu, cuda and cuda:N");
+  if (!name.starts_with(kPrefix)) return std::nullopt;
+  int ordinal = -1;
+  const char* const end = name.data() + name.size();
+  const auto parsed = std::from_chars(name.data() + kPrefix.size(), end, ordinal);
+  return parsed.ec == std::errc{} && parsed.ptr == end && ordinal >= 0 ? std::optional(ordinal) : std::nullopt;
 }
 
 }  // namespace
 
-void check_device_name(const std::string& name) { static_cast<void>(ordinal_of(name)); }
+bool is_device_name(const std::string& name) { return name == "cpu" || ordinal_of(name); }
+
+void check_device_name(const std::string& name) {
+  if (!is_device_name(name)) throw UsageError("--device " + std::string(kDeviceRule) + ", not '" + name + "'");
+}
 
 void check_threads(int threads) {
   if (threads < 0 || threads > kMaxThreads) {
@@ -39,6 +40,7 @@ void check_threads(int threads) {
 
 ChosenDevice::ChosenDevice(const std::string& name, int threads) : threads_(threads) {
   set_opencv_threads(threads_.count());
+  check_device_name(name);
   const std::optional<int> ordinal = ordinal_of(name);
   if (!ordinal) return;
   try {

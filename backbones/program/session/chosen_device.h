@@ -11,7 +11,10 @@
 
 namespace splatboost::program {
 
-/// Throws UsageError unless it is one of "cpu", "cuda" and "cuda:N".
+inline constexpr char kDeviceRule[] = "must be cpu, cuda or cuda:N";
+/// Whether it is one of these.
+bool is_device_name(const std::string& name);
+/// Throws UsageError unless it is.
 void check_device_name(const std::string& name);
 /// Throws UsageError if the number of threads is out of range.
 void check_threads(int threads);

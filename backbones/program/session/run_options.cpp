@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/session/run_options.h"
 
-#include "program/session/chosen_device.h"
 #include "program/session/plugged_backbone.h"
 #include "trainer/support/json_values.h"
 
@@ -33,31 +32,6 @@ Json boost_settings(const RunOptions& options) {
   if (options.no_schedule) settings["schedule"] = false;
   if (options.no_coarse) settings["coarse"] = false;
   return to_json(*read_boost_settings(options.backbone, settings));
-}
-
-void check_options(RunOptions& options) {
-  const auto usage = [](bool holds, const std::string& what) {
-    if (!holds) throw UsageError(what);
-  };
-  check_device_name(options.device);
-  check_threads(options.threads);
-  usage(!options.iterations || *options.iterations >= 1, "--iterations must be at least 1");
-  const int resolution = options.scene.resolution.value_or(-1);
-  usage(resolution == -1 || resolution >= 1, "--resolution must be -1 or at least 1");
-  usage(options.scene.llffhold >= 1, "--llffhold must be at least 1");
-  usage(options.scene.n_views >= 0, "--n-views must be at least 0");
-  usage(options.scene.frames.value_or(0) >= 0, "--frames must be at least 0");
-  usage(!options.beta || (*options.beta > 0 && *options.beta <= 1), "--beta must be in (0, 1]");
-  usage(!options.tau_d || *options.tau_d >= 0, "--tau-d must be at least 0");
-  usage(!options.views || *options.views >= 1, "--views must be at least 1");
-  for (const int iteration : options.save_iterations) {
-    usage(iteration >= 1, "--save-iterations must be at least 1");
-  }
-  for (const int iteration : options.checkpoint_iterations) {
-    usage(iteration >= 1, "--checkpoint-iterations must be at least 1");
-  }
-  usage(options.iteration >= 0, "--iteration must be at least 0");
-  if (!options.iterations) options.iterations = find_backbone(options.backbone).iterations;
 }
 
 void require_source(const RunOptions& options) {

@@ -28,7 +28,7 @@ struct RunOptions {
   std::filesystem::path model;
   std::string backbone = "vanilla";
   bool boost = true;
-  std::optional<int> iterations;  ///< always set after check_options()
+  std::optional<int> iterations;  ///< always set after check_options() (command_line/shared_options.h)
   std::uint64_t seed = 0;
   std::size_t max_primitives = 0;
   std::string device = "cpu";
@@ -63,10 +63,6 @@ nlohmann::json read_settings_file(const std::filesystem::path& path);
 
 /// Settings of the acceleration, from the files and overridden by the command line; complete and checked.
 nlohmann::json boost_settings(const RunOptions& options);
-
-/// Throws on invalid values, and on --device cuda for a backbone without CUDA support; the message names the option. If
-/// no number of iterations is given, sets the published one of the backbone.
-void check_options(RunOptions& options);
 
 /// Throws UsageError unless a source is given.
 void require_source(const RunOptions& options);
