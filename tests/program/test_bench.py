@@ -2,6 +2,7 @@
 """splatboost bench: measurements of every stage, as a table and as JSON; the values are not checked."""
 
 import json
+import shutil
 
 import pytest
 
@@ -92,12 +93,22 @@ def test_a_damaged_earlier_file_is_refused_before_measuring(tmp_path, scenes):
     assert f"{old}: not an output file of splatboost bench" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
+def test_a_file_that_it_did_not_write_is_not_replaced(measured, tmp_path):
+    for text in ('{"frames": []}', "no JSON"):
+        (tmp_path / "transforms.json").write_text(text)
+        done = run_program("bench", "--scenes", "20k", "--repeats", "1", "-o", tmp_path / "transforms.json")
+        assert done.returncode == 2 and "was not written by splatboost bench" in done.stderr
+        assert (tmp_path / "transforms.json").read_text() == text
+    shutil.copyfile(measured[0], tmp_path / "bench.json")
+    run_well("bench", "--scenes", "20k", "--repeats", "1", "-o", tmp_path / "bench.json")
+
+
 @pytest.mark.parametrize("arguments, told", [
     (["--scenes", "5k"], "unknown scene '5k'"),
     (["--repeats", "0"], "--repeats must be"),
     (["--instruction-set", "mmx"], "'mmx' is not one of"),
     (["--compare", "nowhere.json"], "nowhere.json"),
-    (["--device", "gpu"], "'gpu' is not one of"),
+    (["--device", "gpu"], "--device must be cpu, cuda or cuda:N, not 'gpu'"),
     (["--device", "cuda", "--scaling"], "--scaling is only available on the CPU"),
     (["--device", "cuda", "--scenes", "convexes"], "--scenes convexes is only available on the CPU"),
 ])

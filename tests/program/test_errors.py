@@ -40,6 +40,19 @@ def test_unknown_option_without_a_near_one():
     assert "unknown option --beta (see" in fails("eval", "--beta", "0.5")
 
 
+def test_an_option_before_its_command():
+    assert "--threads must come after the command" in fails("--threads", "4", "train")
+
+
+def test_a_second_command_is_told(scene):
+    assert "only one command can be given: eval stands after train" in fails("train", "-s", scene, "eval", "-m", "out")
+
+
+def test_an_option_given_twice(scene):
+    line = fails("train", "-s", scene, "-m", "out", "--iterations", "5", "--iterations", "6")
+    assert "--iterations is given more than once" in line
+
+
 def test_stray_argument():
     assert "'photos'" in fails("train", "photos")
 
@@ -180,6 +193,8 @@ def test_config_that_is_not_json(scene, tmp_path):
     ({"iteratons": 5}, ["iteratons", "did you mean iterations?"]),
     ({"iterations": "five"}, ["iterations", "whole number"]),
     ({"iterations": 1e30}, ["iterations", "whole number"]),
+    ({"iterations": 0}, ["config.json: iterations must be at least 1"]),
+    ({"threads": -1}, ["config.json: threads must be 0 to"]),
     ({"iterations": 99999999999}, ["iterations", "range"]),
     ({"backbone": {"sh_degre": 2}}, ["sh_degre"]),
     ({"backbone": {"sh_degree": "two"}}, ["sh_degree"]),
@@ -268,12 +283,14 @@ def test_foreign_folder_is_not_touched(scene, tmp_path, command):
     assert sorted(path.name for path in model.iterdir()) == ["chapter1.tex", "config.json"]
 
 
-@pytest.mark.parametrize("place", ["train", "orbit/deeper", "keyframes/notes.txt", "report.html"])
+@pytest.mark.parametrize("place", ["train", "orbit/deeper", "keyframes/notes.txt", "report.html", "orbit/mine.png",
+                                   "point_cloud/iteration_60/mine.ply", "point_cloud/iteration_7_backup/point_cloud.ply",
+                                   "test/renders/notes.txt"])
 def test_what_no_run_wrote_is_not_deleted(scene, trained, tmp_path, place):
     model = tmp_path / "model"
     shutil.copytree(trained, model)
-    if place.endswith(".txt"):
-        (model / place).parent.mkdir()
+    if "." in place and place != "report.html":
+        (model / place).parent.mkdir(parents=True, exist_ok=True)
         (model / place).write_text("precious")
     else:
         (model / "report.html").unlink()
@@ -291,7 +308,7 @@ def test_input_files_among_the_results_are_not_deleted(scene, trained, tmp_path)
     folder = next((model / "point_cloud").glob("iteration_*"))
     (folder / "mine.json").write_text("{}")
     line = fails("train", "-s", scene, "-m", model, "--iterations", "2", "--config", folder / "mine.json")
-    assert "mine.json" in line and "which this run would replace" in line and (folder / "mine.json").exists()
+    assert "mine.json: was not written by a run" in line and (folder / "mine.json").exists()
 
 
 def test_model_that_is_a_file(scene, tmp_path):

@@ -4,6 +4,7 @@
 import fcntl
 import json
 import math
+import pathlib
 import re
 import resource
 import struct
@@ -13,7 +14,7 @@ import zlib
 import numpy as np
 import pytest
 
-from conftest import PROGRAM, run_program, run_well, write_png
+from conftest import PROGRAM, refused, run_program, run_well, write_png
 
 BOX = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
 
@@ -121,6 +122,43 @@ def test_the_report_does_not_show_the_mesh_of_another_scene(meshed, tmp_path):
     done = run_well("mesh", "-m", meshed, "-s", tmp_path / "other", "--voxel-size", "0.05", "-o", tmp_path / "mesh.ply")
     assert "another scene" in done.stdout and "picture:" not in done.stdout and (tmp_path / "mesh.ply").exists()
     assert {name: (meshed / name).read_bytes() for name in before} == before
+
+
+def test_the_report_does_not_show_the_mesh_of_an_earlier_iteration(scene, tmp_path):
+    model = tmp_path / "model"
+    run_well("train", "-s", scene, "-m", model, "--iterations", 30, "--save-iterations", 20, "--quiet")
+    run_well("mesh", "-m", model, "--voxel-size", "0.05")
+    before = {name: (model / name).read_bytes() for name in ("mesh.png", "mesh.ply", "report.html")}
+    done = run_well("mesh", "-m", model, "--iteration", 20, "--voxel-size", "0.05", "-o", tmp_path / "mesh.ply")
+    assert "of an earlier iteration" in done.stdout and "picture:" not in done.stdout
+    assert {name: (model / name).read_bytes() for name in before} == before
+
+
+def test_files_of_the_run_s_scene_are_not_replaced(meshed, tmp_path):
+    scene = pathlib.Path(json.loads((meshed / "config.json").read_text())["source"])
+    run_well("synth", tmp_path / "other", "--width", 80, "--height", 60, "--views", 10, "--points", 300, "--seed", 7)
+    (scene / "truth.ply").write_text("the only copy")
+    line = refused("mesh", "-m", meshed, "-s", tmp_path / "other", "-o", scene / "truth.ply")
+    assert "in the folder of the scene" in line and (scene / "truth.ply").read_text() == "the only copy"
+    (scene / "truth.ply").unlink()
+
+
+def test_a_measurement_does_not_replace_other_files(meshed, tmp_path):
+    config = (meshed / "config.json").read_bytes()
+    line = refused("mesh-eval", meshed / "mesh.ply", meshed / "mesh.ply", "-o", meshed / "config.json")
+    assert "was not written by splatboost mesh-eval" in line and (meshed / "config.json").read_bytes() == config
+    for _ in range(2):
+        run_well("mesh-eval", meshed / "mesh.ply", meshed / "mesh.ply", "-o", tmp_path / "distances.json")
+
+
+def test_masks_of_photos_with_absolute_names(meshed, scene, tmp_path):
+    copy = tmp_path / "scene"
+    frames = [{"file_path": str(scene / f"images/{i:04d}.png"), "transform_matrix": np.eye(4).tolist()} for i in range(3)]
+    copy.mkdir()
+    (copy / "transforms.json").write_text(json.dumps({"fl_x": 70, "frames": frames}))
+    line = refused("mesh", "-m", meshed, "-s", copy, "--masks", tmp_path, "-o", tmp_path / "mesh.ply",
+                   "--voxel-size", 0.05, "--quiet")
+    assert f"{tmp_path}/0000.png: missing; each view needs a mask" in line
 
 
 def test_an_unwritable_mesh_is_told_before_the_work(meshed, tmp_path):

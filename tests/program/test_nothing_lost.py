@@ -21,6 +21,15 @@ def finished(trained, tmp_path):
     return folder
 
 
+@pytest.mark.parametrize("backbone", ["vanilla", "mip-splatting", "scaffold-gs", "octree-gs", "dropgaussian", "pgsr",
+                                      "convex-splatting"])
+def test_a_new_run_of_any_backbone_replaces_an_earlier_one(scene, tmp_path, backbone):
+    run = ["train", "-s", scene, "-m", tmp_path / "run", "--backbone", backbone, "--iterations", 2, "--quiet"]
+    for seed in (0, 1):
+        run_well(*run, "--seed", seed)
+    assert json.loads((tmp_path / "run/results.json").read_text())["seed"] == 1
+
+
 @pytest.mark.parametrize("settings, name", [({"backbone": {"sh_degree": 99}}, "sh_degree"),
                                             ({"boost": {"beta": 7}}, "beta"), ({"backbone": {"unknown": 1}}, "unknown"),
                                             ({"source": "/nowhere"}, "/nowhere")])
@@ -186,7 +195,7 @@ def test_resume_knows_its_data(scene, finished, tmp_path):
         assert what in refused("train", "--resume", checkpoint, *options)
     names = tmp_path / "test.txt"
     names.write_text("0001\n0005\n0009\n")  # as many test views as before, but different ones
-    assert "test views" in refused("train", "--resume", checkpoint, "--test-list", names)
+    assert "test views" in refused("train", "--resume", checkpoint, "--test-list", names, "--quiet")
     run_well("train", "--resume", checkpoint, "-s", copy, "-m", tmp_path / "same")  # a copy is accepted
     shutil.copyfile(copy / "images/0003.png", copy / "images/0002.png")
     assert "photos" in refused("train", "--resume", checkpoint, "-s", copy)
@@ -326,6 +335,24 @@ def test_synth_leaves_other_scenes_alone(scene, tmp_path, kind):
     before = content(other)
     assert "no synth.json" in refused("synth", other, "--scene", kind, "--width", 32, "--height", 24, "--views", 2)
     assert content(other) == before
+
+
+@pytest.mark.parametrize("kind, place", [("room", "images/mine.png"), ("room", "masks/notes.txt"),
+                                         ("walk", "results/config.json"), ("moving", "test/0000_edited.png")])
+def test_synth_keeps_what_it_did_not_write(tmp_path, kind, place):
+    small = [tmp_path / "scene", "--width", 32, "--height", 24, "--views", 4, "--points", 20]
+    run_well("synth", *small, "--scene", kind)
+    (tmp_path / "scene" / place).write_text("the only copy")
+    before = content(tmp_path / "scene")
+    for other in ("room", "walk"):
+        assert f"{place}: is not of the synthetic scene" in refused("synth", *small, "--scene", other)
+        assert content(tmp_path / "scene") == before
+    (tmp_path / "scene" / place).unlink()
+    for other in ("walk", "moving", "object", "room"):
+        run_well("synth", *small, "--scene", other)
+    run_well("synth", *small, "--scene", "walk", "--baseline", 0.1)
+    run_well("synth", *small)
+    assert not (tmp_path / "scene/mav0").exists() and not (tmp_path / "scene/train").exists()
 
 
 def test_synth_can_be_repeated_after_a_kill(scene, tmp_path):

@@ -46,6 +46,19 @@ def test_another_run_is_no_folder_for_pictures(run, trained, tmp_path):
     run_well("render", "-m", run, "-o", run)  # its own
 
 
+def test_files_of_the_scene_are_not_replaced(run, scene, tmp_path):
+    (tmp_path / "scene").symlink_to(scene)
+    for arguments, place in (((), "test/renders/0004.png"), (("--orbit", 2), "orbit/00001.png")):
+        photo = scene / place
+        photo.parent.mkdir(parents=True)
+        photo.write_text("the only copy")
+        for folder in (scene, tmp_path / "scene"):
+            assert "in the folder of the scene" in refused("render", "-m", run, "-o", folder, *arguments)
+        assert photo.read_text() == "the only copy"
+        assert [path for path in photo.parent.iterdir()] == [photo] and not (scene / "train").exists()
+        shutil.rmtree(scene / place.split("/")[0])
+
+
 def test_places_that_cannot_be_written_are_refused_first(run, tmp_path):
     (tmp_path / "file").write_text("")
     assert "file: is not a folder" in refused("render", "-m", run, "-o", tmp_path / "file/renders")

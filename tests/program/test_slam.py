@@ -11,7 +11,7 @@ import time
 import numpy as np
 import pytest
 
-from conftest import content, killed_at, run_program, run_well, start, wait_for, write_png
+from conftest import content, killed_at, refused, run_program, run_well, start, wait_for, write_png
 
 FRAMES = 12
 
@@ -163,8 +163,17 @@ def test_inputs_among_the_results_that_a_run_replaces_are_refused(walk, mapped, 
     before = content(model)
     done = run_program("slam", "-s", walk, "-m", model, *SHORT, option, model / place)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert f"{model / place} is in the run in {model}, which this run would replace" in done.stderr
+    assert f"{model / place}: was not written by a run, and a new run in {model} would delete it" in done.stderr
     assert content(model) == before
+
+
+def test_eval_of_a_run_that_was_killed_while_it_tracked_says_to_run_slam_again(mapped, tmp_path):
+    shutil.copytree(mapped, tmp_path / "model")
+    config = json.loads((tmp_path / "model/config.json").read_text())
+    (tmp_path / "model/config.json").write_text(json.dumps({**config, "source": str(tmp_path / "model/keyframes")}))
+    shutil.rmtree(tmp_path / "model/keyframes")
+    (tmp_path / "model/results.json").unlink()
+    assert "the run did not finish; run splatboost slam again" in refused("eval", "-m", tmp_path / "model")
 
 
 def test_a_video_of_the_sequence_is_not_replaced(walk, mapped):

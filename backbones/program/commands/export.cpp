@@ -42,11 +42,7 @@ int run_export(const ExportOptions& options) {
                                             " cannot be exported as triangles; open its point_cloud.ply in a viewer");
   const fs::path saved = saved_model(options.model, options.iteration);
   require_replaceable(options.output, {saved / "point_cloud.ply"});
-  std::string source;
-  if (config.contains("source")) {
-    read_value(config["source"], (options.model / "config.json").string() + ": source", source);
-  }
-  require_no_scene_file(options.output, source, options.model);
+  require_no_scene_file(options.output, scenes_of(options.model, config), options.model);
   require_writable(options.output);
   remove_stale_files(fs::absolute(options.output).parent_path());
   entry.export_mesh(saved, options.output);

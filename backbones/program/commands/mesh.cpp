@@ -112,8 +112,9 @@ struct Mesh {
     if (!has_tsdf_volumes()) TsdfVolume absent({});  // throws: the message says what to install
     const SavedModel saved = find_saved_model(set, options);
     if (!output.empty()) {
-      require_replaceable(output, {saved.folder / "point_cloud.ply", options.scene.source});
-      require_no_scene_file(output, options.scene.source, options.model);
+      require_replaceable(output, {saved.folder / "point_cloud.ply"});
+      require_no_scene_file(output, scenes_of(options.model, read_config(options.model), options.scene.source),
+                            options.model);
       require_writable(output);  // before the photos are read
     }
     options.lpips.clear();  // nothing is measured
@@ -164,6 +165,10 @@ struct Mesh {
     if (!is_scene_of_run(read_config(options.model), options.scene.source, model.scene())) {
       std::printf("%s is another scene than that of the run: its report does not show the mesh\n",
                   options.scene.source.c_str());
+      return 0;
+    }
+    if (saved.folder != saved_model(options.model, 0)) {
+      std::printf("the mesh is of an earlier iteration: the report of the run does not show it\n");
       return 0;
     }
     try {
@@ -251,7 +256,9 @@ struct Mesh {
   /// Mask [H,W] of the view's size; empty: no masks.
   std::vector<std::uint8_t> mask_of(const View& view) const {
     if (masks.empty()) return {};
-    const fs::path file = masks / fs::path(view.name).replace_extension(".png");
+    // A view may have an absolute name, beside which there is no other folder.
+    const fs::path name = fs::path(view.name).is_absolute() ? fs::path(view.name).filename() : fs::path(view.name);
+    const fs::path file = masks / fs::path(name).replace_extension(".png");
     require(fs::exists(file), file.string() + ": missing; each view needs a mask with its name");
     std::ifstream in(file, std::ios::binary);
     const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};

@@ -19,6 +19,7 @@
 #include "trainer/mesh/tanks_and_temples.h"
 #include "trainer/mesh/triangle_mesh.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/json_values.h"
 
 namespace splatboost::program {
 namespace {
@@ -85,6 +86,7 @@ struct MeshEval {
       std::vector<fs::path> inputs = {mesh, truth, cameras, trajectory, align, crop, dtu_mask, dtu_plane};
       if (!cameras.empty()) inputs.push_back(cameras / "cameras.json");
       require_replaceable(output, inputs);
+      require_earlier_output(output, "accuracy", "splatboost mesh-eval");
       require_writable(output);
     }
     Threads workers(threads);

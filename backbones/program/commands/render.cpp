@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "program/command_line/saved_model_options.h"
 #include "program/commands/commands.h"
@@ -16,7 +17,6 @@
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/images/video.h"
 #include "trainer/support/atomic_file.h"
-#include "trainer/support/json_values.h"
 #include "trainer/support/text.h"
 
 namespace splatboost::program {
@@ -92,18 +92,8 @@ struct Render {
     if (!view.empty() && time)
       throw UsageError("--view and --time cannot be combined: with --view, time advances; leave out --time");
     const SavedModel saved = find_saved_model(set, options);
-    if (!video.empty()) {  // a scene may consist of videos
-      require_replaceable(video, {options.scene.source});
-      require_no_scene_file(video, options.scene.source, options.model);
-      const nlohmann::json config = read_config(options.model);
-      if (config.contains("slam") && config["slam"].contains("source")) {
-        std::string sequence_source;
-        read_value(config["slam"]["source"], (options.model / "config.json").string() + ": slam: source",
-                   sequence_source);
-        require_replaceable(video, {sequence_source});
-        require_no_scene_file(video, sequence_source, options.model);
-      }
-    }
+    const std::vector<fs::path> scenes = scenes_of(options.model, read_config(options.model), options.scene.source);
+    if (!video.empty()) require_no_scene_file(video, scenes, options.model);  // a scene may consist of videos
     // Before the scene is read, except if the model may have to be refused first, whatever the output is.
     const bool of_time = time || !view.empty() || sequence > 0;
     if (!of_time) check_output();
@@ -130,12 +120,15 @@ struct Render {
       if (video.empty()) lock.emplace(options.model);
     }
     if (sequence > 0) {
-      export_sequence(backbone);
+      export_sequence(backbone, scenes);
     } else if (!video.empty() || orbit > 0) {
-      render_orbit(backbone, scene);
+      render_orbit(backbone, scene, scenes);
     } else {
-      render_views(backbone, scene.train, output / "train" / "renders");
-      render_views(backbone, scene.test, output / "test" / "renders");
+      const std::vector<fs::path> train = pictures_of(scene.train, output / "train" / "renders"),
+                                  test = pictures_of(scene.test, output / "test" / "renders");
+      for (const std::vector<fs::path>* files : {&train, &test}) require_new_or_own(*files, scenes);
+      render_views(backbone, scene.train, train);
+      render_views(backbone, scene.test, test);
     }
     return 0;
   }
@@ -164,20 +157,31 @@ struct Render {
     require_writable_folder(output);
   }
 
-  void render_views(Backbone& backbone, const std::vector<View>& views, const fs::path& folder) const {
+  /// Before the first is written: none may be a file of a scene.
+  void require_new_or_own(const std::vector<fs::path>& files, const std::vector<fs::path>& scenes) const {
+    for (const fs::path& file : files) require_no_scene_file(file, scenes, options.model);
+  }
+
+  static std::vector<fs::path> pictures_of(const std::vector<View>& views, const fs::path& folder) {
+    std::vector<fs::path> files;
+    for (const std::string& name : picture_names(views)) files.push_back(folder / (name + ".png"));
+    return files;
+  }
+
+  void render_views(Backbone& backbone, const std::vector<View>& views, const std::vector<fs::path>& files) const {
     if (views.empty()) return;
+    const fs::path folder = files.front().parent_path();
     make_folder(folder);
-    const std::vector<std::string> names = picture_names(views);
     std::vector<float> color;
     for (std::size_t i = 0; i < views.size(); ++i) {
       const Camera& camera = views[i].camera;
       render(backbone, camera, time.value_or(views[i].time), color);
-      write_png(folder / (names[i] + ".png"), color, camera.width, camera.height);
+      write_png(files[i], color, camera.width, camera.height);
     }
     std::printf("%s: %s\n", counted(views.size(), "render").c_str(), folder.c_str());
   }
 
-  void render_orbit(Backbone& backbone, const Scene& scene) const {
+  void render_orbit(Backbone& backbone, const Scene& scene, const std::vector<fs::path>& scenes) const {
     const int count = orbit > 0 ? orbit : kVideoFrames;
     const bool time_advances = backbone.uses_time() && !time;
     require(!view.empty() || time_advances || !stands_still(scene),
@@ -191,6 +195,7 @@ struct Render {
     const fs::path folder = output / "orbit";
     if (video.empty()) {
       require_no_rest(folder, count, ".png");
+      require_new_or_own(series(folder, count, ".png"), scenes);
       make_folder(folder);
     } else {
       file = std::make_unique<VideoFile>(video, cameras[0].width, cameras[0].height, frames_per_second);
@@ -225,9 +230,10 @@ struct Render {
                      scene.train.front().name + "'");
   }
 
-  void export_sequence(Backbone& backbone) const {
+  void export_sequence(Backbone& backbone, const std::vector<fs::path>& scenes) const {
     const fs::path folder = output / "sequence";
     require_no_rest(folder, sequence, ".ply");
+    require_new_or_own(series(folder, sequence, ".ply"), scenes);
     make_folder(folder);
     for (int i = 0; i < sequence; ++i) {
       backbone.export_moment(static_cast<float>(i) / static_cast<float>(std::max(sequence - 1, 1)),
@@ -242,6 +248,12 @@ struct Render {
     char name[32];
     std::snprintf(name, sizeof name, "%05d%s", number, ending);
     return name;
+  }
+
+  static std::vector<fs::path> series(const fs::path& folder, int count, const char* ending) {
+    std::vector<fs::path> files;
+    for (int i = 0; i < count; ++i) files.push_back(folder / numbered(i, ending));
+    return files;
   }
 
   /// An earlier, longer series is of other cameras and times. Its rest is removed from the folder of the model; in

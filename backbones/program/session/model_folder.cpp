@@ -2,7 +2,6 @@
 #include "program/session/model_folder.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <iterator>
 #include <string_view>
@@ -10,6 +9,7 @@
 #include "program/session/run.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/json_values.h"
+#include "trainer/support/own_files.h"
 #include "trainer/training/data_identity.h"
 
 namespace splatboost::program {
@@ -20,26 +20,25 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kSavedPrefix = "iteration_";
 
-/// A file or folder that a run writes in its folder, and that a new run there deletes.
-struct RunResult {
-  std::string_view name;
-  std::array<std::string_view, 4> holds;  ///< of a folder: what its entries are called; "*" stands for anything
-};
-constexpr RunResult kResults[] = {{"point_cloud", {"iteration_*"}},
-                                  {"test", {"renders", "truth", "surfaces", "times"}},
-                                  {"train", {"renders", "truth", "surfaces", "times"}},
-                                  {"orbit", {"*.png"}},
-                                  {"sequence", {"*.ply"}},
-                                  {"keyframes", {"images", "sparse"}},
-                                  {kTrainingFile, {}},
-                                  {"results.json", {}},
-                                  {"compare.json", {}},
-                                  {"report.html", {}},
-                                  {"cameras.json", {}},
-                                  {"mesh.ply", {}},
-                                  {"mesh.png", {}},
-                                  {"keyframes.txt", {}},
-                                  {"trajectory.txt", {}}};
+constexpr std::string_view kPictures = R"((renders|truth|surfaces|times)/[^/]+\.png)";
+/// What runs, and commands after them, write in the folder of a run, and a new run there deletes.
+constexpr OwnEntry kResults[] = {
+    {"point_cloud", R"(iteration_\d+/(point_cloud\.ply|parameters\.bin|nets\.bin|convexes\.bin))"},
+    {"test", kPictures},
+    {"train", kPictures},
+    {"orbit", R"(\d+\.png)"},
+    {"sequence", R"(\d+\.ply)"},
+    // points3D.ply: trainers in Python write it beside points3D.bin.
+    {"keyframes", R"(images/[^/]+\.png|sparse/0/(cameras|images|points3D)\.bin|sparse/0/points3D\.ply)"},
+    {kTrainingFile, {}},
+    {"results.json", {}},
+    {"compare.json", {}},
+    {"report.html", {}},
+    {"cameras.json", {}},
+    {"mesh.ply", {}},
+    {"mesh.png", {}},
+    {"keyframes.txt", {}},
+    {"trajectory.txt", {}}};
 
 /// Keys of config.json in which two configs of the same run may differ.
 constexpr const char* kNotOfTheRun[] = {"device", "threads",   "lpips", "save-iterations", "checkpoint-iterations",
@@ -55,33 +54,11 @@ int iteration_of(const std::string& name) {
   return parsed.ec == std::errc{} && parsed.ptr == end ? iteration : -1;
 }
 
-/// Whether a name is `pattern`, in which one "*" stands for anything.
-bool is_called(std::string_view name, std::string_view pattern) {
-  const std::size_t star = pattern.find('*');
-  if (star == std::string_view::npos) return name == pattern;
-  return name.starts_with(pattern.substr(0, star)) && name.ends_with(pattern.substr(star + 1));
-}
-
 /// Throws InputError if a result in the folder holds what no run writes there: a new run would delete that too.
 void require_only_results(const fs::path& folder) {
-  const auto refuse = [&](const fs::path& path) {
-    throw InputError(path.string() + ": was not written by a run, and a new run in " + folder.string() +
+  if (const std::optional<fs::path> foreign = find_foreign_file(folder, kResults)) {
+    throw InputError(foreign->string() + ": was not written by a run, and a new run in " + folder.string() +
                      " would delete it; move it away, or choose another --model");
-  };
-  std::error_code error;
-  for (const RunResult& result : kResults) {
-    const fs::path path = folder / result.name;
-    if (!fs::exists(path, error)) continue;
-    const bool is_folder = fs::is_directory(path, error);
-    if (is_folder == result.holds[0].empty()) refuse(path);
-    if (!is_folder) continue;
-    for (fs::directory_iterator entry(path, error), end; !error && entry != end; entry.increment(error)) {
-      const std::string name = entry->path().filename().string();
-      const bool hidden = name.starts_with('.');  // working files, and what file managers leave
-      const bool known = std::ranges::any_of(
-          result.holds, [&](std::string_view pattern) { return !pattern.empty() && is_called(name, pattern); });
-      if (!hidden && !known) refuse(entry->path());
-    }
   }
 }
 
@@ -129,7 +106,7 @@ void require_elsewhere(const fs::path& folder, const fs::path& input) {
   std::error_code error;
   const fs::path inside = fs::weakly_canonical(input, error).lexically_relative(fs::weakly_canonical(folder, error));
   require(
-      inside.empty() || std::ranges::find(kResults, inside.begin()->native(), &RunResult::name) == std::end(kResults),
+      inside.empty() || std::ranges::find(kResults, inside.begin()->native(), &OwnEntry::name) == std::end(kResults),
       input.string() + " is in the run in " + folder.string() +
           ", which this run would replace; move it elsewhere, or choose another --model");
 }
@@ -218,10 +195,7 @@ FolderLock take_model_folder(const fs::path& folder, const std::string& resumed)
   if (!resumed.empty() && run_difference(Json::parse(resumed), config_in(folder)).empty()) return lock;
   // When a run ends, all results in the folder must be its own. Checkpoints are kept: they took hours and identify
   // their run.
-  for (const RunResult& result : kResults) {
-    fs::remove_all(folder / result.name, error);
-    require(!error, (folder / result.name).string() + ": cannot be replaced: " + error.message());
-  }
+  remove_own_files(folder, kResults);
   return lock;
 }
 
@@ -258,7 +232,7 @@ void write_cameras(const fs::path& folder, const Scene& scene) {
 Json read_config(const fs::path& folder) {
   std::error_code error;
   require(fs::is_directory(folder, error), folder.string() + ": no such model folder");
-  require(fs::exists(folder / "config.json", error),
+  require(is_file(folder / "config.json"),
           folder.string() + ": not a model folder of SplatBoost: it has no config.json");
   Json config = read_settings_file(folder / "config.json");
   // Keyframes are in the folder of their run, which may have been moved or copied.
@@ -306,6 +280,8 @@ fs::path saved_model(const fs::path& folder, int iteration) {
       latest = entry.path();
     }
   }
+  require(!error || error == std::errc::no_such_file_or_directory,
+          saved.string() + ": cannot be read: " + error.message());
   require(!latest.empty(), saved.string() + ": no model was saved here; the run was interrupted, or has not ended");
   return latest;
 }

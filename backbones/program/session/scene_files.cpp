@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/session/scene_files.h"
 
+#include <string>
+
+#include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
+#include "trainer/support/json_values.h"
 
 namespace splatboost::program {
 namespace {
@@ -23,9 +27,23 @@ bool lies_in(const fs::path& file, const fs::path& folder) {
          is_below(fs::weakly_canonical(file, error), fs::weakly_canonical(folder, error));
 }
 
-void require_no_scene_file(const fs::path& output, const fs::path& scene, const fs::path& own) {
-  require(!lies_in(output, scene) || lies_in(output, own),
-          output.string() + ": exists in the folder of the scene, whose data it may be; name another file to write");
+std::vector<fs::path> scenes_of(const fs::path& model, const nlohmann::json& config, const fs::path& chosen) {
+  std::vector<fs::path> scenes;
+  if (!chosen.empty()) scenes.push_back(chosen);
+  for (const char* key : {"/source", "/slam/source"}) {
+    const nlohmann::json::json_pointer place(key);
+    if (!config.contains(place)) continue;
+    read_value(config.at(place), (model / "config.json").string() + ": " + (key + 1), scenes.emplace_back());
+  }
+  return scenes;
+}
+
+void require_no_scene_file(const fs::path& output, const std::vector<fs::path>& scenes, const fs::path& own) {
+  require_replaceable(output, scenes);
+  for (const fs::path& scene : scenes) {
+    require(!lies_in(output, scene) || lies_in(output, own),
+            output.string() + ": exists in the folder of the scene, whose data it may be; name another file to write");
+  }
 }
 
 }  // namespace splatboost::program

@@ -16,6 +16,7 @@
 #include "trainer/formats/colmap.h"
 #include "trainer/sequence/trajectory.h"
 #include "trainer/support/atomic_file.h"
+#include "trainer/support/own_files.h"
 #include "trainer/support/text.h"
 
 namespace splatboost::program {
@@ -248,8 +249,9 @@ std::vector<ReportTrack> report_tracks(const SlamRun& run, const SlamOutcome& ou
 std::vector<ReportView> measure_keyframes(Backbone& backbone, const Scene& keyframes, Lpips* lpips,
                                           const fs::path& folder, Results& results) {
   const fs::path pictures = folder / "train";
-  std::error_code ignored;
-  fs::remove_all(folder / "test", ignored);
+  // Those of tracked frames, which were not measured.
+  constexpr OwnEntry kTracked[] = {{"test", R"((renders|truth)/[^/]+\.png)"}};
+  if (!find_foreign_file(folder, kTracked)) remove_own_files(folder, kTracked);
   evaluate(backbone, keyframes, lpips, pictures / "renders", results);
   make_folder(pictures / "truth");
   const std::vector<std::string> names = picture_names(keyframes.train);

@@ -55,6 +55,17 @@ Json read_json_file(const std::filesystem::path& path) {
   return document;
 }
 
+void require_earlier_output(const std::filesystem::path& file, const std::string& key, const std::string& command) {
+  std::error_code error;
+  if (!std::filesystem::exists(file, error) || std::filesystem::is_empty(file, error)) return;
+  bool ours = false;
+  try {
+    ours = read_json_file(file).contains(key);
+  } catch (const InputError&) {
+  }
+  require(ours, file.string() + ": exists and was not written by " + command + "; name another file");
+}
+
 nlohmann::json readable(float value) {
   std::array<char, 32> text{};
   const auto written = std::to_chars(text.data(), text.data() + text.size(), value);

@@ -80,6 +80,11 @@ nlohmann::json parse_json(std::string_view text, const std::string& place);
 /// Parses a file that must hold a JSON object. Throws InputError likewise, beginning with the path.
 nlohmann::json read_json_file(const std::filesystem::path& path);
 
+/// Throws InputError if an output file exists that the command did not write: one that is neither empty nor a JSON
+/// object with this key, which all its outputs have.
+/// @param command for the message
+void require_earlier_output(const std::filesystem::path& file, const std::string& key, const std::string& command);
+
 /// A float as the shortest decimal that reads back as the same float: 0.1, not 0.10000000149011612.
 nlohmann::json readable(float value);
 

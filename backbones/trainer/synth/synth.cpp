@@ -20,6 +20,7 @@
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_values.h"
+#include "trainer/support/own_files.h"
 #include "trainer/synth/synth_moving.h"
 #include "trainer/synth/synth_view.h"
 #include "trainer/synth/synth_walk.h"
@@ -110,6 +111,26 @@ std::string marker_text(const SynthOptions& options) {
   return record.dump(2) + "\n";
 }
 
+/// All that a scene of any kind consists of.
+constexpr OwnEntry kScene[] = {
+    {"images", R"(\d+\.png)"},
+    // points3D.ply: trainers in Python, and `splatboost points`, write it beside points3D.bin.
+    {"sparse", R"(0/((cameras|images|points3D)\.bin|points3D\.ply))"},
+    {"depth", R"(((train|test)/)?\d+\.png)"},
+    {"normals", R"(((train|test)/)?\d+\.png)"},
+    {"masks", R"(((train|test)/)?\d+\.png)"},
+    {"surface.ply", {}},
+    {"train", R"(\d+\.png)"},
+    {"test", R"(\d+\.png)"},
+    {"transforms_train.json", {}},
+    {"transforms_test.json", {}},
+    {"points3d.ply", {}},
+    {"motion", R"(\d+\.ply)"},
+    {"results", R"((frame|depth)\d+\.png)"},
+    {"traj.txt", {}},
+    {"cam_params.json", {}},
+    {"mav0", R"(cam[01]/(data/\d+\.png|data\.csv|sensor\.yaml)|state_groundtruth_estimate0/data\.csv)"}};
+
 /// Creates the output folder, or takes over that of an earlier scene and removes it. The marker is the first file, so
 /// that a killed command can be repeated.
 /// @return a lock to hold while the scene is written
@@ -120,13 +141,11 @@ FolderLock take_folder(const SynthOptions& options) {
   require(!error, folder.string() + ": cannot create this folder: " + error.message());
   FolderLock lock(folder);
   if (is_ours(folder)) {
-    // All that a scene of any kind consists of.
-    for (const char* name :
-         {"images", "sparse", "depth", "normals", "masks", "surface.ply", "train", "test", "transforms_train.json",
-          "transforms_test.json", "points3d.ply", "motion", "results", "traj.txt", "cam_params.json", "mav0"}) {
-      fs::remove_all(folder / name, error);
-      require(!error, (folder / name).string() + ": cannot be replaced: " + error.message());
+    if (const std::optional<fs::path> foreign = find_foreign_file(folder, kScene)) {
+      throw InputError(foreign->string() + ": is not of the synthetic scene in " + folder.string() +
+                       ", and a new one there would delete it; move it away, or name another folder");
     }
+    remove_own_files(folder, kScene);
   } else {
     require(!holds_files(folder), folder.string() + ": contains files, but no " + kMarker +
                                       " of an earlier splatboost synth; name a new or an empty folder");
