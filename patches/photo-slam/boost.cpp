@@ -27,7 +27,8 @@ namespace {
 
 constexpr int kSplitChildren = 2;
 constexpr int kPublishedIterations = 30000;  // length of the schedule that the adapter's numbers refer to
-constexpr double kAbsoluteThreshold = 3;     // threshold of absolute gradients / that of signed ones
+constexpr double kThreshold = 0.9;           // threshold of signed gradients / the host's
+constexpr double kAbsoluteThreshold = 2.7;   // threshold of absolute gradients / the host's
 constexpr int kProtectedIterations = 100;    // as in the in-tree photo-slam
 constexpr const char* kGroups[] = {"xyz", "f_dc", "f_rest", "opacity", "scaling", "rotation"};  // in the host's order
 constexpr const char* kPrefix = "SplatBoost.";
@@ -249,7 +250,7 @@ std::shared_ptr<Boost> Boost::make(const std::filesystem::path& path, const Host
   };
   settings.set("lambda_dssim", optimization.lambda_dssim_);
   if (!literal) {  // the literal rules are the paper's, with its thresholds and its plan
-    settings.set("gradient_threshold", optimization.densify_grad_threshold_);
+    settings.set("gradient_threshold", kThreshold * optimization.densify_grad_threshold_);
     settings.set("gradient_abs_threshold", kAbsoluteThreshold * optimization.densify_grad_threshold_);
     settings.set("percent_dense", optimization.percent_dense_);
     const int interval = optimization.densification_interval_, from = optimization.densify_from_iter_;
