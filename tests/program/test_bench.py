@@ -94,7 +94,7 @@ def test_a_damaged_earlier_file_is_refused_before_measuring(tmp_path, scenes):
 
 
 def test_a_file_that_it_did_not_write_is_not_replaced(measured, tmp_path):
-    for text in ('{"frames": []}', "no JSON"):
+    for text in ('{"frames": []}', '{"scenes": []}', "no JSON"):
         (tmp_path / "transforms.json").write_text(text)
         done = run_program("bench", "--scenes", "20k", "--repeats", "1", "-o", tmp_path / "transforms.json")
         assert done.returncode == 2 and "was not written by splatboost bench" in done.stderr

@@ -302,13 +302,39 @@ def test_what_no_run_wrote_is_not_deleted(scene, trained, tmp_path, place):
     assert {path: path.stat().st_mtime for path in model.rglob("*")} == before
 
 
-def test_input_files_among_the_results_are_not_deleted(scene, trained, tmp_path):
+def test_a_settings_file_among_the_results_is_not_deleted(scene, trained, tmp_path):
     model = tmp_path / "model"
     shutil.copytree(trained, model)
     folder = next((model / "point_cloud").glob("iteration_*"))
     (folder / "mine.json").write_text("{}")
     line = fails("train", "-s", scene, "-m", model, "--iterations", "2", "--config", folder / "mine.json")
     assert "mine.json: was not written by a run" in line and (folder / "mine.json").exists()
+
+
+def test_inputs_with_the_name_of_a_result_are_not_deleted(scene, trained, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(trained, model)
+    page = (model / "report.html").read_bytes()
+    line = fails("train", "-s", scene, "-m", model, "--iterations", "2", "--test-list", model / "report.html")
+    assert "report.html is in the run in" in line and "which this run would replace" in line
+    assert (model / "report.html").read_bytes() == page
+
+
+def test_a_resumed_run_keeps_the_files_of_its_user(scene, tmp_path):
+    model = tmp_path / "model"
+    run_well("train", "-s", scene, "-m", model, "--iterations", "4", "--checkpoint-iterations", "2", "--quiet")
+    mine = model / "point_cloud/iteration_4/mine.ply"
+    mine.write_text("precious")
+    run_well("train", "--resume", model / "checkpoints/iteration_2.ckpt", "--quiet")
+    assert mine.read_text() == "precious"
+
+
+def test_a_model_of_another_backbone_is_refused(scene, tmp_path):
+    model = tmp_path / "model"
+    run_well("train", "-s", scene, "-m", model, "--backbone", "mip-splatting", "--iterations", "2", "--quiet")
+    config = json.loads((model / "config.json").read_text())
+    (model / "config.json").write_text(json.dumps({**config, "backbone": "vanilla"}))
+    assert "has filter_3D of Mip-Splatting" in fails("render", "-m", model)
 
 
 def test_model_that_is_a_file(scene, tmp_path):

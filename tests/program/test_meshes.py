@@ -4,9 +4,9 @@
 import fcntl
 import json
 import math
-import pathlib
 import re
 import resource
+import shutil
 import struct
 import subprocess
 import zlib
@@ -119,7 +119,9 @@ def test_why_a_mesh_is_empty(meshed, tmp_path, arguments, reason):
 def test_the_report_does_not_show_the_mesh_of_another_scene(meshed, tmp_path):
     run_well("synth", tmp_path / "other", "--width", 80, "--height", 60, "--views", 10, "--points", 300, "--seed", 7)
     before = {name: (meshed / name).read_bytes() for name in ("mesh.png", "report.html")}
-    done = run_well("mesh", "-m", meshed, "-s", tmp_path / "other", "--voxel-size", "0.05", "-o", tmp_path / "mesh.ply")
+    other = ["-s", tmp_path / "other", "--voxel-size", "0.05"]
+    assert "whose mesh would be replaced" in refused("mesh", "-m", meshed, *other)
+    done = run_well("mesh", "-m", meshed, *other, "-o", tmp_path / "mesh.ply")
     assert "another scene" in done.stdout and "picture:" not in done.stdout and (tmp_path / "mesh.ply").exists()
     assert {name: (meshed / name).read_bytes() for name in before} == before
 
@@ -129,18 +131,20 @@ def test_the_report_does_not_show_the_mesh_of_an_earlier_iteration(scene, tmp_pa
     run_well("train", "-s", scene, "-m", model, "--iterations", 30, "--save-iterations", 20, "--quiet")
     run_well("mesh", "-m", model, "--voxel-size", "0.05")
     before = {name: (model / name).read_bytes() for name in ("mesh.png", "mesh.ply", "report.html")}
+    assert "would replace that of the run" in refused("mesh", "-m", model, "--iteration", 20, "--voxel-size", "0.05")
     done = run_well("mesh", "-m", model, "--iteration", 20, "--voxel-size", "0.05", "-o", tmp_path / "mesh.ply")
     assert "of an earlier iteration" in done.stdout and "picture:" not in done.stdout
     assert {name: (model / name).read_bytes() for name in before} == before
 
 
 def test_files_of_the_run_s_scene_are_not_replaced(meshed, tmp_path):
-    scene = pathlib.Path(json.loads((meshed / "config.json").read_text())["source"])
-    run_well("synth", tmp_path / "other", "--width", 80, "--height", 60, "--views", 10, "--points", 300, "--seed", 7)
+    model = shutil.copytree(meshed, tmp_path / "model")
+    config = json.loads((model / "config.json").read_text())
+    scene = shutil.copytree(config["source"], tmp_path / "scene")
+    (model / "config.json").write_text(json.dumps({**config, "source": str(scene)}))
     (scene / "truth.ply").write_text("the only copy")
-    line = refused("mesh", "-m", meshed, "-s", tmp_path / "other", "-o", scene / "truth.ply")
+    line = refused("mesh", "-m", model, "-s", config["source"], "-o", scene / "truth.ply")
     assert "in the folder of the scene" in line and (scene / "truth.ply").read_text() == "the only copy"
-    (scene / "truth.ply").unlink()
 
 
 def test_a_measurement_does_not_replace_other_files(meshed, tmp_path):
@@ -156,9 +160,15 @@ def test_masks_of_photos_with_absolute_names(meshed, scene, tmp_path):
     frames = [{"file_path": str(scene / f"images/{i:04d}.png"), "transform_matrix": np.eye(4).tolist()} for i in range(3)]
     copy.mkdir()
     (copy / "transforms.json").write_text(json.dumps({"fl_x": 70, "frames": frames}))
-    line = refused("mesh", "-m", meshed, "-s", copy, "--masks", tmp_path, "-o", tmp_path / "mesh.ply",
-                   "--voxel-size", 0.05, "--quiet")
-    assert f"{tmp_path}/0000.png: missing; each view needs a mask" in line
+    arguments = ["mesh", "-m", meshed, "-s", copy, "--masks", tmp_path, "-o", tmp_path / "mesh.ply", "--voxel-size", 0.05,
+                 "--quiet"]
+    assert f"{tmp_path}/0000.png: missing; each view needs a mask" in refused(*arguments)
+    write_png(tmp_path / "0000.png", np.zeros((60, 80), "u1"))
+    (copy / "another").mkdir()
+    shutil.copyfile(scene / "images/0001.png", copy / "another/0000.png")
+    frames[1]["file_path"] = str(copy / "another/0000.png")
+    (copy / "transforms.json").write_text(json.dumps({"fl_x": 70, "frames": frames}))
+    assert "0000.png: would be the mask of both" in refused(*arguments)
 
 
 def test_an_unwritable_mesh_is_told_before_the_work(meshed, tmp_path):

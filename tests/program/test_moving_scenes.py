@@ -38,6 +38,17 @@ def model_bytes(model):
     return (folder / "point_cloud.ply").read_bytes() + (folder / "parameters.bin").read_bytes()
 
 
+def test_a_new_run_replaces_an_earlier_one_and_its_models_at_times(moving, config, tmp_path):
+    run = ["train", "-s", moving, "-m", tmp_path / "run", "--config", config, "--iterations", 3, "--quiet"]
+    run_well(*run)
+    run_well("render", "-m", tmp_path / "run", "--sequence", 2, "--quiet")
+    run_well("render", "-m", tmp_path / "run", "--orbit", 2, "--quiet")
+    run_well(*run, "--seed", 1)
+    assert not (tmp_path / "run/sequence").exists() and not (tmp_path / "run/orbit").exists()
+    assert (tmp_path / "run/point_cloud/iteration_3/parameters.bin").is_file()
+
+
+
 def test_compare_resume_and_eval(moving, config, both, tmp_path):
     for run in ("baseline", "boosted"):
         found = json.loads((both / run / "results.json").read_text())

@@ -22,7 +22,7 @@ def finished(trained, tmp_path):
 
 
 @pytest.mark.parametrize("backbone", ["vanilla", "mip-splatting", "scaffold-gs", "octree-gs", "dropgaussian", "pgsr",
-                                      "convex-splatting"])
+                                      "convex-splatting", "photo-slam"])
 def test_a_new_run_of_any_backbone_replaces_an_earlier_one(scene, tmp_path, backbone):
     run = ["train", "-s", scene, "-m", tmp_path / "run", "--backbone", backbone, "--iterations", 2, "--quiet"]
     for seed in (0, 1):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`splatboost render` leaves the pictures that a run was measured on, and other runs."""
+import json
 import shutil
 
 import pytest
@@ -47,6 +48,10 @@ def test_another_run_is_no_folder_for_pictures(run, trained, tmp_path):
 
 
 def test_files_of_the_scene_are_not_replaced(run, scene, tmp_path):
+    shutil.copytree(run, tmp_path / "run")
+    config = json.loads((tmp_path / "run/config.json").read_text())
+    scene, run = shutil.copytree(scene, tmp_path / "copy"), tmp_path / "run"
+    (run / "config.json").write_text(json.dumps({**config, "source": str(scene)}))
     (tmp_path / "scene").symlink_to(scene)
     for arguments, place in (((), "test/renders/0004.png"), (("--orbit", 2), "orbit/00001.png")):
         photo = scene / place
@@ -55,8 +60,7 @@ def test_files_of_the_scene_are_not_replaced(run, scene, tmp_path):
         for folder in (scene, tmp_path / "scene"):
             assert "in the folder of the scene" in refused("render", "-m", run, "-o", folder, *arguments)
         assert photo.read_text() == "the only copy"
-        assert [path for path in photo.parent.iterdir()] == [photo] and not (scene / "train").exists()
-        shutil.rmtree(scene / place.split("/")[0])
+        assert list(photo.parent.iterdir()) == [photo] and not (scene / "train").exists()
 
 
 def test_places_that_cannot_be_written_are_refused_first(run, tmp_path):

@@ -155,7 +155,7 @@ def test_a_run_that_is_stopped_before_mapping_leaves_an_earlier_one(walk, mapped
 @pytest.mark.parametrize("option, place", [
     ("--calibration", "keyframes/images/mine.json"), ("--config", "test/renders/mine.json"),
     ("--lpips", "train/renders/mine.onnx")])
-def test_inputs_among_the_results_that_a_run_replaces_are_refused(walk, mapped, tmp_path, option, place):
+def test_inputs_among_the_results_are_kept(walk, mapped, tmp_path, option, place):
     model = tmp_path / "model"
     shutil.copytree(mapped, model)
     (model / place).parent.mkdir(parents=True, exist_ok=True)

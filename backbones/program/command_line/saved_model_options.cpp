@@ -49,8 +49,9 @@ SavedModel find_saved_model(OptionSet& set, RunOptions& options) {
   apply_settings(config, (options.model / "config.json").string(), set, options);
   check_options(set, options);
   std::error_code ignored;
-  // Keyframes are written before anything is measured.
-  require(set.given("source") || !config.contains("slam") || std::filesystem::exists(options.scene.source, ignored),
+  // Keyframes are written before anything is measured. Those of a complete run may have been moved.
+  require(set.given("source") || !config.contains("slam") || std::filesystem::exists(options.scene.source, ignored) ||
+              is_file(options.model / "results.json"),
           options.model.string() + ": the run did not finish; run splatboost slam again, which has no checkpoints");
   require(set.given("source") || std::filesystem::exists(options.scene.source, ignored),
           options.scene.source.string() + ": does not exist; the run in " + options.model.string() +

@@ -10,7 +10,6 @@
 #include "program/session/chosen_device.h"
 #include "program/session/plugged_backbone.h"
 #include "splatboost/schedule.h"
-#include "splatboost/threads.h"
 #include "trainer/support/json_values.h"
 
 namespace splatboost::program {
@@ -237,8 +236,7 @@ void check_options(const OptionSet& set, RunOptions& options) {
   const char* const least_one = "must be at least 1";
   const int resolution = options.scene.resolution.value_or(-1);
   set.check(is_device_name(options.device), "device", kDeviceRule + (", not '" + options.device + "'"));
-  set.check(options.threads >= 0 && options.threads <= kMaxThreads, "threads",
-            "must be 0 to " + std::to_string(kMaxThreads));
+  set.check(is_thread_count(options.threads), "threads", threads_rule());
   set.check(!options.iterations || *options.iterations >= 1, "iterations", least_one);
   set.check(resolution == -1 || resolution >= 1, "resolution", "must be -1 or at least 1");
   set.check(options.scene.llffhold >= 1, "llffhold", least_one);

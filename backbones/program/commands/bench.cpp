@@ -223,7 +223,7 @@ struct Bench {
     if (!compare.empty()) old = read_earlier(compare);
     if (!output.empty()) {
       require_replaceable(output, {compare});
-      require_earlier_output(output, "scenes", "splatboost bench");
+      require_earlier_output(output, {"scenes", "machine", "repeats"}, "splatboost bench");
       require_writable(output);
     }
 

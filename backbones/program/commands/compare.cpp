@@ -75,6 +75,7 @@ struct Compare {
     require_no_run_of_comparison(options.model);
     for (const fs::path& folder : {options.model, folder_of(false), folder_of(true)}) {
       require_ours_or_empty(folder);
+      if (!resumes()) require_only_results(folder);
       require_inputs_elsewhere(folder, options);
     }
     Workbench bench = make_workbench(options);

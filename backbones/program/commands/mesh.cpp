@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <memory>
 #include <optional>
 
@@ -117,8 +118,18 @@ struct Mesh {
                             options.model);
       require_writable(output);  // before the photos are read
     }
+    const bool of_the_end = saved.folder == saved_model(options.model, 0);
+    if (output.empty() && !of_the_end) {
+      throw UsageError("--iteration: this mesh would replace that of the run; name a file for it with --output");
+    }
     options.lpips.clear();  // nothing is measured
     OpenModel model(saved, options);
+    const bool of_the_run = is_scene_of_run(read_config(options.model), options.scene.source, model.scene());
+    if (output.empty() && !of_the_run) {
+      throw UsageError(options.scene.source.string() +
+                       ": another scene than that of the run, whose mesh would be replaced; name a file for this one "
+                       "with --output");
+    }
     if (!output.empty()) require_replaceable(output, {model.scene().points_file});  // may be outside of the folder
     const std::size_t views = model.scene().train.size();
     require(static_cast<std::size_t>(least_views) <= views,
@@ -162,12 +173,12 @@ struct Mesh {
         "mesh: %s (%zu vertices, %zu triangles; %zu parts before small ones were removed; voxel %.4g, depth up to "
         "%.4g)\n",
         output.c_str(), mesh.vertices(), mesh.size(), all_parts, voxel, max_depth);
-    if (!is_scene_of_run(read_config(options.model), options.scene.source, model.scene())) {
+    if (!of_the_run) {
       std::printf("%s is another scene than that of the run: its report does not show the mesh\n",
                   options.scene.source.c_str());
       return 0;
     }
-    if (saved.folder != saved_model(options.model, 0)) {
+    if (!of_the_end) {
       std::printf("the mesh is of an earlier iteration: the report of the run does not show it\n");
       return 0;
     }
@@ -209,7 +220,7 @@ struct Mesh {
                                    readable(static_cast<float>(max_angle)).dump() + " degrees: increase --max-angle");
   }
 
-  SurfacePixels fuse(Backbone& backbone, const Scene& scene, TsdfVolume& volume, const Threads& threads) const {
+  SurfacePixels fuse(Backbone& backbone, const Scene& scene, TsdfVolume& volume, const Threads& threads) {
     SurfacePixels counted;
     const bool terminal = isatty(STDERR_FILENO) != 0;
     auto shown = std::chrono::steady_clock::now();
@@ -254,12 +265,19 @@ struct Mesh {
   }
 
   /// Mask [H,W] of the view's size; empty: no masks.
-  std::vector<std::uint8_t> mask_of(const View& view) const {
+  std::vector<std::uint8_t> mask_of(const View& view) {
     if (masks.empty()) return {};
-    // A view may have an absolute name, beside which there is no other folder.
-    const fs::path name = fs::path(view.name).is_absolute() ? fs::path(view.name).filename() : fs::path(view.name);
-    const fs::path file = masks / fs::path(name).replace_extension(".png");
+    fs::path name = view.name;
+    // With such a name, `masks / name` could be the photo.
+    const bool elsewhere = name.is_absolute() || *name.begin() == "..";
+    if (elsewhere) name = name.filename();
+    const fs::path file = masks / name.replace_extension(".png");
     require(fs::exists(file), file.string() + ": missing; each view needs a mask with its name");
+    if (elsewhere) {
+      const auto [other, first] = masks_by_file_name.try_emplace(file, view.name);
+      require(first, file.string() + ": would be the mask of both " + other->second + " and " + view.name +
+                         "; copy the photos to names below the folder of the scene");
+    }
     std::ifstream in(file, std::ios::binary);
     const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};
     const Pixels pixels = decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, file);
@@ -284,6 +302,7 @@ struct Mesh {
   RunOptions options;
   OptionSet set;
   fs::path output, masks;
+  std::map<fs::path, std::string> masks_by_file_name;  ///< and their views, whose names are not below the scene
   double voxel = 0, max_depth = 0, max_angle = 80;
   std::optional<float> time;
   int least_views = 1;

@@ -86,7 +86,7 @@ struct MeshEval {
       std::vector<fs::path> inputs = {mesh, truth, cameras, trajectory, align, crop, dtu_mask, dtu_plane};
       if (!cameras.empty()) inputs.push_back(cameras / "cameras.json");
       require_replaceable(output, inputs);
-      require_earlier_output(output, "accuracy", "splatboost mesh-eval");
+      require_earlier_output(output, {"accuracy", "completeness", "f1"}, "splatboost mesh-eval");
       require_writable(output);
     }
     Threads workers(threads);

@@ -157,7 +157,7 @@ struct Render {
     require_writable_folder(output);
   }
 
-  /// Before the first is written: none may be a file of a scene.
+  /// Throws InputError if one of the files is a file of a scene. Call before the first is written.
   void require_new_or_own(const std::vector<fs::path>& files, const std::vector<fs::path>& scenes) const {
     for (const fs::path& file : files) require_no_scene_file(file, scenes, options.model);
   }

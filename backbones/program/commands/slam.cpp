@@ -168,6 +168,7 @@ struct Slam {
     read_settings();
     check();
     require_ours_or_empty(options.model);
+    require_only_results(options.model);
     require_no_comparison(options.model);
     require_inputs_elsewhere(options.model, options, slam.sequence.calibration);
     require_writable_folder(options.model);

@@ -48,13 +48,14 @@ struct Train {
     read_settings();
     check_run_options(set, options);
     check_boost_options(set, options);
-    require_ours_or_empty(options.model);
-    require_no_comparison(options.model);
-    require_inputs_elsewhere(options.model, options);
-    Workbench bench = make_workbench(options);
     std::error_code ignored;
     const bool goes_on_in_place =
         !options.resume.empty() && fs::equivalent(options.model, folder_of_checkpoint(), ignored);
+    require_ours_or_empty(options.model);
+    if (!goes_on_in_place) require_only_results(options.model);
+    require_no_comparison(options.model);
+    require_inputs_elsewhere(options.model, options);
+    Workbench bench = make_workbench(options);
     std::optional<FolderLock> lock;
     const auto take_folder = [&](const std::string& config) {
       lock = take_model_folder(options.model, goes_on_in_place ? config : std::string());

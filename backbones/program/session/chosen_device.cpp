@@ -32,10 +32,12 @@ void check_device_name(const std::string& name) {
   if (!is_device_name(name)) throw UsageError("--device " + std::string(kDeviceRule) + ", not '" + name + "'");
 }
 
+std::string threads_rule() { return "must be 0 to " + std::to_string(kMaxThreads); }
+
+bool is_thread_count(int threads) { return threads >= 0 && threads <= kMaxThreads; }
+
 void check_threads(int threads) {
-  if (threads < 0 || threads > kMaxThreads) {
-    throw UsageError("--threads must be 0 to " + std::to_string(kMaxThreads));
-  }
+  if (!is_thread_count(threads)) throw UsageError("--threads " + threads_rule());
 }
 
 ChosenDevice::ChosenDevice(const std::string& name, int threads) : threads_(threads) {

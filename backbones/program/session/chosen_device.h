@@ -16,7 +16,10 @@ inline constexpr char kDeviceRule[] = "must be cpu, cuda or cuda:N";
 bool is_device_name(const std::string& name);
 /// Throws UsageError unless it is.
 void check_device_name(const std::string& name);
-/// Throws UsageError if the number of threads is out of range.
+/// "must be 0 to …"
+std::string threads_rule();
+bool is_thread_count(int threads);
+/// Throws UsageError unless it is one.
 void check_threads(int threads);
 
 /// Owns the threads and, on a GPU, the stream. Must outlive the backbones, which keep references to them.

@@ -23,11 +23,11 @@ constexpr std::string_view kSavedPrefix = "iteration_";
 constexpr std::string_view kPictures = R"((renders|truth|surfaces|times)/[^/]+\.png)";
 /// What runs, and commands after them, write in the folder of a run, and a new run there deletes.
 constexpr OwnEntry kResults[] = {
-    {"point_cloud", R"(iteration_\d+/(point_cloud\.ply|parameters\.bin|nets\.bin|convexes\.bin))"},
+    {"point_cloud", R"(iteration_[0-9]+/(point_cloud\.ply|parameters\.bin|nets\.bin|convexes\.bin))"},
     {"test", kPictures},
     {"train", kPictures},
-    {"orbit", R"(\d+\.png)"},
-    {"sequence", R"(\d+\.ply)"},
+    {"orbit", R"([0-9]+\.png)"},
+    {"sequence", R"([0-9]+\.ply)"},
     // points3D.ply: trainers in Python write it beside points3D.bin.
     {"keyframes", R"(images/[^/]+\.png|sparse/0/(cameras|images|points3D)\.bin|sparse/0/points3D\.ply)"},
     {kTrainingFile, {}},
@@ -52,14 +52,6 @@ int iteration_of(const std::string& name) {
   const char* const end = text.data() + text.size();
   const auto parsed = std::from_chars(text.data() + kSavedPrefix.size(), end, iteration);
   return parsed.ec == std::errc{} && parsed.ptr == end ? iteration : -1;
-}
-
-/// Throws InputError if a result in the folder holds what no run writes there: a new run would delete that too.
-void require_only_results(const fs::path& folder) {
-  if (const std::optional<fs::path> foreign = find_foreign_file(folder, kResults)) {
-    throw InputError(foreign->string() + ": was not written by a run, and a new run in " + folder.string() +
-                     " would delete it; move it away, or choose another --model");
-  }
 }
 
 /// config.json of the folder; an empty object if there is none or it cannot be read.
@@ -145,7 +137,14 @@ void require_ours_or_empty(const fs::path& folder) {
           folder.string() +
               ": contains files that do not belong to a SplatBoost run and would be mixed with it; "
               "give another --model");
-  if (!empty) require_only_results(folder);
+}
+
+void require_only_results(const fs::path& folder) {
+  if (!is_ours(folder)) return;
+  if (const std::optional<fs::path> foreign = find_foreign_file(folder, kResults)) {
+    throw InputError(foreign->string() + ": was not written by a run, and a new run in " + folder.string() +
+                     " would delete it; move it away, or choose another --model");
+  }
 }
 
 bool holds_run(const fs::path& folder) { return is_ours(folder); }
@@ -195,6 +194,7 @@ FolderLock take_model_folder(const fs::path& folder, const std::string& resumed)
   if (!resumed.empty() && run_difference(Json::parse(resumed), config_in(folder)).empty()) return lock;
   // When a run ends, all results in the folder must be its own. Checkpoints are kept: they took hours and identify
   // their run.
+  require_only_results(folder);
   remove_own_files(folder, kResults);
   return lock;
 }
@@ -274,7 +274,8 @@ fs::path saved_model(const fs::path& folder, int iteration) {
   iteration = -1;
   for (const auto& entry : fs::directory_iterator(saved, error)) {
     // An empty folder is left by a save that was killed.
-    const bool saved_there = entry.is_directory() && !fs::is_empty(entry.path(), error);
+    std::error_code unreadable;
+    const bool saved_there = entry.is_directory() && !fs::is_empty(entry.path(), unreadable);
     if (saved_there && iteration_of(entry.path().filename().string()) > iteration) {
       iteration = iteration_of(entry.path().filename().string());
       latest = entry.path();

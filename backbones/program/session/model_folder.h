@@ -23,6 +23,10 @@ inline constexpr char kTrainingFile[] = "training.json";
 /// left behind do not count.
 void require_ours_or_empty(const std::filesystem::path& folder);
 
+/// Throws InputError if the folder is that of a run and holds, among the results that take_model_folder() deletes for a
+/// new run, a file that no run writes.
+void require_only_results(const std::filesystem::path& folder);
+
 /// Whether the folder is that of a SplatBoost run or comparison.
 bool holds_run(const std::filesystem::path& folder);
 

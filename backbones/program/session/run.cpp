@@ -422,7 +422,11 @@ std::uint64_t model_bytes(const fs::path& saved) {
 }
 
 int end_interrupted(const RunOutcome& outcome, const std::string& command) {
-  std::fprintf(stderr, "interrupted after iteration %d; resume with: %s\n", outcome.iteration, command.c_str());
+  if (outcome.checkpoint.empty()) {
+    std::fprintf(stderr, "stopped after the last iteration; go on with: %s\n", command.c_str());
+  } else {
+    std::fprintf(stderr, "interrupted after iteration %d; resume with: %s\n", outcome.iteration, command.c_str());
+  }
   return exit_code_of_signal(outcome.interrupted_by);
 }
 

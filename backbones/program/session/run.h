@@ -95,7 +95,7 @@ PluggedBackbone load_model(Workbench& bench, const RunOptions& options, const st
 /// Size of the files of a saved model.
 std::uint64_t model_bytes(const std::filesystem::path& saved);
 
-/// Tells how to resume an interrupted run. @param command that does it @return the exit status
+/// Tells how to go on with an interrupted run. @param command that does it @return the exit status
 int end_interrupted(const RunOutcome& outcome, const std::string& command);
 
 /// The exit status that a shell reports for a program ended by this signal.

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "program/session/scene_files.h"
 
+#include <algorithm>
 #include <string>
+#include <utility>
 
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
@@ -29,12 +31,12 @@ bool lies_in(const fs::path& file, const fs::path& folder) {
 
 std::vector<fs::path> scenes_of(const fs::path& model, const nlohmann::json& config, const fs::path& chosen) {
   std::vector<fs::path> scenes;
-  if (!chosen.empty()) scenes.push_back(chosen);
-  for (const char* key : {"/source", "/slam/source"}) {
-    const nlohmann::json::json_pointer place(key);
-    if (!config.contains(place)) continue;
-    read_value(config.at(place), (model / "config.json").string() + ": " + (key + 1), scenes.emplace_back());
+  const std::string file = (model / "config.json").string();
+  for (const auto& [key, place] : {std::pair("/source", ": source"), std::pair("/slam/source", ": slam: source")}) {
+    const nlohmann::json::json_pointer pointer(key);
+    if (config.contains(pointer)) read_value(config.at(pointer), file + place, scenes.emplace_back());
   }
+  if (!chosen.empty() && std::ranges::find(scenes, chosen) == scenes.end()) scenes.push_back(chosen);
   return scenes;
 }
 
@@ -42,7 +44,7 @@ void require_no_scene_file(const fs::path& output, const std::vector<fs::path>& 
   require_replaceable(output, scenes);
   for (const fs::path& scene : scenes) {
     require(!lies_in(output, scene) || lies_in(output, own),
-            output.string() + ": exists in the folder of the scene, whose data it may be; name another file to write");
+            output.string() + ": exists in the folder of the scene, whose data it may be; name another place to write");
   }
 }
 

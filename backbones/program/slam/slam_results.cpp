@@ -251,7 +251,11 @@ std::vector<ReportView> measure_keyframes(Backbone& backbone, const Scene& keyfr
   const fs::path pictures = folder / "train";
   // Those of tracked frames, which were not measured.
   constexpr OwnEntry kTracked[] = {{"test", R"((renders|truth)/[^/]+\.png)"}};
-  if (!find_foreign_file(folder, kTracked)) remove_own_files(folder, kTracked);
+  try {
+    if (!find_foreign_file(folder, kTracked)) remove_own_files(folder, kTracked);
+  } catch (const InputError&) {
+    // The measurement does not need it.
+  }
   evaluate(backbone, keyframes, lpips, pictures / "renders", results);
   make_folder(pictures / "truth");
   const std::vector<std::string> names = picture_names(keyframes.train);

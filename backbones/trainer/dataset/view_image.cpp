@@ -116,14 +116,17 @@ Pixels to_rgb(Pixels pixels, bool white_background) {
 }
 
 /// Throws InputError if the photo on disk has another size than its camera. Reduced copies (images_2, images_4, …) have
-/// one scale for both axes, up to the rounding of the size, by which any shape of a few pixels could pass.
+/// one scale for both axes, up to the rounding of the size. Copies of a few pixels are refused, because rounding would
+/// let any shape pass.
 void require_size_of_camera(const Photo& photo, int width, int height) {
   const Lens& lens = photo.lens;
   const int wide = lens.width == 0 ? width : lens.width, high = lens.height == 0 ? height : lens.height;
   const double scale_x = static_cast<double>(width) / wide, scale_y = static_cast<double>(height) / high;
-  const bool same_shape = std::abs(height - high * scale_x) <= 1.0 || std::abs(width - wide * scale_y) <= 1.0;
-  const bool too_small = std::min(width, height) < kLeastScaledSide && (width != wide || height != high);
-  if (!same_shape || too_small) {
+  if (std::min(width, height) < kLeastScaledSide && (width != wide || height != high)) {
+    fail(photo, "is " + size_text(width, height) + ", a copy of a photo of " + size_text(wide, high) +
+                    "; copies must have at least " + std::to_string(kLeastScaledSide) + " pixels in both directions");
+  }
+  if (std::abs(height - high * scale_x) > 1.0 && std::abs(width - wide * scale_y) > 1.0) {
     fail(photo, "is " + size_text(width, height) + ", but its camera in " + photo.listed_in.string() + " is " +
                     size_text(wide, high) + "; only a uniformly scaled image may differ in size");
   }

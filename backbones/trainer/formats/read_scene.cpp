@@ -83,8 +83,8 @@ Dataset read_colmap(const SceneOptions& options, const std::filesystem::path& fo
   dataset.photos = colmap_photos(model, images);
   if (folder.filename() == "0") {
     if (const auto larger = find_larger_model(folder, model.images.size())) {
-      dataset.notes.push_back(larger->string() + ": a model with more images than that in " + folder.string() +
-                              ", which is used; exchange the two folders to use it");
+      dataset.notes.push_back(larger->string() + ": has more images than the model in " + folder.string() +
+                              ", which is used; to use the larger one, exchange the two folders");
     }
   }
   if (options.frame_times) dataset.notes.push_back(set_frame_times(dataset.photos, dataset.listing.string()));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "trainer/support/json_values.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <fstream>
@@ -55,12 +56,14 @@ Json read_json_file(const std::filesystem::path& path) {
   return document;
 }
 
-void require_earlier_output(const std::filesystem::path& file, const std::string& key, const std::string& command) {
+void require_earlier_output(const std::filesystem::path& file, const std::vector<std::string>& keys,
+                            const std::string& command) {
   std::error_code error;
   if (!std::filesystem::exists(file, error) || std::filesystem::is_empty(file, error)) return;
   bool ours = false;
   try {
-    ours = read_json_file(file).contains(key);
+    const Json document = read_json_file(file);
+    ours = std::ranges::all_of(keys, [&](const std::string& key) { return document.contains(key); });
   } catch (const InputError&) {
   }
   require(ours, file.string() + ": exists and was not written by " + command + "; name another file");

@@ -81,9 +81,10 @@ nlohmann::json parse_json(std::string_view text, const std::string& place);
 nlohmann::json read_json_file(const std::filesystem::path& path);
 
 /// Throws InputError if an output file exists that the command did not write: one that is neither empty nor a JSON
-/// object with this key, which all its outputs have.
+/// object with these keys, which all its outputs have.
 /// @param command for the message
-void require_earlier_output(const std::filesystem::path& file, const std::string& key, const std::string& command);
+void require_earlier_output(const std::filesystem::path& file, const std::vector<std::string>& keys,
+                            const std::string& command);
 
 /// A float as the shortest decimal that reads back as the same float: 0.1, not 0.10000000149011612.
 nlohmann::json readable(float value);

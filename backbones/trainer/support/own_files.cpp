@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "trainer/support/own_files.h"
 
-#include <regex>
+#include <regex.h>
+
+#include <stdexcept>
 #include <string>
 #include <system_error>
 
@@ -11,6 +13,29 @@ namespace splatboost {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+/// An extended regular expression of POSIX. (std::regex warns within GCC 12's own header with sanitizers.)
+class Expression {
+ public:
+  explicit Expression(std::string_view text) {
+    const std::string whole = "^(" + std::string(text) + ")$";
+    if (::regcomp(&compiled_, whole.c_str(), REG_EXTENDED | REG_NOSUB) != 0) {
+      throw std::logic_error("not a regular expression: " + whole);
+    }
+  }
+  ~Expression() { ::regfree(&compiled_); }
+  Expression(const Expression&) = delete;
+  Expression& operator=(const Expression&) = delete;
+
+  bool matches(const std::string& text) const { return ::regexec(&compiled_, text.c_str(), 0, nullptr, 0) == 0; }
+
+ private:
+  regex_t compiled_{};
+};
+
+}  // namespace
+
 std::optional<fs::path> find_foreign_file(const fs::path& folder, std::span<const OwnEntry> own) {
   for (const OwnEntry& entry : own) {
     const fs::path path = folder / entry.name;
@@ -19,11 +44,11 @@ std::optional<fs::path> find_foreign_file(const fs::path& folder, std::span<cons
     const bool is_folder = fs::is_directory(path, error);
     if (is_folder == entry.files.empty()) return path;
     if (!is_folder) continue;
-    const std::regex files(entry.files.begin(), entry.files.end());
+    const Expression files(entry.files);
     for (fs::recursive_directory_iterator at(path, error), end; !error && at != end; at.increment(error)) {
       std::error_code ignored;
       if (at->is_directory(ignored) || at->path().filename().native().starts_with('.')) continue;
-      if (!std::regex_match(at->path().lexically_relative(path).native(), files)) return at->path();
+      if (!files.matches(at->path().lexically_relative(path).native())) return at->path();
     }
     require(!error, path.string() + ": cannot be read: " + error.message());
   }

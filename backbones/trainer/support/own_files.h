@@ -12,7 +12,7 @@ namespace splatboost {
 /// A file, or a folder with all that a command writes into it.
 struct OwnEntry {
   std::string_view name;   ///< in the folder that the command writes into
-  std::string_view files;  ///< of a folder: regular expression of the paths of its files, relative to it; empty: a file
+  std::string_view files;  ///< of a folder: extended regular expression of the paths in it; empty: a file
 };
 
 /// The first file in an own folder that its expression does not describe, or an entry that is a folder instead of a

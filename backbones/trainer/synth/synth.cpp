@@ -113,23 +113,23 @@ std::string marker_text(const SynthOptions& options) {
 
 /// All that a scene of any kind consists of.
 constexpr OwnEntry kScene[] = {
-    {"images", R"(\d+\.png)"},
+    {"images", R"([0-9]+\.png)"},
     // points3D.ply: trainers in Python, and `splatboost points`, write it beside points3D.bin.
     {"sparse", R"(0/((cameras|images|points3D)\.bin|points3D\.ply))"},
-    {"depth", R"(((train|test)/)?\d+\.png)"},
-    {"normals", R"(((train|test)/)?\d+\.png)"},
-    {"masks", R"(((train|test)/)?\d+\.png)"},
+    {"depth", R"(((train|test)/)?[0-9]+\.png)"},
+    {"normals", R"(((train|test)/)?[0-9]+\.png)"},
+    {"masks", R"(((train|test)/)?[0-9]+\.png)"},
     {"surface.ply", {}},
-    {"train", R"(\d+\.png)"},
-    {"test", R"(\d+\.png)"},
+    {"train", R"([0-9]+\.png)"},
+    {"test", R"([0-9]+\.png)"},
     {"transforms_train.json", {}},
     {"transforms_test.json", {}},
     {"points3d.ply", {}},
-    {"motion", R"(\d+\.ply)"},
-    {"results", R"((frame|depth)\d+\.png)"},
+    {"motion", R"([0-9]+\.ply)"},
+    {"results", R"((frame|depth)[0-9]+\.png)"},
     {"traj.txt", {}},
     {"cam_params.json", {}},
-    {"mav0", R"(cam[01]/(data/\d+\.png|data\.csv|sensor\.yaml)|state_groundtruth_estimate0/data\.csv)"}};
+    {"mav0", R"(cam[01]/(data/[0-9]+\.png|data\.csv|sensor\.yaml)|state_groundtruth_estimate0/data\.csv)"}};
 
 /// Creates the output folder, or takes over that of an earlier scene and removes it. The marker is the first file, so
 /// that a killed command can be repeated.

@@ -136,6 +136,9 @@ TEST(Colmap, UniformlyScaledImagesScaleTheCamera) {
   expect_contains(message, "images_4/b.png");
   expect_contains(message, "24x32");
   expect_contains(message, "96x64");
+  // Whatever its shape, a picture of a few pixels would fit after rounding.
+  write_grey(disk.folder / "images_4/b.png", 1, 1, 50);
+  expect_contains(input_error_of([&] { disk.read("images_4"); }), "is 1x1, a copy of a photo of 96x64");
 }
 
 TEST(Colmap, UndistortionPutsAKnownPointWhereThePinholeSeesIt) {

@@ -9,7 +9,7 @@
 namespace splatboost::test {
 namespace {
 
-constexpr OwnEntry kOwn[] = {{"models", R"(iteration_\d+/(model\.ply|nets\.bin))"}, {"notes.json", {}}};
+constexpr OwnEntry kOwn[] = {{"models", R"(iteration_[0-9]+/(model\.ply|nets\.bin))"}, {"notes.json", {}}};
 
 class OwnFiles : public ::testing::Test {
  protected:
