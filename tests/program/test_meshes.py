@@ -167,7 +167,7 @@ def test_masks_of_photos_with_absolute_names(meshed, scene, tmp_path):
     (copy / "another").mkdir()
     shutil.copyfile(scene / "images/0001.png", copy / "another/0000.png")
     frames[1]["file_path"] = str(copy / "another/0000.png")
-    (copy / "transforms.json").write_text(json.dumps({"fl_x": 70, "frames": frames}))
+    (copy / "transforms.json").write_text(json.dumps({"fl_x": 70, "frames": frames[:2]}))
     assert "0000.png: would be the mask of both" in refused(*arguments)
 
 

@@ -169,6 +169,12 @@ def test_points_are_added_where_the_dataset_has_none(tmp_path):
     anchors, anchors_more = started("anchors", "--backbone", "scaffold-gs")
     assert anchors_more == tracked and anchors > started("fewer", "--backbone", "scaffold-gs", "--no-boost")[0]
 
+    few = shutil.copytree(scene, tmp_path / "few")
+    points = few / "sparse/0/points3D.bin"
+    points.write_bytes(struct.pack("<Q", 20) + points.read_bytes()[8:8 + 20 * 51])  # 43 bytes, and an empty track
+    run_well("train", "-s", few, "-m", tmp_path / "of_few", "--iterations", "1", "--threads", "1", "--quiet")
+    assert results(tmp_path / "of_few")["primitives"] > more, "as where the dataset has none"
+
     run_well("compare", "-s", scene, "-m", tmp_path / "both", "--iterations", "1", "--threads", "1", "--quiet")
     counts = [results(tmp_path / "both" / run)["primitives"] for run in ("baseline", "boosted")]
     assert counts == [300, count]
@@ -243,7 +249,7 @@ def test_points_are_refused_where_none_can_be_added(scene, tmp_path):
     assert "would be replaced" in error("-s", lonely, "-o", lonely / "sparse/0/points3D.ply")
     assert (tmp_path / "elsewhere/0/points3D.ply").read_bytes() == before
     run_well("synth", tmp_path / "few", "--width", 64, "--height", 48, "--views", 8, "--points", 20)
-    assert "random or very few" in error("-s", tmp_path / "few", "-o", tmp_path / "a.ply")
+    assert "no points could be added" in error("-s", tmp_path / "few", "-o", tmp_path / "a.ply"), "tiny photos"
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
