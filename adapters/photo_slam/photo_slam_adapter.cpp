@@ -12,7 +12,7 @@ namespace splatboost {
 
 PhotoSlamBoost::PhotoSlamBoost() {
   // Photo-SLAM's threshold is five times 3DGS's, because most of its Gaussians come from features. These are a tenth
-  // lower: what grows more is worth more than what late_share removes (docs/results/backbones.md).
+  // lower: with more pruned by late_share, there are fewer Gaussians at the same quality (docs/results/backbones.md).
   gradient_threshold = 9e-4;
   gradient_abs_threshold = 2.7e-3;
   // For the same reason many Gaussians are faint: others have replaced those inserted from features. 0.1 was

@@ -48,7 +48,6 @@ def test_a_new_run_replaces_an_earlier_one_and_its_models_at_times(moving, confi
     assert (tmp_path / "run/point_cloud/iteration_3/parameters.bin").is_file()
 
 
-
 def test_compare_resume_and_eval(moving, config, both, tmp_path):
     for run in ("baseline", "boosted"):
         found = json.loads((both / run / "results.json").read_text())

@@ -92,7 +92,7 @@ struct Render {
     if (!view.empty() && time)
       throw UsageError("--view and --time cannot be combined: with --view, time advances; leave out --time");
     const SavedModel saved = find_saved_model(set, options);
-    const std::vector<fs::path> scenes = scenes_of(options.model, read_config(options.model), options.scene.source);
+    scenes = scenes_of(options.model, read_config(options.model), options.scene.source);
     if (!video.empty()) require_no_scene_file(video, scenes, options.model);  // a scene may consist of videos
     // Before the scene is read, except if the model may have to be refused first, whatever the output is.
     const bool of_time = time || !view.empty() || sequence > 0;
@@ -120,13 +120,13 @@ struct Render {
       if (video.empty()) lock.emplace(options.model);
     }
     if (sequence > 0) {
-      export_sequence(backbone, scenes);
+      export_sequence(backbone);
     } else if (!video.empty() || orbit > 0) {
-      render_orbit(backbone, scene, scenes);
+      render_orbit(backbone, scene);
     } else {
       const std::vector<fs::path> train = pictures_of(scene.train, output / "train" / "renders"),
                                   test = pictures_of(scene.test, output / "test" / "renders");
-      for (const std::vector<fs::path>* files : {&train, &test}) require_new_or_own(*files, scenes);
+      for (const std::vector<fs::path>* files : {&train, &test}) require_no_scene_files(*files);
       render_views(backbone, scene.train, train);
       render_views(backbone, scene.test, test);
     }
@@ -158,7 +158,7 @@ struct Render {
   }
 
   /// Throws InputError if one of the files is a file of a scene. Call before the first is written.
-  void require_new_or_own(const std::vector<fs::path>& files, const std::vector<fs::path>& scenes) const {
+  void require_no_scene_files(const std::vector<fs::path>& files) const {
     for (const fs::path& file : files) require_no_scene_file(file, scenes, options.model);
   }
 
@@ -181,7 +181,7 @@ struct Render {
     std::printf("%s: %s\n", counted(views.size(), "render").c_str(), folder.c_str());
   }
 
-  void render_orbit(Backbone& backbone, const Scene& scene, const std::vector<fs::path>& scenes) const {
+  void render_orbit(Backbone& backbone, const Scene& scene) const {
     const int count = orbit > 0 ? orbit : kVideoFrames;
     const bool time_advances = backbone.uses_time() && !time;
     require(!view.empty() || time_advances || !stands_still(scene),
@@ -195,7 +195,7 @@ struct Render {
     const fs::path folder = output / "orbit";
     if (video.empty()) {
       require_no_rest(folder, count, ".png");
-      require_new_or_own(series(folder, count, ".png"), scenes);
+      require_no_scene_files(series(folder, count, ".png"));
       make_folder(folder);
     } else {
       file = std::make_unique<VideoFile>(video, cameras[0].width, cameras[0].height, frames_per_second);
@@ -230,10 +230,10 @@ struct Render {
                      scene.train.front().name + "'");
   }
 
-  void export_sequence(Backbone& backbone, const std::vector<fs::path>& scenes) const {
+  void export_sequence(Backbone& backbone) const {
     const fs::path folder = output / "sequence";
     require_no_rest(folder, sequence, ".ply");
-    require_new_or_own(series(folder, sequence, ".ply"), scenes);
+    require_no_scene_files(series(folder, sequence, ".ply"));
     make_folder(folder);
     for (int i = 0; i < sequence; ++i) {
       backbone.export_moment(static_cast<float>(i) / static_cast<float>(std::max(sequence - 1, 1)),
@@ -277,7 +277,8 @@ struct Render {
   RunOptions options;
   OptionSet set;
   fs::path output;
-  bool own_folder = false;  ///< writes into the model folder
+  std::vector<fs::path> scenes;  ///< of scenes_of(): their files must not be replaced
+  bool own_folder = false;       ///< writes into the model folder
   fs::path video;
   int orbit = 0;
   std::optional<float> time;

@@ -114,23 +114,6 @@ TEST(ReadScene, SplitsAsAsked) {
   expect_contains(input_error_of([&] { read_scene(options); }), "llffhold 0");
 }
 
-TEST(ReadScene, AnIntervalBesideAListOfTestImagesIsNoted) {
-  const Row row;
-  SceneOptions options = row.options();
-  options.eval = true;
-  options.test_list = row.folder / "some.txt";
-  write_file(options.test_list, "v1\nv5\n");
-  const auto noted = [&] {
-    const std::vector<std::string> notes = read_scene(options).notes;
-    return std::ranges::count_if(notes, [](const std::string& note) { return note.find("--llffhold") == 0; });
-  };
-  EXPECT_EQ(noted(), 0);
-  options.llffhold = 3;
-  EXPECT_EQ(noted(), 1);
-  options.test_list.clear();
-  EXPECT_EQ(noted(), 0);
-}
-
 TEST(ReadScene, ALargerPartOfTheReconstructionIsNoted) {
   const Row row;
   ColmapModel model = read_colmap_model(row.folder / "sparse/0");
@@ -225,9 +208,15 @@ TEST(ReadScene, ATestListGoesBeforeTheRule) {
   options.eval = true;
   options.test_list = row.folder / "test.txt";
   write_file(options.test_list, "# held out\nv7.png\r\n\n  v2\n");
-  const Scene scene = read_scene(options);
+  Scene scene = read_scene(options);
   EXPECT_EQ(names(scene.test), "v2 v7 ");
   EXPECT_EQ(scene.train.size(), 8u);
+  EXPECT_TRUE(scene.notes.empty());
+  options.llffhold = 3;
+  scene = read_scene(options);
+  EXPECT_EQ(names(scene.test), "v2 v7 ");
+  ASSERT_EQ(scene.notes.size(), 1u);
+  expect_contains(scene.notes[0], "--llffhold has no effect");
   write_file(options.test_list, "\xef\xbb\xbfv7.png\nv2\n");
   EXPECT_EQ(names(read_scene(options).test), "v2 v7 ");
   write_file(options.test_list, "v7.png\nv77.png\n");
