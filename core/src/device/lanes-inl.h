@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 
 #include <hwy/highway.h>
@@ -76,6 +77,13 @@ HWY_INLINE constexpr std::size_t lanes() { return hn::MaxLanes(Lanes()); }
 
 HWY_INLINE Float load(const float* HWY_RESTRICT from) { return Float(hn::LoadU(Lanes(), from)); }
 HWY_INLINE void store(Float a, float* HWY_RESTRICT to) { hn::StoreU(a.v, Lanes(), to); }
+
+/// lanes() bytes as floats.
+HWY_INLINE Float load_bytes(const std::uint8_t* HWY_RESTRICT from) {
+  const Lanes d;
+  const hn::Rebind<std::int32_t, Lanes> integers;
+  return Float(hn::ConvertTo(d, hn::PromoteTo(integers, hn::LoadU(hn::Rebind<std::uint8_t, Lanes>(), from))));
+}
 
 /// load(from + k), given the vectors at `from` and at `from + lanes()`. Where a vector fills a cache line, most such
 /// loads would read two lines, so the lanes are taken from the two vectors instead.

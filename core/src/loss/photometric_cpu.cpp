@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <optional>
 
 #include "loss/cuda_ops.h"
@@ -11,6 +10,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "loss/photometric_cpu.cpp"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>  // compiles this file once per instruction set
 #include <hwy/highway.h>
 
@@ -38,6 +38,9 @@ inline constexpr std::size_t kWindow = 2 * kHalo + 1;
 /// eleven rows of all blurred quantities stay in the L1 cache, high enough that the halo above and below is cheap.
 inline constexpr std::size_t kBlockColumns = 96;
 inline constexpr std::size_t kBlockRows = 256;
+/// Number of rows by which memory is requested in advance: a block's rows are too short for the processor to do so.
+inline constexpr std::size_t kRowsAhead = 4;
+inline constexpr std::size_t kCacheLine = 64;  ///< bytes
 /// Columns where SSIM's derivatives are needed: the block's and its halo, in whole vectors.
 inline constexpr std::size_t kMapColumns = kBlockColumns + 16;
 /// Columns of pixels that these need.
@@ -123,25 +126,54 @@ struct Stretch {
   }
 };
 
-/// Loads truth and render of one row as floats, zero outside the image; where a pixel is not valid, render = truth.
-template <std::size_t kColumns>
-void load_pixels(const PhotometricJob& job, std::size_t y, const Stretch& stretch, float (&render)[kColumns],
-                 float (&truth)[kColumns]) {
-  const std::size_t at = y * job.width + stretch.first;
-  if (stretch.count < kColumns) {
-    std::fill_n(render, kColumns, 0.0f);
-    std::fill_n(truth, kColumns, 0.0f);
+/// to[x] = of(from + x) for x < count, in whole vectors, the last of which overlaps the one before.
+template <class From, class Of>
+HWY_INLINE void map_row(const From* HWY_RESTRICT from, std::size_t count, float* HWY_RESTRICT to, Of of) {
+  if (count < lanes()) {
+    alignas(64) From padded[kTileSize] = {};
+    alignas(64) float values[kTileSize];
+    std::copy_n(from, count, padded);
+    store(of(padded), values);
+    std::copy_n(values, count, to);
+    return;
   }
-  float* const to_render = render + stretch.offset;
-  float* const to_truth = truth + stretch.offset;
-  for (std::size_t x = 0; x < stretch.count; ++x) to_truth[x] = static_cast<float>(job.truth[at + x]) * (1.0f / 255.0f);
+  for (std::size_t x = 0; x + lanes() < count; x += lanes()) store(of(from + x), to + x);
+  store(of(from + count - lanes()), to + count - lanes());
+}
+
+HWY_INLINE void copy_row(const float* HWY_RESTRICT from, std::size_t count, float* HWY_RESTRICT to) {
+  map_row(from, count, to, [](const float* at) HWY_ATTR { return load(at); });
+}
+
+/// Loads truth and render of the columns of one row that lie within the image; where a pixel is not valid, render =
+/// truth.
+HWY_INLINE void load_pixels(const PhotometricJob& job, std::size_t y, const Stretch& stretch, float* render,
+                            float* truth) {
+  const std::size_t at = y * job.width + stretch.first;
+  render += stretch.offset;
+  truth += stretch.offset;
+  map_row(job.truth + at, stretch.count, truth,
+          [](const std::uint8_t* bytes) HWY_ATTR { return load_bytes(bytes) * Float(1.0f / 255.0f); });
   if (job.valid == nullptr) {
-    std::memcpy(to_render, job.render + at, stretch.count * sizeof(float));
+    copy_row(job.render + at, stretch.count, render);
   } else {
     for (std::size_t x = 0; x < stretch.count; ++x) {
-      to_render[x] = job.valid[at + x] != 0 ? job.render[at + x] : to_truth[x];
+      render[x] = job.valid[at + x] != 0 ? job.render[at + x] : truth[x];
     }
   }
+}
+
+/// Requests the cache lines of the pixels that load_pixels() reads.
+HWY_INLINE void prefetch_pixels(const PhotometricJob& job, std::size_t y, const Stretch& stretch) {
+  const std::size_t at = y * job.width + stretch.first;
+  for (std::size_t x = 0; x < stretch.count; x += kCacheLine / sizeof(float)) hwy::Prefetch(job.render + at + x);
+  for (std::size_t x = 0; x < stretch.count; x += kCacheLine) hwy::Prefetch(job.truth + at + x);
+}
+
+/// Requests the cache lines of a row of the gradient.
+HWY_INLINE void prefetch_gradient(const PhotometricJob& job, std::size_t y, const BlockRange& block) {
+  const float* const row = job.gradient + y * job.width + block.x0;
+  for (std::size_t x = 0; x < block.columns; x += kCacheLine / sizeof(float)) hwy::Prefetch(row + x);
 }
 
 /// Sets counts to 1 where a pixel of a row is valid, 0 where it is not or lies outside the image.
@@ -187,7 +219,7 @@ struct LaneSum {
 /// which gives the gradient another five rows later.
 void photometric_block(const PhotometricJob& job, const BlockRange& block, PhotometricSums& sums) {
   enum : std::size_t { kRender, kTruth, kSquares, kProduct, kQuantities };
-  alignas(64) float pixels[kQuantities][kPixelColumns] = {};
+  alignas(64) float pixels[kQuantities][kPixelColumns] = {};         // columns outside the image stay 0
   alignas(64) float derivatives[3][kMapColumns + 16] = {};           // by means, squares, products
   alignas(64) float counts[kMapColumns], own_counts[kBlockColumns];  // 1 where a pixel counts, else 0
   BlurredRows<kQuantities, kMapColumns> blurred;
@@ -195,6 +227,7 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
   const Stretch pixel_stretch(block, job.width, 2 * kHalo, kPixelColumns);
   const Stretch map_stretch(block, job.width, kHalo, kMapColumns);
   const Stretch block_stretch(block, job.width, 0, kBlockColumns);
+  alignas(64) float render_row[kBlockColumns] = {}, truth_row[kBlockColumns] = {}, gradient[kBlockColumns];
   const bool wants_gradient = job.gradient != nullptr;
   // Without a gradient, the rows of derivatives and their halo are not needed.
   const std::size_t above = wants_gradient ? 2 * kHalo : kHalo;
@@ -212,9 +245,9 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
     if (y >= job.height) {
       for (std::size_t q = 0; q < kQuantities; ++q) std::fill_n(blurred.slot(q, r), kMapColumns, 0.0f);
     } else {
-      float(&render)[kPixelColumns] = pixels[kRender];
-      float(&truth)[kPixelColumns] = pixels[kTruth];
+      float *const render = pixels[kRender], *const truth = pixels[kTruth];
       load_pixels(job, y, pixel_stretch, render, truth);
+      if (y + kRowsAhead < job.height) prefetch_pixels(job, y + kRowsAhead, pixel_stretch);
       for (std::size_t x = 0; x < kPixelColumns; x += lanes()) {
         const Float a = load(render + x), b = load(truth + x);
         store(a * a + b * b, pixels[kSquares] + x);
@@ -264,19 +297,19 @@ void photometric_block(const PhotometricJob& job, const BlockRange& block, Photo
 
     if (!wants_gradient || r < 4 * kHalo) continue;
     const std::size_t row = block.y0 + r - 4 * kHalo;
-    alignas(64) float render[kBlockColumns], truth[kBlockColumns], gradient[kBlockColumns];
-    load_pixels(job, row, block_stretch, render, truth);
+    if (row + kRowsAhead < block.y0 + block.rows) prefetch_gradient(job, row + kRowsAhead, block);
+    load_pixels(job, row, block_stretch, render_row, truth_row);
     if (job.valid != nullptr) load_counts(job, row, block_stretch, own_counts);
     const auto window = blurred_derivatives.window(r);
     for (std::size_t x = 0; x < block.columns; x += lanes()) {
-      const Float a = load(render + x), b = load(truth + x);
+      const Float a = load(render_row + x), b = load(truth_row + x);
       const Float sign = select(a > b, l1_weight, select(a < b, -l1_weight, zero));
       const Float from_ssim = blurred_derivatives.blur(window, 0, x) +
                               Float(2.0f) * a * blurred_derivatives.blur(window, 1, x) +
                               b * blurred_derivatives.blur(window, 2, x);
       store((sign + ssim_weight * from_ssim) * load(own_counts + x), gradient + x);
     }
-    std::memcpy(job.gradient + row * job.width + block.x0, gradient, block.columns * sizeof(float));
+    copy_row(gradient, block.columns, job.gradient + row * job.width + block.x0);
   }
   l1.flush();
   ssim.flush();
