@@ -51,6 +51,7 @@ def test_a_second_command_is_told(scene):
 def test_an_option_given_twice(scene):
     line = fails("train", "-s", scene, "-m", "out", "--iterations", "5", "--iterations", "6")
     assert "--iterations is given more than once" in line
+    assert "--boost is given more than once" in fails("train", "-s", scene, "-m", "out", "--boost", "--no-boost")
 
 
 def test_stray_argument():

@@ -76,7 +76,8 @@ class OptionSet {
   CLI::Option* add(const std::string& names, T& value, const std::string& help, bool recorded = true) {
     CLI::Option* option = nullptr;
     if constexpr (std::same_as<T, bool>) {
-      option = app_->add_flag(names, value, help);
+      // Otherwise the last of --boost --no-boost would count.
+      option = app_->add_flag(names, value, help)->multi_option_policy(CLI::MultiOptionPolicy::Throw);
     } else {
       option = add_checked_option(*app_, names, value, help);
     }

@@ -18,6 +18,8 @@ constexpr std::array kRefinements{0.5, 0.25, 0.125};  ///< parts of the range of
 constexpr double kLargestRange = 0.16;                ///< × depth
 constexpr int kPatch = 2;                             ///< px around a pixel that are compared
 constexpr double kNarrowestSpacing = 2;               ///< px
+constexpr int kDarkest = 8;                           ///< grey values up to this one …
+constexpr int kLightest = 247;                        ///< … and from this one on are taken for clipped
 
 /// A point in a picture.
 struct Seen {
@@ -180,6 +182,21 @@ double best_depth(const std::vector<ViewFeatures>& views, std::size_t view, cons
   return best;
 }
 
+/// Whether the picture is black or white all around a pixel: clipped, or a plain backdrop. There all depths agree
+/// equally well, and points would hang beside what stands in front.
+bool is_clipped(const ViewFeatures& view, int x, int y) {
+  std::uint8_t darkest = 255, lightest = 0;
+  for (int row = std::max(y - kPatch, 0); row <= std::min(y + kPatch, view.height - 1); ++row) {
+    for (int column = std::max(x - kPatch, 0); column <= std::min(x + kPatch, view.width - 1); ++column) {
+      const auto at =
+          static_cast<std::size_t>(row) * static_cast<std::size_t>(view.width) + static_cast<std::size_t>(column);
+      darkest = std::min(darkest, view.grey[at]);
+      lightest = std::max(lightest, view.grey[at]);
+    }
+  }
+  return lightest <= kDarkest || darkest >= kLightest;
+}
+
 /// The pixels of the grid where the picture shows no point near but some within reach, with a depth.
 std::vector<GapPoint> gaps_of(const std::vector<ViewFeatures>& views, std::size_t v,
                               const std::vector<std::size_t>& others, const Picture& picture, double spacing,
@@ -197,6 +214,7 @@ std::vector<GapPoint> gaps_of(const std::vector<ViewFeatures>& views, std::size_
           static_cast<std::size_t>(pixel.y) * static_cast<std::size_t>(view.width) + static_cast<std::size_t>(pixel.x);
       if (!view.valid.empty() && view.valid[index] == 0) continue;
       if (!view.background.empty() && view.background[index] != 0) continue;
+      if (is_clipped(view, static_cast<int>(pixel.x), static_cast<int>(pixel.y))) continue;
       if (picture.shows_any(pixel, spacing)) continue;
       const std::vector<double> candidates = picture.depths_near(pixel, reach);
       if (candidates.empty()) continue;
