@@ -18,9 +18,10 @@ Command add_synth(CLI::App& program) {
   app->footer("Example: splatboost synth room && splatboost compare -s room -m out --eval --iterations 1000");
   const auto options = std::make_shared<SynthOptions>();
   add_checked_option(*app, "-o,--output,output", options->output, "folder to create")->type_name("DIR");
-  add_checked_option(*app, "--scene", options->scene,
-                     "room; object: in front of black; street: large, seen at several scales; moving: with times; "
-                     "walk: a sequence with depth for splatboost slam")
+  add_checked_option(
+      *app, "--scene", options->scene,
+      "room; object: in front of a plain backdrop; street: large, seen at several scales; moving: with times; "
+      "walk: a sequence with depth for splatboost slam")
       ->type_name("NAME")
       ->capture_default_str();
   add_checked_option(*app, "--width", options->width, "px")->type_name("N")->capture_default_str();
@@ -36,6 +37,9 @@ Command add_synth(CLI::App& program) {
   add_checked_option(*app, "--baseline", options->baseline,
                      "walk: metres between the cameras of a stereo pair, in EuRoC's layout; 0: one camera with depth")
       ->type_name("X")
+      ->capture_default_str();
+  add_checked_option(*app, "--backdrop", options->backdrop, "object: grey value of the backdrop, 0 (black) to 255")
+      ->type_name("N")
       ->capture_default_str();
   add_checked_option(*app, "--points", options->points, "number of points of the sparse cloud; not for walk")
       ->type_name("N")

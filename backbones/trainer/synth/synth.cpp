@@ -53,6 +53,8 @@ void check(const SynthOptions& options) {
   require(std::isfinite(options.baseline) && options.baseline >= 0 && options.baseline <= 1,
           "the baseline of two cameras must be 0 to 1 m; 0: one camera with depth");
   require(options.scene == "walk" || options.baseline == 0, "only the scene 'walk' supports a pair of cameras");
+  require(options.backdrop >= 0 && options.backdrop <= 255, "the grey value of the backdrop must be 0 to 255");
+  require(options.scene == "object" || options.backdrop == 0, "only the scene 'object' supports a backdrop");
   require(options.scene != "moving" || options.views >= 2, "the scene 'moving' needs 2 or more views");
   require(options.scene != "moving" || options.surface_points == 0,
           "the scene 'moving' has no surface.ply; the motion of its points is in motion/");
@@ -96,17 +98,12 @@ bool holds_files(const fs::path& folder) {
 }
 
 std::string marker_text(const SynthOptions& options) {
-  const nlohmann::json record = {{"splatboost", "synth"},
-                                 {"scene", options.scene},
-                                 {"width", options.width},
-                                 {"height", options.height},
-                                 {"views", options.views},
-                                 {"cameras", options.cameras},
-                                 {"baseline", options.baseline},
-                                 {"points", options.points},
-                                 {"point-noise", readable(options.point_noise)},
-                                 {"samples", options.samples},
-                                 {"surface-points", options.surface_points},
+  const nlohmann::json record = {{"splatboost", "synth"},        {"scene", options.scene},
+                                 {"width", options.width},       {"height", options.height},
+                                 {"views", options.views},       {"cameras", options.cameras},
+                                 {"baseline", options.baseline}, {"backdrop", options.backdrop},
+                                 {"points", options.points},     {"point-noise", readable(options.point_noise)},
+                                 {"samples", options.samples},   {"surface-points", options.surface_points},
                                  {"seed", options.seed}};
   return record.dump(2) + "\n";
 }
@@ -166,9 +163,10 @@ void write_synthetic_scene(const SynthOptions& options) {
     make_picture_folder(options.output / folder);
   }
 
-  const std::unique_ptr<const World> world = options.scene == "street"   ? make_street()
-                                             : options.scene == "object" ? make_object()
-                                                                         : make_room();
+  const std::unique_ptr<const World> world =
+      options.scene == "street"   ? make_street()
+      : options.scene == "object" ? make_object(srgb(options.backdrop, options.backdrop, options.backdrop))
+                                  : make_room();
   const RandomStream camera_random(options.seed, 0, RandomPurpose::synth);
   const RandomStream point_random(options.seed, 1, RandomPurpose::synth);
   const Intrinsics camera(options.width, options.height);

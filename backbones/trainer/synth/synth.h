@@ -10,8 +10,8 @@ namespace splatboost {
 
 struct SynthOptions {
   std::filesystem::path output;
-  /// "room"; "object": its podium and what stands on it, in front of black; "street": 64 m of houses, seen from the
-  /// pavement, from close by and from above; "moving": the room with objects that fly, swing and bend; "walk": a
+  /// "room"; "object": its podium and what stands on it, in front of a backdrop; "street": 64 m of houses, seen from
+  /// the pavement, from close by and from above; "moving": the room with objects that fly, swing and bend; "walk": a
   /// sequence of the room for SLAM, with depth (synth_walk.h); it ignores points and point_noise.
   std::string scene = "room";
   int width = 320;
@@ -19,6 +19,7 @@ struct SynthOptions {
   int views = 48;             ///< number of images; for "moving", of training images
   int cameras = 0;            ///< "moving": cameras of a static rig, fewer than views; 0: one camera that walks around
   double baseline = 0;        ///< "walk": metres between two cameras, which replace depth; 0: one camera with depth
+  int backdrop = 0;           ///< "object": grey value, 0 to 255
   int points = 4000;          ///< in the sparse cloud
   float point_noise = 0.01f;  ///< standard deviation of the points, world units (metres)
   int samples = 2;            ///< per pixel and axis, for antialiasing

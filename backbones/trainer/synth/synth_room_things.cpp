@@ -74,9 +74,12 @@ std::vector<Solid> podium_with_things() {
   return solids;
 }
 
-/// What stands on the podium, in the light of the room, but in front of black. The cameras are around and above it.
-class PodiumInTheDark final : public World {
+/// What stands on the podium, in the light of the room, but in front of a plain backdrop. The cameras are around and
+/// above it.
+class PodiumAlone final : public World {
  public:
+  explicit PodiumAlone(const Vec3& backdrop) : backdrop_(backdrop) {}
+
   Seen probe(const Ray& ray) const override { return without_room(lit_->probe(ray)); }
   Seen look(const Ray& ray, double pixel_angle) const override { return without_room(lit_->look(ray, pixel_angle)); }
 
@@ -93,13 +96,15 @@ class PodiumInTheDark final : public World {
   }
 
  private:
-  static Seen without_room(const Seen& seen) {
+  Seen without_room(const Seen& seen) const {
     if (seen.solid >= 0) return seen;
     Seen nothing;
     nothing.sky = true;
+    nothing.color = backdrop_;
     return nothing;
   }
 
+  Vec3 backdrop_;
   std::unique_ptr<const World> lit_ = make_room_of(podium_with_things());
 };
 
@@ -115,6 +120,6 @@ std::unique_ptr<World> make_room() {
   return make_room_of(std::move(solids));
 }
 
-std::unique_ptr<World> make_object() { return std::make_unique<PodiumInTheDark>(); }
+std::unique_ptr<World> make_object(const Vec3& backdrop) { return std::make_unique<PodiumAlone>(backdrop); }
 
 }  // namespace splatboost::synthetic

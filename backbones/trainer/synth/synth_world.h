@@ -293,7 +293,7 @@ struct Seen {
   double distance = 0;
   Vec3 normal{0.0};     ///< world, towards the ray's origin; 0 for the sky
   bool object = false;  ///< white in masks
-  bool sky = false;     ///< no depth; its colour is that of a distant dome, or black if distance is 0
+  bool sky = false;     ///< no depth; its colour is that of a distant dome, or of a plain backdrop if distance is 0
   Vec3 color{0.0};      ///< linear, after exposure; only from look()
   int solid = -1;       ///< index of the room's solid; -1: none
 
@@ -312,8 +312,8 @@ class World {
 
 std::unique_ptr<World> make_room();
 std::unique_ptr<World> make_street();
-/// The podium of the room and what stands on it, in front of black; the rest is sky.
-std::unique_ptr<World> make_object();
+/// The podium of the room and what stands on it; the rest is sky of one colour. @param backdrop linear
+std::unique_ptr<World> make_object(const Vec3& backdrop);
 /// The room with moving objects. @param time in [0,1]
 std::unique_ptr<World> make_moving_room(double time);
 

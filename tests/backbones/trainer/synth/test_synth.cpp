@@ -256,6 +256,30 @@ TEST(Synth, AnObjectIsInFrontOfBlack) {
   }
 }
 
+TEST(Synth, ABackdropIsSeenBesideTheObjectOnly) {
+  const TemporaryFolder folder;
+  SynthOptions options = small_scene(folder / "black");
+  options.scene = "object";
+  options.views = 3;
+  write_synthetic_scene(options);
+  const Scene black = read(options.output);
+  options.output = folder / "grey";
+  options.backdrop = 200;
+  write_synthetic_scene(options);
+  const Scene grey = read(options.output);
+  EXPECT_EQ(grey.points.positions, black.points.positions);
+  for (std::size_t v = 0; v < 3; ++v) {
+    const View& view = grey.train[v];
+    const RawImage depth = read_raw_image(options.output / "depth" / view.name);
+    const std::size_t pixels = view.color.size() / 3;
+    for (std::size_t i = 0; i < view.color.size(); ++i) {
+      const int x = static_cast<int>(i % pixels) % options.width, y = static_cast<int>(i % pixels) / options.width;
+      ASSERT_EQ(view.color[i], depth.at(x, y) == 0 ? 200 : black.train[v].color[i])
+          << view.name << ", " << x << ", " << y;
+    }
+  }
+}
+
 TEST(Synth, SameSeedSameBytesOtherSeedOtherBytes) {
   const TemporaryFolder folder;
   for (const char* name : {"a", "b", "c"}) {
@@ -491,6 +515,9 @@ TEST(Synth, ImpossibleOptionsAreInputErrors) {
   expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.views = 1; }), "2 or more views");
   expect_contains(error_with([](SynthOptions& o) { o.scene = "moving", o.surface_points = 9; }), "no surface.ply");
   expect_contains(error_with([](SynthOptions& o) { o.scene = "walk", o.surface_points = 9; }), "no surface.ply");
+  expect_contains(error_with([](SynthOptions& o) { o.backdrop = 9; }), "only the scene 'object' supports a backdrop");
+  expect_contains(error_with([](SynthOptions& o) { o.scene = "object", o.backdrop = 256; }), "must be 0 to 255");
+  expect_contains(error_with([](SynthOptions& o) { o.scene = "object", o.backdrop = -1; }), "must be 0 to 255");
   expect_contains(error_with([](SynthOptions& o) { o.output.clear(); }), "output");
   write_file(folder / "file", "x");
   expect_contains(error_with([&](SynthOptions& o) { o.output = folder / "file"; }), "not a folder");
