@@ -527,7 +527,7 @@ void make_points(const SceneOptions& options, const Dataset& dataset, Scene& sce
   std::string too_few;
   // Rendered scenes start from random points in the published methods, whose results are compared.
   if (!dataset.blender || !(scene.cut_out || timed)) {
-    scene.points = triangulate_points(scene, Threads());
+    scene.points = triangulate_surfaces(scene, Threads());
     if (scene.points.size() > 0) {
       scene.notes.push_back(reason + "; " + std::to_string(scene.points.size()) + " were triangulated from its photos");
       return;

@@ -9,6 +9,7 @@
 #include <glm/common.hpp>
 
 #include "splatboost/clearance.h"
+#include "trainer/points/backdrop_points.h"
 #include "trainer/points/feature_tracks.h"
 #include "trainer/points/gap_points.h"
 #include "trainer/points/view_features.h"
@@ -17,8 +18,9 @@ namespace splatboost {
 namespace {
 
 constexpr std::size_t kLeast = 100;
-constexpr double kSpacing = 0.025;      ///< × diagonal, of points that are added to those of a dataset …
+constexpr double kSpacing = 0.025;      ///< × diagonal, of points on surfaces that are added to those of a dataset …
 constexpr double kSpacingAlone = 0.01;  ///< … and where it has fewer than kLeast
+constexpr double kSpacingBackdrop = 0.025;
 
 /// Adds the colour of the photo at a pixel of ViewFeatures to `sums`.
 void add_color(const ViewFeatures& features, const glm::dvec2& pixel, std::array<std::size_t, 3>& sums) {
@@ -31,19 +33,14 @@ void add_color(const ViewFeatures& features, const glm::dvec2& pixel, std::array
   for (std::size_t c = 0; c < 3; ++c) sums[c] += features.view->color[(c * height + row) * width + column];
 }
 
-/// The background are the pixels that are exactly as light as this.
-void mark_background(ViewFeatures& view, std::uint8_t grey) {
-  view.background.clear();
-  for (const std::uint8_t pixel : view.grey) view.background.push_back(pixel == grey ? 1 : 0);
-}
-
 void append(PointCloud& cloud, const glm::dvec3& position, const std::array<std::size_t, 3>& sums, std::size_t count) {
   for (int axis = 0; axis < 3; ++axis) cloud.positions.push_back(static_cast<float>(position[axis]));
   for (const std::size_t sum : sums) cloud.colors.push_back(static_cast<std::uint8_t>((sum + count / 2) / count));
 }
 
-/// @param gaps whether they are filled
-PointCloud triangulate(const Scene& scene, bool gaps, const Threads& threads) {
+enum class Kind { features, surfaces, all };
+
+PointCloud triangulate(const Scene& scene, Kind kind, const Threads& threads) {
   // A camera that stands still shows the same at any time.
   std::vector<const View*> chosen;
   for (const View& view : scene.train) {
@@ -54,9 +51,6 @@ PointCloud triangulate(const Scene& scene, bool gaps, const Threads& threads) {
   }
   std::vector<ViewFeatures> features(chosen.size());
   threads.for_range(chosen.size(), 1, [&](std::size_t i, std::size_t) { features[i] = detect_features(*chosen[i]); });
-  if (scene.cut_out) {
-    for (ViewFeatures& view : features) mark_background(view, scene.white_background ? 255 : 0);
-  }
   const auto pairs = neighbouring_views(features);
   const std::vector<TrackedPoint> tracked = track_points(features, pairs, threads);
   std::vector<glm::dvec3> positions;
@@ -73,23 +67,35 @@ PointCloud triangulate(const Scene& scene, bool gaps, const Threads& threads) {
     for (const auto& [view, number] : point.features) add_color(features[view], features[view].pixels[number], sums);
     append(cloud, point.position, sums, point.features.size());
   }
-  if (!gaps) return cloud;
+  if (kind == Kind::features) return cloud;
   const double spacing = scene.points.size() >= kLeast ? kSpacing : kSpacingAlone;
-  for (const GapPoint& point : fill_gaps(features, positions, pairs, spacing, threads)) {
-    std::array<std::size_t, 3> sums{};
-    add_color(features[point.view], point.pixel, sums);
-    append(cloud, point.position, sums, 1);
-  }
+  const auto add = [&](const std::vector<GapPoint>& points) {
+    for (const GapPoint& point : points) {
+      std::array<std::size_t, 3> sums{};
+      add_color(features[point.view], point.pixel, sums);
+      append(cloud, point.position, sums, 1);
+      positions.push_back(point.position);
+    }
+  };
+  const std::uint8_t background = scene.white_background ? 255 : 0;
+  add(fill_gaps(features, positions, pairs, spacing, background, threads));
+  if (kind == Kind::all) add(backdrop_points(features, positions, kSpacingBackdrop, background, threads));
   return cloud;
 }
 
 }  // namespace
 
 PointCloud triangulate_features(const Scene& scene, const Threads& threads) {
-  return triangulate(scene, false, threads);
+  return triangulate(scene, Kind::features, threads);
 }
 
-PointCloud triangulate_points(const Scene& scene, const Threads& threads) { return triangulate(scene, true, threads); }
+PointCloud triangulate_surfaces(const Scene& scene, const Threads& threads) {
+  return triangulate(scene, Kind::surfaces, threads);
+}
+
+PointCloud triangulate_points(const Scene& scene, const Threads& threads) {
+  return triangulate(scene, Kind::all, threads);
+}
 
 bool may_add_points(const Scene& scene) {
   return !scene.lacks_points && !moves(scene) && !points_are_random(scene.points.positions);

@@ -13,8 +13,12 @@ namespace splatboost {
 /// views with little texture or overlap. A build without OpenCV finds no features
 PointCloud triangulate_features(const Scene& scene, const Threads& threads);
 
-/// These points, and one wherever views show none of them and of the scene's (gap_points.h), except in the background
-/// of objects that were cut out. Empty likewise.
+/// These points, and one on a surface wherever views show none of them and of the scene's (gap_points.h). Empty
+/// likewise.
+PointCloud triangulate_surfaces(const Scene& scene, const Threads& threads);
+
+/// These points, and one behind the scene where views show none of them and of the scene's (backdrop_points.h). Empty
+/// likewise.
 PointCloud triangulate_points(const Scene& scene, const Threads& threads);
 
 /// Whether triangulate_points() may add to the points of the scene: not if it moves, if its points were triangulated,

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include <glm/geometric.hpp>
@@ -23,6 +24,12 @@ inline constexpr int kDescriptorLength = 512;  ///< Euclidean norm of a stored d
 
 inline constexpr int kLongestSide = 640;  ///< px, of ViewFeatures
 
+/// A position in a picture.
+struct Projected {
+  glm::dvec2 pixel{0.0};
+  double depth = 0;  ///< z in the view's camera
+};
+
 /// A view at the size at which its features were detected, which is smaller than that of a large photo. Pixel (i, j)
 /// has its centre at (i + 0.5, j + 0.5).
 struct ViewFeatures {
@@ -33,7 +40,6 @@ struct ViewFeatures {
   glm::dvec3 centre{0.0};
   std::vector<std::uint8_t> grey;         ///< [H,W]
   std::vector<std::uint8_t> valid;        ///< [H,W] zero where the photo is masked; empty: nowhere
-  std::vector<std::uint8_t> background;   ///< [H,W] non-zero where nothing is, of an object that was cut out; or empty
   std::vector<glm::dvec2> pixels;         ///< [N]
   std::vector<std::uint8_t> descriptors;  ///< [N,128]
 
@@ -42,6 +48,18 @@ struct ViewFeatures {
   glm::dvec3 to_camera(const glm::dvec3& point) const { return rotation * (point - centre); }
   glm::dvec2 project(const glm::dvec3& in_camera) const {
     return {fx * in_camera.x / in_camera.z + cx, fy * in_camera.y / in_camera.z + cy};
+  }
+  /// Where the picture shows a world position; none if that is not in front of the camera or outside of the picture.
+  std::optional<Projected> projected(const glm::dvec3& point) const {
+    const glm::dvec3 p = to_camera(point);
+    if (!(p.z > 0)) return std::nullopt;
+    const glm::dvec2 pixel = project(p);
+    if (!(pixel.x >= 0 && pixel.y >= 0 && pixel.x < width && pixel.y < height)) return std::nullopt;
+    return Projected{pixel, p.z};
+  }
+  /// Index of the pixel around a position in the picture.
+  std::size_t index_of(const glm::dvec2& pixel) const {
+    return static_cast<std::size_t>(pixel.y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(pixel.x);
   }
   /// Direction of a pixel in the camera frame, with z = 1.
   glm::dvec3 normalised(const glm::dvec2& pixel) const { return {(pixel.x - cx) / fx, (pixel.y - cy) / fy, 1}; }

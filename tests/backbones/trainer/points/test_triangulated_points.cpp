@@ -18,6 +18,7 @@
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/formats/read_scene.h"
 #include "trainer/images/image_codec.h"
+#include "trainer/points/backdrop_points.h"
 #include "trainer/points/feature_tracks.h"
 #include "trainer/points/gap_points.h"
 #include "trainer/points/nearest_to_lines.h"
@@ -70,7 +71,7 @@ class TriangulatedPoints : public ::testing::Test {
       for (const TrackedPoint& point : tracked) positions.push_back(point.position);
     }
     std::vector<GapPoint> fill(double spacing) const {
-      return fill_gaps(features, positions, pairs, spacing, Threads());
+      return fill_gaps(features, positions, pairs, spacing, 0, Threads());
     }
     std::vector<ViewFeatures> features;
     std::vector<std::pair<std::size_t, std::size_t>> pairs;
@@ -111,7 +112,7 @@ TEST_F(TriangulatedPoints, LieOnSurfacesAndHaveTheirColours) {
   // Points of a dataset: exact, and everywhere.
   std::vector<glm::dvec3> some;
   for (std::size_t k = 0; k < surface->size(); k += 100) some.emplace_back(at(*surface, k));
-  for (const GapPoint& point : fill_gaps(matched.features, some, matched.pairs, kSpacing, Threads())) {
+  for (const GapPoint& point : fill_gaps(matched.features, some, matched.pairs, kSpacing, 0, Threads())) {
     between.push_back(glm::vec3(point.position));
   }
   ASSERT_GT(tracked.size(), 200u);
@@ -161,7 +162,7 @@ TEST_F(PointsWithoutFeatures, LieOnSurfacesToo) {
   std::vector<glm::dvec3> some;
   for (std::size_t k = 0; k < surface->size(); k += 100) some.emplace_back(at(*surface, k));
   std::vector<glm::vec3> gaps;
-  for (const GapPoint& point : fill_gaps(grey, some, neighbouring_views(grey), kSpacing, Threads())) {
+  for (const GapPoint& point : fill_gaps(grey, some, neighbouring_views(grey), kSpacing, 0, Threads())) {
     gaps.push_back(glm::vec3(point.position));
   }
   ASSERT_GT(gaps.size(), 400u);
@@ -194,7 +195,7 @@ TEST(PointsInGaps, AreNotAtTheDepthsOfMaskedPixels) {
   std::vector<glm::dvec3> known;
   for (int y = 2; y < kHeight; y += 2) known.push_back(first.at_depth({36.5, y + 0.5}, y % 4 == 0 ? 4 : 2));
   std::size_t count = 0;
-  for (const GapPoint& point : fill_gaps({first, second}, known, {{0, 1}}, 0.03, Threads())) {
+  for (const GapPoint& point : fill_gaps({first, second}, known, {{0, 1}}, 0.03, 0, Threads())) {
     if (point.view != 0 || point.pixel.x < 38 || point.pixel.x > 41 || point.pixel.y < 4 || point.pixel.y > 44)
       continue;
     EXPECT_NEAR(point.position.z, 4, 0.2) << point.pixel.x << ", " << point.pixel.y;
@@ -252,7 +253,7 @@ TEST(GreyView, WeighsColoursAndKeepsSmallAndNarrowPhotos) {
   const ViewFeatures same = grey_view(view);
   EXPECT_EQ(same.width, 2);
   EXPECT_EQ(same.height, 640);
-  EXPECT_EQ(same.grey, std::vector<std::uint8_t>(1280, 255)) << "white stays white, which cut-out backgrounds need";
+  EXPECT_EQ(same.grey, std::vector<std::uint8_t>(1280, 255)) << "white stays white, as backgrounds are";
 }
 
 TEST_F(TriangulatedPoints, LeaveNoGapInAnyView) {
@@ -282,8 +283,13 @@ TEST_F(TriangulatedPoints, LeaveNoGapInAnyView) {
   EXPECT_GT(share(matched.positions), 0.3);
   std::vector<glm::dvec3> filled = matched.positions;
   for (const GapPoint& point : gaps) filled.push_back(point.position);
-  EXPECT_LT(share(filled), 0.05) << "only pixels far from all points are left";
-  EXPECT_TRUE(fill_gaps(matched.features, filled, matched.pairs, kSpacing, Threads()).size() < gaps.size() / 20);
+  EXPECT_LT(share(filled), 0.05) << "only pixels far from all points are left, and those where no depth fits";
+  const std::vector<GapPoint> backdrop = backdrop_points(matched.features, filled, kSpacing, 0, Threads());
+  EXPECT_LT(backdrop.size(), gaps.size() / 5);
+  for (const GapPoint& point : backdrop) filled.push_back(point.position);
+  EXPECT_LT(share(filled), 0.001) << "black pixels, which renders show by themselves";
+  EXPECT_EQ(fill_gaps(matched.features, filled, matched.pairs, kSpacing, 0, Threads()).size(), 0u);
+  EXPECT_EQ(backdrop_points(matched.features, filled, kSpacing, 0, Threads()).size(), 0u);
 }
 
 // Too few to be told from random ones, but nobody draws so few.
@@ -299,6 +305,24 @@ TEST_F(TriangulatedPoints, AreAddedToAFewOfADataset) {
   EXPECT_GT(triangulate_points(scene, Threads()).size(), alone.size() * 9 / 10) << "as many as if there were none";
   scene.lacks_points = true;
   EXPECT_FALSE(may_add_points(scene)) << "these were triangulated";
+}
+
+TEST_F(TriangulatedPoints, LieBehindTheSceneWhereNoPointIsNear) {
+  // Points at one place of the room only, and too few views to spread from there.
+  Scene scene = scene_of({views->begin(), views->begin() + 4});
+  for (std::size_t k = 0; k < surface->size() && scene.points.size() < 300; ++k) {
+    const glm::vec3 p = at(*surface, k);
+    if (glm::length(p) > 0.8f) continue;
+    scene.points.positions.insert(scene.points.positions.end(), {p.x, p.y, p.z});
+    scene.points.colors.insert(scene.points.colors.end(), 3, 128);
+  }
+  ASSERT_EQ(scene.points.size(), 300u);
+  const PointCloud all = triangulate_points(scene, Threads()), surfaces = triangulate_surfaces(scene, Threads());
+  ASSERT_GT(all.size(), surfaces.size() + 100);
+  EXPECT_TRUE(std::equal(surfaces.positions.begin(), surfaces.positions.end(), all.positions.begin()));
+  float nearest = std::numeric_limits<float>::infinity();
+  for (std::size_t i = surfaces.size(); i < all.size(); ++i) nearest = std::min(nearest, glm::length(at(all, i)));
+  EXPECT_GT(nearest, 6) << "the room is 8 m wide";
 }
 
 TEST_F(TriangulatedPoints, AreOnlyAddedWhereADatasetHasNone) {
@@ -348,9 +372,9 @@ TEST_F(TriangulatedPoints, AvoidMaskedPixels) {
   for (const GapPoint& point : gaps) EXPECT_LT(point.pixel.x, 80);
 }
 
-TEST_F(TriangulatedPoints, AvoidBlackAndWhiteBackdrops) {
-  // The left halves of the pictures, up to where the grey values around a pixel show the border.
-  const auto left_of = [&](std::uint8_t shade) {
+TEST_F(TriangulatedPoints, AreNotAddedWherePhotosLookLikeTheBackground) {
+  /// In the left halves of the pictures.
+  const auto left_of = [&](std::uint8_t shade, std::uint8_t background) {
     std::vector<View> halves = *views;
     for (View& view : halves) {
       const auto width = static_cast<std::size_t>(view.camera.width);
@@ -361,17 +385,18 @@ TEST_F(TriangulatedPoints, AvoidBlackAndWhiteBackdrops) {
     const Matched matched(halves);
     std::vector<glm::dvec3> everywhere;
     for (std::size_t k = 0; k < surface->size(); k += 100) everywhere.emplace_back(at(*surface, k));
-    const auto gaps = fill_gaps(matched.features, everywhere, matched.pairs, kSpacing, Threads());
-    return std::ranges::count_if(gaps, [](const GapPoint& point) { return point.pixel.x < 76; });
+    const auto gaps = fill_gaps(matched.features, everywhere, matched.pairs, kSpacing, background, Threads());
+    return std::ranges::count_if(gaps, [](const GapPoint& point) { return point.pixel.x < 80; });
   };
-  EXPECT_EQ(left_of(0), 0);
-  EXPECT_EQ(left_of(6), 0);
-  EXPECT_EQ(left_of(250), 0);
-  EXPECT_GT(left_of(20), 50) << "a dark wall";
-  EXPECT_GT(left_of(230), 50) << "a light wall";
+  EXPECT_EQ(left_of(0, 0), 0);
+  EXPECT_EQ(left_of(6, 0), 0);
+  EXPECT_EQ(left_of(250, 255), 0);
+  EXPECT_GT(left_of(20, 0), 50) << "a dark wall";
+  EXPECT_GT(left_of(230, 255), 50) << "a light wall";
+  EXPECT_GT(left_of(250, 0), 50) << "a white table";
 }
 
-TEST_F(TriangulatedPoints, AvoidTheEmptyBackgroundOfCutOutObjects) {
+TEST_F(TriangulatedPoints, AvoidWhatRendersShowWithoutGaussians) {
   constexpr std::uint8_t kWhite = 255;
   Scene scene = scene_of(*views);
   scene.white_background = true;
@@ -396,8 +421,9 @@ TEST_F(TriangulatedPoints, AvoidTheEmptyBackgroundOfCutOutObjects) {
     }
     return count;
   };
-  EXPECT_GT(white(triangulate_points(scene, Threads())), 20u) << "the photos could show white stripes";
-  scene.cut_out = true;
+  scene.white_background = false;
+  EXPECT_GT(white(triangulate_points(scene, Threads())), 20u) << "renders do not show them by themselves";
+  scene.white_background = true;
   const PointCloud added = triangulate_points(scene, Threads());
   EXPECT_GT(added.size(), tracked + 100);
   EXPECT_EQ(white(added), 0u);
@@ -430,7 +456,7 @@ TEST_F(TriangulatedPoints, AreWhereTrainingStartsIfADatasetHasNone) {
   std::filesystem::rename(options.source / "sparse/0/points3D.bin", folder->path() / "points3D.bin");
   const Scene scene = read_scene(options);
   std::filesystem::rename(folder->path() / "points3D.bin", options.source / "sparse/0/points3D.bin");
-  EXPECT_EQ(scene.points.positions, triangulate_points(scene_of(*views), Threads()).positions);
+  EXPECT_EQ(scene.points.positions, triangulate_surfaces(scene_of(*views), Threads()).positions);
   ASSERT_FALSE(scene.notes.empty());
   expect_contains(scene.notes.back(), "the dataset has no points; " + std::to_string(scene.points.size()) +
                                           " were triangulated from its photos");
