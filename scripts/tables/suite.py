@@ -129,5 +129,6 @@ TABLES = {"default_full": lambda: scenes("default_full", "train_cpu_seconds", "t
           "new_scenes": lambda: scenes("new_scenes"),
           "no_points": lambda: scenes("no_points", other="default, random start"),
           "random_start": lambda: scenes("no_points", other="published, random start", own="default, random start"),
+          "backdrops": lambda: scenes("plain_backdrops"),
           "points_in_gaps": lambda: scenes("points_in_gaps", other=BEFORE_GAPS),
           "free_space": free_space, "equal_number": equal_number, "given_size": given_size, "long_runs": long_runs}
