@@ -245,6 +245,14 @@ sb_status sb_adapter_rate_factor(const sb_adapter* adapter, const char* group, i
   });
 }
 
+sb_status sb_adapter_prunes_large_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
+                                     int32_t* prunes) {
+  return guarded([&] {
+    const sb_adapter& a = need(adapter, "adapter");
+    need(prunes, "prunes") = a.adapter->prunes_large_at(moment_of(iteration, total), host_would != 0) ? 1 : 0;
+  });
+}
+
 sb_status sb_adapter_resets_opacities_at(const sb_adapter* adapter, int32_t iteration, int32_t total,
                                          int32_t host_would, int32_t* resets) {
   return guarded([&] {

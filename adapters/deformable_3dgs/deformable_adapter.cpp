@@ -23,6 +23,7 @@ VanillaBoost deformable_boost() {
   boost.absgrad = false;
   boost.growth_after_reset = 3000;  // without resets not measured
   boost.min_clearance = 0;          // not measured for scenes that move
+  boost.prune_large = true;         // the same
   boost.fill_gaps = false;          // the program adds none to scenes that move
   boost.rest_interval = 1;          // not measured, nor is
   boost.rest_rate = boost.rest_rate_few = 1;

@@ -21,6 +21,7 @@ VanillaBoost pgsr_boost() {
   // remove every Gaussian whose opacity was reset shortly before.
   boost.growth_after_reset = 500;
   boost.min_clearance = 0;   // not measured
+  boost.prune_large = true;  // the same
   boost.fill_gaps = false;   // no gain in the mean
   boost.replaced_share = 0;  // not measured; every run has a cap, PGSR's own
   return boost;

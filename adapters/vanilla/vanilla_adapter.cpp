@@ -51,6 +51,7 @@ VanillaBoost literal_boost() {
   boost.densify_interval = 500;
   boost.late_prune_from = kLiteralGrowthEnd;
   boost.late_share = 0;
+  boost.prune_large = true;
   boost.min_clearance = 0;
   boost.replaced_share = 0;
   boost.coarse = false;
@@ -225,6 +226,10 @@ void VanillaAdapter::prune_by_scores(const DensityStatistics& statistics, Raster
 double VanillaAdapter::late_share() const {
   const bool background = scorer_.covered_share() >= kBackgroundShare;
   return boost_.random_points && background ? boost_.late_share_random : boost_.late_share;
+}
+
+bool VanillaAdapter::prunes_large_at(Moment, bool backbone_would) const {
+  return backbone_would && (boost_.prune_large || !boost_.vcp);
 }
 
 bool VanillaAdapter::resets_opacities_at(Moment moment, bool backbone_would) const {

@@ -70,6 +70,10 @@ struct VanillaBoost {
   /// The same in a run from random points on photos with a background (kBackgroundShare), which has few Gaussians when
   /// growth ends. Not in the paper.
   double late_share_random = 0;
+  /// Each growth also removes Gaussians that are large in the world, as the backbone's own rule says. Off: they are the
+  /// sky and walls without texture, which growth would have to make again each time. Without VCP it is the backbone
+  /// that decides. Paper: on.
+  bool prune_large = false;
   /// Removes Gaussians with a smaller clearance from the training cameras (clearance.h): a camera has free space around
   /// it, so they are floaters, which hide the scene from new views near there. Not in the paper.
   double min_clearance = 0.8;
@@ -123,6 +127,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("absolute_scores", boost.absolute_scores);
   visit("late_share", boost.late_share);
   visit("late_share_random", boost.late_share_random);
+  visit("prune_large", boost.prune_large);
   visit("min_clearance", boost.min_clearance);
   visit("replaced_share", boost.replaced_share);
   visit("coarse", boost.coarse);
@@ -168,6 +173,7 @@ class VanillaAdapter : public Adapter {
   void grow(const DensityStatistics& statistics, RasterizerHook& rasterizer, GrowDecisions& decisions) override;
   bool prunes_at(Moment moment, bool backbone_would) const override;
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
+  bool prunes_large_at(Moment moment, bool backbone_would) const override;
   /// As the backbone would, but not within growth_after_reset iterations before the end of growth or late pruning:
   /// resets serve the pruning within growth, and late pruning would remove Gaussians whose opacity has not recovered.
   bool resets_opacities_at(Moment moment, bool backbone_would) const override;

@@ -451,8 +451,11 @@ void ConvexSplatting::prune(PruneRule rule) {
     std::vector<float> copy;
     const std::span<const float> masks = mask_.activated.on_host(copy);
     // As released, sizes are tested only for convexes older than this growth, because new ones have no size yet there.
-    const bool large_go =
-        rule == PruneRule::growth && config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
+    bool large_go = false;
+    if (rule == PruneRule::growth && config_.max_world_scale > 0) {
+      large_go = iteration_ > opacity_reset_interval();
+      if (density_ != nullptr) large_go = density_->prunes_large_at(moment(), large_go);
+    }
     const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
     for (std::size_t i = 0; i < n; ++i) {
       removed[i] = known.opacities[i] < static_cast<float>(config_.min_opacity) ||

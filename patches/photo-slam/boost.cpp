@@ -348,7 +348,9 @@ void Boost::densifyAndPrune(int iteration, float min_opacity, float extent, int 
   if (!p.may_prune(iteration)) return p.restart();
 
   Tensor candidates = p.opacities() < min_opacity;
-  if (max_screen_size != 0) candidates = candidates | (p.max_scales() > 0.1f * extent);
+  std::int32_t prunes_large = 0;
+  require(sb_adapter_prunes_large_at(p.adapter, iteration, p.total, max_screen_size != 0, &prunes_large));
+  if (prunes_large != 0) candidates = candidates | (p.max_scales() > 0.1f * extent);
   const Given removed(candidates.to(torch::kByte)), from(origins.to(torch::kInt)), now(p.opacities());
   sb_density after{};
   after.iteration = iteration;

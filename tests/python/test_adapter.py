@@ -169,7 +169,9 @@ def test_backbones_and_settings():
     assert vanilla.beta == 0.5 and Adapter("vanilla", total_iterations=100, cb=False).beta is None
     assert vanilla.grows_at(1000, False) and not vanilla.grows_at(1050, True)
     assert not vanilla.resets_opacities_at(3000, True)
-    resetting = Adapter("vanilla", total_iterations=30000, growth_after_reset=3000)
+    assert not vanilla.prunes_large_at(4000, True)
+    resetting = Adapter("vanilla", total_iterations=30000, growth_after_reset=3000, prune_large=True)
+    assert resetting.prunes_large_at(4000, True) and not resetting.prunes_large_at(4000, False)
     assert resetting.resets_opacities_at(3000, True) and not resetting.resets_opacities_at(3000, False)
     assert not resetting.resets_opacities_at(9000, True)
     assert [g for g in ("xyz", "f_rest") if vanilla.steps_at(g, 17)] == ["xyz"]

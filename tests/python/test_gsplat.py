@@ -303,6 +303,11 @@ def test_accumulated_gradients_are_applied_before_surgery(strategy_module):
     assert not torch.equal(trainer.params["shN"].detach(), rest) and trainer.params["shN"].grad is None
 
 
+def test_large_gaussians_are_pruned(strategy_module):
+    trainer = Trainer(strategy_module, 30000)
+    assert trainer.strategy.adapter().prunes_large_at(4000, True) and not trainer.strategy.adapter().prunes_large_at(4000, False)
+
+
 def test_opacities_are_reset(strategy_module):
     trainer = Trainer(strategy_module, 30000)
     trainer.strategy.reset_every = 10

@@ -27,6 +27,7 @@ class Adapter:
         return self.prunes
 
     def prune(self, iteration, views, *, candidates, origins=None, opacities=None, clearances=None, max_primitives=0):
+        self.candidates = candidates
         self.clearances = clearances
         self.max_primitives = max_primitives
         mask = torch.zeros_like(candidates)
@@ -174,6 +175,24 @@ def test_options_that_the_user_changed_reach_the_adapter():
     boost = boost_of(absgs)
     boost.options = host_options(densify_grad_threshold=0.0004, densify_grad_abs_threshold=0.0004, percent_dense=0.001)
     assert boost._host_settings() == {"gradient_threshold": 0.0004}
+
+
+@pytest.mark.parametrize("screen_size, prunes, expected", [(20, True, [3]), (20, False, []), (None, True, [])])
+def test_large_gaussians_are_candidates_if_host_and_adapter_prune_them(screen_size, prunes, expected):
+    class Sized(Model):
+        get_scaling = torch.tensor([0.1, 0.2, 0.2, 0.21, 0.1, 0.1])[:, None].expand(N, 3)
+        get_opacity = torch.ones(N, 1)
+
+    none = torch.zeros(N, dtype=torch.bool)
+    boost = boost_of()
+    boost.gaussians = Sized()
+    boost.adapter.grow = lambda *given, **named: (none, none)
+    boost.adapter.prunes_large_at = lambda iteration, host_would: host_would and prunes
+    boost.adapter.settings = {"min_clearance": 0.0}
+    boost._signed_gradients = boost._absolute_gradients = lambda: torch.zeros(N)
+    boost._grow = lambda clone, split, extent: torch.arange(N)
+    boost.densify_and_prune(0.0002, 0.005, 2.0, screen_size)
+    assert torch.where(boost.adapter.candidates)[0].tolist() == expected
 
 
 def test_random_points_let_opacities_be_reset(monkeypatch):

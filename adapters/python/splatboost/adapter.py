@@ -166,6 +166,10 @@ class Adapter:
         )
         return float(factor.value)
 
+    def prunes_large_at(self, iteration: int, host_would: bool) -> bool:
+        """Whether the candidates of growth include Gaussians that are large in the world, given whether the host's do."""
+        return self._asks("sb_adapter_prunes_large_at", iteration, host_would)
+
     def resets_opacities_at(self, iteration: int, host_would: bool) -> bool:
         """Whether opacities are reset at this iteration, given whether the host's own rule would."""
         return self._asks("sb_adapter_resets_opacities_at", iteration, host_would)

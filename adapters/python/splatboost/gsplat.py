@@ -192,6 +192,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
                         for name, v in self.settings.items()}
             settings.setdefault("absgrad", bool(self.absgrad))
             settings.setdefault("growth_after_reset", 3000)  # here only resets clear the space around the cameras
+            settings.setdefault("prune_large", True)  # not measured without the rule for that space
             settings.update(rest_interval=1, rest_rate=1, rest_rate_few=1)  # the optimizers are gsplat's, and so are their rates
             steps = lib.whole(self.max_steps, "max_steps", 1)
             self._adapter = Adapter("vanilla", total_iterations=steps, device=device, seed=self.seed, **settings)
@@ -371,7 +372,7 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
 
         opacities = torch.sigmoid(params["opacities"]).reshape(-1)
         candidates = opacities < self.prune_opa
-        if iteration > self._at(self.reset_every):
+        if self.adapter().prunes_large_at(iteration, iteration > self._at(self.reset_every)):
             candidates |= torch.exp(params["scales"]).amax(dim=-1) > self.prune_scale3d * state["scene_scale"]
         removed = shared.prune(
             iteration, self._sources(params), candidates=candidates, origins=origins, opacities=opacities

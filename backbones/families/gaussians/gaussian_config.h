@@ -24,7 +24,8 @@ struct GaussianConfig {
   double percent_dense = 0.01;       ///< × scene extent; up to this scale Gaussians clone, above it they split
   double gradient_threshold = 2e-4;  ///< for the mean norm of the screen gradient, NDC units
   double min_opacity = 0.005;
-  double max_world_scale = 0.1;  ///< × scene extent; larger ones are pruned after the first opacity reset; 0: never
+  /// × scene extent; larger ones are pruned after the first opacity reset, unless an adapter says otherwise; 0: never
+  double max_world_scale = 0.1;
   double initial_opacity = 0.1;
   double reset_opacity = 0.01;
   int densify_from = 500;

@@ -212,7 +212,8 @@ void GaussianTrainer::prune(PruneRule rule) {
   std::vector<std::uint8_t> removed(n, 0);
   if (rule == PruneRule::growth) {
     // The released code also tests sizes on screen, but zeroes them in the preceding growth, so that test never passes.
-    const bool large_go = config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
+    bool large_go = config_.max_world_scale > 0 && iteration_ > opacity_reset_interval();
+    if (density_ != nullptr && config_.max_world_scale > 0) large_go = density_->prunes_large_at(moment(), large_go);
     const auto large = static_cast<float>(config_.max_world_scale * static_cast<double>(context_.scene.extent));
     for (std::size_t i = 0; i < n; ++i) {
       removed[i] =

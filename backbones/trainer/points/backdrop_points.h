@@ -9,8 +9,8 @@
 #include <glm/vec3.hpp>
 
 #include "splatboost/threads.h"
+#include "trainer/features/view_features.h"
 #include "trainer/points/gap_points.h"
-#include "trainer/points/view_features.h"
 
 namespace splatboost {
 

@@ -10,7 +10,7 @@
 #include <glm/vec3.hpp>
 
 #include "splatboost/threads.h"
-#include "trainer/points/view_features.h"
+#include "trainer/features/view_features.h"
 
 namespace splatboost {
 

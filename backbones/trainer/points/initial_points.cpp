@@ -10,7 +10,7 @@
 
 #include "splatboost/constants.h"
 #include "splatboost/random.h"
-#include "trainer/points/nearest_to_lines.h"
+#include "trainer/features/nearest_to_lines.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {

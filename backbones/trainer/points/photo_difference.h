@@ -6,7 +6,7 @@
 
 #include <glm/vec2.hpp>
 
-#include "trainer/points/view_features.h"
+#include "trainer/features/view_features.h"
 
 namespace splatboost {
 

@@ -9,10 +9,10 @@
 #include <glm/common.hpp>
 
 #include "splatboost/clearance.h"
+#include "trainer/features/feature_tracks.h"
+#include "trainer/features/view_features.h"
 #include "trainer/points/backdrop_points.h"
-#include "trainer/points/feature_tracks.h"
 #include "trainer/points/gap_points.h"
-#include "trainer/points/view_features.h"
 
 namespace splatboost {
 namespace {

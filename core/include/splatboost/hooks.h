@@ -120,6 +120,12 @@ class DensityHook {
     return backbone_would;
   }
   virtual void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) = 0;
+  /// Whether the backbone's candidates in growth include primitives that are large in the world (3DGS). Called at each
+  /// growth; never called by a backbone without that rule.
+  virtual bool prunes_large_at(Moment moment, bool backbone_would) const {
+    (void)moment;
+    return backbone_would;
+  }
   /// Whether the backbone now lowers all opacities (3DGS's reset). Called at every iteration, after growth and pruning;
   /// never called by a backbone without resets.
   virtual bool resets_opacities_at(Moment moment, bool backbone_would) const {

@@ -75,11 +75,13 @@ TEST(Literal, late_pruning_comes_every_tenth_of_the_run_after_its_half) {
   for (int i = 1; i <= 10000; ++i) ASSERT_FALSE(adapter->prunes_at({i, 10000}, false)) << i;
 }
 
-TEST(Literal, resets_are_the_backbones) {
+TEST(Literal, resets_and_pruning_of_large_gaussians_are_the_backbones) {
   Threads threads(1);
   for (const char* backbone : kOfGaussians) {
     const auto adapter = literal(backbone, threads);
     for (int i = 100; i <= 7000; i += 100) {
+      ASSERT_TRUE(adapter->prunes_large_at({i, 7000}, true));
+      ASSERT_FALSE(adapter->prunes_large_at({i, 7000}, false));
       ASSERT_TRUE(adapter->resets_opacities_at({i, 7000}, true));
       ASSERT_FALSE(adapter->resets_opacities_at({i, 7000}, false));
     }

@@ -264,6 +264,19 @@ TEST_F(VanillaAdapterTest, removes_what_is_near_a_camera) {
   EXPECT_THROW(check(boost), ArgumentError);
 }
 
+TEST_F(VanillaAdapterTest, large_gaussians_are_not_pruned) {
+  VanillaBoost boost;
+  const auto prunes = [&](bool backbone_would) {
+    return VanillaAdapter(boost, threads_).prunes_large_at({5000, 30000}, backbone_would);
+  };
+  EXPECT_FALSE(prunes(true));
+  boost.prune_large = true;
+  EXPECT_TRUE(prunes(true));
+  EXPECT_FALSE(prunes(false)) << "when is the backbone's to say";
+  boost.prune_large = boost.vcp = false;
+  EXPECT_TRUE(prunes(true)) << "pruning is the backbone's";
+}
+
 TEST_F(VanillaAdapterTest, absolute_scores_do_not_depend_on_other_primitives) {
   const auto removed = [&](const std::vector<std::int32_t>& counts, bool absolute) {  // of 32 flagged pixels
     VanillaBoost boost = boost_at_paper_size();

@@ -103,6 +103,32 @@ TEST_F(AdcTrace, growth_changes_the_count_by_one_a_decision_and_pruning_by_the_r
   }
 }
 
+TEST_F(AdcTrace, large_gaussians_stay_if_the_hook_says_so) {
+  class Sparing : public Recorder {
+   public:
+    bool prunes_large_at(Moment moment, bool backbone_would) const override {
+      EXPECT_EQ(backbone_would, moment.iteration > 60);
+      return false;
+    }
+  } sparing;
+  VanillaConfig config = eager();
+  config.max_world_scale = 0.01;
+  backbone_ = make_vanilla({scene_, threads_, 3, kIterations, 0}, config);
+  backbone_->set_hooks(&sparing, nullptr);
+  for (int i = 1; i <= 100; ++i) {
+    backbone_->train_step(i, scene_.train[static_cast<std::size_t>(i) % scene_.train.size()]);
+  }
+  std::size_t spared = 0;
+  for (const Event& e : sparing.events) {
+    for (std::size_t i = 0; i < e.remove.size(); ++i) {
+      EXPECT_EQ(e.remove[i] != 0, e.opacities[i] < 0.005f) << e.iteration;
+      const bool large = static_cast<double>(e.max_scales[i]) > 0.01 * static_cast<double>(scene_.extent);
+      if (e.iteration > 60 && e.remove[i] == 0 && large) ++spared;
+    }
+  }
+  EXPECT_GT(spared, 0u) << "the scene must exercise the rule";
+}
+
 TEST_F(AdcTrace, opacities_are_reset_on_schedule) {
   run(eager());
   // The events right after a reset (at 60, 120, …, 240) see no opacity far above the reset value; those before it do.

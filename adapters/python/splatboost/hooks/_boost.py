@@ -324,7 +324,7 @@ class Boost:
             g.tmp_radii = radii[0]
         origins = self._grow(clone, split, float(extent))
         candidates = (g.get_opacity < min_opacity).reshape(-1)
-        if max_screen_size:
+        if self.adapter.prunes_large_at(self.iteration, bool(max_screen_size)):
             candidates |= g.get_scaling.max(dim=1).values > 0.1 * extent
         remove = self.adapter.prune(self.iteration, views, candidates=candidates, origins=origins,
                                     opacities=g.get_opacity.detach(), clearances=self._clearances())

@@ -88,7 +88,7 @@ class Boost(_boost.Boost):
         self._check_count(origins, "split")
 
         candidates = ((torch.sigmoid(g._mask) <= mask_threshold) | (g.get_opacity < min_opacity)).reshape(-1)
-        if max_screen_size:
+        if self.adapter.prunes_large_at(self.iteration, bool(max_screen_size)):
             candidates |= g.get_max_scaling > max_screen_size * extent
         self._remove(self.adapter.prune(self.iteration, views, candidates=candidates, origins=origins,
                                         opacities=g.get_opacity.detach()))

@@ -11,10 +11,10 @@
 #include <glm/geometric.hpp>
 
 #include "splatboost/threads.h"
+#include "trainer/features/view_features.h"
 #include "trainer/points/backdrop_points.h"
 #include "trainer/points/gap_points.h"
 #include "trainer/points/points_in_picture.h"
-#include "trainer/points/view_features.h"
 
 namespace splatboost::test {
 namespace {

@@ -16,13 +16,14 @@
 
 #include "support/temporary_folder.h"
 #include "trainer/dataset/splat_ply.h"
+#include "trainer/features/feature_tracks.h"
+#include "trainer/features/nearest_to_lines.h"
+#include "trainer/features/view_features.h"
 #include "trainer/formats/read_scene.h"
 #include "trainer/images/image_codec.h"
 #include "trainer/points/backdrop_points.h"
-#include "trainer/points/feature_tracks.h"
 #include "trainer/points/gap_points.h"
-#include "trainer/points/nearest_to_lines.h"
-#include "trainer/points/view_features.h"
+#include "trainer/points/initial_points.h"
 #include "trainer/synth/synth.h"
 
 namespace splatboost::test {
@@ -305,6 +306,12 @@ TEST_F(TriangulatedPoints, AreAddedToAFewOfADataset) {
   EXPECT_GT(triangulate_points(scene, Threads()).size(), alone.size() * 9 / 10) << "as many as if there were none";
   scene.lacks_points = true;
   EXPECT_FALSE(may_add_points(scene)) << "these were triangulated";
+  scene.lacks_points = false;
+  scene.train.front().time = 0.5f;
+  EXPECT_FALSE(may_add_points(scene)) << "it moves";
+  scene.train.front().time = 0;
+  scene.points = random_points(synthetic_box(), 1000, 1);
+  EXPECT_FALSE(may_add_points(scene)) << "they are random";
 }
 
 TEST_F(TriangulatedPoints, LieBehindTheSceneWhereNoPointIsNear) {

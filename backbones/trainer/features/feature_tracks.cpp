@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/points/feature_tracks.h"
+#include "trainer/features/feature_tracks.h"
 
 #include <algorithm>
 #include <array>
@@ -13,7 +13,7 @@
 #include <glm/matrix.hpp>
 #include <glm/vec2.hpp>
 
-#include "trainer/points/nearest_to_lines.h"
+#include "trainer/features/nearest_to_lines.h"
 
 namespace splatboost {
 namespace {

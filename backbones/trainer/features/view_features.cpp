@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/points/view_features.h"
+#include "trainer/features/view_features.h"
 
 #include <algorithm>
 #include <cmath>

@@ -7,7 +7,7 @@
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "trainer/points/view_features.h"
+#include "trainer/features/view_features.h"
 
 namespace splatboost {
 namespace {
