@@ -30,7 +30,7 @@ def means():
     for title, link, name, wanted in MEANS:
         runs = grouped(name, lambda row: (row["scene"], row.get("views")), wanted)
         scenes = [pairs for pairs in (pairs_of(of, "published", "default") for of in runs.values()) if pairs]
-        time = "train_cpu_seconds" if name == "default_full" else "cpu_seconds"
+        time = "train_seconds" if name == "default_full" else "cpu_seconds"
         changes = [change(pairs, ("primitives", time)) for pairs in scenes]
         mean = mean_change(changes) if len(changes) > 1 else changes[0]
         if any(math.isnan(one[time]) for one in changes):

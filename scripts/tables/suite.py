@@ -123,9 +123,10 @@ def long_runs():
     return markdown(rows) + "\n\n" + how(load("long_runs")[0]["results"])
 
 
-TABLES = {"default_full": lambda: scenes("default_full", "train_cpu_seconds", "time"),
-          "default_full_before": lambda: scenes("default_full", "train_cpu_seconds", "time", own=BEFORE_GAPS),
+TABLES = {"default_full": lambda: scenes("default_full", "train_seconds", "time"),
           "default_scenes": lambda: scenes("default_scenes"),
+          "large_gaussians": lambda: scenes("default_scenes", other="with large Gaussians pruned"),
+          "large_on_backdrops": lambda: scenes("plain_backdrops", other="with large Gaussians pruned"),
           "new_scenes": lambda: scenes("new_scenes"),
           "no_points": lambda: scenes("no_points", other="default, random start"),
           "random_start": lambda: scenes("no_points", other="published, random start", own="default, random start"),
