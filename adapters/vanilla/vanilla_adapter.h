@@ -70,9 +70,8 @@ struct VanillaBoost {
   /// The same in a run from random points on photos with a background (kBackgroundShare), which has few Gaussians when
   /// growth ends. Not in the paper.
   double late_share_random = 0;
-  /// Each growth also removes Gaussians that are large in the world, as the backbone's own rule says. Off: they are the
-  /// sky and walls without texture, which growth would have to make again each time. Without VCP it is the backbone
-  /// that decides. Paper: on.
+  /// Each growth also removes Gaussians that are large in the world, as the backbone's own rule says; the sky and walls
+  /// without texture are among them. Without VCP it is the backbone that decides. Paper: on.
   bool prune_large = false;
   /// Removes Gaussians with a smaller clearance from the training cameras (clearance.h): a camera has free space around
   /// it, so they are floaters, which hide the scene from new views near there. Not in the paper.
