@@ -245,6 +245,13 @@ sb_status sb_adapter_rate_factor(const sb_adapter* adapter, const char* group, i
   });
 }
 
+sb_status sb_adapter_averages_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t* averages) {
+  return guarded([&] {
+    const sb_adapter& a = need(adapter, "adapter");
+    need(averages, "averages") = a.adapter->averages_at(moment_of(iteration, total)) ? 1 : 0;
+  });
+}
+
 sb_status sb_adapter_prunes_large_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t host_would,
                                      int32_t* prunes) {
   return guarded([&] {

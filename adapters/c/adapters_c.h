@@ -100,6 +100,9 @@ SB_API sb_status sb_adapter_steps_at(const sb_adapter* adapter, const char* grou
 /** Factor on the host's own learning rate of a group at this iteration. @param factor receives it; 1 for most groups */
 SB_API sb_status sb_adapter_rate_factor(const sb_adapter* adapter, const char* group, int32_t iteration, int32_t total,
                                         float* factor);
+/** Whether the host adds the values of all parameters after the steps of this iteration to their averages, which
+ * replace them at the end of the run; a host need not. @param averages receives 1 or 0 */
+SB_API sb_status sb_adapter_averages_at(const sb_adapter* adapter, int32_t iteration, int32_t total, int32_t* averages);
 /** Whether the host's candidates in growth at this iteration include primitives that are large in the world.
  *  @param host_would whether the host's own rule would include them @param prunes receives 1 or 0 */
 SB_API sb_status sb_adapter_prunes_large_at(const sb_adapter* adapter, int32_t iteration, int32_t total,

@@ -23,6 +23,7 @@ void check(const ConvexBoost& boost) {
   check_setting(boost.late_min_opacity >= 0 && boost.late_min_opacity <= 1, "late_min_opacity must be in [0, 1]");
   check_setting(boost.late_max_score >= 0 && boost.late_max_score <= 1, "late_max_score must be in [0, 1]");
   check_setting(boost.late_share >= 0 && boost.late_share < 1, "late_share must be in [0, 1)");
+  check_setting(boost.average_share >= 0 && boost.average_share < 1, "average_share must be in [0, 1)");
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
   check_setting(boost.rest_rate >= 0 && std::isfinite(boost.rest_rate), "rest_rate must be at least 0");
   check_setting(boost.rest_rate_few >= 0 && std::isfinite(boost.rest_rate_few), "rest_rate_few must be at least 0");
@@ -37,6 +38,7 @@ ConvexBoost literal_convex_boost() {
   boost.late_prune_from = 15000;
   boost.late_min_opacity = 0.1;
   boost.late_share = 0;
+  boost.average_share = 0;
   boost.track_points = false;
   return boost;
 }
@@ -114,6 +116,8 @@ void ConvexAdapter::prune(const DensityStatistics& statistics, RasterizerHook& r
 bool ConvexAdapter::steps_at(std::string_view group, Moment moment) const {
   return !boost_.schedule || splatboost::steps_at(group == kHigherBands ? kRestIntervals : kOtherIntervals, moment);
 }
+
+bool ConvexAdapter::averages_at(Moment moment) const { return splatboost::averages_at(boost_.average_share, moment); }
 
 float ConvexAdapter::rate_factor(std::string_view group, Moment moment) const {
   if (!boost_.schedule || boost_.literal || group != kHigherBands) return 1.0f;

@@ -46,6 +46,8 @@ struct ConvexBoost {
   /// Once, when late pruning begins: removes the convexes with the smallest blending weights whose weights together are
   /// at most this share of the total. Not in the paper.
   double late_share = 0.02;
+  /// The parameters of the last share of the run are averaged, where the backbone does that. 0: not. Not in the paper.
+  double average_share = 0.05;
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = false;
   double coarse_until = 0.3;  ///< until this share of the run
@@ -79,6 +81,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("late_min_opacity", boost.late_min_opacity);
   visit("late_max_score", boost.late_max_score);
   visit("late_share", boost.late_share);
+  visit("average_share", boost.average_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
   visit("track_points", boost.track_points);
@@ -110,6 +113,7 @@ class ConvexAdapter final : public Adapter {
   /// made from. The backbone's trims after growth are left unchanged.
   void prune(const DensityStatistics& statistics, RasterizerHook& rasterizer, PruneDecisions& decisions) override;
   bool steps_at(std::string_view group, Moment moment) const override;
+  bool averages_at(Moment moment) const override;
   float rate_factor(std::string_view group, Moment moment) const override;
 
  private:

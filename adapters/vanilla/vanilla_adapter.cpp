@@ -38,6 +38,7 @@ void check(const VanillaBoost& boost) {
   check_setting(boost.late_share_random >= 0 && boost.late_share_random < 1, "late_share_random must be in [0, 1)");
   not_negative(boost.min_clearance, "min_clearance must be at least 0");
   check_setting(boost.replaced_share >= 0 && boost.replaced_share < 1, "replaced_share must be in [0, 1)");
+  check_setting(boost.average_share >= 0 && boost.average_share < 1, "average_share must be in [0, 1)");
   check_setting(boost.coarse_until >= 0 && boost.coarse_until <= 1, "coarse_until must be in [0, 1]");
 }
 
@@ -54,6 +55,7 @@ VanillaBoost literal_boost() {
   boost.prune_large = true;
   boost.min_clearance = 0;
   boost.replaced_share = 0;
+  boost.average_share = 0;
   boost.coarse = false;
   boost.fill_gaps = false;
   return boost;
@@ -250,6 +252,8 @@ bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
   const int scaled = step_interval(intervals, moment, boost_.published_iterations);
   return moment.iteration % std::max(scaled, rest ? boost_.rest_interval : 1) == 0;
 }
+
+bool VanillaAdapter::averages_at(Moment moment) const { return splatboost::averages_at(boost_.average_share, moment); }
 
 float VanillaAdapter::rate_factor(std::string_view group, Moment moment) const {
   if (!boost_.schedule || boost_.literal || group != kHigherBands) return 1.0f;

@@ -81,6 +81,8 @@ struct VanillaBoost {
   /// places (measuring them takes 50 renders, about 5% of the run's time), and nothing is removed late, because the cap
   /// is the size that the user wants. 0: a cap changes nothing else. Not in the paper.
   double replaced_share = 0.01;
+  /// The parameters of the last share of the run are averaged, where the backbone does that. 0: not. Not in the paper.
+  double average_share = 0.05;
   /// An in-tree trainer starts with half-size views. Not in the paper.
   bool coarse = false;        ///< off: growth in the first iterations needs full-size views
   double coarse_until = 0.3;  ///< until this share of the run
@@ -129,6 +131,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("prune_large", boost.prune_large);
   visit("min_clearance", boost.min_clearance);
   visit("replaced_share", boost.replaced_share);
+  visit("average_share", boost.average_share);
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
   visit("fill_gaps", boost.fill_gaps);
@@ -177,6 +180,7 @@ class VanillaAdapter : public Adapter {
   /// resets serve the pruning within growth, and late pruning would remove Gaussians whose opacity has not recovered.
   bool resets_opacities_at(Moment moment, bool backbone_would) const override;
   bool steps_at(std::string_view group, Moment moment) const override;
+  bool averages_at(Moment moment) const override;
   float rate_factor(std::string_view group, Moment moment) const override;
 
  protected:

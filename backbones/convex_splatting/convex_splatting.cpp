@@ -48,6 +48,8 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
   }
   void finish() override {
     step_all();
+    if (take_averages(groups_)) stale_ = true;
+    activate();
     wait();
   }
   std::size_t primitives() const override { return opacity_.rows(); }

@@ -1046,6 +1046,9 @@ static void fuzz_numbers(void) {
   REFUSED(sb_adapter_grows_at(adapter, 1, 1, 0, NULL));
   REFUSED(sb_adapter_prunes_at(NULL, 1, 1, 0, &i32));
   REFUSED(sb_adapter_prunes_at(adapter, 1, INT32_MIN, 0, &i32));
+  REFUSED(sb_adapter_averages_at(NULL, 1, 1, &i32));
+  REFUSED(sb_adapter_averages_at(adapter, 1, 0, &i32));
+  REFUSED(sb_adapter_averages_at(adapter, 1, 1, NULL));
   REFUSED(sb_adapter_prunes_large_at(NULL, 1, 1, 1, &i32));
   REFUSED(sb_adapter_prunes_large_at(adapter, 1, 0, 1, &i32));
   REFUSED(sb_adapter_prunes_large_at(adapter, 1, 1, 1, NULL));

@@ -471,6 +471,8 @@ static void decides_as_the_adapter(void) {
   CHECK(sb_adapter_steps_at(adapter, "xyz", 17, 30000, &answer) == SB_OK && answer == 1);
   CHECK(sb_adapter_prunes_at(adapter, 18000, 30000, 0, &answer) == SB_OK && answer == 1);
   CHECK(sb_adapter_prunes_large_at(adapter, 4000, 30000, 1, &answer) == SB_OK && answer == 0);
+  CHECK(sb_adapter_averages_at(adapter, 30000, 30000, &answer) == SB_OK && answer == 1);
+  CHECK(sb_adapter_averages_at(adapter, 15000, 30000, &answer) == SB_OK && answer == 0);
   CHECK(sb_adapter_resets_opacities_at(adapter, 3000, 30000, 1, &answer) == SB_OK && answer == 1);
   CHECK(sb_adapter_resets_opacities_at(adapter, 18000, 30000, 1, &answer) == SB_OK && answer == 0);
   CHECK(sb_adapter_rate_factor(adapter, "xyz", 30000, 30000, &beta) == SB_OK && beta == 1);

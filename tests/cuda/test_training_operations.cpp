@@ -53,6 +53,7 @@ TEST_F(CudaTrainingOperations, Arithmetic) {
         multiply(products, factors, products, device);
         clamp_above(values, 1, device);
         clear_from(values, 1, products, device);
+        average_in(values, 0.3f, products, device);
         return products.to_host();
       },
       1e-6f);

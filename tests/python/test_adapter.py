@@ -170,6 +170,7 @@ def test_backbones_and_settings():
     assert vanilla.grows_at(1000, False) and not vanilla.grows_at(1050, True)
     assert not vanilla.resets_opacities_at(3000, True)
     assert not vanilla.prunes_large_at(4000, True)
+    assert vanilla.averages_at(30000) and not vanilla.averages_at(28000)
     resetting = Adapter("vanilla", total_iterations=30000, growth_after_reset=3000, prune_large=True)
     assert resetting.prunes_large_at(4000, True) and not resetting.prunes_large_at(4000, False)
     assert resetting.resets_opacities_at(3000, True) and not resetting.resets_opacities_at(3000, False)

@@ -40,6 +40,9 @@ class Adapter:
     def rate_factor(self, group, iteration):
         return 1.0
 
+    def averages_at(self, iteration):
+        return iteration in (96, 98, 100)
+
 
 class Model:
     """A host's model with N numbers, and with tmp_radii as in 3DGS since October 2024."""
@@ -78,6 +81,7 @@ def boost_of(kind=vanilla, adapter=None, **state):
     boost.iteration, boost._checkpoints, boost._device = 50, frozenset([7]), torch.device("cpu")
     boost._scene = types.SimpleNamespace(getTrainCameras=lambda: [])
     boost._restart_statistics()
+    boost._averages = _boost.Averages()
     for name, value in state.items():
         setattr(boost, name, value)
     return boost
@@ -100,6 +104,35 @@ def test_waiting_groups_gather_gradients_and_lose_none():
             other.optimizer.zero_grad(set_to_none=True)
         assert torch.equal(model.slow.detach(), other.slow.detach())
         assert (model.slow.grad is None) == (other.slow.grad is None)
+
+
+def end_of_run(kind, removes=False, **state):
+    """The values after each of the last steps of a run, in which averages begin after the third."""
+    boost = boost_of(kind, adapter=Adapter(remove=[1]), **state)
+    model, values = boost.gaussians, []
+    for iteration in range(93, 100):  # the host takes no step in its last iteration, 100
+        boost.begin(iteration)
+        (model.value * iteration).sum().backward()
+        boost.optimizer.step()
+        values.append(model.value.detach().clone())
+        if removes and iteration == 96:
+            boost.prune_late()
+            model.optimizer.param_groups[0]["params"] = [model.value]
+    return values
+
+
+@pytest.mark.parametrize("kind, averages", [(vanilla, True), (pgsr, True), (deformable_3dgs, False)])
+def test_a_run_ends_with_the_means_of_its_last_parameters(kind, averages):
+    steps = end_of_run(kind, averages=False)
+    expected = torch.stack([steps[2], steps[4], steps[6]]).mean(0) if averages else steps[-1]
+    found = end_of_run(kind)[-1]
+    assert torch.allclose(found, expected, atol=1e-6)
+    assert torch.equal(found, steps[-1]) != averages
+
+
+def test_means_begin_again_when_gaussians_go():
+    steps = end_of_run(vanilla, removes=True, averages=False)
+    assert torch.allclose(end_of_run(vanilla, removes=True)[-1], torch.stack([steps[4], steps[6]]).mean(0), atol=1e-6)
 
 
 @pytest.mark.parametrize("iteration, steps", [(1, False), (3, True), (7, True), (98, False), (99, True)])

@@ -130,6 +130,51 @@ inline void expect_rates_times_factor(Backbone& backbone, const Scene& scene, co
   EXPECT_NE(values(moving), moving_before);
 }
 
+/// Averages the parameters of each iteration from a given one on.
+class AveragesFrom : public OptimizerHook {
+ public:
+  explicit AveragesFrom(int first) : first_(first) {}
+  bool steps_at(std::string_view, Moment) const override { return true; }
+  bool averages_at(Moment moment) const override { return moment.iteration >= first_; }
+
+ private:
+  int first_;
+};
+
+/// Expects that the parameters of a finished run are the means of those after its last three iterations, also if it was
+/// saved and resumed between these.
+inline void expect_averages_at_the_end(const MakeBackbone& make, const Scene& scene, int iterations,
+                                       const std::vector<std::string>& groups) {
+  AveragesFrom hook(iterations - 2);
+  const std::unique_ptr<Backbone> backbone = make();
+  backbone->set_hooks(nullptr, &hook);
+  train(*backbone, scene, 1, iterations - 3);
+  std::map<std::string, std::vector<double>> sums;
+  const auto values = [&](const std::string& group) { return state_of(*backbone, group + ".values"); };
+  for (int i = iterations - 2; i <= iterations; ++i) {
+    train(*backbone, scene, i, i);
+    for (const std::string& group : groups) {
+      const std::vector<float> now = values(group);
+      std::vector<double>& sum = sums[group];
+      sum.resize(now.size(), 0.0);
+      for (std::size_t k = 0; k < now.size(); ++k) sum[k] += static_cast<double>(now[k]);
+    }
+  }
+  std::map<std::string, std::vector<float>> last;
+  for (const std::string& group : groups) last[group] = values(group);
+  backbone->finish();
+  for (const std::string& group : groups) {
+    const std::vector<float> found = values(group);
+    ASSERT_EQ(found.size(), sums[group].size()) << group;
+    EXPECT_NE(found, last[group]) << group << " has not moved";
+    for (std::size_t k = 0; k < found.size(); ++k) {
+      const double expected = sums[group][k] / 3;
+      ASSERT_NEAR(static_cast<double>(found[k]), expected, 1e-6 * (1 + std::abs(expected))) << group << " " << k;
+    }
+  }
+  expect_exact_resume(make, scene, iterations, {iterations - 2, iterations - 1}, &hook);
+}
+
 /// Expects that a view past all primitives is drawn, scored and trained on as the scene's background, black or white.
 inline void expect_background_of_the_scene(const MakeBackboneFor& make, Scene scene) {
   View& away = scene.train[0];

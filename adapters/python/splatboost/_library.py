@@ -250,6 +250,7 @@ _ENTRIES = {
     "sb_adapter_prunes_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_steps_at": (_STATUS, [c_void_p, c_char_p, c_int32, c_int32, _I32]),
     "sb_adapter_rate_factor": (_STATUS, [c_void_p, c_char_p, c_int32, c_int32, POINTER(c_float)]),
+    "sb_adapter_averages_at": (_STATUS, [c_void_p, c_int32, c_int32, _I32]),
     "sb_adapter_prunes_large_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_resets_opacities_at": (_STATUS, [c_void_p, c_int32, c_int32, c_int32, _I32]),
     "sb_adapter_grow": (_STATUS, [c_void_p, POINTER(Density), POINTER(Views), _T, _T, c_void_p]),

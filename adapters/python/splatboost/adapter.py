@@ -166,6 +166,13 @@ class Adapter:
         )
         return float(factor.value)
 
+    def averages_at(self, iteration: int) -> bool:
+        """Whether the parameters after this iteration's steps are among those whose mean replaces them at the end."""
+        answer = ctypes.c_int32()
+        lib.call("sb_adapter_averages_at", self._handle, lib.whole(iteration, "iteration"), self.total_iterations,
+                 ctypes.byref(answer))
+        return bool(answer.value)
+
     def prunes_large_at(self, iteration: int, host_would: bool) -> bool:
         """Whether the candidates of growth include Gaussians that are large in the world, given whether the host's do."""
         return self._asks("sb_adapter_prunes_large_at", iteration, host_would)

@@ -34,6 +34,7 @@ class AnchorBackbone : public Backbone {
   }
   void finish() override {
     step_all();
+    if (take_averages(groups_)) parameters_moved();
     wait();
   }
   std::size_t primitives() const override { return positions_.size() / 3; }

@@ -127,6 +127,7 @@ void GaussianTrainer::transform(std::span<const std::int32_t> which, std::span<c
   });
   xyz_.forget_moments();
   rotation_.forget_moments();
+  scaling_.forget_averages();
   restart_statistics();
   stale_ = set_changed_ = true;
 }

@@ -55,6 +55,8 @@ class GaussianTrainer final : public Backbone, private RasterizerHook, private V
   }
   void finish() override {
     step_all();
+    if (take_averages(groups_)) stale_ = true;
+    activate();
     wait();
   }
   std::size_t primitives() const override { return opacity_.rows(); }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "splatboost/elementwise.h"
 #include "splatboost/rows.h"
 #include "trainer/support/input_error.h"
 
@@ -14,6 +15,7 @@ void ParameterGroup::assign(std::vector<float> new_values) {
   first_moments.assign_zeros(values.size());
   second_moments.assign_zeros(values.size());
   pending = false;
+  forget_averages();
 }
 
 void ParameterGroup::step(const AdamOptions& options, Device device) {
@@ -25,12 +27,32 @@ void ParameterGroup::step(const AdamOptions& options, Device device) {
 void ParameterGroup::forget_moments() {
   first_moments.assign_zeros(first_moments.size());
   second_moments.assign_zeros(second_moments.size());
+  forget_averages();
+}
+
+void ParameterGroup::average_in(Device device) {
+  if (averaged == 0) averages.assign_zeros(values.size());
+  ++averaged;
+  splatboost::average_in(values, 1.0f / static_cast<float>(averaged), averages, device);
+}
+
+bool ParameterGroup::take_averages() {
+  if (averaged == 0) return false;
+  std::swap(values, averages);
+  forget_averages();
+  return true;
+}
+
+void ParameterGroup::forget_averages() {
+  averages.ensure(0);
+  averaged = 0;
 }
 
 void ParameterGroup::select(std::span<const std::uint32_t> rows, Array<float>& workspace) {
   for (Array<float>* tensor : {&values, &gradients, &first_moments, &second_moments}) {
     select_rows(*tensor, width, rows, workspace);
   }
+  if (averaged > 0) select_rows(averages, width, rows, workspace);
 }
 
 void ParameterGroup::reserve_rows(std::size_t rows) {
@@ -38,6 +60,7 @@ void ParameterGroup::reserve_rows(std::size_t rows) {
 }
 
 void ParameterGroup::append_copies(std::span<const std::uint32_t> source_rows) {
+  forget_averages();
   append_rows(values, width, source_rows);
   for (Array<float>* tensor : {&gradients, &first_moments, &second_moments}) {
     append_zero_rows(*tensor, width, source_rows.size());
@@ -52,6 +75,8 @@ void ParameterGroup::save(ArchiveWriter& archive) const {
   archive.put(name + ".second_moments", second_moments.on_host(copy));
   archive.put(name + ".steps", steps);
   archive.put(name + ".pending", std::int64_t{pending});
+  archive.put(name + ".averages", averages.on_host(copy));
+  archive.put(name + ".averaged", averaged);
 }
 
 void ParameterGroup::load(const ArchiveReader& archive) {
@@ -61,8 +86,11 @@ void ParameterGroup::load(const ArchiveReader& archive) {
   second_moments.assign(archive.floats(name + ".second_moments"));
   steps = archive.integer(name + ".steps");
   pending = archive.integer(name + ".pending") != 0;
+  averages.assign(archive.floats(name + ".averages"));
+  averaged = archive.integer(name + ".averaged");
   const std::size_t size = values.size();
-  if (size % width != 0 || gradients.size() != size || first_moments.size() != size || second_moments.size() != size) {
+  if (size % width != 0 || gradients.size() != size || first_moments.size() != size || second_moments.size() != size ||
+      averages.size() != (averaged > 0 ? size : 0)) {
     throw InputError(archive.path().string() + ": the tensor sizes of '" + name +
                      "' do not match; the checkpoint is damaged");
   }

@@ -40,7 +40,16 @@ bool step_due_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook,
     if (hook != nullptr && !hook->steps_at(group->name, moment)) continue;
     stepped = step_group(*group, hook, moment, device) || stepped;
   }
+  if (hook != nullptr && hook->averages_at(moment)) {
+    for (TrainedGroup* group : groups) group->average_in(device);
+  }
   return stepped;
+}
+
+bool take_averages(std::span<TrainedGroup* const> groups) {
+  bool taken = false;
+  for (TrainedGroup* group : groups) taken = group->take_averages() || taken;
+  return taken;
 }
 
 void select_rows(std::span<TrainedGroup* const> groups, const Array<std::uint32_t>& rows, Array<float>& workspace,

@@ -52,8 +52,12 @@ void activate(std::span<TrainedGroup* const> groups, Device device);
 bool step_group(TrainedGroup& group, OptimizerHook* hook, Moment moment, Device device);
 /// Steps all groups. @return whether any stepped
 bool step_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook, Moment moment, Device device);
-/// Steps the groups that are due at this moment according to the hook. @return whether any stepped
+/// Steps the groups that are due at this moment according to the hook, and averages the values of all if they are due.
+/// @return whether any stepped
 bool step_due_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook, Moment moment, Device device);
+
+/// Replaces the values of all groups by their averages, where there are any. @return whether any had them
+bool take_averages(std::span<TrainedGroup* const> groups);
 
 /// Keeps the listed rows in each group, in the order of the list.
 /// @param workspace in the groups' device memory; it is grown for the widest tensor before anything changes, so that

@@ -17,6 +17,9 @@ void multiply(std::span<const float> values, std::span<const float> factors, std
 /// sums[i] += values[i] · factors[i]
 void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums, Device device);
 
+/// averages[i] += share · (values[i] − averages[i])
+void average_in(std::span<const float> values, float share, std::span<float> averages, Device device);
+
 /// values[i] = min(values[i], bound)
 void clamp_above(std::span<float> values, float bound, Device device);
 

@@ -147,6 +147,12 @@ class OptimizerHook {
   /// Depends on the arguments only: it is also asked in advance, about later iterations.
   /// @param group the backbone's name of the group; kHigherBands for that one
   virtual bool steps_at(std::string_view group, Moment moment) const = 0;
+  /// Whether the backbone now adds the values of all groups to their averages, which replace the values at the end of
+  /// the run. Asked after the steps of each iteration; a backbone without averages does not ask.
+  virtual bool averages_at(Moment moment) const {
+    (void)moment;
+    return false;
+  }
   /// Factor on the backbone's own learning rate of the group.
   virtual float rate_factor(std::string_view group, Moment moment) const {
     (void)group, (void)moment;

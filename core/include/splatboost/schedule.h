@@ -39,6 +39,10 @@ bool steps_at(const StepIntervals& intervals, Moment moment, int published_total
 /// The same without scaling the intervals; only the ends of the phases scale.
 bool steps_literally_at(const StepIntervals& intervals, Moment moment, int published_total = kPublishedIterations);
 
+/// Whether the parameters of this iteration are among those that are averaged at the end of a run (Polyak and Juditsky
+/// 1992): up to 64, evenly spaced in the last `share` of the run, the last one at its last iteration.
+bool averages_at(double share, Moment moment);
+
 /// Log-linear interpolation from `initial` at iteration 0 to `final_value` at `steps` and after. Throws ArgumentError
 /// unless both rates and `steps` are above 0.
 double exponential_rate(double initial, double final_value, int iteration, int steps);

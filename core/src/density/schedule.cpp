@@ -44,6 +44,12 @@ bool steps_literally_at(const StepIntervals& intervals, Moment moment, int publi
          moment.iteration % std::max(1, interval_at(intervals, moment, published_total)) == 0;
 }
 
+bool averages_at(double share, Moment moment) {
+  constexpr int kMost = 64;  // more would cost time and change little: successive parameters differ little
+  const int averaged = static_cast<int>(share * moment.total), left = moment.total - moment.iteration;
+  return left >= 0 && left < averaged && left % ((averaged + kMost - 1) / kMost) == 0;
+}
+
 double exponential_rate(double initial, double final_value, int iteration, int steps) {
   SPLATBOOST_CHECK(initial > 0 && final_value > 0 && steps > 0, "rates and steps must be above 0");
   const double t = std::clamp(static_cast<double>(iteration) / steps, 0.0, 1.0);

@@ -9,6 +9,7 @@ void exponentials(std::span<const float>, std::span<float>, CudaStream&) { absen
 void sigmoids(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
 void sigmoid_gradients(std::span<const float>, std::span<float>, CudaStream&) { absent(); }
 void scale(std::span<float>, float, CudaStream&) { absent(); }
+void average_in(std::span<const float>, float, std::span<float>, CudaStream&) { absent(); }
 void clamp_above(std::span<float>, float, CudaStream&) { absent(); }
 void clear_from(std::span<const float>, float, std::span<float>, CudaStream&) { absent(); }
 void multiply(std::span<const float>, std::span<const float>, std::span<float>, CudaStream&) { absent(); }

@@ -24,6 +24,7 @@ void multiply(std::span<const float> values, std::span<const float> factors, std
               CudaStream& stream);
 void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums,
                   CudaStream& stream);
+void average_in(std::span<const float> values, float share, std::span<float> averages, CudaStream& stream);
 void clamp_above(std::span<float> values, float bound, CudaStream& stream);
 void clear_from(std::span<const float> values, float bound, std::span<float> gradients, CudaStream& stream);
 

@@ -39,6 +39,13 @@ void add_products(std::span<const float> values, std::span<const float> factors,
   for_each(n, device.threads(), [&](std::size_t i) { sums[i] += values[i] * factors[i]; });
 }
 
+void average_in(std::span<const float> values, float share, std::span<float> averages, Device device) {
+  const std::size_t n = values.size();
+  SPLATBOOST_CHECK(averages.size() == n, "values and averages must have the same size");
+  if (device.is_cuda()) return cuda::average_in(values, share, averages, device.stream());
+  for_each(n, device.threads(), [&](std::size_t i) { averages[i] += share * (values[i] - averages[i]); });
+}
+
 void clamp_above(std::span<float> values, float bound, Device device) {
   if (device.is_cuda()) return cuda::clamp_above(values, bound, device.stream());
   for_each(values.size(), device.threads(), [&](std::size_t i) { values[i] = std::min(values[i], bound); });

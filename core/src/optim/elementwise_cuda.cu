@@ -27,6 +27,13 @@ __global__ void __launch_bounds__(kBlockThreads)
   sums[i] += values[i] * factors[i];
 }
 
+__global__ void __launch_bounds__(kBlockThreads)
+    average_in_kernel(DeviceView<const float> values, float share, DeviceView<float> averages) {
+  const std::size_t i = element_index();
+  if (i >= values.size()) return;
+  averages[i] += share * (values[i] - averages[i]);
+}
+
 __global__ void __launch_bounds__(kBlockThreads) clamp_above_kernel(DeviceView<float> values, float bound) {
   const std::size_t i = element_index();
   if (i >= values.size()) return;
@@ -54,6 +61,10 @@ void multiply(std::span<const float> values, std::span<const float> factors, std
 void add_products(std::span<const float> values, std::span<const float> factors, std::span<float> sums,
                   CudaStream& stream) {
   launch_each(stream, "add_products", add_products_kernel, values.size(), values, factors, sums);
+}
+
+void average_in(std::span<const float> values, float share, std::span<float> averages, CudaStream& stream) {
+  launch_each(stream, "average_in", average_in_kernel, values.size(), values, share, averages);
 }
 
 void clamp_above(std::span<float> values, float bound, CudaStream& stream) {

@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <set>
 #include <string>
+#include <string_view>
 
 #include "registry/boost_settings.h"
 
@@ -19,6 +21,20 @@ TEST(DefaultRules, large_gaussians_stay_where_that_was_measured) {
     const auto adapter = find_adapter(backbone).make_settings(false)->make_adapter(0, threads);
     EXPECT_EQ(adapter->prunes_large_at({5000, 30000}, true), expected) << backbone;
     EXPECT_FALSE(adapter->prunes_large_at({5000, 30000}, false)) << backbone;
+  }
+}
+
+TEST(DefaultRules, parameters_are_averaged_at_the_end_where_that_was_measured) {
+  const std::set<std::string_view> kWithAverages{"vanilla", "mip-splatting",   "dropgaussian",
+                                                 "pgsr",    "deformable-3dgs", "convex-splatting"};
+  Threads threads(1);
+  for (const AdapterEntry& entry : adapters()) {
+    const auto adapter = entry.make_settings(false)->make_adapter(0, threads);
+    const bool gains = kWithAverages.contains(entry.backbone);
+    EXPECT_EQ(adapter->averages_at({30000, 30000}), gains) << entry.backbone;
+    EXPECT_FALSE(adapter->averages_at({28000, 30000})) << entry.backbone;
+    const auto literal = entry.make_settings(true)->make_adapter(0, threads);
+    EXPECT_FALSE(literal->averages_at({30000, 30000})) << entry.backbone;
   }
 }
 

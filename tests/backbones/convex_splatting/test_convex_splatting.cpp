@@ -249,6 +249,11 @@ TEST_F(ConvexRun, GoesOnExactlyWhileGradientsAccumulate) {
   testing::expect_exact_resume([&] { return make(eager(), 40, 200); }, scene_, 40, {13}, &hook);
 }
 
+TEST_F(ConvexRun, AveragesEndARun) {
+  testing::expect_averages_at_the_end([&] { return make(eager(), 60, 300); }, scene_, 38,
+                                      {"convex_points", "sigma", "mask"});
+}
+
 TEST_F(ConvexRun, SameBytesForAnyNumberOfThreads) {
   testing::expect_same_bytes_for_any_threads(
       [&](const Threads& threads) {

@@ -287,6 +287,14 @@ TEST(ScaffoldTraining, resuming_gives_the_bytes_of_an_uninterrupted_run) {
       << "a checkpoint of other constants";
 }
 
+TEST(ScaffoldTraining, averages_end_a_run) {
+  Threads threads(2);
+  const Scene scene = testing::tiny_scene(threads);
+  const BackboneContext context{scene, threads, kSeed, kIterations, 0};
+  testing::expect_averages_at_the_end([&] { return make_scaffold(context, everything()); }, scene, 38,
+                                      {"offset", "anchor_feat", "mlp_cov"});
+}
+
 TEST(ScaffoldTraining, a_hook_says_how_far_a_group_steps) {
   Threads threads(2);
   const Scene scene = testing::tiny_scene(threads);

@@ -142,6 +142,52 @@ class StandsStill : public OptimizerHook {
   float rate_factor(std::string_view, Moment) const override { return 0; }
 };
 
+TEST_F(VanillaRun, averages_follow_their_gaussians_and_begin_again_when_some_are_added) {
+  /// Removes every other Gaussian at one iteration, and grows at another.
+  class Changes : public DensityHook {
+   public:
+    Changes(int prunes_at, int grows_at) : prunes_at_(prunes_at), grows_at_(grows_at) {}
+    bool grows_at(Moment moment, bool) const override { return moment.iteration == grows_at_; }
+    void grow(const DensityStatistics&, RasterizerHook&, GrowDecisions& decisions) override {
+      std::ranges::fill(decisions.clone, std::uint8_t{1});
+      std::ranges::fill(decisions.split, std::uint8_t{0});
+    }
+    bool prunes_at(Moment moment, bool) const override { return moment.iteration == prunes_at_; }
+    void prune(const DensityStatistics&, RasterizerHook&, PruneDecisions& decisions) override {
+      std::ranges::fill(decisions.remove, std::uint8_t{0});
+      if (decisions.rule != PruneRule::late) return;
+      for (std::size_t i = 1; i < decisions.remove.size(); i += 2) decisions.remove[i] = 1;
+    }
+
+   private:
+    int prunes_at_, grows_at_;
+  };
+  constexpr int kNever = 1000;
+  testing::AveragesFrom averages(8);
+  const auto opacities = [](const Backbone& backbone) { return state_of(backbone, "opacity.values"); };
+  for (const bool grows : {false, true}) {
+    Changes changes(grows ? kNever : 9, grows ? 9 : kNever);
+    const auto backbone = make({});
+    backbone->set_hooks(&changes, &averages);
+    testing::train(*backbone, scene_, 1, 8);
+    const std::vector<float> first = opacities(*backbone);
+    testing::train(*backbone, scene_, 9, 9);
+    const std::vector<float> second = opacities(*backbone);
+    testing::train(*backbone, scene_, 10, 10);
+    const std::vector<float> third = opacities(*backbone);
+    backbone->finish();
+    const std::vector<float> found = opacities(*backbone);
+    if (grows) {
+      EXPECT_EQ(found, third) << "values of before growth are not part of the mean";
+      continue;
+    }
+    ASSERT_EQ(found.size(), (first.size() + 1) / 2);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      EXPECT_NEAR(found[i], (first[2 * i] + second[i] + third[i]) / 3, 1e-5f) << i;
+    }
+  }
+}
+
 /// All parameters of a Gaussian except those that a split changes: colour, opacity, rotation.
 std::vector<float> kept_of(const SplatCloud& cloud, std::size_t i) {
   std::vector<float> row{cloud.logit_opacities[i]};

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "splatboost/schedule.h"
 
@@ -117,6 +118,25 @@ TEST(ExponentialRate, IsLogLinear) {
     EXPECT_LT(exponential_rate(1, 0.1, iteration, 100), exponential_rate(1, 0.1, iteration - 1, 100));
     EXPECT_DOUBLE_EQ(exponential_rate(0.3, 0.3, iteration, 100), 0.3);
   }
+}
+
+TEST(AveragesAt, EvenlySpacedIterationsOfTheEndOfTheRunAndItsLast) {
+  const auto of_run = [](double share, int total) {
+    std::vector<int> iterations;
+    for (int i = 1; i <= total; ++i) {
+      if (averages_at(share, {i, total})) iterations.push_back(i);
+    }
+    return iterations;
+  };
+  EXPECT_EQ(of_run(0.05, 100), (std::vector<int>{96, 97, 98, 99, 100}));
+  const std::vector<int> published = of_run(0.05, 30000);
+  ASSERT_EQ(published.size(), 63u);
+  EXPECT_GT(published.front(), 28500);
+  EXPECT_EQ(published.back(), 30000);
+  for (std::size_t k = 1; k < published.size(); ++k) EXPECT_EQ(published[k] - published[k - 1], 24);
+  EXPECT_TRUE(of_run(0, 100).empty());
+  EXPECT_TRUE(of_run(0.05, 19).empty()) << "less than one iteration";
+  EXPECT_EQ(of_run(0.05, 20), (std::vector<int>{20}));
 }
 
 }  // namespace

@@ -25,5 +25,13 @@ TEST(Elementwise, NoGradientPassesWhereTheClampActs) {
   EXPECT_EQ(gradients, (std::vector<float>{3, 4, 0, 0}));
 }
 
+TEST(Elementwise, AveragesMoveByAShareOfTheWay) {
+  Threads threads(2);
+  const std::vector<float> values = {4, -2, 1};
+  std::vector<float> averages = {0, 2, 1};
+  average_in(values, 0.25f, averages, threads);
+  EXPECT_EQ(averages, (std::vector<float>{1, 1, 1}));
+}
+
 }  // namespace
 }  // namespace splatboost::test

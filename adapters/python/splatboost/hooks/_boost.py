@@ -78,6 +78,33 @@ def announce(adapter: Adapter, schedule: str) -> None:
         rules, adapter.backbone, box, adapter.settings["tau_d"], schedule), flush=True)
 
 
+class Averages:
+    """Means of an optimizer's parameters."""
+
+    def __init__(self) -> None:
+        self._means: List[torch.Tensor] = []
+        self._count = 0
+
+    def add(self, optimizer: Any) -> None:
+        """Adds the present values. If primitives were added or removed since the last call, earlier values are dropped."""
+        values = self._parameters(optimizer)
+        if [mean.shape for mean in self._means] != [value.shape for value in values]:
+            self._means, self._count = [torch.zeros_like(value) for value in values], 0
+        self._count += 1
+        for mean, value in zip(self._means, values):
+            mean.lerp_(value, 1 / self._count)
+
+    def take(self, optimizer: Any) -> None:
+        """Sets the parameters to their means, if there are any."""
+        if self._count > 0:
+            for mean, value in zip(self._means, self._parameters(optimizer)):
+                value.copy_(mean)
+
+    @staticmethod
+    def _parameters(optimizer: Any) -> List[torch.Tensor]:
+        return [p.detach() for group in optimizer.param_groups for p in group["params"]]
+
+
 def step_fused(optimizer: Any) -> None:
     """A step of the host's optimizer. Torch's Adam updates each group on a GPU with one kernel instead of about ten, where it
     can. The groups are as before afterwards, so checkpoints load with boost off, without a GPU, and in older versions."""
@@ -149,6 +176,8 @@ class Boost:
     _scaled = ("densify_from_iter", "densify_until_iter")
     #: Whether absolute gradients are accumulated here; False if the host does so itself.
     gathers_absolute = True
+    #: Whether all trained parameters are in the optimizer of the Gaussians, so that they can be averaged together.
+    averages = True
     #: [C,3] of the training cameras, and [C] their distances to the scene; None: not used.
     _centres: Optional[torch.Tensor] = None
     _distances: Optional[torch.Tensor] = None
@@ -167,6 +196,7 @@ class Boost:
         self._checkpoints = frozenset(checkpoints)
         self._device = self._means().device
         self.adapter = adapter_of(self.backbone, options, self._device, self._settings())
+        self._averages = Averages()
         self._describe_scene()
         self._extend_growth()  # changes the host's options, which _settings() reads
         gaussians.splatboost = _drawing.Drawing(self.adapter.beta, absolute=self.gathers_absolute)
@@ -441,6 +471,15 @@ class Boost:
         self.gaussians.optimizer.zero_grad(set_to_none=True)
 
 
+    def average(self) -> None:
+        """To be called after the step of each iteration. After the last one, the parameters are set to their means."""
+        if not self.averages or not self.adapter.averages_at(self.iteration + 1):
+            return
+        self._averages.add(self.gaussians.optimizer)
+        if self.iteration + 1 == self.options.iterations:
+            self._averages.take(self.gaussians.optimizer)
+
+
 class _Scheduled:
     """Wraps the host's optimizer for its training loop: groups that do not step now keep their gradients."""
 
@@ -463,6 +502,7 @@ class _Scheduled:
         self._inner.zero_grad(set_to_none=True)
         for parameter, gradient in waiting:
             parameter.grad = gradient
+        self._boost.average()
 
     def zero_grad(self, set_to_none: bool = True) -> None:
         """No effect: step() has zeroed the gradients of the groups that stepped."""

@@ -41,6 +41,7 @@ class BoostOfPaper(_boost.Boost):
 
     backbone = "deformable-3dgs"
     published_iterations = 40000
+    averages = False  # the network has an optimizer of its own
 
     def _settings(self) -> Dict[str, Any]:
         return dict(super()._settings(), absgrad=True)
@@ -51,6 +52,7 @@ class Boost(_boost.Boost):
 
     backbone = BoostOfPaper.backbone
     published_iterations = BoostOfPaper.published_iterations
+    averages = False
     # Its own growth candidates apply densify_grad_threshold and percent_dense.
     host_options = {name: known for name, known in _boost.Boost.host_options.items()
                     if name not in ("densify_grad_threshold", "percent_dense")}

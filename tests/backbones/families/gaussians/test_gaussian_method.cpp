@@ -232,6 +232,10 @@ TEST_F(OwnGroupsRun, resume_is_exact) {
   testing::expect_exact_resume([&] { return make(); }, scene_, 40, {7, 20}, &third);
 }
 
+TEST_F(OwnGroupsRun, averages_end_a_run) {
+  testing::expect_averages_at_the_end([&] { return make(); }, scene_, 38, {"xyz", "scaling", "factors", "shift"});
+}
+
 TEST_F(OwnGroupsRun, threads_do_not_change_the_bytes) {
   testing::expect_same_bytes_for_any_threads([&](const Threads& threads) { return make(threads); }, scene_, 40);
 }
