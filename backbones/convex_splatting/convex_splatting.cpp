@@ -213,8 +213,8 @@ std::size_t ConvexSplatting::bytes_per_primitive() const {
   constexpr std::size_t kScores = 2 * 8 + 8 + 4 + 4;                                    // as in memory_estimate.cpp
   constexpr std::size_t kRecord = 160 + 8 + 9;                                          // record, listing, small arrays
   constexpr std::size_t kEntries = 10, kEntry = 4 + 4 + 8 + 8 + 4 + 128;  // tiles per convex (estimate); bytes per pair
-  const std::size_t growth = 3 * kRestRows * sizeof(float);
-  return bytes + (kActivated + kStatistics) * sizeof(float) + kScores + kRecord + kEntries * kEntry + growth;
+  const std::size_t averages = bytes / 4;                                 // at the end of a run; growth needs less
+  return bytes + (kActivated + kStatistics) * sizeof(float) + kScores + kRecord + kEntries * kEntry + averages;
 }
 
 void ConvexSplatting::restart_statistics() {
@@ -323,6 +323,7 @@ double ConvexSplatting::train_step(int iteration, const View& view) {
   }
   clock_.lap("statistics");
   if (step_due_groups(groups_, optimizer_, moment(), device_)) stale_ = true;
+  average_if_due(groups_, optimizer_, moment(), device_);
   clock_.lap("optimizer");
   control_density();
   clock_.lap("density");
@@ -408,6 +409,7 @@ void ConvexSplatting::grow() {
   origins_.resize(n);
   std::iota(origins_.begin(), origins_.end(), 0u);
   // Reserve all groups first: if memory runs out, the model stays intact.
+  forget_averages(groups_);
   for (TrainedGroup* group : groups_) group->reserve_rows(n + kConvexPoints * parents.size());
   append_children(parents);
   old_ = n - parents.size();
@@ -496,6 +498,7 @@ void ConvexSplatting::reset_opacities() {
     for (float& value : values) value = std::min(value, cap);
   });
   opacity_.forget_moments();
+  forget_averages(groups_);
   stale_ = true;
 }
 

@@ -10,6 +10,17 @@ from tables.changes import change, differences, grouped, mean_change, mean_of, p
 BEFORE_GAPS = "without points in gaps"
 #: The default's rows of default_full.json before higher SH bands stepped less often.
 BEFORE_BANDS = "higher bands at every iteration"
+#: The default's rows before accelerated runs ended with averages of their last parameters.
+BEFORE_AVERAGES = "without averages"
+#: Title, file and wanted rows of each line of the table of averages.
+AVERAGED = [
+    ("3DGS", "default_full", lambda row: True),
+    ("3DGS, 250 pixels wide", "default_scenes", lambda row: True),
+    ("3DGS, captures that took no part in any choice", "new_scenes", lambda row: row["role"] == "not seen"),
+    ("3DGS, backdrops", "plain_backdrops", lambda row: True),
+    ("Mip-Splatting, 250 pixels wide", "backbone_scenes", lambda row: row["backbone"] == "Mip-Splatting"),
+    ("3D convexes, at an eighth of the size", "convex_splatting", lambda row: True),
+]
 
 
 def scene_and_role(row):
@@ -40,6 +51,20 @@ def scenes(name, time="cpu_seconds", time_title="CPU time", other="published", o
     rows.append(["**worst**", "", "", *differences(worst_change(changes), ratios)])
     first = next(iter(runs.values()))[own]
     return markdown(rows) + "\n\n" + how(first[min(first)])
+
+
+def averages():
+    """The default beside itself without averages at the end, as means over scenes of means over seeds."""
+    rows = [["backbone", "iterations", "scenes", "runs", "ΔPSNR", "ΔSSIM", "ΔLPIPS", "worst scene", "best scene"]]
+    for title, name, wanted in AVERAGED:
+        scenes = [pairs_of(of, BEFORE_AVERAGES, "default") for of in grouped(name, lambda row: row["scene"], wanted).values()]
+        scenes = [pairs for pairs in scenes if pairs]
+        changes = [change(pairs) for pairs in scenes]
+        psnr = [one["psnr"] for one in changes]
+        iterations = sorted({own["iterations"] for pairs in scenes for _, own in pairs})
+        rows.append([title, ", ".join(f"{n:,}" for n in iterations), str(len(scenes)), str(sum(map(len, scenes))),
+                     *quality(mean_change(changes)), decibels(min(psnr)), decibels(max(psnr))])
+    return markdown(rows)
 
 
 def free_space():
@@ -125,8 +150,9 @@ def long_runs():
 
 TABLES = {"default_full": lambda: scenes("default_full", "train_seconds", "time"),
           "default_scenes": lambda: scenes("default_scenes"),
-          "large_gaussians": lambda: scenes("default_scenes", other="with large Gaussians pruned"),
-          "large_on_backdrops": lambda: scenes("plain_backdrops", other="with large Gaussians pruned"),
+          "large_gaussians": lambda: scenes("default_scenes", other="with large Gaussians pruned", own=BEFORE_AVERAGES),
+          "large_on_backdrops": lambda: scenes("plain_backdrops", other="with large Gaussians pruned", own=BEFORE_AVERAGES),
+          "averages": averages,
           "new_scenes": lambda: scenes("new_scenes"),
           "no_points": lambda: scenes("no_points", other="default, random start"),
           "random_start": lambda: scenes("no_points", other="published, random start", own="default, random start"),

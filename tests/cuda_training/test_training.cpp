@@ -117,7 +117,11 @@ TEST_P(CudaTraining, GoesOnFromACheckpointOnEitherDevice) { expect_resume_on_eit
 
 TEST_P(CudaTraining, ModelsAndPicturesAreThoseOfTheCpu) { expect_models_and_pictures_of_the_cpu(12); }
 
+TEST_P(CudaTraining, AveragesAreThoseOfTheCpu) { expect_averages_of_the_cpu(10); }
+
 #ifdef SPLATBOOST_CUDA_ON_CPU
+TEST_P(CudaTraining, GoesOnWithoutAveragesIfMemoryRunsOut) { expect_no_averages_without_memory(10); }
+
 TEST_P(CudaTraining, AGrowthThatFindsNoMemoryLeavesTheModelWhole) {
   expect_whole_model_without_memory(4, {1u << 10, 1u << 13, 1u << 14, 1u << 15});
 }

@@ -179,7 +179,47 @@ class TrainingOnCuda : public OnCuda<::testing::TestWithParam<Method>> {
     }
   }
 
+  /// A run that ends with averages, saved and resumed between the first and the last of them, is that of the CPU.
+  void expect_averages_of_the_cpu(int iterations) {
+    NeverGrows still;
+    testing::AveragesFrom averages(iterations - 2);
+    const TemporaryFolder folder;
+    std::vector<float> last, found[2];
+    for (const bool on_gpu : {false, true}) {
+      const auto made = [&] {
+        std::unique_ptr<Backbone> backbone = make(on_gpu ? Device(stream()) : Device(threads_));
+        backbone->set_hooks(&still, &averages);
+        return backbone;
+      };
+      const std::unique_ptr<Backbone> first = made(), second = made();
+      testing::train(*first, scene_, 1, iterations - 1);
+      testing::save_state(*first, folder / "checkpoint");
+      testing::load_state(*second, folder / "checkpoint");
+      testing::train(*second, scene_, iterations, iterations);
+      last = testing::picture(*second, scene_.test.front());
+      second->finish();
+      found[on_gpu ? 1 : 0] = testing::picture(*second, scene_.test.front());
+    }
+    EXPECT_NE(found[1], last);
+    for (std::size_t p = 0; p < last.size(); ++p) ASSERT_NEAR(found[1][p], found[0][p], 1.0 / 255) << p;
+  }
+
 #ifdef SPLATBOOST_CUDA_ON_CPU
+  /// A run goes on without averages if there is no memory for them.
+  void expect_no_averages_without_memory(int iterations) {
+    NeverGrows still;
+    testing::AveragesFrom averages(iterations - 2);
+    const std::unique_ptr<Backbone> backbone = make(stream());
+    backbone->set_hooks(&still, &averages);
+    testing::train(*backbone, scene_, 1, iterations - 3);
+    cuda_on_cpu::set_device_memory(cuda_on_cpu::device_memory_in_use() + 64);
+    testing::train(*backbone, scene_, iterations - 2, iterations);
+    const std::vector<float> last = testing::picture(*backbone, scene_.test.front());
+    backbone->finish();
+    EXPECT_EQ(testing::picture(*backbone, scene_.test.front()), last);
+    cuda_on_cpu::set_device_memory(kPlenty);
+  }
+
   static constexpr std::size_t kPlenty = std::size_t{4} << 30;
 
   /// @param growth the first iteration that grows @param budgets free bytes at that iteration

@@ -106,8 +106,9 @@ def test_waiting_groups_gather_gradients_and_lose_none():
         assert (model.slow.grad is None) == (other.slow.grad is None)
 
 
-def end_of_run(kind, removes=False, **state):
-    """The values after each of the last steps of a run, in which averages begin after the third."""
+def end_of_run(kind, removes=False, sets=False, **state):
+    """The values after each of the last steps of a run, in which averages begin after the third. After the fourth, the host
+    removes a Gaussian, or sets the parameters, as for an opacity reset."""
     boost = boost_of(kind, adapter=Adapter(remove=[1]), **state)
     model, values = boost.gaussians, []
     for iteration in range(93, 100):  # the host takes no step in its last iteration, 100
@@ -117,7 +118,9 @@ def end_of_run(kind, removes=False, **state):
         values.append(model.value.detach().clone())
         if removes and iteration == 96:
             boost.prune_late()
-            model.optimizer.param_groups[0]["params"] = [model.value]
+        if sets and iteration == 96:
+            model.value = torch.nn.Parameter(model.value.detach() + 7)
+        model.optimizer.param_groups[0]["params"] = [model.value]
     return values
 
 
@@ -130,9 +133,26 @@ def test_a_run_ends_with_the_means_of_its_last_parameters(kind, averages):
     assert torch.equal(found, steps[-1]) != averages
 
 
-def test_means_begin_again_when_gaussians_go():
-    steps = end_of_run(vanilla, removes=True, averages=False)
-    assert torch.allclose(end_of_run(vanilla, removes=True)[-1], torch.stack([steps[4], steps[6]]).mean(0), atol=1e-6)
+@pytest.mark.parametrize("change", [{"removes": True}, {"sets": True}])
+def test_means_begin_again_when_the_host_replaces_parameters(change):
+    steps = end_of_run(vanilla, averages=False, **change)
+    assert torch.allclose(end_of_run(vanilla, **change)[-1], torch.stack([steps[4], steps[6]]).mean(0), atol=1e-6)
+
+
+def test_a_run_goes_on_without_means_if_memory_runs_out(monkeypatch):
+    def fails(*given):
+        raise _boost._OUT_OF_MEMORY("no memory")
+
+    monkeypatch.setattr(torch, "zeros_like", fails)
+    averages = _boost.Averages()
+    averages.add(Model().optimizer)
+    monkeypatch.undo()
+    model = Model()
+    before = model.value.detach().clone()
+    averages.take()
+    averages.add(model.optimizer)  # there is memory again
+    averages.take()
+    assert torch.equal(model.value.detach(), before)
 
 
 @pytest.mark.parametrize("iteration, steps", [(1, False), (3, True), (7, True), (98, False), (99, True)])

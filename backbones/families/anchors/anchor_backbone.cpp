@@ -246,6 +246,7 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   }
   clock_.lap("statistics");
   if (step_due_groups(groups_, optimizer_, moment(), device_)) parameters_moved();
+  average_if_due(groups_, optimizer_, moment(), device_);
   clock_.lap("optimizer");
   const bool own = gathering && iteration > at(config_.grow_from) && iteration % config_.grow_interval == 0;
   if (density_ != nullptr ? density_->grows_at(moment(), own) : own) change_anchors();
@@ -270,6 +271,7 @@ void AnchorBackbone::parameters_moved() {
 
 void AnchorBackbone::change_anchors() {
   step_all();
+  forget_averages(groups_);
   activate();
   if (device_.is_cuda()) {
     on_host_ = {offsets_.values.to_host(), features_.values.to_host(), scales_.to_host()};

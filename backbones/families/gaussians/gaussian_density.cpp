@@ -127,6 +127,7 @@ void GaussianTrainer::grow() {
       clones.push_back(static_cast<std::uint32_t>(i));
     }
   }
+  forget_averages(groups_);
   // Reserve all groups first: if memory runs out, the model stays intact.
   for (TrainedGroup* group : row_groups_) group->reserve_rows(n + clones.size() + kSplitChildren * parents.size());
   stale_ = set_changed_ = true;  // also if memory runs out below
@@ -245,6 +246,7 @@ void GaussianTrainer::reset_opacities() {
     }
   });
   opacity_.forget_moments();
+  forget_averages(groups_);
   stale_ = true;
 }
 

@@ -84,6 +84,7 @@ std::vector<std::uint32_t> GaussianTrainer::insert(const PointCloud& points) {
   const std::size_t n = rows.points.size();
   if (n == 0) return {};
   f_rest_.expand();
+  forget_averages(groups_);
   // Reserve all groups first: if memory runs out, the model stays intact.
   for (TrainedGroup* group : row_groups_) group->reserve_rows(before + n);
   append_rows(xyz_, rows.means);
@@ -127,7 +128,7 @@ void GaussianTrainer::transform(std::span<const std::int32_t> which, std::span<c
   });
   xyz_.forget_moments();
   rotation_.forget_moments();
-  scaling_.forget_averages();
+  forget_averages(groups_);
   restart_statistics();
   stale_ = set_changed_ = true;
 }

@@ -211,6 +211,7 @@ double GaussianTrainer::train_step(int iteration, const View& view) {
     clock_.lap("second_view");
   }
   if (step_due_groups(groups_, optimizer_, moment(), device_)) stale_ = true;
+  average_if_due(groups_, optimizer_, moment(), device_);
   clock_.lap("optimizer");
   control_density();
   // Now rather than before the next view, so that checkpoints include it.

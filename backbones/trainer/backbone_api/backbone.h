@@ -56,8 +56,8 @@ class Backbone {
   /// Waits until all iterations are done. On the CPU they already are.
   virtual void wait() {}
 
-  /// Applies gradients that are accumulated but not yet applied; called once, after the last iteration and before a
-  /// model is exported.
+  /// Applies gradients that are accumulated but not yet applied, and replaces parameters by their averages, if there
+  /// are any; called once, after the last iteration and before a model is exported.
   virtual void finish() = 0;
 
   virtual std::size_t primitives() const = 0;

@@ -21,8 +21,8 @@ constexpr std::size_t kProjected = 64 + 8 + 9;                 // blend record, 
 // to 7 with the compact box, where runs need the rest for scores.
 constexpr std::size_t kEntries = 10;
 constexpr std::size_t kEntry = 4 + 4 + 8 + 8 + 4 + 64;  // listing, slot, key, list, rows, sums
-// Growth copies one tensor at a time; this is the largest.
-constexpr std::size_t kGrowth = 45 * kFloat;
+// Averages at the end of a run. Growth needs less: it copies one tensor at a time.
+constexpr std::size_t kAverages = kParameters * kFloat;
 
 // Bytes per pixel: image and its gradient; blended tiles; error and mask of a scored view.
 constexpr std::size_t kPixel = (3 + 3 + 4) * kFloat + kFloat + 1;
@@ -53,7 +53,7 @@ std::string count_text(std::size_t count) {
 std::size_t drawn_memory_bytes() { return kProjected + kEntries * kEntry; }
 
 std::size_t gaussian_memory_bytes() {
-  return kTrained + kActivated + kStatistics + kScores + drawn_memory_bytes() + kGrowth;
+  return kTrained + kActivated + kStatistics + kScores + drawn_memory_bytes() + kAverages;
 }
 
 std::size_t pixel_memory_bytes() { return kPixel; }

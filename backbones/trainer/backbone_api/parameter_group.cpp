@@ -27,13 +27,12 @@ void ParameterGroup::step(const AdamOptions& options, Device device) {
 void ParameterGroup::forget_moments() {
   first_moments.assign_zeros(first_moments.size());
   second_moments.assign_zeros(second_moments.size());
-  forget_averages();
 }
 
-void ParameterGroup::average_in(Device device) {
+void ParameterGroup::add_to_averages(Device device) {
   if (averaged == 0) averages.assign_zeros(values.size());
   ++averaged;
-  splatboost::average_in(values, 1.0f / static_cast<float>(averaged), averages, device);
+  average_in(values, 1.0f / static_cast<float>(averaged), averages, device);
 }
 
 bool ParameterGroup::take_averages() {
@@ -60,7 +59,6 @@ void ParameterGroup::reserve_rows(std::size_t rows) {
 }
 
 void ParameterGroup::append_copies(std::span<const std::uint32_t> source_rows) {
-  forget_averages();
   append_rows(values, width, source_rows);
   for (Array<float>* tensor : {&gradients, &first_moments, &second_moments}) {
     append_zero_rows(*tensor, width, source_rows.size());
@@ -90,7 +88,7 @@ void ParameterGroup::load(const ArchiveReader& archive) {
   averaged = archive.integer(name + ".averaged");
   const std::size_t size = values.size();
   if (size % width != 0 || gradients.size() != size || first_moments.size() != size || second_moments.size() != size ||
-      averages.size() != (averaged > 0 ? size : 0)) {
+      averaged < 0 || averages.size() != (averaged > 0 ? size : 0)) {
     throw InputError(archive.path().string() + ": the tensor sizes of '" + name +
                      "' do not match; the checkpoint is damaged");
   }

@@ -47,19 +47,18 @@ struct ParameterGroup {
   virtual void assign(std::vector<float> new_values);
   /// One Adam step with the accumulated gradients; does nothing if there are none.
   virtual void step(const AdamOptions& options, Device device);
-  /// Sets moments to zero (3DGS does so for opacities it resets), and forgets the averages.
+  /// Sets moments to zero (3DGS does so for opacities it resets).
   void forget_moments();
   /// Adds the values to the averages.
-  void average_in(Device device);
+  void add_to_averages(Device device);
   /// Replaces the values by their averages. @return whether there were any
   bool take_averages();
-  /// For values that were set rather than stepped: averages with earlier ones would mean nothing.
   void forget_averages();
   /// Keeps the listed rows, in the order of the list (rows.h).
   void select(std::span<const std::uint32_t> rows, Array<float>& workspace);
   /// Reserves memory for `rows` rows in total; if it runs out, the group is unchanged.
   void reserve_rows(std::size_t rows);
-  /// Appends copies of the listed rows; their gradients and moments are zero. Forgets the averages.
+  /// Appends copies of the listed rows; their gradients and moments are zero. There must be no averages.
   void append_copies(std::span<const std::uint32_t> source_rows);
   void save(ArchiveWriter& archive) const;
   virtual void load(const ArchiveReader& archive);

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "splatboost/activations.h"
+#include "splatboost/errors.h"
 #include "splatboost/rows.h"
 
 namespace splatboost {
@@ -40,10 +41,21 @@ bool step_due_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook,
     if (hook != nullptr && !hook->steps_at(group->name, moment)) continue;
     stepped = step_group(*group, hook, moment, device) || stepped;
   }
-  if (hook != nullptr && hook->averages_at(moment)) {
-    for (TrainedGroup* group : groups) group->average_in(device);
-  }
   return stepped;
+}
+
+void average_if_due(std::span<TrainedGroup* const> groups, const OptimizerHook* hook, Moment moment, Device device) {
+  if (hook == nullptr || !hook->averages_at(moment)) return;
+  try {
+    for (TrainedGroup* group : groups) group->add_to_averages(device);
+  } catch (const DeviceMemoryError&) {
+    forget_averages(groups);
+    for (TrainedGroup* group : groups) group->averages = Array<float>(device);  // frees the memory
+  }
+}
+
+void forget_averages(std::span<TrainedGroup* const> groups) {
+  for (TrainedGroup* group : groups) group->forget_averages();
 }
 
 bool take_averages(std::span<TrainedGroup* const> groups) {

@@ -52,10 +52,15 @@ void activate(std::span<TrainedGroup* const> groups, Device device);
 bool step_group(TrainedGroup& group, OptimizerHook* hook, Moment moment, Device device);
 /// Steps all groups. @return whether any stepped
 bool step_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook, Moment moment, Device device);
-/// Steps the groups that are due at this moment according to the hook, and averages the values of all if they are due.
-/// @return whether any stepped
+/// Steps the groups that are due at this moment according to the hook. @return whether any stepped
 bool step_due_groups(std::span<TrainedGroup* const> groups, OptimizerHook* hook, Moment moment, Device device);
 
+/// Adds the values of all groups to their averages if the hook says so; to be called after the steps. If the device has
+/// too little memory for averages, the groups have none: a run can do without.
+void average_if_due(std::span<TrainedGroup* const> groups, const OptimizerHook* hook, Moment moment, Device device);
+/// For values that are set rather than stepped, and for rows that are added: means with earlier values would mean
+/// nothing.
+void forget_averages(std::span<TrainedGroup* const> groups);
 /// Replaces the values of all groups by their averages, where there are any. @return whether any had them
 bool take_averages(std::span<TrainedGroup* const> groups);
 

@@ -148,7 +148,8 @@ class OptimizerHook {
   /// @param group the backbone's name of the group; kHigherBands for that one
   virtual bool steps_at(std::string_view group, Moment moment) const = 0;
   /// Whether the backbone now adds the values of all groups to their averages, which replace the values at the end of
-  /// the run. Asked after the steps of each iteration; a backbone without averages does not ask.
+  /// the run. Asked after the steps of each iteration; a backbone without averages does not ask. If it is true at the
+  /// last iteration, steps_at() must be true for every group there.
   virtual bool averages_at(Moment moment) const {
     (void)moment;
     return false;

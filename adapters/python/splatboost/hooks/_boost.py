@@ -78,31 +78,40 @@ def announce(adapter: Adapter, schedule: str) -> None:
         rules, adapter.backbone, box, adapter.settings["tau_d"], schedule), flush=True)
 
 
+#: What torch raises if a GPU has too little memory; RuntimeError before torch 1.13.
+_OUT_OF_MEMORY = getattr(torch.cuda, "OutOfMemoryError", RuntimeError)
+
+
 class Averages:
     """Means of an optimizer's parameters."""
 
     def __init__(self) -> None:
+        self._forget()
+
+    def _forget(self) -> None:
+        self._parameters: List[torch.Tensor] = []
         self._means: List[torch.Tensor] = []
         self._count = 0
 
     def add(self, optimizer: Any) -> None:
-        """Adds the present values. If primitives were added or removed since the last call, earlier values are dropped."""
-        values = self._parameters(optimizer)
-        if [mean.shape for mean in self._means] != [value.shape for value in values]:
-            self._means, self._count = [torch.zeros_like(value) for value in values], 0
-        self._count += 1
-        for mean, value in zip(self._means, values):
-            mean.lerp_(value, 1 / self._count)
+        """Adds the present values. Hosts replace parameters whose rows they add, remove or set; earlier values are then
+        dropped. So are all if a GPU has too little memory for means: a run can do without."""
+        parameters = [p for group in optimizer.param_groups for p in group["params"]]
+        try:
+            if [id(p) for p in parameters] != [id(p) for p in self._parameters]:
+                self._forget()
+                self._parameters = parameters
+                self._means = [torch.zeros_like(p) for p in parameters]
+            self._count += 1
+            for mean, p in zip(self._means, parameters):
+                mean.lerp_(p.detach(), 1 / self._count)
+        except _OUT_OF_MEMORY:
+            self._forget()
 
-    def take(self, optimizer: Any) -> None:
+    def take(self) -> None:
         """Sets the parameters to their means, if there are any."""
-        if self._count > 0:
-            for mean, value in zip(self._means, self._parameters(optimizer)):
-                value.copy_(mean)
-
-    @staticmethod
-    def _parameters(optimizer: Any) -> List[torch.Tensor]:
-        return [p.detach() for group in optimizer.param_groups for p in group["params"]]
+        for mean, p in zip(self._means, self._parameters):
+            p.detach().copy_(mean)
 
 
 def step_fused(optimizer: Any) -> None:
@@ -176,7 +185,8 @@ class Boost:
     _scaled = ("densify_from_iter", "densify_until_iter")
     #: Whether absolute gradients are accumulated here; False if the host does so itself.
     gathers_absolute = True
-    #: Whether all trained parameters are in the optimizer of the Gaussians, so that they can be averaged together.
+    #: Whether a run ends with the means of the last parameters in the optimizer of the Gaussians. False where a network
+    #: with an optimizer of its own moves the Gaussians, because both would have to be averaged.
     averages = True
     #: [C,3] of the training cameras, and [C] their distances to the scene; None: not used.
     _centres: Optional[torch.Tensor] = None
@@ -477,8 +487,7 @@ class Boost:
             return
         self._averages.add(self.gaussians.optimizer)
         if self.iteration + 1 == self.options.iterations:
-            self._averages.take(self.gaussians.optimizer)
-
+            self._averages.take()
 
 class _Scheduled:
     """Wraps the host's optimizer for its training loop: groups that do not step now keep their gradients."""

@@ -233,7 +233,8 @@ TEST_F(OwnGroupsRun, resume_is_exact) {
 }
 
 TEST_F(OwnGroupsRun, averages_end_a_run) {
-  testing::expect_averages_at_the_end([&] { return make(); }, scene_, 38, {"xyz", "scaling", "factors", "shift"});
+  testing::expect_averages_at_the_end([&] { return make(); }, scene_, 38,
+                                      {"xyz", "f_rest", "scaling", "factors", "shift"});
 }
 
 TEST_F(OwnGroupsRun, threads_do_not_change_the_bytes) {
