@@ -20,9 +20,6 @@ VanillaBoost pgsr_boost() {
   // PGSR's own resets, which serve its pruning within growth. Late pruning begins when growth has ended, and would
   // remove every Gaussian whose opacity was reset shortly before.
   boost.growth_after_reset = 500;
-  boost.min_clearance = 0;   // not measured
-  boost.prune_large = true;  // the same
-  boost.fill_gaps = false;   // no gain in the mean
   boost.replaced_share = 0;  // not measured; every run has a cap, PGSR's own
   return boost;
 }

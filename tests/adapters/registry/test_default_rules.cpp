@@ -14,7 +14,7 @@ namespace {
 
 TEST(DefaultRules, large_gaussians_stay_where_that_was_measured) {
   const std::map<std::string, bool> prunes{{"vanilla", false},        {"mip-splatting", false}, {"dropgaussian", false},
-                                           {"deformable-3dgs", true}, {"pgsr", true},           {"photo-slam", true},
+                                           {"deformable-3dgs", true}, {"pgsr", false},          {"photo-slam", true},
                                            {"convex-splatting", true}};
   Threads threads(1);
   for (const auto& [backbone, expected] : prunes) {
