@@ -164,6 +164,17 @@ def pgsr():
     return markdown(rows) + "\n\n" + how(first[min(first)])
 
 
+def pgsr_rules():
+    """PGSR on photos: the rules that its default has got in 2026-11, one after the other, seed 0."""
+    runs = grouped("backbone_scenes", lambda row: row["scene"], lambda row: row["backbone"] == "PGSR" and row["seed"] == 0)
+    runs = {scene: of for scene, of in runs.items() if len(of) > 2}
+    rows = [["rules"] + [f"{scene}: {what}" for scene in runs for what in ("PSNR", "LPIPS", "Gaussians")]]
+    for rules in ("published", *(rules for rules in next(iter(runs.values())) if rules not in ("published", "default")), "default"):
+        results = [of[rules][0] for of in runs.values()]
+        rows.append([rules] + [cell for r in results for cell in (f"{r['psnr']:.2f} dB", f"{r['lpips']:.3f}", f"{r['primitives']:,}")])
+    return markdown(rows)
+
+
 def few_views():
     """DropGaussian's growth, on the way and now."""
     rows = [["", "as published", "growth to the end", "growth to half", "default"]]
@@ -210,5 +221,6 @@ def scales():
 TABLES = {"backbones": backbones, "backbone_scenes": backbone_scenes,
           "mip_equal_number": lambda: equal_number("backbone_scenes", "Mip-Splatting"), "tracked_points": tracked_points,
           "deformable": deformable, "convexes": convexes, "photo_slam_online": photo_slam_online, "photo_slam": photo_slam, "pgsr": pgsr,
+          "pgsr_rules": pgsr_rules,
           "few_views": few_views, "seeds": seeds, "scaffold": lambda: of_anchors("scaffold_runs"),
           "levels": lambda: of_anchors("octree_runs"), "scales": scales}

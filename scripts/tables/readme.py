@@ -19,6 +19,7 @@ MEANS = [
     ("Scaffold-GS", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "Scaffold-GS"),
     ("Octree-GS", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "Octree-GS"),
     ("PGSR", "backbones.md#pgsr-surfaces", "pgsr", lambda row: row["results"]["iterations"] == 7000),
+    ("PGSR, photos", "backbones.md#other-scenes", "backbone_scenes", lambda row: row["backbone"] == "PGSR"),
     ("3D convexes", "backbones.md#3d-convex-splatting", "convex_splatting", lambda row: row["scene"] != "stitch"),
     ("Deformable-3DGS", "backbones.md#deformable-3dgs", "deformable_runs", lambda row: row["scene"].startswith("lego")),
 ]

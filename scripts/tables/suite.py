@@ -12,15 +12,11 @@ BEFORE_GAPS = "without points in gaps"
 BEFORE_BANDS = "higher bands at every iteration"
 #: The default's rows before accelerated runs ended with averages of their last parameters.
 BEFORE_AVERAGES = "without averages"
-#: Title, file and wanted rows of each line of the table of averages.
-AVERAGED = [
-    ("3DGS", "default_full", lambda row: True),
-    ("3DGS, 250 pixels wide", "default_scenes", lambda row: True),
-    ("3DGS, captures that took no part in any choice", "new_scenes", lambda row: row["role"] == "not seen"),
-    ("3DGS, backdrops", "plain_backdrops", lambda row: True),
-    ("Mip-Splatting, 250 pixels wide", "backbone_scenes", lambda row: row["backbone"] == "Mip-Splatting"),
-    ("3D convexes, at an eighth of the size", "convex_splatting", lambda row: True),
-]
+#: Rows of files whose default's rows are still of before that.
+WITH_AVERAGES = "with averages at the end"
+#: Title and file of each line of the table of averages.
+AVERAGED = [("3DGS, 400 to 500 pixels", "default_full"), ("3DGS, 250 pixels wide", "default_scenes"),
+            ("3D convexes, 66 to 120 pixels wide", "convex_splatting")]
 
 
 def scene_and_role(row):
@@ -56,8 +52,9 @@ def scenes(name, time="cpu_seconds", time_title="CPU time", other="published", o
 def averages():
     """The default beside itself without averages at the end, as means over scenes of means over seeds."""
     rows = [["backbone", "iterations", "scenes", "runs", "ΔPSNR", "ΔSSIM", "ΔLPIPS", "worst scene", "best scene"]]
-    for title, name, wanted in AVERAGED:
-        scenes = [pairs_of(of, BEFORE_AVERAGES, "default") for of in grouped(name, lambda row: row["scene"], wanted).values()]
+    for title, name in AVERAGED:
+        scenes = [pairs_of(of, BEFORE_AVERAGES, "default") or pairs_of(of, "default", WITH_AVERAGES)
+                  for of in grouped(name, lambda row: row["scene"]).values()]
         scenes = [pairs for pairs in scenes if pairs]
         changes = [change(pairs) for pairs in scenes]
         psnr = [one["psnr"] for one in changes]
@@ -151,7 +148,7 @@ def long_runs():
 TABLES = {"default_full": lambda: scenes("default_full", "train_seconds", "time"),
           "default_scenes": lambda: scenes("default_scenes"),
           "large_gaussians": lambda: scenes("default_scenes", other="with large Gaussians pruned", own=BEFORE_AVERAGES),
-          "large_on_backdrops": lambda: scenes("plain_backdrops", other="with large Gaussians pruned", own=BEFORE_AVERAGES),
+          "large_on_backdrops": lambda: scenes("plain_backdrops", other="with large Gaussians pruned"),
           "averages": averages,
           "new_scenes": lambda: scenes("new_scenes"),
           "no_points": lambda: scenes("no_points", other="default, random start"),
