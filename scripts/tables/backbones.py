@@ -4,7 +4,7 @@ import statistics
 
 from tables.cells import arrow, decibels, how, load, markdown, minutes
 from tables.changes import beside_published, change, differences, grouped, mean_change, mean_of, pairs_of, quality
-from tables.suite import BEFORE_AVERAGES, equal_number
+from tables.suite import equal_number
 
 # JSON of a comparison, what it is of, and the paper's ratios on an RTX 4090: time, primitives, PSNR, and where.
 COMPARISONS = [
@@ -68,7 +68,7 @@ def tracked_points():
     rows = [["backbone", "scene", "seeds", "PSNR, without", "ΔPSNR", "ΔSSIM", "ΔLPIPS", "primitives"]]
     changes, last = [], None
     for (backbone, scene, _), of in runs.items():
-        pairs = pairs_of(of, "without tracked points", BEFORE_AVERAGES if BEFORE_AVERAGES in of else "default")
+        pairs = pairs_of(of, "without tracked points", "default")
         if not pairs:
             continue
         changes.append(change(pairs))
