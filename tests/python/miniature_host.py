@@ -485,9 +485,19 @@ SURFELS = [
 
 
 _CAMERA = SURFELS[-1]
-#: Differences of Gaussian Opacity Fields from Mip-Splatting: an image of nine channels.
+#: Differences of Gaussian Opacity Fields from Mip-Splatting: an image of nine channels, and the appearance of photos.
 OPACITY_FIELDS = [
     _CAMERA,
+    ("arguments/__init__.py", "self.kernel_size = 0.1", "self.kernel_size, self.use_decoupled_appearance = 0.1, 1"),
+    ("train.py", "def training(", """def L1_loss_appearance(image, truth, gaussians, index, return_transformed_image=False):
+    assert image.shape == truth.shape == (3, 32, 32) and return_transformed_image
+    return image * gaussians.get_xyz.new_tensor([1.0, 1.0, 1.0 - 0.001 * index]).reshape(3, 1, 1)
+
+def training("""),
+    ("train.py", "    scene = Scene(dataset, gaussians)\n", """    scene = Scene(dataset, gaussians)
+    for index, camera in enumerate(scene.getTrainCameras()):
+        camera.idx = index
+"""),
     ("gaussian_renderer/__init__.py", "means2D=on_screen,", "means2D=on_screen, view2gaussian_precomp=None,"),
     ("train.py", "(drawn[\"render\"] - viewpoint_cam.original_image.cuda())",
      "0.001 * (1 - drawn[\"render\"][7]).mean() + (drawn[\"render\"][:3] - viewpoint_cam.original_image.cuda())"),

@@ -155,6 +155,43 @@ def test_a_run_goes_on_without_means_if_memory_runs_out(monkeypatch):
     assert torch.equal(model.value.detach(), before)
 
 
+def test_means_are_not_kept_if_a_gpu_has_no_memory_for_them_at_its_peak(monkeypatch):
+    model = Model()
+    before = model.value.detach().clone()
+    monkeypatch.setattr(_boost, "_fits", lambda parameters: False)
+    averages = _boost.Averages()
+    averages.add(model.optimizer)
+    with torch.no_grad():
+        model.value += 1
+    averages.add(model.optimizer)
+    averages.take()
+    assert torch.equal(model.value.detach(), before + 1)
+
+
+@pytest.mark.parametrize("free, fits", [(30, False), (55, True)])
+def test_memory_for_means_is_what_the_peak_leaves(monkeypatch, free, fits):
+    """Here 10 of the 30 bytes that torch holds were not needed at the peak of the run: 40 or 65 bytes for 48, with a reserve."""
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device: (free, 1000))
+    monkeypatch.setattr(torch.cuda, "memory_reserved", lambda device: 30)
+    monkeypatch.setattr(torch.cuda, "max_memory_allocated", lambda device: 20)
+    on_gpu = types.SimpleNamespace(is_cuda=True, device=torch.device("cuda:0"), numel=lambda: 6, element_size=lambda: 4)
+    assert _boost._fits([on_gpu, on_gpu]) == fits
+    assert _boost._fits([torch.zeros(100)])
+
+
+def test_a_gradient_that_is_not_a_number_counts_as_zero():
+    sums, counts = torch.tensor([[float("nan")], [6.0], [0.0]]), torch.tensor([[2.0], [3.0], [0.0]])
+    assert _boost.mean_gradients(sums, counts).reshape(-1).tolist() == [0.0, 2.0, 0.0]
+    boost = boost_of()
+    boost.gaussians.xyz_gradient_accum = torch.full((N, 1), float("nan"))
+    boost._absolute[2] = float("nan")
+    assert not boost._signed_gradients().any() and not boost._absolute_gradients().any()
+    for host in (absgs, mip_splatting):
+        boost = boost_of(host)
+        boost.gaussians.xyz_gradient_accum_abs = torch.full((N, 1), float("nan"))
+        assert not boost._absolute_gradients().any()
+
+
 @pytest.mark.parametrize("iteration, steps", [(1, False), (3, True), (7, True), (98, False), (99, True)])
 def test_groups_step_by_schedule_at_checkpoints_and_at_the_hosts_last_step(iteration, steps):
     assert boost_of(iteration=iteration).steps("slow") == steps
@@ -649,6 +686,24 @@ def test_opacity_fields_counts_with_the_hosts_kernel_size(monkeypatch, given):
     boost._render = lambda _: torch.zeros(3, 4, 4)
     boost._score(camera)
     assert found["low_pass"] == (given[0] if given else 0.0) and found["compensate_opacity"]
+
+
+def test_opacity_fields_with_appearance_scores_what_the_loss_sees():
+    image, camera = torch.rand(3, 40, 70), types.SimpleNamespace(idx=4)
+
+    def doubled(inner, truth, gaussians, index, return_transformed_image):
+        assert inner.shape == truth.shape == (3, 32, 64) and (gaussians, index) == ("g", 4) and return_transformed_image
+        return 2 * inner
+
+    seen = opacity_fields.as_the_loss_sees(image, camera, "g", doubled)
+    expected = image.clone()
+    expected[:, 4:36, 3:67] *= 2
+    assert torch.equal(seen, expected)
+    assert opacity_fields.as_the_loss_sees(image, camera, "g", None) is image
+    small = image[:, :20]
+    assert opacity_fields.as_the_loss_sees(small, camera, "g", doubled) is small
+    boost = boost_of(opacity_fields)
+    assert [boost.steps(group) for group in ("slow", "appearance_network", "appearance_embeddings")] == [False, True, True]
 
 
 @pytest.mark.parametrize("host", [absgs, pgsr])

@@ -151,7 +151,7 @@ def test_runs_of_any_length_grow_and_prune_in_the_same_share(total):
 
 
 # Masks of the host's views: pixels outside never improve, and would be the largest error of every view.
-def test_masks_of_hosts_take_no_part_in_scores():
+def test_masks_of_hosts_hide_errors_outside():
     image = torch.zeros(3, 4, 6)
     mask = torch.ones(1, 4, 6)
     mask[..., 3:] = 0
@@ -159,8 +159,35 @@ def test_masks_of_hosts_take_no_part_in_scores():
     boost = boost_of(_scene=types.SimpleNamespace(getTrainCameras=lambda: [camera]))
     boost._render = lambda given: image
     view = boost._views()[0]()
-    assert torch.equal(view.valid, mask[0] > 0.5) and view.truth.shape == (3, 4, 6)
-    assert _boost.valid_pixels(types.SimpleNamespace(), image) is None
+    assert torch.equal(view.color[..., :3], image[..., :3]) and view.truth.shape == (3, 4, 6)
+    assert torch.equal(view.color[..., 3:], view.truth[..., 3:] / 255.0)
+    camera = types.SimpleNamespace(original_image=camera.original_image)
+    assert torch.equal(boost._views()[0]().color[..., :3], image[..., :3])
+
+
+# Thresholds of growth are lower for objects on an empty background, because the host's loss is a mean over all pixels. With
+# a mask, the empty pixels were not counted, and growth needed three times the gradient.
+def test_a_masked_object_grows_as_one_on_an_empty_background():
+    drawing = single()
+    within = torch.zeros(30, 40)
+    within[10:20, 10:22] = 1
+    with torch.no_grad():
+        render = drawn(drawing, sh=drawing["sh"])
+        truth = 0.5 * render.color * within
+    masked = types.SimpleNamespace(original_image=truth, alpha_mask=within[None])
+    composited = types.SimpleNamespace(original_image=truth)
+    n = drawing["means"].shape[0]
+
+    def clones(view):
+        adapter = splatboost.Adapter("vanilla", total_iterations=30000, tau_d=0.0)
+        clone, _ = adapter.grow(600, [lambda: view], scene_extent=1.0, gradients=torch.linspace(0, 4e-4, n),
+                                gradients_abs=torch.zeros(n), max_scales=torch.full((n,), 1e-4))
+        return int(clone.sum())
+
+    expected = clones(_boost.scored_view(composited, render.color * within, render))
+    assert clones(_boost.scored_view(masked, render.color * within, render)) == expected
+    # What this tests: without the empty pixels, fewer are cloned.
+    assert clones(splatboost.ScoredView(render.color * within, truth, within > 0.5, render)) < expected
 
 
 @pytest.mark.parametrize("layout", ["2024-08", "2024-10"])

@@ -17,7 +17,7 @@ from ..adapter import ScoredView
 from ..compat import last_render
 from ..operations import keep_largest
 from . import _drawing
-from ._boost import adapter_of, announce, is_on, step_scaled, valid_pixels
+from ._boost import adapter_of, announce, is_on, scored_view, step_scaled
 
 
 class _OfSlots:
@@ -120,8 +120,7 @@ class Boost:
         # Gaussians of the render: the slots of visible anchors, in order, that have an opacity above 0.
         slots = torch.nonzero(seen.repeat_interleave(g.n_offsets)).reshape(-1)[drawn["selection_mask"]]
         image = drawn["render"].contiguous()
-        return ScoredView(image, camera.original_image[0:3].to(image.device), valid_pixels(camera, image),
-                          _OfSlots(last_render(), slots))
+        return scored_view(camera, image, _OfSlots(last_render(), slots))
 
     # --- the optimizer
 

@@ -11,7 +11,7 @@ import torch
 
 from .._library import LibraryError, NoCudaError
 from ..adapter import Adapter, ScoredView
-from ..operations import camera_clearances, distances_to_scene, spare_one
+from ..operations import as_bytes, camera_clearances, distances_to_scene, spare_one
 from ..schedule import PUBLISHED_ITERATIONS
 from . import _drawing
 
@@ -82,6 +82,17 @@ def announce(adapter: Adapter, schedule: str) -> None:
 _OUT_OF_MEMORY = getattr(torch.cuda, "OutOfMemoryError", RuntimeError)
 
 
+def _fits(parameters: List[torch.Tensor]) -> bool:
+    """Whether a GPU has memory for a copy of these beside the most that the run has used until now. Between iterations the
+    gradients and a render's temporary memory are free, but the next iteration needs them again."""
+    needed: Dict[torch.device, int] = {}
+    for p in parameters:
+        if p.is_cuda:
+            needed[p.device] = needed.get(p.device, 0) + p.numel() * p.element_size()
+    return all(torch.cuda.mem_get_info(device)[0] + torch.cuda.memory_reserved(device)
+               - torch.cuda.max_memory_allocated(device) > 1.1 * size for device, size in needed.items())
+
+
 class Averages:
     """Means of an optimizer's parameters."""
 
@@ -100,6 +111,8 @@ class Averages:
         try:
             if [id(p) for p in parameters] != [id(p) for p in self._parameters]:
                 self._forget()
+                if not _fits(parameters):
+                    return
                 self._parameters = parameters
                 self._means = [torch.zeros_like(p) for p in parameters]
             self._count += 1
@@ -109,9 +122,10 @@ class Averages:
             self._forget()
 
     def take(self) -> None:
-        """Sets the parameters to their means, if there are any."""
+        """Sets the parameters to their means, if there are any, which it then drops."""
         for mean, p in zip(self._means, self._parameters):
             p.detach().copy_(mean)
+        self._forget()
 
 
 def step_fused(optimizer: Any) -> None:
@@ -151,11 +165,20 @@ def _can_fuse(group: Dict[str, Any]) -> bool:
         p.is_cuda and p.dtype == torch.float32 and (p.grad is None or p.grad.stride() == p.stride()) for p in group["params"])
 
 
-def valid_pixels(camera: Any, image: torch.Tensor) -> Optional[torch.Tensor]:
-    """bool [H,W]: pixels within the host's mask; None if its cameras have no mask. Pixels outside are not trained and
-    would remain errors forever."""
+def scored_view(camera: Any, image: torch.Tensor, render: Any = None) -> ScoredView:
+    """The view of a host's camera. Outside of the host's mask, if its cameras have one, pixels are not trained and would
+    remain errors forever, so they are as in the photo. They still count as pixels: the host's loss is a mean over all."""
+    truth = as_bytes(camera.original_image[0:3].to(image.device))
     mask = getattr(camera, "alpha_mask", None)
-    return None if mask is None else (mask.to(image.device) > 0.5).reshape(image.shape[-2:])
+    if mask is not None:
+        within = (mask.to(image.device) > 0.5).reshape(image.shape[-2:])
+        image = torch.where(within, image, truth.to(image.dtype) / 255)
+    return ScoredView(image.contiguous(), truth, None, render)
+
+
+def mean_gradients(sums: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+    """Means per Gaussian; 0 where a gradient was NaN, as in the hosts."""
+    return torch.nan_to_num(sums / counts.clamp_min(1.0))
 
 
 class Boost:
@@ -317,10 +340,10 @@ class Boost:
         return 1.0
 
     def _signed_gradients(self) -> torch.Tensor:
-        return self.gaussians.xyz_gradient_accum / self.gaussians.denom.clamp_min(1.0)  # type: ignore[no-any-return]
+        return mean_gradients(self.gaussians.xyz_gradient_accum, self.gaussians.denom)
 
     def _absolute_gradients(self) -> torch.Tensor:
-        return self._absolute / self._seen.clamp_min(1.0)
+        return mean_gradients(self._absolute, self._seen)
 
     def _restart_statistics(self) -> None:
         n = self._means().shape[0]
@@ -331,8 +354,7 @@ class Boost:
         return [functools.partial(self._score, camera) for camera in self._scene.getTrainCameras()]
 
     def _score(self, camera: Any) -> ScoredView:
-        image = self._render(camera)
-        return ScoredView(image.contiguous(), camera.original_image[0:3].to(image.device), valid_pixels(camera, image))
+        return scored_view(camera, self._render(camera))
 
     # --- growth and pruning
 
@@ -480,7 +502,6 @@ class Boost:
         step_scaled(self.gaussians.optimizer, self.adapter, self.iteration)
         self.gaussians.optimizer.zero_grad(set_to_none=True)
 
-
     def average(self) -> None:
         """To be called after the step of each iteration. After the last one, the parameters are set to their means."""
         if not self.averages or not self.adapter.averages_at(self.iteration + 1):
@@ -488,6 +509,7 @@ class Boost:
         self._averages.add(self.gaussians.optimizer)
         if self.iteration + 1 == self.options.iterations:
             self._averages.take()
+
 
 class _Scheduled:
     """Wraps the host's optimizer for its training loop: groups that do not step now keep their gradients."""

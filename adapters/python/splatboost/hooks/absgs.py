@@ -39,7 +39,7 @@ class Boost(_boost.Boost):
 
     def _absolute_gradients(self) -> torch.Tensor:
         g = self.gaussians
-        return g.xyz_gradient_accum_abs / g.denom.clamp_min(1.0)  # type: ignore[no-any-return]
+        return _boost.mean_gradients(g.xyz_gradient_accum_abs, g.denom)
 
     def _densify_and_prune(self, max_grad: float, max_grad_abs: float, *rest: Any) -> None:  # type: ignore[override]
         super()._densify_and_prune(max_grad, *rest)

@@ -62,7 +62,7 @@ class Boost(_boost.Boost):
     def _signed_gradients(self) -> torch.Tensor:
         """[N] mean gradient of the sharpness."""
         g = self.gaussians
-        return (g.sigma_accumulation_gradient_accum / g.denom.clamp_min(1.0)).reshape(-1)
+        return _boost.mean_gradients(g.sigma_accumulation_gradient_accum, g.denom).reshape(-1)
 
     def _densify_and_prune(  # type: ignore[override]
         self, min_opacity: float, mask_threshold: float, extent: float, max_screen_size: Any

@@ -22,7 +22,7 @@ class Boost(_boost.Boost):
 
     def _absolute_gradients(self) -> torch.Tensor:
         g = self.gaussians
-        return g.xyz_gradient_accum_abs / g.denom.clamp_min(1.0)  # type: ignore[no-any-return]
+        return _boost.mean_gradients(g.xyz_gradient_accum_abs, g.denom)
 
     def _host_clone(self, mask: torch.Tensor, extent: float) -> None:
         grads = mask.float().unsqueeze(1)

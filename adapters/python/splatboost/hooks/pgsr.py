@@ -45,7 +45,7 @@ class Boost(_boost.Boost):
         g, options = self.gaussians, self.options
         growing = gradients.reshape(-1) >= options.densify_grad_threshold
         small = max_scales <= g.percent_dense * extent
-        absolute = (g.xyz_gradient_accum_abs / g.denom_abs.clamp_min(1.0)).reshape(-1)
+        absolute = _boost.mean_gradients(g.xyz_gradient_accum_abs, g.denom_abs).reshape(-1)
         blurred = ((absolute >= options.densify_abs_grad_threshold) & ~growing & ~small
                    & (g.max_radii2D > g.abs_split_radii2D_threshold))
         if int(blurred.sum()) > g.max_abs_split_points:
