@@ -116,6 +116,35 @@ def test_why_a_mesh_is_empty(meshed, tmp_path, arguments, reason):
     assert not (tmp_path / "mesh.ply").exists()
 
 
+def test_masks_are_black_or_not(meshed, tmp_path):
+    """Masks with labels 0 and 1, or objects in blue, counted as black."""
+    half = np.zeros((60, 80), "u1")
+    half[:, 40:] = 1
+    blue = np.zeros((60, 80, 3), "u1")
+    blue[:, 40:, 2] = 255
+    for name, pixels in ("white", 255 * half), ("labels", half), ("blue", blue):
+        (tmp_path / name).mkdir()
+        for view in range(10):
+            write_png(tmp_path / name / f"{view:04d}.png", pixels)
+        run_well("mesh", "-m", meshed, "--masks", tmp_path / name, "-o", tmp_path / f"{name}.ply", "--voxel-size", 0.05, "--quiet")
+    assert (tmp_path / "labels.ply").read_bytes() == (tmp_path / "white.ply").read_bytes()
+    assert (tmp_path / "blue.ply").read_bytes() == (tmp_path / "white.ply").read_bytes()
+    picture = (tmp_path / "white/0003.png").read_bytes()
+    (tmp_path / "white/0003.png").write_bytes(picture[:-20])
+    assert "0003.png" in refused("mesh", "-m", meshed, "--masks", tmp_path / "white", "-o", tmp_path / "x.ply", "--quiet")
+
+
+def test_a_model_is_not_replaced(meshed, scene, tmp_path):
+    model = tmp_path / "mine.ply"
+    shutil.copyfile(next(meshed.glob("point_cloud/*/point_cloud.ply")), model)
+    before = model.read_bytes()
+    for arguments in (["mesh", "-m", meshed], ["points", "-s", scene]):
+        assert "mine.ply: holds a model" in refused(*arguments, "-o", model)
+    (tmp_path / "notes.sbscene").write_text("mine")
+    assert "notes.sbscene: exists and is not a packed scene" in refused("pack", scene, tmp_path / "notes.sbscene")
+    assert model.read_bytes() == before and (tmp_path / "notes.sbscene").read_text() == "mine"
+
+
 def test_the_report_does_not_show_the_mesh_of_another_scene(meshed, tmp_path):
     run_well("synth", tmp_path / "other", "--width", 80, "--height", 60, "--views", 10, "--points", 300, "--seed", 7)
     before = {name: (meshed / name).read_bytes() for name in ("mesh.png", "report.html")}

@@ -17,9 +17,11 @@
 #include "program/session/saved_model.h"
 #include "program/session/scene_files.h"
 #include "splatboost/surface_depth.h"
+#include "trainer/dataset/splat_ply.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/evaluate.h"
 #include "trainer/images/image_codec.h"
+#include "trainer/images/image_damage.h"
 #include "trainer/mesh/mesh_picture.h"
 #include "trainer/mesh/tsdf_volume.h"
 #include "trainer/report/report.h"
@@ -116,6 +118,7 @@ struct Mesh {
       require_replaceable(output, {saved.folder / "point_cloud.ply"});
       require_no_scene_file(output, scenes_of(options.model, read_config(options.model), options.scene.source),
                             options.model);
+      require_no_model(output);
       require_writable(output);  // before the photos are read
     }
     const bool of_the_end = saved.folder == saved_model(options.model, 0);
@@ -245,7 +248,7 @@ struct Mesh {
         const glm::vec3 normal(normals[p], normals[pixels + p], normals[2 * pixels + p]);
         const bool drawn = alpha[p] >= kMinAlpha && std::isfinite(depth[p]) && depth[p] > 0;
         const bool near = drawn && !(max_depth > 0 && static_cast<double>(depth[p]) > max_depth);
-        const bool wanted = near && (view.valid.empty() || view.valid[p] != 0) && (mask.empty() || mask[p] >= 128);
+        const bool wanted = near && (view.valid.empty() || view.valid[p] != 0) && (mask.empty() || mask[p] != 0);
         const bool facing = wanted && !(max_angle < 90 && -glm::dot(ray, normal) < least_cosine);
         counted.drawn += drawn ? 1 : 0;
         counted.near += near ? 1 : 0;
@@ -273,15 +276,16 @@ struct Mesh {
     if (elsewhere) name = name.filename();
     const fs::path file = masks / name.replace_extension(".png");
     require(fs::exists(file), file.string() + ": missing; each view needs a mask with its name");
+    require(fs::is_regular_file(file), file.string() + ": is not a file");
     if (elsewhere) {
       const auto [other, first] = masks_by_file_name.try_emplace(file, view.name);
       require(first, file.string() + ": would be the mask of both " + other->second + " and " + view.name +
                          "; copy the photos to names below the folder of the scene");
     }
     std::ifstream in(file, std::ios::binary);
-    const std::vector<char> bytes{std::istreambuf_iterator<char>(in), {}};
-    const Pixels pixels = decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, file);
-    require(pixels.bits == 8, file.string() + ": a mask must have 8 bits per channel");
+    const std::vector<std::uint8_t> bytes{std::istreambuf_iterator<char>(in), {}};
+    require_whole_image(bytes, file);
+    const Pixels pixels = mask_of_picture(decode_image(bytes, file));
     const int width = view.camera.width, height = view.camera.height;
     // Up to one pixel of the view, because sizes are rounded.
     require(std::abs(pixels.width * height - pixels.height * width) <= std::max(pixels.width, pixels.height),
@@ -293,7 +297,7 @@ struct Mesh {
         const int row = y * pixels.height / view.camera.height, column = x * pixels.width / view.camera.width;
         const std::size_t pixel =
             static_cast<std::size_t>(row) * static_cast<std::size_t>(pixels.width) + static_cast<std::size_t>(column);
-        mask.push_back(pixels.bytes[pixel * static_cast<std::size_t>(pixels.channels)]);
+        mask.push_back(pixels.bytes[pixel]);
       }
     }
     return mask;

@@ -4,6 +4,7 @@
 
 #include "program/command_line/shared_options.h"
 #include "program/commands/commands.h"
+#include "trainer/formats/packed_scene.h"
 #include "trainer/formats/read_scene.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/text.h"
@@ -24,11 +25,13 @@ int run_pack(const PackOptions& options) {
   const SceneOptions& scene = options.scene;
   if (scene.source.empty()) throw UsageError("no scene given: splatboost pack SCENE OUT.sbscene");
   if (options.output.empty()) throw UsageError("no file to write given: splatboost pack SCENE OUT.sbscene");
-  // An existing file with this extension is a packed scene, which may be replaced.
   if (options.output.extension() != kExtension) {
     throw UsageError(options.output.string() + ": the file name of a packed scene must end in " + kExtension);
   }
   require_replaceable(options.output, {scene.source});
+  std::error_code error;
+  require(!fs::exists(options.output, error) || fs::is_empty(options.output, error) || is_packed_scene(options.output),
+          options.output.string() + ": exists and is not a packed scene; name another file");
   require_writable(options.output);  // before the photos are read
   remove_stale_files(fs::absolute(options.output).parent_path());
   for (const std::string& note : pack_scene(scene, options.output))

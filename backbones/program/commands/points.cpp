@@ -47,6 +47,7 @@ int run_points(const PointsOptions& options) {
   }
   require_replaceable(options.output, {options.scene.source});
   require_points_elsewhere(options.output, options.scene.source);
+  require_no_model(options.output);
   require_writable(options.output);  // before the photos are read
   Scene scene = read_scene(options.scene);
   require_replaceable(options.output, {scene.points_file});

@@ -125,6 +125,11 @@ class PlyVertices {
          std::to_string(row));
   }
 
+  /// A damaged count would silently drop vertices.
+  [[noreturn]] void fail_more() const {
+    fail("holds more data than the " + std::to_string(rows_) + " vertices that its header promises: it is damaged");
+  }
+
   std::optional<PlyType> type_named(std::string_view name) const {
     static constexpr std::array<std::pair<std::string_view, PlyType>, 16> kNames{{{"char", PlyType::int8},
                                                                                   {"int8", PlyType::int8},
@@ -208,6 +213,7 @@ class PlyVertices {
           rows_ = count;
         } else {
           skipped_count = count;
+          vertices_are_last_ = !after_vertex;
         }
       } else if (keyword == "property") {
         std::string type_name, name;
@@ -241,6 +247,7 @@ class PlyVertices {
     const std::uint64_t row_bytes = ascii_ ? 2 * properties_.size() : stride_;
     const std::uint64_t slack = ascii_ ? 1 : 0;  // the last line may lack its newline
     if (rows_ > (available + slack) / row_bytes) fail_truncated((available + slack) / row_bytes);
+    if (!ascii_ && vertices_are_last_ && available - rows_ * stride_ >= stride_) fail_more();
     if (!ascii_) in_.seekg(static_cast<std::streamoff>(begin));
   }
 
@@ -276,6 +283,7 @@ class PlyVertices {
       }
       visit(row, values);
     }
+    if (vertices_are_last_ && in_ >> word) fail_more();
   }
 
   std::filesystem::path path_;
@@ -286,6 +294,7 @@ class PlyVertices {
   std::size_t stride_ = 0;
   std::uint64_t bytes_before_ = 0;  // data of elements that come before the vertices
   std::uint64_t lines_before_ = 0;
+  bool vertices_are_last_ = true;  // no element follows
   std::vector<Property> properties_;
 };
 
@@ -472,6 +481,18 @@ PointCloud read_point_ply(const std::filesystem::path& path) {
                                       : std::uint8_t{0});
   }
   return cloud;
+}
+
+void require_no_model(const std::filesystem::path& output) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(output, error)) return;
+  bool model = false;
+  try {
+    const PlyVertices ply(output);
+    model = ply.find("f_dc_0") >= 0 || ply.find("f_offset_0") >= 0;
+  } catch (const InputError&) {  // not a .ply
+  }
+  if (model) throw InputError(output.string() + ": holds a model, which would be replaced; name another file");
 }
 
 void write_point_ply(const std::filesystem::path& path, const PointCloud& cloud) {

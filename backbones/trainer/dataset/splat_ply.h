@@ -34,6 +34,10 @@ SplatCloud read_splat_ply(const std::filesystem::path& path);
 /// Reads x y z and, if present, red green blue (else mid grey) of a .ply. Throws InputError likewise.
 PointCloud read_point_ply(const std::filesystem::path& path);
 
+/// Throws InputError if the file exists and is a model in a .ply, of Gaussians or other primitives. For outputs that
+/// the user names.
+void require_no_model(const std::filesystem::path& output);
+
 /// Writes x y z nx ny nz (normals of 0, which readers of 3DGS hosts require) and red green blue as bytes, atomically.
 /// Throws std::runtime_error if a number is not finite.
 void write_point_ply(const std::filesystem::path& path, const PointCloud& cloud);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include <glm/geometric.hpp>
+#include <nlohmann/json.hpp>
 
 #include "splatboost/errors.h"
 #include "trainer/dataset/picture_size.h"
@@ -28,6 +29,8 @@ constexpr int kLargestDivisor = 8;
 constexpr double kLeastUndistorted = 0.1;
 constexpr int kLeastScaledSide = 8;  // of a reduced copy of a photo
 constexpr int kSmallestWidth = 16;   // a smaller "width" is more likely an unsupported divisor
+/// Least focal length, in sides of the photo (a field of view of 169°): less is not in pixels.
+constexpr double kLeastFocal = 0.05;
 
 [[noreturn]] void fail(const Photo& photo, const std::string& cause) {
   throw InputError(photo.file.string() + ": " + cause);
@@ -132,6 +135,21 @@ void require_size_of_camera(const Photo& photo, int width, int height) {
   }
 }
 
+/// Throws InputError if the lens cannot be in pixels of the size that it is for. Photos may be crops, which have their
+/// principal point elsewhere, but not farther away than their own size.
+void require_pixels(const Photo& photo, const Lens& lens) {
+  const auto check = [&](double focal, double centre, int side) {
+    const bool near = centre >= -side && centre <= 2.0 * side;
+    if (focal >= kLeastFocal * side && near) return;
+    const auto text = [](double value) { return nlohmann::json(value).dump(); };
+    fail(photo, "its camera" + (photo.listed_in.empty() ? "" : " in " + photo.listed_in.string()) +
+                    " has a focal length of " + text(focal) + " and a principal point at " + text(centre) + " for " +
+                    std::to_string(side) + " pixels; both must be in pixels of the photo");
+  };
+  check(lens.fx, *lens.cx, lens.width);
+  check(lens.fy, *lens.cy, lens.height);
+}
+
 /// The lens in pixels of the photo on disk, with all defaults filled in.
 Lens lens_of_photo(const Photo& photo, int width, int height) {
   Lens lens = photo.lens;
@@ -145,6 +163,7 @@ Lens lens_of_photo(const Photo& photo, int width, int height) {
   if (lens.fy == 0) lens.fy = lens.fx;
   lens.cx = lens.cx.value_or(0.5 * lens.width);
   lens.cy = lens.cy.value_or(0.5 * lens.height);
+  require_pixels(photo, lens);
   if (lens.width == width && lens.height == height) return lens;
 
   const double scale_x = static_cast<double>(width) / lens.width;
@@ -168,16 +187,7 @@ Pixels read_mask(const Photo& photo, int width, int height) {
     fail(mask, "is " + size_text(mask_width, mask_height) + ", but its photo " + photo.file.string() + " is " +
                    size_text(width, height) + "; a mask must have the size of its photo");
   });
-  // Alpha, the last of four channels, is no part of the mask.
-  const auto value = static_cast<std::size_t>(stored.bits / 8),
-             pixel = value * static_cast<std::size_t>(stored.channels);
-  const std::size_t colors = stored.channels == 4 ? 3 * value : pixel;
-  Pixels valid{width, height, 1, 8, std::vector<std::uint8_t>(count_pixels(stored))};
-  for (std::size_t p = 0; p < valid.bytes.size(); ++p) {
-    const std::uint8_t* from = stored.bytes.data() + p * pixel;
-    valid.bytes[p] = std::any_of(from, from + colors, [](std::uint8_t byte) { return byte != 0; }) ? 255 : 0;
-  }
-  return valid;
+  return mask_of_picture(stored);
 }
 
 /// Resamples to the pinhole of the same focal lengths and principal point.
@@ -382,7 +392,10 @@ LoadedView load_view(const Photo& photo, const ImageOptions& options, Pixels sto
   try {
     check_camera(view.camera);
   } catch (const ArgumentError& error) {
-    fail(photo, std::string("its camera in ") + photo.listed_in.string() + " cannot be used: " + error.what());
+    // The values are for the line that names them; the expression behind it is for developers.
+    const std::string reason = error.what();
+    fail(photo,
+         "its camera in " + photo.listed_in.string() + " cannot be used: " + reason.substr(0, reason.find(" (")));
   }
   return loaded;
 }

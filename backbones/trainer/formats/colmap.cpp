@@ -34,7 +34,7 @@ struct CameraModel {
 };
 
 // https://colmap.github.io/cameras.html
-constexpr std::array<CameraModel, 11> kModels{{{0, "SIMPLE_PINHOLE", 3, true},
+constexpr std::array<CameraModel, 12> kModels{{{0, "SIMPLE_PINHOLE", 3, true},
                                                {1, "PINHOLE", 4, true},
                                                {2, "SIMPLE_RADIAL", 4, true},
                                                {3, "RADIAL", 5, true},
@@ -44,7 +44,8 @@ constexpr std::array<CameraModel, 11> kModels{{{0, "SIMPLE_PINHOLE", 3, true},
                                                {7, "FOV", 5, false},
                                                {8, "SIMPLE_RADIAL_FISHEYE", 4, false},
                                                {9, "RADIAL_FISHEYE", 5, false},
-                                               {10, "THIN_PRISM_FISHEYE", 12, false}}};
+                                               {10, "THIN_PRISM_FISHEYE", 12, false},
+                                               {11, "RAD_TAN_THIN_PRISM_FISHEYE", 16, false}}};
 
 [[noreturn]] void fail(const std::filesystem::path& file, const std::string& cause) {
   throw InputError(file.string() + ": " + cause);

@@ -21,17 +21,17 @@ using Json = nlohmann::json;
 namespace fs = std::filesystem;
 
 template <class T>
-T take(const Json& object, const fs::path& file, const char* key) {
+T take(const Json& object, const std::string& where, const char* key) {
   T value{};
-  const std::string place = file.string() + ": '" + key + "'";
+  const std::string place = where + ": '" + key + "'";
   require(object.is_object() && object.contains(key), place + " is missing");
   read_value(object[key], place, value);
   return value;
 }
 
 template <class T>
-T take_or(const Json& object, const fs::path& file, const char* key, const T& otherwise) {
-  return object.contains(key) ? take<T>(object, file, key) : otherwise;
+T take_or(const Json& object, const std::string& where, const char* key, const T& otherwise) {
+  return object.contains(key) ? take<T>(object, where, key) : otherwise;
 }
 
 /// Transform from the capture's world to the world used in training: (x − center)·scale.
@@ -154,7 +154,8 @@ NerfiesCapture read_nerfies(const fs::path& folder, const std::string& images) {
     const Json& of_photo = metadata[id];
     // Nerfies itself calls the time index warp_id, after its use.
     const char* key = of_photo.contains("time_id") ? "time_id" : "warp_id";
-    times.push_back(static_cast<double>(take<std::int64_t>(of_photo, metadata_file, key)));
+    times.push_back(
+        static_cast<double>(take<std::int64_t>(of_photo, metadata_file.string() + ": image '" + id + "'", key)));
     capture.photos.push_back(std::move(photo));
   }
   const auto [first, last] = std::ranges::minmax(times);

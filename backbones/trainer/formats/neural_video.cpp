@@ -40,6 +40,7 @@ std::string extension_of(const fs::path& file) {
 bool is_video(const fs::path& camera) { return extension_of(camera) == ".mp4"; }
 
 bool is_picture(const fs::path& file) {
+  if (file.filename().string().starts_with(".")) return false;  // "._NAME" of archives made on macOS
   const std::string extension = extension_of(file);
   return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
 }

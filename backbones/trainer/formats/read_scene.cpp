@@ -271,6 +271,8 @@ template <class Name>
 void check_position(const float* place, const std::filesystem::path& file, const Name& name) {
   for (int axis = 0; axis < 3; ++axis) {
     if (std::abs(place[axis]) <= kFarthest) continue;
+    if (std::isnan(place[axis]))
+      throw InputError(file.string() + ": " + name() + " is at a place that is not a number");
     throw InputError(file.string() + ": " + name() + " is " + number_text(std::abs(place[axis])) +
                      " units away from the origin, farther than " + number_text(kFarthest) +
                      "; scale the scene down, or remove it from the dataset");

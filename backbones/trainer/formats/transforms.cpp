@@ -212,7 +212,8 @@ Transforms read_transforms(const std::filesystem::path& file) {
     if (const std::string extension = photo.file.extension().string(); !photo.name.ends_with(extension))
       photo.name += extension;
     photo.listed_in = file;
-    if (const auto mask = frame.text("mask_path")) photo.mask_file = (folder / *mask).lexically_normal();
+    if (const auto mask = frame.text("mask_path"); mask && !mask->empty())
+      photo.mask_file = (folder / *mask).lexically_normal();
     photo.lens = shared;
     read_lens(frame, photo.lens);
     check_lens(photo.lens, frame.where);

@@ -3,6 +3,8 @@
 /// files, and cannot resample.
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -43,6 +45,18 @@ inline Pixels shrink_mask(const Pixels& mask, int width, int height, const std::
   Pixels shrunk = shrink_image(mask, width, height, where);
   for (std::uint8_t& value : shrunk.bytes) value = value == 255 ? 255 : 0;
   return shrunk;
+}
+
+/// A mask of one channel: 255 where a pixel of the image is not black, whatever its alpha.
+inline Pixels mask_of_picture(const Pixels& image) {
+  const auto value = static_cast<std::size_t>(image.bits / 8), pixel = value * static_cast<std::size_t>(image.channels);
+  const std::size_t colors = image.channels == 4 ? 3 * value : pixel;
+  Pixels mask{image.width, image.height, 1, 8, std::vector<std::uint8_t>(image.bytes.size() / pixel)};
+  for (std::size_t p = 0; p < mask.bytes.size(); ++p) {
+    const std::uint8_t* from = image.bytes.data() + p * pixel;
+    mask.bytes[p] = std::any_of(from, from + colors, [](std::uint8_t byte) { return byte != 0; }) ? 255 : 0;
+  }
+  return mask;
 }
 
 /// Resamples 8-bit pixels bilinearly, replicating the border. Throws InputError, beginning with `where`.

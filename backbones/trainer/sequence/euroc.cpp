@@ -74,9 +74,11 @@ std::vector<double> list_of(const std::string& text, const std::string& inside, 
     }
     throw InputError(file.string() + ": has no '" + name + "'");
   };
-  const std::size_t begin = text.find('[', find(key, inside.empty() ? 0 : find(inside, 0)));
-  const std::size_t end = text.find(']', begin);
-  require(begin != std::string::npos && end != std::string::npos, where + ": expected numbers in brackets");
+  const std::size_t found = find(key, inside.empty() ? 0 : find(inside, 0)) + key.size() + 1;
+  const std::size_t begin = text.find_first_not_of(" \t\r\n", found);
+  const std::size_t end = text.find(']', found);
+  require(begin != std::string::npos && text[begin] == '[' && end != std::string::npos,
+          where + ": expected numbers in brackets");
   std::string line;
   for (const char c : text.substr(begin + 1, end - begin - 1)) {
     if (c != '\n') line += c;
@@ -106,7 +108,8 @@ void require_model(const std::string& text, const std::string& key, const std::s
 EurocCamera read_camera(const fs::path& file) {
   std::ifstream in(file);
   require(in.good(), file.string() + ": cannot be read");
-  const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  std::string text;
+  for (std::string line; std::getline(in, line);) text += line.substr(0, line.find('#')) + "\n";
   EurocCamera camera;
   Calibration& c = camera.calibration;
   require_model(text, "camera_model:", "pinhole", file);
@@ -136,6 +139,12 @@ std::vector<std::pair<double, fs::path>> read_pictures(const fs::path& camera) {
   });
   require(!pictures.empty(), (camera / "data.csv").string() + ": lists no images");
   std::ranges::sort(pictures);
+  for (std::size_t i = 1; i < pictures.size(); ++i) {
+    const auto& [time, file] = pictures[i];
+    require(time != pictures[i - 1].first || file == pictures[i - 1].second,
+            (camera / "data.csv").string() + ": " + pictures[i - 1].second.filename().string() + " and " +
+                file.filename().string() + " have the same time; each picture needs its own");
+  }
   return pictures;
 }
 

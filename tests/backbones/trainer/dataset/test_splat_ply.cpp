@@ -172,6 +172,31 @@ TEST(SplatPly, BrokenFilesAreNamedWithTheCause) {
                     "cut short");
   }
   expect_contains(input_error_of([&] { read_splat_ply(folder / "none.ply"); }), "none.ply: the file does not exist");
+  const std::string two = ascii + all + "end_header\n" + row + " 14\n" + row + " 14\n";
+  expect_contains(message(two), "holds more data than the 1 vertices that its header promises");
+}
+
+// With a count that is too small, the rest was dropped, and the results of another model were written.
+TEST(SplatPly, ACountThatIsTooSmallIsDamage) {
+  const TemporaryFolder folder;
+  write_splat_ply(folder / "model.ply", make_cloud(31, 0));
+  std::string whole = read_file(folder / "model.ply");
+  write_file(folder / "model.ply", whole + "\n");  // less than a vertex may follow
+  EXPECT_EQ(read_splat_ply(folder / "model.ply").size(), 31u);
+  whole.replace(whole.find("vertex 31"), 9, "vertex 30");
+  write_file(folder / "model.ply", whole);
+  expect_contains(input_error_of([&] { read_splat_ply(folder / "model.ply"); }),
+                  "model.ply: holds more data than the 30 vertices");
+}
+
+TEST(SplatPly, AModelIsNoOutputForOtherFiles) {
+  const TemporaryFolder folder;
+  write_splat_ply(folder / "model.ply", make_cloud(2, 0));
+  expect_contains(input_error_of([&] { require_no_model(folder / "model.ply"); }),
+                  "model.ply: holds a model, which would be replaced; name another file");
+  write_file(folder / "empty.ply", "");
+  write_float_ply(folder / "points.ply", {{"x", "y", "z"}, {1, 2, 3}});
+  for (const char* name : {"empty.ply", "points.ply", "none.ply"}) require_no_model(folder / name);
 }
 
 TEST(SplatPly, RefusesArraysThatDoNotMatch) {

@@ -317,6 +317,7 @@ TEST(NeuralVideo, WithoutNumbersEachCameraHasAsManyPictures) {
                               images / ("000" + std::to_string(frame) + "_" + camera + ".png"));
     }
   }
+  write_file(disk.folder / "cam01/images/._0002_cam01.png", "of an archive made on macOS");
   expect_rig(read_scene(options_of(disk.folder)), 0);
   std::filesystem::remove(disk.folder / "cam01/images/0002_cam01.png");
   const std::string message = input_error_of([&] { read_scene(options_of(disk.folder)); });

@@ -356,6 +356,36 @@ TEST(Transforms, MasksThatCannotBeUsedAreNamed) {
   expect_contains(disk.error(), "frame 1: 'mask_path' is not a string");
 }
 
+TEST(Transforms, AnEmptyNameOfAMaskIsNoMask) {
+  MaskedScene disk;
+  disk.json["frames"][2]["mask_path"] = "";
+  const Scene scene = read_scene(disk.options());
+  EXPECT_TRUE(scene.train[2].valid.empty());
+  EXPECT_FALSE(scene.train[1].valid.empty());
+}
+
+// Some tools write intrinsics in widths of the photo. Scenes were trained with them, to an image of nothing.
+TEST(Transforms, IntrinsicsThatAreNotInPixelsAreRefused) {
+  MaskedScene disk;
+  const auto with = [&](const Json& intrinsics) {
+    Json before = disk.json;
+    disk.json.update(intrinsics);
+    const std::string text = disk.error();
+    disk.json = std::move(before);
+    return text;
+  };
+  const std::string both = "; both must be in pixels of the photo",
+                    listing = (disk.folder / "transforms.json").string();
+  expect_contains(with({{"fl_x", 0.75}, {"fl_y", 1.25}, {"cx", 0.5}, {"cy", 0.5}}),
+                  "images/0.png: its camera in " + listing +
+                      " has a focal length of 0.75 and a principal point at 0.5 for 40 pixels" + both);
+  expect_contains(with({{"cx", 200}}), "principal point at 200.0 for 40 pixels" + both);
+  expect_contains(with({{"fl_y", 1}}), "focal length of 1.0 and a principal point at 12.0 for 24 pixels" + both);
+  expect_contains(with({{"fl_x", 1e300}}), "needs finite focal lengths above zero");
+  disk.json.update(Json{{"fl_x", 2.5}, {"cx", -30}});  // 166°, a crop
+  EXPECT_EQ(read_scene(disk.options()).train.size(), 5u);
+}
+
 /// Frames 0 to 5 of nerfstudio, with lists of those to train on and to test.
 struct NerfstudioScene {
   TemporaryFolder folder;

@@ -303,6 +303,14 @@ TEST(Sequence, a_frame_that_cannot_be_read_says_why_and_the_others_stay) {
   expect_in(sequence->notes()[0], "1 of 3 frames has no depth");
 }
 
+TEST(Sequence, a_folder_with_the_name_of_a_picture_is_none) {
+  const TemporaryFolder folder;
+  make_replica(folder.path());
+  fs::remove(folder / "results/frame000001.png");
+  fs::create_directory(folder / "results/frame000001.png");
+  expect_in(open_sequence(of(folder.path()))->read(1).problem, "frame000001.png: is not a file");
+}
+
 TEST(Sequence, tum_pairs_by_time) {
   const TemporaryFolder parent;
   const fs::path folder = parent / "rgbd_dataset_freiburg3_toy";

@@ -138,6 +138,16 @@ TEST_F(Stereo, mistakes_are_told) {
     return error;
   };
   expect_in(with("intrinsics:", "intrinsic:"), "cam1/sensor.yaml: has no 'intrinsics'");
+  expect_in(with("intrinsics: [", "intrinsics:\n  - 458\nother: ["), "intrinsics: expected numbers in brackets");
+  // A calibration that was commented out took the place of the other.
+  EXPECT_EQ(with("intrinsics:", "# intrinsics: [1, 2, 3, 4]\nintrinsics:"), "");
+  change(walk() / "mav0/cam0/data.csv", [](std::string& text) {
+    text += text.substr(text.rfind('\n', text.size() - 2) + 1);
+    text.replace(text.rfind(','), std::string::npos, ",another.png\n");
+  });
+  expect_in(error_of(walk()), "cam0/data.csv: ");
+  expect_in(error_of(walk()), "have the same time; each picture needs its own");
+  change(walk() / "mav0/cam0/data.csv", [](std::string& text) { text.resize(text.rfind('\n', text.size() - 2) + 1); });
   expect_in(with("resolution: [200,", "resolution: [wide,"), "'wide' is not a number");
   expect_in(with("resolution: [200,", "resolution: [100, 200,"), "expected 2 numbers");
   expect_in(with("[200, 150]", "[200, 152]"), "the two cameras have different image sizes");
