@@ -503,6 +503,21 @@ bool all_at_one_place(std::span<const float> positions) {
   return true;
 }
 
+/// The distance from `centre` within which 99 % of the points are: a few may be wrong. 0 if there are none.
+float far_distance(const PointCloud& points, const glm::vec3& centre) {
+  constexpr double kPartOfPoints = 0.99;
+  std::vector<float> distances;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const float* p = points.positions.data() + 3 * i;
+    distances.push_back(glm::length(glm::vec3(p[0], p[1], p[2]) - centre));
+  }
+  if (distances.empty()) return 0;
+  const auto last = static_cast<double>(distances.size() - 1);
+  const auto far = distances.begin() + static_cast<std::ptrdiff_t>(std::ceil(kPartOfPoints * last));
+  std::ranges::nth_element(distances, far);
+  return *far;
+}
+
 /// Adds a note if 32-bit numbers, which poses and points are stored in, are too coarse where the cameras are.
 void note_distance(Scene& scene) {
   constexpr double kFinest = 1e-4;  // × extent
@@ -632,15 +647,9 @@ Scene read_scene(const SceneOptions& options) {
     make_points(options, dataset, scene);
   }
   if (!(scene.extent > 0)) {
-    // One camera, or all at one place: the extent of 3DGS, which scales the means' learning rate, would be 0. The
-    // distance to the farthest point is used instead.
-    double farthest = 0;
-    const glm::vec3 centre = scene.train.front().camera.centre();
-    for (std::size_t i = 0; i < scene.points.size(); ++i) {
-      const float* p = scene.points.positions.data() + 3 * i;
-      farthest = std::max(farthest, static_cast<double>(glm::length(glm::vec3(p[0], p[1], p[2]) - centre)));
-    }
-    scene.extent = farthest > 0 ? static_cast<float>(farthest) : 1.0f;
+    // One camera, or all at one place: the extent of 3DGS, which scales the means' learning rate, would be 0.
+    const float farthest = far_distance(scene.points, scene.train.front().camera.centre());
+    scene.extent = farthest > 0 ? farthest : 1.0f;
     scene.notes.push_back(
         "all training cameras are at the same position; the size of the scene is computed from its points");
   }

@@ -10,7 +10,7 @@
 namespace splatboost {
 
 /// Whether points [M,3] fill their bounding box evenly, as if drawn at random there, as for a scene without points.
-/// False if fewer than 64 are finite, too few to tell.
+/// False if fewer than 512 are finite, too few to tell.
 bool points_are_random(std::span<const float> points);
 
 /// Whether points [M,3] show where surfaces are: not if they are random, nor if fewer than 64 are finite.

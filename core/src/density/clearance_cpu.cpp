@@ -22,7 +22,9 @@ constexpr std::size_t kWrongPoints = 10;     ///< points that may be wrong, at l
 constexpr std::size_t kWrongShare = 1000;    ///< one of so many may be,
 constexpr std::size_t kWrongPerCamera = 10;  ///< but at most one of so many of a camera's share of the points
 constexpr std::size_t kPointsPerCell = 8;
-constexpr std::size_t kFewestPoints = 8 * kPointsPerCell;  ///< that can be told from random ones: of 2³ cells
+constexpr std::size_t kFewestPoints = 8 * kPointsPerCell;  ///< that show surfaces: of 2³ cells
+/// Fewest points that can be told from random ones, of 4³ cells. In 2³ cells, a closed surface fills each evenly too.
+constexpr std::size_t kFewestRandomPoints = 64 * kPointsPerCell;
 constexpr double kEvenDispersion = 2;  ///< 1 for points drawn at random, above 60 for those of eleven measured scenes
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
@@ -42,8 +44,9 @@ std::vector<glm::vec3> finite_points(std::span<const float> points) {
   return finite;
 }
 
-/// Whether points fill their bounding box evenly; at least kFewestPoints.
-bool are_even(const std::vector<glm::vec3>& points) {
+/// Whether points fill their bounding box evenly, as if drawn at random.
+bool are_random(const std::vector<glm::vec3>& points) {
+  if (points.size() < kFewestRandomPoints) return false;
   // Counts of random points in a grid of cells have a variance near their mean. Surfaces leave most cells empty.
   const auto cells = static_cast<std::size_t>(std::cbrt(static_cast<double>(points.size() / kPointsPerCell)) + 1e-9);
   glm::dvec3 low(points[0]), high(points[0]);
@@ -72,14 +75,11 @@ bool are_even(const std::vector<glm::vec3>& points) {
 
 }  // namespace
 
-bool points_are_random(std::span<const float> points) {
-  const std::vector<glm::vec3> finite = finite_points(points);
-  return finite.size() >= kFewestPoints && are_even(finite);
-}
+bool points_are_random(std::span<const float> points) { return are_random(finite_points(points)); }
 
 bool points_show_surfaces(std::span<const float> points) {
   const std::vector<glm::vec3> finite = finite_points(points);
-  return finite.size() >= kFewestPoints && !are_even(finite);
+  return finite.size() >= kFewestPoints && !are_random(finite);
 }
 
 void distances_to_scene(std::span<const float> centres, std::span<const float> points, std::span<float> distances,

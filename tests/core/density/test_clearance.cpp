@@ -85,10 +85,10 @@ TEST(DistancesToScene, AreThoseOfTheGroundBelowInALongScene) {
 
 // Sparse clouds of a few points exist, and nobody draws so few at random.
 TEST(PointsAreRandom, IsFalseForTooFewToTell) {
-  for (const std::size_t count : {0, 1, 20, 63}) {
+  for (const std::size_t count : {0, 1, 20, 63, 64, 511}) {
     EXPECT_FALSE(points_are_random(in_a_cube(count, 1))) << count;
-    EXPECT_FALSE(points_show_surfaces(in_a_cube(count, 1))) << count;
-    EXPECT_FALSE(points_show_surfaces(on_walls(count, 1))) << count;
+    EXPECT_EQ(points_show_surfaces(in_a_cube(count, 1)), count >= 64) << count;
+    EXPECT_EQ(points_show_surfaces(on_walls(count, 1)), count >= 64) << count;
   }
 }
 
@@ -104,7 +104,7 @@ TEST(DistancesToScene, AreZeroWithTooFewPoints) {
 
 // A scene without points starts from random ones, in a box that may be smaller than the scene (NeRF-synthetic's ±1.3).
 TEST(DistancesToScene, AreZeroIfThePointsWereDrawnAtRandom) {
-  for (const std::size_t count : {64, 300, 1000, 5000, 100000}) {
+  for (const std::size_t count : {512, 1000, 5000, 100000}) {
     EXPECT_TRUE(points_are_random(in_a_cube(count, count))) << count;
     EXPECT_FALSE(points_show_surfaces(in_a_cube(count, count))) << count;
     EXPECT_EQ(distances_of({4, 0, 0}, in_a_cube(count, count)), std::vector<float>{0}) << count;
@@ -114,7 +114,7 @@ TEST(DistancesToScene, AreZeroIfThePointsWereDrawnAtRandom) {
   for (std::size_t i = 0; i < points.size(); i += 3) points[i] *= 40;
   EXPECT_EQ(distances_of({4, 0, 0}, points), std::vector<float>{0});
   // Neither a room whose walls are sampled evenly nor a plane is random.
-  for (const std::size_t count : {500, 1000, 5000}) {
+  for (const std::size_t count : {64, 100, 250, 512, 700, 1000, 5000}) {
     EXPECT_FALSE(points_are_random(on_walls(count, count))) << count;
     EXPECT_TRUE(points_show_surfaces(on_walls(count, count))) << count;
     EXPECT_GT(distances_of({0, 0, 0}, on_walls(count, count))[0], 1.5f) << count;

@@ -25,7 +25,7 @@ constexpr int kWidth = 64, kHeight = 48, kViews = 10;
 struct Row {
   TemporaryFolder folder;
 
-  explicit Row(bool with_points = true) {
+  explicit Row(const std::vector<float>& points = {1, 2, 3, 2, 2, 3}) {
     ColmapModel model;
     model.cameras.push_back({1, 0, kWidth, kHeight, {50, 32, 24}});
     for (int i = kViews - 1; i >= 0; --i) {  // not in the order of their names
@@ -39,10 +39,8 @@ struct Row {
       std::vector<std::uint8_t> pixels(kWidth * kHeight, static_cast<std::uint8_t>(10 * i));
       write(image.name, pixels);
     }
-    if (with_points) {
-      model.points.positions = {1, 2, 3, 2, 2, 3};
-      model.points.colors = {1, 2, 3, 4, 5, 6};
-    }
+    model.points.positions = points;
+    for (std::size_t i = 0; i < points.size(); ++i) model.points.colors.push_back(static_cast<std::uint8_t>(i + 1));
     std::filesystem::create_directories(folder / "sparse/0");
     write_colmap_model(folder / "sparse/0", model);
   }
@@ -76,6 +74,17 @@ TEST(ReadScene, KeepsOrderWhateverThreadReads) {
   EXPECT_FLOAT_EQ(scene.extent, 1.1f * 4.5f);
 }
 
+// One wrong point of many made the scene of one camera a thousand times as large.
+TEST(ReadScene, AWrongPointDoesNotSetTheExtent) {
+  std::vector<float> points;
+  for (int i = 0; i < 300; ++i) points.insert(points.end(), {0.01f * static_cast<float>(i), 0, 4});
+  points.insert(points.end(), {3000, 2000, 1000});
+  const Row row(points);
+  SceneOptions options = row.options();
+  options.n_views = 1;
+  EXPECT_NEAR(read_scene(options).extent, std::hypot(4.0, 2.97), 0.02);
+}
+
 TEST(ReadScene, SplitsAsAsked) {
   const Row row;
   SceneOptions options = row.options();
@@ -96,7 +105,7 @@ TEST(ReadScene, SplitsAsAsked) {
 
   options.n_views = 1;
   EXPECT_EQ(names(read_scene(options).train), "v1 ");
-  EXPECT_GT(read_scene(options).extent, 0);
+  EXPECT_FLOAT_EQ(read_scene(options).extent, std::sqrt(14.0f)) << "of the farther of two points";
   options.n_views = 50;
   EXPECT_EQ(read_scene(options).train.size(), 6u);
 
@@ -321,7 +330,7 @@ TEST(ReadScene, WidePhotosAreLimitedWithANote) {
 }
 
 TEST(ReadScene, RandomPointsLieWhereTheCamerasLook) {
-  const Row row(false);
+  const Row row(std::vector<float>{});
   SceneOptions options = row.options();
   options.random_points = 2000;
   const Scene scene = read_scene(options);
@@ -352,7 +361,7 @@ TEST(ReadScene, NotesCoordinatesTooFarFromTheOriginForSinglePrecision) {
 
 TEST(ReadScene, PointsAtOnePlaceAreReplacedBecauseTheyHaveNoSize) {
   for (const int count : {1, 3}) {
-    const Row row(false);
+    const Row row(std::vector<float>{});
     ColmapModel model = read_colmap_model(row.folder / "sparse/0");
     for (int i = 0; i < count; ++i) {
       for (const float coordinate : {1.0f, 2.0f, 3.0f}) model.points.positions.push_back(coordinate);
