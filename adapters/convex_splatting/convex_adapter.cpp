@@ -40,6 +40,7 @@ ConvexBoost literal_convex_boost() {
   boost.late_share = 0;
   boost.average_share = 0;
   boost.track_points = false;
+  boost.scale_lengths = false;
   return boost;
 }
 

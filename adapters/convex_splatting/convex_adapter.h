@@ -54,6 +54,8 @@ struct ConvexBoost {
   /// An in-tree trainer adds points of features that several photos share. Not in the paper. Points in gaps, as in
   /// VanillaBoost, are less exact, and convexes there cover new views.
   bool track_points = true;
+  /// An in-tree trainer scales the lengths of the backbone's settings to the scene. Not in the paper.
+  bool scale_lengths = true;
   /// Number of training views, given by the run; 0: not known, and rest_rate applies.
   int training_views = 0;
 
@@ -85,6 +87,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
   visit("track_points", boost.track_points);
+  visit("scale_lengths", boost.scale_lengths);
   visit("training_views", boost.training_views);
 }
 

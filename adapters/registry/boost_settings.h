@@ -44,6 +44,9 @@ class BoostSettings {
   /// Share of the run, from its start, for which an in-tree trainer uses half-size views; 0: none.
   virtual double coarse_share() const = 0;
   virtual AddedPoints added_points() const = 0;
+  /// Whether an in-tree trainer scales the lengths in the backbone's settings to the scene, where these have
+  /// absolute_distances.
+  virtual bool scales_lengths() const = 0;
   /// @param device where the backbone trains
   virtual std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const = 0;
 };
@@ -67,6 +70,10 @@ class SettingsOf final : public BoostSettings {
       return boost_.track_points ? AddedPoints::tracked : AddedPoints::none;
     }
     return AddedPoints::none;
+  }
+  bool scales_lengths() const override {
+    if constexpr (requires { boost_.scale_lengths; }) return boost_.scale_lengths;
+    return false;
   }
   std::unique_ptr<Adapter> make_adapter(std::uint64_t seed, Device device) const override {
     Boost boost = boost_;

@@ -82,6 +82,7 @@ ScaffoldBoost literal_scaffold_boost() {
   boost.beta = 0.5f;
   boost.coarse = false;
   boost.track_points = false;
+  boost.scale_lengths = false;
   return boost;
 }
 

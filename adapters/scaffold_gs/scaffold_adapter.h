@@ -37,6 +37,8 @@ struct ScaffoldBoost {
   double coarse_until = 0.3;  ///< until this share of the run
   /// An in-tree trainer adds points of features that several photos share. Not in the paper.
   bool track_points = true;
+  /// An in-tree trainer scales the lengths of the backbone's settings to the scene. Not in the paper.
+  bool scale_lengths = true;
 
   std::uint64_t seed = 0;  ///< of the run; not a user setting
 };
@@ -57,6 +59,7 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("coarse", boost.coarse);
   visit("coarse_until", boost.coarse_until);
   visit("track_points", boost.track_points);
+  visit("scale_lengths", boost.scale_lengths);
 }
 
 /// Throws ArgumentError, naming the setting, if a value is out of range.

@@ -8,6 +8,7 @@ namespace {
 template <class Config, class Visit>
 void for_each_field(Config& c, Visit&& visit) {
   visit("preset", c.preset);
+  visit("absolute_distances", c.absolute_distances);
   visit("sh_degree", c.sh_degree);
   visit("points_rate_initial", c.points_rate_initial);
   visit("points_rate_final", c.points_rate_final);

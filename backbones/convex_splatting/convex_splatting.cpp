@@ -22,6 +22,7 @@
 #include "trainer/backbone_api/raster_laps.h"
 #include "trainer/backbone_api/trained_group.h"
 #include "trainer/backbone_api/training_truths.h"
+#include "trainer/dataset/typical_depth.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {
@@ -108,6 +109,7 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
 
   BackboneContext context_;
   ConvexConfig config_;
+  double unit_ = config_.absolute_distances ? 1.0 : typical_depth(context_.scene) / kConvexDepth;  ///< world units
   Device device_;
   ConvexRasterizer rasterizer_;
   Photometric photometric_;
@@ -121,8 +123,8 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
 
   // Group names are those of the release.
   TrainedGroup points_{"convex_points", kConvexWidth, device_, [this](int iteration) {
-                         return exponential_rate(config_.points_rate_initial, config_.points_rate_final, iteration,
-                                                 context_.iterations);
+                         return unit_ * exponential_rate(config_.points_rate_initial, config_.points_rate_final,
+                                                         iteration, context_.iterations);
                        }};
   TrainedGroup smoothness_{"delta", 1, device_, [this](int) { return config_.smoothness_rate; },
                            Activation::exponential};
@@ -162,7 +164,7 @@ void ConvexSplatting::initialise() {
     }
     extent = std::max(extent, high - low);
   }
-  const bool large = config_.large_scene > 0 && static_cast<double>(extent) > config_.large_scene;
+  const bool large = config_.large_scene > 0 && static_cast<double>(extent) > unit_ * config_.large_scene;
   gradient_threshold_ = config_.gradient_threshold * (large ? config_.large_scene_factor : 1);
 
   // Keep an even subset of the points if there are more than the cap.
@@ -196,7 +198,7 @@ void ConvexSplatting::initialise() {
   }
   points_.assign(spheres(centres, radii));
   smoothness_.assign(std::move(log_smoothness));
-  sharpness_.assign(std::vector<float>(n, static_cast<float>(std::log(config_.initial_sharpness))));
+  sharpness_.assign(std::vector<float>(n, static_cast<float>(std::log(config_.initial_sharpness / unit_))));
   opacity_.assign(std::vector<float>(n, logit(config_.initial_opacity)));
   mask_.assign(std::vector<float>(n, kInitialMask));
   f_dc_.assign(std::move(dc));
@@ -434,7 +436,9 @@ void ConvexSplatting::append_children(std::span<const std::uint32_t> parents) {
     }
   });
   sharpness_.values.edit(first, [&](std::span<float> logarithms) {
-    for (float& value : logarithms) value *= static_cast<float>(config_.child_log_sharpness);
+    // The logarithm of the sharpness per unit of the settings.
+    const auto factor = static_cast<float>(config_.child_log_sharpness), unit = static_cast<float>(std::log(unit_));
+    for (float& value : logarithms) value = factor * (value + unit) - unit;
   });
   opacity_.values.edit(first, [&](std::span<float> logits) {
     for (float& value : logits) value = logit(config_.child_opacity * static_cast<double>(sigmoid(value)));

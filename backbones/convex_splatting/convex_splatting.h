@@ -11,12 +11,18 @@
 
 namespace splatboost {
 
+/// typical_depth() of a scene for which the published lengths are.
+inline constexpr double kConvexDepth = 5;
+
 /// Defaults are those of the release for indoor scenes; preset_config() has its other presets.
 /// Iterations are for a run of 30 000 and scale with the length of the run.
 struct ConvexConfig {
   std::string preset = "indoor";  ///< "outdoor", "light": other defaults for the fields below
+  /// Whether lengths are in world units, as published. If not, they are for a scene seen from kConvexDepth, and are
+  /// scaled by typical_depth().
+  bool absolute_distances = true;
   int sh_degree = 3;
-  double points_rate_initial = 4e-4;  ///< world units, not × scene extent
+  double points_rate_initial = 4e-4;  ///< not × scene extent
   double points_rate_final = 4e-6;    ///< at the end of the run
   double feature_rate = 2.5e-3;       ///< degree-0 spherical harmonics; higher degrees: / 20
   double opacity_rate = 0.01;
@@ -27,8 +33,8 @@ struct ConvexConfig {
   double lambda_mask = 5e-4;  ///< × mean of the masks
   double initial_size = 1.2;  ///< radius, × root mean squared distance to 3 neighbours
   double initial_opacity = 0.1;
-  double initial_smoothness = 0.1;  ///< / root mean squared distance to 3 neighbours
-  double initial_sharpness = 9e-4;
+  double initial_smoothness = 0.1;   ///< / root mean squared distance to 3 neighbours
+  double initial_sharpness = 9e-4;   ///< / a length
   double gradient_threshold = 6e-6;  ///< of the mean signed gradient of the sharpness; convexes at or above it split
   double large_scene = 300;          ///< the threshold is × large_scene_factor if the points extend further; 0: never
   double large_scene_factor = 8.5;

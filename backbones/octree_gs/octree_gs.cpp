@@ -15,7 +15,7 @@
 namespace splatboost {
 namespace {
 
-constexpr float kFinestSide = 0.02f;  // of a cell, to derive base_layer from the box
+constexpr double kFinestSide = 0.02;  // of a cell, to derive base_layer from the box; in units of the settings
 constexpr std::size_t kGrain = 1024;
 
 DecoderShape shape_of(const OctreeConfig& config) {
@@ -105,9 +105,10 @@ void Octree::initialise() {
   origin_ = *low * extend;
   const float side = *high * extend - origin_;
   require(side > 0, "all points of the scene are at the same position");
-  const int base = config_.base_layer >= 0
-                       ? config_.base_layer
-                       : static_cast<int>(std::nearbyint(std::log2(side / kFinestSide))) - level_count() / 2 + 1;
+  const int base =
+      config_.base_layer >= 0
+          ? config_.base_layer
+          : static_cast<int>(std::nearbyint(std::log2(side / (unit() * kFinestSide)))) - level_count() / 2 + 1;
   voxel_size_ = side / std::pow(fork(), static_cast<float>(base));
 
   const std::vector<float> all = starting_points(context().scene).positions;

@@ -14,12 +14,6 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-double median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
 std::vector<std::vector<std::size_t>> neighbor_views(const std::vector<View>& views, const NeighborLimits& limits) {
@@ -45,25 +39,6 @@ std::vector<std::vector<std::size_t>> neighbor_views(const std::vector<View>& vi
     for (const auto& each : found) neighbors[i].push_back(std::get<2>(each));
   }
   return neighbors;
-}
-
-double typical_depth(const Scene& scene) {
-  std::vector<double> of_views;
-  for (const View& view : scene.train) {
-    const Camera& camera = view.camera;
-    std::vector<double> depths;
-    for (std::size_t i = 0; i < scene.points.size(); ++i) {
-      const float* at = &scene.points.positions[3 * i];
-      const glm::vec3 point(camera.camera_from_world * glm::vec4(at[0], at[1], at[2], 1));
-      if (!(point.z > 0)) continue;
-      const float x = camera.fx * point.x / point.z + camera.cx, y = camera.fy * point.y / point.z + camera.cy;
-      const bool seen =
-          x >= 0 && y >= 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height);
-      if (seen) depths.push_back(static_cast<double>(point.z));
-    }
-    if (!depths.empty()) of_views.push_back(median(depths));
-  }
-  return of_views.empty() ? 1.0 : median(of_views);
 }
 
 View virtual_view(const View& near, double shift, double turn, const RandomStream& random) {

@@ -19,10 +19,6 @@ struct NeighborLimits {
 /// Neighbours of each view, sorted by distance, then angle, then index.
 std::vector<std::vector<std::size_t>> neighbor_views(const std::vector<View>& views, const NeighborLimits& limits);
 
-/// Typical distance of the views to the scene: the median over views of the median depth of the points in them. 1 if
-/// there are none.
-double typical_depth(const Scene& scene);
-
 /// A random view without a photo, near another.
 /// @param shift maximum translation along each axis, world units
 /// @param turn maximum rotation about each axis, degrees

@@ -52,7 +52,7 @@ class Scaffold final : public AnchorBackbone {
 void Scaffold::initialise() {
   const std::vector<float>& points = context().scene.points.positions;
   require(!points.empty(), "the scene has no points to place anchors at; add a point cloud to the dataset");
-  voxel_size_ = static_cast<float>(config_.voxel_size);
+  voxel_size_ = static_cast<float>(unit() * config_.voxel_size);
   if (voxel_size_ == 0) {
     std::vector<float> squared(points.size() / 3);
     mean_squared_neighbor_distances(points, 3, squared, context().threads);

@@ -13,7 +13,7 @@ namespace splatboost {
 
 /// The published defaults; iterations are for a run of 30 000.
 struct ScaffoldConfig : AnchorConfig {
-  double voxel_size = 0.001;    ///< world units; 0: median over the points of the mean squared distance to 3 neighbours
+  double voxel_size = 0.001;    ///< 0: world units, median over the points of the mean squared distance to 3 neighbours
   int update_depth = 3;         ///< number of grid levels in which anchors grow, the coarsest first
   int update_init_factor = 16;  ///< size of the coarsest cells in voxels
   int update_hierarchy_factor = 4;  ///< per level, cells shrink by this and thresholds rise by half of it

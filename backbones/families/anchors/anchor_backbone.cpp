@@ -14,6 +14,7 @@
 #include "splatboost/select.h"
 #include "trainer/backbone_api/raster_laps.h"
 #include "trainer/dataset/splat_ply.h"
+#include "trainer/dataset/typical_depth.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 
@@ -33,6 +34,7 @@ AnchorBackbone::AnchorBackbone(const BackboneContext& context, const AnchorConfi
       config_(config),
       shape_(shape),
       published_iterations_(published_iterations),
+      unit_(config.absolute_distances ? 1.0 : typical_depth(context.scene) / kAnchorDepth),
       device_(context.device),
       rasterizer_(device_),
       photometric_(device_),
@@ -40,7 +42,8 @@ AnchorBackbone::AnchorBackbone(const BackboneContext& context, const AnchorConfi
       statistics_(shape.offsets, device_),
       offsets_("offset", 3 * shape.offsets, device_,
                [this, rate = falling(config.offset_rate_initial, config.offset_rate_final)](int iteration) {
-                 return static_cast<double>(context_.scene.extent * static_cast<float>(rate(iteration)));
+                 const double extent = config_.absolute_distances ? context_.scene.extent : kAnchorExtent;
+                 return static_cast<double>(static_cast<float>(extent) * static_cast<float>(rate(iteration)));
                }),
       features_("anchor_feat", shape.features, device_, [this](int) { return config_.feature_rate; }),
       scaling_("scaling", 6, device_, [this](int) { return config_.scaling_rate; }),
@@ -227,7 +230,8 @@ double AnchorBackbone::train_step(int iteration, const View& view) {
   rasterizer_.backward(gaussians(), image_gradients, gradients);
   lap_backward(rasterizer_, device_, clock_);
 
-  const double volume = view_.add_volume_loss(config_.volume_weight, gaussian_gradients_.scales, !last);
+  const double volume =
+      view_.add_volume_loss(config_.volume_weight / (unit_ * unit_ * unit_), gaussian_gradients_.scales, !last);
   std::span<float> embedding_gradient;
   if (const std::optional<std::size_t> row = training_index(context_.scene, view); row && shape_.appearance > 0) {
     embedding_gradient = embedding_.gradients.span().subspan(*row * shape_.appearance, shape_.appearance);
@@ -295,11 +299,12 @@ void AnchorBackbone::change_anchors() {
   statistics_.restart_anchors_seen_over(anchor_views);
   const std::vector<float> equal(removed_.size(), 0.0f);
   if (spare_one(equal, removed_) > 0) remove_anchors(removed_);
+  const auto largest = static_cast<float>(config_.max_log_size + std::log(unit_));
   scaling_.values.edit(0, [&](std::span<float> logarithms) {
     for (std::size_t i = 0; i < primitives(); ++i) {
       for (std::size_t c = 3; c < 6; ++c) {
         float& value = logarithms[6 * i + c];
-        value = std::min(value, static_cast<float>(config_.max_log_size));
+        value = std::min(value, largest);
       }
     }
   });

@@ -114,6 +114,8 @@ class AnchorBackbone : public Backbone {
   int at(int published) const;
   int iteration() const { return iteration_; }
   const BackboneContext& context() const { return context_; }
+  /// World units per length unit of the settings.
+  double unit() const { return unit_; }
 
  private:
   /// Rasterizer operations that adapters may call. Primitives are slots.
@@ -154,6 +156,7 @@ class AnchorBackbone : public Backbone {
   AnchorConfig config_;
   DecoderShape shape_;
   int published_iterations_;
+  double unit_;
   Device device_;
   Rasterizer rasterizer_;
   Photometric photometric_;

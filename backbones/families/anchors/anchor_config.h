@@ -8,9 +8,17 @@
 
 namespace splatboost {
 
+/// typical_depth() and extent of a scene for which the published lengths are. COLMAP gives photos taken around an
+/// object about these.
+inline constexpr double kAnchorDepth = 5;
+inline constexpr double kAnchorExtent = 5;
+
 /// Iterations are those of the backbone's published run; they scale with the length of the run. A rate with an initial
 /// and a final value decays log-linearly over the run.
 struct AnchorConfig {
+  /// Whether lengths are in world units, as published. If not, they are for a scene seen from kAnchorDepth with the
+  /// extent kAnchorExtent, and are scaled by typical_depth().
+  bool absolute_distances = true;
   int feat_dim = 32;
   int n_offsets = 10;
   int appearance_dim = 0;
@@ -33,7 +41,7 @@ struct AnchorConfig {
   double appearance_rate_initial = 0.05;
   double appearance_rate_final = 5e-4;
   double lambda_dssim = 0.2;
-  double volume_weight = 0.01;       ///< loss weight of the mean volume of the Gaussians in view
+  double volume_weight = 0.01;       ///< loss weight of the mean volume of the Gaussians in view, cubic units
   double gradient_threshold = 2e-4;  ///< for the mean norm of a slot's screen gradient, NDC units
   /// An anchor is judged after being in view for this share of grow_interval, a slot after half of it.
   double success_threshold = 0.8;
@@ -48,6 +56,7 @@ struct AnchorConfig {
 /// Calls visit(name, field) for every setting.
 template <class Config, class Visit>
 void for_each_anchor_field(Config& c, Visit&& visit) {
+  visit("absolute_distances", c.absolute_distances);
   visit("feat_dim", c.feat_dim);
   visit("n_offsets", c.n_offsets);
   visit("appearance_dim", c.appearance_dim);

@@ -13,6 +13,8 @@ namespace {
 
 using Json = nlohmann::json;
 
+constexpr const char* kAbsolute = "absolute_distances";  ///< of backbones with lengths in world units, as published
+
 /// Calls visitor(name, value) for each setting, as fields_to_json() and fields_from_json() need it.
 template <class Visitor>
 void visit_settings(BoostSettings& settings, Visitor&& visitor) {
@@ -83,6 +85,13 @@ Json with_scene(Json settings, const Scene& scene) {
   return settings;
 }
 
+/// Lengths that are not for the scene cost quality; a user's own choice stays.
+Json with_scaled_lengths(Json constants) {
+  if (!constants.is_object()) constants = Json::object();
+  if (!constants.contains(kAbsolute)) constants[kAbsolute] = false;
+  return constants;
+}
+
 /// No view is more recent than others if all are there from the beginning.
 Json with_arrival(Json settings, bool views_arrive) {
   if (!views_arrive && settings.contains("recent_share")) settings["recent_share"] = 0.0;
@@ -94,7 +103,8 @@ Json with_arrival(Json settings, bool views_arrive) {
 PluggedBackbone make_backbone(std::string_view name, const BackboneContext& context, const Json& constants,
                               const Json* boost) {
   PluggedBackbone plugged;
-  plugged.backbone = find_backbone(name).make(context, constants);
+  const bool scales = boost != nullptr && read_boost_settings(name, *boost)->scales_lengths();
+  plugged.backbone = find_backbone(name).make(context, scales ? with_scaled_lengths(constants) : constants);
   if (boost != nullptr) {
     const Json own = plugged.backbone->config(), given = to_json(*read_boost_settings(name, *boost));
     check_end_of_growth(name, own, given);

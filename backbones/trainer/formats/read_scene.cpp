@@ -19,8 +19,10 @@
 #include <glm/geometric.hpp>
 #include <nlohmann/json.hpp>
 
+#include "splatboost/constants.h"
 #include "splatboost/threads.h"
 #include "trainer/dataset/splat_ply.h"
+#include "trainer/dataset/typical_depth.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/formats/colmap.h"
 #include "trainer/formats/frame_times.h"
@@ -503,6 +505,16 @@ bool all_at_one_place(std::span<const float> positions) {
   return true;
 }
 
+/// Adds a note if much of what the views show is before their near plane. The user can give the scene other units.
+void note_near_plane(Scene& scene) {
+  constexpr double kMuch = 0.02;
+  const double share = scene.lacks_points ? 0 : share_nearer(scene, static_cast<double>(kNearPlane));
+  if (share < kMuch) return;
+  scene.notes.push_back(std::to_string(std::lround(100 * share)) + " % of the points in the views are nearer than " +
+                        number_text(static_cast<double>(kNearPlane)) +
+                        " units, where nothing is drawn (near plane); scale poses and points up");
+}
+
 /// The distance from `centre` within which 99 % of the points are: a few may be wrong. 0 if there are none.
 float far_distance(const PointCloud& points, const glm::vec3& centre) {
   constexpr double kPartOfPoints = 0.99;
@@ -654,6 +666,7 @@ Scene read_scene(const SceneOptions& options) {
         "all training cameras are at the same position; the size of the scene is computed from its points");
   }
   note_distance(scene);
+  note_near_plane(scene);
   return scene;
 }
 

@@ -13,14 +13,22 @@ namespace splatboost {
 namespace {
 
 TEST(DefaultRules, large_gaussians_stay_where_that_was_measured) {
-  const std::map<std::string, bool> prunes{{"vanilla", false},        {"mip-splatting", false}, {"dropgaussian", false},
-                                           {"deformable-3dgs", true}, {"pgsr", false},          {"photo-slam", true},
-                                           {"convex-splatting", true}};
+  const std::map<std::string, bool> prunes{
+      {"vanilla", false}, {"mip-splatting", false}, {"dropgaussian", false},   {"deformable-3dgs", false},
+      {"pgsr", false},    {"photo-slam", true},     {"convex-splatting", true}};
   Threads threads(1);
   for (const auto& [backbone, expected] : prunes) {
     const auto adapter = find_adapter(backbone).make_settings(false)->make_adapter(0, threads);
     EXPECT_EQ(adapter->prunes_large_at({5000, 30000}, true), expected) << backbone;
     EXPECT_FALSE(adapter->prunes_large_at({5000, 30000}, false)) << backbone;
+  }
+}
+
+TEST(DefaultRules, lengths_are_scaled_where_the_published_ones_are_in_world_units) {
+  const std::set<std::string_view> kInWorldUnits{"scaffold-gs", "octree-gs", "convex-splatting"};
+  for (const AdapterEntry& entry : adapters()) {
+    EXPECT_EQ(entry.make_settings(false)->scales_lengths(), kInWorldUnits.contains(entry.backbone)) << entry.backbone;
+    EXPECT_FALSE(entry.make_settings(true)->scales_lengths()) << entry.backbone;
   }
 }
 

@@ -45,15 +45,6 @@ TEST(NeighborViews, equal_distances_go_by_angle) {
   EXPECT_EQ(neighbor_views(views, {8, 30, 0.01, 1.5})[0], (std::vector<std::size_t>{2, 3, 1}));
 }
 
-TEST(TypicalDepth, is_the_median_of_the_views_medians) {
-  Scene scene;
-  EXPECT_EQ(typical_depth(scene), 1.0);
-  scene.train = {view_at({0, 0, 0}), view_at({0, 0, -2}), view_at({0, 0, 100})};  // the last sees nothing
-  for (const float z : {3.0f, 4.0f, 9.0f}) scene.points.positions.insert(scene.points.positions.end(), {0, 0, z});
-  scene.points.positions.insert(scene.points.positions.end(), {90, 0, 1});  // outside of all views
-  EXPECT_EQ(typical_depth(scene), 6.0) << "of 4 and 6";
-}
-
 TEST(VirtualView, is_near_and_has_no_photo) {
   View near = view_at({1, 2, 3});
   near.color.assign(3 * 100 * 80, 7);

@@ -85,6 +85,17 @@ TEST(ReadScene, AWrongPointDoesNotSetTheExtent) {
   EXPECT_NEAR(read_scene(options).extent, std::hypot(4.0, 2.97), 0.02);
 }
 
+TEST(ReadScene, WhatIsBeforeTheNearPlaneIsTold) {
+  const Row near({1, 0, 0.1f, 1, 0.01f, 0.19f, 1, 0, 3}), far({1, 0, 1, 1, 0, 3});
+  const std::vector<std::string> notes = read_scene(near.options()).notes;
+  ASSERT_EQ(notes.size(), 1u);
+  // Cameras at x = 0 to 2 see the far point, the one at 1 the others.
+  EXPECT_EQ(notes[0],
+            "40 % of the points in the views are nearer than 0.2 units, where nothing is drawn (near plane); scale "
+            "poses and points up");
+  EXPECT_TRUE(read_scene(far.options()).notes.empty());
+}
+
 TEST(ReadScene, SplitsAsAsked) {
   const Row row;
   SceneOptions options = row.options();
