@@ -23,6 +23,7 @@ VanillaBoost deformable_boost() {
   boost.absgrad = false;
   boost.growth_after_reset = 3000;  // without resets: -1.0 dB on photos of bird, with their numbers as times
   boost.fill_gaps = false;          // the program adds none to scenes that move
+  boost.rate_by_depth = false;      // its rates do not depend on the extent
   // Higher bands at twice the rate, stepping every fourth iteration: +0.1 dB on D-NeRF's lego, one seed.
   boost.rest_interval = 1;
   boost.rest_rate = boost.rest_rate_few = 1;

@@ -51,6 +51,15 @@ inline double higher_bands_rate(double few, double often, Moment moment, int tra
              : rate_by_visits(few, often, visits_per_view(moment, static_cast<std::size_t>(training_views)));
 }
 
+/// Factor on the rate of means. 3DGS sets it × the scene extent, the spread of the cameras. In scenes photographed from
+/// all around, which it was chosen for, that is about the distance to the scene; the errors of positions depend on the
+/// distance. Photos from one side have a distance of several times the extent.
+/// @param depth_ratio typical depth of the scene in its views / extent; 0: not known
+inline double rate_of_depth(double depth_ratio) {
+  constexpr double kAllAround = 1.25;  ///< the ratio up to which nothing changes; 0.6 to 1.1 in seven captures
+  return std::max(1.0, depth_ratio / kAllAround);
+}
+
 /// 1, or less if views are visited fewer than kSettledVisits times: the square of the ratio, because primitives have
 /// proportionally fewer visits to settle in before late pruning, and the others fewer to make up for the removed ones
 /// after it. The opacity threshold of late pruning is multiplied by it, and so is the share of blending weights removed

@@ -20,6 +20,7 @@ void check(const VanillaBoost& boost) {
   not_negative(boost.rest_rate, "rest_rate must be at least 0");
   not_negative(boost.rest_rate_few, "rest_rate_few must be at least 0");
   check_setting(boost.training_views >= 0, "training_views must be at least 0");
+  check_setting(boost.depth_ratio >= 0, "depth_ratio must be at least 0");
   check_setting(boost.views >= 1, "views must be at least 1");
   check_setting(boost.tau > 0 && boost.tau < 1, "tau must be in (0, 1)");
   check_setting(boost.lambda_dssim >= 0 && boost.lambda_dssim <= 1, "lambda_dssim must be in [0, 1]");
@@ -56,6 +57,7 @@ VanillaBoost literal_boost() {
   boost.min_clearance = 0;
   boost.replaced_share = 0;
   boost.average_share = 0;
+  boost.rate_by_depth = false;
   boost.coarse = false;
   boost.fill_gaps = false;
   return boost;
@@ -256,6 +258,7 @@ bool VanillaAdapter::steps_at(std::string_view group, Moment moment) const {
 bool VanillaAdapter::averages_at(Moment moment) const { return splatboost::averages_at(boost_.average_share, moment); }
 
 float VanillaAdapter::rate_factor(std::string_view group, Moment moment) const {
+  if (group == kMeans && boost_.rate_by_depth) return static_cast<float>(rate_of_depth(boost_.depth_ratio));
   if (!boost_.schedule || boost_.literal || group != kHigherBands) return 1.0f;
   return static_cast<float>(higher_bands_rate(boost_.rest_rate_few, boost_.rest_rate, moment, boost_.training_views));
 }

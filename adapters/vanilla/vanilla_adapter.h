@@ -57,6 +57,11 @@ struct VanillaBoost {
   bool random_points = false;
   /// Number of training views, given by the run; 0: not known, and rest_rate applies.
   int training_views = 0;
+  /// The rate of means, which the backbone sets × the scene extent, follows the distance to the scene where that is much
+  /// larger (scaled_rules.h), as for photos from one side. Not in the paper.
+  bool rate_by_depth = true;
+  /// Typical depth of the scene in its views / its extent, given by the run; 0: not known.
+  double depth_ratio = 0;
   int late_prune_from = 7500;  ///< but not before growth has ended; paper: 15 000
   int late_prune_interval = 3000;
   double late_min_opacity = 0.1;
@@ -121,6 +126,8 @@ void for_each_field(Boost& boost, Visitor&& visit) {
   visit("growth_after_reset", boost.growth_after_reset);
   visit("random_points", boost.random_points);
   visit("training_views", boost.training_views);
+  visit("rate_by_depth", boost.rate_by_depth);
+  visit("depth_ratio", boost.depth_ratio);
   visit("late_prune_from", boost.late_prune_from);
   visit("late_prune_interval", boost.late_prune_interval);
   visit("late_min_opacity", boost.late_min_opacity);

@@ -8,9 +8,9 @@
 
 namespace splatboost {
 
-/// typical_depth() and extent of a scene for which the published lengths are. COLMAP gives photos taken around an
-/// object about these.
-inline constexpr double kAnchorDepth = 5;
+/// typical_depth() and extent of a scene for which the published lengths are: about the medians of captures of objects
+/// from all around, in the units that COLMAP gave them.
+inline constexpr double kAnchorDepth = 4;
 inline constexpr double kAnchorExtent = 5;
 
 /// Iterations are those of the backbone's published run; they scale with the length of the run. A rate with an initial

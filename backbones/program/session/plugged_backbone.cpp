@@ -5,6 +5,7 @@
 #include <variant>
 
 #include "splatboost/clearance.h"
+#include "trainer/dataset/typical_depth.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_fields.h"
 
@@ -82,6 +83,9 @@ Json with_scene(Json settings, const Scene& scene) {
     settings["random_points"] = !points_show_surfaces(scene.points.positions);
   }
   if (settings.contains("training_views")) settings["training_views"] = scene.train.size();
+  if (settings.value("rate_by_depth", false) && scene.extent > 0) {
+    settings["depth_ratio"] = typical_depth(scene) / static_cast<double>(scene.extent);
+  }
   return settings;
 }
 

@@ -135,9 +135,11 @@ class DensityHook {
 };
 
 /// Name of the group of the coefficients of higher SH bands, for which adapters of Gaussians and of convexes have rules
-/// of their own. All other names are the backbone's; the adapters of anchors and of Deformable-3DGS know some of
+/// of their own. Other names are the backbone's; the adapters of anchors and of Deformable-3DGS know some of
 /// theirs.
 inline constexpr std::string_view kHigherBands = "f_rest";
+/// Parameter group of the means of Gaussians.
+inline constexpr std::string_view kMeans = "xyz";
 
 /// Decides when parameters are updated, and by how much. Gradients accumulate between steps; the backbone applies the
 /// accumulated gradients before it removes primitives and at the end of the run.
