@@ -587,6 +587,21 @@ TEST_F(VanillaAdapterTest, higher_bands_have_the_release_s_rate_where_the_schedu
   EXPECT_EQ(factor(literal_boost(), "f_rest"), 1);
 }
 
+TEST_F(VanillaAdapterTest, means_follow_the_distance_to_the_scene_where_cameras_are_close_together) {
+  const auto factor = [&](VanillaBoost boost, double ratio) {
+    boost.depth_ratio = ratio;
+    return VanillaAdapter(boost, threads_).rate_factor("xyz", {100, 7000});
+  };
+  EXPECT_EQ(factor({}, 0), 1) << "not known";
+  EXPECT_EQ(factor({}, 0.6), 1) << "the cameras are all around";
+  EXPECT_EQ(factor({}, 1.25), 1);
+  EXPECT_EQ(factor({}, 5), 4);
+  EXPECT_EQ(factor({.schedule = false}, 5), 4) << "a rule of its own";
+  EXPECT_EQ(factor({.rate_by_depth = false}, 5), 1);
+  EXPECT_EQ(factor(literal_boost(), 5), 1);
+  EXPECT_THROW(factor({}, -1), ArgumentError);
+}
+
 TEST_F(VanillaAdapterTest, higher_bands_have_a_higher_rate_where_views_are_used_seldom) {
   const auto factor = [&](VanillaBoost boost, int views) {
     boost.training_views = views;

@@ -16,6 +16,7 @@
 #include "support/backbone_checks.h"
 #include "support/density_recorder.h"
 #include "support/tiny_scene.h"
+#include "trainer/dataset/typical_depth.h"
 #include "trainer/backbone_api/backbone_entry.h"
 
 namespace splatboost {
@@ -65,6 +66,32 @@ class ConvexRun : public ::testing::Test {
   Threads threads_{2};
   Scene scene_ = testing::tiny_scene(threads_);
 };
+
+TEST_F(ConvexRun, LengthsAreForTheSceneAndTheLengthOfTheRun) {
+  const auto sharpness = [&](bool absolute, int iterations) {
+    ConvexConfig config = eager();
+    config.absolute_distances = absolute;
+    return std::exp(exported(*make(config, iterations)).log_sharpness.at(0));
+  };
+  const auto moved = [&](bool absolute) {  // by one step of Adam, which is the rate
+    ConvexConfig config = eager();
+    config.absolute_distances = absolute;
+    const auto backbone = make(config);
+    const std::vector<float> before = exported(*backbone).points;
+    testing::train(*backbone, scene_, 1, 1);
+    const std::vector<float> after = exported(*backbone).points;
+    float most = 0;
+    for (std::size_t i = 0; i < before.size(); ++i) most = std::max(most, std::abs(after[i] - before[i]));
+    return most;
+  };
+  const auto unit = static_cast<float>(typical_depth(scene_) / kConvexDepth);
+  EXPECT_NEAR(sharpness(true, 600), 9e-4f, 1e-8f);
+  EXPECT_NEAR(sharpness(false, 30000) * unit, 9e-4f, 1e-8f);
+  EXPECT_NEAR(sharpness(false, 60000) * unit, 9e-4f, 1e-8f);
+  EXPECT_NEAR(sharpness(false, 15000) * unit * 2, 9e-4f, 1e-8f) << "half as long";
+  EXPECT_NEAR(sharpness(false, 600) * unit * 4, 9e-4f, 1e-8f) << "at most four times";
+  EXPECT_NEAR(moved(false) / moved(true), 4 * unit, 0.01f);
+}
 
 TEST_F(ConvexRun, DecidesByThePublishedRules) {
   MaskRecorder recorder;

@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "support/tiny_scene.h"
+#include "trainer/dataset/typical_depth.h"
 
 namespace splatboost::program {
 namespace {
@@ -27,6 +28,37 @@ TEST(PluggedBackbone, the_adapter_knows_how_often_views_are_used) {
   };
   EXPECT_EQ(factor(90), 4) << "30 uses";
   EXPECT_EQ(factor(900), 2) << "300 uses";
+}
+
+TEST(PluggedBackbone, the_adapter_knows_how_far_the_scene_is) {
+  Threads threads(1);
+  Scene scene = testing::tiny_scene(threads, 4);
+  const auto factor = [&](const char* name, double extent) {
+    scene.extent = static_cast<float>(extent * typical_depth(scene));
+    const nlohmann::json none = nlohmann::json::object();
+    return make_backbone(name, {scene, threads, 0, 900}, none, &none).adapter->rate_factor("xyz", {100, 900});
+  };
+  for (const char* name : {"vanilla", "mip-splatting", "dropgaussian", "pgsr"}) {
+    EXPECT_EQ(factor(name, 1), 1) << name;
+    EXPECT_FLOAT_EQ(factor(name, 0.1), 8) << name;
+  }
+}
+
+TEST(PluggedBackbone, lengths_are_scaled_to_the_scene) {
+  Threads threads(1);
+  const Scene scene = testing::tiny_scene(threads, 2);
+  const nlohmann::json none = nlohmann::json::object(), off = {{"scale_lengths", false}}, literal = {{"literal", true}};
+  const nlohmann::json own = {{"absolute_distances", true}};
+  const auto absolute = [&](const char* name, const nlohmann::json& constants, const nlohmann::json* boost) {
+    return make_backbone(name, {scene, threads, 0, 900}, constants, boost).backbone->config()["absolute_distances"];
+  };
+  for (const char* name : {"scaffold-gs", "octree-gs", "convex-splatting"}) {
+    EXPECT_EQ(absolute(name, none, &none), false) << name;
+    EXPECT_EQ(absolute(name, own, &none), true) << name << ": a user's own choice";
+    EXPECT_EQ(absolute(name, none, &off), true) << name;
+    EXPECT_EQ(absolute(name, none, &literal), true) << name;
+    EXPECT_EQ(absolute(name, none, nullptr), true) << name << ": as published";
+  }
 }
 
 TEST(PluggedBackbone, random_points_let_opacities_be_reset) {
