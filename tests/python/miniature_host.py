@@ -200,7 +200,7 @@ class Camera:
         self.view = self.view.cuda()
         self.full = self.view @ projection.cuda()
         self.centre = torch.inverse(self.view)[3, :3]
-        self.camera_center = self.centre
+        self.camera_center, self.full_proj_transform = self.centre, self.full
         y, x = torch.meshgrid(torch.arange(32.0), torch.arange(40.0), indexing="ij")
         stripes = 0.5 + 0.5 * torch.sin(x / 2 + angle) * torch.cos(y / 3)
         self.original_image = torch.stack([stripes, 1 - stripes, x / 40]).to("cuda")

@@ -317,6 +317,35 @@ def test_the_adapter_learns_how_many_photos_there_are(monkeypatch):
     assert len(given) == 1
 
 
+def looking_along_z(z):
+    """A camera of 90° at this z: 3DGS's matrix, of which the last column is the depth."""
+    matrix = torch.zeros(4, 4)
+    matrix[0, 0] = matrix[1, 1] = matrix[2, 2] = matrix[2, 3] = 1.0
+    matrix[3, 2] = matrix[3, 3] = -z
+    return types.SimpleNamespace(full_proj_transform=matrix)
+
+
+def test_the_adapter_learns_how_far_the_scene_is(monkeypatch):
+    cameras = [looking_along_z(0.0), looking_along_z(-2.0), looking_along_z(100.0)]  # the last sees nothing
+    means = torch.tensor([[0.0, 0, 3], [0, 0, 4], [0, 0, 9], [90, 0, 1]])
+    assert _boost.typical_depth(cameras[:1], means) == 4 and _boost.typical_depth(cameras[1:], means) == 6
+    assert _boost.typical_depth(cameras[2:], means) == 0
+    many = torch.zeros(250000, 3)
+    many[:, 2] = torch.linspace(1, 2, 250000)
+    assert abs(_boost.typical_depth(1000 * cameras[:1], many) - 1.5) < 1e-3
+    boost = boost_of()
+    boost._scene = types.SimpleNamespace(getTrainCameras=lambda: cameras[:1], cameras_extent=0.5)
+    given = []
+    monkeypatch.setattr(_boost, "adapter_of", lambda backbone, options, device, settings: given.append(settings) or boost.adapter)
+    boost._settings = lambda: {}
+    boost._means = lambda: means
+    boost.adapter.settings = {"rate_by_depth": True}
+    boost._describe_scene()
+    boost.adapter.settings = {"rate_by_depth": False}
+    boost._describe_scene()
+    assert given == [{"depth_ratio": 8.0}]
+
+
 def test_late_pruning_never_removes_all():
     boost = boost_of(adapter=Adapter(remove=range(N)))
     boost.prune_late()
@@ -543,7 +572,8 @@ def test_options_of_the_user_hold_and_scale():
 @pytest.mark.parametrize("kind, until, iterations", [
     (vanilla, 15000, 80000), (dropgaussian, 10000, 30000), (pgsr, 15000, 80000), (deformable_3dgs, 15000, 90000)])
 def test_the_host_lets_gaussians_grow_as_long_as_announced(tmp_path, capsys, kind, until, iterations):
-    scene = types.SimpleNamespace(getTrainCameras=lambda: [types.SimpleNamespace(camera_center=torch.zeros(3))])
+    camera = types.SimpleNamespace(camera_center=torch.zeros(3), full_proj_transform=torch.eye(4))
+    scene = types.SimpleNamespace(getTrainCameras=lambda: [camera], cameras_extent=1.0)
 
     def until_of(**given):
         options = types.SimpleNamespace(

@@ -176,6 +176,20 @@ def scored_view(camera: Any, image: torch.Tensor, render: Any = None) -> ScoredV
     return ScoredView(image.contiguous(), truth, None, render)
 
 
+def typical_depth(cameras: List[Any], means: torch.Tensor) -> float:
+    """Median over cameras of the median depth of the means [N,3] in their pictures; 0 if none shows any. Of many cameras and
+    means, even subsets are taken."""
+    means = means.detach()[::max(1, means.shape[0] // 100000)].float()
+    homogeneous = torch.cat([means, torch.ones_like(means[:, :1])], dim=1)
+    medians = []
+    for camera in cameras[::max(1, len(cameras) // 200)]:
+        x, y, _, depth = (homogeneous @ camera.full_proj_transform.to(means.device)).unbind(1)
+        inside = (depth > 0) & (x.abs() < depth) & (y.abs() < depth)
+        if bool(inside.any()):
+            medians.append(depth[inside].median())
+    return float(torch.stack(medians).median()) if medians else 0.0
+
+
 def mean_gradients(sums: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
     """Means per Gaussian; 0 where a gradient was NaN, as in the hosts."""
     return torch.nan_to_num(sums / counts.clamp_min(1.0))
@@ -254,6 +268,8 @@ class Boost:
             self._distances = distances_to_scene(self._centres, self._means().detach())
             if not bool((self._distances > 0).any()):  # random points: their free space is cleared by resets of opacities
                 known["random_points"] = True
+        if self.adapter.settings.get("rate_by_depth", False):
+            known["depth_ratio"] = typical_depth(cameras, self._means()) / float(self._scene.cameras_extent)
         if known:
             self.adapter = adapter_of(self.backbone, self.options, self._device, dict(self._settings(), **known))
 
