@@ -34,8 +34,9 @@ SB_API void sb_boost_destroy(sb_boost* boost);
 SB_API sb_status sb_boost_setting(const sb_boost* boost, int32_t index, const char** name, int32_t* kind);
 SB_API sb_status sb_boost_get(const sb_boost* boost, const char* name, double* value);
 /** Invalid values are rejected here or by sb_adapter_create(). "literal" cannot be changed: sb_boost_create() sets it.
- *  A host sets what it knows of the run, where the adapter has the setting: "training_views" (their number) and
- *  "random_points" (1 if it starts from random points). Adapters use both. */
+ *  A host sets what it knows of the run, where the adapter has the setting: "training_views" (their number),
+ *  "random_points" (1 if it starts from random points) and "depth_ratio" (the typical depth of the scene in its views,
+ *  divided by its extent). Adapters use all. */
 SB_API sb_status sb_boost_set(sb_boost* boost, const char* name, double value);
 
 typedef struct sb_adapter sb_adapter;

@@ -74,8 +74,8 @@ class Adapter:
     the host's run, to which the published iteration numbers scale. device: where the host's renders and masks are.
     seed: of the random draws. settings: those of the backbone's adapter by name, such as vcd, vcp, cb, absgrad,
     schedule (parts: True or False), views (K), beta, tau_d, gradient_threshold, densify_until; see `settings`. Set
-    training_views (their number) and random_points (True if the run starts from random points), where the adapter has
-    them: rates, resets and late pruning depend on them.
+    training_views (their number), random_points (True if the run starts from random points) and depth_ratio (typical depth
+    of the scene in its views / its extent), where the adapter has them: rates, resets and late pruning depend on them.
     Copies and pickles have the same settings and seed, and so make the same decisions.
     """
 
