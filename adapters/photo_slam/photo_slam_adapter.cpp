@@ -29,10 +29,10 @@ PhotoSlamBoost::PhotoSlamBoost() {
   percent_dense = 0.01;
   // Longer than vanilla, whose views are all there from the start.
   densify_until = late_prune_from = 10000;
-  average_share = 0;   // measured: no gain; and the end of a run is not known
+  average_share = 0;      // measured: no gain; and the end of a run is not known
   rate_by_depth = false;  // its rates do not depend on the extent, and the scene is not known at the start
-  min_clearance = 0;   // the camera may return to where it was, and the scene is not known at the start
-  prune_large = true;  // as the settings of a patched host say; in-tree there is no such rule
+  min_clearance = 0;      // the camera may return to where it was, and the scene is not known at the start
+  prune_large = true;     // as the settings of a patched host say; in-tree there is no such rule
   // Photo-SLAM starts every keyframe with small images anyway.
   coarse = false;
   // The mapper has its own way to add points, as keyframes arrive.

@@ -57,8 +57,8 @@ struct VanillaBoost {
   bool random_points = false;
   /// Number of training views, given by the run; 0: not known, and rest_rate applies.
   int training_views = 0;
-  /// The rate of means, which the backbone sets × the scene extent, follows the distance to the scene where that is much
-  /// larger (scaled_rules.h), as for photos from one side. Not in the paper.
+  /// The rate of means, which the backbone sets × the scene extent, follows the distance to the scene where that is
+  /// much larger (scaled_rules.h), as for photos from one side. Not in the paper.
   bool rate_by_depth = true;
   /// Typical depth of the scene in its views / its extent, given by the run; 0: not known.
   double depth_ratio = 0;

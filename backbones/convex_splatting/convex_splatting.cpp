@@ -113,10 +113,10 @@ class ConvexSplatting final : public Backbone, private RasterizerHook {
   ConvexConfig config_;
   double unit_ = config_.absolute_distances ? 1.0 : typical_depth(context_.scene) / kConvexDepth;  ///< world units
   /// How much shorter than the published run this one is: points move as far in fewer steps.
-  double haste_ = config_.absolute_distances
-                      ? 1.0
-                      : std::clamp(static_cast<double>(kPublishedIterations) / std::max(1, context_.iterations), 1.0,
-                                   kMostHaste);
+  double haste_ =
+      config_.absolute_distances
+          ? 1.0
+          : std::clamp(static_cast<double>(kPublishedIterations) / std::max(1, context_.iterations), 1.0, kMostHaste);
   Device device_;
   ConvexRasterizer rasterizer_;
   Photometric photometric_;

@@ -18,8 +18,9 @@ inline constexpr double kConvexDepth = 5;
 /// Iterations are for a run of 30 000 and scale with the length of the run.
 struct ConvexConfig {
   std::string preset = "indoor";  ///< "outdoor", "light": other defaults for the fields below
-  /// Whether lengths are in world units, as published. If not, they are for a scene seen from kConvexDepth, and are scaled
-  /// by typical_depth(); and in runs shorter than the published one, points learn faster and convexes begin less sharp.
+  /// Whether lengths are in world units, as published. If not, they are for a scene seen from kConvexDepth, and are
+  /// scaled by typical_depth(); and in runs shorter than the published one, points learn faster and convexes begin less
+  /// sharp.
   bool absolute_distances = true;
   int sh_degree = 3;
   double points_rate_initial = 4e-4;  ///< not × scene extent

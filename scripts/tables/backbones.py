@@ -23,6 +23,10 @@ CHOSE_TRACKED = {*(("3D convexes", scene) for scene in ("bird", "fox", "plush", 
                  *(("Scaffold-GS", scene) for scene in ("bird", "plush", "room"))}
 
 
+#: Rules of rows with the published lengths.
+IN_WORLD_UNITS = ("lengths in world units", "lengths in world units, without averages")
+
+
 def backbones():
     rows = [["", "time", "primitives", "PSNR", "ours: faster", "primitives", "PSNR", "paper: faster", "primitives", "PSNR",
              "on"]]
@@ -68,7 +72,7 @@ def tracked_points():
     rows = [["backbone", "scene", "seeds", "PSNR, without", "ΔPSNR", "ΔSSIM", "ΔLPIPS", "primitives"]]
     changes, last = [], None
     for (backbone, scene, _), of in runs.items():
-        pairs = pairs_of(of, "without tracked points", "default")
+        pairs = pairs_of(of, "without tracked points", next((rules for rules in IN_WORLD_UNITS if rules in of), "default"))
         if not pairs:
             continue
         changes.append(change(pairs))
@@ -77,6 +81,22 @@ def tracked_points():
                      *differences(changes[-1], ("primitives",))])
         last = backbone
     rows.append([f"**mean of {len(changes)}**", "", "", "", *differences(mean_change(changes), ("primitives",))])
+    return markdown(rows)
+
+
+def scene_units():
+    """Backbones with lengths in the unit of the scene, beside themselves with the published ones."""
+    runs = grouped("backbone_scenes", lambda row: (row["backbone"], row["scene"], row.get("views")))
+    runs |= grouped("convex_splatting", lambda row: ("3D convexes", row["scene"], None))
+    rows = [["backbone", "scene", "seeds", "PSNR, in world units", "ΔPSNR", "ΔSSIM", "ΔLPIPS", "primitives"]]
+    last = None
+    for (backbone, scene, _), of in runs.items():
+        for rules in [(rules, "default") for rules in IN_WORLD_UNITS] + [("default", "lengths in the unit of the scene")]:
+            pairs = pairs_of(of, *rules)
+            if pairs:
+                rows.append(["" if backbone == last else backbone, scene, str(len(pairs)), f"{mean_of(pairs, 'psnr'):.2f} dB",
+                             *differences(change(pairs), ("primitives",))])
+                last = backbone
     return markdown(rows)
 
 
@@ -220,7 +240,7 @@ def scales():
 
 TABLES = {"backbones": backbones, "backbone_scenes": backbone_scenes,
           "mip_equal_number": lambda: equal_number("backbone_scenes", "Mip-Splatting"), "tracked_points": tracked_points,
-          "deformable": deformable, "convexes": convexes, "photo_slam_online": photo_slam_online, "photo_slam": photo_slam, "pgsr": pgsr,
+          "scene_units": scene_units, "deformable": deformable, "convexes": convexes, "photo_slam_online": photo_slam_online, "photo_slam": photo_slam, "pgsr": pgsr,
           "pgsr_rules": pgsr_rules,
           "few_views": few_views, "seeds": seeds, "scaffold": lambda: of_anchors("scaffold_runs"),
           "levels": lambda: of_anchors("octree_runs"), "scales": scales}

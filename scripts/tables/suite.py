@@ -49,11 +49,16 @@ def scenes(name, time="cpu_seconds", time_title="CPU time", other="published", o
     return markdown(rows) + "\n\n" + how(first[min(first)])
 
 
+#: Pairs of rules that differ in averages alone; of a scene, the first that it has.
+OF_AVERAGES = [(BEFORE_AVERAGES, "rate of means by the extent"), (BEFORE_AVERAGES, "default"),
+               ("lengths in world units, without averages", WITH_AVERAGES), ("default", WITH_AVERAGES)]
+
+
 def averages():
     """The default beside itself without averages at the end, as means over scenes of means over seeds."""
     rows = [["backbone", "iterations", "scenes", "runs", "ΔPSNR", "ΔSSIM", "ΔLPIPS", "worst scene", "best scene"]]
     for title, name in AVERAGED:
-        scenes = [pairs_of(of, BEFORE_AVERAGES, "default") or pairs_of(of, "default", WITH_AVERAGES)
+        scenes = [next(filter(None, (pairs_of(of, *rules) for rules in OF_AVERAGES)), None)
                   for of in grouped(name, lambda row: row["scene"]).values()]
         scenes = [pairs for pairs in scenes if pairs]
         changes = [change(pairs) for pairs in scenes]

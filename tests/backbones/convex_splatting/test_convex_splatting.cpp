@@ -16,8 +16,8 @@
 #include "support/backbone_checks.h"
 #include "support/density_recorder.h"
 #include "support/tiny_scene.h"
-#include "trainer/dataset/typical_depth.h"
 #include "trainer/backbone_api/backbone_entry.h"
+#include "trainer/dataset/typical_depth.h"
 
 namespace splatboost {
 
