@@ -23,7 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 Pixels read_image(const fs::path& file) {
-  require(fs::is_regular_file(file), file.string() + ": is not a file");
+  require(!fs::is_directory(file), file.string() + ": is not a file");
   std::ifstream in(file, std::ios::binary);
   require(in.good(), file.string() + ": cannot be read");
   const std::vector<std::uint8_t> bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
