@@ -152,7 +152,7 @@ def test_neighbors_by_brute_force():
 
 def test_clearances_by_brute_force():
     g = torch.Generator().manual_seed(5)
-    points, means, centres = torch.rand((300, 3), generator=g), torch.rand((500, 3), generator=g) * 3, torch.rand((9, 3), generator=g) * 3
+    points, means, centres = torch.rand((600, 3), generator=g), torch.rand((500, 3), generator=g) * 3, torch.rand((9, 3), generator=g) * 3
     assert not splatboost.distances_to_scene(centres, points).any()  # drawn at random in a box: no surface
     points[:, 2] = 0.5
     distances = splatboost.distances_to_scene(centres, points)
