@@ -53,10 +53,10 @@ inline double higher_bands_rate(double few, double often, Moment moment, int tra
 
 /// Factor on the rate of means. 3DGS sets it × the scene extent, the spread of the cameras. In scenes photographed from
 /// all around, which it was chosen for, that is about the distance to the scene; the errors of positions depend on the
-/// distance. Photos from one side have a distance of several times the extent.
+/// distance. Photos from one side may have a distance of several times the extent.
 /// @param depth_ratio typical depth of the scene in its views / extent; 0: not known
 inline double rate_of_depth(double depth_ratio) {
-  constexpr double kAllAround = 1.25;  ///< the ratio up to which nothing changes; 0.6 to 1.1 in seven captures
+  constexpr double kAllAround = 1.25;  ///< the ratio up to which nothing changes; most captures have less
   return std::max(1.0, depth_ratio / kAllAround);
 }
 

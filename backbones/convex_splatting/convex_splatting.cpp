@@ -22,7 +22,7 @@
 #include "trainer/backbone_api/raster_laps.h"
 #include "trainer/backbone_api/trained_group.h"
 #include "trainer/backbone_api/training_truths.h"
-#include "trainer/dataset/typical_depth.h"
+#include "trainer/dataset/scene_depths.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {

@@ -23,7 +23,7 @@
 #include "trainer/backbone_api/backbone_entry.h"
 #include "trainer/backbone_api/memory_estimate.h"
 #include "trainer/backbone_api/training_truths.h"
-#include "trainer/dataset/typical_depth.h"
+#include "trainer/dataset/scene_depths.h"
 #include "trainer/support/input_error.h"
 
 namespace splatboost {

@@ -2,13 +2,34 @@
 /// @file Cameras for tests.
 #pragma once
 
+#include <cmath>
+
 #include <glm/geometric.hpp>
+#include <glm/mat3x3.hpp>
+#include <glm/mat4x4.hpp>
 #include <glm/vec3.hpp>
 #include <glm/vec4.hpp>
 
 #include "splatboost/camera.h"
 
 namespace splatboost::testing {
+
+/// A camera of 100 x 80 pixels and focal lengths of 100 at `centre` that looks along +z, turned by an angle about y.
+inline Camera camera_along_z(const glm::vec3& centre, double degrees = 0) {
+  const double angle = degrees * 3.14159265358979 / 180;
+  Camera camera;
+  camera.width = 100;
+  camera.height = 80;
+  camera.fx = camera.fy = 100;
+  camera.cx = 50;
+  camera.cy = 40;
+  glm::mat4& pose = camera.camera_from_world;
+  pose[0] = glm::vec4(std::cos(angle), 0, std::sin(angle), 0);
+  pose[1] = glm::vec4(0, 1, 0, 0);
+  pose[2] = glm::vec4(-std::sin(angle), 0, std::cos(angle), 0);
+  pose[3] = glm::vec4(-(glm::mat3(pose) * centre), 1);
+  return camera;
+}
 
 /// A camera at `eye` that looks at the origin, y down.
 inline Camera camera_looking_at_origin(glm::vec3 eye, int width, int height) {

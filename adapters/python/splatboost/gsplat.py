@@ -193,7 +193,8 @@ class SplatBoostStrategy(DefaultStrategy):  # type: ignore[misc]
             settings.setdefault("absgrad", bool(self.absgrad))
             settings.setdefault("growth_after_reset", 3000)  # here only resets clear the space around the cameras
             settings.setdefault("prune_large", True)  # not measured without the rule for that space
-            settings.update(rest_interval=1, rest_rate=1, rest_rate_few=1, rate_by_depth=False)  # the optimizers are gsplat's, and so are their rates
+            # The optimizers are gsplat's, and so are their rates.
+            settings.update(rest_interval=1, rest_rate=1, rest_rate_few=1, rate_by_depth=False)
             steps = lib.whole(self.max_steps, "max_steps", 1)
             self._adapter = Adapter("vanilla", total_iterations=steps, device=device, seed=self.seed, **settings)
         return self._adapter

@@ -13,8 +13,8 @@
 #include "splatboost/schedule.h"
 #include "splatboost/select.h"
 #include "trainer/backbone_api/raster_laps.h"
+#include "trainer/dataset/scene_depths.h"
 #include "trainer/dataset/splat_ply.h"
-#include "trainer/dataset/typical_depth.h"
 #include "trainer/support/atomic_file.h"
 #include "trainer/support/input_error.h"
 

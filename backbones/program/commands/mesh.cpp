@@ -17,6 +17,7 @@
 #include "program/session/saved_model.h"
 #include "program/session/scene_files.h"
 #include "splatboost/surface_depth.h"
+#include "trainer/dataset/scene_depths.h"
 #include "trainer/dataset/splat_ply.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/evaluation/evaluate.h"
@@ -50,16 +51,8 @@ double far_depth(const Scene& scene) {
   std::vector<float> depths;
   const std::size_t step = 1 + scene.train.size() * scene.points.size() / kDepths;
   for (const View& view : scene.train) {
-    const Camera& camera = view.camera;
-    for (std::size_t i = 0; i < scene.points.size(); i += step) {
-      const float* at = &scene.points.positions[3 * i];
-      const glm::vec3 point(camera.camera_from_world * glm::vec4(at[0], at[1], at[2], 1));
-      if (!(point.z > 0)) continue;
-      const float x = camera.fx * point.x / point.z + camera.cx, y = camera.fy * point.y / point.z + camera.cy;
-      const bool seen =
-          x >= 0 && y >= 0 && x < static_cast<float>(camera.width) && y < static_cast<float>(camera.height);
-      if (seen) depths.push_back(point.z);
-    }
+    const std::vector<float> of_view = depths_in_view(view.camera, scene.points, step);
+    depths.insert(depths.end(), of_view.begin(), of_view.end());
   }
   if (depths.empty()) return 0;
   const auto place = depths.begin() + static_cast<std::ptrdiff_t>(kFarPoints * static_cast<double>(depths.size() - 1));

@@ -5,7 +5,7 @@
 #include <variant>
 
 #include "splatboost/clearance.h"
-#include "trainer/dataset/typical_depth.h"
+#include "trainer/dataset/scene_depths.h"
 #include "trainer/support/input_error.h"
 #include "trainer/support/json_fields.h"
 

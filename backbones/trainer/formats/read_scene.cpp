@@ -21,8 +21,8 @@
 
 #include "splatboost/constants.h"
 #include "splatboost/threads.h"
+#include "trainer/dataset/scene_depths.h"
 #include "trainer/dataset/splat_ply.h"
-#include "trainer/dataset/typical_depth.h"
 #include "trainer/dataset/view_image.h"
 #include "trainer/formats/colmap.h"
 #include "trainer/formats/frame_times.h"

@@ -139,12 +139,7 @@ std::vector<std::pair<double, fs::path>> read_pictures(const fs::path& camera) {
   });
   require(!pictures.empty(), (camera / "data.csv").string() + ": lists no images");
   std::ranges::sort(pictures);
-  for (std::size_t i = 1; i < pictures.size(); ++i) {
-    const auto& [time, file] = pictures[i];
-    require(time != pictures[i - 1].first || file == pictures[i - 1].second,
-            (camera / "data.csv").string() + ": " + pictures[i - 1].second.filename().string() + " and " +
-                file.filename().string() + " have the same time; each picture needs its own");
-  }
+  require_own_times(pictures, camera / "data.csv");
   return pictures;
 }
 

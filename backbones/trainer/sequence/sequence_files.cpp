@@ -193,16 +193,6 @@ std::vector<std::pair<double, std::string>> read_tum_list(const fs::path& file) 
   return list;
 }
 
-/// Throws InputError if two pictures have the same time: depth, poses and trajectories are found by it.
-void require_own_times(const std::vector<std::pair<double, std::string>>& pictures, const fs::path& file) {
-  for (std::size_t i = 1; i < pictures.size(); ++i) {
-    const auto& [time, name] = pictures[i];
-    const auto& [time_before, name_before] = pictures[i - 1];
-    require(time != time_before || name == name_before,
-            file.string() + ": " + name_before + " and " + name + " have the same time; each picture needs its own");
-  }
-}
-
 /// The words of a folder's name in lower case: rgbd_dataset_freiburg1_desk → rgbd, dataset, freiburg1, desk.
 std::vector<std::string> words_of(const std::string& name) {
   std::vector<std::string> words(1);

@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <glm/mat4x4.hpp>
@@ -15,6 +16,7 @@
 #include "trainer/images/brown_conrady.h"
 #include "trainer/sequence/sequence.h"
 #include "trainer/sequence/stereo.h"
+#include "trainer/support/input_error.h"
 
 namespace splatboost {
 
@@ -39,6 +41,19 @@ struct SequenceFiles {
 
 /// Throws InputError in one line.
 SequenceFiles find_sequence_files(const SequenceOptions& options);
+
+/// Throws InputError, naming `file`, if two of the pictures, sorted by time, have the same time: depth, poses and
+/// trajectories are found by it. Lines that are the same may be repeated.
+template <class Name>
+void require_own_times(const std::vector<std::pair<double, Name>>& pictures, const std::filesystem::path& file) {
+  for (std::size_t i = 1; i < pictures.size(); ++i) {
+    const auto& [time, name] = pictures[i];
+    const auto& [time_before, name_before] = pictures[i - 1];
+    require(time != time_before || name == name_before,
+            file.string() + ": " + std::filesystem::path(name_before).string() + " and " +
+                std::filesystem::path(name).string() + " have the same time; each picture needs its own");
+  }
+}
 
 /// Notes that a file of true poses has none for any picture. @param of_pictures nearest_in_time() of the pictures
 void note_unused_truth(const std::filesystem::path& file, std::span<const std::ptrdiff_t> of_pictures,

@@ -17,7 +17,7 @@
 #include "support/density_recorder.h"
 #include "support/tiny_scene.h"
 #include "trainer/backbone_api/backbone_entry.h"
-#include "trainer/dataset/typical_depth.h"
+#include "trainer/dataset/scene_depths.h"
 
 namespace splatboost {
 

@@ -10,20 +10,9 @@
 namespace splatboost {
 namespace {
 
-/// Looks along +z, turned by an angle about y.
 View view_at(glm::vec3 centre, double degrees = 0) {
-  const double angle = degrees * 3.14159265358979 / 180;
   View view;
-  view.camera.width = 100;
-  view.camera.height = 80;
-  view.camera.fx = view.camera.fy = 100;
-  view.camera.cx = 50;
-  view.camera.cy = 40;
-  glm::mat4& pose = view.camera.camera_from_world;
-  pose[0] = glm::vec4(std::cos(angle), 0, std::sin(angle), 0);
-  pose[1] = glm::vec4(0, 1, 0, 0);
-  pose[2] = glm::vec4(-std::sin(angle), 0, std::cos(angle), 0);
-  pose[3] = glm::vec4(-(glm::mat3(pose) * centre), 1);
+  view.camera = testing::camera_along_z(centre, degrees);
   return view;
 }
 

@@ -18,7 +18,7 @@
 #include "support/gaussian_checks.h"
 #include "support/tiny_scene.h"
 #include "trainer/backbone_api/memory_estimate.h"
-#include "trainer/dataset/typical_depth.h"
+#include "trainer/dataset/scene_depths.h"
 
 namespace splatboost {
 namespace {

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "support/tiny_scene.h"
-#include "trainer/dataset/typical_depth.h"
+#include "trainer/dataset/scene_depths.h"
 
 namespace splatboost::program {
 namespace {

@@ -268,8 +268,9 @@ class Boost:
             self._distances = distances_to_scene(self._centres, self._means().detach())
             if not bool((self._distances > 0).any()):  # random points: their free space is cleared by resets of opacities
                 known["random_points"] = True
-        if self.adapter.settings.get("rate_by_depth", False):
-            known["depth_ratio"] = typical_depth(cameras, self._means()) / float(self._scene.cameras_extent)
+        extent = float(self._scene.cameras_extent) if self.adapter.settings.get("rate_by_depth", False) else 0.0
+        if extent > 0:  # 0 with all cameras at one place
+            known["depth_ratio"] = typical_depth(cameras, self._means()) / extent
         if known:
             self.adapter = adapter_of(self.backbone, self.options, self._device, dict(self._settings(), **known))
 

@@ -1,20 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trainer/dataset/typical_depth.h"
+#include "trainer/dataset/scene_depths.h"
 
 #include <gtest/gtest.h>
+
+#include "support/looking_camera.h"
 
 namespace splatboost {
 namespace {
 
-/// Looks along +z.
 View view_at(const glm::vec3& centre) {
   View view;
-  view.camera.width = 100;
-  view.camera.height = 80;
-  view.camera.fx = view.camera.fy = 100;
-  view.camera.cx = 50;
-  view.camera.cy = 40;
-  view.camera.camera_from_world[3] = glm::vec4(-centre, 1);
+  view.camera = testing::camera_along_z(centre);
   return view;
 }
 
